@@ -1,0 +1,1 @@
+//! The boards: which remote or module is which pin.

@@ -1,0 +1,242 @@
+//! The register bus: 32-bit registers at 16-bit byte addresses.
+//!
+//! A bus has one primitive, [`RegisterBus::exchange`]: a list of accesses, run in order on the
+//! hardware, on a word buffer. The list holds indices and no borrowed slices, so that it can be
+//! built once, kept, pre-encoded ([`RegisterBus::prepare`]) and run every cycle.
+//! Time belongs to the bus too, because in simulation it is virtual.
+
+mod error;
+
+pub use error::{BusError, BusErrorKind};
+
+use alloc::boxed::Box;
+use core::time::Duration;
+
+/// A point on the clock of a bus: nanoseconds since an origin of the bus's own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Instant(u64);
+
+impl Instant {
+    /// The point `nanos` nanoseconds after the origin.
+    pub const fn from_nanos(nanos: u64) -> Self {
+        Self(nanos)
+    }
+
+    /// Nanoseconds since the origin.
+    pub const fn as_nanos(self) -> u64 {
+        self.0
+    }
+
+    /// Time from `earlier` to here; zero if `earlier` is later.
+    pub const fn since(self, earlier: Self) -> Duration {
+        Duration::from_nanos(self.0.saturating_sub(earlier.0))
+    }
+
+    /// The point `duration` later; the end of time if that overflows.
+    #[must_use]
+    pub const fn after(self, duration: Duration) -> Self {
+        let nanos = duration.as_nanos();
+        if nanos > u64::MAX as u128 {
+            return Self(u64::MAX);
+        }
+        Self(self.0.saturating_add(nanos as u64))
+    }
+}
+
+/// Which way an access moves its words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Direction {
+    /// From the register into the word buffer.
+    Read,
+    /// From the word buffer into the register.
+    Write,
+}
+
+/// One access: `count` neighbouring registers from `address` on (4 bytes apart), and the place of
+/// their words in the buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Access {
+    /// Byte address of the first register; a multiple of 4.
+    pub address: u16,
+    /// Read or write.
+    pub direction: Direction,
+    /// Index of the first word in the buffer.
+    pub first: u16,
+    /// Number of registers, and words.
+    pub count: u16,
+}
+
+impl Access {
+    /// A read of `count` registers into the buffer from `first` on.
+    pub const fn read(address: u16, first: u16, count: u16) -> Self {
+        Self {
+            address,
+            direction: Direction::Read,
+            first,
+            count,
+        }
+    }
+
+    /// A write of `count` registers from the buffer, from `first` on.
+    pub const fn write(address: u16, first: u16, count: u16) -> Self {
+        Self {
+            address,
+            direction: Direction::Write,
+            first,
+            count,
+        }
+    }
+
+    /// The indices of the words in the buffer.
+    pub const fn words(&self) -> core::ops::Range<usize> {
+        self.first as usize..self.first as usize + self.count as usize
+    }
+}
+
+/// An access list that a bus has checked and, where that helps, encoded.
+#[derive(Debug)]
+pub struct Prepared {
+    accesses: Box<[Access]>,
+    slot: usize,
+}
+
+impl Prepared {
+    /// For implementors of [`RegisterBus::prepare`]: the list, and what the bus finds its own
+    /// encoding by.
+    pub fn new(accesses: &[Access], slot: usize) -> Self {
+        Self {
+            accesses: accesses.into(),
+            slot,
+        }
+    }
+
+    /// The list.
+    pub fn accesses(&self) -> &[Access] {
+        &self.accesses
+    }
+
+    /// What the bus finds its own encoding by.
+    pub fn slot(&self) -> usize {
+        self.slot
+    }
+}
+
+/// What a bus counted since it was made. Buses that can not lose anything leave all at zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct BusStatistics {
+    /// Exchanges tried.
+    pub exchanges: u64,
+    /// Replies that came after their deadline, and were thrown away.
+    pub late: u64,
+    /// Exchanges without any reply.
+    pub lost: u64,
+    /// Replies to an earlier request, thrown away.
+    pub stale: u64,
+    /// Replies that came twice.
+    pub duplicate: u64,
+    /// Replies with too few or too many bytes.
+    pub short: u64,
+    /// Datagrams that are no replies, or are not from the board.
+    pub foreign: u64,
+    /// Write exchanges that the board never executed.
+    pub lost_writes: u64,
+    /// Bytes sent, without the headers of lower layers.
+    pub bytes_sent: u64,
+    /// Bytes received and accepted, without the headers of lower layers.
+    pub bytes_received: u64,
+}
+
+/// 32-bit registers at 16-bit byte addresses, and the time at which they are accessed.
+///
+/// Implement [`exchange`](Self::exchange), [`now`](Self::now) and [`wait`](Self::wait); the rest is
+/// provided on top. A `&mut B` is a bus as well.
+///
+/// # Real time
+/// `exchange` and `exchange_prepared` are bounded by the deadline of the bus and do not allocate.
+/// `prepare` may allocate and belongs to set-up.
+pub trait RegisterBus {
+    /// What can go wrong.
+    type Error: BusError;
+
+    /// Runs `accesses` in order on `words`.
+    ///
+    /// On Ethernet this is one packet out and, if anything is read, one packet back. When it
+    /// fails, no word of the buffer that a read names has been changed.
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error>;
+
+    /// The time on the clock of the bus. Never goes back.
+    fn now(&mut self) -> Instant;
+
+    /// Lets `duration` pass.
+    fn wait(&mut self, duration: Duration);
+
+    /// Checks a list against the limits of the bus and keeps it in the form it is run in.
+    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
+        Ok(Prepared::new(accesses, 0))
+    }
+
+    /// [`exchange`](Self::exchange) of a list that was prepared on this bus.
+    fn exchange_prepared(
+        &mut self,
+        prepared: &Prepared,
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        self.exchange(prepared.accesses(), words)
+    }
+
+    /// What was counted so far.
+    fn statistics(&self) -> BusStatistics {
+        BusStatistics::default()
+    }
+
+    /// Reads one register.
+    fn read(&mut self, address: u16) -> Result<u32, Self::Error> {
+        let mut word = [0];
+        self.exchange(&[Access::read(address, 0, 1)], &mut word)?;
+        let [word] = word;
+        Ok(word)
+    }
+
+    /// Writes one register.
+    fn write(&mut self, address: u16, value: u32) -> Result<(), Self::Error> {
+        self.exchange(&[Access::write(address, 0, 1)], &mut [value])
+    }
+
+    /// Reads neighbouring registers into `words`.
+    fn read_block(&mut self, address: u16, words: &mut [u32]) -> Result<(), Self::Error> {
+        self.exchange(&[Access::read(address, 0, words.len() as u16)], words)
+    }
+}
+
+impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
+    type Error = B::Error;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        (**self).exchange(accesses, words)
+    }
+
+    fn now(&mut self) -> Instant {
+        (**self).now()
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        (**self).wait(duration);
+    }
+
+    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
+        (**self).prepare(accesses)
+    }
+
+    fn exchange_prepared(
+        &mut self,
+        prepared: &Prepared,
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        (**self).exchange_prepared(prepared, words)
+    }
+
+    fn statistics(&self) -> BusStatistics {
+        (**self).statistics()
+    }
+}

@@ -1,0 +1,223 @@
+//! What discovery finds out about a remote.
+
+use alloc::{string::String, vec::Vec};
+use core::fmt;
+
+/// The four characters a remote calls itself by, for example `7I77`.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct RemoteName(pub [u8; 4]);
+
+impl RemoteName {
+    /// From interface register 1 after START, which holds the name least significant byte first.
+    pub const fn from_register(word: u32) -> Self {
+        Self(word.to_le_bytes())
+    }
+
+    /// The name in lower case, as HAL names use it; characters that are not printable ASCII
+    /// become `_`.
+    pub fn to_card(self) -> String {
+        self.0
+            .iter()
+            .map(|&c| printable(c).to_ascii_lowercase())
+            .collect()
+    }
+}
+
+fn printable(byte: u8) -> char {
+    if byte.is_ascii_graphic() {
+        char::from(byte)
+    } else {
+        '_'
+    }
+}
+
+impl fmt::Display for RemoteName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0
+            .iter()
+            .try_for_each(|&c| fmt::Write::write_char(f, printable(c)))
+    }
+}
+
+impl fmt::Debug for RemoteName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RemoteName({self})")
+    }
+}
+
+/// Everything discovery finds out about a remote, in the software mode it was started in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RemoteDescriptor {
+    /// Its name.
+    pub name: RemoteName,
+    /// Its unit number: printed on the card's label, or set by its owner.
+    pub unit_number: u32,
+    /// The software mode it was started in.
+    pub software_mode: u8,
+    /// The elements of its process data, in PTOC order: the order in which they are packed.
+    pub process_data: Vec<DataRecord>,
+    /// The parameters: records of the GTOC that are no process data.
+    pub parameters: Vec<DataRecord>,
+    /// The modes it knows.
+    pub modes: Vec<ModeRecord>,
+}
+
+/// A process-data record: an element of process data, or a parameter.
+///
+/// Source: manual 7I77, "PROCESS DATA DESCRIPTOR"; FACTS 7.1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DataRecord {
+    /// Where the record itself is in the remote's memory.
+    pub record_address: u16,
+    /// Size in bits, 1 to 255.
+    pub bits: u8,
+    /// How its bits are meant.
+    pub data_type: DataType,
+    /// Which way it goes.
+    pub direction: DataDirection,
+    /// Value of the smallest raw value, in [`unit`](Self::unit)s.
+    pub min: f32,
+    /// Value of the largest raw value, in [`unit`](Self::unit)s.
+    pub max: f32,
+    /// Where the data is in the remote's memory.
+    pub address: u16,
+    /// The unit, for example `volts`; often empty.
+    pub unit: String,
+    /// The name, for example `Input`.
+    pub name: String,
+}
+
+/// A mode record.
+///
+/// Source: manual 7I77, "MODE DESCRIPTOR".
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModeRecord {
+    /// Where the record is in the remote's memory.
+    pub record_address: u16,
+    /// Which mode.
+    pub index: u8,
+    /// Hardware or software mode.
+    pub mode_type: ModeType,
+    /// Its name, for example `io_analog`.
+    pub name: String,
+}
+
+/// Who sets a mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ModeType {
+    /// 00: EEPROM or jumper.
+    Hardware,
+    /// 01: the host, before START.
+    Software,
+    /// Not in the manuals.
+    Other(u8),
+}
+
+impl ModeType {
+    /// From the record's byte.
+    pub const fn from_byte(byte: u8) -> Self {
+        match byte {
+            0 => Self::Hardware,
+            1 => Self::Software,
+            other => Self::Other(other),
+        }
+    }
+}
+
+/// How the bits of an element are meant.
+///
+/// Source: manual 7I77, "DATA_TYPE"; FACTS 7.3 for 08 and above.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DataType {
+    /// 00: alignment only.
+    Pad,
+    /// 01: packed bits, bit 0 first.
+    Bits,
+    /// 02: unsigned number.
+    Unsigned,
+    /// 03: two's complement number.
+    Signed,
+    /// 04: unsigned number kept in non-volatile memory.
+    NonvolUnsigned,
+    /// 05: two's complement number kept in non-volatile memory.
+    NonvolSigned,
+    /// 06: continuous data stream.
+    Stream,
+    /// 07: non-zero is true, whatever the width.
+    Boolean,
+    /// 08: counter of n bits, to be extended by the driver.
+    Encoder,
+    /// 10: IEEE-754 number of 32 or 64 bits.
+    Float,
+    /// 11: IEEE-754 number kept in non-volatile memory.
+    NonvolFloat,
+    /// 18: high part of a count.
+    EncoderHigh,
+    /// 28: low part of a count.
+    EncoderLow,
+    /// A type this crate does not know.
+    Unknown(u8),
+}
+
+impl DataType {
+    /// From the record's byte.
+    pub const fn from_byte(byte: u8) -> Self {
+        match byte {
+            0x00 => Self::Pad,
+            0x01 => Self::Bits,
+            0x02 => Self::Unsigned,
+            0x03 => Self::Signed,
+            0x04 => Self::NonvolUnsigned,
+            0x05 => Self::NonvolSigned,
+            0x06 => Self::Stream,
+            0x07 => Self::Boolean,
+            0x08 => Self::Encoder,
+            0x10 => Self::Float,
+            0x11 => Self::NonvolFloat,
+            0x18 => Self::EncoderHigh,
+            0x28 => Self::EncoderLow,
+            other => Self::Unknown(other),
+        }
+    }
+
+    /// Whether values of this type survive a power cycle of the remote.
+    pub const fn is_nonvolatile(self) -> bool {
+        matches!(
+            self,
+            Self::NonvolUnsigned | Self::NonvolSigned | Self::NonvolFloat
+        )
+    }
+}
+
+/// Which way an element goes, seen from the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DataDirection {
+    /// 00: read from the remote.
+    Input,
+    /// 40: both ways.
+    Bidirectional,
+    /// 80: written to the remote.
+    Output,
+}
+
+impl DataDirection {
+    /// From the record's byte; `None` for a value the manuals do not list.
+    pub const fn from_byte(byte: u8) -> Option<Self> {
+        match byte {
+            0x00 => Some(Self::Input),
+            0x40 => Some(Self::Bidirectional),
+            0x80 => Some(Self::Output),
+            _ => None,
+        }
+    }
+
+    /// Whether it is part of what the remote sends.
+    pub const fn is_input(self) -> bool {
+        matches!(self, Self::Input | Self::Bidirectional)
+    }
+
+    /// Whether it is part of what the remote receives.
+    pub const fn is_output(self) -> bool {
+        matches!(self, Self::Output | Self::Bidirectional)
+    }
+}

@@ -1,0 +1,1 @@
+//! The cycle: `read()` and `write()` on a planned image, faults, recovery, statistics.

@@ -1,0 +1,1 @@
+//! Typed pins and parameters, LinuxCNC names, and the visitor that lists them.

@@ -1,0 +1,1 @@
+//! Process data: descriptor to packing plan, interface-register bits to engineering values.

@@ -1,0 +1,108 @@
+//! The serial line between an FPGA channel and its remote: bursts of characters with times.
+
+/// Nanoseconds of virtual time since the simulation's power-up.
+pub type Nanos = u64;
+
+/// The most characters one [`Burst`] holds; the longest SSLBP frame has 14.
+pub const MAX_BURST: usize = 32;
+
+/// One bit at 2.5 Mbaud.
+pub const BIT_2M5: Nanos = 400;
+
+/// A run of characters without gaps (8N1: ten bits each), or a break.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Burst {
+    /// Falling edge of the first start bit.
+    pub start: Nanos,
+    /// Length of one bit in nanoseconds.
+    pub bit: Nanos,
+    /// The line is held low for the length of the burst instead of sending its characters.
+    pub is_break: bool,
+    bytes: [u8; MAX_BURST],
+    len: u8,
+}
+
+impl Burst {
+    /// A burst that begins at `start`; characters past [`MAX_BURST`] are dropped.
+    pub fn new(start: Nanos, bit: Nanos, data: &[u8]) -> Self {
+        let mut burst = Self {
+            start,
+            bit,
+            is_break: false,
+            bytes: [0; MAX_BURST],
+            len: 0,
+        };
+        for &byte in data {
+            burst.push(byte);
+        }
+        burst
+    }
+
+    /// Appends one character, unless the burst is full.
+    pub fn push(&mut self, byte: u8) {
+        if let Some(slot) = self.bytes.get_mut(usize::from(self.len)) {
+            *slot = byte;
+            self.len += 1;
+        }
+    }
+
+    /// The characters.
+    pub fn bytes(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or(&[])
+    }
+
+    /// The characters, to corrupt them.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        self.bytes
+            .get_mut(..usize::from(self.len))
+            .unwrap_or_default()
+    }
+
+    /// Cuts characters off the end until at most `len` remain.
+    pub fn truncate(&mut self, len: usize) {
+        if len < usize::from(self.len) {
+            self.len = len as u8;
+        }
+    }
+
+    /// Number of characters.
+    pub fn len(&self) -> usize {
+        usize::from(self.len)
+    }
+
+    /// Whether there is no character at all.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// End of the stop bit of character `index`.
+    pub fn end_of(&self, index: usize) -> Nanos {
+        self.start + (index as Nanos + 1) * 10 * self.bit
+    }
+
+    /// End of the last stop bit.
+    pub fn end(&self) -> Nanos {
+        self.start + self.len() as Nanos * 10 * self.bit
+    }
+}
+
+/// A device on a channel's serial line: what stands at the far end of the RS-422 cable.
+///
+/// The channel calls in time order: [`advance`](Self::advance) to a time, then
+/// [`receive`](Self::receive) when a burst from the FPGA has ended. A reply is fetched with
+/// [`transmit`](Self::transmit) directly after `receive`; it begins at or after that time.
+pub trait RemoteEnd: core::fmt::Debug + Send {
+    /// Lets time pass up to `now`: watchdogs, frame timeouts, slow non-volatile writes.
+    fn advance(&mut self, now: Nanos);
+
+    /// A burst from the FPGA has ended at `burst.end()`.
+    fn receive(&mut self, burst: &Burst);
+
+    /// The next burst towards the FPGA, if there is one. Called until it returns `None`.
+    fn transmit(&mut self) -> Option<Burst>;
+
+    /// Whether the line towards the FPGA is held low (no receiver bias, a stuck break).
+    fn holds_line_low(&self) -> bool {
+        false
+    }
+}

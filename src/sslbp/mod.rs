@@ -1,0 +1,1 @@
+//! One SSLBP port: COMMAND, DATA, CS and interface registers.

@@ -1,0 +1,1 @@
+//! Buses: LBP16 over UDP, recording and fault-injecting wrappers.
