@@ -4,4 +4,5 @@
 //! addresses with the driver, and nothing else: its behaviour comes from the manuals, from what
 //! the gateware was seen to do and from its recorded transcripts.
 
+pub mod sslbp;
 pub mod wire;

@@ -1,0 +1,69 @@
+//! What the firmware image of an FPGA decides about a port: channels, clock, registers.
+
+/// The most channels one SSLBP instance has.
+pub const MAX_CHANNELS: usize = 8;
+
+/// The most interface registers a channel has (GTAG 0xC6).
+pub const MAX_INTERFACE_REGISTERS: usize = 7;
+
+/// How many interface registers each channel has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum InterfaceRegisters {
+    /// Three, 96 bits (GTAG 0xC1).
+    #[default]
+    Three,
+    /// Seven, 224 bits (GTAG 0xC6).
+    Seven,
+}
+
+impl InterfaceRegisters {
+    /// The number.
+    pub const fn count(self) -> usize {
+        match self {
+            Self::Three => 3,
+            Self::Seven => 7,
+        }
+    }
+}
+
+/// The build options of a simulated port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PortConfig {
+    channels: u8,
+    clock_hz: u32,
+    interface_registers: InterfaceRegisters,
+}
+
+impl PortConfig {
+    /// A port with `channels` channels (limited to 1..=8) whose processor runs at `clock_hz`
+    /// (at least 1 MHz), with three interface registers.
+    pub fn new(channels: u8, clock_hz: u32) -> Self {
+        Self {
+            channels: channels.clamp(1, MAX_CHANNELS as u8),
+            clock_hz: clock_hz.max(1_000_000),
+            interface_registers: InterfaceRegisters::Three,
+        }
+    }
+
+    /// The same port with another register layout.
+    #[must_use]
+    pub const fn with_interface_registers(mut self, registers: InterfaceRegisters) -> Self {
+        self.interface_registers = registers;
+        self
+    }
+
+    /// Number of channels, 1..=8.
+    pub const fn channels(&self) -> usize {
+        self.channels as usize
+    }
+
+    /// Processor and UART clock in hertz.
+    pub const fn clock_hz(&self) -> u32 {
+        self.clock_hz
+    }
+
+    /// The register layout.
+    pub const fn interface_registers(&self) -> InterfaceRegisters {
+        self.interface_registers
+    }
+}
