@@ -153,8 +153,8 @@ pub struct BusStatistics {
 /// provided on top. A `&mut B` is a bus as well.
 ///
 /// # Real time
-/// `exchange` and `exchange_prepared` are bounded by the deadline of the bus and do not allocate.
-/// `prepare` may allocate and belongs to set-up.
+/// `exchange_prepared` is bounded by the deadline of the bus and does not allocate: it is what the
+/// cycle uses. The others belong to set-up: they are bounded, but may allocate and try again.
 pub trait RegisterBus {
     /// What can go wrong.
     type Error: BusError;

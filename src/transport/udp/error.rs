@@ -1,0 +1,125 @@
+//! What goes wrong between the host and an Ethernet board.
+
+use core::time::Duration;
+
+use super::LinkError;
+use crate::bus::{BusError, BusErrorKind};
+
+/// An exchange with an Ethernet board failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum UdpError {
+    /// No reply at all within the deadline.
+    #[error(
+        "request {request}: no reply within {waited:?}; \
+         check the board's power, cable, IP address and jumpers, or allow a longer deadline"
+    )]
+    Lost {
+        /// Number of the request.
+        request: u32,
+        /// How long was waited.
+        waited: Duration,
+    },
+    /// The reply came, but after the deadline.
+    #[error(
+        "request {request}: the reply came after {waited:?}, {by:?} too late; \
+         the host was busy with something else, or the network is: look for its interrupts, \
+         power saving and other traffic, or allow a longer deadline"
+    )]
+    Late {
+        /// Number of the request.
+        request: u32,
+        /// How long was waited.
+        waited: Duration,
+        /// By how much the deadline was missed.
+        by: Duration,
+    },
+    /// Only replies to earlier requests came.
+    #[error(
+        "request {request}: within {waited:?} came only the reply to request {got}; \
+         the network delays packets by more than the deadline"
+    )]
+    Stale {
+        /// Number of the request.
+        request: u32,
+        /// Number that the reply carries.
+        got: u32,
+        /// How long was waited.
+        waited: Duration,
+    },
+    /// Only replies of a wrong size came.
+    #[error(
+        "request {request}: within {waited:?} came only a reply of {got} bytes, expected {expected}; \
+         does another program talk to this board?"
+    )]
+    Short {
+        /// Number of the request.
+        request: u32,
+        /// Bytes the reply should have.
+        expected: usize,
+        /// Bytes it has.
+        got: usize,
+        /// How long was waited.
+        waited: Duration,
+    },
+    /// The packet could not be sent or received.
+    #[error("{link} ({waited:?} after the request); check the board's IP address and its cable")]
+    Link {
+        /// What the operating system said.
+        link: LinkError,
+        /// How long after the request.
+        waited: Duration,
+    },
+    /// The list needs more than one packet.
+    #[error(
+        "the list needs a {what} of {bytes} bytes, more than the {limit} that fit into a packet; \
+         use shorter lists"
+    )]
+    TooLong {
+        /// Request or reply.
+        what: &'static str,
+        /// Its size.
+        bytes: usize,
+        /// The most it may have.
+        limit: usize,
+    },
+    /// An access names words outside of the buffer, or an address that is no multiple of 4.
+    #[error("access to 0x{address:04X}: words {first}..{end} of a buffer of {words} words")]
+    BadAccess {
+        /// Its address.
+        address: u16,
+        /// Its first word.
+        first: usize,
+        /// One past its last word.
+        end: usize,
+        /// Size of the buffer.
+        words: usize,
+    },
+    /// The list was prepared on another bus.
+    #[error("list {slot} was not prepared on this bus, which has {prepared}")]
+    NotPrepared {
+        /// The number that the list carries.
+        slot: usize,
+        /// How many this bus has prepared.
+        prepared: usize,
+    },
+}
+
+impl BusError for UdpError {
+    fn kind(&self) -> BusErrorKind {
+        match self {
+            Self::Lost { .. } => BusErrorKind::Lost,
+            Self::Late { .. } => BusErrorKind::Late,
+            Self::Stale { .. } => BusErrorKind::Stale,
+            Self::Short { .. } => BusErrorKind::Short,
+            Self::Link { link, .. } => match link {
+                LinkError::Refused => BusErrorKind::Refused,
+                LinkError::Unreachable => BusErrorKind::Unreachable,
+                LinkError::System(_) => BusErrorKind::Other,
+            },
+            Self::TooLong { .. } | Self::BadAccess { .. } | Self::NotPrepared { .. } => {
+                BusErrorKind::Invalid
+            }
+        }
+    }
+}

@@ -1,0 +1,334 @@
+//! LBP16 over UDP: the bus of the Ethernet boards.
+//!
+//! One exchange is one packet out and at most one packet back. Neighbouring registers share a
+//! command; lists that are run every cycle are encoded once ([`RegisterBus::prepare`]) and only
+//! patched.
+//!
+//! Requests and write packets are numbered through scratch registers of the board (FACTS 10.1):
+//! a reply is taken for the request that waits for it and for no other, and a write packet that
+//! the board did not execute is noticed with the next reply.
+
+mod encoding;
+mod error;
+mod link;
+mod matching;
+
+pub use error::UdpError;
+pub use link::{Link, LinkError, SocketOptions, UdpLink};
+
+use core::time::Duration;
+use std::net::SocketAddrV4;
+
+use crate::bus::{Access, BusStatistics, Direction, Instant, Prepared, RegisterBus};
+use encoding::Encoding;
+use matching::{Match, Requests, Writes};
+
+/// Room for the longest datagram that an Ethernet frame carries.
+const RECEIVE_BUFFER: usize = 2048;
+
+/// How long an exchange may take, and how often one of set-up is tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UdpConfig {
+    /// Deadline of the exchanges of the cycle, from the moment the request is sent.
+    /// They are tried once.
+    pub cycle_deadline: Duration,
+    /// Deadline of each try of the exchanges of set-up.
+    pub setup_deadline: Duration,
+    /// How often an exchange of set-up is tried, at least once.
+    pub setup_tries: u32,
+}
+
+impl Default for UdpConfig {
+    /// 800 us in the cycle, which leaves time in a period of 1 ms; ten tries of 20 ms at set-up.
+    fn default() -> Self {
+        Self {
+            cycle_deadline: Duration::from_micros(800),
+            setup_deadline: Duration::from_millis(20),
+            setup_tries: 10,
+        }
+    }
+}
+
+/// The registers of an Ethernet board.
+///
+/// - [`exchange`](RegisterBus::exchange) is for set-up: writes are acknowledged, and what is lost
+///   is repeated a bounded number of times. A packet that writes is repeated only after the board
+///   was asked whether it has executed it.
+/// - [`exchange_prepared`](RegisterBus::exchange_prepared) is for the cycle: one try. A list that
+///   only writes is sent and not waited for; that it was lost is noticed with the next reply, and
+///   counted in [`BusStatistics::lost_writes`].
+///
+/// # Real time
+/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], and does not allocate.
+#[derive(Debug)]
+pub struct UdpBus<L: Link = UdpLink> {
+    link: L,
+    config: UdpConfig,
+    requests: Requests,
+    writes: Writes,
+    statistics: BusStatistics,
+    prepared: Vec<Encoding>,
+    reply: Box<[u8; RECEIVE_BUFFER]>,
+}
+
+impl UdpBus<UdpLink> {
+    /// Opens the board at `address`; its port is 27181 unless it was told otherwise.
+    ///
+    /// # Errors
+    /// When there is no such network, nobody listens, or no reply comes within
+    /// `setup_tries * setup_deadline`.
+    pub fn connect(address: SocketAddrV4, config: UdpConfig) -> Result<Self, UdpError> {
+        let link = UdpLink::connect(address).map_err(|link| UdpError::Link {
+            link,
+            waited: Duration::ZERO,
+        })?;
+        Self::new(link, config)
+    }
+
+    /// Which of the helpful socket options this host allowed.
+    pub fn socket_options(&self) -> SocketOptions {
+        self.link.options()
+    }
+}
+
+impl<L: Link> UdpBus<L> {
+    /// A bus over `link`. Asks the board once, so that a bus that exists has a board behind it.
+    pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError> {
+        let mut bus = Self {
+            link,
+            config,
+            requests: Requests::starting_after(0),
+            writes: Writes::starting_after(0),
+            statistics: BusStatistics::default(),
+            prepared: Vec::new(),
+            reply: Box::new([0; RECEIVE_BUFFER]),
+        };
+        // Without this, the number that an earlier program left would look like a lost write.
+        bus.with_retries(Encoding::first_contact(), &[], &mut [])?;
+        bus.statistics = BusStatistics::default();
+        Ok(bus)
+    }
+
+    /// The link, to ask it for what is its own.
+    pub fn link(&mut self) -> &mut L {
+        &mut self.link
+    }
+
+    /// Sets how long exchanges may take from now on.
+    pub fn set_config(&mut self, config: UdpConfig) {
+        self.config = config;
+    }
+
+    /// An exchange of set-up, repeated until it is done or the tries are used up.
+    ///
+    /// What writes is repeated only if the board says that it has not executed it; if it has, and
+    /// only the reply was lost, the reads alone are repeated.
+    fn with_retries(
+        &mut self,
+        mut encoding: Encoding,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), UdpError> {
+        let deadline = self.config.setup_deadline;
+        let mut last = None;
+        let mut must_ask = false;
+        for _ in 0..self.config.setup_tries.max(1) {
+            let result = if must_ask {
+                self.transact(&mut Encoding::question(), &mut [], deadline)
+            } else {
+                self.transact(&mut encoding, words, deadline)
+            };
+            match result {
+                Ok(()) if !must_ask => return Ok(()),
+                Ok(()) => {
+                    must_ask = false;
+                    if self.writes.is_executed() {
+                        let reads: Vec<Access> = only_reads(accesses).collect();
+                        if reads.is_empty() {
+                            return Ok(());
+                        }
+                        encoding = Encoding::new(&reads, true)?;
+                    }
+                }
+                Err(error) if is_worth_another_try(error) => {
+                    must_ask = encoding.has_writes();
+                    last = Some(error);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        last.map_or(Ok(()), Err)
+    }
+
+    /// One packet out and, if it is answered, its reply.
+    fn transact(
+        &mut self,
+        encoding: &mut Encoding,
+        words: &mut [u32],
+        deadline: Duration,
+    ) -> Result<(), UdpError> {
+        let request = self.requests.open();
+        let writes = &mut self.writes;
+        let packet = encoding.packet(words, request, || writes.open());
+        let started = self.link.now();
+        self.statistics.exchanges += 1;
+        self.statistics.bytes_sent += packet.len() as u64;
+        self.link.send(packet).map_err(|link| UdpError::Link {
+            link,
+            waited: Duration::ZERO,
+        })?;
+        if !encoding.is_answered() {
+            return Ok(());
+        }
+        let result = self.receive(encoding, words, request, started, deadline);
+        if result.is_err() {
+            self.requests.give_up();
+        }
+        result
+    }
+
+    /// Waits for the reply to `request`, and throws away everything else that comes.
+    fn receive(
+        &mut self,
+        encoding: &Encoding,
+        words: &mut [u32],
+        request: u32,
+        started: Instant,
+        deadline: Duration,
+    ) -> Result<(), UdpError> {
+        let until = started.after(deadline);
+        let mut instead = None;
+        loop {
+            let received = self.link.receive(self.reply.as_mut_slice(), until);
+            let waited = self.link.now().since(started);
+            let length = match received {
+                Ok(Some(length)) => length,
+                Ok(None) => {
+                    self.statistics.lost += 1;
+                    return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
+                }
+                Err(link) => return Err(UdpError::Link { link, waited }),
+            };
+            let reply = self.reply.get(..length).unwrap_or(&[]);
+            let Some((number, executed)) = Encoding::numbers(reply) else {
+                self.statistics.short += 1;
+                continue;
+            };
+            let expected = encoding.reply_len();
+            match self.requests.classify(number) {
+                Match::Current if length != expected => {
+                    self.statistics.short += 1;
+                    return Err(UdpError::Short {
+                        request,
+                        expected,
+                        got: length,
+                        waited,
+                    });
+                }
+                Match::Current if waited > deadline => {
+                    self.statistics.late += 1;
+                    return Err(UdpError::Late {
+                        request,
+                        waited,
+                        by: waited.saturating_sub(deadline),
+                    });
+                }
+                Match::Current => {
+                    encoding.take(reply, words);
+                    self.statistics.bytes_received += length as u64;
+                    self.statistics.lost_writes += u64::from(self.writes.confirm(executed));
+                    return Ok(());
+                }
+                Match::Late => {
+                    self.statistics.late += 1;
+                    self.statistics.lost = self.statistics.lost.saturating_sub(1);
+                }
+                Match::Duplicate => self.statistics.duplicate += 1,
+                Match::Stale => self.statistics.stale += 1,
+                Match::Foreign if length < expected => self.statistics.short += 1,
+                Match::Foreign => {
+                    self.statistics.foreign += 1;
+                    continue;
+                }
+            }
+            instead = Some(UdpError::Stale {
+                request,
+                got: number,
+                waited,
+            });
+        }
+    }
+}
+
+fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
+    let read = |access: &&Access| access.direction == Direction::Read;
+    accesses.iter().filter(read).copied()
+}
+
+/// Whether the next try may have more luck.
+fn is_worth_another_try(error: UdpError) -> bool {
+    matches!(
+        error,
+        UdpError::Lost { .. }
+            | UdpError::Late { .. }
+            | UdpError::Stale { .. }
+            | UdpError::Short { .. }
+            | UdpError::Link { .. }
+    )
+}
+
+impl<L: Link> RegisterBus for UdpBus<L> {
+    type Error = UdpError;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
+        let encoding = Encoding::new(accesses, true)?;
+        encoding.check_words(accesses, words.len())?;
+        self.with_retries(encoding, accesses, words)
+    }
+
+    fn now(&mut self) -> Instant {
+        self.link.now()
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        let until = self.link.now().after(duration);
+        self.link.sleep_until(until);
+    }
+
+    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, UdpError> {
+        self.prepared.push(Encoding::new(accesses, false)?);
+        Ok(Prepared::new(accesses, self.prepared.len() - 1))
+    }
+
+    fn exchange_prepared(
+        &mut self,
+        prepared: &Prepared,
+        words: &mut [u32],
+    ) -> Result<(), UdpError> {
+        let slot = prepared.slot();
+        let count = self.prepared.len();
+        let Some(place) = self.prepared.get_mut(slot) else {
+            return Err(UdpError::NotPrepared {
+                slot,
+                prepared: count,
+            });
+        };
+        // Taken out for the exchange, which needs the rest of the bus; no memory moves but that
+        // of the handles.
+        let mut encoding = core::mem::take(place);
+        let result = encoding
+            .check_words(prepared.accesses(), words.len())
+            .and_then(|()| self.transact(&mut encoding, words, self.config.cycle_deadline));
+        if let Some(place) = self.prepared.get_mut(slot) {
+            *place = encoding;
+        }
+        result
+    }
+
+    fn statistics(&self) -> BusStatistics {
+        self.statistics
+    }
+}
+
+#[cfg(test)]
+mod tests;
