@@ -1,0 +1,439 @@
+//! CS and DATA as the host reads them.
+
+use super::{Channel, ChannelMask};
+use bitflags::bitflags;
+use core::fmt;
+
+bitflags! {
+    /// Local communication faults: CS byte 0. Sticky: only a stop of the channel clears them.
+    ///
+    /// Manual: 7I77, "CS REGISTER AFTER START".
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct LocalFaults: u8 {
+        /// The 21st error of one kind.
+        const TOO_MANY_ERRORS = 0x80;
+        /// The remote reported a fault.
+        const REMOTE_FAULT = 0x40;
+        /// The line from the remote was low for longer than a character.
+        const SERIAL_BREAK = 0x20;
+        /// More characters than the reply has.
+        const EXTRA_CHARACTER = 0x10;
+        /// No reply, or too short a one, in time.
+        const TIMEOUT = 0x08;
+        /// Characters came faster than they were read.
+        const OVERRUN = 0x04;
+        /// Something answers that is not a remote.
+        const INVALID_COOKIE = 0x02;
+        /// A reply with a wrong CRC.
+        const CRC = 0x01;
+        const _ = !0;
+    }
+}
+
+bitflags! {
+    /// Communication status: CS byte 1. Nothing set is good.
+    ///
+    /// Manual: 7I77, "CS REGISTER AFTER START".
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct LinkStatus: u8 {
+        /// START is not complete.
+        const NOT_READY = 0x80;
+        /// The remote has not been identified.
+        const NO_REMOTE_ID = 0x40;
+        /// There was a communication error or a remote fault since the last stop.
+        const COMMUNICATION_ERROR = 0x20;
+        /// There was a remote fault since the last stop, or the channel is stopped.
+        const REMOTE_FAULT = 0x01;
+        const _ = !0;
+    }
+}
+
+bitflags! {
+    /// Faults that a remote reports: CS byte 3 after DOIT.
+    ///
+    /// Manual: 7I77, "CS REGISTER AFTER DOIT".
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct RemoteFaults: u8 {
+        /// The remote saw errors on the line.
+        const LBP_COM = 0x80;
+        /// It was started in a software mode that it does not have.
+        const ILLEGAL_MODE = 0x40;
+        /// Field power is missing or too low.
+        const LOW_VOLTAGE = 0x20;
+        /// Field power is too high.
+        const HIGH_VOLTAGE = 0x10;
+        /// An output is overloaded.
+        const OVER_CURRENT = 0x08;
+        /// It is too hot.
+        const OVER_TEMPERATURE = 0x04;
+        /// Its enable input is missing.
+        const NO_ENABLE = 0x02;
+        /// No process data for longer than its watchdog time: its outputs are off.
+        const WATCHDOG = 0x01;
+        const _ = !0;
+    }
+}
+
+const LOCAL_FAULT_WORDS: [&str; 8] = [
+    "CRC error",
+    "not a remote (wrong cookie)",
+    "overrun",
+    "no reply in time",
+    "extra characters",
+    "line held low",
+    "remote fault",
+    "too many errors",
+];
+
+const LINK_STATUS_WORDS: [&str; 8] = [
+    "remote fault",
+    "bit 1",
+    "bit 2",
+    "bit 3",
+    "bit 4",
+    "communication error",
+    "remote not identified",
+    "not ready",
+];
+
+const REMOTE_FAULT_WORDS: [&str; 8] = [
+    "watchdog has bitten",
+    "enable missing",
+    "too hot",
+    "output overloaded",
+    "field voltage too high",
+    "field voltage too low or missing",
+    "unknown software mode",
+    "errors on its line",
+];
+
+/// Writes the words of the bits that are set, or `none`.
+fn list(f: &mut fmt::Formatter<'_>, bits: u8, words: &[&str; 8], none: &str) -> fmt::Result {
+    if bits == 0 {
+        return f.write_str(none);
+    }
+    let set = (0u8..).zip(words).filter(|&(n, _)| bits & (1 << n) != 0);
+    for (count, (_, word)) in set.enumerate() {
+        let separator = if count == 0 { "" } else { ", " };
+        write!(f, "{separator}{word}")?;
+    }
+    Ok(())
+}
+
+impl fmt::Display for LocalFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        list(f, self.bits(), &LOCAL_FAULT_WORDS, "no local fault")
+    }
+}
+
+impl fmt::Display for LinkStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        list(f, self.bits(), &LINK_STATUS_WORDS, "ok")
+    }
+}
+
+impl fmt::Display for RemoteFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        list(f, self.bits(), &REMOTE_FAULT_WORDS, "no remote fault")
+    }
+}
+
+/// Where a channel is in its conversation with the remote: CS byte 2.
+///
+/// Each step has one code for preparing and one or more for waiting; the code itself is at
+/// [`CsStatus::state_code`]. The manual calls it "debug only", yet it tells how far a START came.
+///
+/// Source: FACTS 4.6.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ComState {
+    /// 00: stopped.
+    Stopped,
+    /// 01: sets its timer.
+    Timer,
+    /// 02: waits before the first request.
+    Wait,
+    /// 03, 04: asks for the cookie.
+    Cookie,
+    /// 05, 06: sets the remote's frame timeout.
+    FrameTimeout,
+    /// 07, 08: clears the remote's LBP status.
+    ClearStatus,
+    /// 09 to 0B: checks that the LBP status is clear.
+    CheckStatus,
+    /// 0C, 0D: asks for the unit number.
+    UnitNumber,
+    /// 0E to 15: asks for the name.
+    Name,
+    /// 16, 17: compares the name with those that need special treatment.
+    Identity,
+    /// 18, 19: clears the faults of a 7I64.
+    Clear7i64,
+    /// 1A, 1B: sets the software mode.
+    SoftwareMode,
+    /// 1C, 1D: asks for sizes and tables.
+    Sizes,
+    /// 1E, 1F: sends the first process data, all zeros.
+    ClearOutputs,
+    /// 20, 21: tells the remote to clear its faults.
+    ClearFaults,
+    /// 22, 23: waits until the remote has tried.
+    FaultsTried,
+    /// 24 to 26: checks that no fault is left.
+    CheckFaults,
+    /// 3A, 3B: sends zeros until the first DOIT.
+    Chatter,
+    /// 3E, 3F: process data of a 7I64.
+    ProcessData7i64,
+    /// 40, 41: setup mode, one access for each DOIT.
+    PassThrough,
+    /// 42, 43: process data for each DOIT.
+    ProcessData,
+    /// A code that is not known.
+    Unknown(u8),
+}
+
+impl ComState {
+    /// From CS byte 2.
+    pub const fn from_code(code: u8) -> Self {
+        match code {
+            0x00 => Self::Stopped,
+            0x01 => Self::Timer,
+            0x02 => Self::Wait,
+            0x03 | 0x04 => Self::Cookie,
+            0x05 | 0x06 => Self::FrameTimeout,
+            0x07 | 0x08 => Self::ClearStatus,
+            0x09..=0x0B => Self::CheckStatus,
+            0x0C | 0x0D => Self::UnitNumber,
+            0x0E..=0x15 => Self::Name,
+            0x16 | 0x17 => Self::Identity,
+            0x18 | 0x19 => Self::Clear7i64,
+            0x1A | 0x1B => Self::SoftwareMode,
+            0x1C | 0x1D => Self::Sizes,
+            0x1E | 0x1F => Self::ClearOutputs,
+            0x20 | 0x21 => Self::ClearFaults,
+            0x22 | 0x23 => Self::FaultsTried,
+            0x24..=0x26 => Self::CheckFaults,
+            0x3A | 0x3B => Self::Chatter,
+            0x3E | 0x3F => Self::ProcessData7i64,
+            0x40 | 0x41 => Self::PassThrough,
+            0x42 | 0x43 => Self::ProcessData,
+            other => Self::Unknown(other),
+        }
+    }
+}
+
+impl fmt::Display for ComState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Stopped => "stopped",
+            Self::Timer | Self::Wait => "waits before the first request",
+            Self::Cookie => "asks whether a remote is there",
+            Self::FrameTimeout => "sets the frame timeout",
+            Self::ClearStatus => "clears the LBP status",
+            Self::CheckStatus => "checks the LBP status",
+            Self::UnitNumber => "asks for the unit number",
+            Self::Name => "asks for the name",
+            Self::Identity => "recognises the name",
+            Self::Clear7i64 => "clears the faults of a 7I64",
+            Self::SoftwareMode => "sets the software mode",
+            Self::Sizes => "asks for sizes and tables",
+            Self::ClearOutputs => "sets the outputs off",
+            Self::ClearFaults => "clears the faults",
+            Self::FaultsTried => "waits for the faults to be cleared",
+            Self::CheckFaults => "checks that no fault is left",
+            Self::Chatter => "running, no DOIT yet",
+            Self::ProcessData7i64 => "running (7I64)",
+            Self::PassThrough => "setup mode",
+            Self::ProcessData => "running",
+            Self::Unknown(code) => return write!(f, "state {code:02X}"),
+        })
+    }
+}
+
+/// What CS of a channel reads.
+///
+/// Manual: 7I77, "CS REGISTER AFTER START", "CS REGISTER AFTER DOIT".
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct CsStatus(u32);
+
+impl CsStatus {
+    /// From the register.
+    pub const fn from_register(word: u32) -> Self {
+        Self(word)
+    }
+
+    /// The register.
+    pub const fn word(self) -> u32 {
+        self.0
+    }
+
+    /// Local communication faults, sticky.
+    pub const fn local_faults(self) -> LocalFaults {
+        LocalFaults::from_bits_retain(self.0 as u8)
+    }
+
+    /// Communication status.
+    pub const fn link(self) -> LinkStatus {
+        LinkStatus::from_bits_retain((self.0 >> 8) as u8)
+    }
+
+    /// How far the channel is.
+    pub const fn state(self) -> ComState {
+        ComState::from_code(self.state_code())
+    }
+
+    /// The code of [`state`](Self::state).
+    pub const fn state_code(self) -> u8 {
+        (self.0 >> 16) as u8
+    }
+
+    /// What the remote reported with the last reply. What a remote said before survives STOPALL and
+    /// START until the first DOIT completes (FACTS 3.7).
+    pub const fn remote_faults(self) -> RemoteFaults {
+        RemoteFaults::from_bits_retain((self.0 >> 24) as u8)
+    }
+
+    /// Whether START has identified the remote and is complete.
+    ///
+    /// The communication-error bit is sticky and says nothing about now, so it does not count
+    /// (FACTS 6.2: the access after a lost reply is fine).
+    pub const fn is_ready(self) -> bool {
+        let pending = LinkStatus::NOT_READY.union(LinkStatus::NO_REMOTE_ID);
+        !self.link().intersects(pending)
+    }
+
+    /// Whether the channel is as after power-up or a stop.
+    pub const fn is_stopped(self) -> bool {
+        matches!(self.state(), ComState::Stopped) && self.link().bits() == 0xC1
+    }
+}
+
+impl fmt::Display for CsStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.state())?;
+        if !self.is_stopped() {
+            if !self.link().is_empty() {
+                write!(f, "; {}", self.link())?;
+            }
+            if !self.local_faults().is_empty() {
+                write!(f, "; since the last stop: {}", self.local_faults())?;
+            }
+        }
+        if !self.remote_faults().is_empty() {
+            write!(f, "; the remote says: {}", self.remote_faults())?;
+        }
+        write!(f, " (CS {:08X})", self.0)
+    }
+}
+
+/// What DATA reads after a START or DOIT: the channels that did not do what was asked for.
+///
+/// A remote fault never sets a bit after DOIT (FACTS 5.3): look at CS.
+///
+/// Manual: 7I77, "NORMAL START", "DOIT".
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct DataStatus(u8);
+
+impl DataStatus {
+    /// What DATA reads after STOPALL or reset: the port is initialised, or about to be.
+    pub const INITIALISED: u8 = 0xAA;
+
+    /// What DATA reads after a command that the port does not know.
+    pub const REJECTED: u8 = 0xFF;
+
+    /// From the register; DATA has 8 bits.
+    pub const fn from_register(word: u32) -> Self {
+        Self(word as u8)
+    }
+
+    /// The byte.
+    pub const fn byte(self) -> u8 {
+        self.0
+    }
+
+    /// The channels of `asked` that failed. Bits of other channels mean nothing: those that do not
+    /// exist are reported as failed (FACTS 3).
+    pub const fn failed(self, asked: ChannelMask) -> ChannelMask {
+        ChannelMask::from_bits(self.0).intersection(asked)
+    }
+
+    /// Whether the bit of `channel` is set.
+    pub const fn has_failed(self, channel: Channel) -> bool {
+        ChannelMask::from_bits(self.0).contains(channel)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::string::ToString;
+    use proptest::prelude::*;
+
+    fn cs(word: u32) -> CsStatus {
+        CsStatus::from_register(word)
+    }
+
+    /// Gateware transcripts t02, t03, t06, t10, t11.
+    #[test]
+    fn recorded_values_decode() {
+        assert!(cs(0x0000_C100).is_stopped());
+        assert_eq!(cs(0x0040_0000).state(), ComState::PassThrough);
+        assert!(cs(0x0040_0000).is_ready());
+        assert_eq!(cs(0x003A_0000).state(), ComState::Chatter);
+        let lost = cs(0x0042_2008);
+        assert_eq!(lost.state(), ComState::ProcessData);
+        assert_eq!(lost.link(), LinkStatus::COMMUNICATION_ERROR);
+        assert_eq!(lost.local_faults(), LocalFaults::TIMEOUT);
+        let bitten = cs(0x0142_2140);
+        assert_eq!(bitten.remote_faults(), RemoteFaults::WATCHDOG);
+        assert_eq!(bitten.local_faults(), LocalFaults::REMOTE_FAULT);
+        assert!(bitten.is_ready());
+    }
+
+    /// FACTS 4.5.
+    #[test]
+    fn recorded_failures_decode() {
+        use LocalFaults as L;
+        assert_eq!(
+            cs(0x0004_E1B0).local_faults(),
+            L::TOO_MANY_ERRORS | L::SERIAL_BREAK | L::EXTRA_CHARACTER
+        );
+        assert_eq!(cs(0x2024_A1C0).remote_faults(), RemoteFaults::LOW_VOLTAGE);
+        assert_eq!(cs(0x2024_A1C0).state(), ComState::CheckFaults);
+        assert_eq!(cs(0x000D_E188).state(), ComState::UnitNumber);
+        assert_eq!(cs(0x001D_E188).state(), ComState::Sizes);
+        assert_eq!(cs(0x001E_A188).state(), ComState::ClearOutputs);
+    }
+
+    #[test]
+    fn a_machine_builder_can_read_it() {
+        assert_eq!(
+            cs(0x2042_2148).to_string(),
+            "running; remote fault, communication error; since the last stop: no reply in time, \
+             remote fault; the remote says: field voltage too low or missing (CS 20422148)"
+        );
+        assert_eq!(cs(0x0000_C100).to_string(), "stopped (CS 0000C100)");
+    }
+
+    /// FACTS 3: channels that do not exist are reported as not ready.
+    #[test]
+    fn channels_that_were_not_asked_have_not_failed() {
+        let data = DataStatus::from_register(0xFE);
+        assert_eq!(data.failed(ChannelMask::from_bits(0x03)).bits(), 0x02);
+    }
+
+    proptest! {
+        #[test]
+        fn any_value_decodes_and_keeps_its_bits(word: u32) {
+            let status = cs(word);
+            let bytes = [
+                status.local_faults().bits(),
+                status.link().bits(),
+                status.state_code(),
+                status.remote_faults().bits(),
+            ];
+            prop_assert_eq!(u32::from_le_bytes(bytes), word);
+            prop_assert!(!status.to_string().is_empty());
+        }
+    }
+}
