@@ -16,14 +16,16 @@ enum Fate {
 
 const GOOD: Fate = Fate::Arrives(30_000);
 
+/// Packets by their arrival, then in the order they were sent.
+type Underway = BTreeMap<(u64, u64), Vec<u8>>;
+
 /// A board that answers register reads with a stamp that never comes twice.
 #[derive(Debug, Default)]
 struct Network {
     now: u64,
     order: u64,
-    /// Packets under way to the board, and to the host: by arrival, then in order.
-    to_board: BTreeMap<(u64, u64), Vec<u8>>,
-    to_host: BTreeMap<(u64, u64), Vec<u8>>,
+    to_board: Underway,
+    to_host: Underway,
     requests: Vec<Fate>,
     replies: Vec<Fate>,
     registers: BTreeMap<u16, u32>,
@@ -36,12 +38,7 @@ struct Network {
 }
 
 impl Network {
-    fn carry(
-        &mut self,
-        way: fn(&mut Self) -> &mut BTreeMap<(u64, u64), Vec<u8>>,
-        fate: Fate,
-        packet: &[u8],
-    ) {
+    fn carry(&mut self, way: fn(&mut Self) -> &mut Underway, fate: Fate, packet: &[u8]) {
         let now = self.now;
         let mut put = |delay: u64, bytes: &[u8]| {
             self.order += 1;
@@ -118,7 +115,7 @@ impl Network {
                         rest = tail;
                     }
                     (0, 4) => {
-                        reply.extend(self.scratch.get(&at).copied().unwrap_or(0).to_le_bytes())
+                        reply.extend(self.scratch.get(&at).copied().unwrap_or(0).to_le_bytes());
                     }
                     (1, 4) => {
                         let (value, tail) = rest.split_at(2);
@@ -330,8 +327,10 @@ fn a_lost_write_is_said_by_the_next_read_once() {
 
 #[test]
 fn an_unreachable_board_is_said_after_a_bounded_number_of_tries() {
-    let mut network = Network::default();
-    network.requests = vec![Fate::Lost; 100];
+    let network = Network {
+        requests: vec![Fate::Lost; 100],
+        ..Network::default()
+    };
     let error = UdpBus::new(network, UdpConfig::default()).unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Lost);
     let network = Network {
