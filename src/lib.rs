@@ -16,6 +16,7 @@ pub mod boards;
 pub mod bus;
 pub mod discovery;
 pub mod driver;
+pub mod ethernet;
 pub mod hal;
 pub mod hostmot2;
 pub mod lbp;

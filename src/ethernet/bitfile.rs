@@ -1,0 +1,243 @@
+//! FPGA configurations as Xilinx bitfiles.
+
+/// A bitfile whose header and configuration data have been checked.
+///
+/// The header is a list of fields: `a` design name, `b` part, `c` date, `d` time, `e`
+/// configuration data (manual 7I97, "BITFILE FORMAT").
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bitfile<'a> {
+    /// Name of the design, for example `TopEthernetHostMot2.ncd`.
+    pub design: &'a str,
+    /// The part it is for, for example `6slx9tqg144`.
+    pub part: &'a str,
+    /// Date of the build, as its author's tools wrote it.
+    pub date: &'a str,
+    /// Time of the build.
+    pub time: &'a str,
+    /// What goes into the FPGA.
+    pub configuration: &'a [u8],
+}
+
+/// Why a file is not taken for a bitfile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BitfileError {
+    /// It does not begin like one.
+    #[error("not a bitfile: it does not begin with the bitfile mark; give the .bit file itself")]
+    NoMark,
+    /// It ends in the middle of a field.
+    #[error("the file ends within field '{}' at byte {at}; it was not copied whole", char::from(*field))]
+    Truncated {
+        /// The field.
+        field: u8,
+        /// Where the field begins.
+        at: usize,
+    },
+    /// A field comes that is none, or out of order.
+    #[error("field '{}' expected at byte {at}, found 0x{found:02X}; the header is damaged", char::from(*expected))]
+    WrongField {
+        /// The field that should come.
+        expected: u8,
+        /// What comes.
+        found: u8,
+        /// Where.
+        at: usize,
+    },
+    /// A text field is no text.
+    #[error("field '{}' holds no text; the header is damaged", char::from(*field))]
+    NotText {
+        /// The field.
+        field: u8,
+    },
+    /// There is no synchronisation word: nothing that an FPGA would load.
+    #[error(
+        "the configuration has no synchronisation word AA995566 in its first {searched} bytes; this is no Spartan-6 configuration"
+    )]
+    NoSync {
+        /// How far was searched.
+        searched: usize,
+    },
+    /// It is for another part.
+    #[error(
+        "the configuration is for another FPGA than {expected}: writing it would make the board unusable; get the file for this board"
+    )]
+    WrongPart {
+        /// The part on the board.
+        expected: &'static str,
+    },
+    /// It is larger than its place in the flash memory.
+    #[error("the configuration has {bytes} bytes, its place in the flash memory {room}")]
+    TooLarge {
+        /// Its size.
+        bytes: usize,
+        /// The room for it.
+        room: usize,
+    },
+}
+
+const MARK: [u8; 13] = [
+    0x00, 0x09, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
+];
+const SYNC: [u8; 4] = [0xAA, 0x99, 0x55, 0x66];
+/// Padding before the synchronisation word is shorter than this.
+const SYNC_WITHIN: usize = 256;
+
+impl<'a> Bitfile<'a> {
+    /// Parses a whole file.
+    pub fn parse(file: &'a [u8]) -> Result<Self, BitfileError> {
+        let rest = file.strip_prefix(&MARK).ok_or(BitfileError::NoMark)?;
+        let mut fields = Fields { file, rest };
+        let this = Self {
+            design: fields.text(b'a')?,
+            part: fields.text(b'b')?,
+            date: fields.text(b'c')?,
+            time: fields.text(b'd')?,
+            configuration: fields.data(b'e')?,
+        };
+        let searched = this.configuration.len().min(SYNC_WITHIN);
+        let head = this.configuration.get(..searched).unwrap_or(&[]);
+        if !head.windows(SYNC.len()).any(|window| window == SYNC) {
+            return Err(BitfileError::NoSync { searched });
+        }
+        Ok(this)
+    }
+
+    /// Checks that the file is for the FPGA on a board, and fits into its place.
+    pub fn check(&self, part: &'static str, room: usize) -> Result<(), BitfileError> {
+        if !self.part.eq_ignore_ascii_case(part) {
+            return Err(BitfileError::WrongPart { expected: part });
+        }
+        let bytes = self.configuration.len();
+        if bytes > room {
+            return Err(BitfileError::TooLarge { bytes, room });
+        }
+        Ok(())
+    }
+}
+
+/// What of a file is not parsed yet.
+struct Fields<'a> {
+    file: &'a [u8],
+    rest: &'a [u8],
+}
+
+impl<'a> Fields<'a> {
+    fn text(&mut self, field: u8) -> Result<&'a str, BitfileError> {
+        let bytes = self.field(field, 2)?;
+        let text = bytes.split(|&byte| byte == 0).next().unwrap_or(&[]);
+        core::str::from_utf8(text).map_err(|_| BitfileError::NotText { field })
+    }
+
+    fn data(&mut self, field: u8) -> Result<&'a [u8], BitfileError> {
+        self.field(field, 4)
+    }
+
+    /// A field: its letter, its length in `length_bytes` bytes (big endian), its content.
+    fn field(&mut self, field: u8, length_bytes: usize) -> Result<&'a [u8], BitfileError> {
+        let at = self.file.len() - self.rest.len();
+        let truncated = BitfileError::Truncated { field, at };
+        let (&found, rest) = self.rest.split_first().ok_or(truncated)?;
+        if found != field {
+            return Err(BitfileError::WrongField {
+                expected: field,
+                found,
+                at,
+            });
+        }
+        let (length, rest) = rest.split_at_checked(length_bytes).ok_or(truncated)?;
+        let length = length
+            .iter()
+            .fold(0_usize, |length, &byte| length << 8 | usize::from(byte));
+        let (content, rest) = rest.split_at_checked(length).ok_or(truncated)?;
+        self.rest = rest;
+        Ok(content)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec::Vec;
+    use proptest::prelude::*;
+
+    fn file(configuration: &[u8]) -> Vec<u8> {
+        let mut file = MARK.to_vec();
+        for (field, text) in [
+            (b'a', "seven_i97.ncd\0"),
+            (b'b', "6slx9tqg144\0"),
+            (b'c', "2026/11/21\0"),
+            (b'd', "07:30:00\0"),
+        ] {
+            file.push(field);
+            file.extend((text.len() as u16).to_be_bytes());
+            file.extend(text.as_bytes());
+        }
+        file.push(b'e');
+        file.extend((configuration.len() as u32).to_be_bytes());
+        file.extend(configuration);
+        file
+    }
+
+    fn configuration(len: usize) -> Vec<u8> {
+        let mut data = alloc::vec![0xFF; 16];
+        data.extend(SYNC);
+        data.resize(len, 0x20);
+        data
+    }
+
+    #[test]
+    fn a_bitfile_says_its_design_part_date_and_configuration() {
+        let bytes = file(&configuration(340_000));
+        let bitfile = Bitfile::parse(&bytes).unwrap();
+        assert_eq!(bitfile.design, "seven_i97.ncd");
+        assert_eq!(bitfile.part, "6slx9tqg144");
+        assert_eq!((bitfile.date, bitfile.time), ("2026/11/21", "07:30:00"));
+        assert_eq!(bitfile.configuration.len(), 340_000);
+        assert_eq!(bitfile.check("6SLX9TQG144", 0x6_0000), Ok(()));
+    }
+
+    #[test]
+    fn what_would_brick_the_board_is_refused() {
+        let bytes = file(&configuration(1000));
+        let bitfile = Bitfile::parse(&bytes).unwrap();
+        let error = bitfile.check("6slx16ftg256", 0x6_0000).unwrap_err();
+        assert!(matches!(error, BitfileError::WrongPart { .. }), "{error}");
+        let error = bitfile.check("6slx9tqg144", 999).unwrap_err();
+        assert_eq!(
+            error,
+            BitfileError::TooLarge {
+                bytes: 1000,
+                room: 999
+            }
+        );
+        let bytes = file(&[0xFF; 1000]);
+        let error = Bitfile::parse(&bytes).unwrap_err();
+        assert_eq!(error, BitfileError::NoSync { searched: 256 });
+        assert_eq!(Bitfile::parse(b"PNG"), Err(BitfileError::NoMark));
+    }
+
+    #[test]
+    fn every_cut_and_every_swapped_field_is_noticed() {
+        let bytes = file(&configuration(100));
+        for len in 0..bytes.len() {
+            assert!(Bitfile::parse(&bytes[..len]).is_err(), "{len} bytes");
+        }
+        let mut wrong = bytes.clone();
+        wrong[MARK.len()] = b'b';
+        let error = Bitfile::parse(&wrong).unwrap_err();
+        assert!(
+            matches!(error, BitfileError::WrongField { at: 13, .. }),
+            "{error}"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_never_panic(tail in prop::collection::vec(any::<u8>(), 0..200)) {
+            let _ = Bitfile::parse(&tail);
+            let mut bytes = MARK.to_vec();
+            bytes.extend(&tail);
+            let _ = Bitfile::parse(&bytes);
+        }
+    }
+}
