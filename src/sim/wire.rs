@@ -91,7 +91,9 @@ impl Burst {
 /// The channel calls in time order: [`advance`](Self::advance) to a time, then
 /// [`receive`](Self::receive) when a burst from the FPGA has ended. A reply is fetched with
 /// [`transmit`](Self::transmit) directly after `receive`; it begins at or after that time.
-pub trait RemoteEnd: core::fmt::Debug + Send {
+///
+/// It is [`Any`](core::any::Any), so that whoever plugged a device can get at its world side again.
+pub trait RemoteEnd: core::any::Any + core::fmt::Debug + Send {
     /// Lets time pass up to `now`: watchdogs, frame timeouts, slow non-volatile writes.
     fn advance(&mut self, now: Nanos);
 
@@ -104,5 +106,15 @@ pub trait RemoteEnd: core::fmt::Debug + Send {
     /// Whether the line towards the FPGA is held low (no receiver bias, a stuck break).
     fn holds_line_low(&self) -> bool {
         false
+    }
+
+    /// The device behind this one, if this one only stands in between (wire faults, a recorder).
+    fn inner(&self) -> Option<&dyn RemoteEnd> {
+        None
+    }
+
+    /// As [`inner`](Self::inner), to change it.
+    fn inner_mut(&mut self) -> Option<&mut dyn RemoteEnd> {
+        None
     }
 }
