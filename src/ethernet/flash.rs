@@ -401,7 +401,7 @@ mod tests {
         let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
         flash
             .program(&bitfile(&data), Area::User, |stage, done| {
-                stages.push((stage, done))
+                stages.push((stage, done));
             })
             .unwrap();
         flash
