@@ -1,0 +1,366 @@
+//! The driver's side of the store: making pins, and what happens to them in a cycle.
+//!
+//! A driver calls, in this order: [`Pins::begin_cycle`]; for each group whose transfer succeeded
+//! [`Pins::publish`] for its inputs and [`Pins::group_good`], or [`Pins::fault`] for one that
+//! failed; then, after the application had its turn, [`Pins::fetch`] for the outputs.
+
+use alloc::vec::Vec;
+
+use super::handle::Key;
+use super::store::{Group, NONE, OutOfRange, Rejections, Slot};
+use super::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection, Role, Spec, Value};
+use crate::bus::Instant;
+
+/// How an output is kept safe.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OutputRule<T> {
+    /// What it is before the application sets it, while its group is not armed, and when the
+    /// application sets it to something that is not finite.
+    ///
+    /// It is a value of the pin: an `-invert` parameter turns it round like any other, because that
+    /// parameter tells how the output is wired.
+    pub safe: T,
+    /// What becomes of a value outside the limits.
+    pub out_of_range: OutOfRange,
+    /// A fault of the group does not touch it: for switches of the driver itself, such as `run`.
+    pub exempt: bool,
+}
+
+impl<T: Value> OutputRule<T> {
+    /// Safe at `safe`; limited to its limits; silenced by faults.
+    pub fn safe_at(safe: T) -> Self {
+        Self {
+            safe,
+            out_of_range: OutOfRange::Limit,
+            exempt: false,
+        }
+    }
+
+    /// A switch of the driver itself, at first at `initial`, which faults do not touch.
+    pub fn switch(initial: T) -> Self {
+        Self {
+            exempt: true,
+            ..Self::safe_at(initial)
+        }
+    }
+}
+
+/// Parameters that act on an output.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OutputModifiers {
+    /// `-invert`: turns a truth value round on its way out.
+    pub invert: Option<Param<bool>>,
+    /// `-maxlim`: no larger value goes out.
+    pub max_limit: Option<Param<f64>>,
+    /// `-minlim`: no smaller value goes out.
+    pub min_limit: Option<Param<f64>>,
+}
+
+/// Set-up. Allocates.
+impl Pins {
+    /// A new group: not valid before its first good transfer, and armed (its outputs begin with
+    /// their safe values).
+    pub fn add_group(&mut self) -> GroupId {
+        let index = self.groups.len() as u32;
+        self.groups.push(Group {
+            valid: false,
+            armed: true,
+            last_good: None,
+            faults: 0,
+            outputs: Vec::new(),
+        });
+        GroupId(self.key(index))
+    }
+
+    /// A new input.
+    pub fn add_input<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+    ) -> Result<Input<T>, PinError> {
+        // What an input can be is no limit to enforce: the first value may lie outside.
+        let limits = spec.limits;
+        let key = self.insert(
+            group,
+            Role::Input,
+            Spec {
+                limits: None,
+                ..spec
+            },
+            T::default(),
+        )?;
+        self.set_info_limits(key, limits);
+        Ok(Input::new(key))
+    }
+
+    /// A new output.
+    ///
+    /// # Errors
+    /// Besides those of the name, [`PinError::BadLimits`].
+    pub fn add_output<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        rule: OutputRule<T>,
+    ) -> Result<Output<T>, PinError> {
+        let key = self.insert(group, Role::Output, spec, rule.safe)?;
+        self.apply_rule(key, rule);
+        Ok(Output::new(key))
+    }
+
+    /// A new pin that both sides set.
+    pub fn add_inout<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        rule: OutputRule<T>,
+    ) -> Result<InOut<T>, PinError> {
+        let key = self.insert(group, Role::InOut, spec, rule.safe)?;
+        self.apply_rule(key, rule);
+        Ok(InOut::new(key))
+    }
+
+    /// A new setting, which the application may change within the limits of `spec`.
+    pub fn add_setting<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Param<T>, PinError> {
+        self.insert(group, Role::Setting, spec, initial)
+            .map(Param::new)
+    }
+
+    /// A new property, which the application can only read.
+    pub fn add_property<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Param<T>, PinError> {
+        self.insert(group, Role::Property, spec, initial)
+            .map(Param::new)
+    }
+
+    /// Lets parameters act on an output.
+    ///
+    /// # Errors
+    /// [`PinError::ForeignHandle`] if any of them is of another store.
+    pub fn modify<T: Value>(
+        &mut self,
+        output: Output<T>,
+        modifiers: OutputModifiers,
+    ) -> Result<(), PinError> {
+        let invert = self.modifier(modifiers.invert.map(|p| p.key))?;
+        let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
+        let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
+        let slot = self.slot_mut(output.key).ok_or(PinError::ForeignHandle)?;
+        slot.invert = invert;
+        slot.max_limit = max_limit;
+        slot.min_limit = min_limit;
+        Ok(())
+    }
+
+    fn modifier(&self, key: Option<Key>) -> Result<u32, PinError> {
+        match key {
+            None => Ok(NONE),
+            Some(key) if self.index(key).is_some() => Ok(key.index),
+            Some(_) => Err(PinError::ForeignHandle),
+        }
+    }
+
+    fn apply_rule<T: Value>(&mut self, key: Key, rule: OutputRule<T>) {
+        if let Some(slot) = self.slot_mut(key) {
+            slot.out_of_range = rule.out_of_range;
+            slot.exempt = rule.exempt;
+        }
+    }
+}
+
+/// The cycle. Constant time for each pin, no allocation, no panic.
+impl Pins {
+    /// A new cycle begins at `now`: ages grow.
+    pub fn begin_cycle(&mut self, now: Instant) {
+        self.cycle = self.cycle.saturating_add(1);
+        self.now = now;
+    }
+
+    /// The number of the cycle; 0 before the first.
+    pub fn cycle(&self) -> u64 {
+        self.cycle
+    }
+
+    /// When the cycle began.
+    pub fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Gives an input its value. It becomes valid with its group.
+    ///
+    /// A value that is not finite is not published: the pin keeps its last value, is not valid,
+    /// and the value is counted.
+    pub fn publish<T: Value>(&mut self, pin: Input<T>, value: T) {
+        self.publish_key(pin.key, value);
+    }
+
+    /// Gives a pin that both sides set its value.
+    pub fn publish_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
+        self.publish_key(pin.key, value);
+    }
+
+    /// Changes a parameter from the driver's side: a property, or a setting read from a remote.
+    /// A value that is not finite changes nothing and is counted.
+    pub fn publish_param<T: Value>(&mut self, param: Param<T>, value: T) {
+        if value.is_finite() {
+            self.publish_key(param.key, value);
+        } else {
+            self.reject(param.key, Rejection::NotFinite);
+        }
+    }
+
+    /// The transfer of a group succeeded in this cycle: its inputs are valid and of age 0.
+    pub fn group_good(&mut self, group: GroupId) {
+        let good = (self.cycle, self.now);
+        match self.group_mut(group) {
+            Some(group) => {
+                group.valid = true;
+                group.last_good = Some(good);
+            }
+            None => self.count_foreign(),
+        }
+    }
+
+    /// The inputs of a group are no longer valid: a transfer failed. Outputs are not touched.
+    pub fn invalidate(&mut self, group: GroupId) {
+        match self.group_mut(group) {
+            Some(group) => group.valid = false,
+            None => self.count_foreign(),
+        }
+    }
+
+    /// A group failed: its inputs are no longer valid, and its outputs are safe until the
+    /// application re-arms it. What was set before is forgotten, so that re-arming does not bring
+    /// back a command from before the fault.
+    pub fn fault(&mut self, group: GroupId) {
+        self.invalidate(group);
+        self.disarm(group);
+    }
+
+    /// The outputs of a group become safe until the application re-arms it; inputs are not touched.
+    pub fn disarm(&mut self, group: GroupId) {
+        let Some(index) = self.index(group.0) else {
+            return self.count_foreign();
+        };
+        let Self { groups, slots, .. } = self;
+        let Some(group) = groups.get_mut(index).filter(|group| group.armed) else {
+            return;
+        };
+        group.armed = false;
+        group.faults = group.faults.saturating_add(1);
+        for &output in &group.outputs {
+            if let Some(slot) = slots.get_mut(output as usize).filter(|slot| !slot.exempt) {
+                slot.bits = slot.safe;
+            }
+        }
+    }
+
+    /// What an output must be now: sanitised, limited, and turned round where asked for. The safe
+    /// value if its group is not armed.
+    ///
+    /// Not finite: the safe value. Out of range: see [`OutOfRange`]. Both are counted, for the pin
+    /// and in total, each time the driver takes such a value. Nothing ever wraps round.
+    pub fn fetch<T: Value>(&mut self, pin: Output<T>) -> T {
+        self.fetch_key(pin.key)
+    }
+
+    /// [`fetch`](Self::fetch) for a pin that both sides set.
+    pub fn fetch_inout<T: Value>(&mut self, pin: InOut<T>) -> T {
+        self.fetch_key(pin.key)
+    }
+
+    fn publish_key<T: Value>(&mut self, key: Key, value: T) {
+        let Some(slot) = self.slot_mut(key) else {
+            return self.count_foreign();
+        };
+        slot.bad = !value.is_finite();
+        if slot.bad {
+            self.reject(key, Rejection::NotFinite);
+        } else {
+            slot.bits = value.to_bits();
+        }
+    }
+
+    fn fetch_key<T: Value>(&mut self, key: Key) -> T {
+        let Some((&slot, group)) = self.slot(key) else {
+            self.count_foreign();
+            return T::default();
+        };
+        let inverted = self.raw_param(slot.invert).is_some_and(|bits| bits != 0);
+        let safe = T::from_bits(slot.safe);
+        let value = if group.armed || slot.exempt {
+            let (value, rejection) = self.sanitised(&slot, T::from_bits(slot.bits));
+            if let Some(rejection) = rejection {
+                self.reject(key, rejection);
+            }
+            value
+        } else {
+            safe
+        };
+        if inverted { value.inverted() } else { value }
+    }
+
+    fn sanitised<T: Value>(&self, slot: &Slot, value: T) -> (T, Option<Rejection>) {
+        let safe = T::from_bits(slot.safe);
+        if !value.is_finite() {
+            return (safe, Some(Rejection::NotFinite));
+        }
+        let own = (T::from_bits(slot.min), T::from_bits(slot.max));
+        let min = self.limit(slot.min_limit, own).unwrap_or(own.0);
+        let max = self.limit(slot.max_limit, own).unwrap_or(own.1);
+        let limited = if value > max {
+            max
+        } else if value < min {
+            min
+        } else {
+            return (value, None);
+        };
+        let value = match slot.out_of_range {
+            OutOfRange::Limit => limited,
+            OutOfRange::Safe => safe,
+        };
+        (value, Some(Rejection::OutOfRange))
+    }
+
+    /// The limit a parameter sets, but never beyond the pin's own limits.
+    fn limit<T: Value>(&self, param: u32, (min, max): (T, T)) -> Option<T> {
+        let set = T::from_f64(f64::from_bits(self.raw_param(param)?));
+        Some(if set < min {
+            min
+        } else if set > max {
+            max
+        } else {
+            set
+        })
+    }
+
+    fn raw_param(&self, index: u32) -> Option<u64> {
+        self.slots.get(index as usize).map(|slot| slot.bits)
+    }
+
+    pub(super) fn reject(&mut self, key: Key, rejection: Rejection) {
+        fn count(rejections: &mut Rejections, rejection: Rejection) {
+            let counter = match rejection {
+                Rejection::NotFinite => &mut rejections.not_finite,
+                Rejection::OutOfRange => &mut rejections.out_of_range,
+            };
+            *counter = counter.saturating_add(1);
+        }
+        count(&mut self.totals, rejection);
+        if let Some(slot) = self.slot_mut(key) {
+            count(&mut slot.rejections, rejection);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,324 @@
+use super::*;
+use crate::hal::{Age, InOut};
+use core::time::Duration;
+use proptest::prelude::*;
+
+fn at(ms: u64) -> Instant {
+    Instant::from_nanos(ms * 1_000_000)
+}
+
+/// A remote with a switch, a lamp and a drive of +-10 V.
+struct Remote {
+    pins: Pins,
+    group: GroupId,
+    switch: Input<bool>,
+    lamp: Output<bool>,
+    drive: Output<f64>,
+}
+
+fn remote() -> Remote {
+    let mut pins = Pins::new();
+    let group = pins.add_group();
+    let switch = pins.add_input(group, Spec::new("switch")).unwrap();
+    let lamp = pins
+        .add_output(group, Spec::new("lamp"), OutputRule::safe_at(false))
+        .unwrap();
+    let drive = pins
+        .add_output(
+            group,
+            Spec::new("drive").limits(-10.0, 10.0),
+            OutputRule::safe_at(0.0),
+        )
+        .unwrap();
+    Remote {
+        pins,
+        group,
+        switch,
+        lamp,
+        drive,
+    }
+}
+
+#[test]
+fn an_input_is_valid_from_its_first_good_transfer_and_ages_after_a_failed_one() {
+    let Remote {
+        mut pins,
+        group,
+        switch,
+        ..
+    } = remote();
+    assert!(!pins.read(switch).valid);
+    assert_eq!(pins.read(switch).age, Age::NEVER);
+
+    pins.begin_cycle(at(1));
+    pins.publish(switch, true);
+    pins.group_good(group);
+    let reading = pins.read(switch);
+    assert_eq!((reading.value, reading.valid), (true, true));
+    assert_eq!(reading.age.cycles, 0);
+
+    for ms in 2..5 {
+        pins.begin_cycle(at(ms));
+        pins.invalidate(group);
+    }
+    let reading = pins.read(switch);
+    assert_eq!((reading.value, reading.valid), (true, false));
+    assert_eq!(reading.age.cycles, 3);
+    assert_eq!(reading.age.time, Duration::from_millis(3));
+    assert_eq!(reading.ok(), None);
+}
+
+#[test]
+fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_back() {
+    let Remote {
+        mut pins,
+        group,
+        lamp,
+        drive,
+        ..
+    } = remote();
+    pins.begin_cycle(at(1));
+    pins.group_good(group);
+    pins.set(lamp, true);
+    pins.set(drive, 5.0);
+    assert_eq!((pins.fetch(lamp), pins.fetch(drive)), (true, 5.0));
+
+    pins.fault(group);
+    assert_eq!((pins.fetch(lamp), pins.fetch(drive)), (false, 0.0));
+    pins.set(drive, 7.0);
+    assert_eq!(
+        pins.fetch(drive),
+        0.0,
+        "not armed: what is set has no effect"
+    );
+    assert_eq!(pins.rearm(group), Err(PinError::NotRunning));
+
+    pins.begin_cycle(at(2));
+    pins.group_good(group);
+    assert_eq!(pins.fetch(drive), 0.0, "running again is not armed again");
+    assert_eq!(pins.rearm(group), Ok(()));
+    assert_eq!(pins.fetch(drive), 7.0);
+    assert!(
+        !pins.fetch(lamp),
+        "the command from before the fault is forgotten"
+    );
+    assert_eq!(pins.group_state(group).unwrap().faults, 1);
+}
+
+#[test]
+fn not_finite_becomes_safe_and_out_of_range_the_limit_and_both_are_counted() {
+    let Remote {
+        mut pins, drive, ..
+    } = remote();
+    for (set, expected) in [
+        (f64::NAN, 0.0),
+        (f64::INFINITY, 0.0),
+        (f64::NEG_INFINITY, 0.0),
+        (10.5, 10.0),
+        (-1e300, -10.0),
+        (10.0, 10.0),
+    ] {
+        pins.set(drive, set);
+        assert_eq!(pins.fetch(drive), expected, "{set}");
+    }
+    let expected = Rejections {
+        not_finite: 3,
+        out_of_range: 2,
+    };
+    assert_eq!(pins.rejections(drive), expected);
+    assert_eq!(pins.total_rejections(), expected);
+}
+
+#[test]
+fn an_output_that_asks_for_it_becomes_safe_when_out_of_range() {
+    let mut pins = Pins::new();
+    let group = pins.add_group();
+    let rule = OutputRule {
+        out_of_range: OutOfRange::Safe,
+        ..OutputRule::safe_at(3)
+    };
+    let pin = pins
+        .add_output::<i32>(group, Spec::new("level").limits(0.0, 9.0), rule)
+        .unwrap();
+    pins.set(pin, 10);
+    assert_eq!(pins.fetch(pin), 3);
+    assert_eq!(pins.rejections(pin).out_of_range, 1);
+}
+
+#[test]
+fn limit_parameters_narrow_an_output_but_never_widen_it() {
+    let Remote {
+        mut pins,
+        group,
+        drive,
+        ..
+    } = remote();
+    let max = pins
+        .add_setting(group, Spec::new("drive-maxlim"), 10.0)
+        .unwrap();
+    let min = pins
+        .add_setting(group, Spec::new("drive-minlim"), -10.0)
+        .unwrap();
+    let modifiers = OutputModifiers {
+        max_limit: Some(max),
+        min_limit: Some(min),
+        ..OutputModifiers::default()
+    };
+    pins.modify(drive, modifiers).unwrap();
+    pins.set_param(max, 4.0).unwrap();
+    pins.set(drive, 8.0);
+    assert_eq!(pins.fetch(drive), 4.0);
+    pins.set_param(max, 400.0).unwrap();
+    pins.set(drive, 80.0);
+    assert_eq!(pins.fetch(drive), 10.0);
+    pins.set_param(max, -400.0).unwrap();
+    assert_eq!(
+        pins.fetch(drive),
+        -10.0,
+        "limits the wrong way round stay inside"
+    );
+    assert_eq!(pins.set_param(max, f64::NAN), Err(PinError::BadValue));
+}
+
+#[test]
+fn an_inverted_output_is_inverted_when_safe_too() {
+    let Remote {
+        mut pins,
+        group,
+        lamp,
+        ..
+    } = remote();
+    let invert = pins
+        .add_setting(group, Spec::new("lamp-invert"), false)
+        .unwrap();
+    let modifiers = OutputModifiers {
+        invert: Some(invert),
+        ..OutputModifiers::default()
+    };
+    pins.modify(lamp, modifiers).unwrap();
+    assert!(!pins.fetch(lamp));
+    pins.set_param(invert, true).unwrap();
+    assert!(pins.fetch(lamp));
+    pins.set(lamp, true);
+    assert!(!pins.fetch(lamp));
+    pins.fault(group);
+    assert!(
+        pins.fetch(lamp),
+        "safe is the lamp off, and off is 1 on this wire"
+    );
+}
+
+#[test]
+fn a_driver_switch_outlives_faults() {
+    let mut pins = Pins::new();
+    let group = pins.add_group();
+    let run = pins
+        .add_output(group, Spec::new("run"), OutputRule::switch(true))
+        .unwrap();
+    pins.fault(group);
+    assert!(pins.fetch(run));
+    pins.set(run, false);
+    assert!(!pins.fetch(run));
+}
+
+#[test]
+fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
+    let mut pins = Pins::new();
+    let group = pins.add_group();
+    let index: InOut<bool> = pins
+        .add_inout(group, Spec::new("index-enable"), OutputRule::safe_at(false))
+        .unwrap();
+    pins.begin_cycle(at(1));
+    pins.group_good(group);
+    pins.set_inout(index, true);
+    assert!(pins.fetch_inout(index));
+    pins.publish_inout(index, false);
+    assert_eq!(pins.read(index).ok(), Some(false));
+}
+
+#[test]
+fn a_number_that_is_none_is_not_published() {
+    let mut pins = Pins::new();
+    let group = pins.add_group();
+    let volts = pins.add_input::<f64>(group, Spec::new("volts")).unwrap();
+    pins.begin_cycle(at(1));
+    pins.publish(volts, 2.5);
+    pins.group_good(group);
+    pins.publish(volts, f64::NAN);
+    let reading = pins.read(volts);
+    assert_eq!((reading.value, reading.valid), (2.5, false));
+    assert_eq!(pins.rejections(volts).not_finite, 1);
+    pins.publish(volts, 3.0);
+    assert_eq!(pins.read(volts).ok(), Some(3.0));
+}
+
+#[test]
+fn a_handle_of_another_store_reads_nothing_sets_nothing_and_is_counted() {
+    let mut a = remote();
+    let mut b = remote();
+    a.pins.begin_cycle(at(1));
+    a.pins.publish(a.switch, true);
+    a.pins.group_good(a.group);
+    assert!(!a.pins.read(b.switch).valid);
+    b.pins.set(a.drive, 5.0);
+    assert_eq!(b.pins.fetch(b.drive), 0.0);
+    assert_eq!(b.pins.fetch(a.drive), 0.0);
+    assert!(!a.pins.read(Input::<bool>::nowhere()).valid);
+    assert_eq!((a.pins.foreign_handles(), b.pins.foreign_handles()), (2, 2));
+    assert_eq!(a.pins.rearm(b.group), Err(PinError::ForeignHandle));
+}
+
+#[test]
+fn pins_are_found_by_name_only_as_what_they_are() {
+    let Remote {
+        pins,
+        switch,
+        drive,
+        ..
+    } = remote();
+    assert_eq!(pins.input("switch"), Ok(switch));
+    assert_eq!(pins.output("drive"), Ok(drive));
+    assert_eq!(pins.input::<bool>("swatch"), Err(PinError::NotFound));
+    assert!(matches!(
+        pins.input::<bool>("lamp"),
+        Err(PinError::WrongRole { .. })
+    ));
+    assert!(matches!(
+        pins.input::<u32>("switch"),
+        Err(PinError::WrongType { .. })
+    ));
+}
+
+#[test]
+fn names_are_checked() {
+    let mut pins = Pins::new();
+    let group = pins.add_group();
+    let mut add = |name: &str| pins.add_input::<bool>(group, Spec::new(name)).err();
+    assert_eq!(add("a"), None);
+    assert_eq!(add("a"), Some(PinError::NameTaken { existing: 0 }));
+    assert_eq!(add(""), Some(PinError::BadName { position: 0 }));
+    assert_eq!(add("a b"), Some(PinError::BadName { position: 1 }));
+    assert_eq!(add(&"x".repeat(47)), None);
+    assert_eq!(
+        add(&"x".repeat(48)),
+        Some(PinError::NameTooLong { length: 48 })
+    );
+}
+
+proptest! {
+    #[test]
+    fn an_output_is_always_finite_and_within_its_limits(
+        value in any::<f64>(), maxlim in any::<f64>(), minlim in any::<f64>(),
+    ) {
+        let Remote { mut pins, group, drive, .. } = remote();
+        let max = pins.add_setting(group, Spec::new("max"), 10.0).unwrap();
+        let min = pins.add_setting(group, Spec::new("min"), -10.0).unwrap();
+        let modifiers = OutputModifiers { invert: None, max_limit: Some(max), min_limit: Some(min) };
+        pins.modify(drive, modifiers).unwrap();
+        let _ = pins.set_param(max, maxlim);
+        let _ = pins.set_param(min, minlim);
+        pins.set(drive, value);
+        let fetched = pins.fetch(drive);
+        prop_assert!((-10.0..=10.0).contains(&fetched));
+    }
+}

@@ -1,0 +1,146 @@
+//! What is known of a pin beside its value.
+
+use alloc::borrow::Cow;
+use alloc::string::String;
+
+use super::{GroupId, HalType, PinError};
+
+/// The longest name: what LinuxCNC's HAL takes.
+///
+/// Names of up to 41 characters also fit its older tools (FACTS 8.6).
+pub const MAX_NAME: usize = 47;
+
+/// The largest number of pins and parameters of a store.
+pub const MAX_PINS: usize = 1 << 20;
+
+/// What something in the store is, as LinuxCNC sees it.
+///
+/// LinuxCNC's directions are those of the driver: what the machine reports is `OUT` of the driver.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// Set by the driver, read by the application: [`Input`](super::Input), HAL `OUT`.
+    Input,
+    /// Set by the application: [`Output`](super::Output), HAL `IN`.
+    Output,
+    /// Set by both: [`InOut`](super::InOut), HAL `I/O`.
+    InOut,
+    /// A setting: [`Param`](super::Param), HAL `RW`.
+    Setting,
+    /// A property that can not be changed: [`Param`](super::Param), HAL `RO`.
+    Property,
+}
+
+impl Role {
+    /// LinuxCNC's word, as `halcmd show` prints it.
+    pub const fn hal_direction(self) -> &'static str {
+        match self {
+            Self::Input => "OUT",
+            Self::Output => "IN",
+            Self::InOut => "I/O",
+            Self::Setting => "RW",
+            Self::Property => "RO",
+        }
+    }
+
+    /// Whether it is a parameter and no pin.
+    pub const fn is_param(self) -> bool {
+        matches!(self, Self::Setting | Self::Property)
+    }
+}
+
+impl core::fmt::Display for Role {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.pad(match self {
+            Self::Input => "an input",
+            Self::Output => "an output",
+            Self::InOut => "a pin set by both sides",
+            Self::Setting => "a parameter",
+            Self::Property => "a read-only parameter",
+        })
+    }
+}
+
+/// What is known of a pin or parameter beside its value.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct PinInfo {
+    /// Its LinuxCNC name, for example `hm2_7i92.0.7i77.0.0.input-07-not`.
+    pub name: String,
+    /// Its type.
+    pub hal_type: HalType,
+    /// Which way it goes, or what kind of parameter it is.
+    pub role: Role,
+    /// The terminal it is at, for example `TB8 pin 3`; empty if it is at none.
+    pub terminal: Cow<'static, str>,
+    /// The terminal's name in the manual, for example `INPUT2`; empty if it has none.
+    pub signal: Cow<'static, str>,
+    /// Its unit, for example `V`; empty for a plain number or truth value.
+    pub unit: Cow<'static, str>,
+    /// The smallest and the largest value it can have, where there are such.
+    pub limits: Option<(f64, f64)>,
+    /// The group it belongs to.
+    pub group: GroupId,
+}
+
+/// What a pin or parameter is to be, for the `add_` functions of [`Pins`](super::Pins).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Spec {
+    pub(super) name: String,
+    pub(super) terminal: Cow<'static, str>,
+    pub(super) signal: Cow<'static, str>,
+    pub(super) unit: Cow<'static, str>,
+    pub(super) limits: Option<(f64, f64)>,
+}
+
+impl Spec {
+    /// A pin or parameter of that name, at no terminal, without unit or limits.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            ..Self::default()
+        }
+    }
+
+    /// At this terminal, for example `TB8 pin 3`, named there as given, for example `INPUT2`.
+    #[must_use]
+    pub fn at(
+        mut self,
+        terminal: impl Into<Cow<'static, str>>,
+        signal: impl Into<Cow<'static, str>>,
+    ) -> Self {
+        self.terminal = terminal.into();
+        self.signal = signal.into();
+        self
+    }
+
+    /// In this unit.
+    #[must_use]
+    pub fn unit(mut self, unit: impl Into<Cow<'static, str>>) -> Self {
+        self.unit = unit.into();
+        self
+    }
+
+    /// Between these values, both included.
+    ///
+    /// On an output they are kept: a value outside becomes the limit, or the safe value
+    /// ([`OutOfRange`](super::OutOfRange)). On an input they tell what to expect.
+    #[must_use]
+    pub fn limits(mut self, min: f64, max: f64) -> Self {
+        self.limits = Some((min, max));
+        self
+    }
+}
+
+/// Checks a name: length, and no space, quote or other character that ends a word in a HAL file.
+pub(super) fn check_name(name: &str) -> Result<(), PinError> {
+    if name.len() > MAX_NAME {
+        return Err(PinError::NameTooLong { length: name.len() });
+    }
+    let bad =
+        |c: char| !c.is_ascii_graphic() || matches!(c, '"' | '\'' | '#' | '$' | '[' | ']' | '=');
+    match name.char_indices().find(|&(_, c)| bad(c)) {
+        Some((position, _)) => Err(PinError::BadName { position }),
+        None if name.is_empty() => Err(PinError::BadName { position: 0 }),
+        None => Ok(()),
+    }
+}

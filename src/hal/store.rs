@@ -1,0 +1,556 @@
+//! The store: what the pins are and what they hold.
+
+use alloc::vec::Vec;
+use core::sync::atomic::{AtomicU32, Ordering};
+use core::time::Duration;
+
+use super::handle::{Key, sealed::Keyed};
+use super::info::{MAX_PINS, check_name};
+use super::{
+    GroupId, HalType, InOut, Input, Output, Param, PinError, PinInfo, Readable, Role, Spec, Value,
+};
+use crate::bus::Instant;
+
+/// Where the number of the next store comes from; 0 is nobody's.
+static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
+
+/// All pins and parameters of a machine.
+///
+/// The driver owns it; the application keeps handles ([`Input`], [`Output`], [`InOut`], [`Param`]),
+/// which are small and `Copy`. Setting it up allocates. [`read`](Self::read), [`set`](Self::set)
+/// and everything a driver does in the cycle take constant time, never allocate and never panic.
+///
+/// Pins come in groups that work or fail together: those of a remote, or of the board. A group is
+/// *valid* while its transfers succeed, and *armed* unless a fault disarmed it: outputs of a group
+/// that is not armed have their safe values, until the application calls [`rearm`](Self::rearm).
+#[derive(Debug)]
+pub struct Pins {
+    pub(super) id: u32,
+    pub(super) slots: Vec<Slot>,
+    infos: Vec<PinInfo>,
+    /// Indices of `infos`, ordered by name.
+    by_name: Vec<u32>,
+    pub(super) groups: Vec<Group>,
+    pub(super) cycle: u64,
+    pub(super) now: Instant,
+    pub(super) totals: Rejections,
+    foreign: AtomicU32,
+}
+
+/// Values that were not used as they were.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rejections {
+    /// Not a number, or infinite.
+    pub not_finite: u64,
+    /// Outside the limits.
+    pub out_of_range: u64,
+}
+
+/// How long ago the last good transfer was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Age {
+    /// In cycles: 0 in the cycle of the transfer.
+    pub cycles: u64,
+    /// In time, up to the start of this cycle.
+    pub time: Duration,
+}
+
+impl Age {
+    /// There was none yet.
+    pub const NEVER: Self = Self {
+        cycles: u64::MAX,
+        time: Duration::MAX,
+    };
+}
+
+/// What reading a pin gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[must_use]
+pub struct Reading<T> {
+    /// The value: the last good one if `valid` is false, or the type's zero if there never was one.
+    pub value: T,
+    /// Whether it is from a transfer that succeeded, and the group has not failed since.
+    pub valid: bool,
+    /// How long ago that transfer was.
+    pub age: Age,
+}
+
+impl<T> Reading<T> {
+    /// The value, if it is valid.
+    pub fn ok(self) -> Option<T> {
+        self.valid.then_some(self.value)
+    }
+
+    /// The value if it is valid, and `otherwise` if not.
+    pub fn valid_or(self, otherwise: T) -> T {
+        if self.valid { self.value } else { otherwise }
+    }
+}
+
+/// What becomes of an output outside its limits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OutOfRange {
+    /// The nearest limit, as LinuxCNC does.
+    ///
+    /// The rule for numbers: the command of a servo loop that saturates means "as much as there
+    /// is", and dropping it to the safe value at that moment would let the axis go.
+    #[default]
+    Limit,
+    /// The safe value.
+    Safe,
+}
+
+/// The state of a group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct GroupState {
+    /// Its last transfer succeeded.
+    pub valid: bool,
+    /// Its outputs follow the application; otherwise they have their safe values.
+    pub armed: bool,
+    /// How long ago the last good transfer was.
+    pub age: Age,
+    /// How often a fault disarmed it.
+    pub faults: u64,
+}
+
+#[derive(Debug)]
+pub(super) struct Group {
+    pub valid: bool,
+    pub armed: bool,
+    pub last_good: Option<(u64, Instant)>,
+    pub faults: u64,
+    /// Its outputs, for resetting them.
+    pub outputs: Vec<u32>,
+}
+
+/// What the cycle needs of a pin. Values are kept as bits: see [`Value::to_bits`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slot {
+    pub bits: u64,
+    pub group: u32,
+    /// The last value published for an input was no number.
+    pub bad: bool,
+    /// An output that a fault does not silence, such as `run`.
+    pub exempt: bool,
+    pub out_of_range: OutOfRange,
+    pub safe: u64,
+    pub min: u64,
+    pub max: u64,
+    /// Parameters that act on it; `NONE` where there is none.
+    pub invert: u32,
+    pub max_limit: u32,
+    pub min_limit: u32,
+    pub rejections: Rejections,
+}
+
+pub(super) const NONE: u32 = u32::MAX;
+
+impl Default for Pins {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Pins {
+    /// A store without pins.
+    pub fn new() -> Self {
+        Self {
+            // Wraps round after four thousand million stores, skipping nobody's number.
+            id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
+            slots: Vec::new(),
+            infos: Vec::new(),
+            by_name: Vec::new(),
+            groups: Vec::new(),
+            cycle: 0,
+            now: Instant::default(),
+            totals: Rejections::default(),
+            foreign: AtomicU32::new(0),
+        }
+    }
+
+    /// How many pins and parameters there are.
+    pub fn len(&self) -> usize {
+        self.infos.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.infos.is_empty()
+    }
+
+    /// All of them, in the order in which they were made: pins and parameters of the board first,
+    /// then remote by remote. The order is the same in every run on the same machine.
+    pub fn infos(&self) -> &[PinInfo] {
+        &self.infos
+    }
+
+    /// What is known of a pin; `None` for a handle of another store.
+    pub fn info(&self, pin: impl Keyed) -> Option<&PinInfo> {
+        self.infos.get(self.index(pin.key())?)
+    }
+
+    /// Reads a pin.
+    ///
+    /// A handle of another store gives zero, not valid, and is counted in
+    /// [`foreign_handles`](Self::foreign_handles).
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn read<T: Value>(&self, pin: impl Readable<T>) -> Reading<T> {
+        let Some((slot, group)) = self.slot(pin.key()) else {
+            self.count_foreign();
+            return Reading {
+                value: T::default(),
+                valid: false,
+                age: Age::NEVER,
+            };
+        };
+        Reading {
+            value: T::from_bits(slot.bits),
+            valid: group.valid && !slot.bad,
+            age: self.age(group),
+        }
+    }
+
+    /// Sets an output. It takes effect with the driver's next `write`, if its group is armed.
+    ///
+    /// Values that are not finite or out of range are replaced when the driver takes them, and
+    /// counted: see [`rejections`](Self::rejections). A handle of another store sets nothing.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set<T: Value>(&mut self, pin: Output<T>, value: T) {
+        self.store(pin.key, value);
+    }
+
+    /// Sets a pin that both sides set.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
+        self.store(pin.key, value);
+    }
+
+    /// What the application last set an output to; after a fault, its safe value.
+    pub fn commanded<T: Value>(&self, pin: Output<T>) -> T {
+        self.bits(pin.key).map_or_else(T::default, T::from_bits)
+    }
+
+    /// The value of a parameter; zero for a handle of another store.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn param<T: Value>(&self, param: Param<T>) -> T {
+        self.bits(param.key).map_or_else(T::default, T::from_bits)
+    }
+
+    /// Changes a setting.
+    ///
+    /// # Errors
+    /// [`PinError::ReadOnly`], [`PinError::BadValue`], [`PinError::ForeignHandle`]. The setting then
+    /// keeps its value.
+    pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
+        let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
+        let role = self.infos.get(index).map(|info| info.role);
+        if role != Some(Role::Setting) {
+            return Err(PinError::ReadOnly);
+        }
+        let slot = self.slots.get_mut(index).ok_or(PinError::ForeignHandle)?;
+        let within = T::from_bits(slot.min) <= value && value <= T::from_bits(slot.max);
+        if !value.is_finite() || !within {
+            return Err(PinError::BadValue);
+        }
+        slot.bits = value.to_bits();
+        Ok(())
+    }
+
+    /// The state of a group; `None` for a group of another store.
+    pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
+        let group = self.group_ref(group)?;
+        Some(GroupState {
+            valid: group.valid,
+            armed: group.armed,
+            age: self.age(group),
+            faults: group.faults,
+        })
+    }
+
+    /// Lets the outputs of a group follow the application again after a fault.
+    ///
+    /// What was set before the fault is forgotten: outputs start from their safe values and from
+    /// what was set since.
+    ///
+    /// # Errors
+    /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
+    pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
+        let group = self.group_mut(group).ok_or(PinError::ForeignHandle)?;
+        if !group.valid {
+            return Err(PinError::NotRunning);
+        }
+        group.armed = true;
+        Ok(())
+    }
+
+    /// [`rearm`](Self::rearm) for every group that runs; how many were disarmed and are armed now.
+    pub fn rearm_all(&mut self) -> usize {
+        let mut count = 0;
+        for group in self.groups.iter_mut().filter(|g| g.valid && !g.armed) {
+            group.armed = true;
+            count += 1;
+        }
+        count
+    }
+
+    /// The groups, in the order in which they were made.
+    pub fn groups(&self) -> impl Iterator<Item = GroupId> + '_ {
+        (0..self.groups.len() as u32).map(|index| GroupId(self.key(index)))
+    }
+
+    /// Values that were not used as they were, all pins together.
+    pub fn total_rejections(&self) -> Rejections {
+        self.totals
+    }
+
+    /// Values of this pin that were not used as they were.
+    pub fn rejections(&self, pin: impl Keyed) -> Rejections {
+        self.slot(pin.key())
+            .map_or_else(Rejections::default, |(slot, _)| slot.rejections)
+    }
+
+    /// How often a handle of another store was used. Anything but 0 is a mistake in the program.
+    pub fn foreign_handles(&self) -> u32 {
+        self.foreign.load(Ordering::Relaxed)
+    }
+
+    /// The place of a name in [`infos`](Self::infos).
+    ///
+    /// # Real time
+    /// Grows with the logarithm of the number of pins; handles are for the cycle.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.search(name)
+            .ok()
+            .and_then(|place| self.by_name.get(place))
+            .map(|&index| index as usize)
+    }
+
+    /// The input of that name.
+    pub fn input<T: Value>(&self, name: &str) -> Result<Input<T>, PinError> {
+        self.find::<T>(name, Role::Input).map(Input::new)
+    }
+
+    /// The output of that name.
+    pub fn output<T: Value>(&self, name: &str) -> Result<Output<T>, PinError> {
+        self.find::<T>(name, Role::Output).map(Output::new)
+    }
+
+    /// The pin of that name that both sides set.
+    pub fn inout<T: Value>(&self, name: &str) -> Result<InOut<T>, PinError> {
+        self.find::<T>(name, Role::InOut).map(InOut::new)
+    }
+
+    /// The parameter of that name.
+    pub fn parameter<T: Value>(&self, name: &str) -> Result<Param<T>, PinError> {
+        self.find::<T>(name, Role::Setting).map(Param::new)
+    }
+
+    /// The value of the pin or parameter at a place of [`infos`](Self::infos), whatever its type.
+    pub fn value_at(&self, position: usize) -> Option<AnyValue> {
+        let bits = self.slots.get(position)?.bits;
+        Some(match self.infos.get(position)?.hal_type {
+            HalType::Bit => AnyValue::Bit(Value::from_bits(bits)),
+            HalType::Float => AnyValue::Float(Value::from_bits(bits)),
+            HalType::S32 => AnyValue::S32(Value::from_bits(bits)),
+            HalType::U32 => AnyValue::U32(Value::from_bits(bits)),
+            HalType::S64 => AnyValue::S64(Value::from_bits(bits)),
+            HalType::U64 => AnyValue::U64(Value::from_bits(bits)),
+        })
+    }
+}
+
+/// A value and its type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnyValue {
+    /// A truth value.
+    Bit(bool),
+    /// A real number.
+    Float(f64),
+    /// A 32-bit number with sign.
+    S32(i32),
+    /// A 32-bit number.
+    U32(u32),
+    /// A 64-bit number with sign.
+    S64(i64),
+    /// A 64-bit number.
+    U64(u64),
+}
+
+/// Making pins and finding them.
+impl Pins {
+    pub(super) fn insert<T: Value>(
+        &mut self,
+        group: GroupId,
+        role: Role,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Key, PinError> {
+        check_name(&spec.name)?;
+        self.group_ref(group).ok_or(PinError::ForeignHandle)?;
+        let place = match self.search(&spec.name) {
+            Ok(place) => {
+                let existing = self.by_name.get(place).map_or(0, |&index| index as usize);
+                return Err(PinError::NameTaken { existing });
+            }
+            Err(place) => place,
+        };
+        if self.infos.len() >= MAX_PINS {
+            return Err(PinError::TooMany);
+        }
+        let slot = Slot::new(group.0.index, initial, spec.limits)?;
+        let index = self.infos.len() as u32;
+        self.by_name.insert(place, index);
+        self.slots.push(slot);
+        self.infos.push(PinInfo {
+            name: spec.name,
+            hal_type: T::TYPE,
+            role,
+            terminal: spec.terminal,
+            signal: spec.signal,
+            unit: spec.unit,
+            limits: spec.limits,
+            group,
+        });
+        let silenced = matches!(role, Role::Output | Role::InOut);
+        if let Some(group) = self.group_mut(group).filter(|_| silenced) {
+            group.outputs.push(index);
+        }
+        Ok(self.key(index))
+    }
+
+    pub(super) fn set_info_limits(&mut self, key: Key, limits: Option<(f64, f64)>) {
+        if let Some(index) = self.index(key)
+            && let Some(info) = self.infos.get_mut(index)
+        {
+            info.limits = limits;
+        }
+    }
+
+    fn search(&self, name: &str) -> Result<usize, usize> {
+        self.by_name.binary_search_by(|&index| {
+            self.infos
+                .get(index as usize)
+                .map_or("", |info| info.name.as_str())
+                .cmp(name)
+        })
+    }
+
+    fn find<T: Value>(&self, name: &str, expected: Role) -> Result<Key, PinError> {
+        let index = self.position(name).ok_or(PinError::NotFound)?;
+        let info = self.infos.get(index).ok_or(PinError::NotFound)?;
+        let param = expected.is_param() && info.role.is_param();
+        if info.role != expected && !param {
+            return Err(PinError::WrongRole {
+                expected,
+                actual: info.role,
+            });
+        }
+        if info.hal_type != T::TYPE {
+            return Err(PinError::WrongType {
+                expected: T::TYPE,
+                actual: info.hal_type,
+            });
+        }
+        Ok(self.key(index as u32))
+    }
+}
+
+/// Small steps that the other functions share.
+impl Pins {
+    pub(super) fn key(&self, index: u32) -> Key {
+        Key {
+            store: self.id,
+            index,
+        }
+    }
+
+    pub(super) fn index(&self, key: Key) -> Option<usize> {
+        (key.store == self.id).then_some(key.index as usize)
+    }
+
+    pub(super) fn slot(&self, key: Key) -> Option<(&Slot, &Group)> {
+        let slot = self.slots.get(self.index(key)?)?;
+        Some((slot, self.groups.get(slot.group as usize)?))
+    }
+
+    pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut Slot> {
+        let index = self.index(key)?;
+        self.slots.get_mut(index)
+    }
+
+    pub(super) fn group_ref(&self, group: GroupId) -> Option<&Group> {
+        self.groups.get(self.index(group.0)?)
+    }
+
+    pub(super) fn group_mut(&mut self, group: GroupId) -> Option<&mut Group> {
+        let index = self.index(group.0)?;
+        self.groups.get_mut(index)
+    }
+
+    pub(super) fn count_foreign(&self) {
+        self.foreign.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn bits(&self, key: Key) -> Option<u64> {
+        let bits = self.slot(key).map(|(slot, _)| slot.bits);
+        if bits.is_none() {
+            self.count_foreign();
+        }
+        bits
+    }
+
+    fn store<T: Value>(&mut self, key: Key, value: T) {
+        match self.slot_mut(key) {
+            Some(slot) => slot.bits = value.to_bits(),
+            None => self.count_foreign(),
+        }
+    }
+
+    fn age(&self, group: &Group) -> Age {
+        group.last_good.map_or(Age::NEVER, |(cycle, time)| Age {
+            cycles: self.cycle.saturating_sub(cycle),
+            time: self.now.since(time),
+        })
+    }
+}
+
+impl Slot {
+    fn new<T: Value>(group: u32, initial: T, limits: Option<(f64, f64)>) -> Result<Self, PinError> {
+        if !initial.is_finite() {
+            return Err(PinError::BadLimits);
+        }
+        let (min, max) = match limits {
+            None => T::bounds(),
+            Some((min, max)) if min.is_finite() && max.is_finite() => {
+                (T::from_f64(min), T::from_f64(max))
+            }
+            Some(_) => return Err(PinError::BadLimits),
+        };
+        if !(min <= initial && initial <= max) {
+            return Err(PinError::BadLimits);
+        }
+        Ok(Self {
+            bits: initial.to_bits(),
+            group,
+            bad: false,
+            exempt: false,
+            out_of_range: OutOfRange::default(),
+            safe: initial.to_bits(),
+            min: min.to_bits(),
+            max: max.to_bits(),
+            invert: NONE,
+            max_limit: NONE,
+            min_limit: NONE,
+            rejections: Rejections::default(),
+        })
+    }
+}
