@@ -1,1 +1,33 @@
 //! LBP16 packets as bytes: command words, eight spaces, info areas. Pure, no I/O.
+//!
+//! A packet is a row of commands, executed in order; everything that it reads comes back in one
+//! reply, in the same order and without any framing. Both roles are here: a host builds requests
+//! with a [`RequestBuilder`] and takes a [`Reply`] apart, a board walks through a request with
+//! [`Operations`]. Everything on the wire is little endian, every address is a byte address.
+//!
+//! Source: manual 7I97, "LBP16" to "SPACE 7: LBP READ ONLY AREA", and FACTS 10.
+
+mod access;
+mod builder;
+mod command;
+mod info;
+mod parser;
+mod pointers;
+pub mod registers;
+mod reply;
+
+pub use access::{AccessError, check_access};
+pub use builder::{BuildError, RequestBuilder};
+pub use command::{Command, CommandError, ElementSize, MAX_COUNT, Space};
+pub use info::{COOKIE, InfoArea, InfoError, MemoryRanges, MemorySizes, MemoryType};
+pub use parser::{Operation, Operations, ParseError};
+pub use pointers::AddressPointers;
+pub use registers::ErrorRegister;
+pub use reply::{Reply, ReplyError};
+
+/// The UDP port of every board. Manual: 7I97, "UDP".
+pub const PORT: u16 = 27181;
+
+/// The most bytes of a request or a reply: what fits into an Ethernet frame of 1500 bytes behind
+/// the IP and UDP headers. Manual: 7I97, "HOST COMMUNICATION": no fragmentation.
+pub const MAX_PACKET: usize = 1472;

@@ -1,0 +1,104 @@
+//! Whether a space takes an access.
+
+use super::{Command, ElementSize, MemorySizes, Space};
+
+/// Checks a command against what its space allows (its MEMSIZES word); `None`: there is no such
+/// space.
+///
+/// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
+pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(), AccessError> {
+    let (space, size) = (command.space, command.size);
+    let sizes = sizes.ok_or(AccessError::NoSpace { space })?;
+    let allowed = if command.info {
+        size == ElementSize::Word
+    } else {
+        sizes.allows(size)
+    };
+    if !allowed {
+        return Err(AccessError::Size { space, size });
+    }
+    if command.write && (command.info || !sizes.writable()) {
+        return Err(AccessError::ReadOnly {
+            space,
+            info: command.info,
+        });
+    }
+    Ok(())
+}
+
+/// A space does not take this access.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AccessError {
+    /// The firmware does not have the space.
+    #[error("space {space:?} does not exist in this firmware")]
+    NoSpace {
+        /// The space.
+        space: Space,
+    },
+    /// Elements of this size are not allowed there.
+    #[error("space {space:?} does not take elements of {} bytes", size.bytes())]
+    Size {
+        /// The space.
+        space: Space,
+        /// The size.
+        size: ElementSize,
+    },
+    /// It can not be written.
+    #[error("space {space:?}{} is read only", if *info { " (its info area)" } else { "" })]
+    ReadOnly {
+        /// The space.
+        space: Space,
+        /// Its info area was meant.
+        info: bool,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lbp16::MemoryType;
+
+    const RW32: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Double, true);
+    const RO16: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Word, false);
+
+    #[test]
+    fn size_direction_and_existence_are_checked() {
+        let space = Space::HostMot2;
+        let read = Command::read(space, 1).unwrap();
+        let write = Command::write(space, 1).unwrap();
+        assert_eq!(check_access(&read, Some(RW32)), Ok(()));
+        assert_eq!(check_access(&write, Some(RW32)), Ok(()));
+        let size = ElementSize::Double;
+        assert_eq!(
+            check_access(&read, Some(RO16)),
+            Err(AccessError::Size { space, size })
+        );
+        assert_eq!(
+            check_access(&write.with_size(ElementSize::Word), Some(RO16)),
+            Err(AccessError::ReadOnly { space, info: false })
+        );
+        assert_eq!(
+            check_access(&read, None),
+            Err(AccessError::NoSpace { space })
+        );
+    }
+
+    #[test]
+    fn info_areas_are_read_only_and_16_bits() {
+        let space = Space::HostMot2;
+        let info = Command::read_info(space, 1).unwrap();
+        assert_eq!(check_access(&info, Some(RW32)), Ok(()));
+        let size = ElementSize::Double;
+        assert_eq!(
+            check_access(&info.with_size(size), Some(RW32)),
+            Err(AccessError::Size { space, size })
+        );
+        let mut write = info;
+        write.write = true;
+        assert_eq!(
+            check_access(&write, Some(RW32)),
+            Err(AccessError::ReadOnly { space, info: true })
+        );
+    }
+}

@@ -1,0 +1,166 @@
+//! Registers and layouts of spaces 2 to 7, as addresses. Sources: manual 7I97, the section named.
+
+use bitflags::bitflags;
+
+/// Space 2, "ETHERNET EEPROM LAYOUT".
+pub mod eeprom {
+    /// Bytes of the space.
+    pub const LEN: u16 = 0x80;
+    /// The bytes before this address can not be written.
+    pub const FIRST_WRITABLE: u16 = 0x20;
+    /// MAC address, low word first: three words.
+    pub const MAC: u16 = 0x02;
+    /// Card name: sixteen characters.
+    pub const CARD_NAME: u16 = 0x10;
+    /// IP address, low word first: two words.
+    pub const IP_ADDRESS: u16 = 0x20;
+    /// Netmask, low word first: two words. Firmware 16 and later.
+    pub const NETMASK: u16 = 0x24;
+    /// LED mode at power-up: bit 0 is 1 for debug LEDs.
+    pub const LED_MODE: u16 = 0x28;
+    /// The first firmware version that has a netmask.
+    pub const NETMASK_FIRMWARE: u16 = 16;
+}
+
+/// Space 3, "FLASH MEMORY REGISTERS".
+pub mod flash {
+    /// Byte address in the flash; moves on by 4 with each access of [`DATA`].
+    pub const ADDRESS: u16 = 0x00;
+    /// Data port.
+    pub const DATA: u16 = 0x04;
+    /// Flash id, read only.
+    pub const ID: u16 = 0x08;
+    /// Writing erases the sector at [`ADDRESS`].
+    pub const SECTOR_ERASE: u16 = 0x0C;
+    /// Bytes of a page, which are written together.
+    pub const PAGE: usize = 256;
+    /// Bytes of a sector, which are erased together.
+    pub const SECTOR: usize = 0x1_0000;
+}
+
+/// Space 4, "SPACE 4 LBP TIMER/UTILITY AREA".
+pub mod timer {
+    /// Free-running microseconds; writes do nothing.
+    pub const TIME_STAMP: u16 = 0x00;
+    /// Writing waits for that many microseconds.
+    pub const WAIT_US: u16 = 0x02;
+    /// Longest wait for HostMot2, in microseconds.
+    pub const HM2_TIMEOUT: u16 = 0x04;
+    /// Reading or writing waits for the reference output of HostMot2's DPLL.
+    pub const WAIT_FOR_HM2_REFERENCE: u16 = 0x06;
+    /// The same for timers 1 to 4: four registers.
+    pub const WAIT_FOR_HM2_TIMER1: u16 = 0x08;
+    /// Eight registers for anything.
+    pub const SCRATCH: u16 = 0x10;
+    /// Bytes of the space.
+    pub const LEN: u16 = 0x20;
+}
+
+/// Space 6, "SPACE 6 LBP STATUS/CONTROL AREA".
+pub mod control {
+    /// See [`ErrorRegister`](super::ErrorRegister).
+    pub const ERROR: u16 = 0x00;
+    /// Requests that were no row of whole commands.
+    pub const PARSE_ERRORS: u16 = 0x02;
+    /// Accesses that a space did not take.
+    pub const MEMORY_ERRORS: u16 = 0x04;
+    /// Writes that were refused.
+    pub const WRITE_ERRORS: u16 = 0x06;
+    /// Packets received.
+    pub const RX_PACKETS: u16 = 0x08;
+    /// UDP packets received.
+    pub const RX_UDP: u16 = 0x0A;
+    /// Bad packets received.
+    pub const RX_BAD: u16 = 0x0C;
+    /// Packets sent.
+    pub const TX_PACKETS: u16 = 0x0E;
+    /// UDP packets sent.
+    pub const TX_UDP: u16 = 0x10;
+    /// Packets that could not be sent.
+    pub const TX_BAD: u16 = 0x12;
+    /// Bit 0: the LEDs show debug information, not HostMot2's.
+    pub const LED_MODE: u16 = 0x14;
+    /// Address in this space of what the debug LEDs show.
+    pub const DEBUG_LED_POINTER: u16 = 0x16;
+    /// For anything, such as sequence numbers.
+    pub const SCRATCH: u16 = 0x18;
+    /// `5A0N` allows writes to space N until the end of the packet.
+    pub const WRITE_ENABLE: u16 = 0x1A;
+    /// A value that is not 0 resets the firmware: up to half a second of silence.
+    pub const RESET: u16 = 0x1C;
+    /// The FPGA's configuration port (ICAP), for a reload.
+    pub const ICAP: u16 = 0x1E;
+    /// Bytes of the space.
+    pub const LEN: u16 = 0x20;
+
+    /// What [`WRITE_ENABLE`] takes to allow EEPROM writes.
+    pub const ENABLE_EEPROM: u16 = 0x5A02;
+    /// What [`WRITE_ENABLE`] takes to allow flash writes and erases.
+    pub const ENABLE_FLASH: u16 = 0x5A03;
+}
+
+/// Space 7, "SPACE 7: LBP READ ONLY AREA".
+pub mod read_only {
+    /// Card name: sixteen characters.
+    pub const CARD_NAME: u16 = 0x00;
+    /// Version of the protocol.
+    pub const LBP_VERSION: u16 = 0x10;
+    /// Version of the firmware.
+    pub const FIRMWARE_VERSION: u16 = 0x12;
+    /// Option jumpers: where the IP address comes from.
+    pub const JUMPERS: u16 = 0x14;
+    /// When the last packet began to come in, in microseconds.
+    pub const RECEIVE_START: u16 = 0x18;
+    /// When it had come in.
+    pub const RECEIVE_DONE: u16 = 0x1A;
+    /// When the previous reply began to go out.
+    pub const SEND_START: u16 = 0x1C;
+    /// When it had gone out.
+    pub const SEND_DONE: u16 = 0x1E;
+    /// Bytes of the space.
+    pub const LEN: u16 = 0x20;
+    /// The first firmware version that can reload the FPGA (FACTS 10.2).
+    pub const RELOAD_FIRMWARE: u16 = 15;
+}
+
+bitflags! {
+    /// The error register, space 6 address 0. Manual: 7I97, "ERROR REGISTER FORMAT".
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct ErrorRegister: u16 {
+        /// A request was no row of whole commands.
+        const PARSE = 1 << 0;
+        /// A space did not take an access.
+        const MEMORY = 1 << 1;
+        /// A write was refused.
+        const WRITE = 1 << 2;
+        /// A packet came in damaged.
+        const RECEIVE = 1 << 3;
+        /// A packet could not be sent.
+        const TRANSMIT = 1 << 4;
+        /// HostMot2's timer did not come in time.
+        const HM2_TIMEOUT = 1 << 5;
+        /// Reserved bits are kept.
+        const _ = !0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_bits_are_those_of_the_manual() {
+        let all = [
+            ErrorRegister::PARSE,
+            ErrorRegister::MEMORY,
+            ErrorRegister::WRITE,
+            ErrorRegister::RECEIVE,
+            ErrorRegister::TRANSMIT,
+            ErrorRegister::HM2_TIMEOUT,
+        ];
+        for (bit, flag) in all.into_iter().enumerate() {
+            assert_eq!(flag.bits(), 1 << bit);
+        }
+        assert_eq!(ErrorRegister::from_bits_retain(0x8041).bits(), 0x8041);
+    }
+}
