@@ -1,5 +1,20 @@
 //! The serial Little Binary Protocol as bytes: commands, CRC-8, RPCs, framing. Pure, no I/O.
+//!
+//! Host side: a [`Request`] is a frame and the check of its answer. Remote side: a [`Parser`]
+//! makes requests of the characters that come in, and an [`RpcTable`] holds and runs stored lists.
 
+mod command;
 mod crc;
+mod local;
+mod parser;
+mod request;
+mod rpc;
+mod status;
 
+pub use command::{Access, Command, DataSize, RpcNumber};
 pub use crc::crc8;
+pub use local::{LocalRead, LocalWrite};
+pub use parser::{Parsed, Parser, ParserCounts, ReceivedRequest, RpcSizes};
+pub use request::{DiscoveryReply, Frame, FrameError, MAX_FRAME, Request};
+pub use rpc::{MemoryError, RPC_PITCH, RPC_TABLE_SIZE, RpcError, RpcMemory, RpcReply, RpcTable};
+pub use status::{COOKIE, Capabilities, LbpStatus, Nonvolatile, RemoteFaults, flash};
