@@ -4,5 +4,14 @@
 //! addresses with the driver, and nothing else: its behaviour comes from the manuals, from what
 //! the gateware was seen to do and from its recorded transcripts.
 
+mod fpga;
+pub mod machines;
+mod modules;
 pub mod sslbp;
 pub mod wire;
+
+pub use fpga::{
+    AccessCounters, DEFAULT_ACCESS_COST, DriveSignal, Firmware, ModuleDescriptor, OUTPUT_PIN,
+    PinDescriptor, Readout, SimError, SimFpga, gtag,
+};
+pub use modules::{IoPorts, SmartSerial, Watchdog};

@@ -1,0 +1,108 @@
+//! Which register stands at which address.
+
+use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, gtag};
+
+/// What an address selects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Target {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// Identification and IDROM, read only: index into the words.
+    Rom(u16),
+    /// A register of a module.
+    Module {
+        /// The module.
+        gtag: u8,
+        /// Register number.
+        register: u8,
+        /// Instance, or channel for smart serial.
+        instance: u8,
+        /// Smart serial only: the port.
+        port: u8,
+    },
+}
+
+/// The address space, one entry for each 32-bit word.
+#[derive(Clone, Debug)]
+pub(crate) struct AddressMap {
+    targets: Box<[Target]>,
+}
+
+impl AddressMap {
+    /// Lays out a firmware. `rom` is the number of words of identification and IDROM.
+    pub(crate) fn new(firmware: &Firmware, idrom_words: usize) -> Self {
+        let mut map = Self {
+            targets: vec![Target::Nothing; 0x4000].into_boxed_slice(),
+        };
+        for index in 0..4 {
+            map.put(COOKIE_ADDRESS + 4 * index, Target::Rom(index));
+        }
+        for index in 0..idrom_words as u16 {
+            map.put(IDROM_ADDRESS + 4 * index, Target::Rom(4 + index));
+        }
+        for module in &firmware.modules {
+            // The select line of the encoders has no register of its own.
+            if module.gtag == gtag::MUX_SELECT {
+                continue;
+            }
+            let (register_stride, instance_stride) = Firmware::strides(module);
+            let serial = matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B);
+            for register in 0..module.registers.min(32) {
+                let multiple = module.multiple >> register & 1 != 0;
+                let base = module
+                    .base
+                    .wrapping_add(u16::from(register).wrapping_mul(register_stride));
+                let instances = if multiple || serial {
+                    module.instances
+                } else {
+                    1
+                };
+                for instance in 0..instances {
+                    let address =
+                        base.wrapping_add(u16::from(instance).wrapping_mul(instance_stride));
+                    if serial {
+                        map.put_channels(address, module.gtag, register, instance, multiple);
+                    } else {
+                        let target = Target::Module {
+                            gtag: module.gtag,
+                            register,
+                            instance,
+                            port: 0,
+                        };
+                        map.put(address, target);
+                    }
+                }
+            }
+        }
+        map
+    }
+
+    /// What stands at a byte address.
+    pub(crate) fn at(&self, address: u16) -> Target {
+        self.targets
+            .get(usize::from(address >> 2))
+            .copied()
+            .unwrap_or_default()
+    }
+
+    /// Smart serial: COMMAND and DATA once a port, the others once for each of eight channels.
+    fn put_channels(&mut self, address: u16, gtag: u8, register: u8, port: u8, multiple: bool) {
+        let channels = if multiple { 8 } else { 1 };
+        for channel in 0..channels {
+            let target = Target::Module {
+                gtag,
+                register,
+                instance: channel,
+                port,
+            };
+            self.put(address.wrapping_add(4 * u16::from(channel)), target);
+        }
+    }
+
+    fn put(&mut self, address: u16, target: Target) {
+        if let Some(slot) = self.targets.get_mut(usize::from(address >> 2)) {
+            *slot = target;
+        }
+    }
+}

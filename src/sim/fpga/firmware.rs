@@ -1,0 +1,254 @@
+//! What a HostMot2 firmware image says about itself, and the words the host reads it in.
+
+/// GTAGs: the numbers HostMot2 knows its modules by.
+pub mod gtag {
+    /// Watchdog.
+    pub const WATCHDOG: u8 = 0x02;
+    /// I/O port; also the primary tag of every pin.
+    pub const IO_PORT: u8 = 0x03;
+    /// Quadrature encoder.
+    pub const ENCODER: u8 = 0x04;
+    /// PWM generator.
+    pub const PWM: u8 = 0x06;
+    /// Multiplexed quadrature encoder.
+    pub const MUXED_ENCODER: u8 = 0x0C;
+    /// Select line of the multiplexed encoders.
+    pub const MUX_SELECT: u8 = 0x0D;
+    /// Phase-locked loop on the host's cycle.
+    pub const DPLL: u8 = 0x1A;
+    /// Multiplexed inputs.
+    pub const IN_MUX: u8 = 0x1E;
+    /// Inputs.
+    pub const IN_M: u8 = 0x23;
+    /// Outputs.
+    pub const OUT_M: u8 = 0x2D;
+    /// LEDs.
+    pub const LED: u8 = 0x80;
+    /// Smart serial with three interface registers.
+    pub const SSERIAL: u8 = 0xC1;
+    /// Solid-state relays.
+    pub const SSR: u8 = 0xC3;
+    /// Smart serial with seven interface registers.
+    pub const SSERIAL_B: u8 = 0xC6;
+}
+
+/// Set in the secondary pin of a pin that its module drives.
+pub const OUTPUT_PIN: u8 = 0x80;
+
+/// Where the identification begins.
+pub(crate) const COOKIE_ADDRESS: u16 = 0x0100;
+/// Where the IDROM begins.
+pub(crate) const IDROM_ADDRESS: u16 = 0x0400;
+
+const COOKIE: u32 = 0x55AA_CAFE;
+const MODULES_OFFSET: u32 = 0x40;
+const PINS_OFFSET: u32 = 0x200;
+/// The most module descriptors that fit in front of the pin descriptors; the last one ends the list.
+const MAX_MODULES: usize = 31;
+const MAX_PINS: usize = 144;
+
+/// A module descriptor. FACTS 9.1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ModuleDescriptor {
+    /// What it is; see [`gtag`].
+    pub gtag: u8,
+    /// Version of the module.
+    pub version: u8,
+    /// 1: runs on ClockLow, 2: runs on ClockHigh.
+    pub clock: u8,
+    /// Number of instances.
+    pub instances: u8,
+    /// Address of register 0 of instance 0.
+    pub base: u16,
+    /// Number of registers.
+    pub registers: u8,
+    /// Which of the strides it uses: register stride in the low nibble, instance stride in the high.
+    pub strides: u8,
+    /// Bit n: register n exists once for each instance.
+    pub multiple: u32,
+}
+
+impl ModuleDescriptor {
+    /// A descriptor, in the order of the table in FACTS 9.2.
+    #[expect(clippy::too_many_arguments, reason = "a table row, written as one")]
+    pub const fn new(
+        gtag: u8,
+        version: u8,
+        clock: u8,
+        instances: u8,
+        base: u16,
+        registers: u8,
+        strides: u8,
+        multiple: u32,
+    ) -> Self {
+        Self {
+            gtag,
+            version,
+            clock,
+            instances,
+            base,
+            registers,
+            strides,
+            multiple,
+        }
+    }
+
+    fn words(&self) -> [u32; 3] {
+        [
+            u32::from_le_bytes([self.gtag, self.version, self.clock, self.instances]),
+            u32::from(self.base) | u32::from(self.registers) << 16 | u32::from(self.strides) << 24,
+            self.multiple,
+        ]
+    }
+}
+
+/// A pin descriptor. FACTS 9.1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PinDescriptor {
+    /// Primary tag; 3 (I/O port) on every pin of a sound firmware.
+    pub primary: u8,
+    /// GTAG of the module that can use the pin instead, or 0.
+    pub secondary: u8,
+    /// Which instance of that module.
+    pub unit: u8,
+    /// Which signal of that instance; [`OUTPUT_PIN`] is set if the module drives it.
+    pub pin: u8,
+}
+
+impl PinDescriptor {
+    /// A pin that a module can use.
+    pub const fn new(secondary: u8, unit: u8, pin: u8) -> Self {
+        Self {
+            primary: gtag::IO_PORT,
+            secondary,
+            unit,
+            pin,
+        }
+    }
+
+    /// A pin that is general-purpose I/O only.
+    pub const fn gpio() -> Self {
+        Self::new(0, 0, 0)
+    }
+
+    fn word(self) -> u32 {
+        u32::from_le_bytes([self.pin, self.secondary, self.unit, self.primary])
+    }
+}
+
+/// A firmware image: what the IDROM says, and with it which modules are simulated.
+///
+/// It is taken as it is: an image that contradicts itself is what a test of a driver may want.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Firmware {
+    /// Type of the IDROM: 2 or 3.
+    pub idrom_type: u32,
+    /// Name of the board, eight characters.
+    pub board: [u8; 8],
+    /// Size of the FPGA in thousands of gates.
+    pub fpga_size: u32,
+    /// Pins of the FPGA's package.
+    pub fpga_pins: u32,
+    /// Number of I/O ports.
+    pub ports: u32,
+    /// Pins of each port.
+    pub port_width: u32,
+    /// ClockLow in hertz.
+    pub clock_low: u32,
+    /// ClockHigh in hertz.
+    pub clock_high: u32,
+    /// The modules, at most 31.
+    pub modules: Vec<ModuleDescriptor>,
+    /// The pins, port by port, at most 144.
+    pub pins: Vec<PinDescriptor>,
+}
+
+impl Firmware {
+    /// The frequency of a clock tag in hertz; ClockLow for a tag that does not exist.
+    pub fn clock(&self, tag: u8) -> u32 {
+        if tag == 2 {
+            self.clock_high
+        } else {
+            self.clock_low
+        }
+    }
+
+    /// The first module with this GTAG.
+    pub fn module(&self, gtag: u8) -> Option<&ModuleDescriptor> {
+        self.modules.iter().find(|module| module.gtag == gtag)
+    }
+
+    /// The module with this GTAG, to change it.
+    pub fn module_mut(&mut self, gtag: u8) -> Option<&mut ModuleDescriptor> {
+        self.modules.iter_mut().find(|module| module.gtag == gtag)
+    }
+
+    /// The number of the I/O pin that carries a signal of a module.
+    pub fn pin(&self, secondary: u8, unit: u8, pin: u8) -> Option<usize> {
+        self.pins.iter().position(|descriptor| {
+            descriptor.secondary == secondary && descriptor.unit == unit && descriptor.pin == pin
+        })
+    }
+
+    /// Register stride and instance stride of a module in bytes.
+    pub(crate) fn strides(module: &ModuleDescriptor) -> (u16, u16) {
+        // FACTS 9.1: instance strides 4 and 0x40; both register strides are 0x100.
+        let instance = if module.strides >> 4 == 0 { 4 } else { 0x40 };
+        (0x100, instance)
+    }
+
+    /// Cookie, configuration name and IDROM pointer, from [`COOKIE_ADDRESS`] on.
+    pub(crate) fn identification() -> [u32; 4] {
+        [
+            COOKIE,
+            u32::from_le_bytes(*b"HOST"),
+            u32::from_le_bytes(*b"MOT2"),
+            u32::from(IDROM_ADDRESS),
+        ]
+    }
+
+    /// The IDROM, from [`IDROM_ADDRESS`] on.
+    pub(crate) fn idrom(&self) -> Vec<u32> {
+        let [b0, b1, b2, b3, b4, b5, b6, b7] = self.board;
+        let mut words = vec![
+            self.idrom_type,
+            MODULES_OFFSET,
+            PINS_OFFSET,
+            u32::from_le_bytes([b0, b1, b2, b3]),
+            u32::from_le_bytes([b4, b5, b6, b7]),
+            self.fpga_size,
+            self.fpga_pins,
+            self.ports,
+            self.ports * self.port_width,
+            self.port_width,
+            self.clock_low,
+            self.clock_high,
+            4,
+            0x40,
+            0x100,
+            0x100,
+        ];
+        for module in self.modules.iter().take(MAX_MODULES) {
+            words.extend(module.words());
+        }
+        words.resize(PINS_OFFSET as usize / 4, 0);
+        let pins = self.pins.iter().take(MAX_PINS);
+        words.extend(pins.map(|pin| pin.word()));
+        words
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn descriptor_words_have_the_layout_of_facts_9_1() {
+        let encoder = ModuleDescriptor::new(0x0C, 4, 1, 6, 0x3500, 5, 0x00, 3);
+        assert_eq!(encoder.words(), [0x0601_040C, 0x0005_3500, 3]);
+        let sserial = ModuleDescriptor::new(0xC1, 0, 1, 2, 0x5A00, 6, 0x10, 0x3C);
+        assert_eq!(sserial.words(), [0x0201_00C1, 0x1006_5A00, 0x3C]);
+        assert_eq!(PinDescriptor::new(0xC1, 0, 0x91).word(), 0x0300_C191);
+        assert_eq!(PinDescriptor::gpio().word(), 0x0300_0000);
+    }
+}

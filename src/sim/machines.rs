@@ -1,0 +1,229 @@
+//! Ready-made machines: boards with their firmware.
+
+use crate::sim::fpga::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, SimFpga, gtag};
+
+/// The most channels of one smart serial port.
+const MAX_CHANNELS: u8 = 8;
+
+/// TX of channel 0 in a secondary pin; RX is without [`OUTPUT_PIN`].
+const TX: u8 = OUTPUT_PIN | 0x01;
+const RX: u8 = 0x01;
+/// TXEN of channel 0 in a secondary pin.
+const TXEN: u8 = OUTPUT_PIN | 0x11;
+
+const fn module(
+    (gtag, version, clock, instances): (u8, u8, u8, u8),
+    (base, registers, strides, multiple): (u16, u8, u8, u32),
+) -> ModuleDescriptor {
+    ModuleDescriptor::new(
+        gtag, version, clock, instances, base, registers, strides, multiple,
+    )
+}
+
+const fn watchdog() -> ModuleDescriptor {
+    module((gtag::WATCHDOG, 0, 1, 1), (0x0C00, 3, 0x00, 0))
+}
+
+const fn io_ports(ports: u8) -> ModuleDescriptor {
+    module((gtag::IO_PORT, 0, 1, ports), (0x1000, 5, 0x00, 0x1F))
+}
+
+const fn muxed_encoders(count: u8) -> ModuleDescriptor {
+    module((gtag::MUXED_ENCODER, 4, 1, count), (0x3500, 5, 0x00, 0x03))
+}
+
+const fn mux_select() -> ModuleDescriptor {
+    module((gtag::MUX_SELECT, 0, 1, 1), (0, 0, 0x00, 0))
+}
+
+const fn smart_serial(ports: u8) -> ModuleDescriptor {
+    module((gtag::SSERIAL, 0, 1, ports), (0x5A00, 6, 0x10, 0x3C))
+}
+
+const fn led() -> ModuleDescriptor {
+    module((gtag::LED, 0, 1, 1), (0x0200, 1, 0x00, 0))
+}
+
+/// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O.
+/// FACTS 8.1, 9.3.
+pub fn firmware_7i92_7i77() -> Firmware {
+    two_connectors(*b"MESA7I92", 100_000_000, 1)
+}
+
+/// The firmware of a 7I92 with a 7I77 on each of its connectors: six serial channels.
+pub fn firmware_7i92_7i77x2() -> Firmware {
+    two_connectors(*b"MESA7I92", 100_000_000, 2)
+}
+
+/// The firmware of a 5I25 (PCI, ClockLow 33.33 MHz) with a 7I77 on its first connector.
+pub fn firmware_5i25_7i77() -> Firmware {
+    two_connectors(*b"MESA5I25", 33_333_333, 1)
+}
+
+/// The firmware of a 7I97. FACTS 9.2.
+///
+/// Its serial port has one channel, on TB4. With more `channels` (up to 8) the port is extended
+/// over pins of P1, two for each channel.
+pub fn firmware_7i97(channels: u8) -> Firmware {
+    let mut pins = Vec::with_capacity(51);
+    for unit in 0..4 {
+        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
+    }
+    for unit in 4..6 {
+        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
+        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x83));
+    }
+    // ENA0 to ENA3 are switched in common, by the enable of output 0.
+    pins.push(PinDescriptor::new(gtag::PWM, 0, 0x83));
+    for unit in 0..3 {
+        pins.extend(encoder_pins(unit));
+    }
+    pins.push(PinDescriptor::new(gtag::MUX_SELECT, 0, 0x81));
+    for output in 0..6 {
+        pins.push(PinDescriptor::new(gtag::SSR, 0, 0x81 + output));
+    }
+    pins.push(PinDescriptor::new(gtag::SSR, 0, 0xA0));
+    for address in 0..4 {
+        pins.push(PinDescriptor::new(gtag::IN_MUX, 0, 0x81 + address));
+    }
+    pins.push(PinDescriptor::new(gtag::IN_MUX, 0, 0x01));
+    for pin in [RX, TX, TXEN] {
+        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, pin));
+    }
+    for channel in 1..channels.min(MAX_CHANNELS) {
+        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
+        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
+    }
+    pins.resize(51, PinDescriptor::gpio());
+    Firmware {
+        idrom_type: 3,
+        board: *b"MESA7I97",
+        fpga_size: 9,
+        fpga_pins: 144,
+        ports: 3,
+        port_width: 17,
+        clock_low: 100_000_000,
+        clock_high: 200_000_000,
+        modules: vec![
+            module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0)),
+            watchdog(),
+            io_ports(3),
+            muxed_encoders(6),
+            mux_select(),
+            module((gtag::PWM, 0, 2, 6), (0x4000, 5, 0x00, 0x03)),
+            module((gtag::IN_MUX, 0, 1, 1), (0x8000, 5, 0x00, 0)),
+            module((gtag::SSR, 0, 1, 1), (0x7D00, 2, 0x00, 0)),
+            smart_serial(1),
+            led(),
+        ],
+        pins,
+    }
+}
+
+/// A firmware that has smart serial ports only, at most four, with the given numbers of channels.
+pub fn firmware_serial(channels: &[u8]) -> Firmware {
+    let mut pins = Vec::with_capacity(72);
+    for (unit, &count) in channels.iter().take(4).enumerate() {
+        for channel in 0..count.min(MAX_CHANNELS) {
+            pins.push(PinDescriptor::new(gtag::SSERIAL, unit as u8, RX + channel));
+            pins.push(PinDescriptor::new(gtag::SSERIAL, unit as u8, TX + channel));
+        }
+    }
+    pins.resize(72, PinDescriptor::gpio());
+    let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 0);
+    firmware.ports = 3;
+    firmware.port_width = 24;
+    firmware.pins = pins;
+    firmware.modules = vec![
+        watchdog(),
+        io_ports(3),
+        smart_serial(channels.len().clamp(1, 4) as u8),
+        led(),
+    ];
+    firmware
+}
+
+/// The same firmware with the newer smart serial module: seven interface registers, GTAG 0xC6.
+/// FACTS 2.1.
+#[must_use]
+pub fn with_seven_interface_registers(mut firmware: Firmware) -> Firmware {
+    if let Some(module) = firmware.module_mut(gtag::SSERIAL) {
+        module.gtag = gtag::SSERIAL_B;
+        module.registers = 10;
+        module.multiple = 0x3FC;
+    }
+    for pin in &mut firmware.pins {
+        if pin.secondary == gtag::SSERIAL {
+            pin.secondary = gtag::SSERIAL_B;
+        }
+    }
+    firmware
+}
+
+/// A board with two connectors of 17 pins, the first `cards` of which carry a 7I77.
+fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
+    let mut pins = Vec::with_capacity(34);
+    for card in 0..cards {
+        pins.extend(card_7i77(card));
+    }
+    pins.resize(34, PinDescriptor::gpio());
+    Firmware {
+        idrom_type: 3,
+        board,
+        fpga_size: 9,
+        fpga_pins: 144,
+        ports: 2,
+        port_width: 17,
+        clock_low,
+        clock_high: 200_000_000,
+        modules: vec![
+            watchdog(),
+            io_ports(2),
+            muxed_encoders(6 * cards),
+            mux_select(),
+            smart_serial(1),
+            led(),
+        ],
+        pins,
+    }
+}
+
+/// The seventeen pins of a 7I77. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
+fn card_7i77(card: u8) -> Vec<PinDescriptor> {
+    let first = 3 * card;
+    let serial = |pin: u8, channel: u8| PinDescriptor::new(gtag::SSERIAL, 0, pin + first + channel);
+    let mut pins = vec![
+        serial(TXEN, 2),
+        serial(TX, 2),
+        serial(RX, 2),
+        serial(TX, 1),
+        serial(RX, 1),
+        serial(TX, 0),
+        serial(RX, 0),
+        PinDescriptor::new(gtag::MUX_SELECT, 0, 0x81),
+    ];
+    for pair in 0..3 {
+        pins.extend(encoder_pins(3 * card + pair));
+    }
+    pins
+}
+
+/// A, B and index of a pair of multiplexed encoders.
+fn encoder_pins(pair: u8) -> [PinDescriptor; 3] {
+    [1, 2, 3].map(|pin| PinDescriptor::new(gtag::MUXED_ENCODER, pair, pin))
+}
+
+/// A 7I92 with a 7I77.
+pub fn i7i92_7i77() -> SimFpga {
+    SimFpga::new(firmware_7i92_7i77())
+}
+
+/// A 5I25 with a 7I77.
+pub fn i5i25_7i77() -> SimFpga {
+    SimFpga::new(firmware_5i25_7i77())
+}
+
+/// A 7I97 with `channels` serial channels.
+pub fn i7i97(channels: u8) -> SimFpga {
+    SimFpga::new(firmware_7i97(channels))
+}

@@ -1,0 +1,144 @@
+//! The I/O ports: direction, alternate source, open drain and invert of every pin.
+
+const DATA: u8 = 0;
+const DIRECTION: u8 = 1;
+const ALTERNATE: u8 = 2;
+const OPEN_DRAIN: u8 = 3;
+const INVERT: u8 = 4;
+
+/// The registers of one port.
+#[derive(Clone, Copy, Debug, Default)]
+struct Port {
+    data: u32,
+    direction: u32,
+    alternate: u32,
+    open_drain: u32,
+    invert: u32,
+}
+
+/// All I/O ports of the FPGA, and what the world outside does to the pins.
+#[derive(Clone, Debug)]
+pub struct IoPorts {
+    ports: Vec<Port>,
+    width: u32,
+    outside: Vec<Option<bool>>,
+    held_clear: bool,
+}
+
+impl IoPorts {
+    /// Ports at power-up: every pin is an input with a pull-up.
+    pub(crate) fn new(ports: u32, width: u32) -> Self {
+        let width = width.clamp(1, 32);
+        let ports = ports.min(16) as usize;
+        Self {
+            ports: vec![Port::default(); ports],
+            width,
+            outside: vec![None; ports * width as usize],
+            held_clear: false,
+        }
+    }
+
+    /// Reads a register; `levels` says what a module puts out on a pin.
+    pub(crate) fn read(&self, register: u8, port: u8, levels: &dyn Fn(usize) -> bool) -> u32 {
+        let Some(registers) = self.ports.get(usize::from(port)) else {
+            return 0;
+        };
+        match register {
+            DATA => {
+                let first = usize::from(port) * self.width as usize;
+                (0..self.width).fold(0, |word, bit| {
+                    let level = self.level(first + bit as usize, levels);
+                    word | u32::from(level) << bit
+                })
+            }
+            DIRECTION => registers.direction,
+            ALTERNATE => registers.alternate,
+            OPEN_DRAIN => registers.open_drain,
+            INVERT => registers.invert,
+            _ => 0,
+        }
+    }
+
+    /// Writes a register. While the watchdog has bitten, direction and open drain stay clear.
+    pub(crate) fn write(&mut self, register: u8, port: u8, value: u32) {
+        let value = value & (u32::MAX >> (32 - self.width));
+        let held = self.held_clear;
+        let Some(registers) = self.ports.get_mut(usize::from(port)) else {
+            return;
+        };
+        match register {
+            DATA => registers.data = value,
+            DIRECTION if !held => registers.direction = value,
+            ALTERNATE => registers.alternate = value,
+            OPEN_DRAIN if !held => registers.open_drain = value,
+            INVERT => registers.invert = value,
+            _ => {}
+        }
+    }
+
+    /// What the watchdog does to the pins: clears direction and open drain when it bites, and
+    /// keeps them clear until its status has been cleared.
+    pub(crate) fn hold_clear(&mut self, held: bool) {
+        self.held_clear = held;
+        if held {
+            for port in &mut self.ports {
+                port.direction = 0;
+                port.open_drain = 0;
+            }
+        }
+    }
+
+    /// The voltage on a pin as a logic level.
+    pub(crate) fn level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> bool {
+        let undriven = || self.outside.get(pin).copied().flatten().unwrap_or(true);
+        let Some((port, mask)) = self.locate(pin) else {
+            return true;
+        };
+        if port.direction & mask == 0 {
+            return undriven();
+        }
+        let source = if port.alternate & mask != 0 {
+            levels(pin)
+        } else {
+            port.data & mask != 0
+        };
+        let out = source ^ (port.invert & mask != 0);
+        if out && port.open_drain & mask != 0 {
+            undriven()
+        } else {
+            out
+        }
+    }
+
+    /// Whether a module's signal gets out on a pin: alternate source, output, not inverted.
+    /// `false` if the firmware has no such pin.
+    pub(crate) fn module_drives(&self, pin: Option<usize>) -> bool {
+        self.module_pin(pin) == Some(false)
+    }
+
+    /// Whether a module drives a pin, and if it does, whether inverted.
+    pub(crate) fn module_pin(&self, pin: Option<usize>) -> Option<bool> {
+        let (port, mask) = self.locate(pin?)?;
+        let driven = port.direction & port.alternate & mask != 0;
+        driven.then_some(port.invert & mask != 0)
+    }
+
+    /// Whether the FPGA drives a pin at all.
+    pub(crate) fn is_output(&self, pin: usize) -> bool {
+        self.locate(pin)
+            .is_some_and(|(port, mask)| port.direction & mask != 0)
+    }
+
+    /// Drives a pin from outside, or lets it go (the pull-up then makes it 1).
+    pub(crate) fn drive(&mut self, pin: usize, level: Option<bool>) {
+        if let Some(slot) = self.outside.get_mut(pin) {
+            *slot = level;
+        }
+    }
+
+    fn locate(&self, pin: usize) -> Option<(&Port, u32)> {
+        let width = self.width as usize;
+        let port = self.ports.get(pin / width)?;
+        Some((port, 1 << (pin % width)))
+    }
+}
