@@ -6,8 +6,13 @@
 //! Time belongs to the bus too, because in simulation it is virtual.
 
 mod error;
+mod image;
 
 pub use error::{BusError, BusErrorKind};
+pub use image::{
+    CycleImage, ImageError, ImageLimits, ImagePlan, ImageSize, ReadPhase, ReadSlot, Tier,
+    WritePhase, WriteSlot,
+};
 
 use alloc::boxed::Box;
 use core::time::Duration;

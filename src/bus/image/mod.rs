@@ -1,0 +1,407 @@
+//! The process image of a cycle: every register that is read and written, planned once.
+//!
+//! At start each module claims its registers in an [`ImagePlan`]. [`ImagePlan::freeze`] sorts and
+//! merges them into access lists that the bus prepares, and the resulting [`CycleImage`] is then
+//! exchanged every cycle. Registers that start something (DOIT) come after all data by
+//! construction, because they are claimed as [`WritePhase::Trigger`].
+
+mod layout;
+
+use alloc::{boxed::Box, vec::Vec};
+use core::fmt;
+
+use super::{Prepared, RegisterBus};
+use layout::{Layout, build};
+
+/// When a register is read within an exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum ReadPhase {
+    /// Before everything else: reads that latch or mark a time.
+    Latch,
+    /// Registers that say whether the data after them can be trusted.
+    Status,
+    /// Data.
+    Data,
+}
+
+/// When a register is written within an exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum WritePhase {
+    /// Data.
+    Data,
+    /// After all data: registers that start something with it.
+    Trigger,
+}
+
+/// In which exchanges a register takes part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Tier {
+    /// In every one.
+    Cycle,
+    /// Only in the extended ones, which are run instead of the normal ones when a module needs
+    /// more than usual, for example while a remote comes back.
+    Extended,
+}
+
+/// The read words of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ReadSlot {
+    index: u16,
+    count: u16,
+}
+
+/// The write words of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct WriteSlot {
+    index: u16,
+    count: u16,
+}
+
+/// How an image is laid out, and how large it may become.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageLimits {
+    /// Reads of registers this many registers apart are merged, and what lies between is read
+    /// along and ignored. On Ethernet one register more costs four bytes, as does a command.
+    /// Writes are never bridged.
+    pub bridge: u16,
+    /// The most bytes of one packet, request or reply, as LBP16 counts them.
+    pub max_packet_bytes: u32,
+}
+
+impl Default for ImageLimits {
+    /// Gaps of one register are bridged; a packet has 1450 bytes.
+    fn default() -> Self {
+        Self {
+            bridge: 1,
+            max_packet_bytes: 1450,
+        }
+    }
+}
+
+/// Why an image can not be planned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageError<E> {
+    /// A claim has no register, or one that is not in the address space.
+    #[error(
+        "claim of {count} registers at {address:#06X}: \
+         addresses are multiples of 4 below 0x10000; check the module's descriptor"
+    )]
+    BadClaim {
+        /// First address.
+        address: u16,
+        /// Number of registers.
+        count: u16,
+    },
+    /// Two modules want to write the same register.
+    #[error("register {address:#06X} is written by two modules; leave one of them out")]
+    WrittenTwice {
+        /// The address.
+        address: u16,
+    },
+    /// Two modules read the same register at different times within an exchange.
+    #[error("register {address:#06X} is read in two phases; leave one of the modules out")]
+    ReadInTwoPhases {
+        /// The address.
+        address: u16,
+    },
+    /// One packet can not hold it.
+    #[error(
+        "one cycle needs a {what} of {bytes} bytes, more than the {limit} of one packet: \
+         use fewer remotes or modules, or spread them over two boards"
+    )]
+    TooLarge {
+        /// Which packet.
+        what: &'static str,
+        /// Its bytes.
+        bytes: u32,
+        /// The most it may have.
+        limit: u32,
+    },
+    /// The bus refuses the list.
+    #[error(transparent)]
+    Bus(E),
+}
+
+/// Words, accesses and bytes of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ImageSize {
+    /// Registers read in a normal cycle, bridged ones included.
+    pub read_words: u32,
+    /// Runs of neighbouring registers read in a normal cycle.
+    pub read_accesses: u32,
+    /// Registers written in a normal cycle.
+    pub write_words: u32,
+    /// Runs of neighbouring registers written in a normal cycle.
+    pub write_accesses: u32,
+}
+
+/// Bytes that LBP16 adds to a request and to a reply: commands and numbers that tell stale packets.
+const REQUEST_OVERHEAD: u32 = 20;
+const REPLY_OVERHEAD: u32 = 8;
+
+impl ImageSize {
+    /// Bytes of the request of a read over LBP16: four for each run of registers.
+    pub const fn request_bytes(&self) -> u32 {
+        REQUEST_OVERHEAD + 4 * self.read_accesses
+    }
+
+    /// Bytes of the reply of a read over LBP16: four for each register.
+    pub const fn reply_bytes(&self) -> u32 {
+        REPLY_OVERHEAD + 4 * self.read_words
+    }
+
+    /// Bytes of a write over LBP16: four for each run and each register.
+    pub const fn write_bytes(&self) -> u32 {
+        REQUEST_OVERHEAD + 4 * (self.write_accesses + self.write_words)
+    }
+}
+
+/// A claim: registers of one module that belong together.
+#[derive(Clone, Copy, Debug)]
+struct Claim<P> {
+    phase: P,
+    tier: Tier,
+    address: u16,
+    count: u16,
+    initial: u32,
+}
+
+/// The claims of all modules, while they are collected.
+///
+/// Belongs to set-up: it allocates.
+#[derive(Clone, Debug, Default)]
+pub struct ImagePlan {
+    reads: Vec<Claim<ReadPhase>>,
+    writes: Vec<Claim<WritePhase>>,
+}
+
+impl ImagePlan {
+    /// No claim yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Claims `count` neighbouring registers to be read. Several claims may name the same register.
+    pub fn read(&mut self, phase: ReadPhase, tier: Tier, address: u16, count: u16) -> ReadSlot {
+        let index = self.reads.len() as u16;
+        self.reads.push(Claim {
+            phase,
+            tier,
+            address,
+            count,
+            initial: 0,
+        });
+        ReadSlot { index, count }
+    }
+
+    /// Claims one register to be read as data in every cycle.
+    pub fn read_data(&mut self, address: u16) -> ReadSlot {
+        self.read(ReadPhase::Data, Tier::Cycle, address, 1)
+    }
+
+    /// Claims `count` neighbouring registers to be written; until something is put there, each
+    /// is written as `initial`. No other claim may name one of them.
+    pub fn write(
+        &mut self,
+        phase: WritePhase,
+        tier: Tier,
+        address: u16,
+        count: u16,
+        initial: u32,
+    ) -> WriteSlot {
+        let index = self.writes.len() as u16;
+        self.writes.push(Claim {
+            phase,
+            tier,
+            address,
+            count,
+            initial,
+        });
+        WriteSlot { index, count }
+    }
+
+    /// Claims one register to be written as data in every cycle.
+    pub fn write_data(&mut self, address: u16, initial: u32) -> WriteSlot {
+        self.write(WritePhase::Data, Tier::Cycle, address, 1, initial)
+    }
+
+    /// Lays the image out and has the bus prepare its lists. Nothing is exchanged yet.
+    pub fn freeze<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        limits: ImageLimits,
+    ) -> Result<CycleImage, ImageError<B::Error>> {
+        let reads = build(&self.reads, limits.bridge)?.unshared_phases()?;
+        let writes = build(&self.writes, 0)?.unshared()?;
+        check_size(&reads, &writes, limits.max_packet_bytes)?;
+        let mut prepare = |accesses: &[_]| bus.prepare(accesses).map_err(ImageError::Bus);
+        let mut lists = |layout: &Layout, direction| {
+            Ok(Lists {
+                cycle: prepare(&layout.accesses(direction, |run| run.tier == Tier::Cycle))?,
+                extended: prepare(&layout.accesses(direction, |_| true))?,
+            })
+        };
+        let read = lists(&reads, super::Direction::Read)?;
+        let write = lists(&writes, super::Direction::Write)?;
+        let status = reads.accesses(super::Direction::Read, |run| {
+            run.tier == Tier::Cycle && run.phase == ReadPhase::Status as u8
+        });
+        Ok(CycleImage {
+            size: size(&reads, &writes, |run| run.tier == Tier::Cycle),
+            status: prepare(&status)?,
+            read,
+            write,
+            read_words: reads.initial_words(),
+            write_words: writes.initial_words(),
+            read_index: reads.into_index(),
+            write_index: writes.into_index(),
+        })
+    }
+}
+
+fn size(reads: &Layout, writes: &Layout, keep: impl Fn(&layout::Run) -> bool + Copy) -> ImageSize {
+    let (read_accesses, read_words) = reads.extent(keep);
+    let (write_accesses, write_words) = writes.extent(keep);
+    ImageSize {
+        read_words,
+        read_accesses,
+        write_words,
+        write_accesses,
+    }
+}
+
+fn check_size<E>(reads: &Layout, writes: &Layout, limit: u32) -> Result<(), ImageError<E>> {
+    let size = size(reads, writes, |_| true);
+    let packets = [
+        ("read request", size.request_bytes()),
+        ("reply", size.reply_bytes()),
+        ("write request", size.write_bytes()),
+    ];
+    match packets.into_iter().find(|&(_, bytes)| bytes > limit) {
+        Some((what, bytes)) => Err(ImageError::TooLarge { what, bytes, limit }),
+        None => Ok(()),
+    }
+}
+
+/// The same words in a normal and in an extended exchange.
+#[derive(Debug)]
+struct Lists {
+    cycle: Prepared,
+    extended: Prepared,
+}
+
+impl Lists {
+    const fn of(&self, tier: Tier) -> &Prepared {
+        match tier {
+            Tier::Cycle => &self.cycle,
+            Tier::Extended => &self.extended,
+        }
+    }
+}
+
+/// The frozen image: prepared access lists and the words they move.
+///
+/// # Real time
+/// No function allocates or panics; the exchanges are bounded by the bus. A slot of another image
+/// reads as `None` and is not written.
+pub struct CycleImage {
+    size: ImageSize,
+    read: Lists,
+    write: Lists,
+    status: Prepared,
+    read_words: Box<[u32]>,
+    write_words: Box<[u32]>,
+    /// First word of each claim.
+    read_index: Box<[u16]>,
+    write_index: Box<[u16]>,
+}
+
+impl CycleImage {
+    /// What a normal cycle moves.
+    pub const fn size(&self) -> ImageSize {
+        self.size
+    }
+
+    /// The first word of a claim.
+    pub fn word(&self, slot: ReadSlot) -> Option<u32> {
+        self.words(slot).first().copied()
+    }
+
+    /// All words of a claim; empty if it is not of this image.
+    pub fn words(&self, slot: ReadSlot) -> &[u32] {
+        range(&self.read_index, slot.index, slot.count)
+            .and_then(|range| self.read_words.get(range))
+            .unwrap_or(&[])
+    }
+
+    /// Puts the first word of a claim.
+    pub fn put(&mut self, slot: WriteSlot, word: u32) {
+        if let Some(first) = self.words_mut(slot).first_mut() {
+            *first = word;
+        }
+    }
+
+    /// What will be written, to change it; empty if the claim is not of this image.
+    pub fn words_mut(&mut self, slot: WriteSlot) -> &mut [u32] {
+        range(&self.write_index, slot.index, slot.count)
+            .and_then(|range| self.write_words.get_mut(range))
+            .unwrap_or(&mut [])
+    }
+
+    /// What will be written.
+    pub fn written(&self, slot: WriteSlot) -> &[u32] {
+        range(&self.write_index, slot.index, slot.count)
+            .and_then(|range| self.write_words.get(range))
+            .unwrap_or(&[])
+    }
+
+    /// Reads the registers of `tier`; on an error no word has changed.
+    pub fn exchange_reads<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        tier: Tier,
+    ) -> Result<(), B::Error> {
+        bus.exchange_prepared(self.read.of(tier), &mut self.read_words)
+    }
+
+    /// Reads the status registers alone; on an error no word has changed.
+    pub fn exchange_status<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+        bus.exchange_prepared(&self.status, &mut self.read_words)
+    }
+
+    /// Writes the registers of `tier`, triggers last.
+    pub fn exchange_writes<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        tier: Tier,
+    ) -> Result<(), B::Error> {
+        bus.exchange_prepared(self.write.of(tier), &mut self.write_words)
+    }
+
+    /// The accesses of a normal read, for people who want to see them.
+    pub fn read_accesses(&self) -> &[super::Access] {
+        self.read.cycle.accesses()
+    }
+
+    /// The accesses of a normal write, for people who want to see them.
+    pub fn write_accesses(&self) -> &[super::Access] {
+        self.write.cycle.accesses()
+    }
+}
+
+impl fmt::Debug for CycleImage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CycleImage")
+            .field("size", &self.size)
+            .finish_non_exhaustive()
+    }
+}
+
+fn range(index: &[u16], claim: u16, count: u16) -> Option<core::ops::Range<usize>> {
+    let first = usize::from(*index.get(usize::from(claim))?);
+    Some(first..first + usize::from(count))
+}
+
+#[cfg(test)]
+mod tests;
