@@ -121,6 +121,9 @@ impl fmt::Display for Command {
 pub struct LocalAddress(u16);
 
 impl LocalAddress {
+    /// Local parameter 3: minor revision of the firmware.
+    pub const MINOR: Self = Self(3);
+
     /// The highest address that COMMAND has room for.
     pub const MAX: u16 = 0x0FFF;
 

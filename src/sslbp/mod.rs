@@ -2,12 +2,29 @@
 //!
 //! Source: manual 7I77, "SSLBP"; FACTS 2 to 6, which win over the manual.
 
+mod access;
 mod channels;
 mod command;
+mod cyclic;
+mod error;
 mod layout;
+mod parameters;
+mod port;
+mod started;
 mod status;
 
+pub use access::{AccessError, AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS};
 pub use command::{Command, LocalAddress};
+pub use cyclic::{
+    DEFAULT_BAUD_RATE, DoitTime, RecoveryStep, USUAL_REMOTE_LATENCY, doit_of, software_mode_word,
+};
+pub use error::{Needed, PortError, PortState, Registers, Unsupported, WaitError, WaitingFor};
 pub use layout::{ChannelRegisters, Layout, LayoutError, MAX_INTERFACE_REGISTERS, SslbpModule};
+pub use parameters::{ChannelVariable, ChannelVariables, ErrorCounters, PortParameters};
+pub use port::{ChannelStart, ChannelWords, Port, PortResult, PortWords, StartMode, Transfer};
+pub use started::{
+    FailedRegisters, ProcessDataSizes, ReplyFormat, StartFailure, StartFailureReason, StartReport,
+    StartedRemote,
+};
 pub use status::{ComState, CsStatus, DataStatus, LinkStatus, LocalFaults, RemoteFaults};

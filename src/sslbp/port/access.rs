@@ -1,0 +1,237 @@
+//! Pass-through accesses to remotes in setup mode.
+
+use super::{Port, PortResult, wait::Expected};
+use crate::{
+    bus::{BusError, RegisterBus},
+    sslbp::{
+        AccessError, AccessSize, Channel, Command, CsStatus, DEFAULT_BAUD_RATE, LocalLocation,
+        NonvolatileMemory, PortError, PortState, RemoteAccess, USUAL_REMOTE_LATENCY,
+    },
+};
+use core::time::Duration;
+
+/// Without a reply an access takes 49.8 ms (FACTS 6.2).
+const LIMIT: Duration = Duration::from_millis(200);
+
+/// How often an access is tried.
+const ATTEMPTS: u8 = 3;
+
+/// After a failed access: longer than its timer, so that neither the timer nor a late reply is
+/// taken for the next access (FACTS 5.4).
+const QUIET: Duration = Duration::from_millis(60);
+
+/// The firmware's own time for one access: 39 us in all for a byte (FACTS 6.2).
+const FIRMWARE: Duration = Duration::from_micros(7);
+
+/// How long non-volatile memory may take to keep a value.
+const KEEP_FIRST: Duration = Duration::from_millis(10);
+const KEEP_PAUSE: Duration = Duration::from_millis(20);
+const KEEP_ATTEMPTS: u8 = 6;
+
+impl Port {
+    /// Reads from the memory of the remote on `channel`.
+    ///
+    /// Manual: 7I77, "REMOTE READ EXAMPLE".
+    pub fn remote_read<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        address: u16,
+        size: AccessSize,
+    ) -> PortResult<u64, B> {
+        self.remote_access(bus, channel, RemoteAccess::Read { address, size })
+    }
+
+    /// Writes to the memory of the remote on `channel`; bits of `value` above `size` are dropped.
+    ///
+    /// Manual: 7I77, "REMOTE WRITE EXAMPLE".
+    pub fn remote_write<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        address: u16,
+        size: AccessSize,
+        value: u64,
+    ) -> PortResult<(), B> {
+        let access = RemoteAccess::Write {
+            address,
+            size,
+            value,
+        };
+        self.remote_access(bus, channel, access).map(|_| ())
+    }
+
+    /// Reads a local location of the remote on `channel`. FACTS 6.1.
+    pub fn remote_local_read<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        location: LocalLocation,
+    ) -> PortResult<u8, B> {
+        let value = self.remote_access(bus, channel, RemoteAccess::ReadLocal(location))?;
+        Ok(value as u8)
+    }
+
+    /// Writes a local location of the remote on `channel`. FACTS 6.1.
+    pub fn remote_local_write<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        location: LocalLocation,
+        value: u8,
+    ) -> PortResult<(), B> {
+        let access = RemoteAccess::WriteLocal(location, value);
+        self.remote_access(bus, channel, access).map(|_| ())
+    }
+
+    /// Reads from the non-volatile memory of the remote on `channel`.
+    ///
+    /// Access to it is switched off again, whatever happens. FACTS 6.3.
+    pub fn nonvolatile_read<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        memory: NonvolatileMemory,
+        address: u16,
+        size: AccessSize,
+    ) -> PortResult<u64, B> {
+        self.with_nonvolatile(bus, channel, memory, |port, bus| {
+            port.remote_read(bus, channel, address, size)
+        })
+    }
+
+    /// Writes to the non-volatile memory of the remote on `channel`, and reads it back until it
+    /// has been kept.
+    ///
+    /// Access to it is switched off again, whatever happens. FACTS 6.3.
+    pub fn nonvolatile_write<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        memory: NonvolatileMemory,
+        address: u16,
+        size: AccessSize,
+        value: u64,
+    ) -> PortResult<(), B> {
+        let written = value & size.mask();
+        self.with_nonvolatile(bus, channel, memory, |port, bus| {
+            port.remote_write(bus, channel, address, size, written)?;
+            port.confirm_kept(bus, channel, address, size, written)
+        })
+    }
+
+    fn confirm_kept<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        address: u16,
+        size: AccessSize,
+        written: u64,
+    ) -> PortResult<(), B> {
+        bus.wait(KEEP_FIRST);
+        let mut read = self.remote_read(bus, channel, address, size)?;
+        for _ in 0..KEEP_ATTEMPTS {
+            if read == written {
+                return Ok(());
+            }
+            bus.wait(KEEP_PAUSE);
+            read = self.remote_read(bus, channel, address, size)?;
+        }
+        Err(self.access_error(AccessError::NotKept {
+            channel,
+            address,
+            written,
+            read,
+        }))
+    }
+
+    /// Runs `work` with non-volatile memory selected, and deselects it afterwards even if `work`,
+    /// or the selection itself, has failed: its reply may have been lost after it was done.
+    fn with_nonvolatile<B: RegisterBus, T>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        memory: NonvolatileMemory,
+        work: impl FnOnce(&mut Self, &mut B) -> PortResult<T, B>,
+    ) -> PortResult<T, B> {
+        self.require_running(PortState::Setup, channel.mask())?;
+        let location = LocalLocation::NONVOLATILE;
+        let result = self
+            .remote_local_write(bus, channel, location, memory.code())
+            .and_then(|()| work(self, bus));
+        match self.remote_local_write(bus, channel, location, 0) {
+            Ok(()) => result,
+            Err(PortError::Access {
+                error: AccessError::Failed { cs, .. },
+                ..
+            }) => Err(self.access_error(AccessError::LeftNonvolatile { channel, cs })),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// One access, tried again when the reply is lost: all accesses are such that doing them twice
+    /// is doing them once.
+    pub fn remote_access<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        access: RemoteAccess,
+    ) -> PortResult<u64, B> {
+        self.require_running(PortState::Setup, channel.mask())?;
+        let mut cs = CsStatus::default();
+        for _ in 0..ATTEMPTS {
+            match self.access_once(bus, channel, access)? {
+                Ok(value) => return Ok(value),
+                Err(status) => cs = status,
+            }
+            bus.wait(QUIET);
+        }
+        Err(self.access_error(AccessError::Failed {
+            channel,
+            access,
+            attempts: ATTEMPTS,
+            cs,
+        }))
+    }
+
+    fn access_once<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        access: RemoteAccess,
+    ) -> PortResult<Result<u64, CsStatus>, B> {
+        let registers = self.registers(channel)?;
+        let cs = registers.cs();
+        let mut writes = alloc::vec::Vec::new();
+        if let Some(words) = access.data_words() {
+            writes.extend(registers.interfaces().zip(words));
+        }
+        writes.push((cs, access.cs_word()));
+        let reads = core::iter::once(cs).chain(registers.interfaces().take(2));
+        let command = Command::doit(channel.mask());
+        let poll = self.execute(bus, command, &writes, reads, expected(access))?;
+        let &[cs, low, high] = poll.others() else {
+            return Ok(Err(CsStatus::default()));
+        };
+        if poll.data().has_failed(channel) {
+            return Ok(Err(CsStatus::from_register(cs)));
+        }
+        Ok(Ok(access.value([low, high])))
+    }
+
+    fn access_error<E: BusError>(&self, error: AccessError) -> PortError<E> {
+        PortError::Access {
+            port: self.layout.instance(),
+            error,
+        }
+    }
+}
+
+fn expected(access: RemoteAccess) -> Expected {
+    let bits = u64::from(access.characters()) * 10;
+    let line = Duration::from_nanos(bits * 1_000_000_000 / u64::from(DEFAULT_BAUD_RATE));
+    Expected {
+        usual: line + USUAL_REMOTE_LATENCY + FIRMWARE,
+        limit: LIMIT,
+    }
+}

@@ -1,0 +1,178 @@
+//! The port's own memory: parameters and channel variables.
+
+use super::{Port, PortResult, wait::Expected};
+use crate::{
+    bus::RegisterBus,
+    sslbp::{
+        Channel, ChannelVariable, ChannelVariables, Command, ErrorCounters, LocalAddress,
+        PortError, PortParameters, ProcessDataSizes,
+    },
+};
+use core::time::Duration;
+
+/// FACTS 3: at most 3.5 us.
+const LOCAL: Expected = Expected {
+    usual: Duration::from_micros(1),
+    limit: Duration::from_millis(5),
+};
+
+impl Port {
+    /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
+    pub fn local_read<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        address: LocalAddress,
+    ) -> PortResult<u8, B> {
+        let command = Command::local_read(address);
+        Ok(self.execute(bus, command, &[], [], LOCAL)?.data().byte())
+    }
+
+    /// Writes a byte of the port's memory, and reads it back. Manual: 7I77, "LOCAL WRITE
+    /// OPERATIONS".
+    pub fn local_write<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        address: LocalAddress,
+        value: u8,
+    ) -> PortResult<(), B> {
+        let data = [(self.layout.data(), u32::from(value))];
+        self.execute(bus, Command::local_write(address), &data, [], LOCAL)?;
+        let read = self.local_read(bus, address)?;
+        if read == value {
+            return Ok(());
+        }
+        Err(PortError::LocalWrite {
+            port: self.layout.instance(),
+            address,
+            written: value,
+            read,
+        })
+    }
+
+    /// Reads the local parameters and checks that this crate can work with the firmware.
+    pub fn identify<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
+        let parameters = self.read_parameters(bus)?;
+        parameters
+            .check()
+            .map_err(|reason| self.unsupported(reason))?;
+        if parameters.channels != self.layout.channels() {
+            return Err(PortError::ChannelCount {
+                port: self.layout.instance(),
+                pins: self.layout.channels(),
+                gateware: parameters.channels,
+            });
+        }
+        self.parameters = Some(parameters);
+        Ok(parameters)
+    }
+
+    fn read_parameters<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
+        let mut parameters = [0; PortParameters::COUNT as usize];
+        self.read_run(bus, 0, &mut parameters)?;
+        let mut clock = [0; 4];
+        self.read_run(bus, PortParameters::CLOCK, &mut clock)?;
+        Ok(PortParameters::from_bytes(parameters, clock))
+    }
+
+    fn read_run<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        first: u16,
+        bytes: &mut [u8],
+    ) -> PortResult<(), B> {
+        let addresses = (first..).map_while(LocalAddress::new);
+        for (byte, address) in bytes.iter_mut().zip(addresses) {
+            *byte = self.local_read(bus, address)?;
+        }
+        Ok(())
+    }
+
+    /// Reads the first bytes of a variable of `channel`.
+    pub fn read_variable<B: RegisterBus, const N: usize>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        variable: ChannelVariable,
+    ) -> PortResult<[u8; N], B> {
+        self.require_existing(channel.mask())?;
+        let parameters = *self.known_parameters()?;
+        let mut bytes = [0; N];
+        for (index, byte) in (0u8..).zip(&mut bytes) {
+            if let Some(address) = parameters.variable(channel, variable, index) {
+                *byte = self.local_read(bus, address)?;
+            }
+        }
+        Ok(bytes)
+    }
+
+    /// The variables that tell how a channel does.
+    pub fn channel_variables<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+    ) -> PortResult<ChannelVariables, B> {
+        let [error_limit] = self.read_variable(bus, channel, ChannelVariable::ErrorLimit)?;
+        let [disable_crc] = self.read_variable(bus, channel, ChannelVariable::DisableCrc)?;
+        let [ticks] = self.read_variable(bus, channel, ChannelVariable::RpcTime)?;
+        Ok(ChannelVariables {
+            counters: self.error_counters(bus, channel)?,
+            error_limit,
+            crc_disabled: disable_crc != 0,
+            baud_rate: self.baud_rate(bus, channel)?,
+            sizes: self.process_data_sizes(bus, channel)?,
+            rpc_time: ChannelVariables::RPC_TIME_STEP * u32::from(ticks),
+        })
+    }
+
+    /// The errors of a channel since its last stop.
+    pub fn error_counters<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+    ) -> PortResult<ErrorCounters, B> {
+        let bytes = self.read_variable(bus, channel, ChannelVariable::ErrorCounters)?;
+        Ok(ErrorCounters::from_bytes(bytes))
+    }
+
+    /// RXSize and TXSize of the remote on `channel`, as START has asked for them.
+    pub fn process_data_sizes<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+    ) -> PortResult<ProcessDataSizes, B> {
+        let [rx] = self.read_variable(bus, channel, ChannelVariable::RxSize)?;
+        let [tx] = self.read_variable(bus, channel, ChannelVariable::TxSize)?;
+        Ok(ProcessDataSizes { rx, tx })
+    }
+
+    /// The baud rate of `channel`. One that was set but not yet taken over by a STOPALL is read
+    /// here too.
+    pub fn baud_rate<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+    ) -> PortResult<u32, B> {
+        let bytes = self.read_variable(bus, channel, ChannelVariable::BaudRate)?;
+        Ok(u32::from_le_bytes(bytes))
+    }
+
+    /// Sets the baud rate of `channel`; [`stop_all`](Self::stop_all) makes it effective.
+    ///
+    /// FACTS 2.4.
+    pub fn set_baud_rate<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        channel: Channel,
+        baud_rate: u32,
+    ) -> PortResult<(), B> {
+        self.require_existing(channel.mask())?;
+        let parameters = *self.known_parameters()?;
+        for (index, byte) in (0u8..).zip(baud_rate.to_le_bytes()) {
+            let address = parameters.variable(channel, ChannelVariable::BaudRate, index);
+            if let Some(address) = address {
+                self.local_write(bus, address, byte)?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,145 @@
+//! The handle of one port, for the time of initialisation: it waits, within bounds.
+
+mod access;
+mod local;
+mod start;
+mod stop;
+mod transfer;
+mod wait;
+
+pub use start::{ChannelStart, StartMode};
+pub use transfer::{ChannelWords, PortWords, Transfer};
+
+use super::{
+    Channel, ChannelMask, ChannelRegisters, Layout, MAX_CHANNELS, Needed, PortError,
+    PortParameters, PortState, ProcessDataSizes, Unsupported,
+};
+use crate::bus::{BusError, RegisterBus};
+
+/// The result of an operation on a port over the bus `B`.
+pub type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
+
+/// One SSLBP port.
+///
+/// All operations wait within bounds and belong to initialisation; for the cycle take
+/// [`Layout`], [`Command`](super::Command), [`CsStatus`](super::CsStatus) and
+/// [`DoitTime`](super::DoitTime) alone.
+///
+/// The usual order: [`reset`](Self::reset) (or [`identify`](Self::identify) and
+/// [`stop_all`](Self::stop_all)), [`start`](Self::start), then
+/// [`transfer`](Self::transfer) in normal mode or [`remote_read`](Self::remote_read) and
+/// [`remote_write`](Self::remote_write) in setup mode.
+///
+/// # Real time
+/// Not for the cycle: every operation waits for the hardware.
+#[derive(Clone, Debug)]
+pub struct Port {
+    layout: Layout,
+    parameters: Option<PortParameters>,
+    state: PortState,
+    running: ChannelMask,
+    sizes: [ProcessDataSizes; MAX_CHANNELS as usize],
+    /// COMMAND is known to be 0, because this handle saw its last command complete.
+    idle: bool,
+}
+
+impl Port {
+    /// A port at `layout`, in an unknown state.
+    pub const fn new(layout: Layout) -> Self {
+        Self {
+            layout,
+            parameters: None,
+            state: PortState::Unknown,
+            running: ChannelMask::NONE,
+            sizes: [ProcessDataSizes { rx: 0, tx: 0 }; MAX_CHANNELS as usize],
+            idle: false,
+        }
+    }
+
+    /// Where its registers are.
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Its local parameters, once [`reset`](Self::reset) or [`identify`](Self::identify) has read
+    /// them.
+    pub const fn parameters(&self) -> Option<&PortParameters> {
+        self.parameters.as_ref()
+    }
+
+    /// What its channels are in.
+    pub const fn state(&self) -> PortState {
+        self.state
+    }
+
+    /// The channels that run.
+    pub const fn running(&self) -> ChannelMask {
+        self.running
+    }
+
+    fn known_parameters<E: BusError>(&self) -> Result<&PortParameters, PortError<E>> {
+        let port = self.layout.instance();
+        self.parameters
+            .as_ref()
+            .ok_or(PortError::NotIdentified { port })
+    }
+
+    fn registers<E: BusError>(&self, channel: Channel) -> Result<ChannelRegisters, PortError<E>> {
+        self.layout
+            .channel(channel)
+            .ok_or(PortError::NoSuchChannel {
+                port: self.layout.instance(),
+                missing: channel.mask(),
+                channels: self.layout.channels(),
+            })
+    }
+
+    fn require_existing<E: BusError>(&self, mask: ChannelMask) -> Result<(), PortError<E>> {
+        let missing = mask.difference(self.layout.mask());
+        if missing.is_empty() {
+            return Ok(());
+        }
+        Err(PortError::NoSuchChannel {
+            port: self.layout.instance(),
+            missing,
+            channels: self.layout.channels(),
+        })
+    }
+
+    fn require_running<E: BusError>(
+        &self,
+        state: PortState,
+        mask: ChannelMask,
+    ) -> Result<(), PortError<E>> {
+        self.require_existing(mask)?;
+        if self.state != state {
+            return Err(self.wrong_state(match state {
+                PortState::Setup => Needed::Setup,
+                PortState::Normal => Needed::Normal,
+                PortState::Stopped | PortState::Unknown => Needed::Stopped,
+            }));
+        }
+        let missing = mask.difference(self.running);
+        if missing.is_empty() {
+            Ok(())
+        } else {
+            Err(self.wrong_state(Needed::Started(missing)))
+        }
+    }
+
+    fn wrong_state<E: BusError>(&self, needed: Needed) -> PortError<E> {
+        PortError::WrongState {
+            port: self.layout.instance(),
+            needed,
+            state: self.state,
+            running: self.running,
+        }
+    }
+
+    fn unsupported<E: BusError>(&self, reason: Unsupported) -> PortError<E> {
+        PortError::Unsupported {
+            port: self.layout.instance(),
+            reason,
+        }
+    }
+}
