@@ -1,0 +1,123 @@
+//! A run of bits in the interface registers.
+
+/// 1 to 64 neighbouring bits in the words of the interface registers, least significant bit first;
+/// shift and mask are computed once.
+///
+/// # Real time
+/// Constant time, no allocation. Words that are not there read as zero and are not written: the
+/// plan has checked that there are enough.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    word: u8,
+    shift: u8,
+    bits: u8,
+    mask: u64,
+}
+
+impl Field {
+    /// The widest field.
+    pub const MAX_BITS: u8 = 64;
+
+    /// The `bits` bits from bit `offset` on; `None` if there are none or more than 64 of them, or
+    /// if they lie beyond bit 8191.
+    pub const fn new(offset: u16, bits: u8) -> Option<Self> {
+        if bits == 0 || bits > Self::MAX_BITS || offset / 32 > u8::MAX as u16 {
+            return None;
+        }
+        Some(Self {
+            word: (offset / 32) as u8,
+            shift: (offset % 32) as u8,
+            bits,
+            mask: u64::MAX >> (64 - bits as u32),
+        })
+    }
+
+    /// Its first bit.
+    pub const fn offset(self) -> u16 {
+        self.word as u16 * 32 + self.shift as u16
+    }
+
+    /// Its width.
+    pub const fn bits(self) -> u8 {
+        self.bits
+    }
+
+    /// Its bits, all ones.
+    pub const fn mask(self) -> u64 {
+        self.mask
+    }
+
+    /// The bits, as an unsigned number.
+    pub fn get(self, words: &[u32]) -> u64 {
+        let first = self.word as usize;
+        let word = |index: usize| u128::from(words.get(first + index).copied().unwrap_or(0));
+        if self.shift + self.bits <= 32 {
+            return (word(0) >> self.shift) as u64 & self.mask;
+        }
+        let wide = word(0) | word(1) << 32 | word(2) << 64;
+        (wide >> self.shift) as u64 & self.mask
+    }
+
+    /// Sets the bits to the low bits of `value`; no other bit changes.
+    pub fn put(self, words: &mut [u32], value: u64) {
+        let mask = u128::from(self.mask) << self.shift;
+        let value = u128::from(value & self.mask) << self.shift;
+        let touched = words.iter_mut().skip(self.word as usize).take(3);
+        for (index, word) in touched.enumerate() {
+            let part = 32 * index as u32;
+            *word = *word & !((mask >> part) as u32) | (value >> part) as u32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_field_has_1_to_64_bits() {
+        assert_eq!(Field::new(0, 0), None);
+        assert_eq!(Field::new(0, 65), None);
+        assert_eq!(Field::new(u16::MAX, 1), None);
+        assert_eq!(Field::new(31, 64).map(Field::offset), Some(31));
+    }
+
+    #[test]
+    fn every_width_at_every_position_of_seven_registers_comes_back_and_disturbs_nothing() {
+        for bits in 1..=64u8 {
+            for offset in 0..=(224 - u16::from(bits)) {
+                let field = Field::new(offset, bits).unwrap();
+                for background in [0, u32::MAX, 0xA5A5_5A5A] {
+                    let mut words = [background; 7];
+                    let value = 0x9E37_79B9_7F4A_7C15 ^ u64::from(offset);
+                    field.put(&mut words, value);
+                    assert_eq!(field.get(&words), value & field.mask(), "{field:?}");
+                    for bit in 0..224u16 {
+                        let word = words[usize::from(bit / 32)] >> (bit % 32) & 1;
+                        let expected = if (offset..offset + u16::from(bits)).contains(&bit) {
+                            (value >> (bit - offset) & 1) as u32
+                        } else {
+                            background >> (bit % 32) & 1
+                        };
+                        assert_eq!(word, expected, "{field:?} bit {bit}");
+                    }
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn words_that_are_not_there_are_zero_and_left_alone(
+            offset in any::<u16>(), bits in 1..=64u8, value in any::<u64>(), len in 0..4usize,
+        ) {
+            if let Some(field) = Field::new(offset, bits) {
+                let mut words = [0; 4];
+                field.put(&mut words[..len], value);
+                prop_assert!(words[len..].iter().all(|&w| w == 0));
+                prop_assert_eq!(field.get(&words[..len]) & !value, 0);
+            }
+        }
+    }
+}

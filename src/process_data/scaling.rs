@@ -1,0 +1,346 @@
+//! Raw numbers and engineering values.
+
+/// What a raw value means, and which raw value a value becomes.
+///
+/// Three forms, by type and limits (FACTS 7.4):
+///
+/// | form | when | value |
+/// |---|---|---|
+/// | unsigned | unsigned, `min` = 0 | `raw * max / (2^n - 1)` |
+/// | signed | two's complement, `min` = -`max` | `raw * max / 2^(n-1)` |
+/// | offset | other limits | `raw * (max - min) / (2^n - 1) + min`, raw unsigned |
+///
+/// The manuals' signed formula would make `min` of raw 0; nothing in the field does so. The offset
+/// form is the manuals' unsigned one, and the only sensible reading of limits that fit no other.
+/// `min` = `max` means 0 to 1 (two's complement: -1 to 1).
+///
+/// # Towards the wire
+/// Unsigned and offset round to the nearest raw value, so that a value from the wire goes back to
+/// the same raw value.
+///
+/// Signed follows LinuxCNC on the wire up to 31 bits: it makes a fraction of `2^31 - 1` first
+/// (towards zero) and then drops the low `32 - n` bits (downwards). Full scale, which is one more
+/// than the largest raw value, needs no special case that way; the price is that a value that falls
+/// exactly on a positive step goes one step lower: of 13 bits for +-10 V, 5.0 V is just under 2048
+/// (1073741823.5 of `2^31 - 1`) and becomes 2047, and -10 V becomes -4096 (0x1000). The difference
+/// is never more than one step. From 32 bits on, where that way errs more (and LinuxCNC itself does
+/// not go), it is the nearest.
+///
+/// Both ends are exact at every width: `max` is the largest raw value, `min` the smallest. Beyond
+/// them the end is taken, and said.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scaling {
+    form: Form,
+    bits: u8,
+    min: f64,
+    max: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    Unsigned,
+    Signed,
+    Offset,
+}
+
+/// A raw value, and what had to be done to get it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Raw {
+    /// The bits, right-justified; bits above the width are zero.
+    pub bits: u64,
+    /// Whether the value fitted.
+    pub fit: Fit,
+}
+
+/// Whether a value fitted what the wire can carry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fit {
+    /// It did.
+    Exact,
+    /// It lay outside and became the nearest end.
+    Clamped,
+    /// It was no number; the bits are those of zero, or of the end nearest to zero.
+    NotFinite,
+}
+
+impl Scaling {
+    /// For an unsigned number of `bits` bits. `None` for no bits, more than 64, or limits that are
+    /// not finite.
+    // Limits are compared as the device wrote them: nothing was computed.
+    #[allow(clippy::float_cmp)]
+    pub fn unsigned(bits: u8, min: f64, max: f64) -> Option<Self> {
+        let form = if min == 0.0 || min == max {
+            Form::Unsigned
+        } else {
+            Form::Offset
+        };
+        Self::new(form, bits, min, max)
+    }
+
+    /// For a two's complement number of `bits` bits. `None` as for [`unsigned`](Self::unsigned).
+    // Limits are compared as the device wrote them: nothing was computed.
+    #[allow(clippy::float_cmp)]
+    pub fn signed(bits: u8, min: f64, max: f64) -> Option<Self> {
+        let form = if min == -max || min == max {
+            Form::Signed
+        } else {
+            Form::Offset
+        };
+        Self::new(form, bits, min, max)
+    }
+
+    // Limits are compared as the device wrote them: nothing was computed.
+    #[allow(clippy::float_cmp)]
+    fn new(form: Form, bits: u8, min: f64, max: f64) -> Option<Self> {
+        let width = (1..=64).contains(&bits);
+        if !width || !min.is_finite() || !max.is_finite() || !(max - min).is_finite() {
+            return None;
+        }
+        let (min, max) = match form {
+            Form::Signed if min == max => (-1.0, 1.0),
+            _ if min == max => (0.0, 1.0),
+            _ => (min, max),
+        };
+        Some(Self {
+            form,
+            bits,
+            min,
+            max,
+        })
+    }
+
+    /// The value of the smallest raw value.
+    pub fn min(self) -> f64 {
+        self.min
+    }
+
+    /// The value of full scale.
+    pub fn max(self) -> f64 {
+        self.max
+    }
+
+    /// The value of a raw value; bits above the width are ignored.
+    pub fn value(self, raw: u64) -> f64 {
+        let raw = raw & self.mask();
+        match self.form {
+            Form::Unsigned => raw as f64 / self.steps() * self.max,
+            Form::Signed => sign_extend(raw, self.bits) as f64 / self.half() * self.max,
+            Form::Offset => {
+                let fraction = raw as f64 / self.steps();
+                // Not `min + fraction * (max - min)`: that misses `max` by rounding.
+                self.min * (1.0 - fraction) + self.max * fraction
+            }
+        }
+    }
+
+    /// The raw value of a value.
+    pub fn raw(self, value: f64) -> Raw {
+        if !value.is_finite() {
+            let zero = 0.0_f64.clamp(self.min.min(self.max), self.min.max(self.max));
+            return Raw {
+                bits: self.raw(zero).bits,
+                fit: Fit::NotFinite,
+            };
+        }
+        match self.form {
+            Form::Unsigned => self.unsigned_raw(value / self.max),
+            Form::Offset => self.unsigned_raw((value - self.min) / (self.max - self.min)),
+            Form::Signed => self.signed_raw(value / self.max),
+        }
+    }
+
+    fn unsigned_raw(self, fraction: f64) -> Raw {
+        let (fraction, fit) = clamped(fraction, 0.0);
+        // A cast from a real number saturates: 2^64 becomes 2^64 - 1.
+        let bits = libm::round(fraction * self.steps()) as u64;
+        Raw {
+            bits: bits.min(self.mask()),
+            fit,
+        }
+    }
+
+    fn signed_raw(self, fraction: f64) -> Raw {
+        let (fraction, fit) = clamped(fraction, -1.0);
+        let highest = (self.mask() >> 1) as i64;
+        let number = if fraction <= -1.0 {
+            -highest - 1
+        } else if self.bits < 32 {
+            let fraction_of_31_bits = (fraction * 2_147_483_647.0) as i64;
+            fraction_of_31_bits >> (32 - self.bits)
+        } else {
+            (libm::round(fraction * self.half()) as i64).min(highest)
+        };
+        Raw {
+            bits: number as u64 & self.mask(),
+            fit,
+        }
+    }
+
+    fn mask(self) -> u64 {
+        u64::MAX >> (64 - u32::from(self.bits))
+    }
+
+    fn steps(self) -> f64 {
+        self.mask() as f64
+    }
+
+    /// 2^(n-1)
+    fn half(self) -> f64 {
+        (1_u64 << (self.bits - 1)) as f64
+    }
+}
+
+fn clamped(fraction: f64, lowest: f64) -> (f64, Fit) {
+    if fraction > 1.0 {
+        (1.0, Fit::Clamped)
+    } else if fraction < lowest {
+        (lowest, Fit::Clamped)
+    } else {
+        (fraction, Fit::Exact)
+    }
+}
+
+/// The two's complement number in the low `bits` (1 to 64) bits.
+pub fn sign_extend(raw: u64, bits: u8) -> i64 {
+    let unused = 64_u32.saturating_sub(u32::from(bits)).min(63);
+    ((raw << unused) as i64) >> unused
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn known_values_of_the_field() {
+        let volts = Scaling::signed(13, -10.0, 10.0).unwrap();
+        for (value, raw) in [
+            (5.0, 2047),
+            (10.0, 4095),
+            (-10.0, 0x1000),
+            (-5.0, 0x1800),
+            (0.0, 0),
+            (-1e-12, 0),
+        ] {
+            assert_eq!(volts.raw(value).bits, raw, "{value} V");
+        }
+        assert_eq!(volts.value(0x1000), -10.0);
+        assert_eq!(volts.value(0x0800), 5.0);
+
+        let field_voltage = Scaling::unsigned(8, 0.0, 36.3).unwrap();
+        assert_eq!(field_voltage.value(255), 36.3);
+        assert_eq!(field_voltage.value(0), 0.0);
+        assert!((field_voltage.value(169) - 24.057).abs() < 0.001);
+    }
+
+    #[test]
+    fn both_ends_are_exact_at_every_width() {
+        for bits in 1..=64 {
+            let mask = u64::MAX >> (64 - u32::from(bits));
+            let unsigned = Scaling::unsigned(bits, 0.0, 36.3).unwrap();
+            assert_eq!(unsigned.raw(36.3).bits, mask);
+            assert_eq!(unsigned.raw(0.0).bits, 0);
+            assert_eq!((unsigned.value(mask), unsigned.value(0)), (36.3, 0.0));
+
+            let signed = Scaling::signed(bits, -10.0, 10.0).unwrap();
+            assert_eq!(signed.raw(10.0).bits, mask >> 1, "{bits} bits");
+            assert_eq!(signed.raw(-10.0).bits, (mask >> 1) + 1, "{bits} bits");
+            assert_eq!(signed.value((mask >> 1) + 1), -10.0);
+            assert_eq!(signed.value(0), 0.0);
+
+            let offset = Scaling::unsigned(bits, -3.0, 7.0).unwrap();
+            assert_eq!((offset.raw(-3.0).bits, offset.raw(7.0).bits), (0, mask));
+            assert_eq!((offset.value(0), offset.value(mask)), (-3.0, 7.0));
+        }
+    }
+
+    #[test]
+    fn equal_limits_mean_0_to_1() {
+        let unsigned = Scaling::unsigned(8, 5.0, 5.0).unwrap();
+        assert_eq!((unsigned.value(0), unsigned.value(255)), (0.0, 1.0));
+        let signed = Scaling::signed(8, 0.0, 0.0).unwrap();
+        assert_eq!((signed.value(0x80), signed.value(0)), (-1.0, 0.0));
+    }
+
+    #[test]
+    fn what_does_not_fit_becomes_an_end_and_what_is_no_number_zero() {
+        let volts = Scaling::signed(13, -10.0, 10.0).unwrap();
+        assert_eq!(
+            (volts.raw(1e300).bits, volts.raw(1e300).fit),
+            (4095, Fit::Clamped)
+        );
+        assert_eq!(volts.raw(-11.0).bits, 0x1000);
+        assert_eq!(
+            (volts.raw(f64::NAN).bits, volts.raw(f64::NAN).fit),
+            (0, Fit::NotFinite)
+        );
+        let far = Scaling::unsigned(8, 4.0, 20.0).unwrap();
+        assert_eq!(far.raw(f64::INFINITY).bits, 0, "4 is nearest to zero");
+    }
+
+    #[test]
+    fn widths_and_limits_that_make_no_sense_are_refused() {
+        assert_eq!(Scaling::unsigned(0, 0.0, 1.0), None);
+        assert_eq!(Scaling::signed(65, -1.0, 1.0), None);
+        assert_eq!(Scaling::unsigned(8, f64::NAN, 1.0), None);
+        assert_eq!(Scaling::signed(8, f64::MIN, f64::MAX), None);
+    }
+
+    #[test]
+    fn signs_extend_at_every_width() {
+        for bits in 1..=64 {
+            let lowest = 1_u64 << (bits - 1);
+            assert_eq!(sign_extend(lowest, bits), i64::MIN >> (64 - bits));
+            assert_eq!(sign_extend(lowest - 1, bits), (lowest - 1) as i64);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn unsigned_raw_values_come_back_as_they_were(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+            let raw = seed >> (64 - bits);
+            for min in [0.0, -max / 3.0] {
+                let scaling = Scaling::unsigned(bits, min, max).unwrap();
+                prop_assert_eq!(scaling.raw(scaling.value(raw)).bits, raw);
+            }
+        }
+
+        #[test]
+        fn signed_raw_values_come_back_as_they_were_or_one_step_lower(bits in 2..=52u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+            let raw = seed >> (64 - bits);
+            let scaling = Scaling::signed(bits, -max, max).unwrap();
+            let before = sign_extend(raw, bits);
+            let after = sign_extend(scaling.raw(scaling.value(raw)).bits, bits);
+            prop_assert!((0..=1).contains(&(before - after)), "{} {}", before, after);
+        }
+
+        #[test]
+        fn a_value_is_never_more_than_a_step_away(bits in 2..=32u8, fraction in -1.0..1.0f64, max in 1e-3..1e6_f64) {
+            let step = max / (1_u64 << (bits - 1)) as f64;
+            let signed = Scaling::signed(bits, -max, max).unwrap();
+            let value = fraction * max;
+            let back = signed.value(signed.raw(value).bits);
+            prop_assert!((back - value).abs() <= step * (1.0 + 1e-6), "{} {}", value, back);
+            let unsigned = Scaling::unsigned(bits, 0.0, max).unwrap();
+            let back = unsigned.value(unsigned.raw(value.abs()).bits);
+            prop_assert!((back - value.abs()).abs() <= step / 2.0 * 1.001);
+        }
+
+        #[test]
+        fn no_value_and_no_limits_make_bits_outside_the_width(
+            bits in 1..=64u8, min in any::<f64>(), max in any::<f64>(), value in any::<f64>(), raw in any::<u64>(),
+        ) {
+            for scaling in [Scaling::signed(bits, min, max), Scaling::unsigned(bits, min, max)].into_iter().flatten() {
+                prop_assert_eq!(scaling.raw(value).bits & !scaling.mask(), 0);
+                let _ = scaling.value(raw);
+            }
+        }
+
+        #[test]
+        fn a_larger_value_never_has_a_smaller_raw_value(bits in 1..=64u8, a in -12.0..12.0f64, b in -12.0..12.0f64) {
+            let scaling = Scaling::signed(bits, -10.0, 10.0).unwrap();
+            let raw = |v: f64| sign_extend(scaling.raw(v).bits, bits);
+            prop_assert!(raw(a.min(b)) <= raw(a.max(b)));
+        }
+    }
+}
