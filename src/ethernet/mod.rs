@@ -1,5 +1,16 @@
 //! Ethernet boards beside their registers: who they are, their EEPROM, their flash memory.
+//!
+//! A [`Board`] is made from a bus that executes LBP16 packets ([`Lbp16Board`]), for example
+//! [`UdpBus`](crate::transport::udp::UdpBus). All of it is for set-up and maintenance; the cycle
+//! goes through [`RegisterBus`](crate::bus::RegisterBus).
+
 mod bitfile;
 mod flash;
+mod info;
+mod memory;
+mod packets;
+
 pub use bitfile::{Bitfile, BitfileError};
 pub use flash::{Area, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR, Stage};
+pub use info::{Board, Counters, Identity, Timestamps};
+pub use packets::{BoardError, Lbp16Board};

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::LinkError;
-use crate::bus::{BusError, BusErrorKind};
+use crate::bus::{Access, BusError, BusErrorKind};
 
 /// An exchange with an Ethernet board failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -83,8 +83,11 @@ pub enum UdpError {
         /// The most it may have.
         limit: usize,
     },
-    /// An access names words outside of the buffer, or an address that is no multiple of 4.
-    #[error("access to 0x{address:04X}: words {first}..{end} of a buffer of {words} words")]
+    /// An access names words outside of the buffer, or registers that do not exist.
+    #[error(
+        "access to 0x{address:04X}, words {first}..{end} of a buffer of {words}: \
+         addresses are multiples of 4 up to 0xFFFC, and all words must be in the buffer"
+    )]
     BadAccess {
         /// Its address.
         address: u16,
@@ -103,6 +106,17 @@ pub enum UdpError {
         /// How many this bus has prepared.
         prepared: usize,
     },
+}
+
+impl UdpError {
+    pub(super) fn bad_access(access: Access, words: usize) -> Self {
+        Self::BadAccess {
+            address: access.address,
+            first: access.words().start,
+            end: access.words().end,
+            words,
+        }
+    }
 }
 
 impl BusError for UdpError {

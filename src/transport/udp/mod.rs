@@ -20,7 +20,8 @@ use core::time::Duration;
 use std::net::SocketAddrV4;
 
 use crate::bus::{Access, BusStatistics, Direction, Instant, Prepared, RegisterBus};
-use encoding::Encoding;
+use crate::ethernet::Lbp16Board;
+use encoding::{Encoding, check_words};
 use matching::{Match, Requests, Writes};
 
 /// Room for the longest datagram that an Ethernet frame carries.
@@ -104,7 +105,7 @@ impl<L: Link> UdpBus<L> {
             reply: Box::new([0; RECEIVE_BUFFER]),
         };
         // Without this, the number that an earlier program left would look like a lost write.
-        bus.with_retries(Encoding::first_contact(), &[], &mut [])?;
+        bus.with_retries(Encoding::first_contact()?, &[], &mut [])?;
         bus.statistics = BusStatistics::default();
         Ok(bus)
     }
@@ -130,43 +131,45 @@ impl<L: Link> UdpBus<L> {
         words: &mut [u32],
     ) -> Result<(), UdpError> {
         let deadline = self.config.setup_deadline;
-        let mut last = None;
-        let mut must_ask = false;
-        for _ in 0..self.config.setup_tries.max(1) {
-            let result = if must_ask {
-                self.transact(&mut Encoding::question(), &mut [], deadline)
-            } else {
-                self.transact(&mut encoding, words, deadline)
-            };
-            match result {
-                Ok(()) if !must_ask => return Ok(()),
-                Ok(()) => {
-                    must_ask = false;
-                    if self.writes.is_executed() {
-                        let reads: Vec<Access> = only_reads(accesses).collect();
-                        if reads.is_empty() {
-                            return Ok(());
-                        }
-                        encoding = Encoding::new(&reads, true)?;
-                    }
+        let mut tries = self.config.setup_tries;
+        loop {
+            match self.transact(&mut encoding, words, deadline) {
+                Ok(length) => {
+                    let reply = self.reply.get(..length).unwrap_or(&[]);
+                    encoding.take(reply, words);
+                    return Ok(());
                 }
-                Err(error) if is_worth_another_try(error) => {
-                    must_ask = encoding.has_writes();
-                    last = Some(error);
+                Err(error) => tries = another_try(tries, error)?,
+            }
+            if encoding.has_writes() && self.ask_whether_executed(&mut tries)? {
+                let reads: Vec<Access> = only_reads(accesses).collect();
+                if reads.is_empty() {
+                    return Ok(());
                 }
-                Err(error) => return Err(error),
+                encoding = Encoding::accesses(&reads, true)?;
             }
         }
-        last.map_or(Ok(()), Err)
     }
 
-    /// One packet out and, if it is answered, its reply.
+    /// Whether the board has executed the newest write, of which no reply came.
+    fn ask_whether_executed(&mut self, tries: &mut u32) -> Result<bool, UdpError> {
+        let deadline = self.config.setup_deadline;
+        let mut question = Encoding::question()?;
+        loop {
+            match self.transact(&mut question, &[], deadline) {
+                Ok(_) => return Ok(self.writes.is_executed()),
+                Err(error) => *tries = another_try(*tries, error)?,
+            }
+        }
+    }
+
+    /// One packet out and, if it is answered, its reply: how many bytes of it were received.
     fn transact(
         &mut self,
         encoding: &mut Encoding,
-        words: &mut [u32],
+        words: &[u32],
         deadline: Duration,
-    ) -> Result<(), UdpError> {
+    ) -> Result<usize, UdpError> {
         let request = self.requests.open();
         let writes = &mut self.writes;
         let packet = encoding.packet(words, request, || writes.open());
@@ -178,86 +181,118 @@ impl<L: Link> UdpBus<L> {
             waited: Duration::ZERO,
         })?;
         if !encoding.is_answered() {
-            return Ok(());
+            return Ok(0);
         }
-        let result = self.receive(encoding, words, request, started, deadline);
+        let wait = Wait {
+            request,
+            expected: encoding.reply_len(),
+            started,
+            deadline,
+        };
+        let result = self.receive(wait);
         if result.is_err() {
             self.requests.give_up();
         }
         result
     }
 
-    /// Waits for the reply to `request`, and throws away everything else that comes.
-    fn receive(
-        &mut self,
-        encoding: &Encoding,
-        words: &mut [u32],
-        request: u32,
-        started: Instant,
-        deadline: Duration,
-    ) -> Result<(), UdpError> {
-        let until = started.after(deadline);
+    /// Waits for the reply to a request, and throws away everything else that comes.
+    fn receive(&mut self, wait: Wait) -> Result<usize, UdpError> {
+        let Wait { request, .. } = wait;
+        let until = wait.started.after(wait.deadline);
         let mut instead = None;
         loop {
             let received = self.link.receive(self.reply.as_mut_slice(), until);
-            let waited = self.link.now().since(started);
-            let length = match received {
-                Ok(Some(length)) => length,
+            let waited = self.link.now().since(wait.started);
+            match received {
+                Ok(Some(length)) => {
+                    if let Some(got) = self.sort(length, wait, waited)? {
+                        if got == request {
+                            return Ok(length);
+                        }
+                        instead = Some(UdpError::Stale {
+                            request,
+                            got,
+                            waited,
+                        });
+                    }
+                }
                 Ok(None) => {
                     self.statistics.lost += 1;
                     return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
                 }
                 Err(link) => return Err(UdpError::Link { link, waited }),
-            };
-            let reply = self.reply.get(..length).unwrap_or(&[]);
-            let Some((number, executed)) = Encoding::numbers(reply) else {
-                self.statistics.short += 1;
-                continue;
-            };
-            let expected = encoding.reply_len();
-            match self.requests.classify(number) {
-                Match::Current if length != expected => {
-                    self.statistics.short += 1;
-                    return Err(UdpError::Short {
-                        request,
-                        expected,
-                        got: length,
-                        waited,
-                    });
-                }
-                Match::Current if waited > deadline => {
-                    self.statistics.late += 1;
-                    return Err(UdpError::Late {
-                        request,
-                        waited,
-                        by: waited.saturating_sub(deadline),
-                    });
-                }
-                Match::Current => {
-                    encoding.take(reply, words);
-                    self.statistics.bytes_received += length as u64;
-                    self.statistics.lost_writes += u64::from(self.writes.confirm(executed));
-                    return Ok(());
-                }
-                Match::Late => {
-                    self.statistics.late += 1;
-                    self.statistics.lost = self.statistics.lost.saturating_sub(1);
-                }
-                Match::Duplicate => self.statistics.duplicate += 1,
-                Match::Stale => self.statistics.stale += 1,
-                Match::Foreign if length < expected => self.statistics.short += 1,
-                Match::Foreign => {
-                    self.statistics.foreign += 1;
-                    continue;
-                }
             }
-            instead = Some(UdpError::Stale {
-                request,
-                got: number,
-                waited,
-            });
         }
     }
+
+    /// Counts what came as what it is; the number of the request it answers, if it answers one.
+    fn sort(
+        &mut self,
+        length: usize,
+        wait: Wait,
+        waited: Duration,
+    ) -> Result<Option<u32>, UdpError> {
+        let Wait {
+            request,
+            expected,
+            deadline,
+            ..
+        } = wait;
+        let counted = &mut self.statistics;
+        let reply = self.reply.get(..length).unwrap_or(&[]);
+        let Some((number, executed)) = Encoding::numbers(reply) else {
+            counted.short += 1;
+            return Ok(None);
+        };
+        match self.requests.classify(number) {
+            Match::Current if length != expected => {
+                counted.short += 1;
+                return Err(UdpError::Short {
+                    request,
+                    expected,
+                    got: length,
+                    waited,
+                });
+            }
+            Match::Current if waited > deadline => {
+                counted.late += 1;
+                return Err(UdpError::Late {
+                    request,
+                    waited,
+                    by: waited.saturating_sub(deadline),
+                });
+            }
+            Match::Current => {
+                counted.bytes_received += length as u64;
+                counted.lost_writes += u64::from(self.writes.confirm(executed));
+            }
+            Match::Late => {
+                counted.late += 1;
+                counted.lost = counted.lost.saturating_sub(1);
+            }
+            Match::Duplicate => counted.duplicate += 1,
+            Match::Stale => counted.stale += 1,
+            Match::Foreign => {
+                if length < expected {
+                    counted.short += 1;
+                } else {
+                    counted.foreign += 1;
+                }
+                return Ok(None);
+            }
+        }
+        Ok(Some(number))
+    }
+}
+
+/// The reply that is waited for.
+#[derive(Clone, Copy)]
+struct Wait {
+    request: u32,
+    expected: usize,
+    started: Instant,
+    deadline: Duration,
 }
 
 fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
@@ -265,24 +300,59 @@ fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
     accesses.iter().filter(read).copied()
 }
 
-/// Whether the next try may have more luck.
-fn is_worth_another_try(error: UdpError) -> bool {
-    matches!(
+/// How many tries are left after `error`; or `error` itself if there are none, or no use in one.
+fn another_try(tries: u32, error: UdpError) -> Result<u32, UdpError> {
+    let passing = matches!(
         error,
         UdpError::Lost { .. }
             | UdpError::Late { .. }
             | UdpError::Stale { .. }
             | UdpError::Short { .. }
             | UdpError::Link { .. }
-    )
+    );
+    match tries {
+        0 | 1 => Err(error),
+        _ if !passing => Err(error),
+        _ => Ok(tries - 1),
+    }
+}
+
+impl<L: Link> Lbp16Board for UdpBus<L> {
+    fn run(
+        &mut self,
+        commands: &[u8],
+        reply: &mut [u8],
+        deadline: Duration,
+    ) -> Result<(), UdpError> {
+        let mut encoding = Encoding::raw(commands, reply.len())?;
+        let mut tries = self.config.setup_tries;
+        loop {
+            match self.transact(&mut encoding, &[], deadline) {
+                Ok(_) => {
+                    for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
+                        *target = *byte;
+                    }
+                    return Ok(());
+                }
+                Err(error) => tries = another_try(tries, error)?,
+            }
+        }
+    }
+
+    fn send(&mut self, commands: &[u8]) -> Result<(), UdpError> {
+        self.link.send(commands).map_err(|link| UdpError::Link {
+            link,
+            waited: Duration::ZERO,
+        })
+    }
 }
 
 impl<L: Link> RegisterBus for UdpBus<L> {
     type Error = UdpError;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
-        let encoding = Encoding::new(accesses, true)?;
-        encoding.check_words(accesses, words.len())?;
+        let encoding = Encoding::accesses(accesses, true)?;
+        check_words(accesses, words.len())?;
         self.with_retries(encoding, accesses, words)
     }
 
@@ -296,7 +366,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     }
 
     fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, UdpError> {
-        self.prepared.push(Encoding::new(accesses, false)?);
+        self.prepared.push(Encoding::accesses(accesses, false)?);
         Ok(Prepared::new(accesses, self.prepared.len() - 1))
     }
 
@@ -316,9 +386,12 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         // Taken out for the exchange, which needs the rest of the bus; no memory moves but that
         // of the handles.
         let mut encoding = core::mem::take(place);
-        let result = encoding
-            .check_words(prepared.accesses(), words.len())
-            .and_then(|()| self.transact(&mut encoding, words, self.config.cycle_deadline));
+        let result = check_words(prepared.accesses(), words.len())
+            .and_then(|()| self.transact(&mut encoding, words, self.config.cycle_deadline))
+            .map(|length| {
+                let reply = self.reply.get(..length).unwrap_or(&[]);
+                encoding.take(reply, words);
+            });
         if let Some(place) = self.prepared.get_mut(slot) {
             *place = encoding;
         }
