@@ -7,6 +7,7 @@
 mod fpga;
 pub mod machines;
 mod modules;
+pub mod remote;
 pub mod sslbp;
 pub mod wire;
 

@@ -1,0 +1,485 @@
+//! A simulated remote: the protocol around an [`Application`].
+
+use super::{
+    Application, Eeprom, Flash, Memory, RemoteConfig, ReplyFaults, config::WorkingCopy, line,
+};
+use crate::{
+    lbp::{
+        Capabilities, LbpStatus, MAX_FRAME, Nonvolatile, Parsed, Parser, ParserCounts,
+        ReceivedRequest, RemoteFaults, RpcNumber, RpcSizes, RpcTable, crc8,
+    },
+    sim::wire::{Burst, Nanos, RemoteEnd},
+};
+
+/// The most replies that are on their way at the same time.
+const QUEUE: usize = 8;
+/// The most events that are kept.
+const EVENTS: usize = 16;
+
+/// Something a remote did that is not a reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RemoteEvent {
+    /// The watchdog has bitten.
+    WatchdogBites,
+    /// The frame timeout dropped so many characters.
+    FrameTimeout(usize),
+    /// This reply is not sent.
+    DropsReply,
+    /// The next reply has a wrong CRC.
+    BadCrc,
+    /// The next reply has characters behind it.
+    Extra,
+    /// The next reply lacks characters.
+    Short,
+    /// The next reply is late.
+    Late,
+    /// The next reply is a break.
+    Break,
+}
+
+/// A simulated remote on its serial line.
+///
+/// # Real time
+/// Allocates when it is made, never for a frame.
+#[derive(Debug)]
+pub struct Remote<A> {
+    pub(super) config: RemoteConfig,
+    pub(super) application: A,
+    pub(super) state: State,
+    pub(super) memory: Memory,
+    pub(super) eeprom: Eeprom,
+    pub(super) flash: Option<Flash>,
+    pub(super) reply_faults: ReplyFaults,
+    parser: Parser,
+    watchdog: Watchdog,
+    powered: bool,
+    now: Nanos,
+    line_free: Nanos,
+    queue: Queue,
+    events: Events,
+}
+
+/// What a power cycle resets.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    pub(super) mode: u8,
+    pub(super) faults: RemoteFaults,
+    pub(super) status: LbpStatus,
+    pub(super) clear_count: u32,
+    pub(super) crc_errors: u8,
+    pub(super) nonvolatile: Nonvolatile,
+    pub(super) rpc_access: u8,
+    pub(super) rpc_table: RpcTable,
+    pub(super) current: u16,
+    pub(super) unit_id: u8,
+    pub(super) leds: u8,
+    pub(super) frame_timeout: u8,
+    pub(super) busy_until: Nanos,
+    pub(super) reset: bool,
+}
+
+impl State {
+    fn power_up(config: &RemoteConfig) -> Self {
+        Self {
+            mode: config.initial_mode,
+            faults: config.initial_faults,
+            status: config.initial_status,
+            clear_count: 0,
+            crc_errors: 0,
+            nonvolatile: Nonvolatile::Off,
+            rpc_access: 0,
+            rpc_table: RpcTable::default(),
+            current: 0,
+            unit_id: 0,
+            leds: 0,
+            frame_timeout: config.frame_timeout,
+            busy_until: 0,
+            reset: false,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Watchdog {
+    deadline: Option<Nanos>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Queue {
+    bursts: [Option<Burst>; QUEUE],
+}
+
+impl Queue {
+    /// A reply for which there is no room is lost, as on an overrun line.
+    fn push(&mut self, burst: Burst) {
+        if let Some(slot) = self.bursts.iter_mut().find(|slot| slot.is_none()) {
+            *slot = Some(burst);
+        }
+    }
+
+    fn pop(&mut self) -> Option<Burst> {
+        let first = self.bursts.first_mut()?.take();
+        self.bursts.rotate_left(1);
+        first
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Events {
+    ring: [Option<(Nanos, RemoteEvent)>; EVENTS],
+}
+
+impl Events {
+    /// The oldest event gives way when there are too many.
+    fn push(&mut self, at: Nanos, event: RemoteEvent) {
+        if self.ring.iter().all(Option::is_some) {
+            self.pop();
+        }
+        if let Some(slot) = self.ring.iter_mut().find(|slot| slot.is_none()) {
+            *slot = Some((at, event));
+        }
+    }
+
+    fn pop(&mut self) -> Option<(Nanos, RemoteEvent)> {
+        let first = self.ring.first_mut()?.take();
+        self.ring.rotate_left(1);
+        first
+    }
+}
+
+/// A reply's data.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reply {
+    bytes: [u8; MAX_FRAME],
+    len: usize,
+}
+
+impl Reply {
+    pub(super) const EMPTY: Self = Self {
+        bytes: [0; MAX_FRAME],
+        len: 0,
+    };
+
+    pub(super) fn new(data: &[u8]) -> Self {
+        let mut reply = Self::EMPTY;
+        reply.extend(data);
+        reply
+    }
+
+    pub(super) fn extend(&mut self, data: &[u8]) {
+        for &byte in data {
+            if let Some(slot) = self.bytes.get_mut(self.len) {
+                *slot = byte;
+                self.len += 1;
+            }
+        }
+    }
+
+    pub(super) fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or(&[])
+    }
+}
+
+/// What the parser needs to know about the remote.
+struct Sizes<'a> {
+    process_data: usize,
+    table: &'a RpcTable,
+}
+
+impl RpcSizes for Sizes<'_> {
+    fn request_len(&self, number: RpcNumber) -> usize {
+        match number {
+            RpcNumber::PROCESS_DATA => self.process_data,
+            RpcNumber::DISCOVERY | RpcNumber::UNIT_NUMBER => 0,
+            stored => self.table.request_len(stored).unwrap_or(0),
+        }
+    }
+}
+
+impl<A: Application> Remote<A> {
+    /// A remote that has just been powered up, at time 0.
+    pub fn new(config: RemoteConfig, application: A) -> Self {
+        let mut eeprom = Eeprom::new(config.eeprom_write_time);
+        // until something else is stored, the EEPROM holds what the working copies start with
+        for copy in &config.working_copies {
+            for offset in 0..copy.bytes {
+                let byte = config.image.byte(copy.to.wrapping_add(offset));
+                eeprom
+                    .cells_mut()
+                    .set_byte(copy.from.wrapping_add(offset), byte);
+            }
+        }
+        let flash = config
+            .capabilities
+            .contains(Capabilities::FLASH)
+            .then(|| Flash::new(0x2_0000, 12, 8));
+        let mut remote = Self {
+            state: State::power_up(&config),
+            parser: Parser::new(config.bit),
+            memory: Memory::default(),
+            config,
+            application,
+            eeprom,
+            flash,
+            reply_faults: ReplyFaults::default(),
+            watchdog: Watchdog::default(),
+            powered: true,
+            now: 0,
+            line_free: 0,
+            queue: Queue::default(),
+            events: Events::default(),
+        };
+        remote.power_up();
+        remote
+    }
+
+    /// Switches its supply on or off at `now`. Off, it is silent, its outputs are off and it
+    /// forgets everything but the EEPROM and the flash.
+    pub fn set_power(&mut self, now: Nanos, on: bool) {
+        self.advance(now);
+        if self.powered && !on {
+            self.eeprom.power_off();
+            self.queue = Queue::default();
+            self.watchdog.deadline = None;
+            self.application.outputs_off(&mut self.memory);
+        } else if !self.powered && on {
+            self.power_up();
+        }
+        self.powered = on;
+    }
+
+    fn power_up(&mut self) {
+        self.memory.clone_from(&self.config.image);
+        for &WorkingCopy { from, to, bytes } in &self.config.working_copies {
+            for offset in 0..bytes {
+                let byte = self.eeprom.cells().byte(from.wrapping_add(offset));
+                self.memory.set_byte(to.wrapping_add(offset), byte);
+            }
+        }
+        self.state = State::power_up(&self.config);
+        self.parser = Parser::new(self.config.bit);
+        self.parser.set_timeout(self.config.frame_timeout);
+        self.watchdog.deadline = None;
+        self.application.power_up(&mut self.memory);
+    }
+
+    /// Whether it has power.
+    pub const fn is_powered(&self) -> bool {
+        self.powered
+    }
+
+    /// What it is and how it behaves.
+    pub const fn config(&self) -> &RemoteConfig {
+        &self.config
+    }
+
+    /// Changes what it is and how it behaves. Memory and power-up values count from the next
+    /// power-up on.
+    pub fn configure(&mut self, change: impl FnOnce(&mut RemoteConfig)) {
+        change(&mut self.config);
+        self.parser.set_bit(self.config.bit);
+    }
+
+    /// The faults of the next replies.
+    pub const fn reply_faults(&mut self) -> &mut ReplyFaults {
+        &mut self.reply_faults
+    }
+
+    /// What it is for.
+    pub const fn application(&self) -> &A {
+        &self.application
+    }
+
+    /// What it is for, to play the world.
+    pub const fn application_mut(&mut self) -> &mut A {
+        &mut self.application
+    }
+
+    /// Working memory.
+    pub const fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    /// Working memory, to change it behind the line's back.
+    pub const fn memory_mut(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+
+    /// The EEPROM.
+    pub const fn eeprom(&self) -> &Eeprom {
+        &self.eeprom
+    }
+
+    /// The EEPROM, to prepare it.
+    pub const fn eeprom_mut(&mut self) -> &mut Eeprom {
+        &mut self.eeprom
+    }
+
+    /// The program flash, if it can be updated.
+    pub const fn flash(&self) -> Option<&Flash> {
+        self.flash.as_ref()
+    }
+
+    /// The current software mode.
+    pub const fn mode(&self) -> u8 {
+        self.state.mode
+    }
+
+    /// The fault byte.
+    pub const fn faults(&self) -> RemoteFaults {
+        self.state.faults
+    }
+
+    /// Sets the fault byte, as if something had happened.
+    pub fn set_faults(&mut self, faults: RemoteFaults) {
+        self.state.faults = faults;
+    }
+
+    /// The LBP status.
+    pub const fn status(&self) -> LbpStatus {
+        self.state.status
+    }
+
+    /// Sets the LBP status, as if something had happened.
+    pub fn set_status(&mut self, status: LbpStatus) {
+        self.state.status = status;
+    }
+
+    /// The LEDs (F7).
+    pub const fn leds(&self) -> u8 {
+        self.state.leds
+    }
+
+    /// Requests and errors since power-up.
+    pub const fn counts(&self) -> ParserCounts {
+        self.parser.counts()
+    }
+
+    /// The oldest event that has not been taken yet. Sixteen are kept.
+    pub fn take_event(&mut self) -> Option<(Nanos, RemoteEvent)> {
+        self.events.pop()
+    }
+
+    /// Process data has come in: the watchdog starts anew.
+    pub(super) fn feed_watchdog(&mut self, at: Nanos) {
+        let time = match self.config.watchdog_address {
+            Some(address) => self.memory.word(address, 2) * 1_000_000,
+            None => self.config.watchdog,
+        };
+        self.watchdog.deadline = (time > 0).then_some(at + time);
+    }
+
+    fn pass_time(&mut self, now: Nanos) {
+        self.eeprom.advance(now);
+        self.application.advance(now, self.state.mode, &self.memory);
+        if let Some(deadline) = self.watchdog.deadline.filter(|&deadline| deadline <= now) {
+            self.watchdog.deadline = None;
+            self.state.faults |= RemoteFaults::WATCHDOG;
+            self.state.status |= LbpStatus::WATCHDOG;
+            self.application.outputs_off(&mut self.memory);
+            self.events.push(deadline, RemoteEvent::WatchdogBites);
+        }
+        self.state.faults |= self.application.faults();
+        self.now = self.now.max(now);
+    }
+
+    fn character(&mut self, at: Nanos, byte: u8) {
+        self.pass_time(at);
+        self.parser.set_timeout(self.state.frame_timeout);
+        if let Some(dropped) = self.parser.expire(at) {
+            self.state.status |= LbpStatus::FRAME_TIMEOUT;
+            self.events.push(at, RemoteEvent::FrameTimeout(dropped));
+        }
+        let sizes = Sizes {
+            process_data: usize::from(self.config.sizes(self.state.mode).tx_size),
+            table: &self.state.rpc_table,
+        };
+        match self.parser.push(at, byte, &sizes) {
+            Parsed::Request(request) => self.answer(at, &request),
+            Parsed::CrcError => {
+                self.state.status |= LbpStatus::CRC_ERROR;
+                self.state.crc_errors = self.state.crc_errors.wrapping_add(1);
+            }
+            Parsed::Overflow => self.state.status |= LbpStatus::BUFFER_OVERFLOW,
+            Parsed::Pending | Parsed::NotACommand => {}
+        }
+    }
+
+    fn answer(&mut self, at: Nanos, request: &ReceivedRequest) {
+        if let Some(reply) = self.execute(at, request) {
+            self.send(at, &reply);
+        }
+        if self.state.reset {
+            self.application.outputs_off(&mut self.memory);
+            self.power_up();
+        }
+    }
+
+    fn send(&mut self, at: Nanos, reply: &Reply) {
+        let faults = &mut self.reply_faults;
+        if faults.drop > 0 {
+            faults.drop -= 1;
+            self.events.push(at, RemoteEvent::DropsReply);
+            return;
+        }
+        let mut crc = crc8(reply.as_bytes());
+        if faults.bad_crc > 0 {
+            faults.bad_crc -= 1;
+            crc ^= 0x55;
+            self.events.push(at, RemoteEvent::BadCrc);
+        }
+        let late = faults.late.take();
+        if late.is_some() {
+            self.events.push(at, RemoteEvent::Late);
+        }
+        let latency = late.unwrap_or(self.config.latency);
+        let ready = at.max(self.state.busy_until) + latency;
+        let start = ready.max(self.line_free);
+        let mut burst = Burst::new(start, self.config.bit, reply.as_bytes());
+        burst.push(crc);
+        let extra = core::mem::take(&mut faults.extra);
+        for _ in 0..extra.min(MAX_FRAME as u32) {
+            burst.push(0xA5);
+        }
+        if extra > 0 {
+            self.events.push(at, RemoteEvent::Extra);
+        }
+        let short = core::mem::take(&mut faults.short);
+        if short > 0 {
+            burst.truncate(burst.len().saturating_sub(short as usize));
+            self.events.push(at, RemoteEvent::Short);
+        }
+        if faults.breaks > 0 {
+            faults.breaks -= 1;
+            burst.is_break = true;
+            self.events.push(at, RemoteEvent::Break);
+        }
+        self.line_free = burst.end();
+        if !burst.is_empty() {
+            self.queue.push(burst);
+        }
+    }
+}
+
+impl<A: Application> RemoteEnd for Remote<A> {
+    fn advance(&mut self, now: Nanos) {
+        if self.powered && self.config.present {
+            self.pass_time(now);
+        }
+        self.now = self.now.max(now);
+    }
+
+    fn receive(&mut self, burst: &Burst) {
+        if self.powered && self.config.present {
+            line::receive(burst, self.config.bit, |at, byte| self.character(at, byte));
+        }
+    }
+
+    fn transmit(&mut self) -> Option<Burst> {
+        self.queue.pop()
+    }
+
+    fn holds_line_low(&self) -> bool {
+        !self.config.present && self.config.idles_low
+    }
+}

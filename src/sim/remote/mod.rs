@@ -1,0 +1,18 @@
+//! Simulated remotes: the LBP protocol of a device around what the device is for.
+//!
+//! A [`Remote`] implements [`RemoteEnd`](super::wire::RemoteEnd); what stands behind the protocol
+//! is its [`Application`]. [`Remote::model`] is the remote of the gateware transcripts.
+
+mod application;
+mod config;
+mod device;
+mod execute;
+mod line;
+mod memory;
+mod model;
+
+pub use application::{Application, FixedData};
+pub use config::{MAX_MODES, RemoteConfig, ReplyFaults, WorkingCopy};
+pub use device::{Remote, RemoteEvent};
+pub use memory::{Eeprom, Flash, Memory};
+pub use model::ModelError;
