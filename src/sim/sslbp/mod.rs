@@ -1,9 +1,42 @@
 //! The SSLBP gateware: an interface processor with its firmware, host registers and UARTs.
+//!
+//! [`SslbpPort`] behaves like version 1.43 of the gateware, as its transcripts record it. Its
+//! firmware is one endless loop that visits all channels, one after the other, and looks for a
+//! command of the host after each pass; every channel is a state machine of its own:
+//!
+//! | file | what |
+//! |---|---|
+//! | `port` | the outside: registers, time, lines |
+//! | `registers` | COMMAND, DATA, CS and interface registers, each with its in and out side |
+//! | `firmware` | the main loop, initialisation, stopping |
+//! | `commands` | commands, their completion, local reads and writes |
+//! | `start` | the states of a START |
+//! | `transfer` | chatter, process data, pass-through |
+//! | `frame` | sending and receiving frames, timeouts, errors |
+//! | `memory`, `state` | the variables and the state codes |
+//! | `uart`, `clock` | UARTs, tick timer |
+//! | `timing` | every calibrated cost |
+//!
+//! # Not confirmed by a transcript
+//! The variant with seven interface registers is taken to be the same firmware with more data
+//! bytes (28 out, 28 in and the fault byte) and FIFOs of 32 characters. Other clocks than 100 MHz
+//! are taken to change the processor's pace and the rounding of bit and tick times, and nothing
+//! else. An 8I20 starts in setup mode only; its own normal start is not simulated.
 
+mod clock;
+mod commands;
 mod config;
+mod firmware;
+mod frame;
 mod lines;
+mod memory;
 mod port;
 mod registers;
+mod start;
+mod state;
+mod timing;
+mod transfer;
+mod uart;
 
 pub use config::{InterfaceRegisters, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, PortConfig};
 pub use lines::{Lines, NoLines};
