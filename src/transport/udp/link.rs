@@ -152,16 +152,20 @@ impl Link for UdpLink {
         deadline: Instant,
     ) -> Result<Option<usize>, LinkError> {
         loop {
+            // The time is taken before the last look, so that nothing that came in time is missed.
+            let expired = self.now() >= deadline;
+            if !expired {
+                self.wait_readable(deadline)?;
+            }
             match self.socket.recv(buffer) {
                 Ok(length) => return Ok(Some(length)),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error.into()),
             }
-            if self.now() >= deadline {
+            if expired {
                 return Ok(None);
             }
-            self.wait_readable(deadline)?;
         }
     }
 
