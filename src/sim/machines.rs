@@ -104,6 +104,8 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
         port_width: 17,
         clock_low: 100_000_000,
         clock_high: 200_000_000,
+        // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE": ClockLow/16.
+        mux_rate: 14,
         modules: vec![
             module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0)),
             watchdog(),
@@ -176,6 +178,8 @@ fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
         port_width: 17,
         clock_low,
         clock_high: 200_000_000,
+        // Manual: 7I77, "MAXIMUM ENCODER COUNT RATE": ClockLow/8.
+        mux_rate: 6,
         modules: vec![
             watchdog(),
             io_ports(2),

@@ -10,9 +10,11 @@ mod modules;
 pub mod remote;
 pub mod sslbp;
 pub mod wire;
+mod world;
 
 pub use fpga::{
-    AccessCounters, DEFAULT_ACCESS_COST, DriveSignal, Firmware, ModuleDescriptor, OUTPUT_PIN,
-    PinDescriptor, Readout, SimError, SimFpga, gtag,
+    AccessCounters, AxisWiring, DEFAULT_ACCESS_COST, DriveSignal, DriveSource, Firmware,
+    ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, gtag,
 };
-pub use modules::{IoPorts, SmartSerial, Watchdog};
+pub use modules::{Dpll, EncoderBank, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
+pub use world::{Motor, MotorConfig, Segment};

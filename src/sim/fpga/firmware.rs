@@ -157,6 +157,8 @@ pub struct Firmware {
     pub clock_low: u32,
     /// ClockHigh in hertz.
     pub clock_high: u32,
+    /// What the multiplex rate register of the encoders holds at power-up: ClockLow/(n+2).
+    pub mux_rate: u32,
     /// The modules, at most 31.
     pub modules: Vec<ModuleDescriptor>,
     /// The pins, port by port, at most 144.

@@ -2,15 +2,17 @@
 
 mod bus;
 mod decode;
+mod dispatch;
 pub(crate) mod firmware;
 mod plant;
+mod world_side;
 
 pub use bus::SimError;
 pub use firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
-pub use plant::{DriveSignal, Readout};
+pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
 
-use crate::sim::modules::{IoPorts, SmartSerial, Watchdog};
-use crate::sim::wire::{Nanos, RemoteEnd};
+use crate::sim::modules::{Dpll, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
+use crate::sim::wire::Nanos;
 use decode::{AddressMap, Target};
 use plant::{Plant, PortWatcher};
 
@@ -48,6 +50,13 @@ pub struct SimFpga {
     counters: AccessCounters,
     io: IoPorts,
     watchdog: Watchdog,
+    pwm: Option<Pwm>,
+    in_mux: Option<Inputs>,
+    in_m: Option<Inputs>,
+    ssr: Option<Outputs>,
+    out_m: Option<Outputs>,
+    dpll: Option<Dpll>,
+    leds: Leds,
     serial: Vec<SmartSerial>,
     plant: Plant,
 }
@@ -64,6 +73,15 @@ impl SimFpga {
             let module = firmware.module(tag);
             firmware.clock(module.map_or(1, |module| module.clock))
         };
+        let inputs = |tag| {
+            let module = firmware.module(tag);
+            module.map(|module| Inputs::new(&firmware, module))
+        };
+        let outputs = |tag| {
+            let module = firmware.module(tag);
+            module.map(|module| Outputs::new(&firmware, module))
+        };
+        let pwm = firmware.module(gtag::PWM);
         Self {
             map,
             rom,
@@ -73,6 +91,15 @@ impl SimFpga {
             counters: AccessCounters::default(),
             io: IoPorts::new(firmware.ports, firmware.port_width),
             watchdog: Watchdog::new(clock(gtag::WATCHDOG)),
+            pwm: pwm.map(|module| Pwm::new(&firmware, module)),
+            in_mux: inputs(gtag::IN_MUX),
+            in_m: inputs(gtag::IN_M),
+            ssr: outputs(gtag::SSR),
+            out_m: outputs(gtag::OUT_M),
+            dpll: firmware
+                .module(gtag::DPLL)
+                .map(|module| Dpll::new(firmware.clock(module.clock))),
+            leds: Leds::default(),
             plant: Plant::new(&firmware),
             serial,
             firmware,
@@ -90,9 +117,10 @@ impl SimFpga {
     pub fn advance_to(&mut self, to: Nanos) {
         while let Some(bite) = self.watchdog.deadline().filter(|&bite| bite <= to) {
             self.run_to(bite);
+            self.settle();
             self.watchdog.bite();
             self.io.hold_clear(true);
-            self.plant.pins_changed(&self.io);
+            self.pins_changed();
         }
         self.run_to(to);
     }
@@ -130,94 +158,6 @@ impl SimFpga {
         }
     }
 
-    /// The firmware it was built from.
-    pub fn firmware(&self) -> &Firmware {
-        &self.firmware
-    }
-
-    /// What was accessed so far.
-    pub fn counters(&self) -> AccessCounters {
-        self.counters
-    }
-
-    /// What each access through the bus costs in virtual time.
-    pub fn set_access_cost(&mut self, cost: Nanos) {
-        self.access_cost = cost;
-    }
-
-    /// Puts a word into identification or IDROM: a firmware that is wrong in one place.
-    /// Other addresses are left alone.
-    pub fn override_rom(&mut self, address: u16, value: u32) {
-        if let Target::Rom(index) = self.map.at(address)
-            && let Some(word) = self.rom.get_mut(usize::from(index))
-        {
-            *word = value;
-        }
-    }
-
-    /// The I/O ports.
-    pub fn io(&self) -> &IoPorts {
-        &self.io
-    }
-
-    /// The level of an I/O pin.
-    pub fn pin_level(&self, pin: usize) -> bool {
-        let levels = |pin| self.module_level(pin);
-        self.io.level(pin, &levels)
-    }
-
-    /// Drives an I/O pin from outside, or lets it go.
-    pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
-        self.io.drive(pin, level);
-    }
-
-    /// The watchdog.
-    pub fn watchdog(&self) -> &Watchdog {
-        &self.watchdog
-    }
-
-    /// Number of smart serial ports.
-    pub fn serial_ports(&self) -> usize {
-        self.serial.len()
-    }
-
-    /// A smart serial port.
-    pub fn serial_port(&self, port: usize) -> Option<&SmartSerial> {
-        self.serial.get(port)
-    }
-
-    /// Plugs a remote into a channel (`None` unplugs) and hands back what was there.
-    pub fn plug(
-        &mut self,
-        port: usize,
-        channel: usize,
-        remote: Option<Box<dyn RemoteEnd>>,
-    ) -> Option<Box<dyn RemoteEnd>> {
-        let previous = self.serial.get_mut(port)?.plug(channel, remote);
-        self.plant.refresh_remotes(&self.serial);
-        previous
-    }
-
-    /// What is plugged into a channel.
-    pub fn remote(&self, port: usize, channel: usize) -> Option<&dyn RemoteEnd> {
-        self.serial.get(port)?.remote(channel)
-    }
-
-    /// What is plugged into a channel, to change it.
-    pub fn remote_mut(&mut self, port: usize, channel: usize) -> Option<&mut dyn RemoteEnd> {
-        self.serial.get_mut(port)?.remote_mut(channel)
-    }
-
-    /// The device of type `T` on a channel, whatever stands in front of it.
-    pub fn device<T: RemoteEnd>(&self, port: usize, channel: usize) -> Option<&T> {
-        device(self.remote(port, channel)?)
-    }
-
-    /// The device of type `T` on a channel, whatever stands in front of it, to change it.
-    pub fn device_mut<T: RemoteEnd>(&mut self, port: usize, channel: usize) -> Option<&mut T> {
-        device_mut(self.remote_mut(port, channel)?)
-    }
-
     /// Lets time pass up to `to`, before which the watchdog does not bite.
     fn run_to(&mut self, to: Nanos) {
         if to <= self.now {
@@ -232,56 +172,24 @@ impl SimFpga {
         self.now = to;
         if self.plant.is_due(to) {
             self.settle();
+            self.plant.refresh_remotes(&mut self.serial);
         }
     }
 
-    /// Brings everything that is only looked at now and then up to the present.
+    /// Brings the motors up to the present.
     fn settle(&mut self) {
         self.plant.advance(self.now);
-        self.plant.age_remotes(&mut self.serial, self.now);
     }
 
-    fn read_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8) -> u32 {
-        match gtag {
-            gtag::WATCHDOG => self.watchdog.read(register),
-            gtag::IO_PORT => {
-                let levels = |pin| self.module_level(pin);
-                self.io.read(register, instance, &levels)
-            }
-            gtag::SSERIAL | gtag::SSERIAL_B => {
-                let now = self.now;
-                let serial = self.serial.get_mut(usize::from(port));
-                serial.map_or(0, |serial| serial.read(now, register, instance))
-            }
-            _ => 0,
+    /// Tells everybody that depends on the set-up of the pins.
+    fn pins_changed(&mut self) {
+        self.plant.pins_changed(&self.io);
+        if let Some(pwm) = &self.pwm {
+            self.plant.pwm_changed(pwm, &self.io);
         }
-    }
-
-    fn write_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8, value: u32) {
-        match gtag {
-            gtag::WATCHDOG => {
-                self.watchdog.write(self.now, register, value);
-                self.io.hold_clear(self.watchdog.has_bitten());
-            }
-            gtag::IO_PORT => {
-                self.settle();
-                self.io.write(register, instance, value);
-                self.plant.pins_changed(&self.io);
-            }
-            gtag::SSERIAL | gtag::SSERIAL_B => {
-                let now = self.now;
-                if let Some(serial) = self.serial.get_mut(usize::from(port)) {
-                    serial.write(now, register, instance, value);
-                }
-            }
-            _ => {}
+        for inputs in [&mut self.in_mux, &mut self.in_m].into_iter().flatten() {
+            inputs.pins_changed(self.now, &self.io);
         }
-    }
-
-    /// What a module puts out on a pin at the moment, when the pin lets it.
-    #[expect(clippy::unused_self, reason = "the modules that drive pins come next")]
-    fn module_level(&self, _pin: usize) -> bool {
-        true
     }
 }
 
@@ -295,22 +203,4 @@ fn serial_ports(firmware: &Firmware) -> Vec<SmartSerial> {
             instances.map(move |instance| SmartSerial::new(firmware, module, instance))
         })
         .collect()
-}
-
-/// Looks for a device behind everything that stands in front of it.
-pub(crate) fn device<T: RemoteEnd>(mut end: &dyn RemoteEnd) -> Option<&T> {
-    loop {
-        let any: &dyn core::any::Any = end;
-        if let Some(found) = any.downcast_ref() {
-            return Some(found);
-        }
-        end = end.inner()?;
-    }
-}
-
-fn device_mut<T: RemoteEnd>(end: &mut dyn RemoteEnd) -> Option<&mut T> {
-    if (end as &dyn core::any::Any).is::<T>() {
-        return (end as &mut dyn core::any::Any).downcast_mut();
-    }
-    device_mut(end.inner_mut()?)
 }

@@ -1,8 +1,9 @@
 //! What hangs on the FPGA besides the remotes: drives, motors and their encoders.
 
-use super::Firmware;
-use crate::sim::modules::{IoPorts, SmartSerial, Watcher};
+use super::firmware::{Firmware, gtag};
+use crate::sim::modules::{EncoderBank, IoPorts, Pwm, SmartSerial, Watcher};
 use crate::sim::wire::{Nanos, RemoteEnd};
+use crate::sim::world::{Motor, MotorConfig};
 
 /// How often motors move and remotes age when nobody looks.
 const GRAIN: Nanos = 1_000_000;
@@ -16,53 +17,224 @@ pub struct DriveSignal {
     pub enabled: bool,
 }
 
-/// Reads output number `1` of a remote as a drive sees it.
-pub type Readout = fn(&dyn RemoteEnd, u8) -> DriveSignal;
+/// Reads an analog output of a remote, and the enable that goes with it, as a drive sees them.
+pub type Readout = fn(remote: &dyn RemoteEnd, output: u8) -> DriveSignal;
+
+/// Where a drive gets its signal from.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum DriveSource {
+    /// Nowhere; the motor can be turned by hand.
+    Nothing,
+    /// An analog output of a remote.
+    Remote {
+        /// Smart serial port.
+        port: usize,
+        /// Channel of the port.
+        channel: usize,
+        /// Output of the remote.
+        output: u8,
+        /// How to read it.
+        readout: Readout,
+    },
+    /// A PWM generator with an analog output behind it, as on the 7I97.
+    Pwm {
+        /// The generator.
+        unit: usize,
+    },
+}
+
+/// A motor on the FPGA: what drives it, and which encoder it turns.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisWiring {
+    /// Where its drive gets its signal from.
+    pub source: DriveSource,
+    /// The encoder it turns: instance of the first encoder module.
+    pub encoder: usize,
+    /// The motor.
+    pub motor: MotorConfig,
+}
+
+#[derive(Debug)]
+struct Axis {
+    motor: Motor,
+    encoder: usize,
+    source: DriveSource,
+    /// Which encoder instances count its edges at the moment.
+    counted_by: [Option<usize>; 2],
+}
 
 /// Drives, motors and encoders.
 #[derive(Debug)]
 pub(crate) struct Plant {
-    due: Nanos,
+    now: Nanos,
+    /// In the order of the firmware's modules.
+    pub(super) banks: Vec<EncoderBank>,
+    axes: Vec<Axis>,
 }
 
-#[expect(clippy::unused_self, reason = "motors come next")]
 impl Plant {
-    pub(crate) fn new(_firmware: &Firmware) -> Self {
-        Self { due: 0 }
+    pub(crate) fn new(firmware: &Firmware) -> Self {
+        let modules = firmware.modules.iter();
+        let banks = modules
+            .filter(|module| matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER))
+            .map(|module| EncoderBank::new(firmware, module));
+        Self {
+            now: 0,
+            banks: banks.collect(),
+            axes: Vec::new(),
+        }
     }
 
-    pub(crate) fn is_due(&self, now: Nanos) -> bool {
-        now >= self.due
+    pub(super) fn add(&mut self, wiring: AxisWiring, io: &IoPorts) -> usize {
+        self.axes.push(Axis {
+            motor: Motor::new(wiring.motor),
+            encoder: wiring.encoder,
+            source: wiring.source,
+            counted_by: [None; 2],
+        });
+        self.pins_changed(io);
+        self.axes.len() - 1
     }
 
-    pub(crate) fn advance(&mut self, to: Nanos) {
-        self.due = to + GRAIN;
+    pub(super) fn len(&self) -> usize {
+        self.axes.len()
     }
 
-    pub(crate) fn pins_changed(&mut self, _io: &IoPorts) {}
+    pub(super) fn read_encoder(&self, bank: usize, now: Nanos, register: u8, n: u8) -> u32 {
+        let bank = self.banks.get(bank);
+        bank.map_or(0, |bank| bank.read(now, register, n))
+    }
 
-    pub(crate) fn refresh_remotes(&mut self, _serial: &[SmartSerial]) {}
+    pub(super) fn write_encoder(
+        &mut self,
+        bank: usize,
+        now: Nanos,
+        register: u8,
+        n: u8,
+        value: u32,
+    ) {
+        if let Some(bank) = self.banks.get_mut(bank) {
+            bank.write(now, register, n, value);
+        }
+    }
 
-    pub(crate) fn age_remotes(&mut self, _serial: &mut [SmartSerial], _now: Nanos) {}
+    pub(super) fn motor_mut(&mut self, axis: usize) -> Option<&mut Motor> {
+        self.axes.get_mut(axis).map(|axis| &mut axis.motor)
+    }
+
+    pub(super) fn is_due(&self, now: Nanos) -> bool {
+        now >= self.now + GRAIN
+    }
+
+    /// Moves all motors, and with them the encoders.
+    pub(super) fn advance(&mut self, to: Nanos) {
+        if to <= self.now {
+            return;
+        }
+        self.now = to;
+        let Some(bank) = self.banks.first_mut() else {
+            for axis in &mut self.axes {
+                axis.motor.advance(to, |_| {});
+            }
+            return;
+        };
+        for axis in &mut self.axes {
+            let counted_by = axis.counted_by;
+            axis.motor.advance(to, |segment| {
+                for instance in counted_by.into_iter().flatten() {
+                    bank.turn(instance, segment);
+                }
+            });
+        }
+    }
+
+    /// Works out which encoder counts what: without its select line, a multiplexer stands at the
+    /// odd encoder of each pair (the line is pulled up), and both counters see that one.
+    pub(super) fn pins_changed(&mut self, io: &IoPorts) {
+        let Some(bank) = self.banks.first() else {
+            return;
+        };
+        for axis in &mut self.axes {
+            let instance = axis.encoder;
+            let select = bank.select_pin(instance);
+            let selects = !bank.is_multiplexed() || select.is_none() || io.module_drives(select);
+            axis.counted_by = match (selects, instance % 2) {
+                (true, _) => [Some(instance), None],
+                (false, 0) => [None, None],
+                (false, _) => [Some(instance), Some(instance - 1)],
+            };
+        }
+    }
+
+    /// Takes over what the PWM generators put out.
+    pub(super) fn pwm_changed(&mut self, pwm: &Pwm, io: &IoPorts) {
+        for axis in &mut self.axes {
+            if let DriveSource::Pwm { unit } = axis.source {
+                let enabled = pwm.drive_enabled(unit, io);
+                axis.motor.command(pwm.volts(unit, io), enabled);
+            }
+        }
+    }
+
+    /// Takes over what a remote puts out.
+    fn remote_changed(&mut self, port: usize, channel: usize, remote: Option<&dyn RemoteEnd>) {
+        for axis in &mut self.axes {
+            if let DriveSource::Remote {
+                port: from_port,
+                channel: from_channel,
+                output,
+                readout,
+            } = axis.source
+                && (from_port, from_channel) == (port, channel)
+            {
+                let signal = remote.map_or(DriveSignal::default(), |end| readout(end, output));
+                axis.motor.command(signal.volts, signal.enabled);
+            }
+        }
+    }
+
+    fn is_driven_by(&self, port: usize, channel: usize) -> bool {
+        self.axes.iter().any(|axis| {
+            matches!(axis.source, DriveSource::Remote { port: p, channel: c, .. }
+                if (p, c) == (port, channel))
+        })
+    }
+
+    /// Lets the remotes notice the time, as their watchdogs do, and takes over what they put out.
+    pub(super) fn refresh_remotes(&mut self, serial: &mut [SmartSerial]) {
+        for (port, serial) in serial.iter_mut().enumerate() {
+            for channel in 0..crate::sim::sslbp::MAX_CHANNELS {
+                let mut remote = serial.remote_mut(channel);
+                if let Some(remote) = &mut remote {
+                    remote.advance(self.now);
+                }
+                self.remote_changed(port, channel, remote.as_deref());
+            }
+        }
+    }
 }
 
 /// Keeps the motors in step with what the remotes are told.
-pub(crate) struct PortWatcher<'a> {
+pub(super) struct PortWatcher<'a> {
     plant: &'a mut Plant,
     port: usize,
 }
 
 impl<'a> PortWatcher<'a> {
-    pub(crate) fn new(plant: &'a mut Plant, port: usize) -> Self {
+    pub(super) fn new(plant: &'a mut Plant, port: usize) -> Self {
         Self { plant, port }
     }
 }
 
 impl Watcher for PortWatcher<'_> {
-    fn before(&mut self, now: Nanos) {
-        let _ = self.port;
-        self.plant.advance(now);
+    fn before(&mut self, channel: usize, now: Nanos) {
+        if self.plant.is_driven_by(self.port, channel) {
+            self.plant.advance(now);
+        }
     }
 
-    fn after(&mut self, _channel: usize, _remote: &dyn RemoteEnd) {}
+    fn after(&mut self, channel: usize, remote: &dyn RemoteEnd) {
+        self.plant.remote_changed(self.port, channel, Some(remote));
+    }
 }

@@ -2,11 +2,21 @@
 //!
 //! Registers and bit fields are those of FACTS 9.4 and REGISTERS.
 
+mod dpll;
+mod encoder;
+mod inputs;
 mod io_ports;
+mod outputs;
+mod pwm;
 mod smart_serial;
 mod watchdog;
 
+pub use dpll::Dpll;
+pub use encoder::EncoderBank;
+pub use inputs::Inputs;
 pub use io_ports::IoPorts;
+pub use outputs::{Leds, Outputs};
+pub use pwm::Pwm;
 pub use smart_serial::SmartSerial;
 pub(crate) use smart_serial::Watcher;
 pub use watchdog::Watchdog;

@@ -23,8 +23,8 @@ struct ChannelPins {
 
 /// What happens when something was sent to a remote.
 pub(crate) trait Watcher {
-    /// Called before `channel`'s remote takes over what ends at `now`.
-    fn before(&mut self, now: Nanos);
+    /// Called before the remote of `channel` takes over what ends at `now`.
+    fn before(&mut self, channel: usize, now: Nanos);
     /// Called when it has.
     fn after(&mut self, channel: usize, remote: &dyn RemoteEnd);
 }
@@ -163,7 +163,7 @@ impl Lines for PinnedLines<'_> {
             return;
         }
         if let Some(Some(remote)) = self.sockets.get_mut(channel) {
-            self.watcher.before(burst.end());
+            self.watcher.before(channel, burst.end());
             remote.advance(burst.end());
             remote.receive(burst);
             self.watcher.after(channel, remote.as_ref());

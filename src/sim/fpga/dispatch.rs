@@ -1,0 +1,139 @@
+//! Which module an access goes to.
+
+use super::{SimFpga, gtag};
+
+impl SimFpga {
+    pub(super) fn read_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8) -> u32 {
+        let now = self.now;
+        match gtag {
+            gtag::WATCHDOG => self.watchdog.read(register),
+            gtag::IO_PORT => {
+                let levels = |pin| self.module_level(pin);
+                self.io.read(register, instance, &levels)
+            }
+            gtag::ENCODER | gtag::MUXED_ENCODER => {
+                self.settle();
+                let bank = self.bank(gtag);
+                bank.map_or(0, |index| {
+                    self.plant.read_encoder(index, now, register, instance)
+                })
+            }
+            gtag::PWM => {
+                let pwm = self.pwm.as_ref();
+                pwm.map_or(0, |pwm| pwm.read(register, instance))
+            }
+            gtag::IN_MUX => {
+                let inputs = self.in_mux.as_mut();
+                inputs.map_or(0, |inputs| inputs.read(now, register))
+            }
+            gtag::IN_M => {
+                let inputs = self.in_m.as_mut();
+                inputs.map_or(0, |inputs| inputs.read(now, register))
+            }
+            gtag::SSR => self.ssr.as_ref().map_or(0, |ssr| ssr.read(register)),
+            gtag::OUT_M => self.out_m.as_ref().map_or(0, |out| out.read(register)),
+            gtag::DPLL => {
+                let dpll = self.dpll.as_mut();
+                dpll.map_or(0, |dpll| dpll.read(now, register))
+            }
+            gtag::LED => self.leds.read(),
+            gtag::SSERIAL | gtag::SSERIAL_B => {
+                let serial = self.serial.get_mut(usize::from(port));
+                serial.map_or(0, |serial| serial.read(now, register, instance))
+            }
+            _ => 0,
+        }
+    }
+
+    pub(super) fn write_module(
+        &mut self,
+        gtag: u8,
+        register: u8,
+        instance: u8,
+        port: u8,
+        value: u32,
+    ) {
+        let now = self.now;
+        match gtag {
+            gtag::WATCHDOG => {
+                self.watchdog.write(now, register, value);
+                self.io.hold_clear(self.watchdog.has_bitten());
+            }
+            gtag::IO_PORT => {
+                self.settle();
+                self.io.write(register, instance, value);
+                self.pins_changed();
+            }
+            gtag::ENCODER | gtag::MUXED_ENCODER => {
+                self.settle();
+                if let Some(index) = self.bank(gtag) {
+                    self.plant
+                        .write_encoder(index, now, register, instance, value);
+                }
+            }
+            gtag::PWM => {
+                self.settle();
+                if let Some(pwm) = &mut self.pwm {
+                    pwm.write(register, instance, value);
+                    self.plant.pwm_changed(pwm, &self.io);
+                }
+            }
+            gtag::IN_MUX => {
+                if let Some(inputs) = &mut self.in_mux {
+                    inputs.write(now, register, value);
+                }
+            }
+            gtag::IN_M => {
+                if let Some(inputs) = &mut self.in_m {
+                    inputs.write(now, register, value);
+                }
+            }
+            gtag::SSR => {
+                if let Some(ssr) = &mut self.ssr {
+                    ssr.write(register, value);
+                }
+            }
+            gtag::OUT_M => {
+                if let Some(out) = &mut self.out_m {
+                    out.write(register, value);
+                }
+            }
+            gtag::DPLL => {
+                if let Some(dpll) = &mut self.dpll {
+                    dpll.write(now, register, value);
+                }
+            }
+            gtag::LED => self.leds.write(value),
+            gtag::SSERIAL | gtag::SSERIAL_B => {
+                if let Some(serial) = self.serial.get_mut(usize::from(port)) {
+                    serial.write(now, register, instance, value);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What a module puts out on a pin at the moment, if the pin lets it.
+    pub(super) fn module_level(&self, number: usize) -> bool {
+        let Some(&pin) = self.firmware.pins.get(number) else {
+            return true;
+        };
+        match pin.secondary {
+            gtag::PWM => {
+                let pwm = self.pwm.as_ref();
+                pwm.is_none_or(|pwm| pwm.level(pin.unit, pin.pin))
+            }
+            gtag::SSR => self.ssr.as_ref().is_none_or(|ssr| ssr.level(pin.pin)),
+            gtag::OUT_M => self.out_m.as_ref().is_none_or(|out| out.level(pin.pin)),
+            // Idle serial lines stand at 1, and so does everything else between its pulses.
+            _ => true,
+        }
+    }
+
+    /// Index of the encoder module with this GTAG.
+    fn bank(&self, gtag: u8) -> Option<usize> {
+        let multiplexed = gtag == gtag::MUXED_ENCODER;
+        let mut banks = self.plant.banks.iter();
+        banks.position(|bank| bank.is_multiplexed() == multiplexed)
+    }
+}

@@ -1,0 +1,429 @@
+//! The modules of the simulated FPGA behave as REGISTERS and FACTS 9.4 say.
+
+use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimFpga, machines};
+
+const MS: u64 = 1_000_000;
+
+/// All pins of a connector to their modules: direction and alternate source.
+fn set_up_pins(fpga: &mut SimFpga, outputs: &[usize]) {
+    for port in 0..3u16 {
+        let word = outputs
+            .iter()
+            .filter(|&&pin| pin / 17 == usize::from(port))
+            .fold(0, |word, &pin| word | 1 << (pin % 17));
+        fpga.write_register(0x1200 + 4 * port, word);
+        fpga.write_register(0x1100 + 4 * port, word);
+    }
+}
+
+fn wait(fpga: &mut SimFpga, nanos: u64) {
+    let to = fpga.now() + nanos;
+    fpga.advance_to(to);
+}
+
+/// A 7I97 whose motors are turned by hand, all module outputs set up.
+fn turned_by_hand() -> SimFpga {
+    let mut fpga = machines::i7i97(1);
+    for encoder in 0..6 {
+        fpga.wire_axis(AxisWiring {
+            source: DriveSource::Nothing,
+            encoder,
+            motor: MotorConfig {
+                counts_per_unit: 1.0,
+                counts_per_revolution: 400,
+                ..MotorConfig::default()
+            },
+        });
+    }
+    let outputs: Vec<usize> = (0..9).chain(18..30).chain(32..34).collect();
+    set_up_pins(&mut fpga, &outputs);
+    fpga
+}
+
+fn turn(fpga: &mut SimFpga, axis: usize, counts_per_second: f64) {
+    let motor = fpga.motor(axis).expect("axis");
+    motor.turn_by_hand(Some(counts_per_second));
+}
+
+fn count(fpga: &mut SimFpga, encoder: u16) -> u16 {
+    fpga.read_register(0x3500 + 4 * encoder) as u16
+}
+
+#[test]
+fn watchdog_bites_after_its_time_and_makes_all_pins_inputs() {
+    let mut fpga = machines::i7i92_7i77();
+    fpga.write_register(0x1104, 0x1FFFF);
+    fpga.write_register(0x1304, 0x3);
+    fpga.write_register(0x1004, 0);
+    fpga.write_register(0x0C00, 499_999);
+    wait(&mut fpga, 4 * MS);
+    fpga.write_register(0x0E00, 0x5A00_0000);
+    wait(&mut fpga, 5 * MS - 1);
+    assert_eq!(fpga.read_register(0x0D00), 0);
+    assert_eq!(fpga.read_register(0x1104), 0x1FFFF);
+    assert!(!fpga.pin_level(20));
+    wait(&mut fpga, 1);
+    assert_eq!(fpga.read_register(0x0D00), 1);
+    assert_eq!(fpga.read_register(0x1104), 0);
+    assert_eq!(fpga.read_register(0x1304), 0);
+    assert_eq!(fpga.read_register(0x1004), 0x1FFFF, "pull-ups");
+
+    fpga.write_register(0x1104, 1);
+    assert_eq!(
+        fpga.read_register(0x1104),
+        0,
+        "held until the status is cleared"
+    );
+    fpga.write_register(0x0D00, 0);
+    fpga.write_register(0x1104, 1);
+    assert_eq!(fpga.read_register(0x1104), 1);
+    wait(&mut fpga, 5 * MS);
+    assert_eq!(fpga.read_register(0x0D00), 1, "it goes on watching");
+}
+
+#[test]
+fn watchdog_is_silent_while_disabled_and_ignores_wrong_cookies() {
+    let mut fpga = machines::i7i92_7i77();
+    wait(&mut fpga, 1_000 * MS);
+    assert_eq!(fpga.read_register(0x0D00), 0);
+    fpga.write_register(0x0C00, 99_999);
+    wait(&mut fpga, MS / 2);
+    fpga.write_register(0x0E00, 0x5B00_0000);
+    wait(&mut fpga, MS / 2);
+    assert_eq!(fpga.read_register(0x0D00), 1);
+    fpga.write_register(0x0D00, 0);
+    fpga.write_register(0x0C00, 0x8000_0001);
+    wait(&mut fpga, 1_000 * MS);
+    assert_eq!(fpga.read_register(0x0D00), 0);
+}
+
+#[test]
+fn pins_follow_data_invert_open_drain_and_the_outside() {
+    let mut fpga = machines::i7i92_7i77();
+    fpga.drive_pin(17, Some(false));
+    fpga.drive_pin(18, Some(false));
+    assert_eq!(fpga.read_register(0x1004), 0x1FFFC);
+    fpga.write_register(0x1104, 0x7);
+    fpga.write_register(0x1004, 0x3);
+    assert_eq!(fpga.read_register(0x1004), 0x1FFFB, "outputs win");
+    fpga.write_register(0x1304, 0x1);
+    assert_eq!(
+        fpga.read_register(0x1004),
+        0x1FFFA,
+        "open drain lets go of a 1"
+    );
+    fpga.write_register(0x1404, 0x6);
+    assert_eq!(fpga.read_register(0x1004), 0x1FFFC);
+}
+
+#[test]
+fn encoder_counts_both_ways_and_wraps_at_16_bits() {
+    let mut fpga = turned_by_hand();
+    turn(&mut fpga, 2, 100_000.0);
+    wait(&mut fpga, 10 * MS + 5_000);
+    assert_eq!(count(&mut fpga, 2), 1000);
+    assert_eq!(count(&mut fpga, 3), 0);
+    turn(&mut fpga, 2, -200_000.0);
+    wait(&mut fpga, 10 * MS);
+    assert_eq!(count(&mut fpga, 2) as i16, -1000);
+    fpga.write_register(0x3508, 0);
+    assert_eq!(count(&mut fpga, 2), 0, "writing clears");
+    wait(&mut fpga, 500 * MS);
+    assert_eq!(count(&mut fpga, 2), (-100_000i32) as u16);
+    assert_eq!(
+        fpga.read_register(0x3608) & 0x8000,
+        0,
+        "no quadrature error"
+    );
+}
+
+#[test]
+fn time_stamps_give_the_speed_of_a_slow_encoder() {
+    let mut fpga = turned_by_hand();
+    // 1 MHz: ClockLow / 100.
+    fpga.write_register(0x3700, 98);
+    turn(&mut fpga, 0, 731.0);
+    wait(&mut fpga, 50 * MS);
+    let first = fpga.read_register(0x3500);
+    wait(&mut fpga, 20 * MS);
+    let second = fpga.read_register(0x3500);
+    let counts = (second as u16).wrapping_sub(first as u16);
+    let ticks = ((second >> 16) as u16).wrapping_sub((first >> 16) as u16);
+    let speed = f64::from(counts) / (f64::from(ticks) * 1e-6);
+    assert!((speed - 731.0).abs() < 0.2, "{speed}");
+    let before = fpga.read_register(0x3800);
+    wait(&mut fpga, MS);
+    assert_eq!(
+        fpga.read_register(0x3800).wrapping_sub(before) & 0xFFFF,
+        1000
+    );
+}
+
+#[test]
+fn index_is_latched_just_once() {
+    let mut fpga = turned_by_hand();
+    turn(&mut fpga, 1, 100_000.0);
+    wait(&mut fpga, MS);
+    // Latch on the rising edge of the index, just once.
+    fpga.write_register(0x3604, 1 << 6 | 1 << 4 | 1 << 3);
+    wait(&mut fpga, 2 * MS);
+    assert_eq!(
+        fpga.read_register(0x3604) >> 4 & 1,
+        1,
+        "armed until it comes"
+    );
+    wait(&mut fpga, MS + 5_000);
+    let control = fpga.read_register(0x3604);
+    assert_eq!(control >> 16, 400);
+    assert_eq!(control >> 4 & 1, 0);
+    wait(&mut fpga, 5 * MS);
+    assert_eq!(
+        fpga.read_register(0x3604) >> 16,
+        400,
+        "the second index is ignored"
+    );
+    assert_eq!(count(&mut fpga, 1), 900);
+}
+
+#[test]
+fn index_can_clear_the_count_and_be_gated_with_a_and_b() {
+    let mut fpga = turned_by_hand();
+    turn(&mut fpga, 1, 100_000.0);
+    wait(&mut fpga, MS + 5_000);
+    let gated_high = 1 << 14 | 1 << 7 | 1 << 6 | 1 << 5 | 1 << 3;
+    fpga.write_register(0x3604, gated_high);
+    wait(&mut fpga, 4 * MS);
+    assert_eq!(count(&mut fpga, 1), 100);
+    assert_eq!(fpga.read_register(0x3604) >> 5 & 1, 0);
+    // The index comes with A and B high; gated with both low it never comes.
+    fpga.write_register(0x3604, gated_high & !(1 << 14));
+    wait(&mut fpga, 8 * MS);
+    assert_eq!(count(&mut fpga, 1), 900);
+    assert_eq!(fpga.read_register(0x3604) >> 5 & 1, 1);
+}
+
+#[test]
+fn probe_latches_at_its_edge() {
+    let mut fpga = turned_by_hand();
+    turn(&mut fpga, 0, 100_000.0);
+    fpga.write_register(0x3600, 1 << 13 | 1 << 12);
+    wait(&mut fpga, MS + 5_000);
+    fpga.encoders().expect("encoders").set_probe(true);
+    wait(&mut fpga, MS);
+    fpga.encoders().expect("encoders").set_probe(false);
+    wait(&mut fpga, MS);
+    assert_eq!(fpga.read_register(0x3600) >> 16, 100);
+}
+
+#[test]
+fn too_fast_an_encoder_loses_counts_and_says_so() {
+    let mut fpga = turned_by_hand();
+    // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE": about 3 MHz.
+    let rate = fpga.encoders().expect("encoders").sample_rate();
+    assert!((rate - 3.125e6).abs() < 1.0);
+    turn(&mut fpga, 4, 3.0e6);
+    wait(&mut fpga, MS);
+    assert!((i32::from(count(&mut fpga, 4)) - 3000).abs() <= 1);
+    assert_eq!(fpga.read_register(0x3610) & 0x8000, 0);
+    turn(&mut fpga, 4, 5.0e6);
+    wait(&mut fpga, MS);
+    assert_eq!(fpga.read_register(0x3610) & 0x8000, 0x8000);
+    assert!(i32::from(count(&mut fpga, 4)) < 7000);
+    // A faster multiplexer can follow.
+    turn(&mut fpga, 4, 0.0);
+    fpga.write_register(0x3900, 6);
+    fpga.write_register(0x3510, 0);
+    fpga.write_register(0x3610, 0);
+    turn(&mut fpga, 4, 5.0e6);
+    wait(&mut fpga, MS);
+    assert!((i32::from(count(&mut fpga, 4)) - 5000).abs() <= 2);
+    // The long filter wants 15 clocks of each level.
+    fpga.write_register(0x3900, 0);
+    turn(&mut fpga, 4, 14.0e6);
+    fpga.write_register(0x3610, 1 << 11);
+    let before = count(&mut fpga, 4);
+    wait(&mut fpga, MS);
+    assert_eq!(count(&mut fpga, 4), before);
+}
+
+#[test]
+fn without_its_select_line_a_multiplexer_shows_the_odd_encoder_twice() {
+    let mut fpga = turned_by_hand();
+    set_up_pins(&mut fpga, &[]);
+    turn(&mut fpga, 0, 50_000.0);
+    turn(&mut fpga, 1, 100_000.0);
+    wait(&mut fpga, MS + 5_000);
+    assert_eq!((count(&mut fpga, 0), count(&mut fpga, 1)), (100, 100));
+}
+
+#[test]
+fn pwm_in_offset_mode_gives_volts_while_enabled_and_connected() {
+    let mut fpga = turned_by_hand();
+    // 12 bits at 48 kHz: 200 MHz * n / 65536 / 4096.
+    fpga.write_register(0x4200, 64_425);
+    fpga.write_register(0x4104, 3);
+    fpga.write_register(0x4004, 2048 << 16);
+    let frequency = fpga.pwm().expect("PWM").frequency(1);
+    assert!((frequency - 48_000.0).abs() < 1.0, "{frequency}");
+    assert_eq!(fpga.analog_output(1).volts, 0.0);
+    fpga.write_register(0x4004, 3072 << 16);
+    assert_eq!(fpga.analog_output(1).volts, 0.0, "not enabled");
+    fpga.write_register(0x4400, 0x3F);
+    assert_eq!(fpga.analog_output(1).volts, 5.0);
+    fpga.write_register(0x4004, 0);
+    assert_eq!(fpga.analog_output(1).volts, -10.0);
+    fpga.write_register(0x4004, 4095 << 16);
+    assert!((fpga.analog_output(1).volts - 9.995).abs() < 0.001);
+    assert!(fpga.analog_output(1).enabled);
+    fpga.write_register(0x4400, 0x3E);
+    assert!(
+        !fpga.analog_output(1).enabled,
+        "ENA0 to ENA3 follow output 0"
+    );
+    assert!(fpga.analog_output(4).enabled && fpga.analog_output(5).enabled);
+    fpga.write_register(0x4400, 0x3F);
+    fpga.write_register(0x0C00, 1);
+    wait(&mut fpga, MS);
+    let signal = fpga.analog_output(1);
+    assert_eq!((signal.volts, signal.enabled), (0.0, false), "bitten");
+}
+
+#[test]
+fn a_pwm_drives_its_motor_and_the_watchdog_stops_it() {
+    let mut fpga = machines::i7i97(1);
+    let motor = MotorConfig::default();
+    fpga.wire_axis(AxisWiring {
+        source: DriveSource::Pwm { unit: 5 },
+        encoder: 5,
+        motor,
+    });
+    let outputs: Vec<usize> = (0..9).chain(18..30).collect();
+    set_up_pins(&mut fpga, &outputs);
+    fpga.write_register(0x4200, 0xFFFF);
+    fpga.write_register(0x4114, 3);
+    fpga.write_register(0x4014, 3072 << 16);
+    fpga.write_register(0x4400, 1 << 5);
+    fpga.write_register(0x0C00, 10_000_000 - 1);
+    wait(&mut fpga, 99 * MS);
+    let speed = fpga.motor(5 - 5).expect("axis").velocity();
+    assert!((speed - 50.0).abs() < 1e-3, "{speed}");
+    let position = fpga.motor(0).expect("axis").counts();
+    assert_eq!(f64::from(count(&mut fpga, 5)), position.floor());
+    wait(&mut fpga, 101 * MS);
+    assert_eq!(fpga.read_register(0x0D00), 1);
+    assert!(fpga.motor(0).expect("axis").velocity().abs() < 1e-6);
+}
+
+#[test]
+fn inmux_filters_for_the_scans_it_is_told() {
+    let mut fpga = turned_by_hand();
+    // Scan: 25 MHz / 16 inputs / (divisor 78 + 1) = 19.78 kHz; 5 scans short, 50 long.
+    fpga.write_register(0x8000, 50 << 22 | 5 << 16 | 78 << 6);
+    assert_eq!(fpga.read_register(0x8000) & 0x1F, 15);
+    fpga.write_register(0x8100, 1 << 9);
+    fpga.set_input(8, true);
+    fpga.set_input(9, true);
+    assert_eq!(fpga.read_register(0x8300), 0x300);
+    assert_eq!(fpga.read_register(0x8200), 0);
+    wait(&mut fpga, 252_000);
+    assert_eq!(fpga.read_register(0x8200), 0);
+    wait(&mut fpga, 2_000);
+    assert_eq!(fpga.read_register(0x8200), 0x100);
+    wait(&mut fpga, 2_260_000);
+    assert_eq!(fpga.read_register(0x8200), 0x100);
+    wait(&mut fpga, 20_000);
+    assert_eq!(fpga.read_register(0x8200), 0x300);
+    fpga.set_input(8, false);
+    wait(&mut fpga, 200_000);
+    fpga.set_input(8, true);
+    wait(&mut fpga, 200_000);
+    assert_eq!(
+        fpga.read_register(0x8200),
+        0x300,
+        "a short pulse does not get through"
+    );
+    // Global invert.
+    fpga.write_register(0x8000, 1 << 5);
+    assert_eq!(fpga.read_register(0x8300), 0xFCFF);
+}
+
+#[test]
+fn inmux_without_its_address_pins_reads_one_input_everywhere() {
+    let mut fpga = turned_by_hand();
+    fpga.set_input(3, true);
+    assert_eq!(fpga.read_register(0x8300), 0x0008);
+    set_up_pins(&mut fpga, &[]);
+    assert_eq!(fpga.read_register(0x8300), 0);
+    fpga.set_input(15, true);
+    assert_eq!(fpga.read_register(0x8300), 0xFFFF);
+}
+
+#[test]
+fn mpg_counters_count_once_or_four_times_a_cycle() {
+    let mut fpga = turned_by_hand();
+    fpga.write_register(0x8400, 0x0000_0100);
+    for _ in 0..10 {
+        for (a, b) in [(true, false), (true, true), (false, true), (false, false)] {
+            for pair in [0, 2] {
+                fpga.set_input(pair, a);
+                fpga.set_input(pair + 1, b);
+            }
+            wait(&mut fpga, MS);
+        }
+    }
+    assert_eq!(fpga.read_register(0x8400), 0x0000_280A);
+    for _ in 0..13 {
+        for (a, b) in [(false, true), (true, true), (true, false), (false, false)] {
+            fpga.set_input(0, a);
+            fpga.set_input(1, b);
+            wait(&mut fpga, MS);
+        }
+    }
+    assert_eq!(fpga.read_register(0x8400), 0x0000_28FD, "10 - 13 is 0xFD");
+}
+
+#[test]
+fn ssr_outputs_need_their_drive_and_their_pins() {
+    let mut fpga = turned_by_hand();
+    fpga.write_register(0x7D00, 0b10_0001);
+    assert!(!fpga.isolated_output(0), "no drive yet");
+    fpga.write_register(0x7E00, 1 << 12 | 48);
+    let frequency = fpga.ssr().expect("SSR").drive_frequency();
+    assert!((frequency - 1e6).abs() < 1.0);
+    let outputs: Vec<bool> = (0..6).map(|n| fpga.isolated_output(n)).collect();
+    assert_eq!(outputs, [true, false, false, false, false, true]);
+    set_up_pins(&mut fpga, &[19, 20, 21, 22, 23, 24]);
+    assert!(!fpga.isolated_output(0), "no AC reference");
+}
+
+#[test]
+fn dpll_follows_the_cycle_of_its_host() {
+    let mut fpga = machines::i7i97(1);
+    assert_eq!(fpga.read_register(0x7300) & 0xFF, 42);
+    // 1 kHz by the formulas of REGISTERS: prescale = 2^30 * clock / (2^42 * base).
+    let prescale = ((1u64 << 30) as f64 * 100e6 / (2f64.powi(42) * 1000.0)) as u32;
+    let base = (1000.0 * 2f64.powi(42) * f64::from(prescale) / 100e6) as u32;
+    fpga.write_register(0x7000, base);
+    fpga.write_register(0x7200, prescale << 24 | 0x0040_0000);
+    fpga.write_register(0x7300, 0xA000 << 16);
+    let period = fpga.dpll().expect("DPLL").period().expect("runs");
+    assert!((period - 1e6).abs() < 1.0);
+    wait(&mut fpga, 10 * MS + 300_000);
+    let error = |word: u32| f64::from(word as i32) / 4_294_967_296.0;
+    let first = error(fpga.read_register(0x7600));
+    assert!((first - 0.3).abs() < 0.001, "{first}");
+    for _ in 0..20 {
+        wait(&mut fpga, MS);
+        fpga.write_register(0x7600, 0);
+    }
+    assert!(error(fpga.read_register(0x7100)).abs() < 0.001);
+}
+
+#[test]
+fn leds_are_the_top_bits() {
+    let mut fpga = machines::i7i97(1);
+    fpga.write_register(0x0200, 0xA000_00FF);
+    assert_eq!(fpga.read_register(0x0200), 0xA000_0000);
+    let lit: Vec<bool> = (0..4).map(|led| fpga.leds().is_lit(led)).collect();
+    assert_eq!(lit, [true, false, true, false]);
+}
