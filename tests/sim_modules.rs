@@ -387,7 +387,7 @@ fn ssr_outputs_need_their_drive_and_their_pins() {
     let mut fpga = turned_by_hand();
     fpga.write_register(0x7D00, 0b10_0001);
     assert!(!fpga.isolated_output(0), "no drive yet");
-    fpga.write_register(0x7E00, 1 << 12 | 48);
+    fpga.write_register(0x7E00, 1 << 12 | 0x30);
     let frequency = fpga.ssr().expect("SSR").drive_frequency();
     assert!((frequency - 1e6).abs() < 1.0);
     let outputs: Vec<bool> = (0..6).map(|n| fpga.isolated_output(n)).collect();
