@@ -4,6 +4,7 @@
 //! addresses with the driver, and nothing else: its behaviour comes from the manuals, from what
 //! the gateware was seen to do and from its recorded transcripts.
 
+mod board;
 mod fpga;
 pub mod machines;
 mod modules;
@@ -12,6 +13,9 @@ pub mod sslbp;
 pub mod wire;
 mod world;
 
+pub use board::{
+    AddressJumpers, BoardConfig, Gateware, Mishaps, SimBoard, StateError, UdpCounters, UdpFace,
+};
 pub use fpga::{
     AccessCounters, AxisWiring, DEFAULT_ACCESS_COST, DriveSignal, DriveSource, Firmware,
     ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, gtag,

@@ -1,0 +1,43 @@
+//! What the protocol needs of the FPGA behind it.
+
+use crate::sim::{SimFpga, wire::Nanos};
+
+/// The FPGA behind the protocol: space 0, and what space 4 waits for.
+pub trait Gateware {
+    /// Lets time pass up to `now`.
+    fn advance_to(&mut self, now: Nanos);
+
+    /// Reads the 32-bit register at a byte address, a multiple of 4, at the time reached.
+    fn read_register(&mut self, address: u16) -> u32;
+
+    /// Writes the 32-bit register at a byte address, a multiple of 4, at the time reached.
+    fn write_register(&mut self, address: u16, value: u32);
+
+    /// Lets time pass until the next rising edge of the DPLL's reference (0) or of one of its
+    /// timers (1 to 4), but not past `limit`; returns when it came.
+    fn wait_for_timer(&mut self, timer: u8, limit: Nanos) -> Option<Nanos>;
+
+    /// The FPGA is configured again: registers as after power-up. What is plugged in stays.
+    fn reconfigure(&mut self);
+}
+
+impl Gateware for SimFpga {
+    fn advance_to(&mut self, now: Nanos) {
+        SimFpga::advance_to(self, now);
+    }
+
+    fn read_register(&mut self, address: u16) -> u32 {
+        SimFpga::read_register(self, address)
+    }
+
+    fn write_register(&mut self, address: u16, value: u32) {
+        SimFpga::write_register(self, address, value);
+    }
+
+    fn wait_for_timer(&mut self, _timer: u8, limit: Nanos) -> Option<Nanos> {
+        SimFpga::advance_to(self, limit);
+        None
+    }
+
+    fn reconfigure(&mut self) {}
+}
