@@ -369,15 +369,25 @@ impl<A: Application> Remote<A> {
         self.watchdog.deadline = (time > 0).then_some(at + time);
     }
 
+    /// Faults have been cleared: from now on outputs can be set, so the watchdog has to run.
+    pub(super) fn arm_watchdog(&mut self, at: Nanos) {
+        if self.watchdog.deadline.is_none() {
+            self.feed_watchdog(at);
+        }
+    }
+
     fn pass_time(&mut self, now: Nanos) {
         self.eeprom.advance(now);
         self.application.advance(now, self.state.mode, &self.memory);
         if let Some(deadline) = self.watchdog.deadline.filter(|&deadline| deadline <= now) {
             self.watchdog.deadline = None;
-            self.state.faults |= RemoteFaults::WATCHDOG;
-            self.state.status |= LbpStatus::WATCHDOG;
-            self.application.outputs_off(&mut self.memory);
-            self.events.push(deadline, RemoteEvent::WatchdogBites);
+            // it bites once: until the host clears the fault there is nothing more to switch off
+            if !self.state.faults.contains(RemoteFaults::WATCHDOG) {
+                self.state.faults |= RemoteFaults::WATCHDOG;
+                self.state.status |= LbpStatus::WATCHDOG;
+                self.application.outputs_off(&mut self.memory);
+                self.events.push(deadline, RemoteEvent::WatchdogBites);
+            }
         }
         self.state.faults |= self.application.faults();
         self.now = self.now.max(now);

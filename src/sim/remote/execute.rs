@@ -51,7 +51,7 @@ impl<A: Application> Remote<A> {
             Command::Rpc(number) => Some(self.stored(at, number, request.data())),
             Command::LocalRead(read) => Some(Reply::new(&[self.local_read(read)])),
             Command::LocalWrite(write) => {
-                self.local_write(write, request.byte());
+                self.local_write(at, write, request.byte());
                 Some(Reply::EMPTY)
             }
         }
@@ -195,7 +195,7 @@ impl<A: Application> Remote<A> {
         0xFF
     }
 
-    fn local_write(&mut self, write: LocalWrite, value: u8) {
+    fn local_write(&mut self, at: Nanos, write: LocalWrite, value: u8) {
         let [low, high] = self.state.current.to_le_bytes();
         match write {
             LocalWrite::Status => {
@@ -209,6 +209,7 @@ impl<A: Application> Remote<A> {
                 if value != 0 {
                     self.state.clear_count = self.config.clear_delay;
                     self.state.faults = self.config.stuck_faults;
+                    self.arm_watchdog(at);
                     self.application.faults_cleared();
                     self.state.faults |= self.application.faults();
                 }
