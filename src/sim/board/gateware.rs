@@ -34,10 +34,16 @@ impl Gateware for SimFpga {
         SimFpga::write_register(self, address, value);
     }
 
-    fn wait_for_timer(&mut self, _timer: u8, limit: Nanos) -> Option<Nanos> {
-        SimFpga::advance_to(self, limit);
-        None
+    fn wait_for_timer(&mut self, timer: u8, limit: Nanos) -> Option<Nanos> {
+        let edge = self
+            .dpll()
+            .and_then(|dpll| dpll.next_edge(self.now(), timer));
+        let edge = edge.filter(|&edge| edge <= limit);
+        SimFpga::advance_to(self, edge.unwrap_or(limit));
+        edge
     }
 
-    fn reconfigure(&mut self) {}
+    fn reconfigure(&mut self) {
+        self.reload();
+    }
 }

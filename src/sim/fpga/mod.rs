@@ -5,6 +5,7 @@ mod decode;
 mod dispatch;
 pub(crate) mod firmware;
 mod plant;
+mod reload;
 mod world_side;
 
 pub use bus::SimError;

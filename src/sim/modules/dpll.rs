@@ -81,6 +81,25 @@ impl Dpll {
         (self.base_rate != 0).then(|| prescale * span / rate * 1e9)
     }
 
+    /// The next rising edge after `now` of the reference (0) or of a timer (1 to 4), if the DPLL
+    /// runs. A timer's edge is its register's part of the period behind the reference.
+    pub fn next_edge(&self, now: Nanos, timer: u8) -> Option<Nanos> {
+        let period = self.period()?;
+        let [timers_12, timers_34] = self.timers;
+        let offset = match timer {
+            0 => 0,
+            1 => timers_12,
+            2 => timers_12 >> 16,
+            3 => timers_34,
+            4 => timers_34 >> 16,
+            _ => return None,
+        };
+        let first = self.origin + f64::from(offset & 0xFFFF) / 65_536.0 * period;
+        let passed = libm::floor((now as f64 - first) / period);
+        let edge = libm::ceil(first + (passed + 1.0) * period) as Nanos;
+        Some(edge.max(now + 1))
+    }
+
     fn sync(&mut self, now: Nanos) {
         let Some(period) = self.period() else {
             self.phase_error = 0;
@@ -94,5 +113,34 @@ impl Dpll {
         let limit = f64::from(self.control_0 & 0x00FF_FFFF) / 16_777_216.0;
         let correction = (error * (1.0 - time_constant)).clamp(-limit, limit);
         self.origin += (whole + correction) * period;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn timers_rise_at_their_part_of_the_period_behind_the_reference() {
+        let mut dpll = Dpll::new(100_000_000);
+        assert_eq!(dpll.next_edge(0, 0), None, "stands still");
+        // 1 kHz: base rate = 1000 * 2^42 / 100 MHz.
+        dpll.write(0, CONTROL_0, 1 << 24);
+        dpll.write(0, BASE_RATE, 43_980_465);
+        dpll.write(0, TIMERS_12, 0x4000_8000);
+        dpll.write(0, TIMERS_34, 0xC000_0000);
+        let near = |timer: u8, now: Nanos, expected: Nanos| {
+            let edge = dpll.next_edge(now, timer).unwrap();
+            assert!(
+                edge > now && edge.abs_diff(expected) < 200,
+                "{timer}: {edge}"
+            );
+        };
+        near(0, 10_300_000, 11_000_000);
+        near(1, 10_300_000, 10_500_000);
+        near(2, 10_300_000, 11_250_000);
+        near(3, 10_300_000, 11_000_000);
+        near(4, 10_300_000, 10_750_000);
+        assert_eq!(dpll.next_edge(0, 5), None);
     }
 }

@@ -80,6 +80,23 @@ impl EncoderBank {
         }
     }
 
+    /// The FPGA is loaded again: registers as at power-up. Shafts and lines stay where they are.
+    pub(crate) fn reload(&mut self, now: Nanos, firmware: &Firmware) {
+        self.divider = 0;
+        self.stamp_base = (now, 0);
+        self.rate = if self.multiplexed {
+            firmware.mux_rate
+        } else {
+            0
+        };
+        for encoder in &mut self.encoders {
+            encoder.count = 0;
+            encoder.stamp = 0;
+            encoder.control = 0;
+            encoder.latch = 0;
+        }
+    }
+
     /// Whether its encoders share their lines.
     pub fn is_multiplexed(&self) -> bool {
         self.multiplexed

@@ -38,6 +38,12 @@ impl IoPorts {
         }
     }
 
+    /// The FPGA is loaded again: registers as at power-up. What drives the pins from outside stays.
+    pub(crate) fn reload(&mut self) {
+        self.ports.fill(Port::default());
+        self.held_clear = false;
+    }
+
     /// Reads a register; `levels` says what a module puts out on a pin.
     pub(crate) fn read(&self, register: u8, port: u8, levels: &dyn Fn(usize) -> bool) -> u32 {
         let Some(registers) = self.ports.get(usize::from(port)) else {

@@ -75,6 +75,11 @@ impl SmartSerial {
         self.port.config()
     }
 
+    /// The FPGA is loaded again: the port starts from the beginning. Remotes stay plugged in.
+    pub(crate) fn reload(&mut self) {
+        self.port = SslbpPort::new(*self.port.config());
+    }
+
     /// Plugs a remote into a channel and hands back what was there.
     pub fn plug(
         &mut self,

@@ -1,0 +1,74 @@
+//! Loading the FPGA again, while the world around it goes on.
+
+use super::{SimFpga, gtag};
+use crate::sim::modules::{Inputs, Leds};
+
+impl SimFpga {
+    /// The FPGA is configured again: all registers and the serial ports are as after power-up.
+    ///
+    /// Time goes on, and so does the world: remotes stay plugged in and powered, inputs and pins
+    /// are driven as before, motors keep turning until their drives notice.
+    pub fn reload(&mut self) {
+        self.settle();
+        let fresh = Self::new(self.firmware.clone());
+        self.io.reload();
+        self.watchdog = fresh.watchdog;
+        self.pwm = fresh.pwm;
+        self.ssr = fresh.ssr;
+        self.out_m = fresh.out_m;
+        self.dpll = fresh.dpll;
+        self.leds = Leds::default();
+        for bank in &mut self.plant.banks {
+            bank.reload(self.now, &self.firmware);
+        }
+        for port in &mut self.serial {
+            port.reload();
+        }
+        let now = self.now;
+        for (tag, inputs) in [
+            (gtag::IN_MUX, &mut self.in_mux),
+            (gtag::IN_M, &mut self.in_m),
+        ] {
+            let module = self.firmware.module(tag);
+            if let (Some(inputs), Some(module)) = (inputs, module) {
+                let mut fresh = Inputs::new(&self.firmware, module);
+                for input in 0..inputs.count() {
+                    fresh.set_terminal(now, input, inputs.terminal(input));
+                }
+                *inputs = fresh;
+            }
+        }
+        self.pins_changed();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::sim::machines;
+
+    #[test]
+    fn registers_are_as_after_power_up_and_the_world_stays() {
+        let mut fpga = machines::i7i97(1);
+        fpga.advance_to(5_000_000);
+        fpga.set_input(3, true);
+        fpga.drive_pin(40, Some(false));
+        let untouched: Vec<_> = (0..0x4000).map(|n| n * 4).collect();
+        let before: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
+        for address in [
+            0x0C00, 0x1100, 0x1104, 0x1200, 0x4000, 0x4200, 0x7D00, 0x0200,
+        ] {
+            fpga.write_register(address, 0x0100_0FFF);
+        }
+        fpga.advance_to(6_000_000);
+        fpga.reload();
+        fpga.advance_to(6_500_000);
+        let after: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
+        // The time stamp counter of the encoders runs.
+        let stamp = 0x3800 / 4;
+        let differs = before.iter().zip(&after).enumerate();
+        let differs = differs.filter(|(at, (a, b))| a != b && *at != stamp);
+        assert_eq!(differs.count(), 0);
+        assert!(fpga.inputs().unwrap().terminal(3));
+        assert!(!fpga.pin_level(40));
+    }
+}
