@@ -123,8 +123,9 @@ impl Plant {
         self.axes.get_mut(axis).map(|axis| &mut axis.motor)
     }
 
-    pub(super) fn is_due(&self, now: Nanos) -> bool {
-        now >= self.now + GRAIN
+    /// When to look at everything again.
+    pub(super) fn due(&self) -> Nanos {
+        self.now.saturating_add(GRAIN)
     }
 
     /// Moves all motors, and with them the encoders.
