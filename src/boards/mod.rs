@@ -1,1 +1,25 @@
-//! The boards: which remote or module is which pin.
+//! Which remote or module is which pin.
+//!
+//! [`RemotePins`] makes the pins of any remote from its descriptor; a [`RemoteTable`] adds terminals
+//! and safe values for the boards that are known. [`i7i77`] and [`i7i72`] give their pins names in
+//! Rust.
+
+mod error;
+mod handles;
+pub mod i7i72;
+pub mod i7i77;
+mod identity;
+mod remote;
+mod table;
+
+pub use error::BoardError;
+pub use handles::{BoolOutput, InputPair, ScaledInput, ScaledOutput};
+pub use i7i72::I7i72;
+pub use i7i77::{I7i77Analog, I7i77Field, OutputType};
+pub use identity::{Difference, IdentityError};
+pub use remote::{
+    CounterHandles, CounterPins, ParameterHandle, RemoteLocation, RemoteParameter, RemotePins,
+};
+pub use table::{ElementTable, RemoteTable, Terminal};
+
+use handles::handles;

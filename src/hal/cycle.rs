@@ -6,7 +6,7 @@
 
 use alloc::vec::Vec;
 
-use super::handle::Key;
+use super::handle::{Key, sealed::Keyed};
 use super::store::{Group, NONE, OutOfRange, Rejections, Slot};
 use super::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection, Role, Spec, Value};
 use crate::bus::Instant;
@@ -78,18 +78,12 @@ impl Pins {
         group: GroupId,
         spec: Spec,
     ) -> Result<Input<T>, PinError> {
-        // What an input can be is no limit to enforce: the first value may lie outside.
-        let limits = spec.limits;
-        let key = self.insert(
-            group,
-            Role::Input,
-            Spec {
-                limits: None,
-                ..spec
-            },
-            T::default(),
-        )?;
-        self.set_info_limits(key, limits);
+        // What an input can be is told and not kept: its first value may lie outside.
+        let spec = Spec {
+            enforced: false,
+            ..spec
+        };
+        let key = self.insert(group, Role::Input, spec, T::default())?;
         Ok(Input::new(key))
     }
 
@@ -151,10 +145,23 @@ impl Pins {
         output: Output<T>,
         modifiers: OutputModifiers,
     ) -> Result<(), PinError> {
+        self.modify_key(output.key, modifiers)
+    }
+
+    /// [`modify`](Self::modify) for a pin that both sides set.
+    pub fn modify_inout<T: Value>(
+        &mut self,
+        pin: InOut<T>,
+        modifiers: OutputModifiers,
+    ) -> Result<(), PinError> {
+        self.modify_key(pin.key, modifiers)
+    }
+
+    fn modify_key(&mut self, key: Key, modifiers: OutputModifiers) -> Result<(), PinError> {
         let invert = self.modifier(modifiers.invert.map(|p| p.key))?;
         let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
         let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
-        let slot = self.slot_mut(output.key).ok_or(PinError::ForeignHandle)?;
+        let slot = self.slot_mut(key).ok_or(PinError::ForeignHandle)?;
         slot.invert = invert;
         slot.max_limit = max_limit;
         slot.min_limit = min_limit;
@@ -278,6 +285,11 @@ impl Pins {
         self.fetch_key(pin.key)
     }
 
+    /// Counts a value that was refused further down, where it is scaled.
+    pub fn count_rejection(&mut self, pin: impl Keyed, rejection: Rejection) {
+        self.reject(pin.key(), rejection);
+    }
+
     fn publish_key<T: Value>(&mut self, key: Key, value: T) {
         let Some(slot) = self.slot_mut(key) else {
             return self.count_foreign();
@@ -347,7 +359,7 @@ impl Pins {
         self.slots.get(index as usize).map(|slot| slot.bits)
     }
 
-    pub(super) fn reject(&mut self, key: Key, rejection: Rejection) {
+    fn reject(&mut self, key: Key, rejection: Rejection) {
         fn count(rejections: &mut Rejections, rejection: Rejection) {
             let counter = match rejection {
                 Rejection::NotFinite => &mut rejections.not_finite,

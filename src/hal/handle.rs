@@ -141,7 +141,7 @@ impl<T> Readable<T> for InOut<T> {}
 
 /// The part of the handle traits that is the store's own business.
 pub(super) mod sealed {
-    use super::{InOut, Input, Key, Output};
+    use super::{InOut, Input, Key, Output, Param};
 
     pub trait Keyed: Copy {
         #[doc(hidden)]
@@ -162,4 +162,5 @@ pub(super) mod sealed {
     keyed!(Input);
     keyed!(Output);
     keyed!(InOut);
+    keyed!(Param);
 }

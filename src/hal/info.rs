@@ -90,6 +90,7 @@ pub struct Spec {
     pub(super) signal: Cow<'static, str>,
     pub(super) unit: Cow<'static, str>,
     pub(super) limits: Option<(f64, f64)>,
+    pub(super) enforced: bool,
 }
 
 impl Spec {
@@ -99,6 +100,13 @@ impl Spec {
             name: name.into(),
             ..Self::default()
         }
+    }
+
+    /// The same under another name.
+    #[must_use]
+    pub fn named(mut self, name: impl Into<String>) -> Self {
+        self.name = name.into();
+        self
     }
 
     /// At this terminal, for example `TB8 pin 3`, named there as given, for example `INPUT2`.
@@ -127,6 +135,16 @@ impl Spec {
     #[must_use]
     pub fn limits(mut self, min: f64, max: f64) -> Self {
         self.limits = Some((min, max));
+        self.enforced = true;
+        self
+    }
+
+    /// Usually between these values, which are told and not kept: for an output whose scale can be
+    /// set, and whose limits are parameters.
+    #[must_use]
+    pub fn range(mut self, min: f64, max: f64) -> Self {
+        self.limits = Some((min, max));
+        self.enforced = false;
         self
     }
 }

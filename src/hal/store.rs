@@ -406,7 +406,8 @@ impl Pins {
         if self.infos.len() >= MAX_PINS {
             return Err(PinError::TooMany);
         }
-        let slot = Slot::new(group.0.index, initial, spec.limits)?;
+        let kept = spec.limits.filter(|_| spec.enforced);
+        let slot = Slot::new(group.0.index, initial, kept)?;
         let index = self.infos.len() as u32;
         self.by_name.insert(place, index);
         self.slots.push(slot);
@@ -425,14 +426,6 @@ impl Pins {
             group.outputs.push(index);
         }
         Ok(self.key(index))
-    }
-
-    pub(super) fn set_info_limits(&mut self, key: Key, limits: Option<(f64, f64)>) {
-        if let Some(index) = self.index(key)
-            && let Some(info) = self.infos.get_mut(index)
-        {
-            info.limits = limits;
-        }
     }
 
     fn search(&self, name: &str) -> Result<usize, usize> {

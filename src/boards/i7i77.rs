@@ -1,0 +1,237 @@
+//! The 7I77 and the 7I77D: 32 inputs, 16 outputs, six analog outputs with enables, six encoders.
+//!
+//! For SSLBP it is two remotes that share a name, and are told apart by their unit number: field
+//! I/O ([`FIELD`], channel 0) and analog ([`ANALOG`], channel 1). Channel 2 is the RS-422 terminal
+//! block TB6. The encoders belong to the FPGA: see [`ENCODER_TERMINALS`].
+//!
+//! Source: manual 7I77, "CONNECTORS" and "OPERATION"; FACTS 8.
+
+use alloc::format;
+
+use super::remote::CounterHandles;
+use super::table::terminals;
+use super::{
+    BoardError, BoolOutput, ElementTable, InputPair, RemotePins, RemoteTable, ScaledInput,
+    ScaledOutput, Terminal, handles,
+};
+use crate::discovery::DataDirection;
+use crate::hal::Pins;
+
+/// How the field outputs switch.
+///
+/// The two kinds of card can not be told apart by what they say of themselves: tell it yourself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OutputType {
+    /// 7I77: they connect the load to field power.
+    #[default]
+    Sourcing,
+    /// 7I77D: they connect the load to ground.
+    Sinking,
+}
+
+/// Field I/O in all its modes: 0 inputs and outputs; 1 with four analog inputs; 2 with field voltage
+/// as well; 3 with two MPGs as well.
+pub const FIELD: RemoteTable = RemoteTable {
+    title: "7I77 field I/O",
+    name: *b"7I77",
+    unit_class: Some(0x12),
+    elements: &[
+        ElementTable::bits("Output", 16, DataDirection::Output).at(OUTPUTS),
+        ElementTable::bits("Input", 32, DataDirection::Input).at(INPUTS),
+        ElementTable::volts_in("AnalogIn0", 8, 36.3)
+            .in_modes(0b1110)
+            .at(AIN0),
+        ElementTable::volts_in("AnalogIn1", 8, 36.3)
+            .in_modes(0b1110)
+            .at(AIN1),
+        ElementTable::volts_in("AnalogIn2", 8, 36.3)
+            .in_modes(0b1110)
+            .at(AIN2),
+        ElementTable::volts_in("AnalogIn3", 8, 36.3)
+            .in_modes(0b1110)
+            .at(AIN3),
+        ElementTable::volts_in("FieldVoltage", 8, 36.3).in_modes(0b1100),
+        ElementTable::counter("Enc0", 8).in_modes(0b1000).at(MPG0),
+        ElementTable::counter("Enc1", 8).in_modes(0b1000).at(MPG1),
+    ],
+};
+
+/// Analog outputs and drive enables. It has one mode.
+pub const ANALOG: RemoteTable = RemoteTable {
+    title: "7I77 analog",
+    name: *b"7I77",
+    unit_class: Some(0x11),
+    elements: &[
+        ElementTable::volts_out("AnalogOut0", 13, 10.0).at(AOUT0),
+        ElementTable::volts_out("AnalogOut1", 13, 10.0).at(AOUT1),
+        ElementTable::volts_out("AnalogOut2", 13, 10.0).at(AOUT2),
+        ElementTable::volts_out("AnalogOut3", 13, 10.0).at(AOUT3),
+        ElementTable::volts_out("AnalogOut4", 13, 10.0).at(AOUT4),
+        ElementTable::volts_out("AnalogOut5", 13, 10.0).at(AOUT5),
+        ElementTable::switch("AnalogEna").at(ENABLES),
+        ElementTable::switch("SpinEna").at(SPINDLE_ENABLE),
+    ],
+};
+
+/// The terminals of the six encoders, A, B and index of each.
+pub const ENCODER_TERMINALS: [&[Terminal]; 6] = [
+    terminals![
+        "TB3 pin 1" "QA0", "TB3 pin 2" "/QA0", "TB3 pin 4" "QB0", "TB3 pin 5" "/QB0", "TB3 pin 7" "IDX0", "TB3 pin 8" "/IDX0"
+    ],
+    terminals![
+        "TB3 pin 9" "QA1", "TB3 pin 10" "/QA1", "TB3 pin 12" "QB1", "TB3 pin 13" "/QB1", "TB3 pin 15" "IDX1", "TB3 pin 16" "/IDX1"
+    ],
+    terminals![
+        "TB3 pin 17" "QA2", "TB3 pin 18" "/QA2", "TB3 pin 20" "QB2", "TB3 pin 21" "/QB2", "TB3 pin 23" "IDX2", "TB3 pin 24" "/IDX2"
+    ],
+    terminals![
+        "TB4 pin 1" "QA3", "TB4 pin 2" "/QA3", "TB4 pin 4" "QB3", "TB4 pin 5" "/QB3", "TB4 pin 7" "IDX3", "TB4 pin 8" "/IDX3"
+    ],
+    terminals![
+        "TB4 pin 9" "QA4", "TB4 pin 10" "/QA4", "TB4 pin 12" "QB4", "TB4 pin 13" "/QB4", "TB4 pin 15" "IDX4", "TB4 pin 16" "/IDX4"
+    ],
+    terminals![
+        "TB4 pin 17" "QA5", "TB4 pin 18" "/QA5", "TB4 pin 20" "QB5", "TB4 pin 21" "/QB5", "TB4 pin 23" "IDX5", "TB4 pin 24" "/IDX5"
+    ],
+];
+
+const INPUTS: &[Terminal] = terminals![
+    "TB8 pin 1" "INPUT0",
+    "TB8 pin 2" "INPUT1",
+    "TB8 pin 3" "INPUT2",
+    "TB8 pin 4" "INPUT3",
+    "TB8 pin 5" "INPUT4",
+    "TB8 pin 6" "INPUT5",
+    "TB8 pin 7" "INPUT6",
+    "TB8 pin 8" "INPUT7",
+    "TB8 pin 9" "INPUT8",
+    "TB8 pin 10" "INPUT9",
+    "TB8 pin 11" "INPUT10",
+    "TB8 pin 12" "INPUT11",
+    "TB8 pin 13" "INPUT12",
+    "TB8 pin 14" "INPUT13",
+    "TB8 pin 15" "INPUT14",
+    "TB8 pin 16" "INPUT15",
+    "TB7 pin 1" "INPUT16",
+    "TB7 pin 2" "INPUT17",
+    "TB7 pin 3" "INPUT18",
+    "TB7 pin 4" "INPUT19",
+    "TB7 pin 5" "INPUT20",
+    "TB7 pin 6" "INPUT21",
+    "TB7 pin 7" "INPUT22",
+    "TB7 pin 8" "INPUT23",
+    "TB7 pin 9" "INPUT24",
+    "TB7 pin 10" "INPUT25",
+    "TB7 pin 11" "INPUT26",
+    "TB7 pin 12" "INPUT27",
+    "TB7 pin 13" "INPUT28",
+    "TB7 pin 14" "INPUT29",
+    "TB7 pin 15" "INPUT30",
+    "TB7 pin 16" "INPUT31"
+];
+
+const OUTPUTS: &[Terminal] = terminals![
+    "TB8 pin 17" "OUTPUT0",
+    "TB8 pin 18" "OUTPUT1",
+    "TB8 pin 19" "OUTPUT2",
+    "TB8 pin 20" "OUTPUT3",
+    "TB8 pin 21" "OUTPUT4",
+    "TB8 pin 22" "OUTPUT5",
+    "TB8 pin 23" "OUTPUT6",
+    "TB8 pin 24" "OUTPUT7",
+    "TB7 pin 17" "OUTPUT8",
+    "TB7 pin 18" "OUTPUT9",
+    "TB7 pin 19" "OUTPUT10",
+    "TB7 pin 20" "OUTPUT11",
+    "TB7 pin 21" "OUTPUT12",
+    "TB7 pin 22" "OUTPUT13",
+    "TB7 pin 23" "OUTPUT14",
+    "TB7 pin 24" "OUTPUT15"
+];
+
+const AIN0: &[Terminal] = terminals!["TB8 pin 1" "INPUT0"];
+const AIN1: &[Terminal] = terminals!["TB8 pin 2" "INPUT1"];
+const AIN2: &[Terminal] = terminals!["TB8 pin 3" "INPUT2"];
+const AIN3: &[Terminal] = terminals!["TB8 pin 4" "INPUT3"];
+const MPG0: &[Terminal] = terminals!["TB7 pin 1" "INPUT16", "TB7 pin 2" "INPUT17"];
+const MPG1: &[Terminal] = terminals!["TB7 pin 3" "INPUT18", "TB7 pin 4" "INPUT19"];
+
+const AOUT0: &[Terminal] = terminals!["TB5 pin 4" "AOUT0"];
+const AOUT1: &[Terminal] = terminals!["TB5 pin 8" "AOUT1"];
+const AOUT2: &[Terminal] = terminals!["TB5 pin 12" "AOUT2"];
+const AOUT3: &[Terminal] = terminals!["TB5 pin 16" "AOUT3"];
+const AOUT4: &[Terminal] = terminals!["TB5 pin 20" "AOUT4"];
+const AOUT5: &[Terminal] = terminals!["TB5 pin 24" "AOUT5"];
+
+/// AnalogEna switches the enables of channels 0 to 4 together.
+const ENABLES: &[Terminal] = terminals![
+    "TB5 pin 1" "ENA0-", "TB5 pin 2" "ENA0+", "TB5 pin 5" "ENA1-", "TB5 pin 6" "ENA1+", "TB5 pin 9" "ENA2-", "TB5 pin 10" "ENA2+", "TB5 pin 13" "ENA3-", "TB5 pin 14" "ENA3+", "TB5 pin 17" "ENA4-", "TB5 pin 18" "ENA4+"
+];
+const SPINDLE_ENABLE: &[Terminal] = terminals!["TB5 pin 21" "ENA5-", "TB5 pin 22" "ENA5+"];
+
+/// The pins of the field I/O.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct I7i77Field {
+    /// INPUT0 to INPUT31.
+    pub inputs: [InputPair; 32],
+    /// OUTPUT0 to OUTPUT15.
+    pub outputs: [BoolOutput; 16],
+    /// The voltages of INPUT0 to INPUT3, in modes 1 to 3.
+    pub analog_in: Option<[ScaledInput; 4]>,
+    /// The field voltage, in modes 2 and 3.
+    pub field_voltage: Option<ScaledInput>,
+    /// The MPGs on INPUT16/17 and INPUT18/19, in mode 3.
+    pub mpgs: Option<[CounterHandles; 2]>,
+    /// How the outputs switch.
+    pub output_type: OutputType,
+}
+
+impl I7i77Field {
+    /// The handles of a field I/O remote's pins.
+    ///
+    /// # Errors
+    /// [`BoardError::Pin`] if the remote has no such inputs or outputs.
+    pub fn new(
+        pins: &Pins,
+        remote: &RemotePins,
+        output_type: OutputType,
+    ) -> Result<Self, BoardError> {
+        let prefix = remote.prefix();
+        let analog = |n: usize| ScaledInput::find(pins, &format!("{prefix}.analogin{n}"));
+        let mpg = |n: usize| CounterHandles::find(pins, &format!("{prefix}.enc{n}"));
+        Ok(Self {
+            inputs: handles(|n| InputPair::find(pins, &format!("{prefix}.input-{n:02}")))?,
+            outputs: handles(|n| BoolOutput::find(pins, &format!("{prefix}.output-{n:02}")))?,
+            analog_in: handles(analog).ok(),
+            field_voltage: ScaledInput::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
+            mpgs: handles(mpg).ok(),
+            output_type,
+        })
+    }
+}
+
+/// The pins of the analog part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct I7i77Analog {
+    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10.
+    pub analog_out: [ScaledOutput; 6],
+    /// ENA0 to ENA4, switched together.
+    pub analogena: BoolOutput,
+    /// ENA5.
+    pub spinena: BoolOutput,
+}
+
+impl I7i77Analog {
+    /// The handles of an analog remote's pins.
+    ///
+    /// # Errors
+    /// [`BoardError::Pin`] if the remote has no such outputs.
+    pub fn new(pins: &Pins, remote: &RemotePins) -> Result<Self, BoardError> {
+        let prefix = remote.prefix();
+        Ok(Self {
+            analog_out: handles(|n| ScaledOutput::find(pins, &format!("{prefix}.analogout{n}")))?,
+            analogena: BoolOutput::find(pins, &format!("{prefix}.analogena"))?,
+            spinena: BoolOutput::find(pins, &format!("{prefix}.spinena"))?,
+        })
+    }
+}

@@ -1,0 +1,223 @@
+//! Is the remote what it should be?
+
+use alloc::vec::Vec;
+
+use super::{ElementTable, RemoteTable};
+use crate::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor, RemoteName};
+
+/// A remote that is not the one asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum IdentityError {
+    /// Another kind of card.
+    #[error("a {actual} answers where a {expected} was expected (are the cables swapped?)")]
+    Name {
+        /// What was expected.
+        expected: RemoteName,
+        /// What answers.
+        actual: RemoteName,
+    },
+    /// Another part of a card whose parts share a name, told apart by the unit number's top byte.
+    #[error(
+        "{name} with unit number {actual:#010x} is another part of the card: {expected:#04x}...... was expected (are the channels swapped?)"
+    )]
+    Class {
+        /// Its name.
+        name: RemoteName,
+        /// The top byte expected.
+        expected: u8,
+        /// The unit number it has.
+        actual: u32,
+    },
+    /// Another card of the same kind.
+    #[error(
+        "{name} has unit number {actual:#010x}, and {expected:#010x} was expected (see the label on the card)"
+    )]
+    Unit {
+        /// Its name.
+        name: RemoteName,
+        /// The unit number expected.
+        expected: u32,
+        /// The unit number it has.
+        actual: u32,
+    },
+}
+
+/// A point in which a remote's description differs from the built-in table.
+///
+/// The remote is believed; this is for people to look at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Difference {
+    /// The table has an element for this mode, and the remote has not.
+    Missing {
+        /// Its name.
+        element: &'static str,
+    },
+    /// The remote has an element that the table does not know in this mode.
+    Unexpected {
+        /// The place of its record in the descriptor's `process_data`.
+        record: usize,
+    },
+    /// The elements come in another order.
+    Order {
+        /// The element that is not where the table has it.
+        element: &'static str,
+        /// Its place among the elements that are not pads, by the table.
+        expected: usize,
+        /// And in the remote.
+        actual: usize,
+    },
+    /// Another width.
+    Bits {
+        /// Which element.
+        element: &'static str,
+        /// By the table.
+        expected: u8,
+        /// In the remote.
+        actual: u8,
+    },
+    /// Another type.
+    Type {
+        /// Which element.
+        element: &'static str,
+        /// By the table.
+        expected: DataType,
+        /// In the remote.
+        actual: DataType,
+    },
+    /// Other limits.
+    Limits {
+        /// Which element.
+        element: &'static str,
+        /// By the table.
+        expected: (f32, f32),
+        /// In the remote.
+        actual: (f32, f32),
+    },
+}
+
+impl RemoteTable {
+    /// Checks name, the unit number's class and, if one is given, the unit number itself.
+    pub fn identify(
+        &self,
+        descriptor: &RemoteDescriptor,
+        unit_number: Option<u32>,
+    ) -> Result<(), IdentityError> {
+        let name = descriptor.name;
+        let actual = descriptor.unit_number;
+        if name.0 != self.name {
+            return Err(IdentityError::Name {
+                expected: RemoteName(self.name),
+                actual: name,
+            });
+        }
+        let class = (actual >> 24) as u8;
+        if let Some(expected) = self.unit_class.filter(|&expected| expected != class) {
+            return Err(IdentityError::Class {
+                name,
+                expected,
+                actual,
+            });
+        }
+        match unit_number {
+            Some(expected) if expected != actual => Err(IdentityError::Unit {
+                name,
+                expected,
+                actual,
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a remote is of this kind.
+    pub fn matches(&self, descriptor: &RemoteDescriptor) -> bool {
+        self.identify(descriptor, None).is_ok()
+    }
+
+    /// Where a remote's description differs from this table, in the mode it was started in.
+    pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<Difference> {
+        let mut found = Vec::new();
+        let records = || {
+            descriptor
+                .process_data
+                .iter()
+                .enumerate()
+                .filter(|(_, record)| record.data_type != DataType::Pad)
+        };
+        for (expected, element) in self.of_mode(descriptor.software_mode).enumerate() {
+            let place = records().position(|(_, record)| is(element, record));
+            match place.and_then(|place| records().nth(place).map(|(_, r)| (place, r))) {
+                None => found.push(Difference::Missing {
+                    element: element.name,
+                }),
+                Some((actual, record)) => {
+                    if actual != expected {
+                        found.push(Difference::Order {
+                            element: element.name,
+                            expected,
+                            actual,
+                        });
+                    }
+                    compare(element, record, &mut found);
+                }
+            }
+        }
+        found.extend(
+            records()
+                .filter(|(_, record)| {
+                    !self
+                        .of_mode(descriptor.software_mode)
+                        .any(|element| is(element, record))
+                })
+                .map(|(record, _)| Difference::Unexpected { record }),
+        );
+        found
+    }
+}
+
+fn is(element: &ElementTable, record: &DataRecord) -> bool {
+    record.name == element.name && record.direction == element.direction
+}
+
+// Limits are compared as the device wrote them: nothing was computed.
+#[allow(clippy::float_cmp)]
+fn compare(element: &ElementTable, record: &DataRecord, found: &mut Vec<Difference>) {
+    if record.bits != element.bits {
+        found.push(Difference::Bits {
+            element: element.name,
+            expected: element.bits,
+            actual: record.bits,
+        });
+    }
+    if record.data_type != element.data_type {
+        found.push(Difference::Type {
+            element: element.name,
+            expected: element.data_type,
+            actual: record.data_type,
+        });
+    }
+    let actual = (record.min, record.max);
+    if let Some(expected) = element.limits.filter(|&expected| expected != actual) {
+        found.push(Difference::Limits {
+            element: element.name,
+            expected,
+            actual,
+        });
+    }
+}
+
+impl Difference {
+    /// Whether it concerns an output of the table: then values may not mean what they should.
+    pub fn concerns_output(&self, table: &RemoteTable) -> bool {
+        let name = match *self {
+            Self::Missing { element }
+            | Self::Order { element, .. }
+            | Self::Bits { element, .. }
+            | Self::Type { element, .. }
+            | Self::Limits { element, .. } => element,
+            Self::Unexpected { .. } => return false,
+        };
+        table.element(name, DataDirection::Output).is_some()
+    }
+}

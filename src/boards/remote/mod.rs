@@ -1,0 +1,144 @@
+//! The pins of any remote, made from its descriptor.
+
+mod binding;
+mod counter;
+mod make;
+mod parameter;
+
+pub use counter::{CounterHandles, CounterPins};
+pub use parameter::{ParameterHandle, RemoteParameter};
+
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use self::binding::Binding;
+use super::{BoardError, RemoteTable};
+use crate::discovery::RemoteDescriptor;
+use crate::hal::{GroupId, Pins};
+use crate::process_data::{InterfaceRegisters, PackingPlan};
+
+/// The pins of a remote, and the way of their values from and to the interface registers.
+///
+/// It is made from the remote's own descriptor, so it fits any remote; a [`RemoteTable`] adds what a
+/// descriptor does not tell: terminals and safe values.
+///
+/// A driver calls [`take_inputs`](Self::take_inputs) when a transfer succeeded,
+/// [`fault`](Self::fault) when the remote failed, and [`put_outputs`](Self::put_outputs) before
+/// each transfer.
+#[derive(Debug)]
+pub struct RemotePins {
+    prefix: String,
+    group: GroupId,
+    plan: PackingPlan,
+    bindings: Vec<Binding>,
+    parameters: Vec<RemoteParameter>,
+}
+
+/// Where a remote is: what its pins are named after.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RemoteLocation<'a> {
+    /// The board's name, for example `hm2_7i92.0`.
+    pub board: &'a str,
+    /// The port.
+    pub port: u8,
+    /// The channel of the port.
+    pub channel: u8,
+}
+
+impl RemotePins {
+    /// Makes the pins and parameters of a remote, in a group of their own.
+    ///
+    /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
+    ///
+    /// # Errors
+    /// [`BoardError`] with the element or parameter that did not fit; pins made before it stay in
+    /// the store, never valid.
+    pub fn new(
+        pins: &mut Pins,
+        location: RemoteLocation<'_>,
+        descriptor: &RemoteDescriptor,
+        registers: InterfaceRegisters,
+        table: Option<&RemoteTable>,
+    ) -> Result<Self, BoardError> {
+        let plan = PackingPlan::new(descriptor, registers)?;
+        let group = pins.add_group();
+        let prefix = make::prefix(location, descriptor.name);
+        let bindings = make::bindings(pins, group, &prefix, &plan, descriptor, table)?;
+        let parameters = parameter::make(pins, group, &prefix, &descriptor.parameters)?;
+        Ok(Self {
+            prefix,
+            group,
+            plan,
+            bindings,
+            parameters,
+        })
+    }
+
+    /// What its pins' names begin with, for example `hm2_7i92.0.7i77.0.0`.
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
+    /// Its pins' group: for validity, age and arming.
+    pub fn group(&self) -> GroupId {
+        self.group
+    }
+
+    /// Where its process data is.
+    pub fn plan(&self) -> &PackingPlan {
+        &self.plan
+    }
+
+    /// Its parameters, which are no process data: read and written in setup mode.
+    pub fn parameters(&self) -> &[RemoteParameter] {
+        &self.parameters
+    }
+
+    /// Its parameters, to publish what was read.
+    pub fn parameters_mut(&mut self) -> &mut [RemoteParameter] {
+        &mut self.parameters
+    }
+
+    /// Publishes what a good transfer brought: `words` are the interface registers, from 0 on. The
+    /// group is valid afterwards, of age 0.
+    ///
+    /// # Real time
+    /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: read as
+    /// many as [`PackingPlan::input_words`].
+    pub fn take_inputs(&mut self, pins: &mut Pins, words: &[u32]) {
+        for binding in &mut self.bindings {
+            binding.take(pins, words);
+        }
+        pins.group_good(self.group);
+    }
+
+    /// Fills the interface registers with what the outputs must be now; bits that belong to no
+    /// output become zero.
+    ///
+    /// While the group is not armed these are the safe values.
+    ///
+    /// # Real time
+    /// Grows with the number of pins; no allocation, no panic.
+    pub fn put_outputs(&self, pins: &mut Pins, words: &mut [u32]) {
+        words.fill(0);
+        for binding in &self.bindings {
+            binding.put(pins, words);
+        }
+    }
+
+    /// The remote failed: inputs are no longer valid, outputs are safe until the application
+    /// re-arms the group.
+    pub fn fault(&self, pins: &mut Pins) {
+        pins.fault(self.group);
+    }
+
+    /// The remote was started again: its counters may stand anywhere, so the next reading moves
+    /// no count.
+    pub fn restarted(&mut self) {
+        for binding in &mut self.bindings {
+            if let Binding::Counter(counter) = binding {
+                counter.resynchronise();
+            }
+        }
+    }
+}
