@@ -1,6 +1,6 @@
 //! What can be wrong with a firmware.
 
-use super::{Gtag, GtagList, Name8};
+use super::{Gtag, GtagList, ModuleError, Name8};
 use core::fmt;
 use thiserror::Error;
 
@@ -166,6 +166,18 @@ pub struct MissingModule {
     pub wanted: Gtag,
     /// What is there.
     pub present: GtagList,
+}
+
+/// Why a module could not be located.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum LocateError {
+    /// The firmware does not have it.
+    #[error(transparent)]
+    Missing(#[from] MissingModule),
+    /// It is there and can not be used.
+    #[error(transparent)]
+    Module(#[from] ModuleError),
 }
 
 /// Something odd in a firmware's description that does not keep it from being used.

@@ -139,6 +139,58 @@ impl ModuleDescriptor {
             }),
         }
     }
+
+    /// Checks that this is a module of kind `gtag` and has an instance `instance`.
+    pub(super) fn expect_gtag_and_instance(
+        &self,
+        gtag: Gtag,
+        instance: u8,
+    ) -> Result<(), ModuleError> {
+        if self.gtag != gtag {
+            return Err(ModuleError::WrongModule {
+                expected: gtag,
+                found: self.gtag,
+            });
+        }
+        if instance >= self.instances {
+            return Err(ModuleError::NoSuchInstance {
+                gtag,
+                instance,
+                instances: self.instances,
+            });
+        }
+        Ok(())
+    }
+
+    /// Checks that this is a module of kind `gtag` with at least `registers` registers, of which
+    /// those of `multiple` exist once for each instance, as the code that asks has them.
+    pub(super) fn expect(
+        &self,
+        gtags: &[Gtag],
+        registers: u8,
+        multiple: u32,
+    ) -> Result<(), ModuleError> {
+        if !gtags.contains(&self.gtag) {
+            return Err(ModuleError::WrongModule {
+                expected: gtags.first().copied().unwrap_or_default(),
+                found: self.gtag,
+            });
+        }
+        let mask = 1u32
+            .checked_shl(u32::from(registers))
+            .map_or(u32::MAX, |bit| bit - 1);
+        if self.registers < registers || self.multiple_registers & mask != multiple {
+            return Err(ModuleError::UnknownLayout {
+                gtag: self.gtag,
+                version: self.version,
+                registers: self.registers,
+                mask: self.multiple_registers,
+                expected_registers: registers,
+                expected_mask: multiple,
+            });
+        }
+        Ok(())
+    }
 }
 
 /// The last 32-bit register of the 16-bit address space.

@@ -1,0 +1,334 @@
+//! Addresses and layouts of the encoder registers.
+
+use crate::bus::RegisterBus;
+use crate::hostmot2::io_port::WriteList;
+use crate::hostmot2::{Gtag, HostMot2, LocateError, ModuleDescriptor, ModuleError, RegisterBlock};
+
+/// The registers of all encoders of a kind.
+///
+/// Source: REGISTERS.md, "Encoder / muxed encoder"; FACTS 9.4, 9.5.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Encoders {
+    /// Read: [`CountWord`]. Written: clears the count.
+    pub count: RegisterBlock,
+    /// [`ControlWord`].
+    pub control: RegisterBlock,
+    /// Rate of the time stamps, one for all: a [`TickRate`].
+    pub timestamp_divider: u16,
+    /// The time stamp counter, one for all, in its low 16 bits.
+    pub timestamp: u16,
+    /// Rate of the multiplexer, or of the filters, one for all: a [`TickRate`].
+    pub rate: u16,
+    gtag: Gtag,
+    version: u8,
+    clock_hz: u32,
+}
+
+impl Encoders {
+    const REGISTERS: u8 = 5;
+    const MULTIPLE: u32 = 0x3;
+
+    /// The encoders of a firmware, `gtag` being [`Gtag::ENCODER`] or [`Gtag::MUXED_ENCODER`].
+    ///
+    /// # Errors
+    /// If the firmware has none, or none of a version that is known: 2 and 3, multiplexed ones 2
+    /// to 4.
+    pub fn locate(firmware: &HostMot2, gtag: Gtag) -> Result<Self, LocateError> {
+        Ok(Self::new(firmware.require(gtag)?)?)
+    }
+
+    fn new(module: &ModuleDescriptor) -> Result<Self, ModuleError> {
+        module.expect(
+            &[Gtag::MUXED_ENCODER, Gtag::ENCODER],
+            Self::REGISTERS,
+            Self::MULTIPLE,
+        )?;
+        let newest = if module.gtag == Gtag::ENCODER { 3 } else { 4 };
+        if !(2..=newest).contains(&module.version) {
+            return Err(ModuleError::UnknownVersion {
+                gtag: module.gtag,
+                version: module.version,
+                oldest: 2,
+                newest,
+            });
+        }
+        Ok(Self {
+            count: module.block(0)?,
+            control: module.block(1)?,
+            timestamp_divider: module.block(2)?.first(),
+            timestamp: module.block(3)?.first(),
+            rate: module.block(4)?.first(),
+            gtag: module.gtag,
+            version: module.version,
+            clock_hz: module.clock_hz,
+        })
+    }
+
+    /// Number of encoders.
+    pub const fn instances(&self) -> u8 {
+        self.count.count()
+    }
+
+    /// Whether they share pins.
+    pub fn is_muxed(&self) -> bool {
+        self.gtag == Gtag::MUXED_ENCODER
+    }
+
+    /// Whether time stamps are wrong in this version, so that velocities would be: version 2 of
+    /// the multiplexed encoder (FACTS 9.5).
+    pub fn has_unreliable_velocity(&self) -> bool {
+        self.is_muxed() && self.version == 2
+    }
+
+    /// The clock that the rates divide, in Hz.
+    pub const fn clock_hz(&self) -> u32 {
+        self.clock_hz
+    }
+
+    /// Sets all encoders up, in one exchange: time-stamp rate, multiplexer or filter rate, and
+    /// the control words. Counts are cleared. Instances beyond `configs` are left alone.
+    ///
+    /// # Real time
+    /// For set-up: allocates.
+    pub fn set_up<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        timestamps: TickRate,
+        rate: TickRate,
+        configs: &[EncoderConfig],
+    ) -> Result<(), B::Error> {
+        let mut list = WriteList::default();
+        list.push(self.timestamp_divider, timestamps.0);
+        list.push(self.rate, rate.0);
+        for (config, address) in configs.iter().zip(self.control.addresses()) {
+            list.push(address, config.control().0);
+        }
+        for (_, address) in configs.iter().zip(self.count.addresses()) {
+            list.push(address, 0);
+        }
+        list.run(bus)
+    }
+}
+
+/// A rate register: ticks at clock/(n+2). With bit 15 set, ticks at the clock itself (time stamps
+/// only).
+///
+/// Source: REGISTERS.md, "Encoder / muxed encoder".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct TickRate(pub u32);
+
+impl TickRate {
+    /// Multiplexer rate that the 7I77 is made for: ClockLow/8.
+    /// Manual: 7I77, "MAXIMUM ENCODER COUNT RATE".
+    pub const MUX_7I77: Self = Self(6);
+
+    /// Multiplexer rate that the 7I97 is made for: ClockLow/16.
+    /// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
+    pub const MUX_7I97: Self = Self(14);
+
+    /// The usual rate of time stamps: a microsecond each, 65 ms until they wrap.
+    pub const TIMESTAMP_HZ: u32 = 1_000_000;
+
+    const UNDIVIDED: u32 = 1 << 15;
+    const LARGEST: u32 = 0xFFF;
+
+    /// The value for a rate, rounded down to what there is; at least clock/4097, at most clock/2.
+    pub const fn for_hz(clock_hz: u32, hz: u32) -> Self {
+        let divisor = clock_hz.div_ceil(if hz == 0 { 1 } else { hz });
+        let n = divisor.saturating_sub(2);
+        Self(if n > Self::LARGEST { Self::LARGEST } else { n })
+    }
+
+    /// The rate in Hz.
+    pub fn hz(self, clock_hz: u32) -> f64 {
+        let divisor = if self.0 & Self::UNDIVIDED != 0 {
+            1
+        } else {
+            (self.0 & (Self::UNDIVIDED - 1)) + 2
+        };
+        f64::from(clock_hz) / f64::from(divisor)
+    }
+
+    /// As a multiplexer rate: the highest count rate that the encoders follow, in counts/s. Each of
+    /// the two encoders on a set of pins is looked at in every other tick.
+    pub fn max_muxed_count_rate(self, clock_hz: u32) -> f64 {
+        self.hz(clock_hz) / 2.0
+    }
+}
+
+/// The count register as read: the count, and the time of its last change.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct CountWord(pub u32);
+
+impl CountWord {
+    /// The count modulo 65536.
+    pub const fn count(self) -> u16 {
+        self.0 as u16
+    }
+
+    /// The time stamp counter when the count changed last.
+    pub const fn timestamp(self) -> u16 {
+        (self.0 >> 16) as u16
+    }
+}
+
+/// The control register: mode in the low half, latched count in the high half.
+///
+/// Bits that have no meaning here are kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct ControlWord(pub u32);
+
+impl ControlWord {
+    /// Both inputs changed at once: counts may be wrong.
+    pub const QUADRATURE_ERROR: u32 = 1 << 15;
+    /// Polarity of A·B as a mask of the index.
+    pub const AB_MASK_POLARITY: u32 = 1 << 14;
+    /// Latch the count on the probe input.
+    pub const LATCH_ON_PROBE: u32 = 1 << 13;
+    /// Polarity of the probe input.
+    pub const PROBE_POLARITY: u32 = 1 << 12;
+    /// Filter: 15 clocks, else 3.
+    pub const FILTER: u32 = 1 << 11;
+    /// Counter mode: up/down, else quadrature.
+    pub const UP_DOWN: u32 = 1 << 10;
+    /// Only take an index while the index mask is active.
+    pub const USE_INDEX_MASK: u32 = 1 << 9;
+    /// Polarity of the index mask.
+    pub const INDEX_MASK_POLARITY: u32 = 1 << 8;
+    /// Only take an index at one state of A and B.
+    pub const GATE_INDEX: u32 = 1 << 7;
+    /// Latch or clear once; the enable bit reads back 0 when it has happened.
+    pub const JUST_ONCE: u32 = 1 << 6;
+    /// Clear the count on index.
+    pub const CLEAR_ON_INDEX: u32 = 1 << 5;
+    /// Latch the count on index.
+    pub const LATCH_ON_INDEX: u32 = 1 << 4;
+    /// Polarity of the index.
+    pub const INDEX_POLARITY: u32 = 1 << 3;
+    /// The index input now.
+    pub const INDEX: u32 = 1 << 2;
+    /// The B input now.
+    pub const B: u32 = 1 << 1;
+    /// The A input now.
+    pub const A: u32 = 1;
+
+    /// Whether any of the bits is set.
+    pub const fn has(self, bits: u32) -> bool {
+        self.0 & bits != 0
+    }
+
+    /// The count that was latched, modulo 65536.
+    pub const fn latched(self) -> u16 {
+        (self.0 >> 16) as u16
+    }
+}
+
+/// How an encoder counts.
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "independent properties, one register bit each"
+)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EncoderConfig {
+    /// Counts for one unit of position; never 0: 0 and values that are not finite count as 1.
+    pub scale: f64,
+    /// Up/down (step and direction), else quadrature.
+    pub up_down: bool,
+    /// Filter inputs for 15 clocks instead of 3: the usual choice.
+    pub filter: bool,
+    /// The index is active high; else low.
+    pub index_high: bool,
+    /// Only take an index while the index mask is active.
+    pub index_mask: bool,
+    /// The index mask is active low, else high.
+    pub index_mask_invert: bool,
+    /// Only take an index at one state of A and B.
+    pub gate_index: bool,
+    /// The probe input is active high; else low.
+    pub probe_high: bool,
+    /// Velocity is 0 when no count came for so long, in seconds.
+    pub idle_time: f64,
+}
+
+impl Default for EncoderConfig {
+    /// Quadrature, filtered, index and probe active high, scale 1, idle after 0.5 s.
+    fn default() -> Self {
+        Self {
+            scale: 1.0,
+            up_down: false,
+            filter: true,
+            index_high: true,
+            index_mask: false,
+            index_mask_invert: false,
+            gate_index: false,
+            probe_high: true,
+            idle_time: 0.5,
+        }
+    }
+}
+
+impl EncoderConfig {
+    /// The control word, without any latch or clear.
+    pub fn control(&self) -> ControlWord {
+        let word = [
+            (self.up_down, ControlWord::UP_DOWN),
+            (self.filter, ControlWord::FILTER),
+            (self.index_high, ControlWord::INDEX_POLARITY),
+            (self.index_mask, ControlWord::USE_INDEX_MASK),
+            (self.index_mask_invert, ControlWord::INDEX_MASK_POLARITY),
+            (self.gate_index, ControlWord::GATE_INDEX),
+            (self.probe_high, ControlWord::PROBE_POLARITY),
+        ]
+        .into_iter()
+        .filter_map(|(on, bit)| on.then_some(bit))
+        .fold(0, |word, bit| word | bit);
+        ControlWord(word)
+    }
+
+    /// Counts for one unit of position, never 0 and always finite.
+    pub fn usable_scale(&self) -> f64 {
+        if self.scale.is_finite() && self.scale != 0.0 {
+            self.scale
+        } else {
+            1.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_laid_out_as_the_register_list_says() {
+        let count = CountWord(0x1234_FFFE);
+        assert_eq!((count.count(), count.timestamp()), (0xFFFE, 0x1234));
+        let control = ControlWord(0xABCD_8045);
+        assert_eq!(control.latched(), 0xABCD);
+        assert!(control.has(ControlWord::QUADRATURE_ERROR));
+        assert!(control.has(ControlWord::JUST_ONCE));
+        assert!(!control.has(ControlWord::B));
+        assert_eq!(EncoderConfig::default().control().0, 0x1808);
+        let all = EncoderConfig {
+            up_down: true,
+            index_mask: true,
+            index_mask_invert: true,
+            gate_index: true,
+            ..EncoderConfig::default()
+        };
+        assert_eq!(all.control().0, 0x1F88);
+    }
+
+    #[test]
+    fn the_multiplexer_rates_of_the_manuals_are_clock_8_and_clock_16() {
+        let clock = 100_000_000;
+        assert!((TickRate::MUX_7I77.hz(clock) - 12.5e6).abs() < 1e-6);
+        assert!((TickRate::MUX_7I97.max_muxed_count_rate(clock) - 3.125e6).abs() < 1e-6);
+        assert_eq!(TickRate::for_hz(clock, 12_500_000), TickRate::MUX_7I77);
+        assert_eq!(TickRate::for_hz(clock, 6_250_000), TickRate::MUX_7I97);
+        assert_eq!(TickRate::for_hz(clock, TickRate::TIMESTAMP_HZ).0, 98);
+        assert_eq!(TickRate::for_hz(clock, 0).0, 0xFFF);
+        assert_eq!(TickRate::for_hz(clock, u32::MAX).0, 0);
+        assert!((TickRate(0x8000).hz(clock) - 1e8).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,173 @@
+//! The watchdog: makes all pins inputs when the host falls silent.
+
+use super::{Gtag, HostMot2, LocateError};
+use crate::bus::{Access, RegisterBus};
+use core::time::Duration;
+
+/// The registers of the watchdog.
+///
+/// A bite clears the direction and open-drain registers: all I/O become inputs with pull-ups, and
+/// stay so until the ports are set up again.
+///
+/// Source: REGISTERS.md, "Watchdog".
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Watchdog {
+    /// Address of the time register, see [`WatchdogTime`].
+    pub time: u16,
+    /// Address of the status register, see [`WatchdogStatus`].
+    pub status: u16,
+    /// Address of the register that [`Watchdog::PET`] is written to.
+    pub reset: u16,
+    clock_hz: u32,
+}
+
+impl Watchdog {
+    /// The word that restarts the watchdog.
+    pub const PET: u32 = 0x5A00_0000;
+
+    /// The time that integrators know as the usual one.
+    pub const DEFAULT_TIMEOUT: Duration = Duration::from_millis(5);
+
+    /// The watchdog of a firmware.
+    pub fn locate(firmware: &HostMot2) -> Result<Self, LocateError> {
+        let module = firmware.require(Gtag::WATCHDOG)?;
+        module.expect(&[Gtag::WATCHDOG], 3, 0)?;
+        Ok(Self {
+            time: module.block(0)?.first(),
+            status: module.block(1)?.first(),
+            reset: module.block(2)?.first(),
+            clock_hz: module.clock_hz,
+        })
+    }
+
+    /// The register value for a time.
+    pub fn time_for(&self, timeout: Duration) -> WatchdogTime {
+        WatchdogTime::new(timeout, self.clock_hz)
+    }
+
+    /// The time that a register value stands for; `None` if it disables the watchdog.
+    pub fn timeout_of(&self, time: WatchdogTime) -> Option<Duration> {
+        time.timeout(self.clock_hz)
+    }
+
+    /// Sets the time, restarts the watchdog and forgets an earlier bite, in one exchange. From
+    /// here on the watchdog must be petted.
+    pub fn arm<B: RegisterBus>(&self, bus: &mut B, timeout: Duration) -> Result<(), B::Error> {
+        let time = self.time_for(timeout).0;
+        bus.exchange(
+            &[
+                Access::write(self.time, 0, 1),
+                Access::write(self.reset, 1, 1),
+                Access::write(self.status, 2, 1),
+            ],
+            &mut [time, Self::PET, 0],
+        )
+    }
+
+    /// Restarts the watchdog.
+    pub fn pet<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+        bus.write(self.reset, Self::PET)
+    }
+
+    /// Whether it has bitten.
+    pub fn read_status<B: RegisterBus>(&self, bus: &mut B) -> Result<WatchdogStatus, B::Error> {
+        Ok(WatchdogStatus::from_bits_retain(bus.read(self.status)?))
+    }
+
+    /// Forgets a bite. The ports must be set up again afterwards.
+    pub fn clear<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+        bus.write(self.status, 0)
+    }
+
+    /// Lets it bite at once: how a program leaves, so that nothing stays driven.
+    pub fn bite_now<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+        bus.write(self.time, WatchdogTime::AT_ONCE.0)
+    }
+
+    /// Keeps it from biting, whatever happens. For tests on the bench only.
+    pub fn disable<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+        bus.write(self.time, WatchdogTime::DISABLED.0)
+    }
+}
+
+/// The time register: bites after (value + 1) clocks; bit 31 disables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct WatchdogTime(pub u32);
+
+impl WatchdogTime {
+    /// Never bites.
+    pub const DISABLED: Self = Self(0xFFFF_FFFF);
+    /// Bites after two clocks.
+    pub const AT_ONCE: Self = Self(1);
+
+    const DISABLE: u32 = 1 << 31;
+    const LONGEST: u32 = Self::DISABLE - 1;
+
+    /// The value for a time at a clock, rounded down, at least one clock; times that do not fit
+    /// become the longest there is (21 s at 100 MHz), never "disabled".
+    pub const fn new(timeout: Duration, clock_hz: u32) -> Self {
+        // 96 and 32 bits: can not overflow.
+        let clocks = timeout.as_nanos().saturating_mul(clock_hz as u128) / 1_000_000_000;
+        let value = clocks.saturating_sub(1);
+        if value > Self::LONGEST as u128 {
+            Self(Self::LONGEST)
+        } else {
+            Self(value as u32)
+        }
+    }
+
+    /// The time until it bites; `None` if it never does.
+    pub const fn timeout(self, clock_hz: u32) -> Option<Duration> {
+        if self.0 & Self::DISABLE != 0 || clock_hz == 0 {
+            return None;
+        }
+        let nanos = (self.0 as u64 + 1) * 1_000_000_000 / clock_hz as u64;
+        Some(Duration::from_nanos(nanos))
+    }
+}
+
+bitflags::bitflags! {
+    /// The status register.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    pub struct WatchdogStatus: u32 {
+        /// It has bitten.
+        const HAS_BIT = 1;
+        const _ = !0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn five_milliseconds_at_100_mhz_are_499999() {
+        let time = WatchdogTime::new(Watchdog::DEFAULT_TIMEOUT, 100_000_000);
+        assert_eq!(time, WatchdogTime(499_999));
+        assert_eq!(time.timeout(100_000_000), Some(Duration::from_millis(5)));
+    }
+
+    #[test]
+    fn no_time_however_long_disables_the_watchdog() {
+        for timeout in [Duration::from_secs(22), Duration::MAX] {
+            assert_eq!(
+                WatchdogTime::new(timeout, u32::MAX),
+                WatchdogTime(0x7FFF_FFFF)
+            );
+        }
+        assert_eq!(WatchdogTime::new(Duration::ZERO, 1), WatchdogTime(0));
+        assert_eq!(WatchdogTime::DISABLED.timeout(100_000_000), None);
+    }
+
+    proptest! {
+        #[test]
+        fn times_come_back_within_one_clock(micros in 1u64..20_000_000, mhz in 1u32..100) {
+            let clock = mhz * 1_000_000;
+            let timeout = Duration::from_micros(micros);
+            let back = WatchdogTime::new(timeout, clock).timeout(clock).unwrap();
+            prop_assert!(back <= timeout);
+            prop_assert!(timeout.saturating_sub(back).as_nanos() <= u128::from(1_000 / mhz + 1));
+        }
+    }
+}
