@@ -207,6 +207,8 @@ pub fn sign_extend(raw: u64, bits: u8) -> i64 {
 }
 
 #[cfg(test)]
+// Exact values are exact here: both ends must be met, not approached.
+#[allow(clippy::float_cmp)]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -1,3 +1,6 @@
+// Exact values are exact here.
+#![allow(clippy::float_cmp)]
+
 use super::*;
 use crate::hal::{Age, InOut};
 use core::time::Duration;
