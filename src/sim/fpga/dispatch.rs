@@ -6,7 +6,7 @@ impl SimFpga {
     pub(super) fn read_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8) -> u32 {
         let now = self.now;
         match gtag {
-            gtag::WATCHDOG => self.watchdog.read(register),
+            gtag::WATCHDOG => self.watchdog.read(now, register),
             gtag::IO_PORT => {
                 let levels = |pin| self.module_level(pin);
                 self.io.read(register, instance, &levels)
@@ -55,10 +55,7 @@ impl SimFpga {
     ) {
         let now = self.now;
         match gtag {
-            gtag::WATCHDOG => {
-                self.watchdog.write(now, register, value);
-                self.io.hold_clear(self.watchdog.has_bitten());
-            }
+            gtag::WATCHDOG => self.watchdog.write(now, register, value),
             gtag::IO_PORT => {
                 self.settle();
                 self.io.write(register, instance, value);

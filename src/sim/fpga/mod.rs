@@ -120,7 +120,7 @@ impl SimFpga {
             self.run_to(bite);
             self.settle();
             self.watchdog.bite();
-            self.io.hold_clear(true);
+            self.io.make_inputs();
             self.pins_changed();
         }
         self.run_to(to);

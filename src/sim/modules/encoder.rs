@@ -50,6 +50,7 @@ struct Encoder {
     /// The quadrature position last sampled. The lines show its two lowest bits.
     sampled: i64,
     index_line: bool,
+    /// The index as the control bits condition it: an event comes when it rises.
     index_signal: bool,
     mask_line: bool,
     probe_line: bool,
@@ -74,9 +75,9 @@ impl EncoderBank {
             clock: firmware.clock(module.clock).max(1),
             divider: 0,
             stamp_base: (0, 0),
-            rate: if multiplexed { firmware.mux_rate } else { 0 },
+            rate: power_up_rate(firmware, multiplexed),
             select: select.collect(),
-            encoders: vec![Encoder::default(); count],
+            encoders: vec![Encoder::power_up(); count],
         }
     }
 
@@ -84,16 +85,13 @@ impl EncoderBank {
     pub(crate) fn reload(&mut self, now: Nanos, firmware: &Firmware) {
         self.divider = 0;
         self.stamp_base = (now, 0);
-        self.rate = if self.multiplexed {
-            firmware.mux_rate
-        } else {
-            0
-        };
+        self.rate = power_up_rate(firmware, self.multiplexed);
         for encoder in &mut self.encoders {
             encoder.count = 0;
             encoder.stamp = 0;
-            encoder.control = 0;
             encoder.latch = 0;
+            encoder.control = 0;
+            encoder.index_signal = !encoder.index_line;
         }
     }
 
@@ -127,9 +125,8 @@ impl EncoderBank {
             }
             RATE => self.rate = value & 0xFFF,
             _ => {
-                let stamp = self.stamp(now);
                 if let Some(encoder) = self.encoders.get_mut(usize::from(instance)) {
-                    encoder.write(register, value, stamp);
+                    encoder.write(register, value);
                 }
             }
         }
@@ -137,19 +134,19 @@ impl EncoderBank {
 
     /// The highest count rate the lines are sampled for, in counts per second.
     pub fn sample_rate(&self) -> f64 {
-        let rate = f64::from(self.clock);
-        if self.multiplexed {
-            // Two encoders take turns on each set of lines.
-            rate / f64::from(self.rate + 2) / 2.0
-        } else {
-            rate
-        }
+        // Two multiplexed encoders take turns on each set of lines.
+        self.filter_clock() / if self.multiplexed { 2.0 } else { 1.0 }
+    }
+
+    /// Frequency of the multiplexer and of the filters.
+    fn filter_clock(&self) -> f64 {
+        f64::from(self.clock) / f64::from(self.rate + 2)
     }
 
     /// Moves the encoder's shaft.
     pub(crate) fn turn(&mut self, instance: usize, segment: &Segment) {
         let sample_rate = self.sample_rate();
-        let clock = f64::from(self.clock);
+        let clock = self.filter_clock();
         let stamps = Stamps {
             base: self.stamp_base,
             clock: self.clock,
@@ -218,6 +215,15 @@ impl Stamps {
     }
 }
 
+/// The rate register at power-up; plain encoders are filtered at about 16 MHz.
+fn power_up_rate(firmware: &Firmware, multiplexed: bool) -> u32 {
+    if multiplexed {
+        firmware.mux_rate
+    } else {
+        (firmware.clock_low / 16_000_000).saturating_sub(2)
+    }
+}
+
 /// What the time-stamp divider divides by: n + 2, or 1 with the top bit of its 16 bits set.
 fn divisor(register: u32) -> u32 {
     if register & 0x8000 != 0 {
@@ -238,20 +244,30 @@ fn lines(position: i64) -> (bool, bool) {
 }
 
 impl Encoder {
+    /// An encoder whose index line is low, which is active with the polarity bit at 0.
+    fn power_up() -> Self {
+        Self {
+            index_signal: true,
+            ..Self::default()
+        }
+    }
+
     fn control_word(&self) -> u32 {
         let (a, b) = lines(self.sampled);
         let live = u32::from(a) | u32::from(b) << 1 | u32::from(self.index_line) << 2;
         u32::from(self.latch) << 16 | self.control | live
     }
 
-    fn write(&mut self, register: u8, value: u32, stamp: u16) {
+    fn write(&mut self, register: u8, value: u32) {
         match register {
-            COUNT => {
-                self.count = 0;
-                self.stamp = stamp;
+            COUNT => self.count = 0,
+            CONTROL => {
+                // Writing a 1 takes back the quadrature error.
+                let error = self.control & QUADRATURE_ERROR & !value;
+                self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR) | error;
+                // Another polarity can make the index signal rise, too.
+                self.look_at_index();
             }
-            // Each write takes back the quadrature error.
-            CONTROL => self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR),
             _ => {}
         }
     }
@@ -267,7 +283,7 @@ impl Encoder {
         } = *segment;
         let nanos = (end - start) as f64;
         let rate = (to - from).abs() / nanos * 1e9;
-        // A line keeps its level for two counts; the filter wants that many clocks of it.
+        // A line keeps its level for two counts; its filter wants that many clocks of it.
         let filter = if self.control & LONG_FILTER != 0 {
             15.0
         } else {
@@ -326,10 +342,10 @@ impl Encoder {
         self.look_at_index();
     }
 
-    /// A counts, B says which way.
+    /// A counts on its rising edge; up when B is high.
     fn count_up_down(&mut self, before: (bool, bool), after: (bool, bool), stamp: u16) {
         if !before.0 && after.0 {
-            self.count_by(if after.1 { -1 } else { 1 }, stamp);
+            self.count_by(if after.1 { 1 } else { -1 }, stamp);
         }
     }
 
@@ -342,13 +358,13 @@ impl Encoder {
         let (a, b) = lines(self.sampled);
         let polarity = self.control & AB_POLARITY != 0;
         let gated = self.control & GATE_WITH_AB != 0;
-        let signal = self.index_line && (!gated || (a == polarity && b == polarity));
-        let edge = signal != self.index_signal;
+        let active = self.index_line == (self.control & INDEX_POLARITY != 0);
+        let signal = active && (!gated || (a == polarity && b == polarity));
+        let rises = signal && !self.index_signal;
         self.index_signal = signal;
-        let active = signal == (self.control & INDEX_POLARITY != 0);
         let mask_polarity = self.control & MASK_POLARITY != 0;
         let masked = self.control & USE_MASK != 0 && self.mask_line != mask_polarity;
-        if edge && active && !masked {
+        if rises && !masked {
             self.index_event();
         }
     }

@@ -22,7 +22,6 @@ pub struct IoPorts {
     ports: Vec<Port>,
     width: u32,
     outside: Vec<Option<bool>>,
-    held_clear: bool,
 }
 
 impl IoPorts {
@@ -34,14 +33,12 @@ impl IoPorts {
             ports: vec![Port::default(); ports],
             width,
             outside: vec![None; ports * width as usize],
-            held_clear: false,
         }
     }
 
     /// The FPGA is loaded again: registers as at power-up. What drives the pins from outside stays.
     pub(crate) fn reload(&mut self) {
         self.ports.fill(Port::default());
-        self.held_clear = false;
     }
 
     /// Reads a register; `levels` says what a module puts out on a pin.
@@ -65,32 +62,27 @@ impl IoPorts {
         }
     }
 
-    /// Writes a register. While the watchdog has bitten, direction and open drain stay clear.
+    /// Writes a register.
     pub(crate) fn write(&mut self, register: u8, port: u8, value: u32) {
         let value = value & (u32::MAX >> (32 - self.width));
-        let held = self.held_clear;
         let Some(registers) = self.ports.get_mut(usize::from(port)) else {
             return;
         };
         match register {
             DATA => registers.data = value,
-            DIRECTION if !held => registers.direction = value,
+            DIRECTION => registers.direction = value,
             ALTERNATE => registers.alternate = value,
-            OPEN_DRAIN if !held => registers.open_drain = value,
+            OPEN_DRAIN => registers.open_drain = value,
             INVERT => registers.invert = value,
             _ => {}
         }
     }
 
-    /// What the watchdog does to the pins: clears direction and open drain when it bites, and
-    /// keeps them clear until its status has been cleared.
-    pub(crate) fn hold_clear(&mut self, held: bool) {
-        self.held_clear = held;
-        if held {
-            for port in &mut self.ports {
-                port.direction = 0;
-                port.open_drain = 0;
-            }
+    /// What the watchdog does when it bites: all pins become inputs.
+    pub(crate) fn make_inputs(&mut self) {
+        for port in &mut self.ports {
+            port.direction = 0;
+            port.open_drain = 0;
         }
     }
 

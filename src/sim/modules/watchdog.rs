@@ -9,12 +9,16 @@ const RESET: u8 = 2;
 const DISABLED: u32 = 1 << 31;
 const COOKIE: u32 = 0x5A;
 
-/// The watchdog. REGISTERS, "Watchdog".
+/// The watchdog: a counter that runs down. REGISTERS, "Watchdog".
+///
+/// It bites once when the counter runs out; after that only a new time or the cookie starts it
+/// again. The time register reads what is left.
 #[derive(Clone, Copy, Debug)]
 pub struct Watchdog {
     clock: u32,
     time: u32,
-    started: Nanos,
+    /// When the counter was loaded with the time, if it runs.
+    started: Option<Nanos>,
     bitten: bool,
 }
 
@@ -24,50 +28,61 @@ impl Watchdog {
         Self {
             clock: clock.max(1),
             time: DISABLED,
-            started: 0,
+            started: None,
             bitten: false,
         }
     }
 
-    pub(crate) fn read(&self, register: u8) -> u32 {
+    pub(crate) fn read(&self, now: Nanos, register: u8) -> u32 {
         match register {
-            TIME => self.time,
+            TIME => self.left(now),
             STATUS => u32::from(self.bitten),
             _ => 0,
         }
     }
 
-    /// Clearing the status, a new time and the cookie each start the full time again.
     pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
         match register {
             TIME => {
                 self.time = value;
-                self.started = now;
+                self.start(now);
             }
-            STATUS if value & 1 == 0 => {
-                self.bitten = false;
-                self.started = now;
-            }
-            RESET if value >> 24 == COOKIE => self.started = now,
+            STATUS => self.bitten = value & 1 != 0,
+            RESET if value >> 24 == COOKIE => self.start(now),
             _ => {}
         }
     }
 
     /// When it bites if nobody writes to it.
     pub(crate) fn deadline(&self) -> Option<Nanos> {
-        if self.bitten || self.time & DISABLED != 0 {
-            return None;
-        }
         let clocks = u64::from(self.time) + 1;
-        Some(self.started + (clocks * 1_000_000_000).div_ceil(u64::from(self.clock)))
+        let nanos = (clocks * 1_000_000_000).div_ceil(u64::from(self.clock));
+        Some(self.started?.saturating_add(nanos))
     }
 
     pub(crate) fn bite(&mut self) {
         self.bitten = true;
+        self.started = None;
     }
 
-    /// Whether it has bitten and nobody has cleared it since.
+    /// Whether it has bitten and nobody has cleared its status since.
     pub fn has_bitten(&self) -> bool {
         self.bitten
+    }
+
+    fn start(&mut self, now: Nanos) {
+        self.started = (self.time & DISABLED == 0).then_some(now);
+    }
+
+    fn left(&self, now: Nanos) -> u32 {
+        let Some(started) = self.started else {
+            return if self.time & DISABLED == 0 {
+                u32::MAX
+            } else {
+                self.time
+            };
+        };
+        let passed = u128::from(now.saturating_sub(started)) * u128::from(self.clock);
+        self.time.wrapping_sub((passed / 1_000_000_000) as u32)
     }
 }
