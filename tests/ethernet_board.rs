@@ -1,0 +1,239 @@
+//! An Ethernet board beside its registers: identity, EEPROM, flash memory, reset and reload.
+
+mod ethernet_support;
+
+use std::net::Ipv4Addr;
+use std::time::Duration;
+
+use ethernet_support::{SimLink, WIRE};
+use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
+use mesa_hal::ethernet::{
+    Area, Bitfile, Board, BoardError, Flash, FlashError, FlashLayout, FlashMemory, Stage,
+};
+use mesa_hal::lbp16::{ErrorRegister, Space};
+use mesa_hal::sim::{BoardConfig, machines};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+fn link() -> SimLink {
+    SimLink::new(BoardConfig::new("7I97"), machines::i7i97(1))
+}
+
+fn board_on(link: SimLink) -> Board<UdpBus<SimLink>> {
+    Board::new(UdpBus::new(link, UdpConfig::default()).expect("the board answers"))
+}
+
+fn board() -> Board<UdpBus<SimLink>> {
+    board_on(link())
+}
+
+/// A made-up configuration for the 7I97's FPGA.
+fn configuration(len: usize) -> Vec<u8> {
+    let mut data = vec![0xFF; 16];
+    data.extend([0xAA, 0x99, 0x55, 0x66]);
+    data.extend((data.len()..len).map(|n| (n * 31 + n / 256) as u8));
+    data
+}
+
+fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
+    Bitfile {
+        design: "made_up",
+        part: FlashLayout::I7I97.part,
+        date: "2026/01/01",
+        time: "00:00:00",
+        configuration,
+    }
+}
+
+/// Something in the boot block, without which nothing is written to the user area.
+fn with_boot_block(board: Board<UdpBus<SimLink>>) -> Flash<Board<UdpBus<SimLink>>> {
+    let mut flash = Flash::open(board, FlashLayout::I7I97).expect("an M25P16");
+    let boot = configuration(300);
+    flash
+        .write(Area::BootBlock, 0, &boot, |_, _| {})
+        .expect("the boot block is written when it is named");
+    flash
+}
+
+#[test]
+fn a_board_says_who_it_is() {
+    let mut board = board();
+    let identity = board.identity().expect("identity");
+    assert_eq!(identity.card_name(), "7I97");
+    assert_eq!(identity.firmware_version, 16);
+    assert_eq!(identity.mac, [0x00, 0x60, 0x0E, 0x1B, 0x00, 0x97]);
+    assert_eq!(identity.eeprom_ip, Ipv4Addr::new(10, 10, 10, 10));
+    let netmask = Ipv4Addr::new(255, 255, 255, 0);
+    assert_eq!(identity.eeprom_netmask, Some(netmask));
+    for space in Space::ALL {
+        let info = board.space_info(space);
+        assert_eq!(info.is_ok(), space != Space::Unused, "{space:?}: {info:?}");
+    }
+}
+
+#[test]
+fn addresses_in_the_eeprom_are_written_and_read_back() {
+    let mut board = board();
+    let address = Ipv4Addr::new(192, 168, 7, 97);
+    let netmask = Ipv4Addr::new(255, 255, 0, 0);
+    board
+        .set_eeprom_ip(address)
+        .expect("the address is written");
+    board.set_eeprom_netmask(netmask).expect("the netmask too");
+    let identity = board.identity().expect("identity");
+    assert_eq!(identity.eeprom_ip, address);
+    assert_eq!(identity.eeprom_netmask, Some(netmask));
+}
+
+#[test]
+fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
+    let mut config = BoardConfig::new("7I97");
+    config.firmware_version = 14;
+    let mut board = board_on(SimLink::new(config, machines::i7i97(1)));
+    assert_eq!(board.identity().expect("identity").eeprom_netmask, None);
+    let error = board.set_eeprom_netmask(Ipv4Addr::BROADCAST);
+    let needs = |needed| Err(BoardError::Firmware { needed, found: 14 });
+    assert_eq!(error, needs(16));
+    let layout = FlashLayout::I7I97;
+    assert_eq!(board.reload(layout.user.0, layout.fallback.0), needs(15));
+}
+
+#[test]
+fn a_board_counts_what_it_could_not_do() {
+    let mut board = board();
+    let before = board.counters().expect("counters");
+    assert_eq!(before.errors, ErrorRegister::empty());
+    let mut bus = board.into_inner();
+    // A command for no element, and a write to read-only space 7.
+    let commands = [0x00, 0x42, 0x00, 0x01];
+    mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
+    let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
+    mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
+    bus.wait(Duration::from_millis(1));
+    let after = Board::new(bus).counters().expect("counters");
+    assert!(after.errors.contains(ErrorRegister::PARSE), "{after:?}");
+    assert_eq!(after.parse_errors, before.parse_errors + 1);
+    assert_eq!(after.write_errors, before.write_errors + 1);
+    assert_eq!(after.received_udp, before.received_udp + 3);
+}
+
+#[test]
+fn its_clock_tells_when_packets_came_and_went() {
+    let mut board = board();
+    let first = board.timestamps().expect("timestamps");
+    let mut bus = board.into_inner();
+    bus.wait(Duration::from_millis(10));
+    let second = Board::new(bus).timestamps().expect("timestamps");
+    let microseconds = second.receive_done.wrapping_sub(first.receive_done);
+    assert!((10_000..10_200).contains(&microseconds), "{microseconds}");
+    assert!(second.send_start.wrapping_sub(first.receive_done) < 100);
+}
+
+#[test]
+fn a_configuration_is_programmed_and_verified_over_the_network() {
+    let mut flash = with_boot_block(board());
+    let data = configuration(200_001);
+    let mut verified = 0;
+    let progress = |stage, bytes| {
+        if stage == Stage::Verify {
+            verified = bytes;
+        }
+    };
+    flash
+        .program(&bitfile(&data), Area::User, progress)
+        .expect("it is programmed");
+    assert_eq!(verified, data.len());
+    let other = configuration(200_000);
+    flash
+        .verify(&bitfile(&other), Area::User, |_, _| {})
+        .expect("a prefix is the same");
+    let mut changed = data.clone();
+    changed[100_000] ^= 0x10;
+    let error = flash
+        .verify(&bitfile(&changed), Area::User, |_, _| {})
+        .expect_err("it differs");
+    let address = FlashLayout::I7I97.user.0 + 100_000;
+    assert!(
+        matches!(error, FlashError::Differs { address: a, .. } if a == address),
+        "{error}"
+    );
+    // Reading need not begin or end on a register's border.
+    let mut bytes = [0; 7];
+    flash
+        .read(FlashLayout::I7I97.user.0 + 15, &mut bytes)
+        .expect("it is read");
+    let expected: Vec<u8> = data[15..22]
+        .iter()
+        .map(|byte| byte.reverse_bits())
+        .collect();
+    assert_eq!(bytes[..], expected);
+}
+
+#[test]
+fn without_a_boot_block_nothing_is_erased() {
+    let mut flash = Flash::open(board(), FlashLayout::I7I97).expect("an M25P16");
+    let data = configuration(1000);
+    let error = flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .expect_err("no boot block");
+    assert!(
+        matches!(error, FlashError::NoBootBlock { address: 0 }),
+        "{error}"
+    );
+}
+
+#[test]
+fn lost_packets_only_take_longer() {
+    let seed = 0x97_u64;
+    let lossy = |mut state: u64| {
+        move |_: &[u8]| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            if state >> 60 == 0 { vec![] } else { vec![WIRE] }
+        }
+    };
+    let mut link = link();
+    link.to_board = Box::new(lossy(seed));
+    link.to_host = Box::new(lossy(seed + 1));
+    let mut flash = with_boot_block(board_on(link));
+    let data = configuration(70_000);
+    flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .unwrap_or_else(|error| {
+            panic!("seed {seed:#x}: {error}");
+        });
+    let bus = flash.into_inner().into_inner();
+    assert!(bus.statistics().lost > 10, "{:?}", bus.statistics());
+}
+
+#[test]
+fn after_reset_and_reload_the_board_answers_again() {
+    let mut board = board();
+    board.reset().expect("reset");
+    board.identity().expect("it answers again");
+    let layout = FlashLayout::I7I97;
+    board
+        .reload(layout.user.0, layout.fallback.0)
+        .expect("reload");
+    board.identity().expect("it answers again");
+    let mut bus = board.into_inner();
+    assert_eq!(bus.link().board.restarts(), (1, 1));
+    assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
+}
+
+#[test]
+fn a_board_that_never_answers_is_said_with_a_hint() {
+    let mut link = link();
+    link.to_board = Box::new(|_| vec![]);
+    let error = UdpBus::new(link, UdpConfig::default()).expect_err("nobody answers");
+    assert_eq!(error.kind(), BusErrorKind::Lost);
+    assert!(
+        error.to_string().contains("check the board's power"),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_flash_id_is_that_of_the_layout() {
+    assert_eq!(board().id(), Ok(FlashLayout::I7I97.id));
+}

@@ -1,0 +1,121 @@
+//! A simulated Ethernet board behind a network on virtual time.
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "each test that includes this uses what it needs"
+)]
+
+use std::collections::BTreeMap;
+
+use mesa_hal::bus::Instant;
+use mesa_hal::sim::{BoardConfig, SimBoard, SimFpga};
+use mesa_hal::transport::udp::{Link, LinkError};
+
+/// Time on the wire in each direction.
+pub const WIRE: u64 = 20_000;
+
+/// What the network does to each packet; returns how often and with what delays it arrives.
+pub type Fate = Box<dyn FnMut(&[u8]) -> Vec<u64>>;
+
+/// A link to a simulated board. Every packet arrives once, after [`WIRE`], unless told otherwise.
+pub struct SimLink {
+    pub board: SimBoard<SimFpga>,
+    pub to_board: Fate,
+    pub to_host: Fate,
+    now: u64,
+    sent: u64,
+    requests: BTreeMap<(u64, u64), Vec<u8>>,
+    replies: BTreeMap<(u64, u64), Vec<u8>>,
+    waiting: Vec<Vec<u8>>,
+}
+
+impl SimLink {
+    pub fn new(config: BoardConfig, fpga: SimFpga) -> Self {
+        Self {
+            board: SimBoard::new(config, fpga),
+            to_board: Box::new(|_| vec![WIRE]),
+            to_host: Box::new(|_| vec![WIRE]),
+            now: 0,
+            sent: 0,
+            requests: BTreeMap::new(),
+            replies: BTreeMap::new(),
+            waiting: Vec::new(),
+        }
+    }
+
+    /// Everything up to `until`; the packets that have arrived at the host wait there.
+    fn run(&mut self, until: u64, stop_at_reply: bool) {
+        loop {
+            if stop_at_reply && !self.waiting.is_empty() {
+                return;
+            }
+            let request = self.requests.first_key_value().map(|(key, _)| *key);
+            let reply = self.replies.first_key_value().map(|(key, _)| *key);
+            match (request, reply) {
+                (request, Some(reply))
+                    if reply.0 <= until && request.is_none_or(|r| reply <= r) =>
+                {
+                    self.now = self.now.max(reply.0);
+                    self.waiting.extend(self.replies.remove(&reply));
+                }
+                (Some(request), _) if request.0 <= until => {
+                    self.now = self.now.max(request.0);
+                    let packet = self.requests.remove(&request).unwrap_or_default();
+                    let mut answer = Vec::new();
+                    let leaves = self.board.handle_packet(request.0, &packet, &mut answer);
+                    if let Some(at) = leaves {
+                        for delay in (self.to_host)(&answer) {
+                            self.sent += 1;
+                            self.replies.insert((at + delay, self.sent), answer.clone());
+                        }
+                    }
+                }
+                _ => {
+                    self.now = self.now.max(until);
+                    return;
+                }
+            }
+        }
+    }
+}
+
+impl std::fmt::Debug for SimLink {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SimLink")
+            .field("now", &self.now)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Link for SimLink {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        for delay in (self.to_board)(packet) {
+            self.sent += 1;
+            let key = (self.now + delay, self.sent);
+            self.requests.insert(key, packet.to_vec());
+        }
+        Ok(())
+    }
+
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, LinkError> {
+        self.run(deadline.as_nanos(), true);
+        if self.waiting.is_empty() {
+            return Ok(None);
+        }
+        let packet = self.waiting.remove(0);
+        buffer[..packet.len()].copy_from_slice(&packet);
+        Ok(Some(packet.len()))
+    }
+
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(self.now)
+    }
+
+    fn sleep_until(&mut self, deadline: Instant) {
+        self.run(deadline.as_nanos(), false);
+    }
+}
