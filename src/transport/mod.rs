@@ -1,3 +1,10 @@
 //! Buses: LBP16 over UDP, recording and fault-injecting wrappers.
 
+mod faulty;
+mod recording;
+#[cfg(test)]
+mod test_bus;
 pub mod udp;
+
+pub use faulty::{Fault, Faulty, FaultyError};
+pub use recording::{Entry, Event, Recording};

@@ -1,0 +1,428 @@
+//! A bus around a bus that fails when it is told to.
+
+use core::time::Duration;
+
+use thiserror::Error;
+
+use crate::bus::{
+    Access, BusError, BusErrorKind, BusStatistics, Direction, Instant, Prepared, RegisterBus,
+};
+
+/// Injects faults into a bus: at given exchanges, or at random from a seed.
+///
+/// What a fault does follows from its kind, see [`Fault`]: the exchange is not executed at all, or
+/// it is executed and its reply is thrown away. In both cases no word of the caller's buffer
+/// changes, as [`RegisterBus::exchange`] promises.
+///
+/// Exchanges are numbered from 0 on, prepared or not.
+///
+/// # Real time
+/// Does not allocate, but for the first exchanges with a buffer of more than 4096 words.
+#[derive(Debug)]
+pub struct Faulty<B> {
+    inner: B,
+    plan: Vec<(u64, Fault)>,
+    random: Vec<(Fault, f64)>,
+    corrupt: f64,
+    penalty: Duration,
+    generator: SplitMix,
+    exchange: u64,
+    unnoticed: u64,
+    counted: BusStatistics,
+    scratch: Vec<u32>,
+}
+
+/// What goes wrong with an exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fault {
+    /// The request never arrives: nothing is executed, and the error has this kind.
+    /// `Lost`, `Refused`, `Unreachable` and `Invalid` are like that in real life.
+    NotExecuted(BusErrorKind),
+    /// All is executed, and the reply is no good: the error has this kind. `Late`, `Stale`,
+    /// `Short`, `Device`, and a `Lost` of which the reply was lost, are like that in real life.
+    Executed(BusErrorKind),
+    /// An exchange that only writes never arrives, and nobody says so. It shows in
+    /// [`BusStatistics::lost_writes`] after the next exchange that reads, as on Ethernet.
+    /// Exchanges that read are not concerned.
+    SilentWrite,
+}
+
+impl Fault {
+    /// The fault that is behind an error of this kind most often.
+    pub const fn of(kind: BusErrorKind) -> Self {
+        match kind {
+            BusErrorKind::Lost
+            | BusErrorKind::Refused
+            | BusErrorKind::Unreachable
+            | BusErrorKind::Invalid => Self::NotExecuted(kind),
+            BusErrorKind::Late
+            | BusErrorKind::Stale
+            | BusErrorKind::Short
+            | BusErrorKind::Device
+            | BusErrorKind::Other => Self::Executed(kind),
+        }
+    }
+}
+
+/// An error that was injected, or one of the bus inside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum FaultyError<E: core::error::Error + 'static> {
+    /// Injected.
+    #[error("exchange {exchange}: {kind:?}, injected by the test set-up")]
+    Injected {
+        /// Which kind was asked for.
+        kind: BusErrorKind,
+        /// Number of the exchange, from 0 on.
+        exchange: u64,
+    },
+    /// A true one.
+    #[error(transparent)]
+    Inner(#[from] E),
+}
+
+impl<E: BusError> BusError for FaultyError<E> {
+    fn kind(&self) -> BusErrorKind {
+        match self {
+            Self::Injected { kind, .. } => *kind,
+            Self::Inner(inner) => inner.kind(),
+        }
+    }
+}
+
+/// Room for the buffers of all machines that fit into a packet.
+const SCRATCH_WORDS: usize = 4096;
+
+impl<B: RegisterBus> Faulty<B> {
+    /// A bus that does not fail yet. The same seed makes the same faults.
+    pub fn new(inner: B, seed: u64) -> Self {
+        Self {
+            inner,
+            plan: Vec::new(),
+            random: Vec::new(),
+            corrupt: 0.0,
+            penalty: Duration::ZERO,
+            generator: SplitMix(seed),
+            exchange: 0,
+            unnoticed: 0,
+            counted: BusStatistics::default(),
+            scratch: vec![0; SCRATCH_WORDS],
+        }
+    }
+
+    /// Fails exchange number `exchange`, see [`exchanges`](Self::exchanges).
+    pub fn fail_at(&mut self, exchange: u64, fault: Fault) {
+        self.plan.push((exchange, fault));
+    }
+
+    /// Fails each exchange with this probability, 0 to 1. A second call for the same fault replaces
+    /// the first.
+    pub fn fail_randomly(&mut self, fault: Fault, probability: f64) {
+        self.random.retain(|(other, _)| *other != fault);
+        self.random.push((fault, probability));
+    }
+
+    /// Flips one bit of one word that was read, with this probability for each exchange that reads.
+    /// No real bus does that unnoticed; it shows what plausibility checks are worth.
+    pub fn corrupt_reads(&mut self, probability: f64) {
+        self.corrupt = probability;
+    }
+
+    /// Lets so much time pass with each injected error, as a bus that waits for its deadline.
+    pub fn set_penalty(&mut self, penalty: Duration) {
+        self.penalty = penalty;
+    }
+
+    /// No more faults from here on.
+    pub fn heal(&mut self) {
+        self.plan.clear();
+        self.random.clear();
+        self.corrupt = 0.0;
+    }
+
+    /// Number of exchanges so far, and of the next one.
+    pub fn exchanges(&self) -> u64 {
+        self.exchange
+    }
+
+    /// The bus inside.
+    pub fn inner(&mut self) -> &mut B {
+        &mut self.inner
+    }
+
+    /// Takes the bus out.
+    pub fn into_inner(self) -> B {
+        self.inner
+    }
+
+    /// What happens to this exchange. Draws the same number of random numbers whatever the plan,
+    /// so that a planned fault does not change the random ones.
+    fn draw(&mut self) -> (u64, Option<Fault>) {
+        let number = self.exchange;
+        self.exchange += 1;
+        let planned = self
+            .plan
+            .iter()
+            .find(|(at, _)| *at == number)
+            .map(|(_, fault)| *fault);
+        let mut drawn = None;
+        for (fault, probability) in &self.random {
+            let hit = self.generator.unit() < *probability;
+            drawn = drawn.or(hit.then_some(*fault));
+        }
+        (number, planned.or(drawn))
+    }
+
+    fn run(
+        &mut self,
+        accesses: &[Access],
+        words: &mut [u32],
+        inner: impl Fn(&mut B, &mut [u32]) -> Result<(), B::Error>,
+    ) -> Result<(), FaultyError<B::Error>> {
+        let reads = accesses
+            .iter()
+            .any(|access| access.direction == Direction::Read);
+        let (exchange, fault) = self.draw();
+        match fault {
+            Some(Fault::SilentWrite) if !reads => {
+                self.unnoticed += 1;
+                return Ok(());
+            }
+            Some(Fault::NotExecuted(kind)) => return Err(self.fail(exchange, kind)),
+            Some(Fault::Executed(kind)) => {
+                self.run_on_scratch(words, inner)?;
+                return Err(self.fail(exchange, kind));
+            }
+            Some(Fault::SilentWrite) | None => {}
+        }
+        inner(&mut self.inner, words)?;
+        if reads {
+            self.counted.lost_writes += core::mem::take(&mut self.unnoticed);
+            self.maybe_corrupt(accesses, words);
+        }
+        Ok(())
+    }
+
+    fn run_on_scratch(
+        &mut self,
+        words: &[u32],
+        inner: impl Fn(&mut B, &mut [u32]) -> Result<(), B::Error>,
+    ) -> Result<(), B::Error> {
+        if self.scratch.len() < words.len() {
+            self.scratch.resize(words.len(), 0);
+        }
+        let scratch = self.scratch.get_mut(..words.len()).unwrap_or_default();
+        for (place, word) in scratch.iter_mut().zip(words) {
+            *place = *word;
+        }
+        inner(&mut self.inner, scratch)
+    }
+
+    fn fail(&mut self, exchange: u64, kind: BusErrorKind) -> FaultyError<B::Error> {
+        self.counted.exchanges += 1;
+        match kind {
+            BusErrorKind::Late => self.counted.late += 1,
+            BusErrorKind::Lost => self.counted.lost += 1,
+            BusErrorKind::Stale => self.counted.stale += 1,
+            BusErrorKind::Short => self.counted.short += 1,
+            _ => {}
+        }
+        if !self.penalty.is_zero() {
+            self.inner.wait(self.penalty);
+        }
+        FaultyError::Injected { kind, exchange }
+    }
+
+    fn maybe_corrupt(&mut self, accesses: &[Access], words: &mut [u32]) {
+        if self.generator.unit() >= self.corrupt {
+            return;
+        }
+        let read = |access: &&Access| access.direction == Direction::Read;
+        let total: usize = accesses.iter().filter(read).map(|a| a.words().len()).sum();
+        let place = self.generator.below(total as u64) as usize;
+        let bit = self.generator.below(32);
+        let mut indices = accesses.iter().filter(read).flat_map(Access::words);
+        if let Some(word) = indices.nth(place).and_then(|index| words.get_mut(index)) {
+            *word ^= 1 << bit;
+        }
+    }
+}
+
+impl<B: RegisterBus> RegisterBus for Faulty<B> {
+    type Error = FaultyError<B::Error>;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        self.run(accesses, words, |bus, words| bus.exchange(accesses, words))
+    }
+
+    fn now(&mut self) -> Instant {
+        self.inner.now()
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.inner.wait(duration);
+    }
+
+    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
+        Ok(self.inner.prepare(accesses)?)
+    }
+
+    fn exchange_prepared(&mut self, list: &Prepared, words: &mut [u32]) -> Result<(), Self::Error> {
+        self.run(list.accesses(), words, |bus, words| {
+            bus.exchange_prepared(list, words)
+        })
+    }
+
+    /// Those of the bus inside, and the injected faults.
+    fn statistics(&self) -> BusStatistics {
+        let inner = self.inner.statistics();
+        BusStatistics {
+            exchanges: inner.exchanges + self.counted.exchanges,
+            late: inner.late + self.counted.late,
+            lost: inner.lost + self.counted.lost,
+            stale: inner.stale + self.counted.stale,
+            short: inner.short + self.counted.short,
+            lost_writes: inner.lost_writes + self.counted.lost_writes,
+            ..inner
+        }
+    }
+}
+
+/// The SplitMix64 generator: a few lines, and the same numbers everywhere.
+#[derive(Clone, Copy, Debug)]
+struct SplitMix(u64);
+
+impl SplitMix {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// 0 up to, and without, 1.
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// 0 up to, and without, `end`; 0 if that is 0.
+    fn below(&mut self, end: u64) -> u64 {
+        self.next().checked_rem(end).unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_bus::{Memory, MemoryError};
+    use super::*;
+    use proptest::prelude::*;
+
+    const KINDS: [BusErrorKind; 9] = [
+        BusErrorKind::Late,
+        BusErrorKind::Lost,
+        BusErrorKind::Stale,
+        BusErrorKind::Refused,
+        BusErrorKind::Unreachable,
+        BusErrorKind::Short,
+        BusErrorKind::Invalid,
+        BusErrorKind::Device,
+        BusErrorKind::Other,
+    ];
+
+    #[test]
+    fn each_kind_is_injected_at_the_exchange_that_was_named() {
+        for kind in KINDS {
+            let mut bus = Faulty::new(Memory::default(), 1);
+            bus.fail_at(1, Fault::of(kind));
+            let accesses = [Access::write(0x1000, 0, 1), Access::read(0x1004, 1, 1)];
+            let mut words = [7, 99];
+            bus.exchange(&accesses, &mut words).unwrap();
+            assert_eq!(words, [7, 0]);
+            let mut words = [8, 99];
+            let error = bus.exchange(&accesses, &mut words).unwrap_err();
+            assert_eq!(error, FaultyError::Injected { kind, exchange: 1 });
+            assert_eq!(error.kind(), kind);
+            assert_eq!(words, [8, 99], "a failed exchange changes no word");
+            let executed = matches!(Fault::of(kind), Fault::Executed(_));
+            assert_eq!(bus.inner().words[&0x1000], if executed { 8 } else { 7 });
+            assert_eq!(bus.inner().exchanges, 1 + usize::from(executed));
+            assert!(bus.read(0x1004).is_ok());
+        }
+    }
+
+    #[test]
+    fn a_write_that_is_lost_silently_is_counted_with_the_next_read() {
+        let mut bus = Faulty::new(Memory::default(), 1);
+        bus.fail_at(0, Fault::SilentWrite);
+        bus.fail_at(1, Fault::SilentWrite);
+        bus.write(0x1000, 5).unwrap();
+        assert!(bus.inner().words.is_empty());
+        assert_eq!(bus.statistics().lost_writes, 0);
+        assert_eq!(bus.read(0x1000), Ok(0));
+        assert_eq!(bus.statistics().lost_writes, 1);
+    }
+
+    #[test]
+    fn errors_of_the_bus_inside_are_passed_on() {
+        let mut bus = Faulty::new(Memory::default(), 1);
+        bus.inner().fail_next = true;
+        let error = bus.read(0).unwrap_err();
+        assert_eq!(error, FaultyError::Inner(MemoryError));
+        assert_eq!(error.kind(), BusErrorKind::Device);
+    }
+
+    #[test]
+    fn an_injected_error_takes_the_time_that_was_set() {
+        let mut bus = Faulty::new(Memory::default(), 1);
+        bus.set_penalty(Duration::from_micros(800));
+        bus.fail_at(0, Fault::of(BusErrorKind::Lost));
+        assert!(bus.read(0).is_err());
+        assert_eq!(bus.now(), Instant::from_nanos(800_000));
+        assert_eq!(bus.statistics().lost, 1);
+    }
+
+    #[test]
+    fn faults_come_as_often_as_asked_for_and_stop_when_healed() {
+        let seed = 42;
+        let mut bus = Faulty::new(Memory::default(), seed);
+        bus.fail_randomly(Fault::of(BusErrorKind::Lost), 0.1);
+        bus.fail_randomly(Fault::of(BusErrorKind::Late), 0.05);
+        let list = bus.prepare(&[Access::read(0, 0, 1)]).unwrap();
+        for _ in 0..20_000 {
+            let _ = bus.exchange_prepared(&list, &mut [0]);
+        }
+        let statistics = bus.statistics();
+        assert!((1_800..2_200).contains(&statistics.lost), "seed {seed}");
+        assert!((750..1_050).contains(&statistics.late), "seed {seed}");
+        bus.heal();
+        for _ in 0..1_000 {
+            bus.exchange_prepared(&list, &mut [0]).unwrap();
+        }
+        assert_eq!(bus.statistics(), statistics);
+    }
+
+    proptest! {
+        #[test]
+        fn the_same_seed_makes_the_same_faults(seed: u64) {
+            let run = || {
+                let mut bus = Faulty::new(Memory::default(), seed);
+                bus.fail_randomly(Fault::of(BusErrorKind::Short), 0.3);
+                (0..100).map(|_| bus.read(0).is_err()).collect::<Vec<_>>()
+            };
+            prop_assert_eq!(run(), run());
+        }
+
+        #[test]
+        fn corruption_flips_one_bit_of_a_word_that_was_read(seed: u64, written: u32) {
+            let mut bus = Faulty::new(Memory::default(), seed);
+            bus.corrupt_reads(1.0);
+            let mut words = [written, 0, 0, 0];
+            let accesses = [Access::write(0x1000, 0, 1), Access::read(0x2000, 1, 3)];
+            bus.exchange(&accesses, &mut words).unwrap();
+            prop_assert_eq!(words[0], written);
+            let flipped: u32 = words[1..].iter().map(|word| word.count_ones()).sum();
+            prop_assert_eq!(flipped, 1);
+        }
+    }
+}
