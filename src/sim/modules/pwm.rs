@@ -207,7 +207,8 @@ impl Generator {
         let full = match self.style() {
             Style::Pdm => 4096.0,
             Style::Swapped => return f64::from(u8::from(backwards)),
-            Style::UpDown if backwards => return 0.0,
+            // Up on this pin, down on the other.
+            Style::UpDown if !backwards => return 0.0,
             _ => f64::from(1u32 << self.bits()),
         };
         ((steps + fraction) / full).min(1.0)
