@@ -1,6 +1,7 @@
 //! Where the registers of a port are.
 
 use super::{Channel, ChannelMask, MAX_CHANNELS};
+use crate::hostmot2::ModuleDescriptor;
 use thiserror::Error;
 
 /// The most interface registers a channel has: 224 bits.
@@ -43,6 +44,20 @@ impl SslbpModule {
     pub const GTAG: u8 = 0xC1;
     /// GTAG of SSLBP with seven interface registers.
     pub const GTAG_WIDE: u8 = 0xC6;
+}
+
+impl From<&ModuleDescriptor> for SslbpModule {
+    fn from(module: &ModuleDescriptor) -> Self {
+        Self {
+            gtag: module.gtag.0,
+            base: module.base,
+            registers: module.registers,
+            register_stride: module.register_stride,
+            instance_stride: module.instance_stride,
+            multiple_registers: module.multiple_registers,
+            instances: module.instances,
+        }
+    }
 }
 
 /// Why a module descriptor is not one of SSLBP that this crate can use.
