@@ -1,7 +1,7 @@
 //! Where the registers of a port are.
 
 use super::{Channel, ChannelMask, MAX_CHANNELS};
-use crate::hostmot2::ModuleDescriptor;
+use crate::hostmot2::{HostMot2, MissingModule, ModuleDescriptor};
 use thiserror::Error;
 
 /// The most interface registers a channel has: 224 bits.
@@ -47,15 +47,15 @@ impl SslbpModule {
 }
 
 impl From<&ModuleDescriptor> for SslbpModule {
-    fn from(module: &ModuleDescriptor) -> Self {
+    fn from(descriptor: &ModuleDescriptor) -> Self {
         Self {
-            gtag: module.gtag.0,
-            base: module.base,
-            registers: module.registers,
-            register_stride: module.register_stride,
-            instance_stride: module.instance_stride,
-            multiple_registers: module.multiple_registers,
-            instances: module.instances,
+            gtag: descriptor.gtag.0,
+            base: descriptor.base,
+            registers: descriptor.registers,
+            register_stride: descriptor.register_stride,
+            instance_stride: descriptor.instance_stride,
+            multiple_registers: descriptor.multiple_registers,
+            instances: descriptor.instances,
         }
     }
 }
@@ -64,6 +64,9 @@ impl From<&ModuleDescriptor> for SslbpModule {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LayoutError {
+    /// The firmware has no SSLBP at all.
+    #[error(transparent)]
+    Missing(#[from] MissingModule),
     /// The descriptor is of another module.
     #[error(
         "module with GTAG {found:#04X} is not SSLBP (C1 or C6): look it up in the IDROM by its GTAG"
@@ -143,6 +146,13 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// The registers of port `instance` of an identified board.
+    pub fn locate(hostmot2: &HostMot2, instance: u8) -> Result<Self, LayoutError> {
+        let descriptor = hostmot2.require_sserial()?;
+        let channels = hostmot2.sserial_channels(descriptor.gtag, instance);
+        Self::new(&SslbpModule::from(descriptor), instance, channels)
+    }
+
     /// The registers of port `instance` of `module`, which has `channels` channels according to
     /// the pin descriptors.
     pub const fn new(

@@ -265,7 +265,8 @@ impl Firmware {
             }
             return;
         }
-        if !self.busy {
+        // A command that was written since the last check is work as well.
+        if !self.busy && !self.host.doorbell {
             self.sleep(self.cycle - self.head_cycle, true);
             return;
         }

@@ -1,0 +1,422 @@
+//! The driver against the simulated FPGA and its remotes.
+
+mod sslbp_replay;
+
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::discovery::{
+    DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, discover, discover_port,
+};
+use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::sim::remote::{FixedData, Remote};
+use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal::sslbp::{
+    AccessError, AccessSize, Channel, ChannelMask, ChannelStart, Layout, Port, PortError,
+    PortState, PortWords, ProcessDataSizes, StartFailureReason, StartMode,
+};
+use proptest::prelude::*;
+use sslbp_replay::{memory_of, transcript};
+use std::{collections::BTreeMap, time::Duration};
+
+const ZERO: Channel = Channel::ALL[0];
+const ONE: Channel = Channel::ALL[1];
+
+/// The 7I77 of transcript t03: four software modes, parameters in EEPROM.
+fn recorded_7i77() -> Remote<FixedData> {
+    let mut remote = Remote::model();
+    for line in transcript("t03_setup_one.txt").lines() {
+        if let Some((_, settings)) = line.split_once("sim remote0 ") {
+            remote.apply(settings).unwrap();
+        }
+    }
+    remote
+}
+
+fn model(settings: &str) -> Remote<FixedData> {
+    let mut remote = Remote::model();
+    remote.apply(settings).unwrap();
+    remote
+}
+
+/// Direction and alternate source of every pin that a module drives.
+fn set_up_pins(fpga: &mut SimFpga) {
+    let width = fpga.firmware().port_width as usize;
+    let mut words = vec![0u32; fpga.firmware().ports as usize];
+    for (number, pin) in fpga.firmware().pins.iter().enumerate() {
+        words[number / width] |= u32::from(pin.pin & 0x80 != 0) << (number % width);
+    }
+    for (port, word) in (0u16..).zip(words) {
+        fpga.write(0x1200 + 4 * port, word).unwrap();
+        fpga.write(0x1100 + 4 * port, word).unwrap();
+    }
+}
+
+/// A 7I92 with a 7I77, the recorded 7I77 on channel 0, and its port after a reset.
+fn machine() -> (SimFpga, Port) {
+    let mut fpga = machines::i7i92_7i77();
+    fpga.plug(0, 0, Some(Box::new(recorded_7i77())));
+    let port = reset_port(&mut fpga);
+    (fpga, port)
+}
+
+fn reset_port(fpga: &mut SimFpga) -> Port {
+    set_up_pins(fpga);
+    let hostmot2 = HostMot2::identify(fpga).unwrap();
+    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    port.reset(fpga).unwrap();
+    port
+}
+
+fn remote(fpga: &mut SimFpga) -> &mut Remote<FixedData> {
+    fpga.device_mut(0, 0).unwrap()
+}
+
+fn start(channel: Channel, mode: u8) -> ChannelStart {
+    ChannelStart::new(channel).with_software_mode(mode)
+}
+
+/// A recorded memory image, without a port around it.
+struct Image(BTreeMap<u16, u8>);
+
+impl RemoteMemory for Image {
+    type Error = std::convert::Infallible;
+
+    fn read(&mut self, address: u16, size: AccessSize) -> Result<u64, Self::Error> {
+        Ok((0..size.bytes()).fold(0, |value, n| {
+            let byte = self.0.get(&(address + u16::from(n))).copied().unwrap_or(0);
+            value | u64::from(byte) << (8 * n)
+        }))
+    }
+}
+
+#[test]
+fn every_machine_has_a_port_that_resets() {
+    for mut fpga in [
+        machines::i7i92_7i77(),
+        machines::i5i25_7i77(),
+        machines::i7i97(1),
+        machines::i7i97(8),
+    ] {
+        let mut port = reset_port(&mut fpga);
+        assert_eq!(port.state(), PortState::Stopped);
+        let parameters = *port.parameters().unwrap();
+        assert_eq!(parameters.channels, port.layout().channels());
+        assert_eq!(parameters.clock_hz, fpga.firmware().clock(1));
+        port.stop_all(&mut fpga).unwrap();
+    }
+}
+
+/// Wherever in the firmware's loop a command is written, it completes.
+#[test]
+fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
+    let (mut fpga, mut port) = machine();
+    for pause in 0..2_000 {
+        fpga.wait(Duration::from_nanos(1_000 + 7 * pause));
+        let address = mesa_hal::sslbp::LocalAddress::MINOR;
+        assert_eq!(
+            port.local_read(&mut fpga, address),
+            Ok(0x2B),
+            "after {pause}"
+        );
+    }
+}
+
+/// Manual: 7I77, "DISCOVERY SEQUENCE"; the memory of transcript t03 in all four modes.
+#[test]
+fn discovery_over_the_wire_is_the_same_as_from_the_image() {
+    let (mut fpga, mut port) = machine();
+    let limits = DiscoveryLimits::default();
+    for mode in 0..4 {
+        let before = fpga.counters();
+        let inventory = discover_port(&mut port, &mut fpga, &[start(ZERO, mode)], limits).unwrap();
+        let found = inventory.on(ZERO).unwrap();
+        let identity = RemoteIdentity::new(&found.remote, port.layout());
+        let mut image = Image(memory_of(&transcript("t03_setup_one.txt"), "remote0"));
+        let expected = discover(&mut image, &identity, limits);
+        assert_eq!(found.discovered.descriptor, expected.descriptor);
+        assert_eq!(found.discovered.problems, []);
+        assert_eq!(found.discovered.accesses, expected.accesses);
+        let after = fpga.counters();
+        println!(
+            "mode {mode}: {} accesses to the remote, {} register reads and {} writes in all",
+            found.discovered.accesses,
+            after.reads - before.reads,
+            after.writes - before.writes,
+        );
+    }
+}
+
+#[test]
+fn what_is_absent_or_broken_does_not_hide_the_others() {
+    let (mut fpga, mut port) = machine();
+    fpga.plug(
+        0,
+        2,
+        Some(Box::new(model("present=1 name=NONE unit=3 cookie=0xA5"))),
+    );
+    let starts = [0, 1, 2].map(|n| start(Channel::ALL[n], 0));
+    let limits = DiscoveryLimits::default();
+    let inventory = discover_port(&mut port, &mut fpga, &starts, limits).unwrap();
+    assert_eq!(inventory.remotes.len(), 1);
+    let reasons: Vec<_> = inventory
+        .failures
+        .iter()
+        .map(|failure| (failure.channel, failure.reason))
+        .collect();
+    assert_eq!(
+        reasons,
+        [
+            (ONE, StartFailureReason::NoReply),
+            (Channel::ALL[2], StartFailureReason::WrongCookie),
+        ]
+    );
+}
+
+/// A reply that is lost costs time and nothing else; one that never comes ends the walk.
+#[test]
+fn lost_replies_during_discovery_are_asked_for_again() {
+    let (mut fpga, mut port) = machine();
+    port.stop_all(&mut fpga).unwrap();
+    let report = port
+        .start(&mut fpga, StartMode::Setup, &[start(ZERO, 1)])
+        .unwrap();
+    let identity = RemoteIdentity::new(report.remotes().next().unwrap(), port.layout());
+    let limits = DiscoveryLimits::default();
+    for fault in ["drop=1", "badcrc=1", "extra=1", "short=1"] {
+        remote(&mut fpga).apply(fault).unwrap();
+        let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+        let found = discover(&mut memory, &identity, limits);
+        assert_eq!(found.problems, [], "{fault}");
+        assert_eq!(found.descriptor.process_data.len(), 6, "{fault}");
+    }
+    remote(&mut fpga).apply("drop=100000").unwrap();
+    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    let found = discover(&mut memory, &identity, limits);
+    assert!(matches!(
+        found.problems[0].kind,
+        ProblemKind::ReadFailed { address: 0x5C0 }
+    ));
+    let Some(PortError::Access { error, .. }) = found.read_error else {
+        panic!(
+            "expected the access that failed, got {:?}",
+            found.read_error
+        );
+    };
+    assert!(matches!(error, AccessError::Failed { channel: ZERO, .. }));
+}
+
+/// FACTS 6.3, 8.2: a parameter by name, kept over a power cycle.
+#[test]
+fn a_nonvolatile_parameter_survives_a_power_cycle() {
+    let (mut fpga, mut port) = machine();
+    let limits = DiscoveryLimits::default();
+    let discover = |port: &mut Port, fpga: &mut SimFpga| {
+        let inventory = discover_port(port, fpga, &[start(ZERO, 0)], limits).unwrap();
+        inventory.on(ZERO).unwrap().discovered.descriptor.clone()
+    };
+    let descriptor = discover(&mut port, &mut fpga);
+    let watchdog = descriptor.parameter("NVWatchDogTime").unwrap();
+    let read = |port: &mut Port, fpga: &mut SimFpga| {
+        let mut memory = PortMemory::new(port, fpga, ZERO);
+        watchdog.read_parameter(&mut memory).unwrap()
+    };
+    assert_eq!(read(&mut port, &mut fpga).raw, 50);
+    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    watchdog.write_parameter(&mut memory, 120.0).unwrap();
+    assert_eq!(read(&mut port, &mut fpga).raw, 120);
+
+    let now = fpga.now();
+    remote(&mut fpga).set_power(now, false);
+    fpga.wait(Duration::from_millis(500));
+    let now = fpga.now();
+    remote(&mut fpga).set_power(now, true);
+    fpga.wait(Duration::from_millis(500));
+    discover(&mut port, &mut fpga);
+    assert_eq!(read(&mut port, &mut fpga).raw, 120);
+
+    let unit = descriptor.parameter("UnitNumber").unwrap();
+    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    assert_eq!(unit.read_parameter(&mut memory).unwrap().raw, 0x77AA);
+    assert!(unit.write_parameter(&mut memory, 1.0).is_err());
+}
+
+/// A remote that dies in the middle of a non-volatile access: the error says that the selection
+/// could not be taken back.
+#[test]
+fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
+    let (mut fpga, mut port) = machine();
+    port.start(&mut fpga, StartMode::Setup, &[start(ZERO, 0)])
+        .unwrap();
+    remote(&mut fpga).apply("drop=100000").unwrap();
+    let memory = mesa_hal::sslbp::NonvolatileMemory::Eeprom;
+    let result = port.nonvolatile_read(&mut fpga, ZERO, memory, 0x24, AccessSize::Word);
+    assert!(matches!(
+        result,
+        Err(PortError::Access {
+            error: AccessError::LeftNonvolatile { channel: ZERO, .. },
+            ..
+        })
+    ));
+}
+
+#[test]
+fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
+    let (mut fpga, mut port) = machine();
+    fpga.plug(
+        0,
+        1,
+        Some(Box::new(model("present=1 name=7I72 unit=2 mode0=7,6,0,0"))),
+    );
+    let starts = [start(ZERO, 1), start(ONE, 0)];
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let both = report.started();
+    assert_eq!(both.bits(), 3);
+    let mut outputs = PortWords::default();
+    outputs.set(ZERO, &[0xBEEF]);
+    outputs.set(ONE, &[0x0403_0201, 0x0605]);
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..2],
+        [0x4433_2211, 0x8877_6655]
+    );
+    let sent = |fpga: &SimFpga, channel| {
+        let device = fpga.device::<Remote<FixedData>>(0, channel).unwrap();
+        device.application().outputs().to_vec()
+    };
+    assert_eq!(sent(&fpga, 0), [0xEF, 0xBE]);
+    assert_eq!(sent(&fpga, 1), [1, 2, 3, 4, 5, 6]);
+
+    remote(&mut fpga).apply("drop=1").unwrap();
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ZERO.mask());
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(port.error_counters(&mut fpga, ZERO).unwrap().timeout, 1);
+
+    port.stop(&mut fpga, ZERO.mask()).unwrap();
+    port.transfer(&mut fpga, ONE.mask(), &outputs).unwrap();
+    port.start(&mut fpga, StartMode::Normal, &[start(ZERO, 1)])
+        .unwrap();
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+}
+
+/// FACTS 5.6: 14/13 would start and never work; it is refused, and its line is quiet again.
+#[test]
+fn a_remote_with_too_much_data_is_refused_and_stopped() {
+    let (mut fpga, mut port) = machine();
+    fpga.plug(
+        0,
+        1,
+        Some(Box::new(model(
+            "present=1 name=BIG! unit=9 mode0=14,13,0,0",
+        ))),
+    );
+    let starts = [start(ZERO, 0), start(ONE, 0)];
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    assert_eq!(report.started(), ZERO.mask());
+    let failure = report.failures().next().unwrap();
+    assert_eq!(
+        failure.reason,
+        StartFailureReason::SizesTooLarge {
+            sizes: ProcessDataSizes { rx: 14, tx: 13 },
+            limit: ProcessDataSizes { rx: 13, tx: 12 },
+        }
+    );
+    let registers = port.snapshot(&mut fpga).unwrap();
+    assert!(registers.cs[1].is_stopped(), "{registers}");
+    // In setup mode its tables can be read all the same.
+    port.stop_all(&mut fpga).unwrap();
+    let report = port.start(&mut fpga, StartMode::Setup, &starts).unwrap();
+    assert_eq!(report.started().bits(), 3);
+}
+
+/// FACTS 3.1: whatever another program left behind.
+#[test]
+fn stop_all_frees_a_port_that_another_program_left_stuck() {
+    let (mut fpga, mut port) = machine();
+    port.start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
+        .unwrap();
+    let command = port.layout().command();
+    port.transfer(&mut fpga, ZERO.mask(), &PortWords::default())
+        .unwrap();
+    fpga.write(command, 0x1001).unwrap();
+    fpga.wait(Duration::from_micros(10));
+    fpga.write(command, 0x0800).unwrap();
+    fpga.wait(Duration::from_millis(5));
+    assert_eq!(fpga.read(command), Ok(0x0800), "it is stuck");
+    let mut other = Port::new(*port.layout());
+    other.identify(&mut fpga).unwrap_err();
+    other.stop_all(&mut fpga).unwrap();
+    other.identify(&mut fpga).unwrap();
+    assert_eq!(other.state(), PortState::Stopped);
+}
+
+/// One step of a program that knows nothing of the rules.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    Command(u32),
+    Data(u32),
+    Channel(u8, u8, u32),
+    Wait(u32),
+}
+
+fn any_step() -> impl Strategy<Value = Step> {
+    let command = prop_oneof![
+        Just(0x0800u32),
+        Just(0x0801),
+        Just(0x0907),
+        Just(0x0F07),
+        Just(0x1007),
+        Just(0x4000),
+        Just(0x0001),
+        (0u32..0x1000).prop_map(|address| 0x2000 | address),
+        any::<u16>().prop_map(u32::from),
+        any::<u32>(),
+    ];
+    prop_oneof![
+        4 => command.prop_map(Step::Command),
+        1 => any::<u32>().prop_map(Step::Data),
+        2 => (0u8..3, 0u8..4, any::<u32>()).prop_map(|(c, r, v)| Step::Channel(c, r, v)),
+        3 => (0u32..200_000).prop_map(Step::Wait),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// The driver's operations end within bounds whatever was done to the port before, and a reset
+    /// always brings it back.
+    #[test]
+    fn no_sequence_of_commands_hangs_the_driver(
+        steps in proptest::collection::vec(any_step(), 0..24),
+    ) {
+        let (mut fpga, mut port) = machine();
+        let layout = *port.layout();
+        for step in steps {
+            match step {
+                Step::Command(word) => fpga.write(layout.command(), word).unwrap(),
+                Step::Data(word) => fpga.write(layout.data(), word).unwrap(),
+                Step::Channel(channel, register, word) => {
+                    let registers = layout.channel(Channel::ALL[usize::from(channel)]).unwrap();
+                    let address = match register {
+                        0 => registers.cs(),
+                        n => registers.interface(n - 1).unwrap(),
+                    };
+                    fpga.write(address, word).unwrap();
+                }
+                Step::Wait(nanos) => fpga.wait(Duration::from_nanos(nanos.into())),
+            }
+        }
+        let begin = fpga.now();
+        let _ = port.stop_all(&mut fpga);
+        port.reset(&mut fpga).unwrap();
+        let report = port
+            .start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
+            .unwrap();
+        prop_assert_eq!(report.started(), ZERO.mask());
+        port.transfer(&mut fpga, ZERO.mask(), &PortWords::default()).unwrap();
+        let took = Duration::from_nanos(fpga.now() - begin);
+        prop_assert!(took < Duration::from_secs(2), "took {:?}", took);
+    }
+}
