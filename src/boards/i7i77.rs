@@ -235,3 +235,11 @@ impl I7i77Analog {
         })
     }
 }
+
+/// What is at I/O 0 to 16 of the connector that the card is plugged to.
+///
+/// Source: FACTS 8.1.
+pub const CONNECTOR_SIGNALS: [&str; 17] = [
+    "TXEN2", "TX2", "RX2", "TX1", "RX1", "TX0", "RX0", "EncMux", "QA01", "QB01", "IDX01", "QA23",
+    "QB23", "IDX23", "QA45", "QB45", "IDX45",
+];

@@ -5,9 +5,11 @@
 //! Rust.
 
 mod error;
+pub mod fpga;
 mod handles;
 pub mod i7i72;
 pub mod i7i77;
+pub mod i7i97;
 mod identity;
 mod remote;
 mod table;
@@ -16,10 +18,12 @@ pub use error::BoardError;
 pub use handles::{BoolOutput, InputPair, ScaledInput, ScaledOutput};
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field, OutputType};
+pub use i7i97::I7i97;
 pub use identity::{Difference, IdentityError};
 pub use remote::{
     CounterHandles, CounterPins, ParameterHandle, RemoteLocation, RemoteParameter, RemotePins,
 };
 pub use table::{ElementTable, RemoteTable, Terminal};
 
+use fpga::at_terminals;
 use handles::handles;

@@ -1,6 +1,5 @@
 //! Making the pins of a remote's process data.
 
-use alloc::borrow::Cow;
 use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec::Vec;
@@ -9,7 +8,7 @@ use super::RemoteLocation;
 use super::binding::Binding;
 use super::counter::{CounterHandles, CounterPins};
 use super::parameter::largest_below;
-use crate::boards::{BoardError, ElementTable, RemoteTable};
+use crate::boards::{BoardError, ElementTable, RemoteTable, at_terminals};
 use crate::discovery::{DataRecord, RemoteDescriptor, RemoteName};
 use crate::hal::{GroupId, OutputModifiers, OutputRule, Param, PinError, Pins, Spec};
 use crate::process_data::{Element, ElementKind, Field, PackingPlan, Scaling};
@@ -136,20 +135,13 @@ impl Maker<'_> {
             self.known.map_or("", |known| known.unit),
         );
         let terminals = self.known.map_or(&[][..], |known| known.terminals);
-        match (bit, terminals) {
-            (Some(bit), terminals) => match terminals.get(usize::from(bit)) {
-                Some(terminal) => spec.at(terminal.place, terminal.signal),
-                None => spec,
-            },
-            (None, []) => spec,
-            (None, [one]) => spec.at(one.place, one.signal),
-            (None, several) => {
-                let join = |get: fn(&crate::boards::Terminal) -> &'static str| {
-                    let words: Vec<_> = several.iter().map(get).collect();
-                    Cow::<'static, str>::Owned(words.join(", "))
-                };
-                spec.at(join(|t| t.place), join(|t| t.signal))
+        match bit {
+            // One terminal for each bit, and none for bits that the table does not know.
+            Some(bit) => {
+                let one = terminals.get(usize::from(bit)).map(core::slice::from_ref);
+                at_terminals(spec, one.unwrap_or(&[]))
             }
+            None => at_terminals(spec, terminals),
         }
     }
 

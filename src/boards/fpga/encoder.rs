@@ -1,0 +1,226 @@
+//! Encoders of the FPGA.
+
+use alloc::format;
+
+use super::Maker;
+use crate::boards::Terminal;
+use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use crate::hostmot2::{Encoder, EncoderConfig, EncoderReading, LatchRequest};
+
+/// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderPins {
+    /// Counts since the start.
+    pub rawcounts: Input<i32>,
+    /// `rawcounts` at the last latch.
+    pub rawlatch: Input<i32>,
+    /// Counts since the last reset or index.
+    pub count: Input<i32>,
+    /// `count` at the last latch.
+    pub count_latched: Input<i32>,
+    /// `count / scale`.
+    pub position: Input<f64>,
+    /// `count-latched / scale`.
+    pub position_latched: Input<f64>,
+    /// Units of position per second.
+    pub velocity: Input<f64>,
+    /// Units of position per minute.
+    pub velocity_rpm: Input<f64>,
+    /// Keeps `count` at 0.
+    pub reset: Output<bool>,
+    /// Asks for `count` to become 0 at the index; turned off when that happened.
+    pub index_enable: InOut<bool>,
+    /// Asks for the count to be latched at the probe; turned off when that happened.
+    pub probe_enable: InOut<bool>,
+    /// The probe's rising edge counts, and not the falling one.
+    pub probe_invert: Output<bool>,
+    /// A quadrature sequence error was seen.
+    pub quad_error: Input<bool>,
+    /// Watches for sequence errors; turning it off clears `quad-error`.
+    pub quad_error_enable: Output<bool>,
+    /// A now.
+    pub input_a: Input<bool>,
+    /// B now.
+    pub input_b: Input<bool>,
+    /// Index now.
+    pub input_index: Input<bool>,
+    /// Counts for one unit of position.
+    pub scale: Param<f64>,
+    /// The index counts at its rising edge, and not at its falling one.
+    pub index_invert: Param<bool>,
+    /// The index counts only while the index mask is active.
+    pub index_mask: Param<bool>,
+    /// The index mask is active low.
+    pub index_mask_invert: Param<bool>,
+    /// Step and direction, and not quadrature.
+    pub counter_mode: Param<bool>,
+    /// 15 clocks of filter, and not 3.
+    pub filter: Param<bool>,
+    /// Seconds without a count after which velocity is 0.
+    pub vel_timeout: Param<f64>,
+}
+
+impl EncoderPins {
+    /// Makes the pins of encoder `number`, at these terminals.
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        number: usize,
+        terminals: &[Terminal],
+    ) -> Result<Self, PinError> {
+        let stem = format!("{board}.encoder.{number:02}.");
+        let mut make = Maker::new(pins, group, stem).at(terminals);
+        Ok(Self {
+            rawcounts: make.input("rawcounts")?,
+            rawlatch: make.input("rawlatch")?,
+            count: make.input("count")?,
+            count_latched: make.input("count-latched")?,
+            position: make.input("position")?,
+            position_latched: make.input("position-latched")?,
+            velocity: make.input("velocity")?,
+            velocity_rpm: make.input("velocity-rpm")?,
+            reset: make.switch("reset", false)?,
+            index_enable: make.inout("index-enable")?,
+            probe_enable: make.inout("probe-enable")?,
+            probe_invert: make.switch("probe-invert", false)?,
+            quad_error: make.input("quad-error")?,
+            quad_error_enable: make.switch("quad-error-enable", false)?,
+            input_a: make.input("input-a")?,
+            input_b: make.input("input-b")?,
+            input_index: make.input("input-index")?,
+            scale: make.setting("scale", 1.0)?,
+            index_invert: make.setting("index-invert", false)?,
+            index_mask: make.setting("index-mask", false)?,
+            index_mask_invert: make.setting("index-mask-invert", false)?,
+            counter_mode: make.setting("counter-mode", false)?,
+            filter: make.setting("filter", true)?,
+            vel_timeout: make.setting("vel-timeout", 0.5)?,
+        })
+    }
+
+    /// How the encoder is to count, by its parameters.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn config(&self, pins: &mut Pins) -> EncoderConfig {
+        EncoderConfig {
+            scale: pins.param(self.scale),
+            up_down: pins.param(self.counter_mode),
+            filter: pins.param(self.filter),
+            // Despite the name, true means the rising edge: manual page hostmot2(9), `index-invert`
+            // and `probe-invert`.
+            index_high: pins.param(self.index_invert),
+            index_mask: pins.param(self.index_mask),
+            index_mask_invert: pins.param(self.index_mask_invert),
+            gate_index: false,
+            probe_high: pins.fetch(self.probe_invert),
+            idle_time: pins.param(self.vel_timeout),
+        }
+    }
+
+    /// Before a write: what the pins ask of the encoder.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn command(&self, pins: &mut Pins, encoder: &mut Encoder) {
+        encoder.set_config(self.config(pins));
+        if pins.fetch(self.reset) {
+            encoder.reset();
+        }
+        let request = if pins.fetch_inout(self.index_enable) {
+            LatchRequest::Index
+        } else if pins.fetch_inout(self.probe_enable) {
+            LatchRequest::Probe
+        } else {
+            LatchRequest::None
+        };
+        encoder.request(request);
+    }
+
+    /// After a read: what the encoder says. `requested` is what it is still asked for: a request
+    /// that was granted turns its pin off.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn publish(&self, pins: &mut Pins, reading: &EncoderReading, requested: LatchRequest) {
+        let scale = pins.param(self.scale);
+        let scale = if scale == 0.0 { 1.0 } else { scale };
+        pins.publish(self.rawcounts, reading.rawcounts as i32);
+        pins.publish(self.count, reading.count as i32);
+        pins.publish(self.position, reading.position);
+        pins.publish(self.velocity, reading.velocity);
+        pins.publish(self.velocity_rpm, reading.velocity * 60.0);
+        if let Some(latched) = reading.latched {
+            let zero = reading.rawcounts.wrapping_sub(reading.count);
+            pins.publish(self.count_latched, latched as i32);
+            pins.publish(self.rawlatch, latched.wrapping_add(zero) as i32);
+            pins.publish(self.position_latched, latched as f64 / scale);
+        }
+        let watched = pins.fetch(self.quad_error_enable);
+        let before = pins.read(self.quad_error).value;
+        pins.publish(
+            self.quad_error,
+            watched && (before || reading.quadrature_error),
+        );
+        let [a, b, index] = reading.inputs;
+        pins.publish(self.input_a, a);
+        pins.publish(self.input_b, b);
+        pins.publish(self.input_index, index);
+        if requested != LatchRequest::Index && self.was(pins, LatchRequest::Index) {
+            pins.publish_inout(self.index_enable, false);
+        }
+        if requested != LatchRequest::Probe && self.was(pins, LatchRequest::Probe) {
+            pins.publish_inout(self.probe_enable, false);
+        }
+    }
+
+    /// Whether the driver has been told of a request by [`command`](Self::command): index goes
+    /// before probe.
+    fn was(&self, pins: &Pins, request: LatchRequest) -> bool {
+        let index = pins.read(self.index_enable).value;
+        match request {
+            LatchRequest::Index => index,
+            LatchRequest::Probe => !index && pins.read(self.probe_enable).value,
+            LatchRequest::None => false,
+        }
+    }
+}
+
+/// The pins of all encoders together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderBankPins {
+    /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate too.
+    pub sample_frequency: Output<u32>,
+    /// Delay of the sample after the multiplex edge in ns, of muxed encoders of version 4.
+    pub muxed_skew: Option<Output<f64>>,
+    /// Time stamps of about 10 MHz, and not 2 MHz.
+    pub hires_timestamp: Output<bool>,
+    /// The DPLL timer that latches the counts; -1 for none. Only with a DPLL.
+    pub timer_number: Option<Param<i32>>,
+}
+
+impl EncoderBankPins {
+    /// Makes the pins of all encoders of a module.
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        muxed_version: Option<u8>,
+        dpll: bool,
+    ) -> Result<Self, PinError> {
+        let mut make = Maker::new(pins, group, format!("{board}.encoder."));
+        let (name, hz) = match muxed_version {
+            Some(_) => ("muxed-sample-frequency", 8_000_000),
+            None => ("sample-frequency", 25_000_000),
+        };
+        Ok(Self {
+            sample_frequency: make.switch(name, hz)?,
+            muxed_skew: (muxed_version == Some(4))
+                .then(|| make.switch("muxed-skew", 0.0))
+                .transpose()?,
+            hires_timestamp: make.switch("hires-timestamp", false)?,
+            timer_number: dpll.then(|| make.setting("timer-number", -1)).transpose()?,
+        })
+    }
+}

@@ -1,0 +1,107 @@
+//! PWM generators.
+
+use alloc::format;
+
+use super::{Maker, at_terminals};
+use crate::boards::Terminal;
+use crate::hal::{GroupId, Output, OutputRule, Param, PinError, Pins, Rejection, Spec};
+
+/// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PwmPins {
+    /// The value; full scale is `scale`.
+    pub value: Output<f64>,
+    /// Switches the generator's enable output.
+    pub enable: Output<bool>,
+    /// 0 is half scale on the wire: for analog outputs of both signs.
+    pub offset_mode: Output<bool>,
+    /// The value that is full scale.
+    pub scale: Param<f64>,
+    /// 1 PWM and direction, 2 up and down, 3 PDM, 4 direction and PWM.
+    pub output_type: Param<i32>,
+}
+
+/// Where the pins of a generator are, and what they are for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PwmUse {
+    /// The terminals of the output.
+    pub output: &'static [Terminal],
+    /// The terminals of the enable.
+    pub enable: &'static [Terminal],
+    /// Full scale, at first.
+    pub scale: f64,
+    /// The unit of the value.
+    pub unit: &'static str,
+    /// Offset mode, at first.
+    pub offset_mode: bool,
+}
+
+impl PwmPins {
+    /// Makes the pins of generator `number`.
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        number: usize,
+        usage: PwmUse,
+    ) -> Result<Self, PinError> {
+        let stem = format!("{board}.pwmgen.{number:02}.");
+        let value = at_terminals(Spec::new(format!("{stem}value")), usage.output)
+            .unit(usage.unit)
+            .range(-usage.scale, usage.scale);
+        let value = pins.add_output(group, value, OutputRule::safe_at(0.0))?;
+        let enable = Maker::new(pins, group, stem.clone())
+            .at(usage.enable)
+            .output("enable")?;
+        let mut make = Maker::new(pins, group, stem);
+        Ok(Self {
+            value,
+            enable,
+            offset_mode: make.switch("offset-mode", usage.offset_mode)?,
+            scale: make.setting("scale", usage.scale)?,
+            output_type: make.setting("output-type", 1)?,
+        })
+    }
+
+    /// The value as a fraction of full scale, -1 to 1: 0 if it is not finite or the scale is 0, and
+    /// the end if it is beyond. Both are counted.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn fraction(&self, pins: &mut Pins) -> f64 {
+        let fraction = pins.fetch(self.value) / pins.param(self.scale);
+        if !fraction.is_finite() {
+            pins.count_rejection(self.value, Rejection::NotFinite);
+            return 0.0;
+        }
+        if fraction.abs() > 1.0 {
+            pins.count_rejection(self.value, Rejection::OutOfRange);
+        }
+        fraction.clamp(-1.0, 1.0)
+    }
+}
+
+/// The pins of all generators together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PwmBankPins {
+    /// PWM frequency in Hz.
+    pub pwm_frequency: Param<u32>,
+    /// PDM frequency in Hz.
+    pub pdm_frequency: Param<u32>,
+}
+
+impl PwmBankPins {
+    /// Makes the pins of all generators of a module, at this PWM frequency.
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        pwm_hz: u32,
+    ) -> Result<Self, PinError> {
+        let mut make = Maker::new(pins, group, format!("{board}.pwmgen."));
+        Ok(Self {
+            pwm_frequency: make.setting("pwm_frequency", pwm_hz)?,
+            pdm_frequency: make.setting("pdm_frequency", 20_000)?,
+        })
+    }
+}

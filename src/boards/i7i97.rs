@@ -1,0 +1,191 @@
+//! The 7I97: an Ethernet board with six analog outputs and enables, six encoders, 16 isolated
+//! inputs with MPGs, six isolated outputs, a serial port and 17 expansion pins.
+//!
+//! The functions are those of its standard firmware. Custom firmware may use the expansion pins for
+//! modules: its pin descriptors tell.
+//!
+//! Source: manual 7I97, "CONNECTORS"; FACTS 9.2.
+
+use alloc::vec::Vec;
+
+use super::fpga::{
+    DpllPins, EncoderBankPins, EncoderPins, EthernetPins, GpioPins, InMuxKind, InMuxPins, LedPins,
+    PinUse, PwmBankPins, PwmPins, PwmUse, SsrPins, WatchdogPins,
+};
+use super::table::terminals;
+use super::{BoardError, Terminal};
+use crate::hal::{GroupId, Output, Pins};
+use crate::hostmot2::PinDescriptor;
+
+/// The terminals of the six analog outputs.
+pub const ANALOG_TERMINALS: [&[Terminal]; 6] = [
+    terminals!["TB3 pin 4" "AOUT0"],
+    terminals!["TB3 pin 8" "AOUT1"],
+    terminals!["TB3 pin 12" "AOUT2"],
+    terminals!["TB3 pin 16" "AOUT3"],
+    terminals!["TB3 pin 20" "AOUT4"],
+    terminals!["TB3 pin 24" "AOUT5"],
+];
+
+/// The terminals of the six enables. ENA0 to ENA3 switch together.
+pub const ENABLE_TERMINALS: [&[Terminal]; 6] = [
+    terminals!["TB3 pin 1" "ENA0-", "TB3 pin 2" "ENA0+"],
+    terminals!["TB3 pin 5" "ENA1-", "TB3 pin 6" "ENA1+"],
+    terminals!["TB3 pin 9" "ENA2-", "TB3 pin 10" "ENA2+"],
+    terminals!["TB3 pin 13" "ENA3-", "TB3 pin 14" "ENA3+"],
+    terminals!["TB3 pin 17" "ENA4-", "TB3 pin 18" "ENA4+"],
+    terminals!["TB3 pin 21" "ENA5-", "TB3 pin 22" "ENA5+"],
+];
+
+/// The terminals of the enables 0 to 3, which the board switches together.
+const COMMON_ENABLE: &[Terminal] = terminals![
+    "TB3 pin 1" "ENA0-", "TB3 pin 2" "ENA0+", "TB3 pin 5" "ENA1-", "TB3 pin 6" "ENA1+", "TB3 pin 9" "ENA2-", "TB3 pin 10" "ENA2+", "TB3 pin 13" "ENA3-", "TB3 pin 14" "ENA3+"
+];
+
+/// The terminals of the six encoders, A, B and index of each.
+pub const ENCODER_TERMINALS: [&[Terminal]; 6] = [
+    terminals!["TB1 pin 1" "QA0", "TB1 pin 2" "/QA0", "TB1 pin 4" "QB0", "TB1 pin 5" "/QB0", "TB1 pin 7" "IDX0", "TB1 pin 8" "/IDX0"],
+    terminals!["TB1 pin 9" "QA1", "TB1 pin 10" "/QA1", "TB1 pin 12" "QB1", "TB1 pin 13" "/QB1", "TB1 pin 15" "IDX1", "TB1 pin 16" "/IDX1"],
+    terminals!["TB1 pin 17" "QA2", "TB1 pin 18" "/QA2", "TB1 pin 20" "QB2", "TB1 pin 21" "/QB2", "TB1 pin 23" "IDX2", "TB1 pin 24" "/IDX2"],
+    terminals!["TB2 pin 1" "QA3", "TB2 pin 2" "/QA3", "TB2 pin 4" "QB3", "TB2 pin 5" "/QB3", "TB2 pin 7" "IDX3", "TB2 pin 8" "/IDX3"],
+    terminals!["TB2 pin 9" "QA4", "TB2 pin 10" "/QA4", "TB2 pin 12" "QB4", "TB2 pin 13" "/QB4", "TB2 pin 15" "IDX4", "TB2 pin 16" "/IDX4"],
+    terminals!["TB2 pin 17" "QA5", "TB2 pin 18" "/QA5", "TB2 pin 20" "QB5", "TB2 pin 21" "/QB5", "TB2 pin 23" "IDX5", "TB2 pin 24" "/IDX5"],
+];
+
+/// The terminals of the 16 isolated inputs.
+pub const INPUT_TERMINALS: &[Terminal] = terminals![
+    "TB4 pin 1" "IN0", "TB4 pin 2" "IN1", "TB4 pin 4" "IN2", "TB4 pin 5" "IN3", "TB4 pin 7" "IN4", "TB4 pin 8" "IN5", "TB4 pin 10" "IN6", "TB4 pin 11" "IN7", "TB5 pin 1" "IN8", "TB5 pin 2" "IN9", "TB5 pin 4" "IN10", "TB5 pin 5" "IN11", "TB5 pin 7" "IN12", "TB5 pin 8" "IN13", "TB5 pin 10" "IN14", "TB5 pin 11" "IN15"
+];
+
+/// The common terminals of the isolated inputs: each is shared by two inputs.
+pub const INPUT_COMMONS: &[Terminal] = terminals![
+    "TB4 pin 3" "IN COMMON 0,1", "TB4 pin 6" "IN COMMON 2,3", "TB4 pin 9" "IN COMMON 4,5", "TB4 pin 12" "IN COMMON 6,7", "TB5 pin 3" "IN COMMON 8,9", "TB5 pin 6" "IN COMMON 10,11", "TB5 pin 9" "IN COMMON 12,13", "TB5 pin 12" "IN COMMON 14,15"
+];
+
+/// The terminals of the six isolated outputs.
+pub const OUTPUT_TERMINALS: [&[Terminal]; 6] = [
+    terminals!["TB5 pin 13" "OUT0-", "TB5 pin 14" "OUT0+"],
+    terminals!["TB5 pin 15" "OUT1-", "TB5 pin 16" "OUT1+"],
+    terminals!["TB5 pin 17" "OUT2-", "TB5 pin 18" "OUT2+"],
+    terminals!["TB5 pin 19" "OUT3-", "TB5 pin 20" "OUT3+"],
+    terminals!["TB5 pin 21" "OUT4-", "TB5 pin 22" "OUT4+"],
+    terminals!["TB5 pin 23" "OUT5-", "TB5 pin 24" "OUT5+"],
+];
+
+/// The expansion pins, I/O 34 to 50.
+pub const EXPANSION: &[Terminal] = terminals![
+    "P1 pin 1, DB25 pin 1" "IO34", "P1 pin 2, DB25 pin 14" "IO35", "P1 pin 3, DB25 pin 2" "IO36", "P1 pin 4, DB25 pin 15" "IO37", "P1 pin 5, DB25 pin 3" "IO38", "P1 pin 6, DB25 pin 16" "IO39", "P1 pin 7, DB25 pin 4" "IO40", "P1 pin 8, DB25 pin 17" "IO41", "P1 pin 9, DB25 pin 5" "IO42", "P1 pin 11, DB25 pin 6" "IO43", "P1 pin 13, DB25 pin 7" "IO44", "P1 pin 15, DB25 pin 8" "IO45", "P1 pin 17, DB25 pin 9" "IO46", "P1 pin 19, DB25 pin 10" "IO47", "P1 pin 21, DB25 pin 11" "IO48", "P1 pin 23, DB25 pin 12" "IO49", "P1 pin 25, DB25 pin 13" "IO50"
+];
+
+/// The first I/O pin of the expansion connector.
+pub const FIRST_EXPANSION_PIN: usize = 34;
+
+/// Full scale of the analog outputs in volts.
+pub const FULL_SCALE: f64 = 10.0;
+
+/// The PWM frequency of the analog outputs: the manual allows 48 or 96 kHz.
+pub const PWM_HZ: u32 = 48_000;
+
+/// The terminal of an isolated input's common.
+pub fn input_common(input: usize) -> Option<&'static Terminal> {
+    INPUT_COMMONS.get(input / 2)
+}
+
+/// The pins of a 7I97's own modules. Remotes on its serial port have pins of their own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct I7i97 {
+    /// The watchdog.
+    pub watchdog: WatchdogPins,
+    /// The connection.
+    pub ethernet: EthernetPins,
+    /// The phase-locked loop.
+    pub dpll: DpllPins,
+    /// All encoders together.
+    pub encoder_bank: EncoderBankPins,
+    /// The six encoders.
+    pub encoders: [EncoderPins; 6],
+    /// All analog outputs together.
+    pub pwm_bank: PwmBankPins,
+    /// AOUT0 to AOUT5, in volts; their enables are [`enables`](Self::enables).
+    pub analog_out: [PwmPins; 6],
+    /// ENA0 to ENA5: the board switches ENA0 to ENA3 together.
+    pub enables: [Output<bool>; 6],
+    /// The 16 isolated inputs and the MPGs on IN0 to IN7.
+    pub inputs: InMuxPins,
+    /// The six isolated outputs.
+    pub outputs: SsrPins,
+    /// CR01 to CR04.
+    pub leds: LedPins,
+    /// All I/O pins by number; the expansion pins begin at [`FIRST_EXPANSION_PIN`].
+    pub io: Vec<GpioPins>,
+}
+
+impl I7i97 {
+    /// Makes the pins of a board, for example `hm2_7i97.0`, with these pin descriptors.
+    ///
+    /// # Errors
+    /// [`BoardError::Pin`] for names that are taken.
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        descriptors: &[PinDescriptor],
+    ) -> Result<Self, BoardError> {
+        let mut encoders = [EncoderPins::default(); 6];
+        for (n, (encoder, at)) in encoders.iter_mut().zip(ENCODER_TERMINALS).enumerate() {
+            *encoder = EncoderPins::new(pins, group, board, n, at)?;
+        }
+        let mut analog_out = [PwmPins::default(); 6];
+        for (n, (pwm, output)) in analog_out.iter_mut().zip(ANALOG_TERMINALS).enumerate() {
+            let usage = PwmUse {
+                output,
+                enable: enable_terminals(n),
+                scale: FULL_SCALE,
+                unit: "V",
+                offset_mode: true,
+            };
+            *pwm = PwmPins::new(pins, group, board, n, usage)?;
+        }
+        Ok(Self {
+            watchdog: WatchdogPins::new(pins, group, board)?,
+            ethernet: EthernetPins::new(pins, group, board)?,
+            dpll: DpllPins::new(pins, group, board)?,
+            encoder_bank: EncoderBankPins::new(pins, group, board, Some(4), true)?,
+            encoders,
+            pwm_bank: PwmBankPins::new(pins, group, board, PWM_HZ)?,
+            enables: analog_out.map(|pwm| pwm.enable),
+            analog_out,
+            inputs: InMuxPins::new(pins, group, board, InMuxKind::InMux, 0, INPUT_TERMINALS)?,
+            outputs: SsrPins::new(pins, group, board, 0, &OUTPUT_TERMINALS)?,
+            leds: LedPins::new(pins, group, board, 4)?,
+            io: io_pins(pins, group, board, descriptors)?,
+        })
+    }
+}
+
+/// The enable of generators 0 to 3 is one pin of the FPGA.
+fn enable_terminals(n: usize) -> &'static [Terminal] {
+    match n {
+        0..=3 => COMMON_ENABLE,
+        _ => ENABLE_TERMINALS.get(n).copied().unwrap_or(&[]),
+    }
+}
+
+fn io_pins(
+    pins: &mut Pins,
+    group: GroupId,
+    board: &str,
+    descriptors: &[PinDescriptor],
+) -> Result<Vec<GpioPins>, BoardError> {
+    let mut io = Vec::with_capacity(descriptors.len());
+    for (number, descriptor) in descriptors.iter().enumerate() {
+        let expansion = number
+            .checked_sub(FIRST_EXPANSION_PIN)
+            .and_then(|place| EXPANSION.get(place))
+            .map(core::slice::from_ref);
+        let usage = PinUse::of(descriptor);
+        let at = expansion.unwrap_or(&[]);
+        io.push(GpioPins::new(pins, group, board, number, usage, at)?);
+    }
+    Ok(io)
+}
