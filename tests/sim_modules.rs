@@ -1,6 +1,8 @@
 //! The modules of the simulated FPGA behave as REGISTERS and FACTS 9.4 say.
 
-use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{
+    AxisWiring, DriveSource, ModuleDescriptor, MotorConfig, PinDescriptor, SimFpga, gtag, machines,
+};
 
 const MS: u64 = 1_000_000;
 
@@ -318,6 +320,84 @@ fn pwm_in_offset_mode_gives_volts_while_enabled_and_connected() {
     wait(&mut fpga, MS);
     let signal = fpga.analog_output(1);
     assert_eq!((signal.volts, signal.enabled), (0.0, false), "bitten");
+}
+
+#[test]
+fn pwm_modes_and_widths_give_the_duty_they_say() {
+    let mut fpga = turned_by_hand();
+    fpga.write_register(0x4200, 0x8000);
+    fpga.write_register(0x4300, 0x8000);
+    fpga.write_register(0x4400, 1);
+    let mut duty = |mode: u32, value: u32| {
+        fpga.write_register(0x4100, mode);
+        fpga.write_register(0x4000, value);
+        let pwm = fpga.pwm().expect("PWM");
+        (pwm.duty(0, fpga.io()).expect("connected"), pwm.frequency(0))
+    };
+    let quarter = |bits: u32| 1 << (bits - 2) << 16;
+    for (width, bits) in [(0, 9), (1, 10), (2, 11), (3, 12)] {
+        let rate = 100e6 / f64::from(1 << bits);
+        assert_eq!(duty(width, quarter(bits)), (0.25, rate));
+        assert_eq!(duty(width | 1 << 2, quarter(bits)), (0.25, rate / 2.0));
+    }
+    assert_eq!(duty(0, 512 << 16).0, 1.0, "never more than all of the time");
+    assert_eq!(duty(0b11_000, 1024 << 16), (0.25, 100e6 / 4096.0), "PDM");
+    let reverse = 1 << 31 | quarter(9);
+    assert_eq!(duty(0b01_000, quarter(9)).0, 0.0, "direction on this pin");
+    assert_eq!(duty(0b01_000, reverse).0, 1.0);
+    assert_eq!(duty(0b10_000, reverse).0, 0.25, "up");
+    assert_eq!(
+        duty(0b10_000, quarter(9)).0,
+        0.0,
+        "down is on the other pin"
+    );
+    assert_eq!(
+        duty(1 << 6, quarter(9) | 0xFFFF).0,
+        0.25,
+        "version 0 does not dither"
+    );
+    fpga.write_register(0x1400, 1);
+    let duty = fpga.pwm().expect("PWM").duty(0, fpga.io());
+    assert_eq!(duty, Some(0.75), "inverted pin");
+}
+
+#[test]
+fn pwm_of_version_1_dithers() {
+    let mut firmware = machines::firmware_7i97(1);
+    firmware.module_mut(gtag::PWM).expect("PWM").version = 1;
+    let mut fpga = SimFpga::new(firmware);
+    set_up_pins(&mut fpga, &[0]);
+    fpga.write_register(0x4400, 1);
+    fpga.write_register(0x4100, 1 << 6 | 3);
+    fpga.write_register(0x4000, 2048 << 16 | 0x8000);
+    let volts = fpga.analog_output(0).volts;
+    assert!((volts - 0.5 / 2048.0 * 10.0).abs() < 1e-9, "{volts}");
+}
+
+#[test]
+fn newer_firmware_with_inm_and_outm_behaves_alike() {
+    let mut firmware = machines::firmware_7i97(1);
+    let inputs = firmware.module_mut(gtag::IN_MUX).expect("InMux");
+    *inputs = ModuleDescriptor::new(gtag::IN_M, 0, 1, 1, 0x8500, 5, 0x00, 0);
+    let outputs = firmware.module_mut(gtag::SSR).expect("SSR");
+    *outputs = ModuleDescriptor::new(gtag::OUT_M, 0, 1, 1, 0xB000, 1, 0x00, 0);
+    for (number, pin) in firmware.pins.iter_mut().enumerate() {
+        match number {
+            19..25 => *pin = PinDescriptor::new(gtag::OUT_M, 0, 0x81 + (number - 19) as u8),
+            34..50 => *pin = PinDescriptor::new(gtag::IN_M, 0, 1 + (number - 34) as u8),
+            _ => {}
+        }
+    }
+    let mut fpga = SimFpga::new(firmware);
+    assert_eq!(fpga.read_register(0x8500) & 0x1F, 15);
+    fpga.set_input(12, true);
+    assert_eq!(fpga.read_register(0x8800), 1 << 12);
+    assert_eq!(fpga.read_register(0x8700), 1 << 12, "no filter set");
+    fpga.write_register(0xB000, 0b100);
+    assert!(!fpga.isolated_output(2), "the pin is no output yet");
+    set_up_pins(&mut fpga, &[21]);
+    assert!(fpga.isolated_output(2) && fpga.pin_level(21));
+    assert_eq!(fpga.read_register(0xB000), 0b100);
 }
 
 #[test]
