@@ -1,0 +1,314 @@
+//! Commands on standard input, and what is printed about them.
+//!
+//! Every command is answered by lines of the form `name value`, and then by one line `ok`, or
+//! `error: ` and a reason.
+
+use std::{
+    fmt::Write,
+    io::{self, BufRead},
+    sync::mpsc::{Receiver, sync_channel},
+};
+
+use mesa_hal::sim::{UdpCounters, UdpFace};
+
+use crate::machine::{Machine, nothing_on};
+
+/// Longer lines are cut off.
+const MAX_LINE: usize = 1000;
+
+const HELP: &str = "\
+help                       this text
+show [all|network|board|motors|CH]
+                           outputs, motors, counters; without anything: all
+input board N on|off       let current flow into an isolated input of a 7I97
+pin N high|low|free        drive an I/O pin of the FPGA from outside
+turn AXIS SPEED|free       turn a motor by hand (units a second), or let it go
+unplug CH, plug CH         pull a remote's connector, put it back
+quit                       stop
+";
+
+/// What to print, and whether to go on.
+pub struct Answer {
+    pub text: String,
+    pub quit: bool,
+}
+
+/// Reads lines in a thread of its own. When standard input is closed, there are just no more.
+pub fn read_lines() -> Receiver<String> {
+    let (sender, receiver) = sync_channel(16);
+    std::thread::spawn(move || {
+        let mut input = io::stdin().lock();
+        while let Some(line) = read_line(&mut input) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
+}
+
+/// A line of any bytes, without its end; `None` at the end of the input.
+fn read_line(input: &mut impl BufRead) -> Option<String> {
+    let mut line = Vec::new();
+    loop {
+        let bytes = match input.fill_buf() {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(_) => return None,
+        };
+        if bytes.is_empty() && line.is_empty() {
+            return None;
+        }
+        let end = bytes.iter().position(|&byte| byte == b'\n');
+        let part = end.unwrap_or(bytes.len());
+        let room = MAX_LINE.saturating_sub(line.len()).min(part);
+        line.extend_from_slice(&bytes[..room]);
+        let at_end = end.is_some() || bytes.is_empty();
+        let used = part + usize::from(end.is_some());
+        input.consume(used);
+        if at_end {
+            return Some(String::from_utf8_lossy(&line).into_owned());
+        }
+    }
+}
+
+/// Does what a line says.
+pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let done = match words[..] {
+        [] => Ok(String::new()),
+        ["quit"] => {
+            return Answer {
+                text: "ok\n".to_owned(),
+                quit: true,
+            };
+        }
+        ["help"] => Ok(HELP.to_owned()),
+        ["show"] | ["show", "all"] => Ok(show_all(machine, face)),
+        ["show", what] => show(machine, face, what),
+        ["input", "board", input, state] => set_board_input(machine, input, state),
+        ["pin", pin, level] => drive_pin(machine, pin, level),
+        ["turn", axis, speed] => turn(machine, axis, speed),
+        ["unplug", channel] => number(channel)
+            .and_then(|channel| machine.unplug(channel))
+            .map(nothing),
+        ["plug", channel] => number(channel)
+            .and_then(|channel| machine.plug(channel))
+            .map(nothing),
+        [word, ..] => Err(format!(
+            "`{word}` is no command, or it takes something else: try help"
+        )),
+    };
+    let text = match done {
+        Ok(text) => text + "ok\n",
+        Err(reason) => format!("error: {reason}\n"),
+    };
+    Answer { text, quit: false }
+}
+
+/// What is printed at the end.
+pub fn summary(machine: &mut Machine, face: &UdpFace) -> String {
+    format!("summary\n{}", show_all(machine, face))
+}
+
+fn nothing((): ()) -> String {
+    String::new()
+}
+
+fn number<T: std::str::FromStr>(word: &str) -> Result<T, String> {
+    word.parse()
+        .map_err(|_| format!("`{word}` is no number that fits here"))
+}
+
+fn on_off(word: &str) -> Result<bool, String> {
+    match word {
+        "on" | "1" => Ok(true),
+        "off" | "0" => Ok(false),
+        _ => Err(format!("`{word}`: expected on or off")),
+    }
+}
+
+fn set_board_input(machine: &mut Machine, input: &str, state: &str) -> Result<String, String> {
+    let (input, on) = (number(input)?, on_off(state)?);
+    let count = machine
+        .fpga()
+        .inputs()
+        .map_or(0, mesa_hal::sim::Inputs::count);
+    if input >= count {
+        return Err(format!("input {input}: this board has {count}"));
+    }
+    machine.fpga().set_input(input, on);
+    Ok(String::new())
+}
+
+fn drive_pin(machine: &mut Machine, pin: &str, level: &str) -> Result<String, String> {
+    let level = match level {
+        "high" | "1" => Some(true),
+        "low" | "0" => Some(false),
+        "free" => None,
+        _ => return Err(format!("`{level}`: expected high, low or free")),
+    };
+    let pin: usize = number(pin)?;
+    let count = machine.fpga().firmware().pins.len();
+    if pin >= count {
+        return Err(format!("pin {pin}: this board has {count}"));
+    }
+    machine.fpga().drive_pin(pin, level);
+    Ok(String::new())
+}
+
+fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<String, String> {
+    let speed = match speed {
+        "free" => None,
+        _ => Some(number::<f64>(speed)?).filter(|speed| speed.is_finite()),
+    };
+    let axis: usize = number(axis)?;
+    let motor = machine.fpga().motor(axis);
+    let motor = motor.ok_or_else(|| format!("there is no axis {axis}"))?;
+    motor.turn_by_hand(speed);
+    Ok(String::new())
+}
+
+fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, String> {
+    let mut text = String::new();
+    match what {
+        "network" => show_network(&mut text, machine, face),
+        "board" => show_board(&mut text, machine),
+        "motors" => show_motors(&mut text, machine),
+        _ => {
+            let channel = number(what)?;
+            machine
+                .plugged(channel)
+                .ok_or_else(|| nothing_on(channel))?;
+            show_remote(&mut text, machine, channel);
+        }
+    }
+    Ok(text)
+}
+
+fn show_all(machine: &mut Machine, face: &UdpFace) -> String {
+    let mut text = String::new();
+    show_network(&mut text, machine, face);
+    show_board(&mut text, machine);
+    show_motors(&mut text, machine);
+    let channels: Vec<_> = machine.remotes.iter().map(|r| r.channel).collect();
+    for channel in channels {
+        show_remote(&mut text, machine, channel);
+    }
+    text
+}
+
+/// One line of an answer.
+pub fn line(text: &mut String, name: &str, value: impl std::fmt::Display) {
+    let _ = writeln!(text, "{name} {value}");
+}
+
+fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
+    let directions = [("received", face.received()), ("sent", face.sent())];
+    for (direction, counters) in directions {
+        let UdpCounters {
+            packets,
+            bytes,
+            lost,
+            late,
+            doubled,
+        } = counters;
+        let all = [
+            ("packets", packets),
+            ("bytes", bytes),
+            ("lost", lost),
+            ("late", late),
+            ("doubled", doubled),
+        ];
+        for (name, count) in all {
+            line(text, &format!("network.{direction}.{name}"), count);
+        }
+    }
+    let errors = [("parse", 0x02), ("memory", 0x04), ("write", 0x06)];
+    for (name, address) in errors {
+        line(
+            text,
+            &format!("board.errors.{name}"),
+            machine.board.status(address),
+        );
+    }
+    let (reloads, resets) = machine.board.restarts();
+    line(text, "board.reloads", reloads);
+    line(text, "board.resets", resets);
+}
+
+fn show_board(text: &mut String, machine: &mut Machine) {
+    let fpga = machine.fpga();
+    line(
+        text,
+        "board.watchdog-bitten",
+        u8::from(fpga.watchdog().has_bitten()),
+    );
+    for led in 0..4 {
+        line(
+            text,
+            &format!("board.led-{led}"),
+            u8::from(fpga.leds().is_lit(led)),
+        );
+    }
+    let outputs = fpga.pwm().map_or(0, mesa_hal::sim::Pwm::count);
+    for output in 0..outputs {
+        let signal = fpga.analog_output(output);
+        line(
+            text,
+            &format!("board.analogout{output}"),
+            format_args!("{:.4}", signal.volts),
+        );
+        line(
+            text,
+            &format!("board.enable{output}"),
+            u8::from(signal.enabled),
+        );
+    }
+    if fpga.ssr().is_some() {
+        for output in 0..6 {
+            let on = fpga.isolated_output(output);
+            line(text, &format!("board.output-{output:02}"), u8::from(on));
+        }
+    }
+    for pin in 0..fpga.firmware().pins.len() {
+        line(
+            text,
+            &format!("board.pin-{pin:03}"),
+            u8::from(fpga.pin_level(pin)),
+        );
+    }
+}
+
+fn show_motors(text: &mut String, machine: &mut Machine) {
+    let fpga = machine.fpga();
+    for axis in 0..fpga.axes() {
+        if let Some(motor) = fpga.motor(axis) {
+            let all = [
+                ("position", motor.position()),
+                ("velocity", motor.velocity()),
+                ("counts", motor.counts()),
+            ];
+            for (name, value) in all {
+                line(
+                    text,
+                    &format!("motor.{axis}.{name}"),
+                    format_args!("{value:.4}"),
+                );
+            }
+        }
+    }
+}
+
+fn show_remote(text: &mut String, machine: &mut Machine, channel: usize) {
+    let Some(plugged) = machine.plugged(channel) else {
+        return;
+    };
+    let (device, is_plugged) = (plugged.device.clone(), plugged.aside.is_none());
+    line(text, &format!("remote.{channel}.device"), device);
+    line(
+        text,
+        &format!("remote.{channel}.plugged"),
+        u8::from(is_plugged),
+    );
+}
