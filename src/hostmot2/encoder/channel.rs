@@ -29,7 +29,8 @@ pub struct EncoderReading {
     pub velocity: f64,
     /// `count` when the latch that was asked for happened; kept until the next one.
     pub latched: Option<i64>,
-    /// Both inputs changed at once: counts may be wrong.
+    /// Both inputs changed at once: counts may be wrong. Said until it is taken back, see
+    /// [`Encoder::clear_quadrature_error`].
     pub quadrature_error: bool,
     /// The inputs now: A, B, index.
     pub inputs: [bool; 3],
@@ -83,6 +84,7 @@ pub struct Encoder {
     /// Whether the control register showed no request when it was read last.
     clean: bool,
     latched: Option<i64>,
+    clear_error: bool,
     velocity: VelocityEstimator,
 }
 
@@ -119,6 +121,7 @@ impl Encoder {
             stage: Stage::Settling,
             clean: false,
             latched: None,
+            clear_error: false,
             velocity: VelocityEstimator::default(),
         }
     }
@@ -152,13 +155,24 @@ impl Encoder {
         self.zero = self.rawcounts;
     }
 
+    /// Takes a quadrature error back: it stays until then, since counts may be wrong for good.
+    pub fn clear_quadrature_error(&mut self) {
+        self.clear_error = true;
+    }
+
     /// The control word to write in this cycle.
     pub fn control(&self) -> ControlWord {
         let request = match self.stage {
             Stage::Settling => 0,
             Stage::Asked | Stage::Armed => self.wanted.bits(),
         };
-        ControlWord(self.config.control().0 | request)
+        // Writing a 1 clears it.
+        let clear = if self.clear_error {
+            ControlWord::QUADRATURE_ERROR
+        } else {
+            0
+        };
+        ControlWord(self.config.control().0 | request | clear)
     }
 
     /// Takes what a cycle read. The first call after [`new`](Self::new) sets the start.
@@ -175,6 +189,7 @@ impl Encoder {
             Some(last) => self.advance(last, sample),
         }
         self.check_latch(sample);
+        self.clear_error &= sample.control.has(ControlWord::QUADRATURE_ERROR);
         let counts = self.rawcounts.wrapping_sub(self.zero);
         let scale = self.config.usable_scale();
         let input = |bit| sample.control.has(bit);

@@ -149,8 +149,9 @@ impl TickRate {
         f64::from(clock_hz) / f64::from(divisor)
     }
 
-    /// As a multiplexer rate: the highest count rate that the encoders follow, in counts/s. Each of
-    /// the two encoders on a set of pins is looked at in every other tick.
+    /// As a multiplexer rate: the highest count rate that is resolved, in counts/s. Each of
+    /// the two encoders on a set of pins is looked at in every other tick. The filter of 15 clocks
+    /// allows less, see [`EncoderConfig::filter`].
     pub fn max_muxed_count_rate(self, clock_hz: u32) -> f64 {
         self.hz(clock_hz) / 2.0
     }
@@ -179,7 +180,7 @@ impl CountWord {
 pub struct ControlWord(pub u32);
 
 impl ControlWord {
-    /// Both inputs changed at once: counts may be wrong.
+    /// Both inputs changed at once: counts may be wrong. Stays until a 1 is written.
     pub const QUADRATURE_ERROR: u32 = 1 << 15;
     /// Polarity of A·B as a mask of the index.
     pub const AB_MASK_POLARITY: u32 = 1 << 14;
@@ -234,7 +235,8 @@ pub struct EncoderConfig {
     pub scale: f64,
     /// Up/down (step and direction), else quadrature.
     pub up_down: bool,
-    /// Filter inputs for 15 clocks instead of 3: the usual choice.
+    /// Filter inputs for 15 clocks instead of 3: the usual choice, but not for the highest count
+    /// rates. The clocks of multiplexed encoders are those of the multiplexer.
     pub filter: bool,
     /// The index is active high; else low.
     pub index_high: bool,
