@@ -26,6 +26,7 @@ impl Firmware {
             self.memory.set(global::COMMAND_IN_WORK, high);
             self.host.doorbell = false;
             self.busy = true;
+            self.spend(timing::TAKE_COMMAND);
             self.execute(high, low);
         } else if high == STOP {
             self.memory.set(global::COMMAND_IN_WORK, high);
@@ -50,7 +51,7 @@ impl Firmware {
             self.complete();
         } else {
             self.spend(timing::SIMPLE_COMMAND);
-            self.host.data_out = 0xFF;
+            self.set_data(0xFF);
             self.complete();
         }
     }
@@ -106,33 +107,56 @@ impl Firmware {
                     & self.memory.get(global::REQUEST_BITS)
                     & self.memory.get(global::NOT_DONE_BITS);
                 if waiting == 0 {
-                    self.host.data_out = self.memory.get(global::INVALID_BITS);
-                    self.complete();
+                    let invalid = self.memory.get(global::INVALID_BITS);
+                    self.complete_in_pass(timing::DOIT_DONE, invalid);
+                } else {
+                    self.spend(timing::PASS_TAIL + timing::PASS_TAIL_DOIT);
                 }
             }
-            NORMAL_START | SETUP_START => {
+            kind @ (NORMAL_START | SETUP_START) => {
                 let waiting = self.memory.get(global::NOT_STARTED_BITS) & not_ready & mask;
                 if waiting == 0 {
                     self.memory.clear_bits(global::START_BITS, not_ready);
-                    self.host.data_out = not_ready;
-                    self.complete();
+                    let times = if kind == SETUP_START {
+                        timing::SETUP_START_DONE
+                    } else {
+                        timing::NORMAL_START_DONE
+                    };
+                    self.complete_in_pass(times, not_ready);
+                } else {
+                    self.spend(timing::PASS_TAIL + timing::PASS_TAIL_START);
                 }
             }
             STOP if self.host.command(self.now()) & 0xFF != 0 => {
                 let stopping = self.memory.get(global::STOP_BITS);
-                self.host.data_out = stopping;
                 if stopping & mask == 0 {
-                    self.complete();
+                    self.complete_in_pass(timing::STOP_DONE, stopping);
+                } else {
+                    self.set_data(stopping);
+                    self.spend(timing::PASS_TAIL);
                 }
             }
-            _ => {}
+            _ => self.spend(timing::PASS_TAIL),
         }
+    }
+
+    fn complete_in_pass(&mut self, (until_clear, rest): (u64, u64), data: u8) {
+        self.spend(until_clear);
+        self.set_data(data);
+        self.complete();
+        self.spend(rest);
+    }
+
+    fn set_data(&mut self, value: u8) {
+        let now = self.now();
+        self.host.set_data(now, value);
     }
 
     fn local_access(&mut self, high: u8, low: u8) {
         let address = u16::from_be_bytes([high, low]) & 0x0FFF;
         if high & WRITE == 0 {
-            self.host.data_out = self.local_read(address);
+            let value = self.local_read(address);
+            self.set_data(value);
         } else {
             self.local_write(address, self.host.data_in);
         }
@@ -182,7 +206,7 @@ impl Firmware {
         }
         let byte = u32::from(address & 3);
         match address {
-            0x202 => self.host.data_out = value,
+            0x202 => self.set_data(value),
             0x203 => self.host.doorbell = false,
             0x300..=0x3FF => {
                 let channel = usize::from(address >> 2 & 7);

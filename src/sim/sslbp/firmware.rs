@@ -78,9 +78,11 @@ impl Firmware {
     /// The firmware at power-up.
     pub fn new(config: PortConfig) -> Self {
         let capacity = Self::fifo_capacity(config);
+        let clock = Clock::new(config.clock_hz());
+        let delay = clock.nanos(timing::RECEIVER_DELAY);
         Self {
             config,
-            clock: Clock::new(config.clock_hz()),
+            clock,
             cycle: timing::RESET_FIRST_CLEAR,
             memory: Memory::new(config.channels() as u8, timing::DEFAULT_BAUD_RATE),
             host: HostRegisters::new(),
@@ -88,7 +90,7 @@ impl Firmware {
             uarts: core::array::from_fn(|_| Uart {
                 rate: BitRate::default(),
                 transmitter: Transmitter::default(),
-                receiver: Receiver::new(capacity),
+                receiver: Receiver::new(capacity, delay),
                 stuck: false,
             }),
             long_replies: [[0; 16]; MAX_CHANNELS],
@@ -161,7 +163,7 @@ impl Firmware {
         let (tail, phase) = if in_passes {
             (timing::PASS_TAIL + timing::CHECK, Phase::Tail)
         } else {
-            (timing::CHECK, Phase::Check)
+            (0, Phase::Check)
         };
         let first = since + length.saturating_sub(tail);
         let missing = self.clock.cycle_at(now).saturating_sub(first);
@@ -183,12 +185,14 @@ impl Firmware {
             Phase::MemorySetup => {
                 let channels = self.config.channels() as u8;
                 self.memory = Memory::new(channels, timing::DEFAULT_BAUD_RATE);
-                self.complete();
+                let now = self.now();
+                self.host.clear_command(now);
                 self.spend(timing::RESET_DATA);
                 self.phase = Phase::Initialize;
             }
             Phase::Initialize => {
-                self.host.data_out = 0xAA;
+                let now = self.now();
+                self.host.set_data(now, 0xAA);
                 self.spend(timing::RESET_DOORBELL);
                 self.phase = Phase::InitializeChannels;
             }
@@ -204,12 +208,11 @@ impl Firmware {
             Phase::Head => self.head(),
             Phase::Channel(index) => self.channel_turn(index),
             Phase::Tail => {
-                self.spend(timing::PASS_TAIL);
                 self.check_completion();
+                self.spend(timing::CHECK);
                 self.phase = Phase::Check;
             }
             Phase::Check => {
-                self.spend(timing::CHECK);
                 self.phase = Phase::Head;
                 self.check_for_command();
             }
@@ -258,7 +261,7 @@ impl Firmware {
             | self.memory.get(global::CHATTER_BITS);
         if work == 0 {
             if self.host.doorbell {
-                self.spend(timing::IDLE_LOOP - timing::CHECK);
+                self.spend(timing::IDLE_LOOP);
                 self.phase = Phase::Check;
             } else {
                 self.sleep(timing::IDLE_LOOP, false);
@@ -291,13 +294,14 @@ impl Firmware {
         } else {
             Phase::Tail
         };
-        self.spend(timing::CHANNEL_BEFORE);
+        self.spend(timing::TURN_BEFORE);
         if self.memory.get(global::STOP_BITS) & which != 0 {
             self.stop_channel(index, which);
         }
         if self.memory.get(global::START_BITS) & which != 0 {
             self.spend(timing::DISPATCH);
             self.run_channel(index, which);
+            self.spend(timing::DISPATCH_BACK);
         }
         let cs = u32::from_le_bytes([
             self.memory.channel(index, channel::ERROR_LOG),
@@ -306,7 +310,7 @@ impl Firmware {
             self.memory.channel(index, channel::REMOTE_FAULT),
         ]);
         self.host.set_outward(index, 0, cs);
-        self.spend(timing::CHANNEL_AFTER);
+        self.spend(timing::TURN_AFTER);
     }
 
     fn stop_channel(&mut self, index: usize, which: u8) {

@@ -10,10 +10,11 @@ use crate::lbp::crc8;
 const MAX_FRAME: usize = 32;
 
 impl Firmware {
-    /// Sends `bytes` and their CRC, and goes to `next`.
-    pub(super) fn send(&mut self, index: usize, bytes: &[u8], next: u8) {
-        self.spend(timing::SEND_BEFORE);
+    /// Sends `bytes` and their CRC, and goes to `next`; `more` is what this frame costs more
+    /// than a single command.
+    pub(super) fn send(&mut self, index: usize, bytes: &[u8], next: u8, more: u64) {
         self.wait_for_transmitter(index);
+        self.spend(timing::SEND_BEFORE);
         let now = self.now();
         let stray = self
             .uarts
@@ -40,11 +41,14 @@ impl Firmware {
             if uart.rate.bit() == 0 {
                 uart.stuck = true;
             } else {
-                uart.transmitter.send(start, uart.rate, frame, capacity);
+                let gap = self.clock.nanos(timing::CHARACTER_GAP);
+                uart.transmitter
+                    .send(start, uart.rate, gap, frame, capacity);
             }
         }
-        self.spend(timing::SEND_CHARACTER * length as u64 + timing::SEND_AFTER);
+        self.spend(more + timing::SEND_END);
         self.start_timer(index);
+        self.spend(timing::SEND_AFTER);
         self.go_to(index, next);
     }
 
@@ -68,6 +72,7 @@ impl Firmware {
         if wanted == 0 {
             return true;
         }
+        self.spend(timing::RECEIVE_LOOK);
         let now = self.now();
         let Some(uart) = self.uarts.get_mut(index) else {
             return false;
@@ -77,7 +82,10 @@ impl Firmware {
             self.spend(timing::RECEIVE_NOTHING);
             return false;
         }
-        self.cycle += timing::RECEIVE + timing::RECEIVE_CHARACTER * wanted as u64;
+        self.cycle += match u64::from(size) {
+            0 => timing::RECEIVE_CRC,
+            size => timing::RECEIVE + timing::RECEIVE_CHARACTER * size,
+        };
         if receiver.flags(now) & uart::BREAK != 0 {
             self.count_error(index, channel::BREAKS, error::BREAK);
             return false;
@@ -155,8 +163,15 @@ impl Firmware {
 
     /// Whether the reply is overdue; if so that is counted.
     pub(super) fn timed_out(&mut self, index: usize) -> bool {
-        self.spend(timing::CHECK_TIMER);
+        self.spend(timing::CHECK_TIMER_BRANCH);
+        self.is_overdue(index)
+    }
+
+    fn is_overdue(&mut self, index: usize) -> bool {
+        let (before, after) = timing::CHECK_TIMER;
+        self.spend(before);
         let overdue = self.ticks_since_sent(index) >= self.memory.channel(index, channel::TIMEOUT);
+        self.spend(after);
         if overdue {
             self.count_error(index, channel::TIMEOUTS, error::TIMEOUT);
         }
@@ -165,7 +180,7 @@ impl Firmware {
 
     /// Starts over at the cookie if the reply is overdue, unless there were too many errors.
     pub(super) fn restart_if_timed_out(&mut self, index: usize) {
-        if self.timed_out(index) && !self.has_too_many_errors(index) {
+        if self.is_overdue(index) && !self.has_too_many_errors(index) {
             self.go_to(index, state::START_TIMER);
         }
     }

@@ -67,7 +67,7 @@ impl SslbpPort {
             Register::Data if self.firmware.in_reset() => {
                 program_word(host.command(self.now) & 0x7FF)
             }
-            Register::Data => u32::from(host.data_out),
+            Register::Data => u32::from(host.data(self.now)),
             Register::Cs(channel) => host.outward(usize::from(channel), 0),
             Register::Interface(channel, n) => {
                 host.outward(usize::from(channel), usize::from(n) + 1)
@@ -78,7 +78,9 @@ impl SslbpPort {
     /// When something can happen next without the host, if anything can.
     pub fn next_event(&self) -> Option<Nanos> {
         let burst = self.next_burst_end().map(|(end, _)| end);
-        burst.into_iter().chain(self.firmware.next_step()).min()
+        let change = self.firmware.host.next_change(self.now);
+        let step = self.firmware.next_step();
+        burst.into_iter().chain(step).chain(change).min()
     }
 
     /// Lets time pass up to `to`, both included.

@@ -28,14 +28,17 @@ const BANK: usize = MAX_INTERFACE_REGISTERS + 1;
 pub(super) struct HostRegisters {
     command: u16,
     written_at: Nanos,
-    /// When the firmware clears COMMAND, or last did: a step's effect can lie a little ahead.
-    cleared_at: Option<Nanos>,
+    /// When the firmware cleared COMMAND, the last two times: a step's effect can lie a little
+    /// ahead.
+    cleared_at: [Option<Nanos>; 2],
     /// COMMAND was written since the firmware last looked.
     pub doorbell: bool,
     /// What the host wrote to DATA.
     pub data_in: u8,
-    /// What the host reads from DATA.
-    pub data_out: u8,
+    /// What the host reads from DATA: before, from then on, and when.
+    data_before: u8,
+    data_out: u8,
+    data_at: Nanos,
     inward: [[u32; BANK]; MAX_CHANNELS],
     outward: [[u32; BANK]; MAX_CHANNELS],
 }
@@ -46,10 +49,12 @@ impl HostRegisters {
         Self {
             command: 0,
             written_at: 0,
-            cleared_at: None,
+            cleared_at: [None; 2],
             doorbell: false,
             data_in: 0,
+            data_before: 0,
             data_out: 0,
+            data_at: 0,
             inward: [[0; BANK]; MAX_CHANNELS],
             outward: [[0; BANK]; MAX_CHANNELS],
         }
@@ -57,10 +62,21 @@ impl HostRegisters {
 
     /// What COMMAND reads at `now`.
     pub fn command(&self, now: Nanos) -> u16 {
-        let gone = self.cleared_at.is_some_and(|cleared| {
-            now >= cleared && self.written_at < cleared.saturating_add(SWALLOWED)
-        });
+        let gone =
+            self.cleared_at.iter().flatten().any(|&cleared| {
+                now >= cleared && self.written_at < cleared.saturating_add(SWALLOWED)
+            });
         if gone { 0 } else { self.command }
+    }
+
+    /// When COMMAND or DATA will next read differently by what the firmware has already decided.
+    pub fn next_change(&self, now: Nanos) -> Option<Nanos> {
+        let [last, before] = self.cleared_at;
+        [last, before, Some(self.data_at)]
+            .into_iter()
+            .flatten()
+            .filter(|&at| at > now)
+            .min()
     }
 
     /// Host write to COMMAND; `false` if it was ignored.
@@ -76,7 +92,24 @@ impl HostRegisters {
 
     /// The firmware clears COMMAND at `at`.
     pub fn clear_command(&mut self, at: Nanos) {
-        self.cleared_at = Some(at);
+        let [last, _] = self.cleared_at;
+        self.cleared_at = [Some(at), last];
+    }
+
+    /// What DATA reads at `now`.
+    pub fn data(&self, now: Nanos) -> u8 {
+        if now < self.data_at {
+            self.data_before
+        } else {
+            self.data_out
+        }
+    }
+
+    /// The firmware sets DATA at `at`.
+    pub fn set_data(&mut self, at: Nanos, value: u8) {
+        self.data_before = self.data_out;
+        self.data_out = value;
+        self.data_at = at;
     }
 
     /// Host write to a channel's register (0 is CS).

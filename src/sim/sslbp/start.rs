@@ -42,31 +42,36 @@ impl Firmware {
         match code {
             state::RESET => self.reset_channel(index),
             START_TIMER => {
-                self.spend(timing::SMALL_STATE);
+                let (before, after) = timing::START_TIMER;
+                self.spend(before);
                 self.start_timer(index);
+                self.spend(after);
                 self.go_to(index, WAIT);
             }
             WAIT => self.wait(index),
-            SEND_COOKIE => self.send(index, &[READ_COOKIE], GET_COOKIE),
+            SEND_COOKIE => self.send(index, &[READ_COOKIE], GET_COOKIE, 0),
             GET_COOKIE => self.get_cookie(index),
             SEND_FRAME_TIMEOUT => {
                 let frame = [WRITE_FRAME_TIMEOUT, FRAME_TIMEOUT];
-                self.send(index, &frame, GET_FRAME_TIMEOUT);
+                self.send(index, &frame, GET_FRAME_TIMEOUT, timing::SEND_DATA_BYTE);
             }
             GET_FRAME_TIMEOUT => self.get(index, 0, SEND_CLEAR_STATUS),
-            SEND_CLEAR_STATUS => self.send(index, &[WRITE_STATUS, 0], GET_CLEAR_STATUS),
+            SEND_CLEAR_STATUS => {
+                let frame = [WRITE_STATUS, 0];
+                self.send(index, &frame, GET_CLEAR_STATUS, timing::SEND_ZERO_BYTE);
+            }
             GET_CLEAR_STATUS => self.get(index, 0, SEND_STATUS),
-            SEND_STATUS => self.send(index, &[READ_STATUS], GET_STATUS),
+            SEND_STATUS => self.send(index, &[READ_STATUS], GET_STATUS, 0),
             GET_STATUS => self.get(index, 1, CHECK_STATUS),
             CHECK_STATUS => self.check_status(index),
-            SEND_UNIT_NUMBER => self.send(index, &[UNIT_NUMBER_RPC], GET_UNIT_NUMBER),
+            SEND_UNIT_NUMBER => self.send(index, &[UNIT_NUMBER_RPC], GET_UNIT_NUMBER, 0),
             GET_UNIT_NUMBER => self.get_unit_number(index),
             SEND_NAME..=LAST_NAME => self.name(index, code),
             CHECK_8I20 => self.check_8i20(index, which),
             CHECK_7I64 => self.check_7i64(index, which),
             SEND_CLEAR_7I64 => {
                 let frame = [PROCESS_DATA_RPC, 0, 0, 0, WATCHDOG_7I64];
-                self.send(index, &frame, GET_CLEAR_7I64);
+                self.send(index, &frame, GET_CLEAR_7I64, 4 * timing::SEND_DATA_BYTE);
             }
             GET_CLEAR_7I64 => {
                 let size = self.memory.channel(index, channel::RECEIVE_SIZE);
@@ -74,10 +79,10 @@ impl Firmware {
             }
             SEND_MODE => {
                 let mode = (self.host.inward(index, 0) >> 24) as u8;
-                self.send(index, &[WRITE_MODE, mode], GET_MODE);
+                self.send(index, &[WRITE_MODE, mode], GET_MODE, timing::SEND_MODE_BYTE);
             }
             GET_MODE => self.get(index, 0, SEND_DISCOVERY),
-            SEND_DISCOVERY => self.send(index, &[DISCOVERY_RPC], GET_DISCOVERY),
+            SEND_DISCOVERY => self.send(index, &[DISCOVERY_RPC], GET_DISCOVERY, 0),
             GET_DISCOVERY => self.get_discovery(index, which),
             _ => self.clear_faults(index, code),
         }
@@ -90,24 +95,33 @@ impl Firmware {
             GET_OUTPUTS_OFF => {
                 let size = self.memory.channel(index, channel::RECEIVE_SIZE);
                 if self.receive(index, size) {
+                    self.spend(timing::GO_ON);
                     self.go_to(index, SEND_CLEAR_FAULTS);
                 } else if self.timed_out(index) {
                     self.go_to(index, SEND_OUTPUTS_OFF);
                 }
             }
-            SEND_CLEAR_FAULTS => self.send(index, &[CLEAR_FAULTS, 0xFF], GET_CLEAR_FAULTS),
+            SEND_CLEAR_FAULTS => {
+                let frame = [CLEAR_FAULTS, 0xFF];
+                self.send(index, &frame, GET_CLEAR_FAULTS, timing::SEND_TRUE_BYTE);
+            }
             GET_CLEAR_FAULTS => self.get(index, 0, SEND_FAULTS_CLEARED),
-            SEND_FAULTS_CLEARED => self.send(index, &[READ_CLEAR_FAULTS], GET_FAULTS_CLEARED),
+            SEND_FAULTS_CLEARED => self.send(index, &[READ_CLEAR_FAULTS], GET_FAULTS_CLEARED, 0),
             GET_FAULTS_CLEARED => {
-                if !self.receive(index, 1) {
-                    self.restart_if_timed_out(index);
-                } else if self.received(index, 0) == 0 {
-                    self.go_to(index, SEND_FAULT);
+                if self.receive(index, 1) {
+                    self.spend(timing::STORE_FAULTS_CLEARED);
+                    let pending = self.received(index, 0) != 0;
+                    let next = if pending {
+                        SEND_FAULTS_CLEARED
+                    } else {
+                        SEND_FAULT
+                    };
+                    self.go_to(index, next);
                 } else {
-                    self.go_to(index, SEND_FAULTS_CLEARED);
+                    self.restart_if_timed_out(index);
                 }
             }
-            SEND_FAULT => self.send(index, &[READ_FAULT], GET_FAULT),
+            SEND_FAULT => self.send(index, &[READ_FAULT], GET_FAULT, 0),
             GET_FAULT => self.get(index, 1, CHECK_FAULT),
             CHECK_FAULT => self.check_fault(index),
             // START_8I20 and beyond: that drive's own start is not simulated, it stays here.
@@ -118,6 +132,7 @@ impl Firmware {
     /// A step whose reply only has to come: on to `next`, or back to the cookie.
     fn get(&mut self, index: usize, size: u8, next: u8) {
         if self.receive(index, size) {
+            self.spend(timing::GO_ON);
             self.go_to(index, next);
         } else {
             self.restart_if_timed_out(index);
@@ -130,12 +145,15 @@ impl Firmware {
         let timeout = self.memory.get(global::START_TIMEOUT);
         self.memory.set_channel(index, channel::TIMEOUT, timeout);
         self.go_to(index, START_TIMER);
-        self.spend(2 * timing::SMALL_STATE);
+        self.spend(timing::RESET_STATE);
     }
 
     fn wait(&mut self, index: usize) {
-        self.spend(timing::SMALL_STATE);
-        if self.ticks_since_sent(index) > self.memory.channel(index, channel::TIMEOUT) {
+        let (before, after) = timing::WAIT;
+        self.spend(before);
+        let waited = self.ticks_since_sent(index);
+        self.spend(after);
+        if waited > self.memory.channel(index, channel::TIMEOUT) {
             self.go_to(index, SEND_COOKIE);
         }
     }
@@ -144,6 +162,7 @@ impl Firmware {
         if self.timed_out(index) {
             self.go_to(index, START_TIMER);
         } else if self.receive(index, 1) {
+            self.spend(timing::STORE_COOKIE);
             if self.received(index, 0) == COOKIE {
                 self.go_to(index, SEND_FRAME_TIMEOUT);
             } else {
@@ -154,7 +173,7 @@ impl Firmware {
     }
 
     fn check_status(&mut self, index: usize) {
-        self.spend(timing::SMALL_STATE);
+        self.spend(timing::CHECK_BYTE);
         if self.received(index, 0) == 0 {
             self.go_to(index, SEND_UNIT_NUMBER);
         } else {
@@ -169,7 +188,7 @@ impl Firmware {
         if self.receive(index, 4) {
             let number = self.received_word(index, 0);
             self.host.set_outward(index, 1, number);
-            self.spend(timing::SMALL_STATE);
+            self.spend(timing::STORE_UNIT_NUMBER);
             self.go_to(index, SEND_NAME);
         } else if self.timed_out(index) && self.is_setup() {
             self.go_to(index, SEND_NAME);
@@ -180,11 +199,12 @@ impl Firmware {
         let character = (code - SEND_NAME) / 2;
         if (code - SEND_NAME).is_multiple_of(2) {
             if let Some(previous) = character.checked_sub(1) {
+                self.spend(timing::NAME_BEFORE);
                 let received = self.received(index, 0);
                 self.memory
                     .set_channel(index, channel::NAME + u16::from(previous), received);
             }
-            self.send(index, &[READ_NAME + character], code + 1);
+            self.send(index, &[READ_NAME + character], code + 1, 0);
         } else {
             self.get(index, 1, code + 1);
         }
@@ -195,7 +215,7 @@ impl Firmware {
         self.memory.set_channel(index, channel::NAME + 3, last);
         let name = self.memory.channel_long(index, channel::NAME);
         self.host.set_outward(index, 2, name);
-        self.spend(timing::COMPARE_NAME);
+        self.spend(timing::COMPARE_8I20);
         self.go_to(index, CHECK_7I64);
         if self.is_named(index, 0) {
             self.set_identity(index, which, IDENTITY_8I20, START_8I20);
@@ -203,7 +223,7 @@ impl Firmware {
     }
 
     fn check_7i64(&mut self, index: usize, which: u8) {
-        self.spend(timing::COMPARE_NAME);
+        self.spend(timing::COMPARE_7I64);
         if self.is_named(index, 1) {
             self.set_identity(index, which, IDENTITY_7I64, SEND_CLEAR_7I64);
         } else {
@@ -247,7 +267,7 @@ impl Firmware {
                 .set_channel(index, channel::TRANSMIT_SIZE, transmit);
             let pointers = self.received_word(index, 2);
             self.host.set_outward(index, 3, pointers);
-            self.spend(timing::SMALL_STATE);
+            self.spend(timing::STORE_DISCOVERY);
             if self.is_setup() {
                 self.finish_setup(index, which);
             } else {
@@ -269,12 +289,11 @@ impl Firmware {
         self.memory.clear_bits(global::NOT_STARTED_BITS, which);
         let timeout = self.memory.get(global::RUN_TIMEOUT);
         self.memory.set_channel(index, channel::TIMEOUT, timeout);
-        self.spend(timing::SMALL_STATE);
         self.go_to(index, SEND_ACCESS);
     }
 
     fn check_fault(&mut self, index: usize) {
-        self.spend(timing::SMALL_STATE);
+        self.spend(timing::NO_FAULT);
         let fault = self.received(index, 0);
         if fault == 0 {
             self.memory

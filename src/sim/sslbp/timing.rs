@@ -20,55 +20,138 @@ pub(super) const INITIALIZE: u64 = 60;
 pub(super) const INITIALIZE_CHANNEL: u64 = 1_487;
 
 /// One turn of the loop when there is nothing at all to do. T:t01 (a local read takes 0.5 us).
-pub(super) const IDLE_LOOP: u64 = 16;
+pub(super) const IDLE_LOOP: u64 = 15;
 /// A pass over the channels: what comes before the first of them. T:t03b.
 pub(super) const PASS_HEAD: u64 = 29;
-/// One channel in a pass: what comes before its own work. T:t03b, t25.
-pub(super) const CHANNEL_BEFORE: u64 = 10;
-/// One channel in a pass: status to CS, and on to the next. T:t03b, t25.
-pub(super) const CHANNEL_AFTER: u64 = 20;
-/// Finding the routine of a running channel's state. T:t03b.
-pub(super) const DISPATCH: u64 = 10;
-/// A pass over the channels: the checks for completed commands. T:t03b.
-pub(super) const PASS_TAIL: u64 = 20;
+/// A channel's turn: looking whether it is to be stopped and whether it runs. T:t03b, t25.
+pub(super) const TURN_BEFORE: u64 = 10;
+/// A running channel: finding the routine of its state. T:t03b, t25.
+pub(super) const DISPATCH: u64 = 6;
+/// A running channel: the way back from the routine. T:t03b.
+pub(super) const DISPATCH_BACK: u64 = 1;
+/// A channel's turn: status to CS, and on to the next. T:t25 (the turns of 8 chattering channels
+/// follow each other at exactly 1.00 us).
+pub(super) const TURN_AFTER: u64 = 20;
+/// The checks for completed commands after the last channel, with none of them in work. T:t03b.
+pub(super) const PASS_TAIL: u64 = 19;
+/// The same, more, while a START is in work. T:t03b.
+pub(super) const PASS_TAIL_START: u64 = 4;
+/// The same, more, while a DOIT is in work. T:t07a.
+pub(super) const PASS_TAIL_DOIT: u64 = 7;
+/// When a DOIT, a normal START, a setup START, a stop clears COMMAND, from the end of the last
+/// channel's turn on, and how long it is from there to the look for a new command. A command that
+/// comes in between is taken in the same pass. T:t06b, r002.
+pub(super) const DOIT_DONE: (u64, u64) = (17, 18);
+/// See [`DOIT_DONE`].
+pub(super) const NORMAL_START_DONE: (u64, u64) = (18, 13);
+/// See [`DOIT_DONE`].
+pub(super) const SETUP_START_DONE: (u64, u64) = (23, 8);
+/// See [`DOIT_DONE`].
+pub(super) const STOP_DONE: (u64, u64) = (25, 4);
 /// The look for a new command. T:t03b.
-pub(super) const CHECK: u64 = 7;
+pub(super) const CHECK: u64 = 6;
 
+/// Taking a command.
+pub(super) const TAKE_COMMAND: u64 = 8;
 /// Executing a local read or write, or rejecting a command. T:t01 (0.5 us with the polling).
-pub(super) const SIMPLE_COMMAND: u64 = 25;
+pub(super) const SIMPLE_COMMAND: u64 = 33;
 /// Setting up a DOIT. T:t07a.
-pub(super) const DOIT_COMMAND: u64 = 35;
+pub(super) const DOIT_COMMAND: u64 = 24;
 /// The division that gives the tick timer's divider. T:t03b, t09 (a START takes 16..18 us).
 pub(super) const START_DIVISION: u64 = 1_480;
 /// The rest of a START command. T:t03b.
-pub(super) const START_COMMAND: u64 = 60;
+pub(super) const START_COMMAND: u64 = 30;
 /// Clearing one channel after a stop. T:t02b, t08.
-pub(super) const STOP_CHANNEL: u64 = 75;
+pub(super) const STOP_CHANNEL: u64 = 60;
 
-/// A small state without input or output. T:t03b.
-pub(super) const SMALL_STATE: u64 = 10;
-/// Comparing the name with a known one. T:t03b (states 16 and 17).
-pub(super) const COMPARE_NAME: u64 = 30;
-/// From a send state's entry to the first character. T:t03b (0.2 us before the new state shows).
-pub(super) const SEND_BEFORE: u64 = 20;
-/// From the first character's write to its start bit.
-pub(super) const SEND_START: u64 = 3;
-/// Each character sent. T:t06, t07d.
-pub(super) const SEND_CHARACTER: u64 = 8;
-/// After the last character. T:t03b.
-pub(super) const SEND_AFTER: u64 = 10;
-/// Looking for a reply that is not there yet. T:t12 (passes while waiting).
-pub(super) const RECEIVE_NOTHING: u64 = 20;
-/// Taking a reply, apart from its characters. T:t03b.
-pub(super) const RECEIVE: u64 = 30;
+/// State 00: counters, receiver and timeout. T:t03b.
+pub(super) const RESET_STATE: u64 = 22;
+/// State 01: until the timer is read, and after that. T:t03b (3.14 us a pass).
+pub(super) const START_TIMER: (u64, u64) = (2, 6);
+/// State 02: until the timer is read, and after that. T:r002.
+pub(super) const WAIT: (u64, u64) = (1, 10);
+/// Looking at one byte and choosing the next state. T:t03b (state 0B).
+pub(super) const CHECK_BYTE: u64 = 5;
+/// State 16. T:t03b (3.34 us a pass).
+pub(super) const COMPARE_8I20: u64 = 29;
+/// State 17. T:t03b (3.28 us a pass).
+pub(super) const COMPARE_7I64: u64 = 24;
+
+/// Sending: from the routine's begin to the write of the first character. T:t03b, t25.
+pub(super) const SEND_BEFORE: u64 = 19;
+/// From the first character's write to the falling edge of its start bit. T:t03b.
+pub(super) const SEND_START: u64 = 5;
+/// Between two characters on the wire. T:t03 (two characters take 8.03 us, six 24.15 us).
+pub(super) const CHARACTER_GAP: u64 = 3;
+/// Sending: CRC and time stamp. T:t03b.
+pub(super) const SEND_END: u64 = 6;
+/// Sending: after the time stamp. T:t03b.
+pub(super) const SEND_AFTER: u64 = 6;
+/// Sending a command with one data byte, more. T:t08 (EB 28: 0.73 us a turn, DF: 0.68 us).
+pub(super) const SEND_DATA_BYTE: u64 = 5;
+/// Sending a command with a zero, more than with another byte. T:t08 (E1 00: 0.75 us).
+pub(super) const SEND_ZERO_BYTE: u64 = 7;
+/// Clearing the faults, more. T:t25 (E7 FF).
+pub(super) const SEND_TRUE_BYTE: u64 = 8;
+/// Sending the mode, more. T:t08 (E6 00: 0.76 us).
+pub(super) const SEND_MODE_BYTE: u64 = 8;
+/// Before the second to fourth name request. T:t08 (0.70 us).
+pub(super) const NAME_BEFORE: u64 = 2;
+/// Sending zeros as process data, more than a single command. T:t08 (two zeros: 0.94 us).
+pub(super) const SEND_ZEROS: u64 = 6;
+/// Each of these zeros. T:t08.
+pub(super) const SEND_ZERO: u64 = 10;
+/// Chatter, before that. T:t25 (1.00 us a turn).
+pub(super) const CHATTER_BEFORE: u64 = 6;
+/// DOIT, before the frame. T:t25.
+pub(super) const PROCESS_DATA_BEFORE: u64 = 10;
+/// DOIT, more than a single command. T:t25 (two bytes: 1.00 us a turn).
+pub(super) const SEND_PROCESS_DATA: u64 = 6;
+/// Each byte of process data. T:t08 (six bytes: 1.32 us a turn).
+pub(super) const SEND_PROCESS_BYTE: u64 = 8;
+/// Pass-through, before the frame.
+pub(super) const ACCESS_BEFORE: u64 = 30;
+/// Each further character of a pass-through frame.
+pub(super) const ACCESS_CHARACTER: u64 = 10;
+
+/// Receiving: until the number of characters is read. T:r022 (a reply that just came in time).
+pub(super) const RECEIVE_LOOK: u64 = 11;
+/// Going on without a reply. T:t12 (passes while waiting).
+pub(super) const RECEIVE_NOTHING: u64 = 7;
+/// Taking a reply that is only a CRC. T:t03b.
+pub(super) const RECEIVE_CRC: u64 = 23;
+/// Taking a reply with data, apart from the data. T:t03b.
+pub(super) const RECEIVE: u64 = 28;
 /// Each character of a reply. T:t06.
 pub(super) const RECEIVE_CHARACTER: u64 = 11;
-/// Looking whether a reply is overdue. T:t12.
-pub(super) const CHECK_TIMER: u64 = 7;
-/// Counting an error.
-pub(super) const COUNT_ERROR: u64 = 30;
+/// From the middle of a stop bit until the character is counted. T:t06b.
+pub(super) const RECEIVER_DELAY: u64 = 6;
+/// Looking whether a reply is overdue: until the timer is read, and after that. T:t12.
+pub(super) const CHECK_TIMER: (u64, u64) = (2, 8);
+/// The same, more, where a timeout means something else than starting over. T:t03b, t12.
+pub(super) const CHECK_TIMER_BRANCH: u64 = 3;
+/// Going on after a reply. T:t03b.
+pub(super) const GO_ON: u64 = 4;
+/// Going on after the cookie. T:t03b.
+pub(super) const STORE_COOKIE: u64 = 4;
+/// Going on after the answer to C7. T:t25.
+pub(super) const STORE_FAULTS_CLEARED: u64 = 7;
+/// Going on when D7 says that there is no fault. T:t25.
+pub(super) const NO_FAULT: u64 = 7;
+/// Looking whether there is a request. T:t06b.
+pub(super) const NO_REQUEST: u64 = 5;
+/// Going on after the unit number. T:t03b.
+pub(super) const STORE_UNIT_NUMBER: u64 = 12;
+/// Going on after the discovery reply. T:t03b.
+pub(super) const STORE_DISCOVERY: u64 = 26;
+/// Going on in chatter. T:t06b, t25.
+pub(super) const CHATTER_ON: u64 = 18;
+/// The end of chatter. T:t06b.
+pub(super) const CHATTER_END: u64 = 27;
 /// Writing process data or pass-through data to the interface registers. T:t07d, t15a.
-pub(super) const STORE_DATA: u64 = 45;
+pub(super) const STORE_DATA: u64 = 43;
+/// Counting an error. T:r002 (the tries of an absent channel).
+pub(super) const COUNT_ERROR: u64 = 19;
 
 /// Ticks a second after a normal START. FACTS 4.2.
 pub(super) const NORMAL_TICK_RATE: u32 = 500_000;

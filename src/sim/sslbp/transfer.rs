@@ -26,27 +26,32 @@ impl Firmware {
         let requested = self.memory.get(global::REQUEST_BITS) & which != 0;
         let waits_for_request = matches!(code, SEND_ACCESS | SEND_PROCESS_DATA | SEND_7I64);
         if waits_for_request && !requested || code == START_8I20 {
+            self.spend(timing::NO_REQUEST);
             return;
         }
         self.busy = true;
         match code {
             SEND_CHATTER => {
+                self.spend(timing::CHATTER_BEFORE);
                 self.log_errors(index);
                 self.memory.set_bits(global::CHATTER_BITS, which);
                 self.send_zeros(index, GET_CHATTER);
             }
             GET_CHATTER => self.get_chatter(index, which, requested),
             SEND_PROCESS_DATA => {
+                self.spend(timing::PROCESS_DATA_BEFORE);
                 self.log_errors(index);
                 self.send_process_data(index);
             }
             GET_PROCESS_DATA => self.get_process_data(index, which),
             SEND_7I64 => {
+                self.spend(timing::PROCESS_DATA_BEFORE);
                 self.log_errors(index);
                 self.send_7i64(index);
             }
             GET_7I64 => self.get_7i64(index, which),
             SEND_ACCESS => {
+                self.spend(timing::ACCESS_BEFORE);
                 self.log_errors(index);
                 self.send_access(index, which);
             }
@@ -63,7 +68,8 @@ impl Firmware {
             *first = PROCESS_DATA_RPC;
         }
         let length = (size + 1).min(frame.len());
-        self.send(index, frame.get(..length).unwrap_or(&frame), next);
+        let more = timing::SEND_ZEROS + timing::SEND_ZERO * size as u64;
+        self.send(index, frame.get(..length).unwrap_or(&frame), next, more);
     }
 
     fn log_errors(&mut self, index: usize) {
@@ -84,14 +90,15 @@ impl Firmware {
             self.memory.clear_bits(global::NOT_READY_BITS, which);
             self.memory.clear_bits(global::NOT_STARTED_BITS, which);
             if requested {
+                self.spend(timing::CHATTER_END);
                 let timeout = measured.wrapping_add(timing::DOIT_MARGIN);
                 self.memory.set_channel(index, channel::TIMEOUT, timeout);
                 self.clear_reply(index);
                 self.end_chatter(index);
             } else {
+                self.spend(timing::CHATTER_ON);
                 self.go_to(index, SEND_CHATTER);
             }
-            self.spend(timing::SMALL_STATE);
         } else if self.timed_out(index) {
             self.memory.clear_bits(global::REQUEST_BITS, which);
             if !self.has_too_many_errors(index) {
@@ -124,11 +131,9 @@ impl Firmware {
                 *slot = byte;
             }
         }
-        self.send(
-            index,
-            frame.get(..=size).unwrap_or(&frame),
-            GET_PROCESS_DATA,
-        );
+        let more = timing::SEND_PROCESS_DATA + timing::SEND_PROCESS_BYTE * size as u64;
+        let frame = frame.get(..=size).unwrap_or(&frame);
+        self.send(index, frame, GET_PROCESS_DATA, more);
     }
 
     fn get_process_data(&mut self, index: usize, which: u8) {
@@ -170,7 +175,8 @@ impl Firmware {
     /// A 7I64 takes 24 outputs and no watchdog bit. FACTS 4.7, T:t26.
     fn send_7i64(&mut self, index: usize) {
         let [a, b, c, _] = self.host.inward(index, 1).to_le_bytes();
-        self.send(index, &[PROCESS_DATA_RPC, a, b, c, 0], GET_7I64);
+        let more = timing::SEND_PROCESS_DATA + 4 * timing::SEND_DATA_BYTE;
+        self.send(index, &[PROCESS_DATA_RPC, a, b, c, 0], GET_7I64, more);
     }
 
     fn get_7i64(&mut self, index: usize, which: u8) {
@@ -223,7 +229,13 @@ impl Firmware {
         }
         let reply = if writes { 0 } else { size as u8 };
         self.memory.set_channel(index, channel::REPLY_SIZE, reply);
-        self.send(index, frame.get(..length).unwrap_or(&frame), GET_ACCESS);
+        let more = timing::ACCESS_CHARACTER * (length as u64).saturating_sub(1);
+        self.send(
+            index,
+            frame.get(..length).unwrap_or(&frame),
+            GET_ACCESS,
+            more,
+        );
     }
 
     fn get_access(&mut self, index: usize, which: u8) {

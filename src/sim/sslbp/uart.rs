@@ -47,11 +47,16 @@ pub(super) struct Transmitter {
 impl Transmitter {
     /// Sends characters of which the first is written at `now`; those that do not fit into the
     /// FIFO (`capacity` characters beside the one being shifted) are lost.
-    pub fn send(&mut self, now: Nanos, rate: BitRate, bytes: &[u8], capacity: usize) {
+    /// There is a short `gap` between characters, which the burst spreads over its bits so that
+    /// it ends when the last character does.
+    pub fn send(&mut self, now: Nanos, rate: BitRate, gap: Nanos, bytes: &[u8], capacity: usize) {
         let free = self.queue.iter().flatten().map(Burst::end).max();
         let start = free.map_or(now, |end| end.max(now));
         let fitting = bytes.get(..bytes.len().min(capacity + 1)).unwrap_or(bytes);
-        let burst = Burst::new(start, rate.bit(), fitting);
+        let length = fitting.len().max(1) as Nanos;
+        let end = start + 10 * length * rate.bit() + (length - 1) * gap;
+        let bit = (end - start) / (10 * length);
+        let burst = Burst::new(end - 10 * length * bit, bit, fitting);
         if let Some(slot) = self.queue.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(burst);
         }
@@ -100,11 +105,14 @@ pub(super) struct Receiver {
     idle_from: Nanos,
     /// Since when the line is held low.
     low_since: Option<Nanos>,
+    /// From the middle of a stop bit until the character is counted.
+    delay: Nanos,
 }
 
 impl Receiver {
-    /// A receiver with a FIFO of `capacity` characters (at most 32).
-    pub fn new(capacity: usize) -> Self {
+    /// A receiver with a FIFO of `capacity` characters (at most 32) that counts a character
+    /// `delay` after the middle of its stop bit.
+    pub fn new(capacity: usize, delay: Nanos) -> Self {
         Self {
             rate: BitRate::default(),
             capacity: capacity.min(MAX_FIFO),
@@ -115,6 +123,7 @@ impl Receiver {
             queue: [None; MAX_QUEUED],
             idle_from: 0,
             low_since: None,
+            delay,
         }
     }
 
@@ -228,7 +237,7 @@ impl Receiver {
                 continue;
             }
             let end = edge + 9 * bit + bit / 2;
-            if end > now {
+            if end + self.delay > now {
                 return;
             }
             let byte = (1..=8).fold(0, |byte, n| byte >> 1 | u8::from(sample(n)) << 7);
@@ -298,7 +307,7 @@ mod tests {
     use super::*;
 
     fn receiver(baud: u32) -> Receiver {
-        let mut receiver = Receiver::new(16);
+        let mut receiver = Receiver::new(16, 0);
         receiver.set_rate(BitRate::new(baud, 100_000_000));
         receiver
     }

@@ -1,0 +1,93 @@
+//! Replays the recorded transcripts of the real gateware against the simulator, and compares.
+//!
+//! `GATEWARE_TRANSCRIPTS` names another directory than `tests/transcripts`. One line for each file
+//! says how much was compared; any difference, and any file that can not be read whole, fails.
+
+#[path = "gateware_conformance/fpga_side.rs"]
+mod fpga_side;
+#[path = "gateware_conformance/outcome.rs"]
+mod outcome;
+#[path = "gateware_conformance/phase.rs"]
+mod phase;
+#[path = "gateware_conformance/transcript.rs"]
+mod transcript;
+#[path = "gateware_conformance/wire_log.rs"]
+mod wire_log;
+
+use std::path::{Path, PathBuf};
+
+use outcome::Outcome;
+use transcript::Transcript;
+
+/// Differences that are shown for each file.
+const SHOWN: usize = 12;
+
+fn directory() -> PathBuf {
+    std::env::var_os("GATEWARE_TRANSCRIPTS").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts"),
+        PathBuf::from,
+    )
+}
+
+/// All transcripts of a directory, in the order of their names; `index.txt` is none.
+fn files(directory: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(directory)
+        .unwrap_or_else(|error| panic!("{}: {error}", directory.display()))
+        .map(|entry| entry.expect("a readable directory").path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "txt"))
+        .filter(|path| path.file_name().is_some_and(|name| name != "index.txt"))
+        .collect();
+    files.sort();
+    files
+}
+
+/// Prints what was found in one file, and says whether all is as recorded.
+fn report(name: &str, outcome: &Outcome) -> bool {
+    println!(
+        "{name}: compared {}, differing {}",
+        outcome.compared,
+        outcome.differences.len()
+    );
+    for difference in outcome.differences.iter().take(SHOWN) {
+        println!(
+            "    line {}: recorded: {}; simulated: {}",
+            difference.line, difference.expected, difference.actual
+        );
+    }
+    outcome.differences.is_empty()
+}
+
+/// Runs `compare` on every transcript and fails if anything differs.
+fn run_all(side: &str, compare: impl Fn(&Transcript) -> Outcome) {
+    let directory = directory();
+    let files = files(&directory);
+    assert!(
+        !files.is_empty(),
+        "no transcripts in {}",
+        directory.display()
+    );
+    let (mut compared, mut failed) = (0, 0);
+    for path in &files {
+        match Transcript::load(path) {
+            Ok(transcript) => {
+                let outcome = compare(&transcript);
+                compared += outcome.compared;
+                failed += usize::from(!report(&transcript.name, &outcome));
+            }
+            Err(unreadable) => {
+                println!("{unreadable}");
+                failed += 1;
+            }
+        }
+    }
+    println!(
+        "{side}: {} files, {compared} items compared, {failed} files differ",
+        files.len()
+    );
+    assert_eq!(failed, 0, "{side}: files that differ from their recording");
+}
+
+#[test]
+fn the_simulated_fpga_does_what_the_gateware_was_recorded_to_do() {
+    run_all("FPGA side", fpga_side::replay);
+}

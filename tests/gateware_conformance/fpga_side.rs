@@ -1,0 +1,270 @@
+//! The FPGA side: plays the host's lines and the remotes' recorded replies against the simulated
+//! port, and compares every value, every byte and every time.
+//!
+//! Times are compared from event to event, because absolute times drift: a poll ends when the
+//! simulated COMMAND reads 0, and a reply follows the end of the simulated request at its recorded
+//! latency.
+
+use mesa_hal::sim::sslbp::{PortConfig, Register, SslbpPort};
+use mesa_hal::sim::wire::Nanos;
+
+use crate::outcome::{Outcome, TOLERANCE, within_tolerance};
+use crate::phase::PhaseRule;
+use crate::transcript::{Entry, Event, Transcript};
+use crate::wire_log::WireLog;
+
+/// Distance of the samples of a poll: 40 ns, the first one 20 ns after the access before it.
+const SAMPLE: Nanos = 40;
+const FIRST_SAMPLE: Nanos = 20;
+/// A poll sees that COMMAND is 0 when it has been 0 for this long: the recorder's own next write
+/// came at once, and would have been swallowed (FACTS 3.4).
+const SETTLED: Nanos = 10;
+
+/// Replays a whole transcript.
+pub fn replay(transcript: &Transcript) -> Outcome {
+    let config = PortConfig::new(transcript.channels, transcript.clock_hz);
+    let mut replay = Replay {
+        port: SslbpPort::new(config),
+        wire: WireLog::new(transcript),
+        rule: PhaseRule::of(&transcript.name),
+        outcome: Outcome::default(),
+        now: 0,
+        recorded: 0,
+    };
+    let host: Vec<&Entry> = transcript
+        .entries
+        .iter()
+        .filter(|entry| is_host(&entry.event))
+        .collect();
+    let mut rest = host.as_slice();
+    while let [entry, ..] = rest {
+        let length = sampling_length(rest);
+        let (run, after) = rest.split_at(length);
+        if length > 1 {
+            let end = after
+                .first()
+                .map_or(run[length - 1].time, |next| begin(next));
+            replay.sampled(run, end);
+        } else {
+            replay.host_line(entry);
+        }
+        rest = after;
+    }
+    let end = transcript.entries.last().map_or(0, |entry| entry.time);
+    replay.finish(end)
+}
+
+fn is_host(event: &Event) -> bool {
+    matches!(
+        event,
+        Event::Write { .. } | Event::Read { .. } | Event::Poll { .. }
+    )
+}
+
+/// When a host line begins: a poll's time is its end.
+fn begin(entry: &Entry) -> Nanos {
+    match entry.event {
+        Event::Poll { waited, .. } => entry.time - waited - 10,
+        _ => entry.time,
+    }
+}
+
+/// How many of the next lines are one sampling: reads of one register, each with another value.
+fn sampling_length(lines: &[&Entry]) -> usize {
+    let mut length = 1;
+    for pair in lines.windows(2) {
+        let [a, b] = pair else { break };
+        match (&a.event, &b.event) {
+            (
+                Event::Read { register, value },
+                Event::Read {
+                    register: next,
+                    value: other,
+                },
+            ) if register == next && value != other => length += 1,
+            _ => break,
+        }
+    }
+    length
+}
+
+struct Replay<'t> {
+    port: SslbpPort,
+    wire: WireLog<'t>,
+    rule: PhaseRule,
+    outcome: Outcome,
+    /// Simulated time of the last host action, and the recorded one.
+    now: Nanos,
+    recorded: Nanos,
+}
+
+impl Replay<'_> {
+    /// Goes to the recorded time `to`, which must not be before the last host action.
+    fn go_to(&mut self, to: Nanos) {
+        self.now += to - self.recorded;
+        self.recorded = to;
+        self.port.advance(self.now, &mut self.wire);
+        self.wire.host_acted(self.recorded, self.now);
+    }
+
+    fn host_line(&mut self, entry: &Entry) {
+        match entry.event {
+            Event::Write { register, value } => {
+                self.go_to(entry.time);
+                self.rule.saw_write(register, value, self.now);
+                self.port.write(self.now, register, value);
+            }
+            Event::Read { register, value } => {
+                self.go_to(entry.time);
+                let actual = self.port.read(self.now, register);
+                self.compare_value(entry.line, register, value, actual);
+            }
+            Event::Poll {
+                value,
+                waited,
+                timed_out,
+            } => self.poll(entry, value, waited, timed_out),
+            _ => {}
+        }
+    }
+
+    fn compare_value(&mut self, line: usize, register: Register, expected: u32, actual: u32) {
+        let equal = expected == actual || self.rule.allows(register, expected, actual, self.now);
+        self.outcome.compare(equal, line, || {
+            (
+                format!("{register:?} reads {expected:08X}"),
+                format!("{actual:08X}"),
+            )
+        });
+    }
+
+    fn poll(&mut self, entry: &Entry, value: u32, waited: Nanos, timed_out: bool) {
+        let from = self.now;
+        let limit = if timed_out {
+            waited
+        } else {
+            waited + waited / 10 + 30_000
+        };
+        let mut sample = from + FIRST_SAMPLE;
+        let mut actual = None;
+        let uneven = self.wire.uneven_chatter();
+        let mut limit = limit;
+        while sample <= from + limit + 10 {
+            self.port.advance(sample - SETTLED, &mut self.wire);
+            let zero_before = self.port.read(sample - SETTLED, Register::Command) == 0;
+            self.port.advance(sample, &mut self.wire);
+            if zero_before && self.port.read(sample, Register::Command) == 0 {
+                actual = Some(sample - from - 10);
+                break;
+            }
+            if !timed_out {
+                let more = self.wire.uneven_chatter().saturating_sub(uneven);
+                limit = limit.max(waited + waited / 10 + 30_000 + more);
+            }
+            let clearing = self.port.read(sample, Register::Command) == 0;
+            sample = if clearing {
+                sample + SAMPLE
+            } else {
+                self.next_sample(sample, from + limit)
+            };
+        }
+        self.now = sample.min(from + limit + 10);
+        self.port.advance(self.now, &mut self.wire);
+        self.recorded = entry.time;
+        self.wire.host_acted(self.recorded, self.now);
+        let reads = self.port.read(self.now, Register::Command);
+        self.compare_value(entry.line, Register::Command, value, reads);
+        let close = match actual {
+            Some(actual) if !timed_out => {
+                let more = self.wire.uneven_chatter().saturating_sub(uneven);
+                within_tolerance(waited, actual)
+                    || waited.abs_diff(actual) <= TOLERANCE + more && more != 0
+            }
+            _ => timed_out == actual.is_none(),
+        };
+        let allowed = close || self.rule.allows_wait(self.now);
+        self.outcome.compare(allowed, entry.line, || {
+            (
+                format!("COMMAND is 0 after {waited} ns, timed out: {timed_out}"),
+                format!("{actual:?}"),
+            )
+        });
+    }
+
+    /// The next sample at which COMMAND can have changed.
+    fn next_sample(&self, sample: Nanos, end: Nanos) -> Nanos {
+        let event = self.port.next_event().unwrap_or(end).min(end).max(sample);
+        sample + (event - sample).div_ceil(SAMPLE).max(1) * SAMPLE
+    }
+
+    /// A register sampled all the time, of which only the changes were written down.
+    fn sampled(&mut self, run: &[&Entry], end: Nanos) {
+        let [first, ..] = run else { return };
+        let Event::Read { register, .. } = first.event else {
+            return;
+        };
+        self.go_to(first.time);
+        let start = self.now;
+        let mut seen = vec![(self.port.read(start, register), start)];
+        let stop = start + (end - first.time);
+        let mut time = start;
+        while time < stop {
+            let event = self.port.next_event().unwrap_or(stop);
+            time = event.max(time + 50).min(stop);
+            self.port.advance(time, &mut self.wire);
+            let value = self.port.read(time, register);
+            if seen.last().is_none_or(|&(last, _)| last != value) {
+                seen.push((value, time));
+            }
+        }
+        let expected: Vec<(u32, Nanos)> = run
+            .iter()
+            .filter_map(|entry| match entry.event {
+                Event::Read { value, .. } => Some((value, entry.time - first.time)),
+                _ => None,
+            })
+            .collect();
+        let actual: Vec<(u32, Nanos)> = seen.iter().map(|&(v, t)| (v, t - start)).collect();
+        self.compare_samples(first.line, register, &expected, &actual);
+    }
+
+    fn compare_samples(
+        &mut self,
+        line: usize,
+        register: Register,
+        expected: &[(u32, Nanos)],
+        actual: &[(u32, Nanos)],
+    ) {
+        let expected = self.rule.normalise(expected);
+        let actual = self.rule.normalise(actual);
+        let number = (expected.len(), actual.len());
+        self.outcome.compare(number.0 == number.1, line, || {
+            (
+                format!("{register:?} takes {} values", number.0),
+                format!("{}", number.1),
+            )
+        });
+        for (n, (&(value, time), &(other, at))) in expected.iter().zip(&actual).enumerate() {
+            self.outcome.compare(value == other, line, || {
+                (
+                    format!("{register:?} is {value:08X} as value {n} of the sampling"),
+                    format!("{other:08X}"),
+                )
+            });
+            self.outcome.compare(within_tolerance(time, at), line, || {
+                (
+                    format!("{register:?} becomes {value:08X} after {time} ns"),
+                    format!("{at} ns"),
+                )
+            });
+        }
+    }
+
+    fn finish(mut self, end: Nanos) -> Outcome {
+        self.go_to(end.max(self.recorded));
+        self.port.advance(self.now + 15_000, &mut self.wire);
+        let mut outcome = self.wire.finish();
+        outcome.add(self.outcome);
+        outcome
+    }
+}
