@@ -8,6 +8,7 @@
 
 use alloc::format;
 
+use super::fpga::EncoderPins;
 use super::remote::CounterHandles;
 use super::table::terminals;
 use super::{
@@ -15,7 +16,7 @@ use super::{
     ScaledOutput, Terminal, handles,
 };
 use crate::discovery::DataDirection;
-use crate::hal::Pins;
+use crate::hal::{GroupId, Pins};
 
 /// How the field outputs switch.
 ///
@@ -234,6 +235,23 @@ impl I7i77Analog {
             spinena: BoolOutput::find(pins, &format!("{prefix}.spinena"))?,
         })
     }
+}
+
+/// Makes the pins of the six encoders of a card; `first` is the number of its first one.
+///
+/// # Errors
+/// [`BoardError::Pin`] for names that are taken.
+pub fn encoder_pins(
+    pins: &mut Pins,
+    group: GroupId,
+    board: &str,
+    first: usize,
+) -> Result<[EncoderPins; 6], BoardError> {
+    let mut encoders = [EncoderPins::default(); 6];
+    for (n, (encoder, at)) in encoders.iter_mut().zip(ENCODER_TERMINALS).enumerate() {
+        *encoder = EncoderPins::new(pins, group, board, first + n, at)?;
+    }
+    Ok(encoders)
 }
 
 /// What is at I/O 0 to 16 of the connector that the card is plugged to.

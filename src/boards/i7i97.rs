@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 
 use super::fpga::{
     DpllPins, EncoderBankPins, EncoderPins, EthernetPins, GpioPins, InMuxKind, InMuxPins, LedPins,
-    PinUse, PwmBankPins, PwmPins, PwmUse, SsrPins, WatchdogPins,
+    PwmBankPins, PwmPins, PwmUse, SsrPins, WatchdogPins,
 };
 use super::table::terminals;
 use super::{BoardError, Terminal};
@@ -158,7 +158,7 @@ impl I7i97 {
             inputs: InMuxPins::new(pins, group, board, InMuxKind::InMux, 0, INPUT_TERMINALS)?,
             outputs: SsrPins::new(pins, group, board, 0, &OUTPUT_TERMINALS)?,
             leds: LedPins::new(pins, group, board, 4)?,
-            io: io_pins(pins, group, board, descriptors)?,
+            io: GpioPins::all(pins, group, board, descriptors, expansion_terminals)?,
         })
     }
 }
@@ -171,21 +171,9 @@ fn enable_terminals(n: usize) -> &'static [Terminal] {
     }
 }
 
-fn io_pins(
-    pins: &mut Pins,
-    group: GroupId,
-    board: &str,
-    descriptors: &[PinDescriptor],
-) -> Result<Vec<GpioPins>, BoardError> {
-    let mut io = Vec::with_capacity(descriptors.len());
-    for (number, descriptor) in descriptors.iter().enumerate() {
-        let expansion = number
-            .checked_sub(FIRST_EXPANSION_PIN)
-            .and_then(|place| EXPANSION.get(place))
-            .map(core::slice::from_ref);
-        let usage = PinUse::of(descriptor);
-        let at = expansion.unwrap_or(&[]);
-        io.push(GpioPins::new(pins, group, board, number, usage, at)?);
-    }
-    Ok(io)
+fn expansion_terminals(number: usize) -> &'static [Terminal] {
+    number
+        .checked_sub(FIRST_EXPANSION_PIN)
+        .and_then(|place| EXPANSION.get(place))
+        .map_or(&[], core::slice::from_ref)
 }

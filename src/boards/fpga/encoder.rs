@@ -5,7 +5,7 @@ use alloc::format;
 use super::Maker;
 use crate::boards::Terminal;
 use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
-use crate::hostmot2::{Encoder, EncoderConfig, EncoderReading, LatchRequest};
+use crate::hostmot2::{Encoder, EncoderConfig, EncoderReading, EncoderSample, LatchRequest};
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,8 +30,8 @@ pub struct EncoderPins {
     pub reset: Output<bool>,
     /// Asks for `count` to become 0 at the index; turned off when that happened.
     pub index_enable: InOut<bool>,
-    /// Asks for the count to be latched at the probe; turned off when that happened.
-    pub probe_enable: InOut<bool>,
+    /// While on, each edge of the probe latches the count.
+    pub probe_enable: Output<bool>,
     /// The probe's rising edge counts, and not the falling one.
     pub probe_invert: Output<bool>,
     /// A quadrature sequence error was seen.
@@ -82,7 +82,7 @@ impl EncoderPins {
             velocity_rpm: make.input("velocity-rpm")?,
             reset: make.switch("reset", false)?,
             index_enable: make.inout("index-enable")?,
-            probe_enable: make.inout("probe-enable")?,
+            probe_enable: make.switch("probe-enable", false)?,
             probe_invert: make.switch("probe-invert", false)?,
             quad_error: make.input("quad-error")?,
             quad_error_enable: make.switch("quad-error-enable", false)?,
@@ -130,7 +130,7 @@ impl EncoderPins {
         }
         let request = if pins.fetch_inout(self.index_enable) {
             LatchRequest::Index
-        } else if pins.fetch_inout(self.probe_enable) {
+        } else if pins.fetch(self.probe_enable) {
             LatchRequest::Probe
         } else {
             LatchRequest::None
@@ -138,12 +138,21 @@ impl EncoderPins {
         encoder.request(request);
     }
 
-    /// After a read: what the encoder says. `requested` is what it is still asked for: a request
-    /// that was granted turns its pin off.
+    /// After a read: lets the encoder take its sample, and shows what it says. When an index that
+    /// the encoder was asked for came, `index-enable` goes off; one that the application has
+    /// switched on since the last write stays.
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn publish(&self, pins: &mut Pins, reading: &EncoderReading, requested: LatchRequest) {
+    pub fn take(&self, pins: &mut Pins, encoder: &mut Encoder, sample: EncoderSample) {
+        let before = encoder.requested();
+        let reading = encoder.read(sample);
+        let index_came =
+            before == LatchRequest::Index && encoder.requested() != LatchRequest::Index;
+        self.publish(pins, &reading, index_came);
+    }
+
+    fn publish(&self, pins: &mut Pins, reading: &EncoderReading, index_came: bool) {
         let scale = pins.param(self.scale);
         let scale = if scale == 0.0 { 1.0 } else { scale };
         pins.publish(self.rawcounts, reading.rawcounts as i32);
@@ -167,22 +176,8 @@ impl EncoderPins {
         pins.publish(self.input_a, a);
         pins.publish(self.input_b, b);
         pins.publish(self.input_index, index);
-        if requested != LatchRequest::Index && self.was(pins, LatchRequest::Index) {
+        if index_came {
             pins.publish_inout(self.index_enable, false);
-        }
-        if requested != LatchRequest::Probe && self.was(pins, LatchRequest::Probe) {
-            pins.publish_inout(self.probe_enable, false);
-        }
-    }
-
-    /// Whether the driver has been told of a request by [`command`](Self::command): index goes
-    /// before probe.
-    fn was(&self, pins: &Pins, request: LatchRequest) -> bool {
-        let index = pins.read(self.index_enable).value;
-        match request {
-            LatchRequest::Index => index,
-            LatchRequest::Probe => !index && pins.read(self.probe_enable).value,
-            LatchRequest::None => false,
         }
     }
 }
@@ -193,11 +188,11 @@ pub struct EncoderBankPins {
     /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate too.
     pub sample_frequency: Output<u32>,
     /// Delay of the sample after the multiplex edge in ns, of muxed encoders of version 4.
-    pub muxed_skew: Option<Output<f64>>,
+    pub muxed_skew: Option<Output<u32>>,
     /// Time stamps of about 10 MHz, and not 2 MHz.
     pub hires_timestamp: Output<bool>,
     /// The DPLL timer that latches the counts; -1 for none. Only with a DPLL.
-    pub timer_number: Option<Param<i32>>,
+    pub timer_number: Option<Output<i32>>,
 }
 
 impl EncoderBankPins {
@@ -217,10 +212,10 @@ impl EncoderBankPins {
         Ok(Self {
             sample_frequency: make.switch(name, hz)?,
             muxed_skew: (muxed_version == Some(4))
-                .then(|| make.switch("muxed-skew", 0.0))
+                .then(|| make.switch("muxed-skew", 0))
                 .transpose()?,
             hires_timestamp: make.switch("hires-timestamp", false)?,
-            timer_number: dpll.then(|| make.setting("timer-number", -1)).transpose()?,
+            timer_number: dpll.then(|| make.switch("timer-number", -1)).transpose()?,
         })
     }
 }

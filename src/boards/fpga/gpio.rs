@@ -1,6 +1,7 @@
 //! Pins of the FPGA as plain inputs and outputs.
 
 use alloc::format;
+use alloc::vec::Vec;
 
 use super::Maker;
 use crate::boards::Terminal;
@@ -80,6 +81,24 @@ impl GpioPins {
             invert_output,
             is_opendrain,
         })
+    }
+
+    /// Makes the pins of all I/O pins of a board, by their descriptors.
+    pub fn all(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        descriptors: &[PinDescriptor],
+        terminals: fn(usize) -> &'static [Terminal],
+    ) -> Result<Vec<Self>, PinError> {
+        descriptors
+            .iter()
+            .enumerate()
+            .map(|(number, descriptor)| {
+                let usage = PinUse::of(descriptor);
+                Self::new(pins, group, board, number, usage, terminals(number))
+            })
+            .collect()
     }
 
     /// Publishes the level of the pin.

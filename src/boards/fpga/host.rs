@@ -36,14 +36,14 @@ pub struct EthernetPins {
     pub io_error: Param<bool>,
     /// This cycle had an error.
     pub packet_error: Input<bool>,
-    /// Errors since the start.
-    pub packet_error_total: Input<u32>,
+    /// Errors since the start, or since it was set to 0.
+    pub packet_error_total: InOut<u32>,
     /// Rises by the increment for a cycle with an error, and falls by the decrement for one
     /// without.
     pub packet_error_level: Input<i32>,
     /// The level has reached the limit.
     pub packet_error_exceeded: Input<bool>,
-    /// By how much the level falls.
+    /// By how much the level falls. LinuxCNC 2.9 made it read-only, against its manual page.
     pub packet_error_decrement: Param<i32>,
     /// By how much the level rises.
     pub packet_error_increment: Param<i32>,
@@ -61,13 +61,13 @@ impl EthernetPins {
         Ok(Self {
             io_error: make.setting("io_error", false)?,
             packet_error: make.input("packet-error")?,
-            packet_error_total: make.input("packet-error-total")?,
+            packet_error_total: make.inout("packet-error-total")?,
             packet_error_level: make.input("packet-error-level")?,
             packet_error_exceeded: make.input("packet-error-exceeded")?,
-            packet_error_decrement: make.setting("packet-error-decrement", 1)?,
+            packet_error_decrement: make.property("packet-error-decrement", 1)?,
             packet_error_increment: make.setting("packet-error-increment", 2)?,
             packet_error_limit: make.setting("packet-error-limit", 10)?,
-            packet_read_timeout: make.setting("packet-read-timeout", 0)?,
+            packet_read_timeout: make.setting("packet-read-timeout", 80)?,
         })
     }
 }
@@ -88,7 +88,7 @@ pub struct DpllPins {
     /// The width of its accumulator.
     pub ddsize: Input<u32>,
     /// Divides its clock.
-    pub prescale: Output<u32>,
+    pub prescale: Input<u32>,
 }
 
 impl DpllPins {
@@ -106,7 +106,7 @@ impl DpllPins {
             time_const: make.switch("time-const", 2000)?,
             plimit: make.switch("plimit", 0x0040_0000)?,
             ddsize: make.input("ddsize")?,
-            prescale: make.switch("prescale", 1)?,
+            prescale: make.input("prescale")?,
         })
     }
 }

@@ -14,7 +14,7 @@ pub struct PwmPins {
     /// Switches the generator's enable output.
     pub enable: Output<bool>,
     /// 0 is half scale on the wire: for analog outputs of both signs.
-    pub offset_mode: Output<bool>,
+    pub offset_mode: Param<bool>,
     /// The value that is full scale.
     pub scale: Param<f64>,
     /// 1 PWM and direction, 2 up and down, 3 PDM, 4 direction and PWM.
@@ -57,7 +57,7 @@ impl PwmPins {
         Ok(Self {
             value,
             enable,
-            offset_mode: make.switch("offset-mode", usage.offset_mode)?,
+            offset_mode: make.setting("offset-mode", usage.offset_mode)?,
             scale: make.setting("scale", usage.scale)?,
             output_type: make.setting("output-type", 1)?,
         })
