@@ -1,0 +1,533 @@
+//! A port in the cycle as a state machine: what COMMAND, DATA and CS mean, and which command is
+//! next. It knows neither bus nor pins, never waits, and does one step for each read and write.
+
+use core::time::Duration;
+
+use super::channel::{Channel, RemoteState, SetAside, Verdict};
+use super::statistics::PortStatistics;
+use super::{Failure, FaultPolicy};
+use crate::bus::Instant;
+use crate::sslbp::{
+    Channel as Number, ChannelMask, ComState, Command, CsStatus, DataStatus, MAX_CHANNELS,
+    RemoteFaults,
+};
+
+/// For each channel of a port.
+pub(crate) type PerChannel<T> = [T; MAX_CHANNELS as usize];
+
+/// What one read showed of a port.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Observation {
+    pub command: u32,
+    pub data: u32,
+    pub cs: PerChannel<u32>,
+    /// Interface registers 0 to 2; only looked at when START is complete.
+    pub start: PerChannel<[u32; 3]>,
+}
+
+/// What a read means.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Outcome {
+    /// Channels whose data is new and sound.
+    pub good: ChannelMask,
+    /// Channels with a transfer whose data must not be used.
+    pub failed: ChannelMask,
+    /// Channels that were set aside just now.
+    pub set_aside: ChannelMask,
+    /// The transfer was not complete in time.
+    pub too_short: bool,
+}
+
+/// What COMMAND was told last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asked {
+    Transfer(ChannelMask),
+    Stop(ChannelMask),
+    Start(ChannelMask),
+    Free,
+}
+
+/// A command that is not known to be complete.
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    asked: Asked,
+    issued: Instant,
+    /// It is known that the board got it.
+    sure: bool,
+    busy_reads: u32,
+}
+
+/// How far the restart of channels is. They are restarted together, because every attempt takes
+/// the others' transfers away for a while.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Restart {
+    None,
+    /// Stopped; the others get a transfer before the START, which takes long.
+    Stopped {
+        mask: ChannelMask,
+        others_served: bool,
+    },
+    Starting,
+}
+
+/// What to write next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Next {
+    pub command: Command,
+    /// Output data belongs to it; otherwise what was written before must be repeated unchanged,
+    /// because a transfer that still runs may be reading it.
+    pub with_data: bool,
+}
+
+/// One port in the cycle.
+#[derive(Debug)]
+pub(crate) struct Machine {
+    channels: PerChannel<Option<Channel>>,
+    pub policy: FaultPolicy,
+    pub run: bool,
+    pub statistics: PortStatistics,
+    /// COMMAND was 0 when it was read last, and nothing was written since.
+    idle: bool,
+    pending: Option<Pending>,
+    /// What `written` has to remember, once it is known whether it was written.
+    chosen: Option<Asked>,
+    restart: Restart,
+    /// Restarts wait at least until then, so that the other channels are served meanwhile.
+    no_restart_before: Instant,
+    no_free_before: Instant,
+}
+
+/// Other remotes' watchdogs allow 50 ms without process data (FACTS 1.5); a restart takes up to
+/// 18 ms, and this much lies between two.
+const BETWEEN_RESTARTS: Duration = Duration::from_millis(60);
+/// The way out is not tried more often than this.
+const BETWEEN_FREES: Duration = Duration::from_secs(1);
+/// A busy COMMAND is stuck only after this many reads, however slow the cycle.
+const MIN_BUSY_READS: u32 = 3;
+/// Good transfers after which a remote counts as healthy again.
+const HEALTHY: u64 = 1000;
+
+impl Asked {
+    /// How long it may take. FACTS 3, 5.2; START is allowed what setup START needs.
+    const fn limit(self) -> Duration {
+        match self {
+            Self::Transfer(_) => Duration::from_millis(20),
+            Self::Start(_) => Duration::from_millis(60),
+            Self::Stop(_) | Self::Free => Duration::from_millis(5),
+        }
+    }
+
+    fn command(self) -> Command {
+        match self {
+            Self::Transfer(mask) => Command::doit(mask),
+            Self::Stop(mask) => Command::stop(mask).unwrap_or(Command::IGNORED),
+            Self::Start(mask) => Command::start(mask),
+            Self::Free => Command::FREE,
+        }
+    }
+}
+
+impl Machine {
+    /// A port whose channels have just been started and run.
+    pub fn new(channels: PerChannel<Option<Channel>>, policy: FaultPolicy, now: Instant) -> Self {
+        Self {
+            channels,
+            policy,
+            run: true,
+            statistics: PortStatistics::default(),
+            // Nothing is written before the first read has seen COMMAND.
+            idle: false,
+            pending: None,
+            chosen: None,
+            restart: Restart::None,
+            no_restart_before: now,
+            no_free_before: now,
+        }
+    }
+
+    pub fn channel(&self, number: Number) -> Option<&Channel> {
+        self.channels.get(usize::from(number.index()))?.as_ref()
+    }
+
+    fn channel_mut(&mut self, number: Number) -> Option<&mut Channel> {
+        self.channels.get_mut(usize::from(number.index()))?.as_mut()
+    }
+
+    /// The channels for which `condition` holds.
+    fn mask(&self, condition: impl Fn(&Channel) -> bool) -> ChannelMask {
+        let has = |number: &Number| self.channel(*number).is_some_and(&condition);
+        Number::ALL.into_iter().filter(has).collect()
+    }
+
+    /// Channels with a remote.
+    pub fn known(&self) -> ChannelMask {
+        self.mask(|_| true)
+    }
+
+    /// Channels that transfer.
+    pub fn running(&self) -> ChannelMask {
+        self.mask(Channel::is_running)
+    }
+
+    /// Whether the next read must show the interface registers as START leaves them.
+    pub fn needs_start_data(&self) -> bool {
+        self.restart == Restart::Starting
+    }
+
+    /// Whether the next write must hold the software modes.
+    pub fn needs_modes(&self) -> bool {
+        matches!(self.restart, Restart::Stopped { .. })
+    }
+
+    /// Whether a transfer is under way.
+    pub fn is_transferring(&self) -> bool {
+        self.pending
+            .is_some_and(|pending| matches!(pending.asked, Asked::Transfer(_)))
+    }
+
+    /// The largest `fault-count` of its channels.
+    pub fn fault_count(&self) -> u32 {
+        let counts = self.channels.iter().flatten().map(|c| c.fault_count);
+        counts.max().unwrap_or(0)
+    }
+
+    /// Tries a remote again at once, whatever its backoff.
+    pub fn restart_now(&mut self, number: Number, now: Instant) {
+        let policy = self.policy;
+        if let Some(channel) = self.channel_mut(number) {
+            channel.backoff = policy.first_backoff;
+            let reason = match channel.state {
+                RemoteState::SetAside { reason, .. } => reason,
+                RemoteState::Running => SetAside::Stopped,
+                RemoteState::Restarting => return,
+            };
+            channel.state = RemoteState::SetAside {
+                reason,
+                next_attempt: Some(now),
+            };
+        }
+    }
+
+    /// Notes when a transfer was complete, where somebody polled for it.
+    pub fn transfer_complete(&mut self, now: Instant) {
+        if let Some(pending) = self.pending
+            && matches!(pending.asked, Asked::Transfer(_))
+        {
+            self.statistics.doit.record(now.since(pending.issued));
+        }
+    }
+
+    /// Takes what a read showed. `writes_lost`: the bus knows that the last write, or one before,
+    /// was not executed.
+    pub fn observe(&mut self, now: Instant, seen: &Observation, writes_lost: bool) -> Outcome {
+        self.chosen = None;
+        if seen.command != 0 {
+            return self.observe_busy(now);
+        }
+        self.idle = true;
+        let Some(pending) = self.pending.take() else {
+            return Outcome::default();
+        };
+        let sure = pending.sure && !writes_lost;
+        match pending.asked {
+            Asked::Transfer(mask) if sure => self.judge(now, mask, seen),
+            Asked::Transfer(mask) => {
+                self.statistics.unknown += 1;
+                for number in mask.iter() {
+                    if let Some(channel) = self.channel_mut(number) {
+                        channel.lose_track();
+                    }
+                }
+                Outcome::default()
+            }
+            Asked::Stop(mask) => self.stopped(now, mask, seen),
+            Asked::Start(mask) => self.started(now, mask, seen),
+            Asked::Free => self.set_all_aside(now),
+        }
+    }
+
+    /// A read failed: nothing is known about COMMAND.
+    pub fn not_observed(&mut self) {
+        self.idle = false;
+        self.chosen = None;
+    }
+
+    fn observe_busy(&mut self, now: Instant) -> Outcome {
+        self.idle = false;
+        let pending = self.pending.get_or_insert(Pending {
+            // Somebody else wrote it; it is treated as the longest of ours.
+            asked: Asked::Start(ChannelMask::NONE),
+            issued: now,
+            sure: false,
+            busy_reads: 0,
+        });
+        pending.busy_reads = pending.busy_reads.saturating_add(1);
+        let too_short = matches!(pending.asked, Asked::Transfer(_));
+        self.statistics.too_short += u64::from(too_short);
+        Outcome {
+            too_short,
+            ..Outcome::default()
+        }
+    }
+
+    fn is_stuck(&self, now: Instant) -> bool {
+        self.pending.is_some_and(|pending| {
+            pending.busy_reads >= MIN_BUSY_READS
+                && now.since(pending.issued) > pending.asked.limit()
+        })
+    }
+
+    fn judge(&mut self, now: Instant, mask: ChannelMask, seen: &Observation) -> Outcome {
+        self.statistics.transfers += 1;
+        let data = DataStatus::from_register(seen.data);
+        let mut outcome = Outcome::default();
+        for number in mask.iter() {
+            let cs = CsStatus::from_register(at(&seen.cs, number));
+            let policy = self.policy;
+            let Some(channel) = self.channel_mut(number) else {
+                continue;
+            };
+            let one = number.mask();
+            let reason = match channel.judge(cs, data.has_failed(number)) {
+                Verdict::Good(faults) => {
+                    channel.fault_count = channel.fault_count.saturating_sub(policy.fault_dec);
+                    let reason = needs_restart(faults);
+                    if reason.is_none() {
+                        outcome.good = outcome.good.union(one);
+                    }
+                    reason
+                }
+                Verdict::Failed(Failure::Doubtful) => {
+                    outcome.failed = outcome.failed.union(one);
+                    None
+                }
+                Verdict::Failed(Failure::NotRunning) => Some(SetAside::NotRunning(cs)),
+                Verdict::Failed(failure) => {
+                    outcome.failed = outcome.failed.union(one);
+                    channel.fault_count = channel.fault_count.saturating_add(policy.fault_inc);
+                    (channel.fault_count >= policy.fault_lim)
+                        .then_some(SetAside::TooManyFailures(failure))
+                }
+            };
+            if let Some(reason) = reason {
+                outcome.set_aside = outcome.set_aside.union(one);
+                self.set_aside(now, number, reason);
+            }
+        }
+        outcome.failed = outcome.failed.difference(outcome.set_aside);
+        outcome
+    }
+
+    /// Sets a remote aside; the first attempt to bring it back follows at once if it can help.
+    fn set_aside(&mut self, now: Instant, number: Number, reason: SetAside) {
+        let policy = self.policy;
+        let Some(channel) = self.channel_mut(number) else {
+            return;
+        };
+        if channel.good_since_restart() >= HEALTHY {
+            channel.backoff = policy.first_backoff;
+        }
+        let at_once = matches!(reason, SetAside::Watchdog | SetAside::IllegalMode)
+            && channel.backoff == policy.first_backoff;
+        let wait = if at_once {
+            Duration::ZERO
+        } else {
+            channel.next_backoff(policy.longest_backoff)
+        };
+        channel.state = RemoteState::SetAside {
+            reason,
+            next_attempt: policy.automatic.then(|| now.after(wait)),
+        };
+    }
+
+    fn set_all_aside(&mut self, now: Instant) -> Outcome {
+        self.restart = Restart::None;
+        let known = self.known();
+        for number in known.iter() {
+            self.set_aside(now, number, SetAside::PortStuck);
+        }
+        Outcome {
+            set_aside: known,
+            ..Outcome::default()
+        }
+    }
+
+    fn stopped(&mut self, now: Instant, mask: ChannelMask, seen: &Observation) -> Outcome {
+        let is_stopped =
+            |number: &Number| CsStatus::from_register(at(&seen.cs, *number)).is_stopped();
+        let stopped: ChannelMask = mask.iter().filter(is_stopped).collect();
+        for number in mask.difference(stopped).iter() {
+            let cs = CsStatus::from_register(at(&seen.cs, number));
+            self.set_aside(now, number, SetAside::DidNotStart(cs));
+        }
+        let to_start: ChannelMask = stopped
+            .iter()
+            .filter(|&n| {
+                self.channel(n)
+                    .is_some_and(|c| c.state == RemoteState::Restarting)
+            })
+            .collect();
+        self.restart = if to_start.is_empty() {
+            Restart::None
+        } else {
+            Restart::Stopped {
+                mask: to_start,
+                others_served: false,
+            }
+        };
+        Outcome::default()
+    }
+
+    fn started(&mut self, now: Instant, mask: ChannelMask, seen: &Observation) -> Outcome {
+        if self.restart == Restart::Starting {
+            self.restart = Restart::None;
+            self.no_restart_before = now.after(BETWEEN_RESTARTS);
+        }
+        let data = DataStatus::from_register(seen.data);
+        for number in mask.iter() {
+            let cs = CsStatus::from_register(at(&seen.cs, number));
+            let [unit_number, name, pointers] = at(&seen.start, number);
+            let Some(channel) = self.channel_mut(number) else {
+                continue;
+            };
+            channel.cs = cs;
+            let identity = super::channel::Identity {
+                unit_number,
+                name,
+                pointers,
+            };
+            let runs = cs.is_ready() && cs.state() == ComState::Chatter;
+            let failed = if data.has_failed(number) || !runs {
+                Some(SetAside::DidNotStart(cs))
+            } else if identity == channel.identity {
+                channel.restarted(cs);
+                None
+            } else {
+                Some(SetAside::AnotherDevice { name, unit_number })
+            };
+            if let Some(reason) = failed {
+                self.set_aside(now, number, reason);
+            }
+        }
+        Outcome::default()
+    }
+
+    /// The command for this write; [`written`](Self::written) must follow.
+    pub fn next(&mut self, now: Instant) -> Next {
+        let asked = if self.idle {
+            self.choose(now)
+        } else if self.is_stuck(now) && now >= self.no_free_before {
+            self.no_free_before = now.after(BETWEEN_FREES);
+            self.statistics.stuck += 1;
+            Some(Asked::Free)
+        } else {
+            None
+        };
+        self.chosen = asked;
+        Next {
+            command: asked.map_or(Command::IGNORED, Asked::command),
+            with_data: matches!(asked, Some(Asked::Transfer(_))),
+        }
+    }
+
+    fn choose(&mut self, now: Instant) -> Option<Asked> {
+        let running = self.running();
+        if !self.run {
+            self.restart = Restart::None;
+            return self.stop_for_good(running);
+        }
+        match self.restart {
+            Restart::Stopped {
+                mask,
+                others_served,
+            } => {
+                if !others_served && !running.is_empty() {
+                    self.restart = Restart::Stopped {
+                        mask,
+                        others_served: true,
+                    };
+                    return Some(Asked::Transfer(running));
+                }
+                self.restart = Restart::Starting;
+                self.statistics.starts += 1;
+                return Some(Asked::Start(mask));
+            }
+            Restart::Starting => self.restart = Restart::None,
+            Restart::None => {}
+        }
+        let due = self.due(now);
+        if !due.is_empty() {
+            for number in due.iter() {
+                if let Some(channel) = self.channel_mut(number) {
+                    channel.state = RemoteState::Restarting;
+                }
+            }
+            return Some(Asked::Stop(due));
+        }
+        (!running.is_empty()).then_some(Asked::Transfer(running))
+    }
+
+    /// Channels whose time to be tried again has come.
+    fn due(&self, now: Instant) -> ChannelMask {
+        if now < self.no_restart_before {
+            return ChannelMask::NONE;
+        }
+        self.mask(|channel| match channel.state {
+            RemoteState::SetAside { next_attempt, .. } => {
+                next_attempt.is_some_and(|time| time <= now)
+            }
+            // Left over from a command that was lost.
+            RemoteState::Restarting => true,
+            RemoteState::Running => false,
+        })
+    }
+
+    /// The application has switched the port off.
+    fn stop_for_good(&mut self, running: ChannelMask) -> Option<Asked> {
+        for number in self.known().iter() {
+            if let Some(channel) = self.channel_mut(number) {
+                channel.state = RemoteState::SetAside {
+                    reason: SetAside::Stopped,
+                    next_attempt: Some(Instant::default()),
+                };
+            }
+        }
+        (!running.is_empty()).then_some(Asked::Stop(running))
+    }
+
+    /// The write was done, or failed so that it is not known whether the board got it.
+    pub fn written(&mut self, now: Instant, sure: bool) {
+        let Some(asked) = self.chosen.take() else {
+            return;
+        };
+        self.idle = false;
+        self.pending = Some(Pending {
+            asked,
+            issued: now,
+            sure,
+            busy_reads: 0,
+        });
+    }
+}
+
+/// Faults after which a remote does not go on by itself.
+fn needs_restart(faults: RemoteFaults) -> Option<SetAside> {
+    if faults.contains(RemoteFaults::ILLEGAL_MODE) {
+        Some(SetAside::IllegalMode)
+    } else if faults.contains(RemoteFaults::WATCHDOG) {
+        // After a loss of power its software mode is another one, and with it the meaning of its
+        // data.
+        Some(SetAside::Watchdog)
+    } else {
+        None
+    }
+}
+
+fn at<T: Copy + Default>(all: &PerChannel<T>, number: Number) -> T {
+    all.get(usize::from(number.index()))
+        .copied()
+        .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,285 @@
+use super::super::channel::Identity;
+use super::*;
+
+const RUNNING: u32 = 0x0042_0000;
+const CHATTER: u32 = 0x003A_0000;
+const STOPPED: u32 = 0x0000_C100;
+
+fn identity(number: u8) -> Identity {
+    Identity {
+        unit_number: 0x7700 + u32::from(number),
+        name: 0x3737_4937,
+        pointers: 0x04A4_049A,
+    }
+}
+
+/// A machine with remotes on channels 0 and 1, and the registers it sees.
+struct Rig {
+    machine: Machine,
+    seen: Observation,
+    now: Instant,
+}
+
+impl Rig {
+    fn new() -> Self {
+        let policy = FaultPolicy::default();
+        let channel = |n| Some(Channel::new(identity(n), false, policy.first_backoff));
+        let channels = [channel(0), channel(1), None, None, None, None, None, None];
+        let mut rig = Self {
+            machine: Machine::new(channels, policy, Instant::default()),
+            seen: Observation {
+                cs: [RUNNING; 8],
+                ..Observation::default()
+            },
+            now: Instant::default(),
+        };
+        rig.read();
+        rig
+    }
+
+    fn read(&mut self) -> Outcome {
+        self.now = self.now.after(Duration::from_millis(1));
+        self.machine.observe(self.now, &self.seen, false)
+    }
+
+    fn write(&mut self) -> u32 {
+        let next = self.machine.next(self.now);
+        self.machine.written(self.now, true);
+        next.command.word()
+    }
+
+    /// One cycle in which all goes well; what was written.
+    fn cycle(&mut self) -> u32 {
+        self.read();
+        self.write()
+    }
+
+    fn set_aside_channel_1(&mut self) {
+        self.write();
+        self.seen.cs[1] = STOPPED;
+        let outcome = self.read();
+        assert_eq!(outcome.set_aside.bits(), 2);
+    }
+
+    /// Runs cycles until another command than a DOIT is written.
+    fn until_not_doit(&mut self) -> u32 {
+        for _ in 0..10_000 {
+            let word = self.cycle();
+            if word & 0xF000 != 0x1000 {
+                return word;
+            }
+        }
+        panic!("only DOITs");
+    }
+}
+
+#[test]
+fn transfers_follow_each_other_and_their_data_is_taken_once() {
+    let mut rig = Rig::new();
+    assert_eq!(rig.write(), 0x1003);
+    assert_eq!(rig.read().good.bits(), 3);
+    assert_eq!(rig.read(), Outcome::default(), "no new transfer, no news");
+    assert_eq!(rig.write(), 0x1003);
+}
+
+#[test]
+fn nothing_is_written_while_command_is_busy_or_not_known() {
+    let mut rig = Rig::new();
+    rig.write();
+    assert_eq!(rig.write(), 0x8000_0000, "written twice without a read");
+    rig.seen.command = 0x1003;
+    assert!(rig.read().too_short);
+    assert_eq!(rig.write(), 0x8000_0000);
+    rig.machine.not_observed();
+    assert_eq!(rig.write(), 0x8000_0000, "the read failed");
+    rig.seen.command = 0;
+    assert_eq!(
+        rig.read().good.bits(),
+        3,
+        "the same transfer, a little late"
+    );
+    assert_eq!(rig.machine.statistics.too_short, 1);
+    assert_eq!(rig.write(), 0x1003);
+}
+
+#[test]
+fn old_data_is_not_taken_for_new_when_the_bus_lost_the_doit() {
+    let mut rig = Rig::new();
+    rig.write();
+    rig.now = rig.now.after(Duration::from_millis(1));
+    let outcome = rig.machine.observe(rig.now, &rig.seen, true);
+    assert_eq!(outcome, Outcome::default());
+    assert_eq!(rig.machine.statistics.unknown, 1);
+    rig.write();
+    assert_eq!(
+        rig.read().failed.bits(),
+        3,
+        "and the one after is discarded"
+    );
+    rig.write();
+    assert_eq!(rig.read().good.bits(), 3);
+}
+
+#[test]
+fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
+    let mut rig = Rig::new();
+    rig.machine.next(rig.now);
+    rig.machine.written(rig.now, false);
+    assert_eq!(rig.read(), Outcome::default());
+    assert_eq!(rig.machine.statistics.unknown, 1);
+}
+
+#[test]
+fn the_twentieth_failure_in_a_row_sets_one_remote_aside_and_the_other_goes_on() {
+    let mut rig = Rig::new();
+    rig.seen.data = 2;
+    rig.seen.cs[1] = 0x0042_2008;
+    for n in 1..=20 {
+        assert_eq!(rig.write(), 0x1003);
+        let outcome = rig.read();
+        assert_eq!(outcome.good.bits(), 1);
+        assert_eq!(outcome.set_aside.bits(), if n == 20 { 2 } else { 0 });
+    }
+    assert_eq!(rig.write(), 0x1001, "it is no longer asked");
+    assert!(matches!(
+        rig.machine.channel(Number::ALL[1]).unwrap().state,
+        RemoteState::SetAside {
+            reason: SetAside::TooManyFailures(Failure::NoReply),
+            next_attempt: Some(_)
+        }
+    ));
+}
+
+/// FACTS 5.7: 08NN, then 09NN; the other remote gets a transfer in between.
+#[test]
+fn a_remote_comes_back_in_small_steps() {
+    let mut rig = Rig::new();
+    rig.set_aside_channel_1();
+    assert_eq!(rig.until_not_doit(), 0x0802);
+    assert_eq!(rig.cycle(), 0x1001, "the other is served before the START");
+    rig.seen.cs[1] = STOPPED;
+    assert!(rig.machine.needs_modes());
+    assert_eq!(rig.cycle(), 0x0902);
+    assert!(rig.machine.needs_start_data());
+    rig.seen.command = 0x0902;
+    for _ in 0..3 {
+        assert_eq!(rig.cycle(), 0x8000_0000);
+    }
+    assert_eq!(
+        rig.machine.statistics.too_short, 0,
+        "START may take that long"
+    );
+    rig.seen.command = 0;
+    rig.seen.cs[1] = CHATTER;
+    let is = identity(1);
+    rig.seen.start[1] = [is.unit_number, is.name, is.pointers];
+    let outcome = rig.read();
+    assert_eq!(outcome, Outcome::default(), "unit numbers are not inputs");
+    assert_eq!(rig.write(), 0x1003);
+    rig.seen.cs[1] = RUNNING;
+    assert_eq!(rig.read().good.bits(), 3);
+}
+
+#[test]
+fn another_device_on_the_channel_is_not_taken_over() {
+    for change in [0, 1, 2] {
+        let mut rig = Rig::new();
+        rig.set_aside_channel_1();
+        rig.until_not_doit();
+        rig.seen.cs[1] = STOPPED;
+        rig.cycle();
+        assert_eq!(rig.cycle(), 0x0902);
+        rig.seen.cs[1] = CHATTER;
+        let is = identity(1);
+        rig.seen.start[1] = [is.unit_number, is.name, is.pointers];
+        rig.seen.start[1][change] ^= 1;
+        rig.read();
+        let state = rig.machine.channel(Number::ALL[1]).unwrap().state;
+        assert!(matches!(
+            state,
+            RemoteState::SetAside {
+                reason: SetAside::AnotherDevice { .. },
+                ..
+            }
+        ));
+        assert_eq!(rig.write(), 0x1001);
+    }
+}
+
+#[test]
+fn an_absent_remote_is_tried_less_and_less_often() {
+    let mut rig = Rig::new();
+    rig.set_aside_channel_1();
+    let mut attempts = Vec::new();
+    while rig.now < Instant::from_nanos(20_000_000_000) {
+        rig.seen.cs[1] = STOPPED;
+        if rig.cycle() == 0x0902 {
+            attempts.push(rig.now.as_nanos() / 1_000_000);
+            rig.seen.cs[1] = 0x0001_E188;
+            rig.seen.data = 2;
+            rig.cycle();
+            rig.seen.data = 0;
+        }
+    }
+    let waits: Vec<_> = attempts.windows(2).map(|w| (w[1] - w[0]) / 100).collect();
+    assert_eq!(waits, [2, 4, 8, 16, 32, 50, 50]);
+}
+
+#[test]
+fn a_bitten_watchdog_restarts_the_remote_at_once_and_other_faults_do_not() {
+    let mut rig = Rig::new();
+    rig.write();
+    rig.seen.cs[1] = 0x2042_2140;
+    assert_eq!(rig.read().good.bits(), 3, "low field voltage");
+    rig.write();
+    rig.seen.cs[1] = 0x0142_2140;
+    let outcome = rig.read();
+    assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
+    assert_eq!(rig.write(), 0x0802);
+}
+
+#[test]
+fn a_stuck_command_is_freed_by_the_one_safe_way_out() {
+    let mut rig = Rig::new();
+    rig.write();
+    rig.seen.command = 0x1003;
+    let mut cycles = 0;
+    while rig.cycle() == 0x8000_0000 {
+        cycles += 1;
+    }
+    assert_eq!(cycles, 20);
+    assert_eq!(rig.machine.statistics.stuck, 1);
+    rig.seen.command = 0;
+    assert_eq!(rig.read().set_aside.bits(), 3, "nobody knows what was sent");
+    assert_eq!(rig.write(), 0x8000_0000);
+    assert_eq!(
+        rig.until_not_stopped(),
+        0x0803,
+        "both are restarted together"
+    );
+}
+
+impl Rig {
+    fn until_not_stopped(&mut self) -> u32 {
+        for _ in 0..1000 {
+            let word = self.cycle();
+            if word != 0x8000_0000 {
+                return word;
+            }
+        }
+        panic!("nothing is written");
+    }
+}
+
+#[test]
+fn a_port_that_is_switched_off_stops_and_starts_again() {
+    let mut rig = Rig::new();
+    rig.machine.run = false;
+    assert_eq!(rig.write(), 0x0803);
+    rig.seen.cs = [STOPPED; 8];
+    rig.read();
+    assert_eq!(rig.write(), 0x8000_0000);
+    rig.machine.run = true;
+    assert_eq!(rig.cycle(), 0x0803);
+    assert_eq!(rig.cycle(), 0x0903);
+}

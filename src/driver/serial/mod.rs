@@ -1,0 +1,50 @@
+//! SSLBP ports in the cycle.
+
+mod channel;
+mod machine;
+mod statistics;
+
+#[allow(unused_imports)]
+pub use channel::{Failure, FailureCounts, RemoteState, SetAside};
+pub use statistics::{PortStatistics, TimeHistogram};
+
+use core::time::Duration;
+
+/// When a remote is set aside, and how it comes back.
+///
+/// The counters are LinuxCNC's `fault-inc`, `fault-dec` and `fault-lim`, kept for each remote.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultPolicy {
+    /// What a failed transfer adds to the remote's `fault-count`.
+    pub fault_inc: u32,
+    /// What a good transfer takes away.
+    pub fault_dec: u32,
+    /// The `fault-count` at which it is set aside.
+    pub fault_lim: u32,
+    /// Whether remotes that were set aside are tried again by themselves. An attempt takes 2 to 4
+    /// cycles if the remote is there and about 17 ms if not, during which the other remotes of
+    /// the port transfer nothing (FACTS 5.7).
+    pub automatic: bool,
+    /// Time before the first attempt. After a remote's watchdog has bitten, the first attempt
+    /// follows at once.
+    pub first_backoff: Duration,
+    /// The time between attempts doubles up to this.
+    pub longest_backoff: Duration,
+    /// Cycles without a new transfer after which inputs are no longer valid.
+    pub stale_after: u32,
+}
+
+impl Default for FaultPolicy {
+    /// LinuxCNC's 10, 1 and 200; attempts after 100 ms up to every 5 s; stale after 5 cycles.
+    fn default() -> Self {
+        Self {
+            fault_inc: 10,
+            fault_dec: 1,
+            fault_lim: 200,
+            automatic: true,
+            first_backoff: Duration::from_millis(100),
+            longest_backoff: Duration::from_secs(5),
+            stale_after: 5,
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! What is counted of a port.
+
+use core::time::Duration;
+
+/// What a port did since the driver was built.
+#[derive(Clone, Debug, Default)]
+#[non_exhaustive]
+pub struct PortStatistics {
+    /// Transfers that are complete, of all channels together.
+    pub transfers: u64,
+    /// Reads that found a transfer not complete: the period is too short.
+    pub too_short: u64,
+    /// Transfers of which it is not known whether they happened, because the bus lost a write.
+    pub unknown: u64,
+    /// Times that COMMAND never became 0 and had to be freed.
+    pub stuck: u64,
+    /// Attempts to restart channels.
+    pub starts: u64,
+    /// How long transfers took, where somebody waited for their end.
+    pub doit: TimeHistogram,
+}
+
+/// Number of buckets of one microsecond.
+const BUCKETS: usize = 512;
+
+/// Times, counted in microseconds.
+#[derive(Clone, Debug)]
+pub struct TimeHistogram {
+    buckets: [u32; BUCKETS],
+    above: u32,
+    count: u64,
+    min: Duration,
+    max: Duration,
+}
+
+impl Default for TimeHistogram {
+    fn default() -> Self {
+        Self {
+            buckets: [0; BUCKETS],
+            above: 0,
+            count: 0,
+            min: Duration::MAX,
+            max: Duration::ZERO,
+        }
+    }
+}
+
+impl TimeHistogram {
+    /// Counts one time.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn record(&mut self, time: Duration) {
+        self.count += 1;
+        self.min = self.min.min(time);
+        self.max = self.max.max(time);
+        let micros = usize::try_from(time.as_micros()).unwrap_or(usize::MAX);
+        let bucket = self.buckets.get_mut(micros).unwrap_or(&mut self.above);
+        *bucket = bucket.saturating_add(1);
+    }
+
+    /// How many were counted.
+    pub const fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The shortest.
+    pub fn min(&self) -> Option<Duration> {
+        (self.count > 0).then_some(self.min)
+    }
+
+    /// The longest.
+    pub fn max(&self) -> Option<Duration> {
+        (self.count > 0).then_some(self.max)
+    }
+
+    /// The time that `percent` of them did not exceed, to the microsecond; the longest one for
+    /// those above half a millisecond.
+    pub fn percentile(&self, percent: u8) -> Option<Duration> {
+        let wanted = (self.count * u64::from(percent.min(100)))
+            .div_ceil(100)
+            .max(1);
+        let mut seen = 0;
+        for (micros, &count) in (0u64..).zip(&self.buckets) {
+            seen += u64::from(count);
+            if seen >= wanted {
+                return Some(Duration::from_micros(micros));
+            }
+        }
+        self.max()
+    }
+
+    /// The median, to the microsecond.
+    pub fn median(&self) -> Option<Duration> {
+        self.percentile(50)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_those_of_the_times() {
+        let mut times = TimeHistogram::default();
+        assert_eq!((times.median(), times.min()), (None, None));
+        for micros in 1..=99 {
+            times.record(Duration::from_micros(micros));
+        }
+        times.record(Duration::from_millis(9));
+        assert_eq!(times.median(), Some(Duration::from_micros(50)));
+        assert_eq!(times.percentile(99), Some(Duration::from_micros(99)));
+        assert_eq!(times.percentile(100), Some(Duration::from_millis(9)));
+        assert_eq!(times.min(), Some(Duration::from_micros(1)));
+        assert_eq!(times.count(), 100);
+    }
+}
