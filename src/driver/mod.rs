@@ -1,7 +1,455 @@
 //! The cycle: `read()` and `write()` on a planned image, faults, recovery, statistics.
+//!
+//! A [`Driver`] is built once, which finds out what is there, sets it up and plans the registers
+//! of a cycle. Then the application calls, once in each period:
+//!
+//! 1. [`Driver::read`]: one exchange. It is validated as a whole before any pin changes; then
+//!    each part of the board takes its inputs.
+//! 2. its own work on [`Driver::pins`] and [`Driver::pins_mut`];
+//! 3. [`Driver::write`]: each part puts its outputs; one exchange, with DOIT after all data.
+//!
+//! This is the manual's "cyclic access with write before read": what is read are the replies to
+//! the last write. For read-modify-write call [`Driver::wait_transfers`] between `write` and `read`.
+//!
+//! # What can fail, and what happens then
+//! - A transfer of a remote: its inputs are not taken, not valid, and grow older. Too many of
+//!   them: the remote is set aside alone, its outputs are safe, and it is tried again with growing
+//!   pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
+//! - A remote reports a fault: its outputs are safe. See [`RemoteStatus::faults`].
+//! - The bus: nothing is taken; after [`Builder::bus_error_limit`] failures everything is safe.
+//! - The board's watchdog bites, or the board is reset: everything is safe. See [`BoardState`].
+//!
+//! Outputs that became safe stay so until the application re-arms them: one remote with
+//! [`Pins::rearm`](crate::hal::Pins::rearm), everything with [`Driver::rearm`].
+//!
+//! # Real time
+//! `read` and `write` do one exchange each, whose time the bus bounds; the rest is in proportion
+//! to the words of process data. They do not allocate, log, panic, or wait.
 
+mod board;
+mod build;
+mod config;
+mod error;
+mod module;
+mod modules;
+mod report;
 mod serial;
+mod setup_list;
+mod stop;
 
+pub use build::{Builder, EncoderSetup};
+pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
+pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
+pub use module::{Module, Put, Take};
+pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
-    Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, SetAside, TimeHistogram,
+    Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, SerialPort,
+    SetAside, TimeHistogram,
 };
+pub use setup_list::SetupList;
+
+use alloc::{boxed::Box, string::String, vec::Vec};
+use core::time::Duration;
+
+use crate::bus::{CycleImage, ImageSize, Instant, RegisterBus, Tier};
+use crate::hal::{GroupId, Pins};
+use crate::hostmot2::HostMot2;
+use crate::sslbp::Channel;
+use board::{Board, BoardCheck};
+
+/// A board with everything on it, in the cycle.
+///
+/// Dropping it stops every port and lets the watchdog bite: see [`shutdown`](Self::shutdown).
+#[derive(Debug)]
+pub struct Driver<B: RegisterBus> {
+    bus: B,
+    firmware: HostMot2,
+    name: String,
+    period: Duration,
+    bus_error_limit: u32,
+    image: CycleImage,
+    pins: Pins,
+    group: GroupId,
+    board: Board,
+    ports: Vec<SerialPort>,
+    modules: Vec<Box<dyn Module>>,
+    setup: SetupList,
+    missing: Vec<MissingRemote>,
+    statistics: DriverStatistics,
+    /// What the bus counted at the last read.
+    lost_writes: u64,
+    read_failures: u32,
+    write_failures: u32,
+    is_shut_down: bool,
+}
+
+impl<B: RegisterBus> Driver<B> {
+    /// Starts to build a driver for the board on `bus`.
+    pub fn builder(bus: B) -> Builder<B> {
+        Builder::new(bus)
+    }
+
+    /// Reads the board once and takes what it brought.
+    ///
+    /// # Errors
+    /// [`CycleError::Read`] and [`CycleError::NotThere`]: no input was taken, all grow older.
+    /// Faults of single remotes are no errors; they are in the report and on the pins.
+    ///
+    /// # Real time
+    /// One exchange, bounded by the bus. No allocation.
+    pub fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+        if self.is_shut_down {
+            return Err(CycleError::ShutDown);
+        }
+        let now = self.bus.now();
+        self.pins.begin_cycle(now);
+        self.statistics.reads += 1;
+        let tier = read_tier(&self.ports);
+        if let Err(source) = self.image.exchange_reads(&mut self.bus, tier) {
+            let consecutive = self.read_failed();
+            return Err(CycleError::Read {
+                source,
+                consecutive,
+            });
+        }
+        if let BoardCheck::NotThere(found) = self.board.check(&self.image) {
+            let consecutive = self.read_failed();
+            return Err(CycleError::NotThere { found, consecutive });
+        }
+        self.read_failures = 0;
+        let now = self.bus.now();
+        Ok(self.take(now))
+    }
+
+    /// Everybody takes its inputs from an image that is sound.
+    fn take(&mut self, now: Instant) -> CycleReport {
+        let lost_writes = self.news_of_lost_writes();
+        let mut report = CycleReport {
+            lost_writes,
+            ..CycleReport::default()
+        };
+        for port in &mut self.ports {
+            let outcome = port.take(&self.image, &mut self.pins, now, lost_writes > 0);
+            report.good += outcome.good.len();
+            report.failed += outcome.failed.len();
+            report.set_aside += outcome.set_aside.len();
+            report.too_short += u32::from(outcome.too_short);
+        }
+        if self.board.has_bitten(&self.image) {
+            self.fail(BoardState::WatchdogBitten);
+        } else if appears_reset(&self.ports) {
+            self.fail(BoardState::Reset);
+        }
+        if self.board.is_running() {
+            let mut cycle = Take {
+                image: &self.image,
+                pins: &mut self.pins,
+                group: self.group,
+                now,
+            };
+            for module in &mut self.modules {
+                module.take(&mut cycle);
+            }
+            self.pins.group_good(self.group);
+        } else {
+            self.make_safe();
+        }
+        self.board.publish(&mut self.pins, &self.statistics);
+        report.board = self.board.state();
+        report
+    }
+
+    /// Writes the outputs to the board and starts the transfers to its remotes.
+    ///
+    /// # Errors
+    /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
+    ///
+    /// # Real time
+    /// One exchange, bounded by the bus. No allocation.
+    pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
+        if self.is_shut_down {
+            return Err(CycleError::ShutDown);
+        }
+        let now = self.bus.now();
+        self.statistics.writes += 1;
+        let tier = self.put(now);
+        let result = self.image.exchange_writes(&mut self.bus, tier);
+        let done = self.bus.now();
+        for port in &mut self.ports {
+            port.written(done, result.is_ok());
+        }
+        match result {
+            Ok(()) => {
+                self.board.written();
+                self.write_failures = 0;
+                Ok(())
+            }
+            Err(source) => {
+                self.statistics.write_errors += 1;
+                self.write_failures = self.write_failures.saturating_add(1);
+                let consecutive = self.write_failures;
+                if consecutive >= self.bus_error_limit {
+                    self.fail(BoardState::BusDown);
+                }
+                Err(CycleError::Write {
+                    source,
+                    consecutive,
+                })
+            }
+        }
+    }
+
+    /// Everybody puts its outputs into the image.
+    fn put(&mut self, now: Instant) -> Tier {
+        // Asked before the ports go on to their next steps.
+        let modes = self
+            .ports
+            .iter()
+            .any(|port| port.tier_of_write() == Tier::Extended);
+        for port in &mut self.ports {
+            port.put(&mut self.image, &mut self.pins, now);
+        }
+        let mut cycle = Put {
+            image: &mut self.image,
+            pins: &mut self.pins,
+            group: self.group,
+            now,
+        };
+        for module in &mut self.modules {
+            module.put(&mut cycle);
+        }
+        self.board.put(&mut self.image, &self.pins);
+        if modes {
+            Tier::Extended
+        } else {
+            self.board.tier_of_write()
+        }
+    }
+
+    /// Waits until the transfers that the last write started are complete, or `limit` is over.
+    ///
+    /// The "read-modify-write" of the manual's "NORMAL MODE OPERATION", and the way to measure how
+    /// long a transfer takes: the time goes into [`PortStatistics::doit`].
+    ///
+    /// # Errors
+    /// Those of the bus. `Ok(false)` when the limit came first.
+    ///
+    /// # Real time
+    /// Bounded by `limit` and one exchange, and by a number of polls on a bus whose clock stands
+    /// still. No allocation.
+    pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, B::Error> {
+        let start = self.bus.now();
+        for _ in 0..MAX_POLLS {
+            self.image.exchange_status(&mut self.bus)?;
+            let now = self.bus.now();
+            let mut all_complete = true;
+            for port in &mut self.ports {
+                all_complete &= port.poll(&self.image, now);
+            }
+            if all_complete {
+                return Ok(true);
+            }
+            if now.since(start) >= limit {
+                return Ok(false);
+            }
+            self.bus.wait(POLL_PAUSE);
+        }
+        Ok(false)
+    }
+
+    /// Lets all outputs follow the application again, after whatever made them safe.
+    ///
+    /// A board that has lost its set-up gets it back first. What was set before the fault is
+    /// forgotten: outputs start from their safe values and from what was set since. Remotes that do
+    /// not run yet are counted as waiting.
+    ///
+    /// # Errors
+    /// Those of the bus; then nothing is armed.
+    ///
+    /// # Real time
+    /// Not for the cycle when the board has to be set up again: it takes several exchanges.
+    pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
+        if self.is_shut_down {
+            return Err(CycleError::ShutDown);
+        }
+        if !self.board.is_running() {
+            self.restore().map_err(|source| CycleError::Write {
+                source,
+                consecutive: self.write_failures.saturating_add(1),
+            })?;
+        }
+        let armed = self.pins.rearm_all();
+        let waiting = self
+            .pins
+            .groups()
+            .filter_map(|group| self.pins.group_state(group))
+            .filter(|state| !state.armed)
+            .count();
+        Ok(Rearmed { armed, waiting })
+    }
+
+    fn restore(&mut self) -> Result<(), B::Error> {
+        let now = self.bus.now();
+        let watchdog = *self.board.watchdog();
+        // It must not bite before the cycle feeds it again, with a write that sets its time.
+        watchdog.disable(&mut self.bus)?;
+        watchdog.clear(&mut self.bus)?;
+        self.setup.replay(&mut self.bus)?;
+        for module in &mut self.modules {
+            module.restarted();
+        }
+        for port in &mut self.ports {
+            port.restart_all(&mut self.pins, now);
+        }
+        self.board.restored();
+        self.read_failures = 0;
+        self.write_failures = 0;
+        Ok(())
+    }
+
+    /// Restarts a remote in the next cycles, which clears the faults it reports. Its outputs are
+    /// safe until it is re-armed.
+    pub fn restart(&mut self, port: u8, channel: Channel) {
+        let now = self.bus.now();
+        if let Some(port) = self.ports.get_mut(usize::from(port)) {
+            port.restart(channel, &mut self.pins, now);
+        }
+    }
+
+    fn read_failed(&mut self) -> u32 {
+        self.statistics.read_errors += 1;
+        self.read_failures = self.read_failures.saturating_add(1);
+        for port in &mut self.ports {
+            port.not_read(&mut self.pins);
+        }
+        if self.read_failures >= self.bus_error_limit {
+            self.fail(BoardState::BusDown);
+            self.pins.invalidate(self.group);
+        }
+        self.board.publish(&mut self.pins, &self.statistics);
+        self.read_failures
+    }
+
+    fn fail(&mut self, state: BoardState) {
+        if self.board.fail(state) {
+            let count = match state {
+                BoardState::WatchdogBitten => &mut self.statistics.watchdog_bites,
+                BoardState::Reset => &mut self.statistics.resets,
+                BoardState::BusDown | BoardState::Running => &mut self.statistics.bus_down,
+            };
+            *count += 1;
+        }
+        self.make_safe();
+    }
+
+    /// All inputs are not valid, all outputs safe until re-armed.
+    fn make_safe(&mut self) {
+        self.pins.fault(self.group);
+        for port in &mut self.ports {
+            port.make_safe(&mut self.pins);
+        }
+    }
+
+    fn news_of_lost_writes(&mut self) -> u64 {
+        let total = self.bus.statistics().lost_writes;
+        let news = total.saturating_sub(self.lost_writes);
+        self.lost_writes = total;
+        self.statistics.lost_writes += news;
+        news
+    }
+}
+
+/// Between two polls of COMMAND.
+const POLL_PAUSE: Duration = Duration::from_micros(1);
+/// Ends the polling on a bus whose clock stands still.
+const MAX_POLLS: u32 = 100_000;
+
+/// Whether every remote of every port is found stopped, by nobody's order.
+fn appears_reset(ports: &[SerialPort]) -> bool {
+    let mut appear = ports.iter().filter_map(SerialPort::appears_reset);
+    appear.next() == Some(true) && appear.all(|one| one)
+}
+
+fn read_tier(ports: &[SerialPort]) -> Tier {
+    if ports
+        .iter()
+        .any(|port| port.tier_of_read() == Tier::Extended)
+    {
+        Tier::Extended
+    } else {
+        Tier::Cycle
+    }
+}
+
+/// What an application asks.
+impl<B: RegisterBus> Driver<B> {
+    /// All pins and parameters.
+    pub fn pins(&self) -> &Pins {
+        &self.pins
+    }
+
+    /// All pins and parameters, to set them.
+    pub fn pins_mut(&mut self) -> &mut Pins {
+        &mut self.pins
+    }
+
+    /// The group of the board's own pins.
+    pub fn group(&self) -> GroupId {
+        self.group
+    }
+
+    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The period it was planned for.
+    pub fn period(&self) -> Duration {
+        self.period
+    }
+
+    /// What the board's firmware says of itself.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.firmware
+    }
+
+    /// The serial ports.
+    pub fn ports(&self) -> &[SerialPort] {
+        &self.ports
+    }
+
+    /// Remotes that were configured and do not take part, with the reason.
+    pub fn missing(&self) -> &[MissingRemote] {
+        &self.missing
+    }
+
+    /// State of the board itself.
+    pub fn board_state(&self) -> BoardState {
+        self.board.state()
+    }
+
+    /// What was counted so far.
+    pub fn statistics(&self) -> DriverStatistics {
+        self.statistics
+    }
+
+    /// What a cycle moves over the bus.
+    pub fn image_size(&self) -> ImageSize {
+        self.image.size()
+    }
+
+    /// The image, for people who want to see its accesses.
+    pub fn image(&self) -> &CycleImage {
+        &self.image
+    }
+
+    /// The bus.
+    pub fn bus(&self) -> &B {
+        &self.bus
+    }
+
+    /// The bus, for example to let its time pass. Do not write to the board's registers.
+    pub fn bus_mut(&mut self) -> &mut B {
+        &mut self.bus
+    }
+}

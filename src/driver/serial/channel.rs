@@ -118,8 +118,10 @@ pub enum SetAside {
     },
     /// The port never finished a command.
     PortStuck,
-    /// The application stopped it.
+    /// The application switched its port off.
     Stopped,
+    /// The application asked for a restart.
+    Requested,
 }
 
 impl fmt::Display for SetAside {
@@ -141,7 +143,8 @@ impl fmt::Display for SetAside {
                 crate::discovery::RemoteName::from_register(*name)
             ),
             Self::PortStuck => f.write_str("the port never finished a command"),
-            Self::Stopped => f.write_str("stopped by the application"),
+            Self::Stopped => f.write_str("its port is switched off"),
+            Self::Requested => f.write_str("the application asked for a restart"),
         }
     }
 }
@@ -193,7 +196,7 @@ pub(crate) struct Channel {
     pub cs: CsStatus,
     /// LinuxCNC's `fault-count`: rises with failures, falls with good transfers.
     pub fault_count: u32,
-    /// What the last transfer reported; faults of long ago do not count.
+    /// What the last good transfer reported.
     pub faults: RemoteFaults,
     pub backoff: Duration,
     /// Sticky bits as they were before the last transfer.
@@ -250,7 +253,6 @@ impl Channel {
         self.cs = cs;
         let new_faults = cs.local_faults().difference(self.known_faults);
         self.known_faults = cs.local_faults();
-        self.faults = RemoteFaults::empty();
         let failure = if !transfers_data(cs) {
             Failure::NotRunning
         } else if has_failed {

@@ -55,6 +55,8 @@ struct Pending {
     /// It is known that the board got it.
     sure: bool,
     busy_reads: u32,
+    /// Its time has been counted.
+    measured: bool,
 }
 
 /// How far the restart of channels is. They are restarted together, because every attempt takes
@@ -191,27 +193,33 @@ impl Machine {
         counts.max().unwrap_or(0)
     }
 
+    /// Whether every remote was found stopped, by nobody's order.
+    pub fn appears_reset(&self) -> bool {
+        self.channels.iter().flatten().all(|channel| {
+            matches!(channel.state, RemoteState::SetAside { reason: SetAside::NotRunning(cs), .. }
+                if cs.is_stopped())
+        })
+    }
+
     /// Tries a remote again at once, whatever its backoff.
     pub fn restart_now(&mut self, number: Number, now: Instant) {
         let policy = self.policy;
         if let Some(channel) = self.channel_mut(number) {
             channel.backoff = policy.first_backoff;
-            let reason = match channel.state {
-                RemoteState::SetAside { reason, .. } => reason,
-                RemoteState::Running => SetAside::Stopped,
-                RemoteState::Restarting => return,
-            };
-            channel.state = RemoteState::SetAside {
-                reason,
-                next_attempt: Some(now),
-            };
+            if channel.state != RemoteState::Restarting {
+                channel.state = RemoteState::SetAside {
+                    reason: SetAside::Requested,
+                    next_attempt: Some(now),
+                };
+            }
         }
     }
 
     /// Notes when a transfer was complete, where somebody polled for it.
     pub fn transfer_complete(&mut self, now: Instant) {
-        if let Some(pending) = self.pending
+        if let Some(pending) = &mut self.pending
             && matches!(pending.asked, Asked::Transfer(_))
+            && !core::mem::replace(&mut pending.measured, true)
         {
             self.statistics.doit.record(now.since(pending.issued));
         }
@@ -260,6 +268,7 @@ impl Machine {
             issued: now,
             sure: false,
             busy_reads: 0,
+            measured: false,
         });
         pending.busy_reads = pending.busy_reads.saturating_add(1);
         let too_short = matches!(pending.asked, Asked::Transfer(_));
@@ -506,6 +515,7 @@ impl Machine {
             issued: now,
             sure,
             busy_reads: 0,
+            measured: false,
         });
     }
 }

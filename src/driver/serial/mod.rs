@@ -2,13 +2,25 @@
 
 mod channel;
 mod machine;
+mod pins;
+mod port;
 mod statistics;
 
-#[allow(unused_imports)]
 pub use channel::{Failure, FailureCounts, RemoteState, SetAside};
+pub use port::SerialPort;
 pub use statistics::{PortStatistics, TimeHistogram};
 
 use core::time::Duration;
+
+pub(super) use pins::{PortPins, RemoteFaultPins};
+pub(super) use port::Remote;
+
+/// A remote as it is now.
+#[derive(Clone, Copy, Debug)]
+pub struct RemoteStatus<'a> {
+    remote: &'a Remote,
+    channel: &'a channel::Channel,
+}
 
 /// When a remote is set aside, and how it comes back.
 ///

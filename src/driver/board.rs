@@ -1,0 +1,173 @@
+//! The board itself in the cycle: is it there, and is its watchdog fed.
+
+use alloc::format;
+use core::time::Duration;
+
+use super::{BoardState, DriverStatistics};
+use crate::bus::{CycleImage, ImagePlan, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot};
+use crate::hal::{GroupId, Input, Param, PinError, Pins, Spec};
+use crate::hostmot2::{Watchdog, WatchdogStatus, WatchdogTime};
+
+/// Where every HostMot2 has its cookie, and what it is.
+const COOKIE_ADDRESS: u16 = 0x0100;
+const COOKIE: u32 = 0x55AA_CAFE;
+
+/// The registers of the board itself, and what is known of its state.
+#[derive(Debug)]
+pub(super) struct Board {
+    watchdog: Watchdog,
+    timeout_ns: u32,
+    state: BoardState,
+    /// The watchdog's time has to be written with the next write.
+    set_time: bool,
+    cookie: Option<ReadSlot>,
+    status: Option<ReadSlot>,
+    pet: Option<WriteSlot>,
+    time: Option<WriteSlot>,
+    /// The group of the driver's own pins, which are valid whatever fails.
+    group: GroupId,
+    pins: BoardPins,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct BoardPins {
+    has_bit: Input<bool>,
+    io_error: Input<bool>,
+    timeout_ns: Param<u32>,
+    read_errors: Input<u32>,
+    lost_writes: Input<u32>,
+}
+
+/// What the board's own registers say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum BoardCheck {
+    /// It is there.
+    There,
+    /// Something else answers.
+    NotThere(u32),
+}
+
+impl Board {
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        name: &str,
+        watchdog: Watchdog,
+        timeout: Duration,
+    ) -> Result<Self, PinError> {
+        let named = |pin: &str| Spec::new(format!("{name}.{pin}"));
+        let timeout_ns = u32::try_from(timeout.as_nanos()).unwrap_or(u32::MAX);
+        Ok(Self {
+            watchdog,
+            timeout_ns,
+            state: BoardState::Running,
+            set_time: true,
+            cookie: None,
+            status: None,
+            pet: None,
+            time: None,
+            group,
+            pins: BoardPins {
+                has_bit: pins.add_input(group, named("watchdog.has_bit"))?,
+                timeout_ns: pins.add_setting(group, named("watchdog.timeout_ns"), timeout_ns)?,
+                io_error: pins.add_input(group, named("io_error"))?,
+                read_errors: pins.add_input(group, named("packet-error-total"))?,
+                lost_writes: pins.add_input(group, named("lost-writes"))?,
+            },
+        })
+    }
+
+    pub fn claim(&mut self, plan: &mut ImagePlan) {
+        self.cookie = Some(plan.read(ReadPhase::Status, Tier::Cycle, COOKIE_ADDRESS, 1));
+        self.status = Some(plan.read_data(self.watchdog.status));
+        self.pet = Some(plan.write_data(self.watchdog.reset, Watchdog::PET));
+        self.time = Some(plan.write(
+            WritePhase::Data,
+            Tier::Extended,
+            self.watchdog.time,
+            1,
+            WatchdogTime::DISABLED.0,
+        ));
+    }
+
+    pub fn watchdog(&self) -> &Watchdog {
+        &self.watchdog
+    }
+
+    pub fn state(&self) -> BoardState {
+        self.state
+    }
+
+    pub fn is_running(&self) -> bool {
+        self.state == BoardState::Running
+    }
+
+    /// Whether the registers are those of a HostMot2.
+    pub fn check(&self, image: &CycleImage) -> BoardCheck {
+        match self.cookie.and_then(|slot| image.word(slot)) {
+            Some(COOKIE) => BoardCheck::There,
+            other => BoardCheck::NotThere(other.unwrap_or(0)),
+        }
+    }
+
+    /// Whether the watchdog has bitten.
+    pub fn has_bitten(&self, image: &CycleImage) -> bool {
+        let status = self.status.and_then(|slot| image.word(slot));
+        status.is_none_or(|word| {
+            WatchdogStatus::from_bits_retain(word).contains(WatchdogStatus::HAS_BIT)
+        })
+    }
+
+    /// Leaves the running state for another; `false` if it had done so before.
+    pub fn fail(&mut self, state: BoardState) -> bool {
+        let news = self.is_running();
+        if news {
+            self.state = state;
+        }
+        news
+    }
+
+    /// The board has its set-up again.
+    pub fn restored(&mut self) {
+        self.state = BoardState::Running;
+        self.set_time = true;
+    }
+
+    pub fn tier_of_write(&self) -> Tier {
+        if self.set_time {
+            Tier::Extended
+        } else {
+            Tier::Cycle
+        }
+    }
+
+    /// Feeds the watchdog, unless everything has to stay safe.
+    pub fn put(&mut self, image: &mut CycleImage, pins: &Pins) {
+        let timeout_ns = pins.param(self.pins.timeout_ns);
+        self.set_time |= timeout_ns != self.timeout_ns;
+        self.timeout_ns = timeout_ns;
+        let time = self
+            .watchdog
+            .time_for(Duration::from_nanos(timeout_ns.into()));
+        if let (Some(pet), Some(slot)) = (self.pet, self.time) {
+            let fed = self.is_running();
+            image.put(pet, if fed { Watchdog::PET } else { 0 });
+            image.put(slot, time.0);
+        }
+    }
+
+    pub fn written(&mut self) {
+        self.set_time = false;
+    }
+
+    pub fn publish(&self, pins: &mut Pins, statistics: &DriverStatistics) {
+        let bitten = self.state == BoardState::WatchdogBitten;
+        let io_error = self.state == BoardState::BusDown;
+        let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
+        pins.publish(self.pins.has_bit, bitten);
+        pins.publish(self.pins.io_error, io_error);
+        pins.publish(self.pins.read_errors, count(statistics.read_errors));
+        pins.publish(self.pins.lost_writes, count(statistics.lost_writes));
+        pins.group_good(self.group);
+    }
+}

@@ -1,0 +1,318 @@
+//! From a bus to a driver: finding out what is there, setting it up, planning the cycle.
+
+mod serial;
+
+use alloc::{boxed::Box, format, string::String, vec::Vec};
+use core::time::Duration;
+
+pub use super::modules::EncoderSetup;
+
+use super::board::Board;
+use super::modules::{EncoderBuildError, EncoderModule};
+use super::{
+    BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, SerialConfig,
+    SerialPort, SetupList,
+};
+use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
+use crate::hal::{GroupId, Pins};
+use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog};
+
+/// The most serial ports of a board.
+const MAX_PORTS: usize = 4;
+
+/// What a driver is to be, before it is built.
+///
+/// Everything has a default that fits a board on the bench: all ports with all their channels in
+/// mode 0, all encoders, 1 ms.
+#[derive(Debug)]
+pub struct Builder<B: RegisterBus> {
+    bus: B,
+    config: Config,
+    modules: Vec<Box<dyn Module>>,
+}
+
+#[derive(Clone, Debug)]
+struct Config {
+    number: u8,
+    period: Duration,
+    watchdog: Duration,
+    ports: [Option<SerialConfig>; MAX_PORTS],
+    encoders: EncoderSetup,
+    policy: FaultPolicy,
+    bus_error_limit: u32,
+    limits: ImageLimits,
+}
+
+/// What is being built, besides the bus.
+struct Parts {
+    firmware: HostMot2,
+    name: String,
+    pins: Pins,
+    /// The group of the board's own I/O.
+    group: GroupId,
+    /// The group of the driver's own pins.
+    status: GroupId,
+    plan: PortPlan,
+    places: IoPorts,
+    ports: Vec<SerialPort>,
+    missing: Vec<MissingRemote>,
+}
+
+impl<B: RegisterBus> Builder<B> {
+    pub(super) fn new(bus: B) -> Self {
+        Self {
+            bus,
+            config: Config {
+                number: 0,
+                period: Duration::from_millis(1),
+                watchdog: Watchdog::DEFAULT_TIMEOUT,
+                ports: [None; MAX_PORTS],
+                encoders: EncoderSetup::default(),
+                policy: FaultPolicy::default(),
+                bus_error_limit: 5,
+                limits: ImageLimits::default(),
+            },
+            modules: Vec::new(),
+        }
+    }
+
+    /// The number of the board in pin names, for several boards of a kind; 0 at first.
+    #[must_use]
+    pub fn board_number(mut self, number: u8) -> Self {
+        self.config.number = number;
+        self
+    }
+
+    /// The period of the cycle: what the transfers must fit into. 1 ms at first.
+    #[must_use]
+    pub fn period(mut self, period: Duration) -> Self {
+        self.config.period = period;
+        self
+    }
+
+    /// The time after which the board's watchdog bites without a write; 5 ms at first. It runs
+    /// from the first write on.
+    #[must_use]
+    pub fn watchdog(mut self, timeout: Duration) -> Self {
+        self.config.watchdog = timeout;
+        self
+    }
+
+    /// Which channels of serial port `port` (0 to 3) are used, and how.
+    ///
+    /// A port that is not mentioned is used with the default: whatever is there, in mode 0.
+    #[must_use]
+    pub fn serial_port(mut self, port: u8, config: SerialConfig) -> Self {
+        if let Some(slot) = self.config.ports.get_mut(usize::from(port)) {
+            *slot = Some(config);
+        }
+        self
+    }
+
+    /// How the encoders are set up.
+    #[must_use]
+    pub fn encoders(mut self, setup: EncoderSetup) -> Self {
+        self.config.encoders = setup;
+        self
+    }
+
+    /// When remotes are set aside, and how they come back.
+    #[must_use]
+    pub fn fault_policy(mut self, policy: FaultPolicy) -> Self {
+        self.config.policy = policy;
+        self
+    }
+
+    /// How many reads or writes in a row may fail before everything is made safe; 5 at first.
+    #[must_use]
+    pub fn bus_error_limit(mut self, limit: u32) -> Self {
+        self.config.bus_error_limit = limit.max(1);
+        self
+    }
+
+    /// How the registers of a cycle are laid out.
+    #[must_use]
+    pub fn image_limits(mut self, limits: ImageLimits) -> Self {
+        self.config.limits = limits;
+        self
+    }
+
+    /// Adds a part of the board that this crate does not know.
+    #[must_use]
+    pub fn module(mut self, module: Box<dyn Module>) -> Self {
+        self.modules.push(module);
+        self
+    }
+
+    /// Finds out what is there, sets it up, starts the remotes and plans the cycle.
+    ///
+    /// The remotes run then, with all outputs off, until the first write. If this fails,
+    /// everything that was started is stopped again.
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn build(mut self) -> Result<Driver<B>, BuildError<B::Error>> {
+        let firmware = HostMot2::identify(&mut self.bus)?;
+        let watchdog = Watchdog::locate(&firmware)?;
+        match self.build_on(firmware, watchdog) {
+            Ok(parts) => Ok(parts.into_driver(self.bus, &self.config)),
+            Err(error) => {
+                // The error counts; whatever can still be made safe is made safe.
+                let _ = watchdog.bite_now(&mut self.bus);
+                Err(error)
+            }
+        }
+    }
+
+    fn build_on(
+        &mut self,
+        firmware: HostMot2,
+        watchdog: Watchdog,
+    ) -> Result<Built, BuildError<B::Error>> {
+        let bus = &mut self.bus;
+        let config = &self.config;
+        let mut parts = Parts::new(firmware, config.number)?;
+        let mut board = Board::new(
+            &mut parts.pins,
+            parts.status,
+            &parts.name,
+            watchdog,
+            config.watchdog,
+        )?;
+        let mut modules = parts.modules(config)?;
+        modules.append(&mut self.modules);
+        let mut ports = parts.locate_ports(config)?;
+        let setup = parts.set_up(&modules);
+        // It must not bite while remotes are discovered, which takes seconds.
+        watchdog.disable(bus).map_err(BuildError::Bus)?;
+        watchdog.clear(bus).map_err(BuildError::Bus)?;
+        setup.replay(bus).map_err(BuildError::Bus)?;
+        let started = parts.start_ports(bus, &mut ports, config);
+        if let Err(error) = started {
+            for (port, _) in &mut ports {
+                let _ = port.stop_all(bus);
+            }
+            return Err(error);
+        }
+        let mut plan = ImagePlan::new();
+        board.claim(&mut plan);
+        for port in &mut parts.ports {
+            port.claim(&mut plan);
+        }
+        for module in &mut modules {
+            module.claim(&mut plan);
+        }
+        let image = plan.freeze(bus, config.limits)?;
+        Ok(Built {
+            parts,
+            board,
+            modules,
+            setup,
+            image,
+        })
+    }
+}
+
+/// Everything but the bus.
+struct Built {
+    parts: Parts,
+    board: Board,
+    modules: Vec<Box<dyn Module>>,
+    setup: SetupList,
+    image: crate::bus::CycleImage,
+}
+
+impl Built {
+    fn into_driver<B: RegisterBus>(self, bus: B, config: &Config) -> Driver<B> {
+        let lost_writes = bus.statistics().lost_writes;
+        Driver {
+            bus,
+            firmware: self.parts.firmware,
+            name: self.parts.name,
+            period: config.period,
+            bus_error_limit: config.bus_error_limit,
+            image: self.image,
+            pins: self.parts.pins,
+            group: self.parts.group,
+            board: self.board,
+            ports: self.parts.ports,
+            modules: self.modules,
+            setup: self.setup,
+            missing: self.parts.missing,
+            statistics: DriverStatistics::default(),
+            lost_writes,
+            read_failures: 0,
+            write_failures: 0,
+            is_shut_down: false,
+        }
+    }
+}
+
+impl Parts {
+    fn new<E: crate::bus::BusError>(firmware: HostMot2, number: u8) -> Result<Self, BuildError<E>> {
+        let name = format!("hm2_{}.{number}", firmware.idrom().board_name.board());
+        let places = IoPorts::locate(&firmware)?;
+        let plan = PortPlan::new(&places);
+        let mut pins = Pins::new();
+        let status = pins.add_group();
+        let group = pins.add_group();
+        Ok(Self {
+            firmware,
+            name,
+            pins,
+            group,
+            status,
+            plan,
+            places,
+            ports: Vec::new(),
+            missing: Vec::new(),
+        })
+    }
+
+    /// The modules of the FPGA besides the serial ports.
+    fn modules<E: crate::bus::BusError>(
+        &mut self,
+        config: &Config,
+    ) -> Result<Vec<Box<dyn Module>>, BuildError<E>> {
+        let mut modules: Vec<Box<dyn Module>> = Vec::new();
+        let encoders = EncoderModule::build(
+            &self.firmware,
+            &config.encoders,
+            &mut self.plan,
+            &mut self.pins,
+            self.group,
+            &self.name,
+        )?;
+        if let Some(encoders) = encoders {
+            modules.push(Box::new(encoders));
+        }
+        Ok(modules)
+    }
+
+    /// The writes that set the board up, in an order in which nothing is driven before it is
+    /// ready.
+    fn set_up(&self, modules: &[Box<dyn Module>]) -> SetupList {
+        let mut list = SetupList::default();
+        for module in modules {
+            module.set_up(&mut list);
+        }
+        match self.places.apply(&mut list, &self.plan) {
+            Ok(()) => {}
+            Err(never) => match never {},
+        }
+        for module in modules {
+            module.start(&mut list);
+        }
+        list
+    }
+}
+
+impl<E: crate::bus::BusError> From<EncoderBuildError> for BuildError<E> {
+    fn from(error: EncoderBuildError) -> Self {
+        match error {
+            EncoderBuildError::Locate(error) => error.into(),
+            EncoderBuildError::Io(error) => error.into(),
+            EncoderBuildError::Pin(error) => error.into(),
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! Ports and remotes, from reset to the first transfer.
+
+use alloc::vec::Vec;
+
+use super::{Config, Parts};
+use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable, i7i72, i7i77};
+use crate::bus::{BusError, RegisterBus};
+use crate::discovery::{
+    DiscoveredRemote, DiscoveryLimits, PortMemory, RemoteDescriptor, RemoteParameters,
+    discover_port,
+};
+use crate::driver::serial::{PortPins, Remote, RemoteFaultPins};
+use crate::driver::{
+    BuildError, MissingReason, MissingRemote, RemoteConfig, SerialConfig, SerialPort,
+};
+use crate::hostmot2::Gtag;
+use crate::process_data::{InterfaceRegisters, PackingPlan};
+use crate::sslbp::{
+    AccessSize, Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode,
+    StartedRemote,
+};
+
+/// A port, and what is expected on it.
+type Located = (Port, SerialConfig);
+
+/// What the built-in tables know of remotes.
+const TABLES: [&RemoteTable; 3] = [&i7i77::FIELD, &i7i77::ANALOG, &i7i72::REMOTE];
+
+impl Parts {
+    /// Finds the ports of the firmware and takes their I/O pins.
+    pub fn locate_ports<E: BusError>(
+        &mut self,
+        config: &Config,
+    ) -> Result<Vec<Located>, BuildError<E>> {
+        let module = [Gtag::SSERIAL, Gtag::SSERIAL_B]
+            .into_iter()
+            .find_map(|gtag| self.firmware.find(gtag))
+            .copied();
+        let ports = module.map_or(0, |module| module.instances);
+        let last = (0u8..)
+            .zip(&config.ports)
+            .filter(|(_, config)| config.is_some())
+            .last();
+        if let Some((port, _)) = last.filter(|&(port, _)| port >= ports) {
+            return Err(BuildError::NoSuchPort { port, ports });
+        }
+        let Some(module) = module else {
+            return Ok(Vec::new());
+        };
+        let description = SslbpModule {
+            gtag: module.gtag.0,
+            base: module.base,
+            registers: module.registers,
+            register_stride: module.register_stride,
+            instance_stride: module.instance_stride,
+            multiple_registers: module.multiple_registers,
+            instances: module.instances,
+        };
+        let mut located = Vec::new();
+        for (instance, serial) in (0..ports).zip(config.ports) {
+            let channels = self.firmware.sserial_channels(module.gtag, instance);
+            let layout = Layout::new(&description, instance, channels)?;
+            self.plan
+                .use_module(&self.firmware, module.gtag, instance)?;
+            located.push((Port::new(layout), serial.unwrap_or_default()));
+        }
+        Ok(located)
+    }
+
+    /// Resets the ports, discovers their remotes and starts them.
+    pub fn start_ports<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        located: &mut [Located],
+        config: &Config,
+    ) -> Result<(), BuildError<B::Error>> {
+        for (port, serial) in located {
+            port.reset(bus)?;
+            let remotes = self.start_port(bus, port, serial)?;
+            let instance = port.layout().instance();
+            let pins = PortPins::new(
+                &mut self.pins,
+                self.status,
+                &self.name,
+                instance,
+                &config.policy,
+            )?;
+            let now = bus.now();
+            let port = SerialPort::new(port.clone(), remotes, config.policy, pins, now);
+            let needed = port.expected_time().usual;
+            if needed > config.period {
+                return Err(BuildError::PeriodTooShort {
+                    port: instance,
+                    needed,
+                    period: config.period,
+                });
+            }
+            self.ports.push(port);
+        }
+        Ok(())
+    }
+
+    /// Discovery in setup mode, then normal START, as LinuxCNC does it.
+    fn start_port<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        port: &mut Port,
+        serial: &SerialConfig,
+    ) -> Result<Vec<Remote>, BuildError<B::Error>> {
+        let wanted = self.existing(port, serial)?;
+        let inventory = discover_port(port, bus, &wanted, DiscoveryLimits::default())?;
+        for failure in &inventory.failures {
+            let reason = MissingReason::DidNotStart(*failure);
+            self.miss(port, serial, failure.channel, reason)?;
+        }
+        let mut candidates = Vec::new();
+        for found in inventory.remotes {
+            let channel = found.remote.channel;
+            let expected = serial.channel(channel.index()).unwrap_or_default();
+            match self.candidate(port, &found, expected) {
+                Ok(pins) => {
+                    let mut remote = (found, pins);
+                    self.read_parameters(bus, port, &mut remote)?;
+                    candidates.push(remote);
+                }
+                Err(reason) => self.miss(port, serial, channel, reason)?,
+            }
+        }
+        port.stop_all(bus)?;
+        self.start_normal(bus, port, serial, candidates)
+    }
+
+    /// The channels to start; those that do not exist and were asked for by name are missing.
+    fn existing<E: BusError>(
+        &mut self,
+        port: &Port,
+        serial: &SerialConfig,
+    ) -> Result<Vec<ChannelStart>, BuildError<E>> {
+        let channels = port.layout().channels();
+        let mut starts = Vec::new();
+        for (channel, remote) in serial.iter() {
+            if channel.index() < channels {
+                starts.push(ChannelStart::new(channel).with_software_mode(remote.mode));
+            } else if remote.required {
+                let reason = MissingReason::NoSuchChannel { channels };
+                self.miss(port, serial, channel, reason)?;
+            }
+        }
+        Ok(starts)
+    }
+
+    /// A remote does not take part. Fails if the machine can not do without it.
+    fn miss<E: BusError>(
+        &mut self,
+        port: &Port,
+        serial: &SerialConfig,
+        channel: Channel,
+        reason: MissingReason,
+    ) -> Result<(), BuildError<E>> {
+        let missing = MissingRemote {
+            port: port.layout().instance(),
+            channel,
+            reason,
+        };
+        let config = serial.channel(channel.index());
+        if config.is_some_and(|config| config.required) {
+            return Err(BuildError::Missing(missing));
+        }
+        self.missing.push(missing);
+        Ok(())
+    }
+
+    /// Makes the pins of a remote that is the right one and that is understood.
+    fn candidate<E>(
+        &mut self,
+        port: &Port,
+        found: &DiscoveredRemote<E>,
+        expected: RemoteConfig,
+    ) -> Result<RemotePins, MissingReason> {
+        let descriptor = &found.discovered.descriptor;
+        let name = descriptor.name;
+        check_identity(descriptor, expected).map_err(MissingReason::WrongRemote)?;
+        if let Some(problem) = found
+            .discovered
+            .problems
+            .iter()
+            .find(|problem| problem.affects_process_data())
+        {
+            let problem = *problem;
+            return Err(MissingReason::Tables { name, problem });
+        }
+        let count = usize::from(port.layout().interface_registers());
+        let registers = InterfaceRegisters::from_count(count);
+        let error = |error| MissingReason::Pins { name, error };
+        let registers = registers.map_err(|plan| error(plan.into()))?;
+        let plan = PackingPlan::new(descriptor, registers).map_err(|plan| error(plan.into()))?;
+        check_sizes(&found.remote, &plan)?;
+        let location = RemoteLocation {
+            board: &self.name,
+            port: port.layout().instance(),
+            channel: found.remote.channel.index(),
+        };
+        let table = TABLES.into_iter().find(|table| table.matches(descriptor));
+        RemotePins::new(&mut self.pins, location, descriptor, registers, table).map_err(error)
+    }
+
+    /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.
+    fn read_parameters<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        port: &mut Port,
+        (found, pins): &mut (DiscoveredRemote<PortError<B::Error>>, RemotePins),
+    ) -> Result<(), BuildError<B::Error>> {
+        let mut memory = PortMemory::new(port, bus, found.remote.channel);
+        for parameter in pins.parameters_mut() {
+            let Some(size) = AccessSize::for_bits(parameter.bits) else {
+                continue;
+            };
+            let raw = if parameter.nonvolatile {
+                memory.read_nonvolatile(parameter.address, size)
+            } else {
+                crate::discovery::RemoteMemory::read(&mut memory, parameter.address, size)
+            };
+            match raw {
+                Ok(raw) => parameter.publish(&mut self.pins, raw),
+                Err(PortError::Bus(error)) => return Err(BuildError::Bus(error)),
+                Err(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn start_normal<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        port: &mut Port,
+        serial: &SerialConfig,
+        candidates: Vec<(DiscoveredRemote<PortError<B::Error>>, RemotePins)>,
+    ) -> Result<Vec<Remote>, BuildError<B::Error>> {
+        let starts: Vec<ChannelStart> = candidates
+            .iter()
+            .map(|(found, _)| {
+                ChannelStart::new(found.remote.channel)
+                    .with_software_mode(found.remote.software_mode)
+            })
+            .collect();
+        let report = port.start(bus, StartMode::Normal, &starts)?;
+        let mut remotes = Vec::new();
+        for (found, pins) in candidates {
+            let channel = found.remote.channel;
+            let name = found.remote.name;
+            match report.outcome(channel) {
+                Some(Ok(started)) if is_same(&started, &found.remote) => {
+                    let fault_pins =
+                        RemoteFaultPins::new(&mut self.pins, self.status, pins.prefix())?;
+                    let descriptor = found.discovered.descriptor;
+                    remotes.push(Remote::new(started, descriptor, pins, fault_pins));
+                }
+                Some(Err(failure)) => {
+                    let reason = MissingReason::DidNotStart(failure);
+                    self.miss(port, serial, channel, reason)?;
+                }
+                _ => self.miss(port, serial, channel, MissingReason::Changed { name })?,
+            }
+        }
+        Ok(remotes)
+    }
+}
+
+fn check_identity(
+    descriptor: &RemoteDescriptor,
+    expected: RemoteConfig,
+) -> Result<(), IdentityError> {
+    let name = descriptor.name;
+    if let Some(expected) = expected.name.filter(|&expected| expected != name) {
+        return Err(IdentityError::Name {
+            expected,
+            actual: name,
+        });
+    }
+    let actual = descriptor.unit_number;
+    match expected.unit_number {
+        Some(expected) if expected != actual => Err(IdentityError::Unit {
+            name,
+            expected,
+            actual,
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// What the remote transfers must be what its tables describe.
+fn check_sizes(remote: &StartedRemote, plan: &PackingPlan) -> Result<(), MissingReason> {
+    let fault_byte = u32::from(remote.sizes.rx.saturating_sub(remote.input_bytes()));
+    let plan_rx = plan.input_bits().div_ceil(8) + fault_byte;
+    let plan_tx = plan.transmit_size();
+    if u32::from(remote.sizes.rx) == plan_rx && u32::from(remote.sizes.tx) == plan_tx {
+        return Ok(());
+    }
+    Err(MissingReason::Sizes {
+        name: remote.name,
+        rx: remote.sizes.rx,
+        tx: remote.sizes.tx,
+        plan_rx,
+        plan_tx,
+    })
+}
+
+/// Whether normal START found what setup START had found.
+fn is_same(normal: &StartedRemote, setup: &StartedRemote) -> bool {
+    let key = |remote: &StartedRemote| {
+        (
+            remote.name,
+            remote.unit_number,
+            remote.ptoc,
+            remote.gtoc,
+            remote.sizes,
+        )
+    };
+    key(normal) == key(setup)
+}

@@ -1,0 +1,179 @@
+//! What goes wrong when a driver is built, and in the cycle.
+
+use core::time::Duration;
+
+use crate::boards::{BoardError, IdentityError};
+use crate::bus::{BusError, ImageError};
+use crate::discovery::{Problem, RemoteName};
+use crate::hal::PinError;
+use crate::hostmot2::{IdentifyError, LocateError, PinError as IoPinError};
+use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
+
+/// Why a driver was not built. Everything that was started is stopped again.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BuildError<E: BusError> {
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(E),
+    /// The firmware is not one that this crate knows.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError<E>),
+    /// The firmware does not have a module, or has one that is not known.
+    #[error(transparent)]
+    Locate(#[from] LocateError),
+    /// An I/O pin can not be used as asked for.
+    #[error(transparent)]
+    IoPin(#[from] IoPinError),
+    /// The firmware's description of a serial port makes no sense.
+    #[error(transparent)]
+    Layout(#[from] LayoutError),
+    /// A serial port was configured that the firmware does not have.
+    #[error(
+        "there is no serial port {port}: this firmware has {ports}; leave its configuration out"
+    )]
+    NoSuchPort {
+        /// The port.
+        port: u8,
+        /// How many there are.
+        ports: u8,
+    },
+    /// A serial port does not do what it is told.
+    #[error(transparent)]
+    Port(PortError<E>),
+    /// A remote that the machine can not do without is missing.
+    #[error("port {}, channel {}: {}", .0.port, .0.channel, .0.reason)]
+    Missing(MissingRemote),
+    /// A pin can not be made.
+    #[error("a pin of the board: {0}")]
+    Pin(#[from] PinError),
+    /// The registers of a cycle can not be exchanged.
+    #[error(transparent)]
+    Image(#[from] ImageError<E>),
+    /// A cycle is shorter than the transfers it must hold.
+    #[error(
+        "port {port} needs up to {needed:?} for a transfer, and the period is {period:?}: choose a \
+         longer period, or spread the remotes over several ports"
+    )]
+    PeriodTooShort {
+        /// The port.
+        port: u8,
+        /// What a transfer takes when all is well.
+        needed: Duration,
+        /// The period.
+        period: Duration,
+    },
+}
+
+impl<E: BusError> From<PortError<E>> for BuildError<E> {
+    fn from(error: PortError<E>) -> Self {
+        match error {
+            PortError::Bus(error) => Self::Bus(error),
+            error => Self::Port(error),
+        }
+    }
+}
+
+/// A remote that was configured and does not take part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MissingRemote {
+    /// The port.
+    pub port: u8,
+    /// The channel.
+    pub channel: Channel,
+    /// Why.
+    pub reason: MissingReason,
+}
+
+/// Why a remote does not take part.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MissingReason {
+    /// It did not start; the registers say why.
+    #[error(transparent)]
+    DidNotStart(StartFailure),
+    /// It is another remote than was asked for.
+    #[error(transparent)]
+    WrongRemote(IdentityError),
+    /// Its process data is not known for certain, so that its pins could be wrong.
+    #[error("{name}: {problem}")]
+    Tables {
+        /// Its name.
+        name: RemoteName,
+        /// What is wrong with its tables.
+        problem: Problem,
+    },
+    /// Its sizes are not those of its process data.
+    #[error(
+        "{name} wants {rx} bytes in and {tx} bytes out, but its tables describe {plan_rx} and \
+         {plan_tx}: its firmware needs an update"
+    )]
+    Sizes {
+        /// Its name.
+        name: RemoteName,
+        /// RXSize of the remote.
+        rx: u8,
+        /// TXSize of the remote.
+        tx: u8,
+        /// RXSize of its tables.
+        plan_rx: u32,
+        /// TXSize of its tables.
+        plan_tx: u32,
+    },
+    /// It did not tell the same in setup mode and in normal mode.
+    #[error("{name}: another remote answers in normal mode than in setup mode; is a plug loose?")]
+    Changed {
+        /// Its name in setup mode.
+        name: RemoteName,
+    },
+    /// Its pins can not be made.
+    #[error("{name}: {error}")]
+    Pins {
+        /// Its name.
+        name: RemoteName,
+        /// Why.
+        error: BoardError,
+    },
+    /// There is no such channel.
+    #[error("this firmware has only {channels} channels on the port")]
+    NoSuchChannel {
+        /// How many there are.
+        channels: u8,
+    },
+}
+
+/// Why a cycle brought nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CycleError<E: BusError> {
+    /// The read failed: no input was taken.
+    #[error("read, failure {consecutive} in a row: {source}")]
+    Read {
+        /// What the bus says.
+        source: E,
+        /// How many reads in a row have failed, this one included.
+        consecutive: u32,
+    },
+    /// The write failed, or may have.
+    #[error("write, failure {consecutive} in a row: {source}")]
+    Write {
+        /// What the bus says.
+        source: E,
+        /// How many writes in a row have failed, this one included.
+        consecutive: u32,
+    },
+    /// What was read is not from a HostMot2 board: no input was taken.
+    #[error(
+        "address 0x0100 reads {found:#010X}, expected 0x55AACAFE (failure {consecutive} in a row): \
+         the board has lost its firmware or its power"
+    )]
+    NotThere {
+        /// What is there.
+        found: u32,
+        /// How many reads in a row have failed, this one included.
+        consecutive: u32,
+    },
+    /// The driver was shut down.
+    #[error("the driver was shut down; build it anew")]
+    ShutDown,
+}

@@ -1,0 +1,63 @@
+//! What takes part in the cycle besides the serial ports.
+
+use core::fmt;
+
+use super::SetupList;
+use crate::bus::{CycleImage, ImagePlan, Instant};
+use crate::hal::{GroupId, Pins};
+
+/// A part of the board in the cycle: it claims registers at start, then takes its inputs from the
+/// image after each read and puts its outputs into it before each write.
+///
+/// # Real time
+/// [`take`](Self::take) and [`put`](Self::put) are called once in a cycle: they must not allocate,
+/// wait or panic. A module is a state machine that does one step for each call.
+pub trait Module: fmt::Debug + Send {
+    /// Writes its set-up. Also done when the board has lost it; nothing drives a pin by then.
+    fn set_up(&self, list: &mut SetupList) {
+        let _ = list;
+    }
+
+    /// Writes what has to wait until the pins have their sources and directions.
+    fn start(&self, list: &mut SetupList) {
+        let _ = list;
+    }
+
+    /// The board has lost its set-up and got it back: counts may stand anywhere.
+    fn restarted(&mut self) {}
+
+    /// Claims the registers it reads and writes.
+    fn claim(&mut self, plan: &mut ImagePlan);
+
+    /// Takes its inputs from an image that was read without an error.
+    fn take(&mut self, cycle: &mut Take<'_>);
+
+    /// Puts its outputs into the image.
+    fn put(&mut self, cycle: &mut Put<'_>);
+}
+
+/// What a module has after a read.
+#[derive(Debug)]
+pub struct Take<'a> {
+    /// What was read.
+    pub image: &'a CycleImage,
+    /// Where its inputs go.
+    pub pins: &'a mut Pins,
+    /// The group of the board's own pins.
+    pub group: GroupId,
+    /// When the cycle began.
+    pub now: Instant,
+}
+
+/// What a module has before a write.
+#[derive(Debug)]
+pub struct Put<'a> {
+    /// What will be written.
+    pub image: &'a mut CycleImage,
+    /// Where its outputs come from.
+    pub pins: &'a mut Pins,
+    /// The group of the board's own pins.
+    pub group: GroupId,
+    /// When the write began.
+    pub now: Instant,
+}

@@ -1,0 +1,81 @@
+//! What a cycle tells the application.
+
+/// What one read brought. All counts are of this cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+#[must_use = "a read can fail in part"]
+pub struct CycleReport {
+    /// State of the board itself.
+    pub board: BoardState,
+    /// Remotes with new, sound data.
+    pub good: u32,
+    /// Remotes whose transfer failed.
+    pub failed: u32,
+    /// Remotes that were set aside just now.
+    pub set_aside: u32,
+    /// Ports whose transfer was not complete: the period is too short.
+    pub too_short: u32,
+    /// Writes that the bus has lost since the last read.
+    pub lost_writes: u64,
+}
+
+impl CycleReport {
+    /// Whether nothing went wrong in this cycle.
+    pub const fn is_good(&self) -> bool {
+        matches!(self.board, BoardState::Running)
+            && self.failed == 0
+            && self.set_aside == 0
+            && self.too_short == 0
+            && self.lost_writes == 0
+    }
+}
+
+/// State of the board itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum BoardState {
+    /// All is well.
+    #[default]
+    Running,
+    /// The board's watchdog has bitten: all its I/O are inputs. Everything is safe until
+    /// [`Driver::rearm`](super::Driver::rearm).
+    WatchdogBitten,
+    /// The board was reset or has lost power. Everything is safe until
+    /// [`Driver::rearm`](super::Driver::rearm).
+    Reset,
+    /// The bus failed too often in a row. Everything is safe, and the watchdog is not fed, until
+    /// [`Driver::rearm`](super::Driver::rearm).
+    BusDown,
+}
+
+/// What a driver counted since it was built.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct DriverStatistics {
+    /// Calls of `read`.
+    pub reads: u64,
+    /// Calls of `write`.
+    pub writes: u64,
+    /// Reads that failed as a whole.
+    pub read_errors: u64,
+    /// Writes that failed as a whole.
+    pub write_errors: u64,
+    /// Writes that the bus has lost.
+    pub lost_writes: u64,
+    /// Times that the board's watchdog was found to have bitten.
+    pub watchdog_bites: u64,
+    /// Times that the board was found to have been reset.
+    pub resets: u64,
+    /// Times that everything was made safe because the bus failed too often in a row.
+    pub bus_down: u64,
+}
+
+/// What [`Driver::rearm`](super::Driver::rearm) achieved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[must_use = "some outputs may still be safe"]
+pub struct Rearmed {
+    /// Groups whose outputs follow the application again.
+    pub armed: usize,
+    /// Groups whose outputs are still safe: they do not run yet. Call it again in a later cycle.
+    pub waiting: usize,
+}

@@ -1,0 +1,126 @@
+//! The pins of a port and the fault pins of a remote.
+
+use alloc::format;
+
+use super::channel::{Channel, RemoteState};
+use super::machine::Machine;
+use crate::hal::{GroupId, Input, Output, OutputRule, Param, PinError, Pins, Spec};
+use crate::sslbp::RemoteFaults;
+
+/// What LinuxCNC shows of a port, and switches.
+///
+/// Source: FACTS 8.6.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::driver) struct PortPins {
+    run: Output<bool>,
+    fault_count: Input<u32>,
+    port_state: Input<u32>,
+    transfers: Input<u64>,
+    too_short: Input<u32>,
+    fault_inc: Param<u32>,
+    fault_dec: Param<u32>,
+    fault_lim: Param<u32>,
+}
+
+/// Values of `port_state`: 0 stopped, 1 all remotes transfer, 2 some are set aside, 3 none
+/// transfers.
+fn port_state(machine: &Machine) -> u32 {
+    let known = machine.known();
+    let running = machine.running();
+    if !machine.run {
+        0
+    } else if running == known {
+        1
+    } else if running.is_empty() {
+        3
+    } else {
+        2
+    }
+}
+
+impl PortPins {
+    pub fn new(
+        pins: &mut Pins,
+        group: GroupId,
+        board: &str,
+        port: u8,
+        policy: &super::FaultPolicy,
+    ) -> Result<Self, PinError> {
+        let name = |pin: &str| Spec::new(format!("{board}.sserial.port-{port}.{pin}"));
+        let count = |pin: &str| name(pin).limits(0.0, 65_535.0);
+        Ok(Self {
+            run: pins.add_output(group, name("run"), OutputRule::switch(true))?,
+            fault_count: pins.add_input(group, name("fault-count"))?,
+            port_state: pins.add_input(group, name("port_state"))?,
+            transfers: pins.add_input(group, name("transfers"))?,
+            too_short: pins.add_input(group, name("too-short"))?,
+            fault_inc: pins.add_setting(group, count("fault-inc"), policy.fault_inc)?,
+            fault_dec: pins.add_setting(group, count("fault-dec"), policy.fault_dec)?,
+            fault_lim: pins.add_setting(group, count("fault-lim"), policy.fault_lim)?,
+        })
+    }
+
+    pub fn publish(&self, pins: &mut Pins, machine: &Machine) {
+        pins.publish(self.fault_count, machine.fault_count());
+        pins.publish(self.port_state, port_state(machine));
+        pins.publish(self.transfers, machine.statistics.transfers);
+        let too_short = u32::try_from(machine.statistics.too_short).unwrap_or(u32::MAX);
+        pins.publish(self.too_short, too_short);
+    }
+
+    pub fn fetch(&self, pins: &mut Pins, machine: &mut Machine) {
+        machine.run = pins.fetch(self.run);
+        machine.policy.fault_inc = pins.param(self.fault_inc);
+        machine.policy.fault_dec = pins.param(self.fault_dec);
+        machine.policy.fault_lim = pins.param(self.fault_lim);
+    }
+}
+
+/// What is known about the state of a remote, as pins. They belong to the group of the driver's
+/// own pins, which stays valid while the remote fails: that is what they are for.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::driver) struct RemoteFaultPins {
+    running: Input<bool>,
+    faults: [Input<bool>; FAULTS.len()],
+    failures: Input<u64>,
+    restarts: Input<u64>,
+}
+
+/// The faults a remote reports, and the names of their pins.
+const FAULTS: [(RemoteFaults, &str); 8] = [
+    (RemoteFaults::WATCHDOG, "fault-watchdog"),
+    (RemoteFaults::NO_ENABLE, "fault-no-enable"),
+    (RemoteFaults::OVER_TEMPERATURE, "fault-over-temp"),
+    (RemoteFaults::OVER_CURRENT, "fault-over-current"),
+    (RemoteFaults::HIGH_VOLTAGE, "fault-high-voltage"),
+    (RemoteFaults::LOW_VOLTAGE, "fault-low-voltage"),
+    (RemoteFaults::ILLEGAL_MODE, "fault-illegal-mode"),
+    (RemoteFaults::LBP_COM, "fault-lbp-com"),
+];
+
+impl RemoteFaultPins {
+    /// `group` is that of the driver's own pins.
+    pub fn new(pins: &mut Pins, group: GroupId, prefix: &str) -> Result<Self, PinError> {
+        let name = |pin: &str| Spec::new(format!("{prefix}.{pin}"));
+        let mut faults = [Input::nowhere(); FAULTS.len()];
+        for (pin, (_, fault)) in faults.iter_mut().zip(FAULTS) {
+            *pin = pins.add_input(group, name(fault))?;
+        }
+        Ok(Self {
+            running: pins.add_input(group, name("running"))?,
+            faults,
+            failures: pins.add_input(group, name("failures"))?,
+            restarts: pins.add_input(group, name("restarts"))?,
+        })
+    }
+
+    pub fn publish(&self, pins: &mut Pins, channel: Option<&Channel>) {
+        let Some(channel) = channel else { return };
+        pins.publish(self.running, channel.state == RemoteState::Running);
+        for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {
+            pins.publish(pin, channel.faults.contains(fault));
+        }
+        pins.publish(self.failures, channel.failures.total());
+        pins.publish(self.restarts, channel.restarts);
+    }
+}

@@ -1,0 +1,423 @@
+//! A port with its registers in the image and its remotes' pins.
+
+use alloc::vec::Vec;
+
+use super::channel::{Channel, RemoteState};
+use super::machine::{Machine, Observation, Outcome};
+use super::pins::PortPins;
+use super::{FailureCounts, PortStatistics, RemoteStatus};
+use crate::boards::RemotePins;
+use crate::bus::{
+    CycleImage, ImagePlan, Instant, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot,
+};
+use crate::discovery::RemoteDescriptor;
+use crate::hal::{GroupId, Pins};
+use crate::sslbp::{
+    Channel as Number, ChannelRegisters, Command, DoitTime, Layout, MAX_INTERFACE_REGISTERS, Port,
+    ProcessDataSizes, RemoteFaults, StartedRemote, software_mode_word,
+};
+
+/// Interface registers of one direction.
+const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
+
+/// Interface registers that hold what START told.
+const START_REGISTERS: u8 = 3;
+
+/// A serial port in the cycle.
+#[derive(Debug)]
+pub struct SerialPort {
+    pub(in crate::driver) port: Port,
+    command: Option<ReadSlot>,
+    data: Option<ReadSlot>,
+    doit: Option<WriteSlot>,
+    pub(super) machine: Machine,
+    pub(super) remotes: Vec<Remote>,
+    pins: PortPins,
+    expected: DoitTime,
+}
+
+/// A remote in the cycle.
+#[derive(Debug)]
+pub(in crate::driver) struct Remote {
+    pub started: StartedRemote,
+    pub descriptor: RemoteDescriptor,
+    pub pins: RemotePins,
+    pub fault_pins: super::pins::RemoteFaultPins,
+    slots: RemoteSlots,
+    /// Reads in a row without a new transfer.
+    without_news: u32,
+}
+
+/// Where the registers of a channel are in the image.
+#[derive(Debug, Default)]
+struct RemoteSlots {
+    cs: Option<ReadSlot>,
+    start: [Option<ReadSlot>; START_REGISTERS as usize],
+    inputs: [Option<ReadSlot>; REGISTERS],
+    outputs: [Option<WriteSlot>; REGISTERS],
+    mode: Option<WriteSlot>,
+}
+
+impl Remote {
+    pub fn new(
+        started: StartedRemote,
+        descriptor: RemoteDescriptor,
+        pins: RemotePins,
+        fault_pins: super::pins::RemoteFaultPins,
+    ) -> Self {
+        Self {
+            started,
+            descriptor,
+            pins,
+            fault_pins,
+            slots: RemoteSlots::default(),
+            without_news: 0,
+        }
+    }
+
+    fn claim(&mut self, plan: &mut ImagePlan, registers: &ChannelRegisters) {
+        let slots = &mut self.slots;
+        slots.cs = Some(plan.read_data(registers.cs()));
+        let inputs = registers.interfaces_for(self.started.input_bytes());
+        for (slot, address) in slots.inputs.iter_mut().zip(inputs) {
+            *slot = Some(plan.read_data(address));
+        }
+        for (slot, address) in slots.start.iter_mut().zip(registers.interfaces()) {
+            *slot = Some(plan.read(ReadPhase::Data, Tier::Extended, address, 1));
+        }
+        let outputs = registers.interfaces_for(self.started.output_bytes());
+        for (slot, address) in slots.outputs.iter_mut().zip(outputs) {
+            *slot = Some(plan.write_data(address, 0));
+        }
+        let mode = software_mode_word(self.started.software_mode);
+        slots.mode = Some(plan.write(WritePhase::Data, Tier::Extended, registers.cs(), 1, mode));
+    }
+
+    /// Publishes the inputs of a good transfer. Faults that make them doubtful leave the group
+    /// invalid, and every fault keeps its outputs safe.
+    fn take(&mut self, image: &CycleImage, pins: &mut Pins, faults: RemoteFaults) {
+        let mut words = [0; REGISTERS];
+        for (word, slot) in words.iter_mut().zip(self.slots.inputs) {
+            *word = slot.and_then(|slot| image.word(slot)).unwrap_or(0);
+        }
+        self.pins.take_inputs(pins, &words);
+        self.without_news = 0;
+        if faults.intersects(DOUBTFUL_INPUTS) {
+            pins.invalidate(self.pins.group());
+        }
+        if !faults.is_empty() {
+            pins.disarm(self.pins.group());
+        }
+    }
+
+    fn put(&self, image: &mut CycleImage, pins: &mut Pins) {
+        let mut words = [0; REGISTERS];
+        self.pins.put_outputs(pins, &mut words);
+        for (word, slot) in words.into_iter().zip(self.slots.outputs) {
+            if let Some(slot) = slot {
+                image.put(slot, word);
+            }
+        }
+    }
+}
+
+/// Faults with which the remote's inputs do not tell what the world is like: without field power
+/// every input is off.
+const DOUBTFUL_INPUTS: RemoteFaults = RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE);
+
+impl SerialPort {
+    pub(in crate::driver) fn new(
+        port: Port,
+        remotes: Vec<Remote>,
+        policy: super::FaultPolicy,
+        pins: PortPins,
+        now: Instant,
+    ) -> Self {
+        let mut channels = [const { None }; 8];
+        for remote in &remotes {
+            let identity = super::channel::Identity {
+                unit_number: remote.started.unit_number,
+                name: u32::from_le_bytes(remote.started.name.0),
+                pointers: u32::from(remote.started.gtoc) << 16 | u32::from(remote.started.ptoc),
+            };
+            let data_only = remote.started.reply_format() == crate::sslbp::ReplyFormat::DataOnly;
+            let number = usize::from(remote.started.channel.index());
+            if let Some(channel) = channels.get_mut(number) {
+                *channel = Some(Channel::new(identity, data_only, policy.first_backoff));
+            }
+        }
+        let sizes = remotes.iter().map(|remote| remote.started.sizes);
+        let expected = expected_time(sizes);
+        Self {
+            port,
+            command: None,
+            data: None,
+            doit: None,
+            machine: Machine::new(channels, policy, now),
+            remotes,
+            pins,
+            expected,
+        }
+    }
+
+    /// Claims COMMAND, DATA, CS and the interface registers that carry data. COMMAND is read
+    /// before the data it vouches for, and written after all data.
+    pub(in crate::driver) fn claim(&mut self, plan: &mut ImagePlan) {
+        let layout = *self.port.layout();
+        let command = layout.command();
+        self.command = Some(plan.read(ReadPhase::Status, Tier::Cycle, command, 1));
+        self.data = Some(plan.read_data(layout.data()));
+        let ignored = Command::IGNORED.word();
+        self.doit = Some(plan.write(WritePhase::Trigger, Tier::Cycle, command, 1, ignored));
+        for remote in &mut self.remotes {
+            if let Some(registers) = layout.channel(remote.started.channel) {
+                remote.claim(plan, &registers);
+            }
+        }
+    }
+
+    pub(in crate::driver) fn tier_of_read(&self) -> Tier {
+        tier(self.machine.needs_start_data())
+    }
+
+    pub(in crate::driver) fn tier_of_write(&self) -> Tier {
+        tier(self.machine.needs_modes())
+    }
+
+    /// Takes what a good read brought.
+    pub(in crate::driver) fn take(
+        &mut self,
+        image: &CycleImage,
+        pins: &mut Pins,
+        now: Instant,
+        writes_lost: bool,
+    ) -> Outcome {
+        let seen = self.observe(image);
+        let outcome = self.machine.observe(now, &seen, writes_lost);
+        let stale_after = self.machine.policy.stale_after;
+        for remote in &mut self.remotes {
+            let number = remote.started.channel;
+            let faults = self.machine.channel(number).map(|channel| channel.faults);
+            let faults = faults.unwrap_or_default();
+            if outcome.good.contains(number) {
+                remote.take(image, pins, faults);
+            } else if outcome.set_aside.contains(number) {
+                remote.pins.fault(pins);
+                remote.pins.restarted();
+            } else if outcome.failed.contains(number) {
+                pins.invalidate(remote.pins.group());
+            } else {
+                remote.no_news(pins, stale_after);
+            }
+            remote
+                .fault_pins
+                .publish(pins, self.machine.channel(number));
+        }
+        self.pins.publish(pins, &self.machine);
+        outcome
+    }
+
+    /// A read failed, so that nothing new is known.
+    pub(in crate::driver) fn not_read(&mut self, pins: &mut Pins) {
+        self.machine.not_observed();
+        let stale_after = self.machine.policy.stale_after;
+        for remote in &mut self.remotes {
+            remote.no_news(pins, stale_after);
+        }
+    }
+
+    fn observe(&self, image: &CycleImage) -> Observation {
+        let word = |slot: Option<ReadSlot>| slot.and_then(|slot| image.word(slot));
+        let mut seen = Observation {
+            // A register that can not be read must not look idle.
+            command: word(self.command).unwrap_or(u32::MAX),
+            data: word(self.data).unwrap_or(u32::MAX),
+            ..Observation::default()
+        };
+        for remote in &self.remotes {
+            let number = usize::from(remote.started.channel.index());
+            if let Some(cs) = seen.cs.get_mut(number) {
+                *cs = word(remote.slots.cs).unwrap_or(0);
+            }
+            if let Some(start) = seen.start.get_mut(number) {
+                *start = remote.slots.start.map(|slot| word(slot).unwrap_or(0));
+            }
+        }
+        seen
+    }
+
+    /// Puts outputs and command into the image.
+    pub(in crate::driver) fn put(&mut self, image: &mut CycleImage, pins: &mut Pins, now: Instant) {
+        self.pins.fetch(pins, &mut self.machine);
+        if !self.machine.run {
+            for remote in &self.remotes {
+                remote.pins.fault(pins);
+            }
+        }
+        let next = self.machine.next(now);
+        if next.with_data {
+            for remote in &self.remotes {
+                remote.put(image, pins);
+            }
+        }
+        if let Some(doit) = self.doit {
+            image.put(doit, next.command.word());
+        }
+    }
+
+    /// The write was done, or it is not known whether it was.
+    pub(in crate::driver) fn written(&mut self, now: Instant, sure: bool) {
+        self.machine.written(now, sure);
+    }
+
+    /// Looks at COMMAND alone: whether a transfer is complete, or none is under way.
+    pub(in crate::driver) fn poll(&mut self, image: &CycleImage, now: Instant) -> bool {
+        let is_complete = self.command.and_then(|slot| image.word(slot)) == Some(0);
+        if is_complete {
+            self.machine.transfer_complete(now);
+        }
+        is_complete || !self.machine.is_transferring()
+    }
+
+    /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
+    pub(in crate::driver) fn make_safe(&mut self, pins: &mut Pins) {
+        for remote in &self.remotes {
+            remote.pins.fault(pins);
+        }
+    }
+
+    /// Whether it looks as if the whole board was reset: every channel that ran is stopped, and
+    /// nobody asked for it. `None` if it has no remotes to tell by.
+    pub(in crate::driver) fn appears_reset(&self) -> Option<bool> {
+        (!self.remotes.is_empty()).then(|| self.machine.appears_reset())
+    }
+
+    /// All remotes that do not run are restarted in the next cycles.
+    pub(in crate::driver) fn restart_all(&mut self, pins: &mut Pins, now: Instant) {
+        for remote in &mut self.remotes {
+            remote.pins.restarted();
+        }
+        let not_running = self.machine.known().difference(self.machine.running());
+        for channel in not_running.iter() {
+            self.restart(channel, pins, now);
+        }
+    }
+}
+
+impl Remote {
+    fn no_news(&mut self, pins: &mut Pins, stale_after: u32) {
+        self.without_news = self.without_news.saturating_add(1);
+        if self.without_news >= stale_after {
+            pins.invalidate(self.pins.group());
+        }
+    }
+}
+
+/// What an application asks.
+impl SerialPort {
+    /// Its registers.
+    pub fn layout(&self) -> &Layout {
+        self.port.layout()
+    }
+
+    /// What it did so far.
+    pub fn statistics(&self) -> &PortStatistics {
+        &self.machine.statistics
+    }
+
+    /// How long its transfers take according to the remotes' sizes.
+    pub fn expected_time(&self) -> DoitTime {
+        self.expected
+    }
+
+    /// Its remotes, by channel.
+    pub fn remotes(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
+        self.remotes.iter().filter_map(|remote| {
+            let channel = self.machine.channel(remote.started.channel)?;
+            Some(RemoteStatus { remote, channel })
+        })
+    }
+
+    /// The remote on a channel.
+    pub fn remote(&self, channel: Number) -> Option<RemoteStatus<'_>> {
+        self.remotes()
+            .find(|status| status.started().channel == channel)
+    }
+
+    /// Restarts a remote in the next cycles, whatever its backoff: it clears the remote's faults.
+    /// Its outputs are safe from now on until it is re-armed.
+    pub(in crate::driver) fn restart(&mut self, channel: Number, pins: &mut Pins, now: Instant) {
+        if let Some(remote) = self
+            .remotes
+            .iter_mut()
+            .find(|remote| remote.started.channel == channel)
+        {
+            remote.pins.fault(pins);
+            remote.pins.restarted();
+            self.machine.restart_now(channel, now);
+        }
+    }
+}
+
+impl RemoteStatus<'_> {
+    /// What START told of it.
+    pub fn started(&self) -> &StartedRemote {
+        &self.remote.started
+    }
+
+    /// What discovery found out about it.
+    pub fn descriptor(&self) -> &RemoteDescriptor {
+        &self.remote.descriptor
+    }
+
+    /// Its pins.
+    pub fn pins(&self) -> &RemotePins {
+        &self.remote.pins
+    }
+
+    /// The group of its pins, to re-arm it.
+    pub fn group(&self) -> GroupId {
+        self.remote.pins.group()
+    }
+
+    /// What it is doing.
+    pub fn state(&self) -> RemoteState {
+        self.channel.state
+    }
+
+    /// What it reported with its last good transfer.
+    pub fn faults(&self) -> RemoteFaults {
+        self.channel.faults
+    }
+
+    /// Transfers of its own so far, failed ones included.
+    pub fn transfers(&self) -> u64 {
+        self.channel.transfers
+    }
+
+    /// Its failures so far.
+    pub fn failures(&self) -> FailureCounts {
+        self.channel.failures
+    }
+
+    /// How often it was restarted.
+    pub fn restarts(&self) -> u64 {
+        self.channel.restarts
+    }
+}
+
+fn tier(extended: bool) -> Tier {
+    if extended {
+        Tier::Extended
+    } else {
+        Tier::Cycle
+    }
+}
+
+fn expected_time(sizes: impl IntoIterator<Item = ProcessDataSizes>) -> DoitTime {
+    DoitTime::expected(
+        sizes,
+        crate::sslbp::DEFAULT_BAUD_RATE,
+        crate::sslbp::USUAL_REMOTE_LATENCY,
+    )
+}

@@ -1,0 +1,71 @@
+//! The end: outputs off, ports stopped, watchdog bitten.
+
+use core::time::Duration;
+
+use super::{CycleError, Driver};
+use crate::bus::RegisterBus;
+use crate::sslbp::PortError;
+
+/// How long the last transfer, with which the remotes' outputs go off, may take.
+const LAST_TRANSFER: Duration = Duration::from_millis(2);
+
+impl<B: RegisterBus> Driver<B> {
+    /// Stops: safe values to all outputs, every port stopped, and the watchdog bites, so that the
+    /// board drives nothing.
+    ///
+    /// Every step is tried, whatever became of those before; the first error is returned. A second
+    /// call does nothing. Dropping the driver does the same and ignores errors.
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded: some milliseconds for each port, or the bus's own time-outs.
+    pub fn shutdown(&mut self) -> Result<(), PortError<B::Error>> {
+        if self.is_shut_down {
+            return Ok(());
+        }
+        let mut first = Ok(());
+        let mut keep = |result: Result<(), PortError<B::Error>>| {
+            if first.is_ok() {
+                first = result;
+            }
+        };
+        keep(self.last_transfer());
+        self.is_shut_down = true;
+        for port in &mut self.ports {
+            keep(port.port.stop_all(&mut self.bus));
+        }
+        let watchdog = *self.board.watchdog();
+        keep(watchdog.bite_now(&mut self.bus).map_err(PortError::Bus));
+        first
+    }
+
+    /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
+    fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
+        self.make_safe();
+        // COMMAND has to be seen idle, or nothing is sent.
+        self.wait_transfers(LAST_TRANSFER).map_err(PortError::Bus)?;
+        let result = match self.read() {
+            Ok(_) => {
+                self.make_safe();
+                self.write()
+            }
+            Err(error) => Err(error),
+        };
+        match result {
+            Ok(()) => {
+                self.wait_transfers(LAST_TRANSFER).map_err(PortError::Bus)?;
+                Ok(())
+            }
+            Err(CycleError::Read { source, .. } | CycleError::Write { source, .. }) => {
+                Err(PortError::Bus(source))
+            }
+            Err(CycleError::NotThere { .. } | CycleError::ShutDown) => Ok(()),
+        }
+    }
+}
+
+impl<B: RegisterBus> Drop for Driver<B> {
+    fn drop(&mut self) {
+        // Nobody is left to tell; the watchdogs do the rest.
+        let _ = self.shutdown();
+    }
+}
