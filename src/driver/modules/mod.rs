@@ -2,5 +2,5 @@
 
 mod encoder;
 
-pub(super) use encoder::{EncoderBuildError, EncoderModule};
 pub use encoder::EncoderSetup;
+pub(super) use encoder::{EncoderBuildError, EncoderModule};

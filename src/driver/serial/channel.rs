@@ -349,7 +349,7 @@ fn only_kind(sticky: LocalFaults) -> Option<LocalFaults> {
         .union(LocalFaults::SERIAL_BREAK)
         .union(LocalFaults::OVERRUN);
     let kinds = sticky.intersection(kinds);
-    (kinds.bits().count_ones() == 1).then_some(kinds)
+    kinds.bits().is_power_of_two().then_some(kinds)
 }
 
 #[cfg(test)]

@@ -75,7 +75,7 @@ impl Remote {
         }
     }
 
-    fn claim(&mut self, plan: &mut ImagePlan, registers: &ChannelRegisters) {
+    fn claim(&mut self, plan: &mut ImagePlan, registers: ChannelRegisters) {
         let slots = &mut self.slots;
         slots.cs = Some(plan.read_data(registers.cs()));
         let inputs = registers.interfaces_for(self.started.input_bytes());
@@ -171,7 +171,7 @@ impl SerialPort {
         self.doit = Some(plan.write(WritePhase::Trigger, Tier::Cycle, command, 1, ignored));
         for remote in &mut self.remotes {
             if let Some(registers) = layout.channel(remote.started.channel) {
-                remote.claim(plan, &registers);
+                remote.claim(plan, registers);
             }
         }
     }
