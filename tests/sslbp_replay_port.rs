@@ -4,7 +4,7 @@
 mod sslbp_replay;
 
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelStart, ComState, Layout, LocalLocation,
+    AccessSize, Channel, ChannelMask, ChannelStart, ComState, Layout, LocalFaults, LocalLocation,
     NonvolatileMemory, Port, PortError, PortParameters, PortState, PortWords, ProcessDataSizes,
     RemoteAccess, RemoteFaults, StartFailureReason, StartMode, WaitingFor,
 };
@@ -426,6 +426,53 @@ fn a_remote_fault_shows_although_data_is_clear() {
     let (none, bitten) = (RemoteFaults::empty(), RemoteFaults::WATCHDOG);
     let expected = [none, none, bitten, bitten, RemoteFaults::LOW_VOLTAGE, none];
     assert_eq!(faults, expected);
+}
+
+/// FACTS 5.4; transcript t10: the DOITs up to the end of the bad CRC.
+#[test]
+fn lost_and_damaged_replies_are_marked_and_keep_the_last_good_data() {
+    let mut bus = Replay::of("t10_errors.txt").without(|segment| segment.command & 0x2000 != 0);
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    port.start(&mut bus, StartMode::Normal, &start_zero(0))
+        .unwrap();
+    let mut failed = Vec::new();
+    for word in [0, 0, 0x101, 0x202, 0x303, 0x101, 0x202, 0x303] {
+        let transfer = port
+            .transfer(&mut bus, ZERO.mask(), &outputs(&[word]))
+            .unwrap();
+        failed.push(!transfer.failed.is_empty());
+    }
+    // two good ones; a lost reply, two good ones; a bad CRC, two good ones
+    let expected = [false, false, true, false, false, true, false, false];
+    assert_eq!(failed, expected);
+    never_busy(&bus);
+}
+
+/// FACTS 4.4; transcript t12: a remote that is gone costs its own data, not its neighbour's.
+#[test]
+fn a_dead_remote_fails_alone() {
+    let mut bus = Replay::of("t12_toomany.txt");
+    bus.set_sizes(0, 5, 2);
+    bus.set_sizes(1, 7, 6);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    let starts = [0, 1].map(|n| ChannelStart::new(Channel::ALL[n]));
+    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    let both = ChannelMask::from_bits(3);
+    let mut transfer = || {
+        port.transfer(&mut bus, both, &PortWords::default())
+            .unwrap()
+    };
+    for _ in 0..2 {
+        assert_eq!(transfer().failed, ChannelMask::NONE);
+    }
+    let last = (0..25).map(|_| transfer()).inspect(|bad| {
+        assert_eq!(bad.failed, ZERO.mask());
+    });
+    let faults = last.last().unwrap().status(ZERO).local_faults();
+    assert!(faults.contains(LocalFaults::TOO_MANY_ERRORS), "{faults}");
 }
 
 /// Transcript t26: a 7I64 has 8 bytes of data in its reply and no fault byte.

@@ -4,11 +4,12 @@ mod sslbp_replay;
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::{
-    DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, discover, discover_port,
+    DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
+    discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::remote::{FixedData, Remote};
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal::sim::{SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
     AccessError, AccessSize, Channel, ChannelMask, ChannelStart, Layout, Port, PortError,
     PortState, PortWords, ProcessDataSizes, StartFailureReason, StartMode,
@@ -299,6 +300,71 @@ fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
         .unwrap();
     let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
     assert_eq!(transfer.failed, ChannelMask::NONE);
+}
+
+/// FACTS 4.7: no discovery in the remote, a table in this crate.
+#[test]
+fn a_7i64_is_discovered_by_its_name_and_exchanges_data() {
+    let (mut fpga, mut port) = machine();
+    let settings = "present=1 name=7I64 unit=0x64 mode0=8,4,0,0 fault=0 in=010200A0A1A2A3 wd=0";
+    fpga.plug(0, 0, Some(Box::new(model(settings))));
+    let starts = [start(ZERO, 0)];
+    let limits = DiscoveryLimits::default();
+    let inventory = discover_port(&mut port, &mut fpga, &starts, limits).unwrap();
+    let found = &inventory.on(ZERO).unwrap().discovered;
+    assert_eq!(
+        (found.problems.as_slice(), found.source),
+        (&[][..], Source::BuiltIn)
+    );
+    assert_eq!(found.descriptor.process_data.len(), 5);
+    port.stop_all(&mut fpga).unwrap();
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let sizes = report.remotes().next().unwrap().sizes;
+    assert_eq!(sizes, ProcessDataSizes { rx: 8, tx: 4 });
+    let transfer = port
+        .transfer(&mut fpga, ZERO.mask(), &PortWords::default())
+        .unwrap();
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..2],
+        [0x0002_0100, 0xA3A2_A1A0]
+    );
+}
+
+/// FACTS 2.1: GTAG C6 has seven interface registers.
+#[test]
+fn the_wide_layout_moves_more_than_96_bits() {
+    let mut firmware = machines::firmware_7i92_7i77();
+    for module in &mut firmware.modules {
+        if module.gtag == gtag::SSERIAL {
+            module.gtag = gtag::SSERIAL_B;
+            module.registers = 10;
+            module.multiple = 0x3FC;
+        }
+    }
+    for pin in &mut firmware.pins {
+        if pin.secondary == gtag::SSERIAL {
+            pin.secondary = gtag::SSERIAL_B;
+        }
+    }
+    let mut fpga = SimFpga::new(firmware);
+    let settings = "present=1 name=WIDE unit=5 mode0=15,14,0,0 in=0102030405060708090A0B0C0D0E";
+    fpga.plug(0, 0, Some(Box::new(model(settings))));
+    let mut port = reset_port(&mut fpga);
+    assert_eq!(port.layout().process_data_bits(), 224);
+    let report = port
+        .start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
+        .unwrap();
+    assert_eq!(report.started(), ZERO.mask());
+    let mut outputs = PortWords::default();
+    outputs.set(ZERO, &[0x1111_1111, 0x2222_2222, 0x3333_3333, 0x4444]);
+    let transfer = port.transfer(&mut fpga, ZERO.mask(), &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..4],
+        [0x0403_0201, 0x0807_0605, 0x0C0B_0A09, 0x0000_0E0D]
+    );
+    let sent = remote(&mut fpga).application().outputs();
+    assert_eq!(sent[10..], [0x33, 0x33, 0x44, 0x44]);
 }
 
 /// FACTS 5.6: 14/13 would start and never work; it is refused, and its line is quiet again.

@@ -126,9 +126,10 @@ impl RecoveryStep {
     }
 }
 
-/// The channels of `failed` that were asked for and run; the others mean nothing.
+/// The DOIT of those channels of `wanted` that run; `None` if none of them does.
 ///
-/// FACTS 5.5: never put a channel that does not run into the mask of a DOIT.
+/// A channel that does not run is never sent to, and its bit in DATA means nothing then (FACTS
+/// 5.5).
 pub const fn doit_of(running: ChannelMask, wanted: ChannelMask) -> Option<Command> {
     let mask = running.intersection(wanted);
     if mask.is_empty() {
