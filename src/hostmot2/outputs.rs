@@ -116,6 +116,7 @@ pub(super) fn instance_of(block: RegisterBlock, instance: u8) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn one_megahertz_at_100_mhz_is_divisor_48() {
@@ -129,5 +130,15 @@ mod tests {
     fn the_divisor_is_kept_within_its_bits() {
         assert_eq!(SsrRate::enabled(100_000_000, 0), SsrRate(0x1FFF));
         assert_eq!(SsrRate::enabled(1, u32::MAX), SsrRate(0x1000));
+    }
+
+    proptest! {
+        #[test]
+        fn relays_are_never_driven_faster_than_asked_for(clock in 1_000_000u32.., hz in 20_000u32..) {
+            let rate = SsrRate::enabled(clock, hz);
+            prop_assert!(rate.is_enabled() && rate.0 < 0x2000);
+            let slowest_is_faster = rate.0 & 0xFFF == 0xFFF;
+            prop_assert!(rate.drive_hz(clock) <= hz || slowest_is_faster);
+        }
     }
 }

@@ -155,6 +155,17 @@ impl Encoder {
         self.zero = self.rawcounts;
     }
 
+    /// Takes the next read as a new start: counts go on from here, whatever the counter in the FPGA
+    /// says then. For when it may have been reset, or moved by 32768 counts or more unseen.
+    pub fn resume(&mut self) {
+        self.last = None;
+        self.clean = false;
+        self.velocity.reset();
+        if self.wanted != LatchRequest::None {
+            self.stage = Stage::Settling;
+        }
+    }
+
     /// Takes a quadrature error back: it stays until then, since counts may be wrong for good.
     pub fn clear_quadrature_error(&mut self) {
         self.clear_error = true;

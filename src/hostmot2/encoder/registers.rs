@@ -300,6 +300,7 @@ impl EncoderConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn words_are_laid_out_as_the_register_list_says() {
@@ -332,5 +333,19 @@ mod tests {
         assert_eq!(TickRate::for_hz(clock, 0).0, 0xFFF);
         assert_eq!(TickRate::for_hz(clock, u32::MAX).0, 0);
         assert!((TickRate(0x8000).hz(clock) - 1e8).abs() < 1e-6);
+    }
+
+    proptest! {
+        #[test]
+        fn a_rate_is_the_fastest_that_is_not_above_what_was_asked_for(clock in 1_000_000u32.., hz: u32) {
+            let rate = TickRate::for_hz(clock, hz);
+            let wanted = f64::from(hz);
+            if rate.0 < TickRate::LARGEST && wanted <= f64::from(clock) / 2.0 {
+                prop_assert!(rate.hz(clock) <= wanted);
+            }
+            if let Some(faster) = rate.0.checked_sub(1) && rate.0 < TickRate::LARGEST {
+                prop_assert!(TickRate(faster).hz(clock) > wanted);
+            }
+        }
     }
 }

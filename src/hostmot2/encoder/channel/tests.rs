@@ -216,3 +216,23 @@ fn reset_zeroes_count_and_not_rawcounts() {
     assert_eq!((reading.rawcounts, reading.count), (200, -50));
     assert!((reading.position + 0.5).abs() < 1e-12);
 }
+
+#[test]
+fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.read(hardware.step(20_000, 1_000));
+    encoder.request(LatchRequest::Index);
+    hardware.count = 0;
+    encoder.resume();
+    // What the register shows after a reload must not pass for an index.
+    hardware.control = 0x1848 | (7 << 16);
+    let reading = encoder.read(hardware.step(0, 1_000));
+    assert_eq!((reading.rawcounts, reading.count), (20_000, 20_000));
+    assert!(reading.velocity.abs() < f64::EPSILON);
+    assert_eq!(encoder.requested(), LatchRequest::Index);
+    hardware.control = 0x1808;
+    assert_eq!(encoder.read(hardware.step(5, 1_000)).count, 20_005);
+    assert_eq!(encoder.control().0, 0x1858);
+}
