@@ -5,6 +5,7 @@
 //! the gateware was seen to do and from its recorded transcripts.
 
 mod board;
+pub mod devices;
 mod fpga;
 pub mod machines;
 mod modules;

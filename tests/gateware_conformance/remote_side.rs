@@ -43,7 +43,7 @@ pub fn replay(transcript: &Transcript) -> Outcome {
     let mut channels: [Channel<'_>; 8] = std::array::from_fn(|_| Channel::default());
     let end = read(transcript, &mut channels);
     let mut outcome = Outcome::default();
-    for channel in channels {
+    for channel in &channels {
         outcome.add(compare(channel, end));
     }
     outcome
@@ -115,7 +115,7 @@ fn is_event(text: &str) -> bool {
         || text.starts_with("parser timeout")
 }
 
-fn compare(channel: Channel<'_>, end: Nanos) -> Outcome {
+fn compare(channel: &Channel<'_>, end: Nanos) -> Outcome {
     let mut outcome = Outcome::default();
     let mut remote = Remote::model();
     let mut done = Vec::new();

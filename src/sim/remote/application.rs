@@ -26,6 +26,12 @@ pub trait Application: core::fmt::Debug + Send + 'static {
     /// Fills in the input data of a process-data reply, the fault byte excluded; all zeros before.
     fn inputs(&mut self, mode: u8, memory: &mut Memory, data: &mut [u8]);
 
+    /// Whether this output data clears the faults, as it does on remotes without E7.
+    fn clears_faults(&self, data: &[u8]) -> bool {
+        let _ = data;
+        false
+    }
+
     /// Takes over the output data of a process-data request. Not called while a fault is set.
     fn outputs(&mut self, mode: u8, memory: &mut Memory, data: &[u8]);
 

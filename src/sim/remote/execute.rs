@@ -67,6 +67,9 @@ impl<A: Application> Remote<A> {
     fn process_data(&mut self, at: Nanos, data: &[u8]) -> Reply {
         self.feed_watchdog(at);
         let mode = self.state.mode;
+        if self.application.clears_faults(data) {
+            self.clear_faults(at);
+        }
         if self.state.faults.is_empty() {
             self.application.outputs(mode, &mut self.memory, data);
             // an output may trip at once
@@ -208,10 +211,7 @@ impl<A: Application> Remote<A> {
             LocalWrite::ClearFaults => {
                 if value != 0 {
                     self.state.clear_count = self.config.clear_delay;
-                    self.state.faults = self.config.stuck_faults;
-                    self.arm_watchdog(at);
-                    self.application.faults_cleared();
-                    self.state.faults |= self.application.faults();
+                    self.clear_faults(at);
                 }
             }
             LocalWrite::RpcMemoryAccess => self.state.rpc_access = value,
@@ -228,6 +228,13 @@ impl<A: Application> Remote<A> {
             // the parser is between two frames anyway; a 7I77 always checks CRCs
             LocalWrite::ResetParser | LocalWrite::CrcEnable | LocalWrite::Reserved(_) => {}
         }
+    }
+
+    fn clear_faults(&mut self, at: Nanos) {
+        self.state.faults = self.config.stuck_faults;
+        self.arm_watchdog(at);
+        self.application.faults_cleared();
+        self.state.faults |= self.application.faults();
     }
 
     fn set_mode(&mut self, mode: u8) {
