@@ -9,6 +9,8 @@ mod fpga_side;
 mod outcome;
 #[path = "gateware_conformance/phase.rs"]
 mod phase;
+#[path = "gateware_conformance/remote_side.rs"]
+mod remote_side;
 #[path = "gateware_conformance/transcript.rs"]
 mod transcript;
 #[path = "gateware_conformance/wire_log.rs"]
@@ -90,4 +92,9 @@ fn run_all(side: &str, compare: impl Fn(&Transcript) -> Outcome) {
 #[test]
 fn the_simulated_fpga_does_what_the_gateware_was_recorded_to_do() {
     run_all("FPGA side", fpga_side::replay);
+}
+
+#[test]
+fn the_simulated_remotes_answer_as_the_recorded_ones_did() {
+    run_all("remote side", remote_side::replay);
 }
