@@ -3,6 +3,8 @@
 //! `GATEWARE_TRANSCRIPTS` names another directory than `tests/transcripts`. One line for each file
 //! says how much was compared; any difference, and any file that can not be read whole, fails.
 
+#[path = "gateware_conformance/damage.rs"]
+mod damage;
 #[path = "gateware_conformance/fpga_side.rs"]
 mod fpga_side;
 #[path = "gateware_conformance/outcome.rs"]
@@ -18,7 +20,6 @@ mod wire_log;
 
 use std::path::{Path, PathBuf};
 
-use outcome::Outcome;
 use transcript::Transcript;
 
 /// Differences that are shown for each file.
@@ -43,24 +44,35 @@ fn files(directory: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Prints what was found in one file, and says whether all is as recorded.
-fn report(name: &str, outcome: &Outcome) -> bool {
+/// Compares one file from both ends of the wire; prints what was found, and says whether all is as
+/// recorded.
+fn check(transcript: &Transcript) -> (usize, bool) {
+    let sides = [
+        ("FPGA", fpga_side::replay(transcript)),
+        ("remote", remote_side::replay(transcript)),
+    ];
+    let compared: usize = sides.iter().map(|(_, outcome)| outcome.compared).sum();
+    let differing: usize = sides
+        .iter()
+        .map(|(_, outcome)| outcome.differences.len())
+        .sum();
     println!(
-        "{name}: compared {}, differing {}",
-        outcome.compared,
-        outcome.differences.len()
+        "{}: compared {compared}, differing {differing}",
+        transcript.name
     );
-    for difference in outcome.differences.iter().take(SHOWN) {
-        println!(
-            "    line {}: recorded: {}; simulated: {}",
-            difference.line, difference.expected, difference.actual
-        );
+    for (side, outcome) in &sides {
+        for difference in outcome.differences.iter().take(SHOWN) {
+            println!(
+                "    {side} side, line {}: recorded: {}; simulated: {}",
+                difference.line, difference.expected, difference.actual
+            );
+        }
     }
-    outcome.differences.is_empty()
+    (compared, differing == 0)
 }
 
-/// Runs `compare` on every transcript and fails if anything differs.
-fn run_all(side: &str, compare: impl Fn(&Transcript) -> Outcome) {
+#[test]
+fn simulated_fpga_and_remotes_do_what_was_recorded() {
     let directory = directory();
     let files = files(&directory);
     assert!(
@@ -72,9 +84,9 @@ fn run_all(side: &str, compare: impl Fn(&Transcript) -> Outcome) {
     for path in &files {
         match Transcript::load(path) {
             Ok(transcript) => {
-                let outcome = compare(&transcript);
-                compared += outcome.compared;
-                failed += usize::from(!report(&transcript.name, &outcome));
+                let (items, same) = check(&transcript);
+                compared += items;
+                failed += usize::from(!same);
             }
             Err(unreadable) => {
                 println!("{unreadable}");
@@ -83,15 +95,10 @@ fn run_all(side: &str, compare: impl Fn(&Transcript) -> Outcome) {
         }
     }
     println!(
-        "{side}: {} files, {compared} items compared, {failed} files differ",
+        "{} files, {compared} items compared, {failed} files differ",
         files.len()
     );
-    assert_eq!(failed, 0, "{side}: files that differ from their recording");
-}
-
-#[test]
-fn the_simulated_fpga_does_what_the_gateware_was_recorded_to_do() {
-    run_all("FPGA side", fpga_side::replay);
+    assert_eq!(failed, 0, "files that differ from their recording");
 }
 
 #[test]
