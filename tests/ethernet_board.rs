@@ -60,7 +60,7 @@ fn a_board_says_who_it_is() {
     let identity = board.identity().expect("identity");
     assert_eq!(identity.card_name(), "7I97");
     assert_eq!(identity.firmware_version, 16);
-    assert_eq!(identity.mac, [0x00, 0x60, 0x0E, 0x1B, 0x00, 0x97]);
+    assert_eq!(identity.mac.to_string(), "00:60:0e:1b:00:97");
     assert_eq!(identity.eeprom_ip, Ipv4Addr::new(10, 10, 10, 10));
     let netmask = Ipv4Addr::new(255, 255, 255, 0);
     assert_eq!(identity.eeprom_netmask, Some(netmask));

@@ -1,6 +1,6 @@
 //! Who a board is, and what it counted.
 
-use core::{net::Ipv4Addr, time::Duration};
+use core::{fmt, net::Ipv4Addr, time::Duration};
 
 use super::packets::{BoardError, Lbp16Board, QUICK, read_words, run};
 use crate::lbp16::{Command, ErrorRegister, InfoArea, InfoError, Space, registers};
@@ -11,6 +11,20 @@ use crate::lbp16::{Command, ErrorRegister, InfoArea, InfoError, Space, registers
 #[derive(Debug)]
 pub struct Board<B> {
     bus: B,
+}
+
+/// The address of a network interface. `Display` writes it as usual: `00:60:0e:1b:00:97`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MacAddress(pub [u8; 6]);
+
+impl fmt::Display for MacAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (n, byte) in self.0.iter().enumerate() {
+            let colon = if n == 0 { "" } else { ":" };
+            write!(f, "{colon}{byte:02x}")?;
+        }
+        Ok(())
+    }
 }
 
 /// What a board says about itself.
@@ -26,7 +40,7 @@ pub struct Identity {
     /// The jumpers, as the board reads them. Which bit is which jumper is not documented.
     pub jumpers: u16,
     /// The MAC address in the EEPROM.
-    pub mac: [u8; 6],
+    pub mac: MacAddress,
     /// The IP address in the EEPROM, which the board uses if its jumpers say so.
     pub eeprom_ip: Ipv4Addr,
     /// The netmask in the EEPROM; firmware 16 and later have one.
@@ -112,7 +126,7 @@ impl<B: Lbp16Board> Board<B> {
             lbp_version: lbp,
             firmware_version: firmware,
             jumpers,
-            mac,
+            mac: MacAddress(mac),
             eeprom_ip: self.eeprom_address(registers::eeprom::IP_ADDRESS)?,
             eeprom_netmask: if firmware >= registers::eeprom::NETMASK_FIRMWARE {
                 Some(self.eeprom_address(registers::eeprom::NETMASK)?)
