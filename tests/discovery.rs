@@ -445,6 +445,22 @@ fn a_remote_that_is_gone_is_given_up_soon() {
     assert!(found.accesses <= 6);
 }
 
+/// Of a hundred records none can be read: four are tried.
+#[test]
+fn giving_up_is_said_once() {
+    let mut image = Image::default();
+    let words: Vec<u16> = (0..100).map(|n| 0x2000 + 0x40 * n).collect();
+    image.put_words(0x100, &words);
+    image.put_words(0x100 + 200, &[0]);
+    image.missing = Some(0x2000..=0x6000);
+    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    let (failed, gave_up): (Vec<_>, Vec<_>) = kinds(&found)
+        .into_iter()
+        .partition(|kind| matches!(kind, ProblemKind::ReadFailed { .. }));
+    assert_eq!((failed.len(), gave_up.len()), (4, 1));
+    assert!(matches!(gave_up[0], ProblemKind::GaveUp { .. }));
+}
+
 fn any_image() -> impl Strategy<Value = Image> {
     // Dense with record types, zeros and printable characters, so that walks get far.
     let byte = prop_oneof![

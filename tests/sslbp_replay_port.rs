@@ -214,20 +214,20 @@ fn every_recorded_pass_through_access_gives_the_recorded_value() {
     never_busy(&bus);
 }
 
-/// FACTS 6.3; transcript t05: EC 01, write, read back, EC 00, and then a read of the other memory.
+/// FACTS 6.3; transcript t05: EC 01, read, write, read back, EC 00, and then a read of the other
+/// memory.
 #[test]
 fn nonvolatile_access_is_confirmed_and_switched_off_again() {
-    let mut reads = 0;
     let mut bus = Replay::of("t05_passthrough.txt").without(|segment| {
-        match recorded_access(segment) {
-            Some(RemoteAccess::WriteLocal(..) | RemoteAccess::Write { address: 0x24, .. }) => false,
-            // The recording reads once before it writes; the driver does not.
-            Some(RemoteAccess::Read { address: 0x24, .. }) => {
-                reads += 1;
-                reads == 1
-            }
-            _ => segment.command != 0x0800 && segment.command != 0x0F01,
-        }
+        let in_sequence = matches!(
+            recorded_access(segment),
+            Some(
+                RemoteAccess::WriteLocal(..)
+                    | RemoteAccess::Write { address: 0x24, .. }
+                    | RemoteAccess::Read { address: 0x24, .. }
+            )
+        );
+        segment.command != 0x0800 && segment.command != 0x0F01 && !in_sequence
     });
     bus.set_sizes(0, 5, 2);
     let mut port = identified(&mut bus);

@@ -153,6 +153,12 @@ impl<'m, M: RemoteMemory> Walk<'m, M> {
     }
 
     fn note(&mut self, table: Table, record: u16, kind: ProblemKind) {
+        let gave_up = |kind| matches!(kind, ProblemKind::GaveUp { .. });
+        let same = |noted: &Problem| noted.table == table && gave_up(noted.kind);
+        if gave_up(kind) && self.problems.iter().any(same) {
+            // Every further record would say the same.
+            return;
+        }
         self.problems.push(Problem {
             name: self.identity.name,
             unit_number: self.identity.unit_number,

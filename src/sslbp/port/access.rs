@@ -101,7 +101,7 @@ impl Port {
     }
 
     /// Writes to the non-volatile memory of the remote on `channel`, and reads it back until it
-    /// has been kept.
+    /// has been kept. A value that is there already is not written: such memory wears out.
     ///
     /// Access to it is switched off again, whatever happens. FACTS 6.3.
     pub fn nonvolatile_write<B: RegisterBus>(
@@ -115,6 +115,9 @@ impl Port {
     ) -> PortResult<(), B> {
         let written = value & size.mask();
         self.with_nonvolatile(bus, channel, memory, |port, bus| {
+            if port.remote_read(bus, channel, address, size)? == written {
+                return Ok(());
+            }
             port.remote_write(bus, channel, address, size, written)?;
             port.confirm_kept(bus, channel, address, size, written)
         })
