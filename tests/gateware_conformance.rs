@@ -100,8 +100,3 @@ fn simulated_fpga_and_remotes_do_what_was_recorded() {
     );
     assert_eq!(failed, 0, "files that differ from their recording");
 }
-
-#[test]
-fn the_simulated_remotes_answer_as_the_recorded_ones_did() {
-    run_all("remote side", remote_side::replay);
-}
