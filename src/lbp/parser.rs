@@ -106,7 +106,8 @@ impl Parser {
         }
     }
 
-    /// Sets the frame timeout in bit times (command EB); 0 disables it.
+    /// Sets the frame timeout in bit times (command EB). 0 counts as 1: without any timeout, one
+    /// lost character would silence the remote for good.
     pub const fn set_timeout(&mut self, bits: u8) {
         self.timeout_bits = bits;
     }
@@ -137,7 +138,7 @@ impl Parser {
     pub fn expire(&mut self, at: u64) -> Option<usize> {
         let idle = at.saturating_sub(self.last + 10 * self.bit);
         let waiting = self.len > 0 || self.skipping;
-        if !waiting || self.timeout_bits == 0 || idle <= u64::from(self.timeout_bits) * self.bit {
+        if !waiting || idle <= u64::from(self.timeout_bits.max(1)) * self.bit {
             return None;
         }
         let dropped = self.len;

@@ -27,6 +27,7 @@ working UnitNumber 32 NVUnitNumber
 working WatchDogTime 16 NVWatchDogTimeout
 watchdog WatchDogTime
 unit-number UnitNumber
+baud-rate NVBaudRate
 ";
 
 const CHANNELS: usize = 6;
@@ -45,6 +46,15 @@ pub struct Analog {
     raw: [i16; CHANNELS],
     ena: bool,
     spin_ena: bool,
+    places: Places,
+}
+
+/// Where the process data is in memory, looked up once.
+#[derive(Clone, Copy, Debug, Default)]
+struct Places {
+    raw: [u16; CHANNELS],
+    ena: u16,
+    spin_ena: u16,
 }
 
 impl Analog {
@@ -76,24 +86,33 @@ impl Analog {
 }
 
 impl World for Analog {
+    fn power_up(&mut self, layout: &Layout, _memory: &Memory) {
+        let at = |name: &str| layout.address(name).unwrap_or_default();
+        self.places = Places {
+            raw: NAMES.map(at),
+            ena: at("AnalogEna"),
+            spin_ena: at("SpinEna"),
+        };
+    }
+
     fn sample(&mut self, _mode: u8, _layout: &Layout, _memory: &mut Memory) {}
 
-    fn drive(&mut self, layout: &Layout, memory: &Memory) {
-        let word = |name: &str, bytes| {
-            let address = layout.address(name);
-            address.map_or(0, |address| memory.word(address, bytes))
-        };
-        for (raw, name) in self.raw.iter_mut().zip(NAMES) {
+    fn drive(&mut self, _layout: &Layout, memory: &Memory) {
+        let places = self.places;
+        for (raw, address) in self.raw.iter_mut().zip(places.raw) {
             // 13 bits, sign extended
-            *raw = (word(name, 2) as u16) as i16;
+            *raw = (memory.word(address, 2) as u16) as i16;
             *raw = *raw << 3 >> 3;
         }
-        self.ena = word("AnalogEna", 1) & 1 != 0;
-        self.spin_ena = word("SpinEna", 1) & 1 != 0;
+        self.ena = memory.byte(places.ena) & 1 != 0;
+        self.spin_ena = memory.byte(places.spin_ena) & 1 != 0;
     }
 
     fn off(&mut self) {
-        *self = Self::default();
+        *self = Self {
+            places: self.places,
+            ..Self::default()
+        };
     }
 
     fn inputs(&self, _layout: &Layout) -> Vec<(String, SignalValue)> {

@@ -1,29 +1,32 @@
 //! The text that describes a remote.
-//!
-//! One statement a line; `#` begins a comment; words are separated by blanks:
-//!
-//! ```text
-//! remote NAME                 four characters, once, first
-//! unit NUMBER                 factory unit number (0x.. or decimal)
-//! revision NUMBER             software revision (D5)
-//! hardware INDEX NAME         hardware mode
-//! mode INDEX NAME             a software mode; its process data follows
-//!   data NAME BITS TYPE DIRECTION [MIN MAX [UNIT]]
-//! parameter NAME BITS TYPE DIRECTION [MIN MAX [UNIT]] [= VALUE]
-//! working NAME BITS FROM      copy of the non-volatile parameter FROM, loaded at power-up; a
-//!                             parameter of that name, or memory without a record
-//! watchdog NAME               the 16-bit working copy that holds the watchdog time in ms
-//! unit-number NAME            the 32-bit parameter that holds the unit number
-//! no-discovery                answers neither BB nor E6; mode 0 says what is transferred
-//! clear-faults BYTE BIT       this bit of the process data clears the faults (7I64)
-//! ```
-//!
-//! TYPE: pad bits unsigned signed nonvol-unsigned nonvol-signed stream boolean encoder float
-//! nonvol-float encoder-high encoder-low. DIRECTION: in out both.
 
 use thiserror::Error;
 
 /// A remote as its description says.
+///
+/// One statement a line; `#` begins a comment; words are separated by blanks:
+///
+/// ```text
+/// remote NAME                 four characters, once, first
+/// unit NUMBER                 factory unit number (0x.. or decimal)
+/// revision NUMBER             software revision (D5)
+/// hardware INDEX NAME         hardware mode
+/// mode INDEX NAME             a software mode; its process data follows
+///   data NAME BITS TYPE DIRECTION [MIN MAX [UNIT]]
+/// parameter NAME BITS TYPE DIRECTION [MIN MAX [UNIT]] [= VALUE]
+/// working NAME BITS FROM      copy of the non-volatile parameter FROM, loaded at power-up; a
+///                             parameter of that name, or memory without a record
+/// watchdog NAME               the 16-bit working copy that holds the watchdog time in ms
+/// baud-rate NAME              the non-volatile parameter with the index of the baud rate
+/// unit-number NAME            the 32-bit parameter that holds the unit number
+/// no-discovery                answers neither BB nor E6; mode 0 says what is transferred
+/// clear-faults BYTE BIT       this bit of the process data clears the faults (7I64)
+/// ```
+///
+/// TYPE: pad bits unsigned signed nonvol-unsigned nonvol-signed stream boolean encoder float
+/// nonvol-float encoder-high encoder-low. DIRECTION: in out both.
+///
+/// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     /// The four characters of its name.
@@ -42,6 +45,8 @@ pub struct Description {
     pub working: Vec<Working>,
     /// Name of the working watchdog time.
     pub watchdog: Option<String>,
+    /// Name of the baud rate's parameter.
+    pub baud_rate: Option<String>,
     /// Name of the unit number's parameter.
     pub unit_number: Option<String>,
     /// Whether it has no discovery.
@@ -186,7 +191,9 @@ pub enum DescriptionError {
     #[error("a description needs `remote NAME` and at least one mode")]
     Incomplete,
     /// A name is used that is nowhere defined.
-    #[error("`working`, `watchdog` or `unit-number` names a parameter that is not there")]
+    #[error(
+        "`working`, `watchdog`, `baud-rate` or `unit-number` names a parameter that is not there"
+    )]
     UnknownName,
     /// Two elements of one name are not alike.
     #[error("process data of the same name must be alike in all modes")]
@@ -214,6 +221,7 @@ impl Description {
             parameters: Vec::new(),
             working: Vec::new(),
             watchdog: None,
+            baud_rate: None,
             unit_number: None,
             no_discovery: false,
             clear_faults: None,
@@ -274,6 +282,7 @@ impl Description {
                 from: (*from).to_owned(),
             }),
             ("watchdog", [name]) => self.watchdog = Some((*name).to_owned()),
+            ("baud-rate", [name]) => self.baud_rate = Some((*name).to_owned()),
             ("unit-number", [name]) => self.unit_number = Some((*name).to_owned()),
             ("no-discovery", []) => self.no_discovery = true,
             ("clear-faults", [byte, bit]) => {
@@ -282,7 +291,7 @@ impl Description {
             }
             (
                 "remote" | "unit" | "revision" | "hardware" | "mode" | "working" | "watchdog"
-                | "unit-number" | "no-discovery" | "clear-faults",
+                | "baud-rate" | "unit-number" | "no-discovery" | "clear-faults",
                 _,
             ) => return Err(DescriptionError::Words { line }),
             _ => return Err(DescriptionError::Statement { line }),

@@ -56,6 +56,7 @@ working EncMode0 8 NVEncMode0
 working EncMode1 8 NVEncMode1
 watchdog WatchDogTime
 unit-number UnitNumber
+baud-rate NVBaudRate
 ";
 
 const INPUTS: usize = 32;
@@ -77,6 +78,30 @@ pub struct FieldIo {
     drivers: Drivers,
     mpgs: [Mpg; 2],
     mode: u8,
+    places: Places,
+}
+
+/// Where the process data is in memory, looked up once.
+#[derive(Clone, Copy, Debug, Default)]
+struct Places {
+    output: u16,
+    input: u16,
+    analog: [u16; 4],
+    field: u16,
+    encoders: [u16; 2],
+}
+
+impl Places {
+    fn new(layout: &Layout) -> Self {
+        let at = |name: &str| layout.address(name).unwrap_or_default();
+        Self {
+            output: at("Output"),
+            input: at("Input"),
+            analog: ["AnalogIn0", "AnalogIn1", "AnalogIn2", "AnalogIn3"].map(at),
+            field: at("FieldVoltage"),
+            encoders: ["Enc0", "Enc1"].map(at),
+        }
+    }
 }
 
 impl FieldIo {
@@ -105,6 +130,7 @@ impl FieldIo {
             drivers: Drivers::new(OUTPUTS),
             mpgs: [Mpg::default(); 2],
             mode: 0,
+            places: Places::default(),
         }
     }
 
@@ -179,6 +205,7 @@ impl FieldIo {
 
 impl World for FieldIo {
     fn power_up(&mut self, layout: &Layout, memory: &Memory) {
+        self.places = Places::new(layout);
         self.sensed = 0;
         self.mode = 0;
         self.sense_all();
@@ -189,31 +216,24 @@ impl World for FieldIo {
         }
     }
 
-    fn sample(&mut self, mode: u8, layout: &Layout, memory: &mut Memory) {
+    fn sample(&mut self, mode: u8, _layout: &Layout, memory: &mut Memory) {
         if self.mode != mode {
             self.mode = mode;
             self.sense_all();
         }
-        let mut set = |name: &str, bytes, value| {
-            if let Some(address) = layout.address(name) {
-                memory.set_word(address, bytes, value);
-            }
-        };
-        set("Input", 4, u64::from(self.sensed));
-        let names = ["AnalogIn0", "AnalogIn1", "AnalogIn2", "AnalogIn3"];
-        for (name, &volts) in names.iter().zip(&self.volts) {
-            set(name, 1, convert(volts));
+        let places = self.places;
+        memory.set_word(places.input, 4, u64::from(self.sensed));
+        for (address, &volts) in places.analog.into_iter().zip(&self.volts) {
+            memory.set_word(address, 1, convert(volts));
         }
-        set("FieldVoltage", 1, convert(self.power.volts));
-        for (name, mpg) in ["Enc0", "Enc1"].iter().zip(&self.mpgs) {
-            set(name, 1, u64::from(mpg.count));
+        memory.set_word(places.field, 1, convert(self.power.volts));
+        for (address, mpg) in places.encoders.into_iter().zip(&self.mpgs) {
+            memory.set_byte(address, mpg.count);
         }
     }
 
-    fn drive(&mut self, layout: &Layout, memory: &Memory) {
-        if let Some(address) = layout.address("Output") {
-            self.drivers.command(memory.word(address, 2));
-        }
+    fn drive(&mut self, _layout: &Layout, memory: &Memory) {
+        self.drivers.command(memory.word(self.places.output, 2));
     }
 
     fn off(&mut self) {

@@ -29,6 +29,7 @@ working UnitNumber 32 NVUnitNumber
 working WatchDogTime 16 NVWatchDogTimeout
 watchdog WatchDogTime
 unit-number UnitNumber
+baud-rate NVBaudRate
 ";
 
 const FULL_SCALE: f64 = 36.3;

@@ -305,6 +305,7 @@ impl Builder {
         };
         config.watchdog_address = find(&description.watchdog)?;
         config.unit_address = find(&description.unit_number)?;
+        config.baud_address = find(&description.baud_rate)?;
         // read without EC, a non-volatile parameter shows what it was at power-up
         for parameter in &self.layout.parameters {
             if parameter.record.is_nonvolatile() {

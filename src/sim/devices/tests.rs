@@ -656,3 +656,59 @@ fn layouts_pack_what_they_unpack() {
     assert_eq!(again[23], wire[23] & 1);
     assert!(!remote.application().clears_faults(&wire));
 }
+
+#[test]
+fn another_baud_rate_takes_effect_after_a_power_cycle() {
+    // manual 7I77, "OPERATE MODE BAUD RATE": index 4 is 115200 baud
+    let mut remote = FieldIo::i7i77().unwrap();
+    let nv = remote.application().layout().address("NVBaudRate").unwrap();
+    let mut host = Host::new(&mut remote);
+    host.set(LocalWrite::Nonvolatile, 1);
+    host.write(nv, DataSize::Word, 4);
+    assert_eq!(host.local(LocalRead::Cookie), 0x5A);
+    let now = host.now;
+    remote.set_power(now, false);
+    remote.set_power(now, true);
+    let mut host = Host {
+        remote: &mut remote,
+        now,
+    };
+    assert_eq!(host.ask(&Request::local_read(LocalRead::Cookie)), None);
+    let burst = Burst::new(now + 10_000_000, 8_681, &[0xDF, 0x16]);
+    remote.advance(burst.end());
+    remote.receive(&burst);
+    let reply = remote.transmit().unwrap();
+    assert_eq!((reply.bytes(), reply.bit), (&[0x5A, 0xA5][..], 8_681));
+}
+
+proptest::proptest! {
+    #[test]
+    fn arbitrary_bursts_never_panic_and_the_remote_answers_afterwards(
+        noise in proptest::collection::vec(
+            (proptest::collection::vec(proptest::prelude::any::<u8>(), 0..32), 0..200_000_u64),
+            0..60,
+        ),
+        sealed in proptest::prelude::any::<bool>(),
+    ) {
+        let mut remote = FieldIo::i7i77().unwrap();
+        let mut now = 0;
+        for (mut bytes, gap) in noise {
+            if sealed {
+                // half of the runs are made of frames that pass the CRC
+                bytes.truncate(12);
+                bytes.push(crate::lbp::crc8(&bytes));
+            }
+            let burst = Burst::new(now + gap, BIT_2M5, &bytes);
+            now = burst.end();
+            remote.advance(now);
+            remote.receive(&burst);
+            while remote.transmit().is_some() {}
+        }
+        now += 1_000_000_000;
+        let burst = Burst::new(now, BIT_2M5, &[0xDF, 0x16]);
+        remote.advance(burst.end());
+        remote.receive(&burst);
+        let reply = remote.transmit();
+        proptest::prop_assert_eq!(reply.map(|r| r.bytes().to_vec()), Some(vec![0x5A, 0xA5]));
+    }
+}

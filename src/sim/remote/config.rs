@@ -80,6 +80,9 @@ pub struct RemoteConfig {
     pub watchdog_address: Option<u16>,
     /// Length of a bit, both ways.
     pub bit: Nanos,
+    /// Where in memory the index of the baud rate is, if it is a parameter: it sets `bit` at
+    /// power-up. Manual: 7I77, "OPERATE MODE BAUD RATE".
+    pub baud_address: Option<u16>,
     /// Frame timeout after power-up, in bit times.
     pub frame_timeout: u8,
     /// The fault byte after power-up.
@@ -124,6 +127,7 @@ impl Default for RemoteConfig {
             watchdog: 50_000_000,
             watchdog_address: None,
             bit: BIT_2M5,
+            baud_address: None,
             frame_timeout: crate::lbp::Parser::DEFAULT_TIMEOUT,
             initial_faults: RemoteFaults::WATCHDOG,
             stuck_faults: RemoteFaults::empty(),
@@ -154,4 +158,15 @@ impl RemoteConfig {
             gtoc: 0,
         })
     }
+}
+
+/// Length of a bit for an index of the table of "OPERATE MODE BAUD RATE"; an index that is not in
+/// the table gives the default of 2.5 Mbaud.
+pub(super) fn bit_of_index(index: u8) -> Nanos {
+    const BAUD: [Nanos; 12] = [
+        9_600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800, 921_600, 1_250_000, 2_500_000,
+        5_000_000, 10_000_000,
+    ];
+    let baud = BAUD.get(usize::from(index));
+    baud.map_or(BIT_2M5, |baud| (1_000_000_000 + baud / 2) / baud)
 }

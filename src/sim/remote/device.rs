@@ -1,7 +1,9 @@
 //! A simulated remote: the protocol around an [`Application`].
 
 use super::{
-    Application, Eeprom, Flash, Memory, RemoteConfig, ReplyFaults, config::WorkingCopy, line,
+    Application, Eeprom, Flash, Memory, RemoteConfig, ReplyFaults,
+    config::{WorkingCopy, bit_of_index},
+    line,
 };
 use crate::{
     lbp::{
@@ -255,6 +257,9 @@ impl<A: Application> Remote<A> {
                 let byte = self.eeprom.cells().byte(from.wrapping_add(offset));
                 self.memory.set_byte(to.wrapping_add(offset), byte);
             }
+        }
+        if let Some(address) = self.config.baud_address {
+            self.config.bit = bit_of_index(self.memory.byte(address));
         }
         self.state = State::power_up(&self.config);
         self.parser = Parser::new(self.config.bit);
