@@ -1,0 +1,145 @@
+//! The inventory of a board: identity, firmware, modules, pins, serial ports, and their remotes
+//! with modes, process data and parameters.
+//!
+//! ```sh
+//! cargo run --release --example discover -- --sim
+//! cargo run --release --example discover -- --addr 10.10.10.10 --json
+//! ```
+
+mod json;
+mod report;
+mod text;
+
+use std::error::Error;
+use std::net::{Ipv4Addr, SocketAddrV4};
+use std::process::ExitCode;
+
+use mesa_hal::ethernet::Board;
+use mesa_hal::lbp16;
+use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
+use mesa_hal::sim::machines;
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use report::{Modes, Report};
+
+const USAGE: &str = "\
+Prints the inventory of a Mesa board: identity, firmware, modules, pins, serial ports and remotes.
+
+Usage: discover (--addr IP[:PORT] | --sim) [--mode PORT.CHANNEL=MODE]... [--json]
+
+  --addr IP[:PORT]          an Ethernet board; the port is 27181 unless given
+  --sim                     the embedded simulated machine: a 7I92 with a 7I77, and a 7I72
+  --mode PORT.CHANNEL=MODE  start this remote in a software mode other than 0
+  --json                    for programs
+  --help                    this text
+
+It stops the serial ports and turns all pins into inputs: not for a machine that is running.";
+
+fn main() -> ExitCode {
+    let options = match Options::parse(lexopt::Parser::from_env()) {
+        Ok(Some(options)) => options,
+        Ok(None) => {
+            println!("{USAGE}");
+            return ExitCode::SUCCESS;
+        }
+        Err(error) => {
+            eprintln!("discover: {error}\n\n{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    match take(&options) {
+        Ok(report) => {
+            if options.json {
+                println!("{:#}", json::of(&report));
+            } else {
+                text::print(&report);
+            }
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("discover: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn take(options: &Options) -> Result<Report, Box<dyn Error>> {
+    match options.board {
+        Source::Simulated => {
+            let mut fpga = machines::i7i92_7i77();
+            fpga.plug(0, 0, Some(Box::new(FieldIo::i7i77()?)));
+            fpga.plug(0, 1, Some(Box::new(Analog::i7i77()?)));
+            fpga.plug(0, 2, Some(Box::new(Outputs48::i7i72()?)));
+            report::take(&mut fpga, None, &options.modes)
+        }
+        Source::Ethernet(address) => {
+            let bus = UdpBus::connect(address, UdpConfig::default())
+                .map_err(|error| format!("{address}: {error}"))?;
+            let mut board = Board::new(bus);
+            let identity = board.identity()?;
+            let mut bus = board.into_inner();
+            report::take(&mut bus, Some(identity), &options.modes)
+        }
+    }
+}
+
+struct Options {
+    board: Source,
+    modes: Modes,
+    json: bool,
+}
+
+enum Source {
+    Simulated,
+    Ethernet(SocketAddrV4),
+}
+
+impl Options {
+    /// `None` if help is wanted.
+    fn parse(mut arguments: lexopt::Parser) -> Result<Option<Self>, lexopt::Error> {
+        use lexopt::prelude::*;
+        let mut board = None;
+        let mut modes = Modes::new();
+        let mut json = false;
+        while let Some(argument) = arguments.next()? {
+            match argument {
+                Long("addr") => {
+                    let address = arguments.value()?.parse_with(parse_address)?;
+                    board = Some(Source::Ethernet(address));
+                }
+                Long("sim") => board = Some(Source::Simulated),
+                Long("mode") => modes.push(arguments.value()?.parse_with(parse_mode)?),
+                Long("json") => json = true,
+                Long("help") | Short('h') => return Ok(None),
+                _ => return Err(argument.unexpected()),
+            }
+        }
+        let board = board.ok_or("say which board: --addr IP or --sim")?;
+        Ok(Some(Self { board, modes, json }))
+    }
+}
+
+fn parse_address(text: &str) -> Result<SocketAddrV4, String> {
+    let with_port = || text.parse().ok();
+    let without = || {
+        Some(SocketAddrV4::new(
+            text.parse::<Ipv4Addr>().ok()?,
+            lbp16::PORT,
+        ))
+    };
+    without().or_else(with_port).ok_or_else(|| {
+        format!("'{text}' is no IPv4 address; give it as 10.10.10.10 or 10.10.10.10:27181")
+    })
+}
+
+fn parse_mode(text: &str) -> Result<(u8, u8, u8), String> {
+    let parse = || {
+        let (place, mode) = text.split_once('=')?;
+        let (port, channel) = place.split_once('.')?;
+        Some((
+            port.parse().ok()?,
+            channel.parse().ok()?,
+            mode.parse().ok()?,
+        ))
+    };
+    parse().ok_or_else(|| format!("'{text}' is no PORT.CHANNEL=MODE, for example 0.1=2"))
+}

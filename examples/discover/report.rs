@@ -1,0 +1,151 @@
+//! Takes the inventory of a board: firmware, modules, pins, serial ports and their remotes.
+
+use std::error::Error;
+
+use mesa_hal::boards::RemoteTable;
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::discovery::{
+    DataRecord, DiscoveryLimits, ModeRecord, ParameterValue, PortMemory, RemoteDescriptor,
+    discover_port,
+};
+use mesa_hal::ethernet::Identity;
+use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan, Watchdog};
+use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
+
+/// Everything that was found.
+pub struct Report {
+    pub identity: Option<Identity>,
+    pub firmware: HostMot2,
+    pub ports: Vec<PortReport>,
+}
+
+/// One serial port.
+pub struct PortReport {
+    pub number: u8,
+    pub parameters: PortParameters,
+    pub channels: Vec<ChannelReport>,
+}
+
+/// One channel of a serial port.
+pub struct ChannelReport {
+    pub number: u8,
+    pub remote: Result<RemoteReport, String>,
+}
+
+/// A remote and what it tells about itself.
+pub struct RemoteReport {
+    pub descriptor: RemoteDescriptor,
+    pub table: Option<&'static RemoteTable>,
+    pub built_in: bool,
+    pub sizes: (u8, u8),
+    pub parameters: Vec<(DataRecord, Result<ParameterValue, String>)>,
+    pub problems: Vec<String>,
+    pub accesses: u32,
+}
+
+impl RemoteReport {
+    /// The modes, software modes first.
+    pub fn modes(&self) -> impl Iterator<Item = &ModeRecord> {
+        self.descriptor.modes.iter()
+    }
+}
+
+/// The software modes to start remotes in: port, channel, mode.
+pub type Modes = Vec<(u8, u8, u8)>;
+
+/// Takes the inventory. Stops the serial ports and leaves all pins as inputs.
+pub fn take<B: RegisterBus>(
+    bus: &mut B,
+    identity: Option<Identity>,
+    modes: &Modes,
+) -> Result<Report, Box<dyn Error>>
+where
+    B::Error: Send + Sync,
+{
+    let firmware = HostMot2::identify(bus)?;
+    let mut ports = Vec::new();
+    for gtag in [Gtag::SSERIAL, Gtag::SSERIAL_B] {
+        let instances = firmware.find(gtag).map_or(0, |module| module.instances);
+        for number in 0..instances {
+            ports.push(take_port(bus, &firmware, gtag, number, modes)?);
+        }
+    }
+    Ok(Report {
+        identity,
+        firmware,
+        ports,
+    })
+}
+
+fn take_port<B: RegisterBus>(
+    bus: &mut B,
+    firmware: &HostMot2,
+    gtag: Gtag,
+    number: u8,
+    modes: &Modes,
+) -> Result<PortReport, Box<dyn Error>>
+where
+    B::Error: Send + Sync,
+{
+    let io_ports = IoPorts::locate(firmware)?;
+    // A bite would turn the pins of the port into inputs in the middle of discovery.
+    Watchdog::locate(firmware)?.disable(bus)?;
+    let mut pins = PortPlan::new(&io_ports);
+    pins.use_module(firmware, gtag, number)?;
+    io_ports.apply(bus, &pins)?;
+
+    let channels = firmware.sserial_channels(gtag, number);
+    let module = SslbpModule::from(firmware.require(gtag)?);
+    let mut port = Port::new(Layout::new(&module, number, channels)?);
+    let parameters = port.reset(bus)?;
+    let starts: Vec<ChannelStart> = (0..channels)
+        .filter_map(Channel::new)
+        .map(|channel| {
+            let wanted = |m: &&(u8, u8, u8)| (m.0, m.1) == (number, channel.index());
+            let mode = modes.iter().find(wanted).map_or(0, |m| m.2);
+            ChannelStart::new(channel).with_software_mode(mode)
+        })
+        .collect();
+    let found = discover_port(&mut port, bus, &starts, DiscoveryLimits::default())?;
+
+    let mut reports = Vec::new();
+    for start in &starts {
+        let remote = if let Some(found) = found.on(start.channel) {
+            let descriptor = found.discovered.descriptor.clone();
+            let mut memory = PortMemory::new(&mut port, bus, start.channel);
+            let parameters = descriptor
+                .parameters
+                .iter()
+                .map(|record| {
+                    let value = record.read_parameter(&mut memory);
+                    (record.clone(), value.map_err(|error| error.to_string()))
+                })
+                .collect();
+            let problems = found.discovered.problems.iter().map(ToString::to_string);
+            let failed = found.discovered.read_error.iter().map(ToString::to_string);
+            Ok(RemoteReport {
+                table: RemoteTable::for_remote(&descriptor),
+                built_in: found.discovered.source == mesa_hal::discovery::Source::BuiltIn,
+                sizes: (found.remote.sizes.rx, found.remote.sizes.tx),
+                parameters,
+                problems: problems.chain(failed).collect(),
+                accesses: found.discovered.accesses,
+                descriptor,
+            })
+        } else {
+            let failure = found.failures.iter().find(|f| f.channel == start.channel);
+            Err(failure.map_or_else(|| "not started".into(), |f| f.reason.to_string()))
+        };
+        reports.push(ChannelReport {
+            number: start.channel.index(),
+            remote,
+        });
+    }
+    port.stop_all(bus)?;
+    io_ports.apply(bus, &PortPlan::new(&io_ports))?;
+    Ok(PortReport {
+        number,
+        parameters,
+        channels: reports,
+    })
+}
