@@ -1,6 +1,20 @@
-//! Ready-made machines: boards with their firmware.
+//! Ready-made machines: boards with their firmware, and with remotes and motors on them.
 
-use crate::sim::fpga::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, SimFpga, gtag};
+use crate::sim::devices::{Analog, DescriptionError, Device, FieldIo, Outputs48};
+use crate::sim::fpga::{
+    AxisWiring, DriveSignal, DriveSource, Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor,
+    SimFpga, device, gtag,
+};
+use crate::sim::remote::{Application, Remote};
+use crate::sim::wire::RemoteEnd;
+use crate::sim::world::MotorConfig;
+
+/// Channel of a 7I77's field I/O, counted from the card's first channel. FACTS 8.1.
+pub const FIELD_IO: usize = 0;
+/// Channel of a 7I77's analog section, counted from the card's first channel.
+pub const ANALOG: usize = 1;
+/// Channel of a 7I77's RS-422 terminals, counted from the card's first channel.
+pub const EXPANSION: usize = 2;
 
 /// The most channels of one smart serial port.
 const MAX_CHANNELS: u8 = 8;
@@ -217,17 +231,154 @@ fn encoder_pins(pair: u8) -> [PinDescriptor; 3] {
     [1, 2, 3].map(|pin| PinDescriptor::new(gtag::MUXED_ENCODER, pair, pin))
 }
 
-/// A 7I92 with a 7I77.
+/// A 7I92 made for a 7I77, with nothing plugged in.
 pub fn i7i92_7i77() -> SimFpga {
     SimFpga::new(firmware_7i92_7i77())
 }
 
-/// A 5I25 with a 7I77.
+/// A 5I25 made for a 7I77, with nothing plugged in.
 pub fn i5i25_7i77() -> SimFpga {
     SimFpga::new(firmware_5i25_7i77())
 }
 
-/// A 7I97 with `channels` serial channels.
+/// A 7I97 with `channels` serial channels, with nothing plugged in.
 pub fn i7i97(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97(channels))
+}
+
+/// A 7I92 with a 7I77, a 7I72 on the 7I77's expansion port, and six motors.
+pub fn six_axes_7i92(motor: MotorConfig) -> SimFpga {
+    six_axes_7i77(i7i92_7i77(), motor)
+}
+
+/// A 5I25 with a 7I77, a 7I72 on the 7I77's expansion port, and six motors.
+pub fn six_axes_5i25(motor: MotorConfig) -> SimFpga {
+    six_axes_7i77(i5i25_7i77(), motor)
+}
+
+/// A 7I97 with six motors, and on three serial channels a 7I77's two remotes and a 7I72.
+pub fn six_axes_7i97(motor: MotorConfig) -> SimFpga {
+    let mut fpga = i7i97(3);
+    plug_7i77(&mut fpga, 0, 0);
+    plug_7i72(&mut fpga, 0, EXPANSION);
+    wire_7i97(&mut fpga, motor);
+    fpga
+}
+
+/// Ports with the given numbers of channels, at most four of eight, and a 7I72 on each channel.
+pub fn outputs_everywhere(channels: &[u8]) -> SimFpga {
+    let mut fpga = SimFpga::new(firmware_serial(channels));
+    for (port, &count) in channels.iter().take(4).enumerate() {
+        for channel in 0..usize::from(count.min(MAX_CHANNELS)) {
+            plug_7i72(&mut fpga, port, channel);
+        }
+    }
+    fpga
+}
+
+/// Plugs the two remotes of a 7I77 into a port, from channel `first` on.
+pub fn plug_7i77(fpga: &mut SimFpga, port: usize, first: usize) {
+    plug(fpga, port, first + FIELD_IO, FieldIo::i7i77());
+    plug(fpga, port, first + ANALOG, Analog::i7i77());
+}
+
+/// Plugs a 7I72 into a channel of a port.
+pub fn plug_7i72(fpga: &mut SimFpga, port: usize, channel: usize) {
+    plug(fpga, port, channel, Outputs48::i7i72());
+}
+
+/// Puts a motor on each analog output of the 7I77 whose analog section is on `channel`, and its
+/// encoders on the card's inputs, from encoder `first_encoder` on.
+pub fn wire_7i77(
+    fpga: &mut SimFpga,
+    port: usize,
+    channel: usize,
+    first_encoder: usize,
+    motor: MotorConfig,
+) {
+    for output in 0..6 {
+        fpga.wire_axis(AxisWiring {
+            source: DriveSource::Remote {
+                port,
+                channel,
+                output,
+                readout: analog_output,
+            },
+            encoder: first_encoder + usize::from(output),
+            motor,
+        });
+    }
+}
+
+/// Puts a motor on each analog output of a 7I97, and its encoders on the board's inputs.
+pub fn wire_7i97(fpga: &mut SimFpga, motor: MotorConfig) {
+    for unit in 0..6 {
+        fpga.wire_axis(AxisWiring {
+            source: DriveSource::Pwm { unit },
+            encoder: unit,
+            motor,
+        });
+    }
+}
+
+fn six_axes_7i77(mut fpga: SimFpga, motor: MotorConfig) -> SimFpga {
+    plug_7i77(&mut fpga, 0, 0);
+    plug_7i72(&mut fpga, 0, EXPANSION);
+    wire_7i77(&mut fpga, 0, ANALOG, 0, motor);
+    fpga
+}
+
+/// The built-in descriptions are sound, which a test holds; so nothing is ever left out.
+fn plug<A: Application>(
+    fpga: &mut SimFpga,
+    port: usize,
+    channel: usize,
+    remote: Result<Remote<A>, DescriptionError>,
+) {
+    if let Ok(remote) = remote {
+        fpga.plug(port, channel, Some(Box::new(remote)));
+    }
+}
+
+/// How a drive sees an analog output of a 7I77 and its enable.
+fn analog_output(end: &dyn RemoteEnd, output: u8) -> DriveSignal {
+    let Some(remote) = device::<Remote<Device<Analog>>>(end) else {
+        return DriveSignal::default();
+    };
+    let analog = remote.application().world();
+    DriveSignal {
+        volts: analog.volts(output.into()).unwrap_or(0.0),
+        enabled: analog.enable(output.into()).unwrap_or(false),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_machine_has_all_its_remotes() {
+        let motor = MotorConfig::default();
+        for fpga in [
+            six_axes_7i92(motor),
+            six_axes_5i25(motor),
+            six_axes_7i97(motor),
+        ] {
+            assert!(
+                fpga.device::<Remote<Device<FieldIo>>>(0, FIELD_IO)
+                    .is_some()
+            );
+            assert!(fpga.device::<Remote<Device<Analog>>>(0, ANALOG).is_some());
+            assert!(
+                fpga.device::<Remote<Device<Outputs48>>>(0, EXPANSION)
+                    .is_some()
+            );
+            assert_eq!(fpga.axes(), 6);
+        }
+        let fpga = outputs_everywhere(&[8, 8, 8, 8]);
+        assert_eq!(fpga.serial_ports(), 4);
+        for port in 0..4 {
+            assert!((0..8).all(|channel| fpga.remote(port, channel).is_some()));
+        }
+    }
 }

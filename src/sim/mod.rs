@@ -3,6 +3,22 @@
 //! The simulator shares the pure wire formats ([`crate::lbp`], [`crate::lbp16`]) and register
 //! addresses with the driver, and nothing else: its behaviour comes from the manuals, from what
 //! the gateware was seen to do and from its recorded transcripts.
+//!
+//! From the host to the machine: [`SimFpga`] is the register file of a HostMot2 [`Firmware`] and
+//! implements [`RegisterBus`](crate::bus::RegisterBus); its smart serial ports ([`sslbp`]) talk
+//! over serial lines ([`wire`]) to what is plugged in; drives and [`Motor`]s follow the analog
+//! outputs and turn the encoders. [`machines`] has them put together. Time passes only with
+//! register accesses and when somebody lets it; nothing sleeps.
+//!
+//! ```
+//! use mesa_hal::bus::RegisterBus;
+//! use mesa_hal::sim::machines;
+//!
+//! let mut fpga = machines::i7i92_7i77();
+//! assert_eq!(fpga.read(0x0100)?, 0x55AA_CAFE);
+//! fpga.advance_to(1_000_000);
+//! # Ok::<(), mesa_hal::sim::SimError>(())
+//! ```
 
 mod board;
 pub mod devices;

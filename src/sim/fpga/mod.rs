@@ -11,6 +11,7 @@ mod world_side;
 pub use bus::SimError;
 pub use firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
 pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
+pub(crate) use world_side::device;
 
 use crate::sim::modules::{Dpll, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
 use crate::sim::wire::Nanos;
@@ -164,18 +165,20 @@ impl SimFpga {
         while self.now < to {
             // Remotes do things by themselves (their watchdogs bite), which the motors must see.
             let step = to.min(self.plant.due().max(self.now + 1));
-            self.run_ports(step);
+            let due = step >= self.plant.due();
+            self.run_ports(step, due);
             self.now = step;
-            if step >= self.plant.due() {
+            if due {
                 self.settle();
                 self.plant.refresh_remotes(&mut self.serial);
             }
         }
     }
 
-    fn run_ports(&mut self, to: Nanos) {
+    /// Lets the ports go on where there is something to do, or all of them.
+    fn run_ports(&mut self, to: Nanos, all: bool) {
         for (number, port) in self.serial.iter_mut().enumerate() {
-            if port.next_event().is_some_and(|event| event <= to) {
+            if all || port.next_event().is_some_and(|event| event <= to) {
                 let mut watcher = PortWatcher::new(&mut self.plant, number);
                 port.advance(to, &self.io, &mut watcher);
             }
