@@ -7,8 +7,9 @@
 use alloc::vec::Vec;
 
 use super::handle::{Key, sealed::Keyed};
-use super::store::{Group, NONE, OutOfRange, Rejections, Slot};
+use super::store::{Group, NONE, Slot};
 use super::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection, Role, Spec, Value};
+use super::{OutOfRange, Rejections};
 use crate::bus::Instant;
 
 /// How an output is kept safe.

@@ -1,0 +1,97 @@
+//! What a store tells: readings, ages, counts and states.
+
+use core::time::Duration;
+
+/// Values that were not used as they were.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rejections {
+    /// Not a number, or infinite.
+    pub not_finite: u64,
+    /// Outside the limits.
+    pub out_of_range: u64,
+}
+
+/// How long ago the last good transfer was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Age {
+    /// In cycles: 0 in the cycle of the transfer.
+    pub cycles: u64,
+    /// In time, up to the start of this cycle.
+    pub time: Duration,
+}
+
+impl Age {
+    /// There was none yet.
+    pub const NEVER: Self = Self {
+        cycles: u64::MAX,
+        time: Duration::MAX,
+    };
+}
+
+/// What reading a pin gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[must_use]
+pub struct Reading<T> {
+    /// The value: the last good one if `valid` is false, or the type's zero if there never was one.
+    pub value: T,
+    /// Whether it is from a transfer that succeeded, and the group has not failed since.
+    pub valid: bool,
+    /// How long ago that transfer was.
+    pub age: Age,
+}
+
+impl<T> Reading<T> {
+    /// The value, if it is valid.
+    pub fn ok(self) -> Option<T> {
+        self.valid.then_some(self.value)
+    }
+
+    /// The value if it is valid, and `otherwise` if not.
+    pub fn valid_or(self, otherwise: T) -> T {
+        if self.valid { self.value } else { otherwise }
+    }
+}
+
+/// What becomes of an output outside its limits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OutOfRange {
+    /// The nearest limit, as LinuxCNC does.
+    ///
+    /// The rule for numbers: the command of a servo loop that saturates means "as much as there
+    /// is", and dropping it to the safe value at that moment would let the axis go.
+    #[default]
+    Limit,
+    /// The safe value.
+    Safe,
+}
+
+/// The state of a group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct GroupState {
+    /// Its last transfer succeeded.
+    pub valid: bool,
+    /// Its outputs follow the application; otherwise they have their safe values.
+    pub armed: bool,
+    /// How long ago the last good transfer was.
+    pub age: Age,
+    /// How often a fault disarmed it.
+    pub faults: u64,
+}
+
+/// A value and its type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnyValue {
+    /// A truth value.
+    Bit(bool),
+    /// A real number.
+    Float(f64),
+    /// A 32-bit number with sign.
+    S32(i32),
+    /// A 32-bit number.
+    U32(u32),
+    /// A 64-bit number with sign.
+    S64(i64),
+    /// A 64-bit number.
+    U64(u64),
+}
