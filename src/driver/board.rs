@@ -4,8 +4,9 @@ use alloc::format;
 use core::time::Duration;
 
 use super::{BoardState, DriverStatistics};
+use crate::boards::fpga::{EthernetPins, WatchdogPins};
 use crate::bus::{CycleImage, ImagePlan, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot};
-use crate::hal::{GroupId, Input, Param, PinError, Pins, Spec};
+use crate::hal::{GroupId, Input, PinError, Pins, Spec};
 use crate::hostmot2::{Watchdog, WatchdogStatus, WatchdogTime};
 
 /// Where every HostMot2 has its cookie, and what it is.
@@ -26,15 +27,15 @@ pub(super) struct Board {
     time: Option<WriteSlot>,
     /// The group of the driver's own pins, which are valid whatever fails.
     group: GroupId,
+    /// LinuxCNC's `packet-error-level`.
+    error_level: i32,
     pins: BoardPins,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct BoardPins {
-    has_bit: Input<bool>,
-    io_error: Input<bool>,
-    timeout_ns: Param<u32>,
-    read_errors: Input<u32>,
+    watchdog: WatchdogPins,
+    bus: EthernetPins,
     lost_writes: Input<u32>,
 }
 
@@ -54,9 +55,17 @@ impl Board {
         name: &str,
         watchdog: Watchdog,
         timeout: Duration,
+        error_limit: u32,
     ) -> Result<Self, PinError> {
-        let named = |pin: &str| Spec::new(format!("{name}.{pin}"));
         let timeout_ns = u32::try_from(timeout.as_nanos()).unwrap_or(u32::MAX);
+        let watchdog_pins = WatchdogPins::new(pins, group, name)?;
+        pins.publish_param(watchdog_pins.timeout_ns, timeout_ns);
+        let bus = EthernetPins::new(pins, group, name)?;
+        let limit = pins.param(bus.packet_error_increment);
+        let limit = limit.saturating_mul(i32::try_from(error_limit).unwrap_or(i32::MAX));
+        pins.publish_param(bus.packet_error_limit, limit);
+        let lost_writes = Spec::new(format!("{name}.lost-writes"));
+        let lost_writes = pins.add_input(group, lost_writes)?;
         Ok(Self {
             watchdog,
             timeout_ns,
@@ -67,12 +76,11 @@ impl Board {
             pet: None,
             time: None,
             group,
+            error_level: 0,
             pins: BoardPins {
-                has_bit: pins.add_input(group, named("watchdog.has_bit"))?,
-                timeout_ns: pins.add_setting(group, named("watchdog.timeout_ns"), timeout_ns)?,
-                io_error: pins.add_input(group, named("io_error"))?,
-                read_errors: pins.add_input(group, named("packet-error-total"))?,
-                lost_writes: pins.add_input(group, named("lost-writes"))?,
+                watchdog: watchdog_pins,
+                bus,
+                lost_writes,
             },
         })
     }
@@ -131,6 +139,7 @@ impl Board {
     pub fn restored(&mut self) {
         self.state = BoardState::Running;
         self.set_time = true;
+        self.error_level = 0;
     }
 
     pub fn tier_of_write(&self) -> Tier {
@@ -143,7 +152,7 @@ impl Board {
 
     /// Feeds the watchdog, unless everything has to stay safe.
     pub fn put(&mut self, image: &mut CycleImage, pins: &Pins) {
-        let timeout_ns = pins.param(self.pins.timeout_ns);
+        let timeout_ns = pins.param(self.pins.watchdog.timeout_ns);
         self.set_time |= timeout_ns != self.timeout_ns;
         self.timeout_ns = timeout_ns;
         let time = self
@@ -160,14 +169,42 @@ impl Board {
         self.set_time = false;
     }
 
+    /// Counts an exchange; `true` when too many of them failed in too short a time.
+    pub fn count_exchange(&mut self, pins: &mut Pins, failed: bool) -> bool {
+        let of = &self.pins.bus;
+        if failed {
+            let more = pins.param(of.packet_error_increment).max(1);
+            self.error_level = self.error_level.saturating_add(more);
+        } else {
+            let less = pins.param(of.packet_error_decrement).max(0);
+            self.error_level = self.error_level.saturating_sub(less).max(0);
+        }
+        let exceeded = self.error_level >= pins.param(of.packet_error_limit).max(1);
+        pins.publish(of.packet_error, failed);
+        pins.publish(of.packet_error_level, self.error_level);
+        pins.publish(of.packet_error_exceeded, exceeded);
+        exceeded
+    }
+
+    /// Whether the application has cleared the flag of what made everything safe, and with that
+    /// asks for the set-up to be written again.
+    pub fn wants_restore(&self, pins: &Pins) -> bool {
+        match self.state {
+            BoardState::Running => false,
+            BoardState::WatchdogBitten => !pins.read(self.pins.watchdog.has_bit).value,
+            BoardState::Reset | BoardState::BusDown => !pins.param(self.pins.bus.io_error),
+        }
+    }
+
     pub fn publish(&self, pins: &mut Pins, statistics: &DriverStatistics) {
         let bitten = self.state == BoardState::WatchdogBitten;
-        let io_error = self.state == BoardState::BusDown;
+        let io_error = matches!(self.state, BoardState::BusDown | BoardState::Reset);
         let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
-        pins.publish(self.pins.has_bit, bitten);
-        pins.publish(self.pins.io_error, io_error);
-        pins.publish(self.pins.read_errors, count(statistics.read_errors));
-        pins.publish(self.pins.lost_writes, count(statistics.lost_writes));
+        let of = &self.pins;
+        pins.publish_inout(of.watchdog.has_bit, bitten);
+        pins.publish_param(of.bus.io_error, io_error);
+        pins.publish_inout(of.bus.packet_error_total, count(statistics.read_errors));
+        pins.publish(of.lost_writes, count(statistics.lost_writes));
         pins.group_good(self.group);
     }
 }

@@ -56,6 +56,7 @@ use crate::hal::{GroupId, Pins};
 use crate::hostmot2::HostMot2;
 use crate::sslbp::Channel;
 use board::{Board, BoardCheck};
+use setup_list::Restore;
 
 /// A board with everything on it, in the cycle.
 ///
@@ -66,20 +67,21 @@ pub struct Driver<B: RegisterBus> {
     firmware: HostMot2,
     name: String,
     period: Duration,
-    bus_error_limit: u32,
     image: CycleImage,
     pins: Pins,
     group: GroupId,
     board: Board,
     ports: Vec<SerialPort>,
     modules: Vec<Box<dyn Module>>,
-    setup: SetupList,
+    restore: Restore,
     missing: Vec<MissingRemote>,
     statistics: DriverStatistics,
     /// What the bus counted at the last read.
     lost_writes: u64,
     read_failures: u32,
     write_failures: u32,
+    /// The set-up was written again, and it is not known yet whether it arrived.
+    is_restored: bool,
     is_shut_down: bool,
 }
 
@@ -117,6 +119,7 @@ impl<B: RegisterBus> Driver<B> {
             return Err(CycleError::NotThere { found, consecutive });
         }
         self.read_failures = 0;
+        self.board.count_exchange(&mut self.pins, false);
         let now = self.bus.now();
         Ok(self.take(now))
     }
@@ -135,8 +138,11 @@ impl<B: RegisterBus> Driver<B> {
             report.set_aside += outcome.set_aside.len();
             report.too_short += u32::from(outcome.too_short);
         }
+        let was_restored = core::mem::take(&mut self.is_restored);
         if self.board.has_bitten(&self.image) {
             self.fail(BoardState::WatchdogBitten);
+        } else if was_restored && lost_writes > 0 {
+            self.fail(BoardState::Reset);
         } else if appears_reset(&self.ports) {
             self.fail(BoardState::Reset);
         }
@@ -170,8 +176,11 @@ impl<B: RegisterBus> Driver<B> {
         if self.is_shut_down {
             return Err(CycleError::ShutDown);
         }
-        let now = self.bus.now();
+        let mut now = self.bus.now();
         self.statistics.writes += 1;
+        if self.board.wants_restore(&self.pins) && self.write_set_up().is_ok() {
+            now = self.bus.now();
+        }
         let tier = self.put(now);
         let result = self.image.exchange_writes(&mut self.bus, tier);
         let done = self.bus.now();
@@ -188,7 +197,7 @@ impl<B: RegisterBus> Driver<B> {
                 self.statistics.write_errors += 1;
                 self.write_failures = self.write_failures.saturating_add(1);
                 let consecutive = self.write_failures;
-                if consecutive >= self.bus_error_limit {
+                if self.board.count_exchange(&mut self.pins, true) {
                     self.fail(BoardState::BusDown);
                 }
                 Err(CycleError::Write {
@@ -267,13 +276,14 @@ impl<B: RegisterBus> Driver<B> {
     /// Those of the bus; then nothing is armed.
     ///
     /// # Real time
-    /// Not for the cycle when the board has to be set up again: it takes several exchanges.
+    /// As `write`; one more exchange for each 64 registers when the board has to be set up again.
+    /// No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
         if self.is_shut_down {
             return Err(CycleError::ShutDown);
         }
         if !self.board.is_running() {
-            self.restore().map_err(|source| CycleError::Write {
+            self.write_set_up().map_err(|source| CycleError::Write {
                 source,
                 consecutive: self.write_failures.saturating_add(1),
             })?;
@@ -288,13 +298,11 @@ impl<B: RegisterBus> Driver<B> {
         Ok(Rearmed { armed, waiting })
     }
 
-    fn restore(&mut self) -> Result<(), B::Error> {
+    /// Writes the set-up that the board has lost. Its watchdog runs again from the next write on.
+    fn write_set_up(&mut self) -> Result<(), B::Error> {
         let now = self.bus.now();
-        let watchdog = *self.board.watchdog();
-        // It must not bite before the cycle feeds it again, with a write that sets its time.
-        watchdog.disable(&mut self.bus)?;
-        watchdog.clear(&mut self.bus)?;
-        self.setup.replay(&mut self.bus)?;
+        self.restore.run(&mut self.bus)?;
+        self.is_restored = true;
         for module in &mut self.modules {
             module.restarted();
         }
@@ -322,9 +330,8 @@ impl<B: RegisterBus> Driver<B> {
         for port in &mut self.ports {
             port.not_read(&mut self.pins);
         }
-        if self.read_failures >= self.bus_error_limit {
+        if self.board.count_exchange(&mut self.pins, true) {
             self.fail(BoardState::BusDown);
-            self.pins.invalidate(self.group);
         }
         self.board.publish(&mut self.pins, &self.statistics);
         self.read_failures

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::convert::Infallible;
 use core::time::Duration;
 
-use crate::bus::{Access, Direction, Instant, RegisterBus};
+use crate::bus::{Access, Direction, Instant, Prepared, RegisterBus};
 
 /// A bus that only takes notes: what is written to it can be replayed on a real one.
 ///
@@ -23,15 +23,53 @@ impl SetupList {
         &self.writes
     }
 
-    /// Writes all of it to `bus`, in order.
+    /// Adds a write.
+    pub fn push(&mut self, address: u16, word: u32) {
+        self.writes.push((address, word));
+    }
+
+    /// Writes all of it to `bus`, in order, acknowledged.
     pub(super) fn replay<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         for chunk in self.writes.chunks(CHUNK) {
-            let accesses: Vec<Access> = (0u16..)
-                .zip(chunk)
-                .map(|(n, &(address, _))| Access::write(address, n, 1))
-                .collect();
-            let mut words: Vec<u32> = chunk.iter().map(|&(_, word)| word).collect();
+            let (accesses, mut words) = packet(chunk);
             bus.exchange(&accesses, &mut words)?;
+        }
+        Ok(())
+    }
+
+    /// The same for the cycle.
+    pub(super) fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Restore, B::Error> {
+        let mut packets = Vec::new();
+        for chunk in self.writes.chunks(CHUNK) {
+            let (accesses, words) = packet(chunk);
+            packets.push((bus.prepare(&accesses)?, words));
+        }
+        Ok(Restore { packets })
+    }
+}
+
+fn packet(chunk: &[(u16, u32)]) -> (Vec<Access>, Vec<u32>) {
+    let accesses = (0u16..)
+        .zip(chunk)
+        .map(|(n, &(address, _))| Access::write(address, n, 1))
+        .collect();
+    (accesses, chunk.iter().map(|&(_, word)| word).collect())
+}
+
+/// The set-up of a board, ready to be written again within the cycle.
+#[derive(Debug)]
+pub(super) struct Restore {
+    packets: Vec<(Prepared, Vec<u32>)>,
+}
+
+impl Restore {
+    /// Writes all of it, in order.
+    ///
+    /// # Real time
+    /// One exchange for each 64 registers. No allocation.
+    pub fn run<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+        for (prepared, words) in &mut self.packets {
+            bus.exchange_prepared(prepared, words)?;
         }
         Ok(())
     }

@@ -9,13 +9,14 @@ pub use super::modules::EncoderSetup;
 
 use super::board::Board;
 use super::modules::{EncoderBuildError, EncoderModule};
+use super::setup_list::Restore;
 use super::{
     BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, SerialConfig,
     SerialPort, SetupList,
 };
 use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
 use crate::hal::{GroupId, Pins};
-use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog};
+use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog, WatchdogTime};
 
 /// The most serial ports of a board.
 const MAX_PORTS: usize = 4;
@@ -178,14 +179,12 @@ impl<B: RegisterBus> Builder<B> {
             &parts.name,
             watchdog,
             config.watchdog,
+            config.bus_error_limit,
         )?;
         let mut modules = parts.modules(config)?;
         modules.append(&mut self.modules);
         let mut ports = parts.locate_ports(config)?;
-        let setup = parts.set_up(&modules);
-        // It must not bite while remotes are discovered, which takes seconds.
-        watchdog.disable(bus).map_err(BuildError::Bus)?;
-        watchdog.clear(bus).map_err(BuildError::Bus)?;
+        let setup = parts.set_up(watchdog, &modules);
         setup.replay(bus).map_err(BuildError::Bus)?;
         let started = parts.start_ports(bus, &mut ports, config);
         if let Err(error) = started {
@@ -203,11 +202,12 @@ impl<B: RegisterBus> Builder<B> {
             module.claim(&mut plan);
         }
         let image = plan.freeze(bus, config.limits)?;
+        let restore = setup.prepare(bus).map_err(BuildError::Bus)?;
         Ok(Built {
             parts,
             board,
             modules,
-            setup,
+            restore,
             image,
         })
     }
@@ -218,7 +218,7 @@ struct Built {
     parts: Parts,
     board: Board,
     modules: Vec<Box<dyn Module>>,
-    setup: SetupList,
+    restore: Restore,
     image: crate::bus::CycleImage,
 }
 
@@ -230,19 +230,19 @@ impl Built {
             firmware: self.parts.firmware,
             name: self.parts.name,
             period: config.period,
-            bus_error_limit: config.bus_error_limit,
             image: self.image,
             pins: self.parts.pins,
             group: self.parts.group,
             board: self.board,
             ports: self.parts.ports,
             modules: self.modules,
-            setup: self.setup,
+            restore: self.restore,
             missing: self.parts.missing,
             statistics: DriverStatistics::default(),
             lost_writes,
             read_failures: 0,
             write_failures: 0,
+            is_restored: false,
             is_shut_down: false,
         }
     }
@@ -291,8 +291,11 @@ impl Parts {
 
     /// The writes that set the board up, in an order in which nothing is driven before it is
     /// ready.
-    fn set_up(&self, modules: &[Box<dyn Module>]) -> SetupList {
+    fn set_up(&self, watchdog: Watchdog, modules: &[Box<dyn Module>]) -> SetupList {
         let mut list = SetupList::default();
+        // It must not bite before the cycle feeds it: discovery takes seconds.
+        list.push(watchdog.time, WatchdogTime::DISABLED.0);
+        list.push(watchdog.status, 0);
         for module in modules {
             module.set_up(&mut list);
         }
