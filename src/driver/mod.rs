@@ -269,8 +269,9 @@ impl<B: RegisterBus> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
     /// A board that has lost its set-up gets it back first. What was set before the fault is
-    /// forgotten: outputs start from their safe values and from what was set since. Remotes that do
-    /// not run yet are counted as waiting.
+    /// forgotten: outputs start from their safe values and from what was set since. Remotes that
+    /// still report a fault are restarted, which clears it. Those that do not run yet are counted
+    /// as waiting.
     ///
     /// # Errors
     /// Those of the bus; then nothing is armed.
@@ -288,7 +289,11 @@ impl<B: RegisterBus> Driver<B> {
                 consecutive: self.write_failures.saturating_add(1),
             })?;
         }
+        let now = self.bus.now();
         let armed = self.pins.rearm_all();
+        for port in &mut self.ports {
+            port.restart_faulty(&mut self.pins, now);
+        }
         let waiting = self
             .pins
             .groups()

@@ -107,6 +107,8 @@ pub enum SetAside {
     Watchdog,
     /// It does not know its software mode any more.
     IllegalMode,
+    /// Its field power is missing, too low or too high.
+    FieldPower(RemoteFaults),
     /// START did not succeed; CS says how far it came.
     DidNotStart(CsStatus),
     /// Another device is on its channel.
@@ -135,6 +137,7 @@ impl fmt::Display for SetAside {
                 "its watchdog has bitten or its power was off; it is restarted in its mode",
             ),
             Self::IllegalMode => f.write_str("it does not know its software mode any more"),
+            Self::FieldPower(faults) => write!(f, "{faults}: check its field power"),
             Self::DidNotStart(cs) => write!(f, "it did not start: {cs}"),
             Self::AnotherDevice { name, unit_number } => write!(
                 f,

@@ -520,7 +520,8 @@ impl Machine {
     }
 }
 
-/// Faults after which a remote does not go on by itself.
+/// Faults with which a remote's data does not tell what the world is like. They stay set in the
+/// remote until START clears them.
 fn needs_restart(faults: RemoteFaults) -> Option<SetAside> {
     if faults.contains(RemoteFaults::ILLEGAL_MODE) {
         Some(SetAside::IllegalMode)
@@ -528,6 +529,9 @@ fn needs_restart(faults: RemoteFaults) -> Option<SetAside> {
         // After a loss of power its software mode is another one, and with it the meaning of its
         // data.
         Some(SetAside::Watchdog)
+    } else if faults.intersects(RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE)) {
+        // Without field power every input is off.
+        Some(SetAside::FieldPower(faults))
     } else {
         None
     }

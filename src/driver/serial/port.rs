@@ -93,8 +93,7 @@ impl Remote {
         slots.mode = Some(plan.write(WritePhase::Data, Tier::Extended, registers.cs(), 1, mode));
     }
 
-    /// Publishes the inputs of a good transfer. Faults that make them doubtful leave the group
-    /// invalid, and every fault keeps its outputs safe.
+    /// Publishes the inputs of a good transfer. Every fault keeps its outputs safe.
     fn take(&mut self, image: &CycleImage, pins: &mut Pins, faults: RemoteFaults) {
         let mut words = [0; REGISTERS];
         for (word, slot) in words.iter_mut().zip(self.slots.inputs) {
@@ -102,9 +101,6 @@ impl Remote {
         }
         self.pins.take_inputs(pins, &words);
         self.without_news = 0;
-        if faults.intersects(DOUBTFUL_INPUTS) {
-            pins.invalidate(self.pins.group());
-        }
         if !faults.is_empty() {
             pins.disarm(self.pins.group());
         }
@@ -120,10 +116,6 @@ impl Remote {
         }
     }
 }
-
-/// Faults with which the remote's inputs do not tell what the world is like: without field power
-/// every input is off.
-const DOUBTFUL_INPUTS: RemoteFaults = RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE);
 
 impl SerialPort {
     pub(in crate::driver) fn new(
@@ -290,6 +282,16 @@ impl SerialPort {
     /// nobody asked for it. `None` if it has no remotes to tell by.
     pub(in crate::driver) fn appears_reset(&self) -> Option<bool> {
         (!self.remotes.is_empty()).then(|| self.machine.appears_reset())
+    }
+
+    /// Remotes that run and still report a fault are restarted, which clears it.
+    pub(in crate::driver) fn restart_faulty(&mut self, pins: &mut Pins, now: Instant) {
+        for channel in self.machine.running().iter() {
+            let faults = self.machine.channel(channel).map(|channel| channel.faults);
+            if faults.is_some_and(|faults| !faults.is_empty()) {
+                self.restart(channel, pins, now);
+            }
+        }
     }
 
     /// All remotes that do not run are restarted in the next cycles.

@@ -229,13 +229,25 @@ fn an_absent_remote_is_tried_less_and_less_often() {
 fn a_bitten_watchdog_restarts_the_remote_at_once_and_other_faults_do_not() {
     let mut rig = Rig::new();
     rig.write();
-    rig.seen.cs[1] = 0x2042_2140;
-    assert_eq!(rig.read().good.bits(), 3, "low field voltage");
+    rig.seen.cs[1] = 0x0842_2140;
+    assert_eq!(rig.read().good.bits(), 3, "over-current");
     rig.write();
     rig.seen.cs[1] = 0x0142_2140;
     let outcome = rig.read();
     assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
     assert_eq!(rig.write(), 0x0802);
+}
+
+#[test]
+fn inputs_without_field_power_are_not_taken_and_the_remote_is_tried_again_later() {
+    let mut rig = Rig::new();
+    rig.write();
+    rig.seen.cs[1] = 0x2042_2140;
+    let outcome = rig.read();
+    assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
+    let before = rig.now;
+    assert_eq!(rig.until_not_doit(), 0x0802);
+    assert_eq!(rig.now.since(before), Duration::from_millis(100));
 }
 
 #[test]
