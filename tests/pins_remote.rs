@@ -342,6 +342,66 @@ fn a_bidirectional_element_is_in_both_streams() {
     assert_eq!(words, [1 << 17 | 85 << 4 | 0b0100]);
 }
 
+#[test]
+fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
+    use DataType::{EncoderHigh, EncoderLow};
+    let part = |data_type, bits| record("Enc", bits, data_type, DataDirection::Input, 0.0, 1.0);
+    for high_first in [true, false] {
+        let mut data = vec![part(EncoderHigh, 16), part(EncoderLow, 12)];
+        if !high_first {
+            data.reverse();
+        }
+        let mut pins = Pins::new();
+        let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
+        let count = pins.input::<i32>("hm2_7i92.0.test.0.0.enc.count").unwrap();
+        for (at, expected) in [(0x0FFE, 0), (0x1001, 3), (0x0FFF_FFFF, -4095)] {
+            let (high, low) = (at >> 12, at & 0xFFF);
+            let word = if high_first {
+                low << 16 | high
+            } else {
+                high << 12 | low
+            };
+            cycle(&mut pins);
+            remote.take_inputs(&mut pins, &[word]);
+            assert_eq!(pins.read(count).ok(), Some(expected), "{at:x}");
+        }
+    }
+}
+
+#[test]
+fn real_numbers_go_both_ways_and_none_that_is_none() {
+    use DataDirection::{Input, Output};
+    let data = vec![
+        record("In", 32, DataType::Float, Input, 0.0, 0.0),
+        record("Out", 64, DataType::Float, Output, -5.0, 5.0),
+        record("Small", 32, DataType::Float, Output, 0.0, 0.0),
+    ];
+    let mut pins = Pins::new();
+    let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
+    let name = |pin: &str| format!("hm2_7i92.0.test.0.0.{pin}");
+    let input = pins.input::<f64>(&name("in")).unwrap();
+    let out = pins.output::<f64>(&name("out")).unwrap();
+    let small = pins.output::<f64>(&name("small")).unwrap();
+    cycle(&mut pins);
+    remote.take_inputs(&mut pins, &[1.5_f32.to_bits()]);
+    assert_eq!(pins.read(input).ok(), Some(1.5));
+    remote.take_inputs(&mut pins, &[f32::NAN.to_bits()]);
+    let reading = pins.read(input);
+    assert_eq!((reading.value, reading.valid), (1.5, false));
+
+    let sent = |pins: &mut Pins, value: f64| {
+        pins.set(out, value);
+        pins.set(small, value);
+        let mut words = [0; 3];
+        remote.put_outputs(pins, &mut words);
+        let wide = u64::from(words[0]) | u64::from(words[1]) << 32;
+        (f64::from_bits(wide), f32::from_bits(words[2]))
+    };
+    assert_eq!(sent(&mut pins, 2.25), (2.25, 2.25));
+    assert_eq!(sent(&mut pins, 1e300), (5.0, f32::MAX));
+    assert_eq!(sent(&mut pins, f64::NEG_INFINITY), (0.0, 0.0));
+}
+
 fn any_record() -> impl Strategy<Value = mesa_hal::discovery::DataRecord> {
     let direction = prop_oneof![
         Just(DataDirection::Input),
