@@ -13,6 +13,8 @@ mod outcome;
 mod phase;
 #[path = "gateware_conformance/remote_side.rs"]
 mod remote_side;
+#[path = "gateware_conformance/shifted.rs"]
+mod shifted;
 #[path = "gateware_conformance/transcript.rs"]
 mod transcript;
 #[path = "gateware_conformance/wire_log.rs"]
@@ -26,10 +28,12 @@ use transcript::Transcript;
 const SHOWN: usize = 12;
 
 fn directory() -> PathBuf {
-    std::env::var_os("GATEWARE_TRANSCRIPTS").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts"),
-        PathBuf::from,
-    )
+    std::env::var_os("GATEWARE_TRANSCRIPTS").map_or_else(own_directory, PathBuf::from)
+}
+
+/// The transcripts that belong to the project.
+fn own_directory() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts")
 }
 
 /// All transcripts of a directory, in the order of their names; `index.txt` is none.

@@ -16,9 +16,11 @@ use crate::wire_log::WireLog;
 /// Distance of the samples of a poll: 40 ns, the first one 20 ns after the access before it.
 const SAMPLE: Nanos = 40;
 const FIRST_SAMPLE: Nanos = 20;
+/// A poll gives up when COMMAND is not 0 this much later than recorded, plus a quarter.
+const GIVE_UP: Nanos = 400_000;
 /// A poll sees that COMMAND is 0 when it has been 0 for this long: the recorder's own next write
 /// came at once, and would have been swallowed (FACTS 3.4).
-const SETTLED: Nanos = 10;
+const SETTLED: Nanos = 20;
 
 /// Replays a whole transcript.
 pub fn replay(transcript: &Transcript) -> Outcome {
@@ -143,12 +145,11 @@ impl Replay<'_> {
         let limit = if timed_out {
             waited
         } else {
-            waited + waited / 10 + 30_000
+            waited + waited / 4 + GIVE_UP
         };
         let mut sample = from + FIRST_SAMPLE;
         let mut actual = None;
         let uneven = self.wire.uneven_chatter();
-        let mut limit = limit;
         while sample <= from + limit + 10 {
             self.port.advance(sample - SETTLED, &mut self.wire);
             let zero_before = self.port.read(sample - SETTLED, Register::Command) == 0;
@@ -156,10 +157,6 @@ impl Replay<'_> {
             if zero_before && self.port.read(sample, Register::Command) == 0 {
                 actual = Some(sample - from - 10);
                 break;
-            }
-            if !timed_out {
-                let more = self.wire.uneven_chatter().saturating_sub(uneven);
-                limit = limit.max(waited + waited / 10 + 30_000 + more);
             }
             let clearing = self.port.read(sample, Register::Command) == 0;
             sample = if clearing {

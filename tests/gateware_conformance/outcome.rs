@@ -21,6 +21,13 @@ pub struct Difference {
     pub actual: String,
 }
 
+impl Difference {
+    /// Whether only a time differs, or a number of chatter frames.
+    pub fn is_time(&self) -> bool {
+        self.expected.contains(" ns") || self.expected.ends_with(" chatter frames")
+    }
+}
+
 /// Everything that was compared in one file.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {

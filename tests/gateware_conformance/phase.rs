@@ -49,6 +49,11 @@ impl PhaseRule {
         }
     }
 
+    /// Whether the file is one of the five.
+    pub fn is_needed(&self) -> bool {
+        self.kind != Kind::None
+    }
+
     /// The host wrote a register; finds the commands of `t01b` whose effect depends on the phase.
     pub fn saw_write(&mut self, register: Register, value: u32, now: Nanos) {
         if self.kind != Kind::EndOfReset || register != Register::Command {

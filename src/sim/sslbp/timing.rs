@@ -8,9 +8,9 @@
 /// From release of bit 14 until COMMAND is cleared for the first time. T:t01 (0.13 us).
 pub(super) const RESET_FIRST_CLEAR: u64 = 11;
 /// From release of bit 14 until memory is set up and COMMAND is cleared again. T:t01b (22.3 us).
-pub(super) const RESET_MEMORY: u64 = 2_228;
+pub(super) const RESET_MEMORY: u64 = 2_227;
 /// From there until DATA reads AA. T:t01 (DATA is still old when COMMAND just became 0).
-pub(super) const RESET_DATA: u64 = 3;
+pub(super) const RESET_DATA: u64 = 4;
 /// From there until a COMMAND write counts again. T:t01 (a write 22.31 us after release is lost).
 pub(super) const RESET_DOORBELL: u64 = 1;
 

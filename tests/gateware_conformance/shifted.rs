@@ -1,0 +1,69 @@
+//! What does not depend on the phase of the firmware loop in the gateware must not depend on it in
+//! the simulator: all pauses of the host and all latencies of the remotes are moved by up to 2.5
+//! microseconds, as the recorder did it (index.txt, "PHASE"), and nothing may change but times.
+//! Always on the project's own transcripts.
+
+use mesa_hal::sim::wire::Nanos;
+
+use crate::fpga_side::replay;
+use crate::phase::PhaseRule;
+use crate::transcript::{Event, Transcript};
+use crate::{files, own_directory};
+
+/// The transcript with every pause of the host and every latency of a remote longer by `shift`.
+fn shifted(original: &Transcript, shift: Nanos) -> Transcript {
+    let mut copy = original.clone();
+    let mut later = 0;
+    let mut previous = 0;
+    for entry in &mut copy.entries {
+        let pause = entry.time - previous;
+        previous = entry.time;
+        if matches!(entry.event, Event::Write { .. }) && pause > LONG_PAUSE {
+            later += shift;
+        }
+        entry.time += later;
+        match &mut entry.event {
+            Event::FromFpga { start, .. } => *start += later,
+            Event::ToFpga { start, .. } => {
+                *start += later + shift;
+                entry.time += shift;
+            }
+            _ => {}
+        }
+    }
+    copy.entries.sort_by_key(|entry| entry.time);
+    copy
+}
+
+/// Shorter pauses are those between two accesses of one action.
+const LONG_PAUSE: Nanos = 5_000;
+
+#[test]
+fn register_values_and_bytes_do_not_depend_on_the_phase() {
+    let mut failed = 0;
+    for shift in (500..=2_500).step_by(500) {
+        for path in files(&own_directory()) {
+            let transcript = Transcript::load(&path).expect("a readable transcript");
+            if PhaseRule::of(&transcript.name).is_needed() {
+                continue;
+            }
+            let outcome = replay(&shifted(&transcript, shift));
+            let changed: Vec<_> = outcome
+                .differences
+                .iter()
+                .filter(|difference| !difference.is_time())
+                .collect();
+            if !changed.is_empty() {
+                failed += 1;
+                println!("{}, {shift} ns later:", transcript.name);
+                for difference in changed.iter().take(6) {
+                    println!(
+                        "    line {}: {}; {}",
+                        difference.line, difference.expected, difference.actual
+                    );
+                }
+            }
+        }
+    }
+    assert_eq!(failed, 0, "files whose values changed");
+}
