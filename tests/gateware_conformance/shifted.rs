@@ -1,5 +1,5 @@
 //! What does not depend on the phase of the firmware loop in the gateware must not depend on it in
-//! the simulator: all pauses of the host and all latencies of the remotes are moved by up to 2.5
+//! the simulator: all pauses of the host and all latencies of the remotes are moved by up to 1.5
 //! microseconds, as the recorder did it (index.txt, "PHASE"), and nothing may change but times.
 //! Always on the project's own transcripts.
 
@@ -41,7 +41,7 @@ const LONG_PAUSE: Nanos = 5_000;
 #[test]
 fn register_values_and_bytes_do_not_depend_on_the_phase() {
     let mut failed = 0;
-    for shift in (500..=2_500).step_by(500) {
+    for shift in (250..=1_500).step_by(250) {
         for path in files(&own_directory()) {
             let transcript = Transcript::load(&path).expect("a readable transcript");
             if PhaseRule::of(&transcript.name).is_needed() {
