@@ -1,6 +1,6 @@
 //! Simulated devices: remotes with terminals, made from a description.
 //!
-//! All of them are [`Remote`](super::remote::Remote)s around a [`Device`]: a [`Layout`] that a
+//! All of them are [`Remote`]s around a [`Device`]: a [`Layout`] that a
 //! [`Description`] gives, and a [`World`] that stands on the terminals. Whoever plugged one gets
 //! at it again with [`find`] and [`find_mut`], through cables and boxes.
 

@@ -1,0 +1,192 @@
+//! What the line can do to a device besides process data.
+
+use super::{super::*, Host, lit};
+use crate::{
+    lbp::{DataSize, LbpStatus, LocalRead, LocalWrite, Request, RpcNumber, flash},
+    sim::{
+        remote::Application,
+        wire::{BIT_2M5, Burst},
+    },
+};
+
+#[test]
+fn nonvolatile_parameters_survive_a_power_cycle_and_take_effect_after_it() {
+    let mut remote = FieldIo::i7i77().unwrap();
+    let layout = remote.application().layout().clone();
+    let nv = layout.address("NVWatchDogTimeout").unwrap();
+    let working = layout.address("WatchDogTime").unwrap();
+    let mut host = Host::new(&mut remote);
+    assert_eq!(host.read(working, DataSize::Word), 50);
+    host.set(LocalWrite::Nonvolatile, 1);
+    let before = host.now;
+    host.write(nv, DataSize::Word, 100);
+    assert!(
+        host.now - before > 4_000_000,
+        "an EEPROM takes milliseconds"
+    );
+    assert_eq!(host.read(nv, DataSize::Word), 100, "read back");
+    host.set(LocalWrite::Nonvolatile, 0);
+    assert_eq!(host.read(working, DataSize::Word), 50, "not yet");
+    host.write(working, DataSize::Word, 7);
+    let now = host.now;
+    remote.set_power(now, false);
+    remote.set_power(now + 1_000_000, true);
+    let mut host = Host::new(&mut remote);
+    host.now = now + 2_000_000;
+    assert_eq!(host.read(working, DataSize::Word), 100);
+    let sizes = host.start(0);
+    host.exchange(sizes, &[1, 0]);
+    host.wait(99_000_000);
+    let now = host.now;
+    assert_eq!(lit(&remote), 1);
+    remote.advance(now + 1_000_001);
+    assert_eq!(lit(&remote), 0);
+}
+
+#[test]
+fn the_unit_number_can_be_changed_for_good() {
+    let mut remote = FieldIo::i7i77().unwrap();
+    let nv = remote
+        .application()
+        .layout()
+        .address("NVUnitNumber")
+        .unwrap();
+    let unit = Request::rpc(RpcNumber::UNIT_NUMBER, &[], 4).unwrap();
+    let mut host = Host::new(&mut remote);
+    assert_eq!(host.ask(&unit), Some(vec![1, 0, 0, 0x12]));
+    host.set(LocalWrite::Nonvolatile, 1);
+    host.write(nv, DataSize::Long, 0x12AB_CDEF);
+    let now = host.now;
+    remote.set_power(now, false);
+    remote.set_power(now, true);
+    let mut host = Host {
+        remote: &mut remote,
+        now,
+    };
+    assert_eq!(host.ask(&unit), Some(vec![0xEF, 0xCD, 0xAB, 0x12]));
+}
+
+#[test]
+fn records_are_protected_and_an_attempt_is_told() {
+    let mut remote = FieldIo::i7i77().unwrap();
+    let mut host = Host::new(&mut remote);
+    let before = host.read(0x0400, DataSize::Double);
+    host.write(0x0400, DataSize::Double, 0);
+    assert_eq!(host.read(0x0400, DataSize::Double), before);
+    assert_eq!(
+        host.local(LocalRead::Status),
+        LbpStatus::INVALID_ADDRESS.bits()
+    );
+    host.set(LocalWrite::Status, 0);
+    assert_eq!(host.local(LocalRead::Status), 0);
+}
+
+#[test]
+fn the_rpc_list_of_the_manual_runs_on_a_remote() {
+    // manual 7I77, "EXAMPLE RPC COMMAND LIST": RPC5 at 0028
+    let mut remote = FieldIo::i7i77().unwrap();
+    let mut host = Host::new(&mut remote);
+    host.set(LocalWrite::RpcMemoryAccess, 1);
+    for (address, byte) in (0x28..).zip([0x65, 0x10, 0x00, 0x45, 0x12, 0x00, 0x00]) {
+        host.write(address, DataSize::Byte, byte);
+    }
+    assert_eq!(host.read(0x28, DataSize::Long), 0x4500_1065);
+    host.set(LocalWrite::RpcMemoryAccess, 0);
+    host.write(0x12, DataSize::Word, 0x1234);
+    let rpc = Request::rpc(RpcNumber::new(5).unwrap(), &[0x55, 0xCC], 2).unwrap();
+    assert_eq!(host.ask(&rpc), Some(vec![0x34, 0x12]));
+    assert_eq!(host.read(0x10, DataSize::Word), 0xCC55);
+}
+
+#[test]
+fn the_program_can_be_updated_through_the_flash_registers() {
+    // FACTS 1.6
+    let mut remote = FieldIo::i7i77().unwrap();
+    let mut host = Host::new(&mut remote);
+    assert_eq!(host.local(LocalRead::Capabilities), 0x0D);
+    host.set(LocalWrite::Nonvolatile, 2);
+    host.write(flash::OFFSET, DataSize::Long, 0x1000);
+    let erase = host.read(flash::LOG2_ERASE_SIZE, DataSize::Byte);
+    assert!((8..=16).contains(&erase));
+    host.write(flash::COMMIT, DataSize::Byte, flash::COMMIT_ERASE.into());
+    host.write(0, DataSize::Double, 0x0102_0304_0506_0708);
+    host.write(flash::COMMIT, DataSize::Byte, flash::COMMIT_WRITE.into());
+    assert_eq!(host.read(0, DataSize::Double), 0x0102_0304_0506_0708);
+    host.set(LocalWrite::Nonvolatile, 0);
+    assert_eq!(remote.flash().unwrap().cells()[0x1000], 0x08);
+}
+
+#[test]
+fn layouts_pack_what_they_unpack() {
+    let text = "remote PACK\nmode 0 m\ndata A 3 bits both\ndata B 13 signed both 0 1\n\
+                data P 5 pad both\ndata C 64 unsigned both\ndata D 100 bits both\n";
+    let remote = Plain::from_description(text).unwrap();
+    let layout = remote.application().layout();
+    let mut memory = crate::sim::remote::Memory::default();
+    let wire: Vec<u8> = (0..24_u8)
+        .map(|n| n.wrapping_mul(73).wrapping_add(11))
+        .collect();
+    layout.unpack(0, &mut memory, &wire);
+    let mut again = vec![0; 24];
+    layout.pack(0, &memory, &mut again);
+    // 185 bits
+    assert_eq!(again[..23], wire[..23]);
+    assert_eq!(again[23], wire[23] & 1);
+    assert!(!remote.application().clears_faults(&wire));
+}
+
+#[test]
+fn another_baud_rate_takes_effect_after_a_power_cycle() {
+    // manual 7I77, "OPERATE MODE BAUD RATE": index 4 is 115200 baud
+    let mut remote = FieldIo::i7i77().unwrap();
+    let nv = remote.application().layout().address("NVBaudRate").unwrap();
+    let mut host = Host::new(&mut remote);
+    host.set(LocalWrite::Nonvolatile, 1);
+    host.write(nv, DataSize::Word, 4);
+    assert_eq!(host.local(LocalRead::Cookie), 0x5A);
+    let now = host.now;
+    remote.set_power(now, false);
+    remote.set_power(now, true);
+    let mut host = Host {
+        remote: &mut remote,
+        now,
+    };
+    assert_eq!(host.ask(&Request::local_read(LocalRead::Cookie)), None);
+    let burst = Burst::new(now + 10_000_000, 8_681, &[0xDF, 0x16]);
+    remote.advance(burst.end());
+    remote.receive(&burst);
+    let reply = remote.transmit().unwrap();
+    assert_eq!((reply.bytes(), reply.bit), (&[0x5A, 0xA5][..], 8_681));
+}
+
+proptest::proptest! {
+    #[test]
+    fn arbitrary_bursts_never_panic_and_the_remote_answers_afterwards(
+        noise in proptest::collection::vec(
+            (proptest::collection::vec(proptest::prelude::any::<u8>(), 0..32), 0..200_000_u64),
+            0..60,
+        ),
+        sealed in proptest::prelude::any::<bool>(),
+    ) {
+        let mut remote = FieldIo::i7i77().unwrap();
+        let mut now = 0;
+        for (mut bytes, gap) in noise {
+            if sealed {
+                // half of the runs are made of frames that pass the CRC
+                bytes.truncate(12);
+                bytes.push(crate::lbp::crc8(&bytes));
+            }
+            let burst = Burst::new(now + gap, BIT_2M5, &bytes);
+            now = burst.end();
+            remote.advance(now);
+            remote.receive(&burst);
+            while remote.transmit().is_some() {}
+        }
+        now += 1_000_000_000;
+        let burst = Burst::new(now, BIT_2M5, &[0xDF, 0x16]);
+        remote.advance(burst.end());
+        remote.receive(&burst);
+        let reply = remote.transmit();
+        proptest::prop_assert_eq!(reply.map(|r| r.bytes().to_vec()), Some(vec![0x5A, 0xA5]));
+    }
+}
