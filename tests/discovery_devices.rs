@@ -6,11 +6,12 @@ use mesa_hal::discovery::{
     DataDirection, DiscoveryLimits, Inventory, PortMemory, RemoteDescriptor, Source, discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain};
+use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimError, SimFpga, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelStart, Layout, Port, PortError, ProcessDataSizes, StartMode,
+    AccessSize, Channel, ChannelStart, Layout, Port, PortError, PortWords, ProcessDataSizes,
+    StartMode,
 };
 
 type Found = Inventory<PortError<SimError>>;
@@ -118,6 +119,36 @@ fn the_devices_are_what_the_facts_say() {
     );
 
     assert_eq!(on(3).discovered.source, Source::BuiltIn);
+}
+
+/// Transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the
+/// built-in table has them.
+#[test]
+fn the_inputs_of_a_7i64_are_where_its_table_says() {
+    let (mut fpga, mut port) = machine();
+    let channel = Channel::ALL[3];
+    let inventory = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    let records = &inventory
+        .on(channel)
+        .unwrap()
+        .discovered
+        .descriptor
+        .process_data;
+    let names = ["output", "input", "pad", "analog0", "analog1"];
+    assert!(records.iter().map(|record| record.name.as_str()).eq(names));
+    port.stop_all(&mut fpga).unwrap();
+    let starts = [ChannelStart::new(channel)];
+    port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let device = find_mut(fpga.remote_mut(0, 3).unwrap()).unwrap();
+    device.set_input(0, true).unwrap();
+    device.set_input(23, true).unwrap();
+    device.set_input_volts(1, 3.3).unwrap();
+    let outputs = PortWords::default();
+    let transfer = port.transfer(&mut fpga, channel.mask(), &outputs).unwrap();
+    assert_eq!(
+        transfer.inputs.channel(channel)[..3],
+        [0x0080_0001, 0xFFFF_0000, 0]
+    );
 }
 
 /// Manual: 7I77, "REMOTE MODES": each software mode has its own process data. FACTS 8.2.

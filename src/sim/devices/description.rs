@@ -20,6 +20,7 @@ use thiserror::Error;
 /// baud-rate NAME              the non-volatile parameter with the index of the baud rate
 /// unit-number NAME            the 32-bit parameter that holds the unit number
 /// no-discovery                answers neither BB nor E6; mode 0 says what is transferred
+/// no-fault-byte               its process data is data only, without a fault byte (7I64)
 /// clear-faults BYTE BIT       this bit of the process data clears the faults (7I64)
 /// ```
 ///
@@ -51,6 +52,8 @@ pub struct Description {
     pub unit_number: Option<String>,
     /// Whether it has no discovery.
     pub no_discovery: bool,
+    /// Whether its process data has no fault byte.
+    pub no_fault_byte: bool,
     /// Byte and bit of the outputs that clear the faults.
     pub clear_faults: Option<(u8, u8)>,
 }
@@ -224,6 +227,7 @@ impl Description {
             baud_rate: None,
             unit_number: None,
             no_discovery: false,
+            no_fault_byte: false,
             clear_faults: None,
         };
         let mut named = false;
@@ -285,13 +289,14 @@ impl Description {
             ("baud-rate", [name]) => self.baud_rate = Some((*name).to_owned()),
             ("unit-number", [name]) => self.unit_number = Some((*name).to_owned()),
             ("no-discovery", []) => self.no_discovery = true,
+            ("no-fault-byte", []) => self.no_fault_byte = true,
             ("clear-faults", [byte, bit]) => {
                 let place = (number(line, byte, 29)? as u8, number(line, bit, 7)? as u8);
                 self.clear_faults = Some(place);
             }
             (
                 "remote" | "unit" | "revision" | "hardware" | "mode" | "working" | "watchdog"
-                | "baud-rate" | "unit-number" | "no-discovery" | "clear-faults",
+                | "baud-rate" | "unit-number" | "no-discovery" | "no-fault-byte" | "clear-faults",
                 _,
             ) => return Err(DescriptionError::Words { line }),
             _ => return Err(DescriptionError::Statement { line }),

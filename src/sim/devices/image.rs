@@ -134,6 +134,7 @@ impl Builder {
             capabilities: Capabilities::CRC | Capabilities::EEPROM | Capabilities::FLASH,
             eeprom_write_time: EEPROM_WRITE_TIME,
             no_discovery: description.no_discovery,
+            no_fault_byte: description.no_fault_byte,
             ignores_modes: description.no_discovery,
             initial_mode: description.modes.iter().map(|m| m.index).min().unwrap_or(0),
             ..RemoteConfig::default()
@@ -252,7 +253,7 @@ impl Builder {
         }
         if let Some(slot) = config.modes.get_mut(usize::from(mode)) {
             *slot = Some(DiscoveryReply {
-                rx_size: rx as u8 + 1,
+                rx_size: rx as u8 + u8::from(!config.no_fault_byte),
                 tx_size: tx as u8,
                 ptoc,
                 gtoc,

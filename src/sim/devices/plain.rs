@@ -6,8 +6,9 @@ use super::{
 use crate::sim::remote::{Memory, Remote};
 
 /// The 7I64: 24 inputs, 24 outputs, analog inputs of 3.3 V; a remote without discovery. FACTS 4.7;
-/// the elements are those of the built-in table of LinuxCNC. Not confirmed: with RXSize 8 the
-/// second analog input has room for its lower half only.
+/// the elements are those of the built-in table of LinuxCNC. They fill the 8 bytes of RXSize, and
+/// the gateware puts byte 0 of the reply into the interface registers too (T:t26): there is no
+/// fault byte.
 const I7I64: &str = "
 remote 7I64
 unit 0x64000001
@@ -17,8 +18,9 @@ mode 0 standard
   data Input 24 bits in
   data PadIn 8 pad in
   data Analog0 16 unsigned in 0 3.3 volts
-  data Analog1Low 8 unsigned in 0 255
+  data Analog1 16 unsigned in 0 3.3 volts
 no-discovery
+no-fault-byte
 clear-faults 3 3
 ";
 

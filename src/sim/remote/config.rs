@@ -101,6 +101,8 @@ pub struct RemoteConfig {
     pub no_unit_number: bool,
     /// BB is not answered: a remote without discovery.
     pub no_discovery: bool,
+    /// Its process-data reply is data only, without the fault byte in front (7I64).
+    pub no_fault_byte: bool,
     /// E6 is acknowledged but has no meaning: a remote without software modes.
     pub ignores_modes: bool,
     /// The line towards the FPGA is low while no remote is present.
@@ -137,6 +139,7 @@ impl Default for RemoteConfig {
             status_stuck: false,
             no_unit_number: false,
             no_discovery: false,
+            no_fault_byte: false,
             ignores_modes: false,
             idles_low: false,
         }
