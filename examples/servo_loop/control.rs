@@ -1,0 +1,233 @@
+//! Six position loops and a walking pattern on the field outputs.
+
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::driver::Driver;
+use mesa_hal::hal::{Input, PinError};
+use mesa_hal::sslbp::Channel;
+
+use crate::Failure;
+use crate::args::Args;
+use crate::machine::{AXES, World};
+use crate::timed::Timed;
+
+/// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
+const COUNTS_PER_UNIT: f64 = 1000.0;
+const FULL_SPEED: f64 = 100.0;
+const FULL_SCALE: f64 = 10.0;
+/// Position gain in 1/s.
+const GAIN: f64 = 40.0;
+/// The loops are judged after this time, when they have caught up.
+const SETTLED: f64 = 0.25;
+/// A field output keeps its level for so many cycles.
+const STEP: u64 = 20;
+/// The longest wait for a transfer, which is measured that way.
+const TRANSFER_LIMIT: Duration = Duration::from_micros(500);
+
+/// A position loop.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Axis {
+    position: Input<f64>,
+    pub worst: f64,
+    sum_of_squares: f64,
+    pub samples: u64,
+}
+
+impl Axis {
+    pub fn rms(&self) -> f64 {
+        (self.sum_of_squares / self.samples.max(1) as f64).sqrt()
+    }
+}
+
+#[derive(Debug)]
+pub struct Control<B: World> {
+    pub driver: Driver<Timed<B>>,
+    pub axes: [Axis; AXES],
+    field: I7i77Field,
+    analog: I7i77Analog,
+    outputs: I7i72,
+    /// What the field outputs were told lately, newest first.
+    pattern: [u16; 3],
+    pub loop_backs: u64,
+    pub loop_back_errors: u64,
+    pub cycles: u64,
+    pub bad_cycles: u64,
+    pub host_time: Duration,
+}
+
+impl<B: World> Control<B> {
+    pub fn new(driver: Driver<Timed<B>>, _args: &Args) -> Result<Self, Failure> {
+        let port = driver
+            .ports()
+            .first()
+            .ok_or("the board has no serial port")?;
+        let remote = |channel: u8, what: &str| {
+            let channel = Channel::new(channel).ok_or("there is no such channel")?;
+            let missing = || format!("channel {channel}: {what} is missing, see above");
+            port.remote(channel)
+                .ok_or_else(missing)
+                .map_err(Failure::from)
+        };
+        let pins = driver.pins();
+        let field = remote(0, "the field I/O of a 7I77")?;
+        let field = I7i77Field::new(pins, field.pins(), OutputType::Sourcing)?;
+        let analog = I7i77Analog::new(pins, remote(1, "the analog part of a 7I77")?.pins())?;
+        let outputs = I7i72::new(pins, remote(2, "a 7I72")?.pins())?;
+        let name = driver.name().to_owned();
+        let mut control = Self {
+            driver,
+            axes: [Axis::default(); AXES],
+            field,
+            analog,
+            outputs,
+            pattern: [0; 3],
+            loop_backs: 0,
+            loop_back_errors: 0,
+            cycles: 0,
+            bad_cycles: 0,
+            host_time: Duration::ZERO,
+        };
+        control.find_encoders(&name)?;
+        Ok(control)
+    }
+
+    fn find_encoders(&mut self, name: &str) -> Result<(), PinError> {
+        let pins = self.driver.pins_mut();
+        for (n, axis) in self.axes.iter_mut().enumerate() {
+            let encoder = format!("{name}.encoder.{n:02}");
+            axis.position = pins.input(&format!("{encoder}.position"))?;
+            let scale = pins.parameter(&format!("{encoder}.scale"))?;
+            pins.set_param(scale, COUNTS_PER_UNIT)?;
+        }
+        Ok(())
+    }
+
+    pub fn run(&mut self, args: &Args) -> Result<(), Failure> {
+        let progress = progress_bar(args.cycles());
+        let period = args.period();
+        let mut next = self.driver.bus_mut().now();
+        for cycle in 0..args.cycles() {
+            let start = Instant::now();
+            let below = self.driver.bus().spent();
+            self.cycle(cycle, args)?;
+            let below = self.driver.bus().spent().saturating_sub(below);
+            self.host_time += start.elapsed().saturating_sub(below);
+            progress.inc(1);
+            next = next.after(period);
+            let now = self.driver.bus_mut().now();
+            self.driver.bus_mut().wait(next.since(now));
+        }
+        progress.finish_and_clear();
+        Ok(())
+    }
+
+    fn cycle(&mut self, cycle: u64, args: &Args) -> Result<(), Failure> {
+        self.cycles += 1;
+        match self.driver.read() {
+            Ok(report) => self.bad_cycles += u64::from(!report.is_good()),
+            Err(error) => {
+                self.bad_cycles += 1;
+                // A lost packet is survived; that the board is gone is not.
+                if self.bad_cycles > args.cycles() / 10 {
+                    return Err(error.into());
+                }
+            }
+        }
+        let time = cycle as f64 / args.rate;
+        self.close_loops(time);
+        self.check_loop_back(cycle);
+        self.walk(cycle);
+        if self.driver.write().is_err() {
+            self.bad_cycles += 1;
+        }
+        // Only to measure the transfer: the cycle itself does not need to wait for it.
+        if self.driver.wait_transfers(TRANSFER_LIMIT).is_err() {
+            self.bad_cycles += 1;
+        }
+        if self.driver.bus_mut().loop_back() {
+            self.loop_backs += 1;
+        }
+        Ok(())
+    }
+
+    fn close_loops(&mut self, time: f64) {
+        let pins = self.driver.pins_mut();
+        let mut all_valid = true;
+        for (n, axis) in self.axes.iter_mut().enumerate() {
+            let (target, velocity) = trajectory(n, time);
+            let position = pins.read(axis.position);
+            all_valid &= position.valid;
+            let error = target - position.value;
+            if time >= SETTLED {
+                axis.worst = axis.worst.max(error.abs());
+                axis.sum_of_squares += error * error;
+                axis.samples += 1;
+            }
+            let speed = velocity + GAIN * error;
+            let volts = if position.valid {
+                speed / FULL_SPEED * FULL_SCALE
+            } else {
+                0.0
+            };
+            if let Some(output) = self.analog.analog_out.get(n) {
+                pins.set(output.pin, volts.clamp(-FULL_SCALE, FULL_SCALE));
+            }
+        }
+        pins.set(self.analog.analogena.pin, all_valid);
+        pins.set(self.analog.spinena.pin, all_valid);
+    }
+
+    /// A light that walks over the field outputs of the 7I77, and another over those of the 7I72.
+    fn walk(&mut self, cycle: u64) {
+        let step = cycle / STEP;
+        let word = 1u16 << (step % 16);
+        let [newest, older, _] = self.pattern;
+        self.pattern = [word, newest, older];
+        let pins = self.driver.pins_mut();
+        for (n, output) in self.field.outputs.iter().enumerate() {
+            pins.set(output.pin, word >> n & 1 != 0);
+        }
+        for (n, output) in (0u64..).zip(&self.outputs.outputs) {
+            pins.set(output.pin, n == step % 48);
+        }
+    }
+
+    /// Inputs follow the outputs of the same number, two transfers later.
+    fn check_loop_back(&mut self, cycle: u64) {
+        if self.loop_backs == 0 || cycle % STEP < 4 {
+            return;
+        }
+        let [newest, ..] = self.pattern;
+        let pins = self.driver.pins();
+        for (n, input) in self.field.inputs.iter().take(16).enumerate() {
+            let reading = pins.read(input.pin);
+            let expected = newest >> n & 1 != 0;
+            self.loop_back_errors += u64::from(!reading.valid || reading.value != expected);
+        }
+    }
+
+    pub fn stop(mut self) -> Result<(), Failure> {
+        Ok(self.driver.shutdown()?)
+    }
+}
+
+/// Where axis `n` is to be at `time`, and how fast: each swings at its own pace, and sets out
+/// without a jerk.
+fn trajectory(n: usize, time: f64) -> (f64, f64) {
+    let omega = core::f64::consts::TAU * (0.4 + 0.1 * n as f64);
+    let amplitude = 6.0 - 0.5 * n as f64;
+    let position = amplitude * (1.0 - (omega * time).cos());
+    (position, amplitude * omega * (omega * time).sin())
+}
+
+/// Hidden by itself where standard error is no terminal.
+fn progress_bar(cycles: u64) -> ProgressBar {
+    let bar = ProgressBar::new(cycles);
+    let template = "{bar:40} {pos}/{len} cycles, {per_sec}, {eta} left";
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar
+}

@@ -1,0 +1,118 @@
+//! The machine around the board: simulated here, real elsewhere.
+
+use std::time::{Duration, Instant};
+
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, find, find_mut};
+use mesa_hal::sim::remote::Cable;
+use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::{AxisWiring, DriveSignal, DriveSource, MotorConfig, SimFpga, machines};
+use mesa_hal::transport::udp::UdpBus;
+
+use crate::Failure;
+use crate::args::Args;
+
+pub const AXES: usize = 6;
+
+/// What the example needs of the world besides the board's registers.
+pub trait World: RegisterBus {
+    /// Wires each field output to the input of the same number. Whether somebody did.
+    fn loop_back(&mut self) -> bool;
+}
+
+impl World for UdpBus {
+    fn loop_back(&mut self) -> bool {
+        false
+    }
+}
+
+/// The simulated machine, paced by the clock if asked for.
+#[derive(Debug)]
+pub struct Simulated {
+    fpga: SimFpga,
+    /// When virtual time and clock were the same.
+    paced_since: Option<(Instant, u64)>,
+}
+
+/// A 7I92 with a 7I77, six motors, and a 7I72 on the expansion port.
+pub fn simulated(args: &Args) -> Result<Simulated, Failure> {
+    let mut fpga = machines::i7i92_7i77();
+    let ends: [Box<dyn RemoteEnd>; 3] = [
+        Box::new(FieldIo::i7i77()?),
+        Box::new(Analog::i7i77()?),
+        Box::new(Outputs48::i7i72()?),
+    ];
+    for (channel, end) in ends.into_iter().enumerate() {
+        fpga.plug(0, channel, Some(Box::new(Cable::new(end, 0))));
+    }
+    for axis in 0..AXES {
+        fpga.wire_axis(AxisWiring {
+            source: DriveSource::Remote {
+                port: 0,
+                channel: 1,
+                output: axis as u8,
+                readout: drive_signal,
+            },
+            encoder: axis,
+            motor: MotorConfig {
+                // No two axes of a machine are alike.
+                time_constant: 0.004 + 0.001 * axis as f64,
+                friction: 0.01 * axis as f64,
+                ..MotorConfig::default()
+            },
+        });
+    }
+    Ok(Simulated {
+        paced_since: args.realtime.then(|| (Instant::now(), 0)),
+        fpga,
+    })
+}
+
+fn drive_signal(remote: &dyn RemoteEnd, output: u8) -> DriveSignal {
+    let device = find(remote);
+    let volts = device.and_then(|device| device.world().analog_output(output.into()));
+    volts.map_or(DriveSignal::default(), |volts| DriveSignal {
+        volts,
+        enabled: true,
+    })
+}
+
+impl World for Simulated {
+    fn loop_back(&mut self) -> bool {
+        let Some(field) = self.fpga.remote_mut(0, 0).and_then(find_mut) else {
+            return false;
+        };
+        for n in 0..16 {
+            let on = field.world().output(n) == Some(true);
+            // All of these inputs exist.
+            let _ = field.set_input(n, on);
+        }
+        true
+    }
+}
+
+impl RegisterBus for Simulated {
+    type Error = <SimFpga as RegisterBus>::Error;
+
+    fn exchange(
+        &mut self,
+        accesses: &[mesa_hal::bus::Access],
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        self.fpga.exchange(accesses, words)
+    }
+
+    fn now(&mut self) -> mesa_hal::bus::Instant {
+        RegisterBus::now(&mut self.fpga)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.fpga.wait(duration);
+        if let Some((start, origin)) = self.paced_since {
+            let virtual_time = Duration::from_nanos(SimFpga::now(&self.fpga) - origin);
+            if let Some(ahead) = virtual_time.checked_sub(start.elapsed()) {
+                std::thread::sleep(ahead);
+            }
+        }
+    }
+}
