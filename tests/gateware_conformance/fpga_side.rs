@@ -24,11 +24,16 @@ const SETTLED: Nanos = 20;
 
 /// Replays a whole transcript.
 pub fn replay(transcript: &Transcript) -> Outcome {
+    replay_with(transcript, PhaseRule::of(&transcript.name))
+}
+
+/// Replays a whole transcript of which `rule` says what may differ.
+pub fn replay_with(transcript: &Transcript, rule: PhaseRule) -> Outcome {
     let config = PortConfig::new(transcript.channels, transcript.clock_hz);
     let mut replay = Replay {
         port: SslbpPort::new(config),
         wire: WireLog::new(transcript),
-        rule: PhaseRule::of(&transcript.name),
+        rule,
         outcome: Outcome::default(),
         now: 0,
         recorded: 0,

@@ -49,6 +49,11 @@ impl PhaseRule {
         }
     }
 
+    /// The rule of `t06b` and `t25`, for recordings whose phase was moved on purpose.
+    pub fn chatter() -> Self {
+        Self::of("t25")
+    }
+
     /// Whether the file is one of the five.
     pub fn is_needed(&self) -> bool {
         self.kind != Kind::None
