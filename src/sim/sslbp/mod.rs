@@ -38,6 +38,9 @@ mod timing;
 mod transfer;
 mod uart;
 
+#[cfg(test)]
+mod tests;
+
 pub use config::{InterfaceRegisters, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, PortConfig};
 pub use lines::{Lines, NoLines};
 pub use port::SslbpPort;
