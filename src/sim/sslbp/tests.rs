@@ -263,7 +263,7 @@ fn a_baud_rate_of_zero_hangs_the_firmware_until_its_reset() {
 fn seven_interface_registers_carry_28_bytes_each_way() {
     let config =
         PortConfig::new(2, 100_000_000).with_interface_registers(InterfaceRegisters::Seven);
-    let inputs: String = (0..28_u8).map(|n| format!("{:02X}", 0x40 + n)).collect();
+    let inputs = "404142434445464748494A4B4C4D4E4F505152535455565758595A5B";
     let remote = format!("present=1 name=WIDE unit=1 mode0=29,28,1,2 in={inputs}");
     let mut bench = Bench::new(config, &[&remote]);
     bench.start(0x0901);
