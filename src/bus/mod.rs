@@ -146,6 +146,9 @@ pub struct BusStatistics {
     pub foreign: u64,
     /// Write exchanges that the board never executed.
     pub lost_writes: u64,
+    /// Write exchanges that nothing is known of, because another one followed before the board
+    /// was heard again. What depends on them must not be trusted.
+    pub unconfirmed_writes: u64,
     /// Bytes sent, without the headers of lower layers.
     pub bytes_sent: u64,
     /// Bytes received and accepted, without the headers of lower layers.

@@ -78,6 +78,7 @@ pub struct Driver<B: RegisterBus> {
     statistics: DriverStatistics,
     /// What the bus counted at the last read.
     lost_writes: u64,
+    unconfirmed_writes: u64,
     read_failures: u32,
     write_failures: u32,
     /// The set-up was written again, and it is not known yet whether it arrived.
@@ -127,12 +128,13 @@ impl<B: RegisterBus> Driver<B> {
     /// Everybody takes its inputs from an image that is sound.
     fn take(&mut self, now: Instant) -> CycleReport {
         let lost_writes = self.news_of_lost_writes();
+        let doubtful = self.news_of_unconfirmed_writes() > 0 || lost_writes > 0;
         let mut report = CycleReport {
             lost_writes,
             ..CycleReport::default()
         };
         for port in &mut self.ports {
-            let outcome = port.take(&self.image, &mut self.pins, now, lost_writes > 0);
+            let outcome = port.take(&self.image, &mut self.pins, now, doubtful);
             report.good += outcome.good.len();
             report.failed += outcome.failed.len();
             report.set_aside += outcome.set_aside.len();
@@ -358,6 +360,15 @@ impl<B: RegisterBus> Driver<B> {
         for port in &mut self.ports {
             port.make_safe(&mut self.pins);
         }
+    }
+
+    /// Writes of which it is not known whether the board executed them: the transfer that one of
+    /// them should have started may be an older one.
+    fn news_of_unconfirmed_writes(&mut self) -> u64 {
+        let total = self.bus.statistics().unconfirmed_writes;
+        let news = total.saturating_sub(self.unconfirmed_writes);
+        self.unconfirmed_writes = total;
+        news
     }
 
     fn news_of_lost_writes(&mut self) -> u64 {

@@ -228,7 +228,13 @@ impl Pins {
 
     /// The transfer of a group succeeded in this cycle: its inputs are valid and of age 0.
     pub fn group_good(&mut self, group: GroupId) {
-        let good = (self.cycle, self.now);
+        self.group_good_since(group, 0, self.now);
+    }
+
+    /// Like [`group_good`](Self::group_good), for a transfer that was started at `started` and
+    /// could only be taken `cycles` cycles after it was due: its data is as old as that.
+    pub fn group_good_since(&mut self, group: GroupId, cycles: u64, started: Instant) {
+        let good = (self.cycle.saturating_sub(cycles), started.min(self.now));
         match self.group_mut(group) {
             Some(group) => {
                 group.valid = true;

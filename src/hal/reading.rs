@@ -14,9 +14,9 @@ pub struct Rejections {
 /// How long ago the last good transfer was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Age {
-    /// In cycles: 0 in the cycle of the transfer.
+    /// In cycles: 0 if the transfer that the last write started was taken by this read.
     pub cycles: u64,
-    /// In time, up to the start of this cycle.
+    /// In time, from the start of the transfer up to the start of this cycle.
     pub time: Duration,
 }
 

@@ -72,6 +72,7 @@ impl SimLink {
                 }
                 _ => {
                     self.now = self.now.max(until);
+                    self.board.advance_to(self.now);
                     return;
                 }
             }

@@ -224,7 +224,7 @@ struct Built {
 
 impl Built {
     fn into_driver<B: RegisterBus>(self, bus: B, config: &Config) -> Driver<B> {
-        let lost_writes = bus.statistics().lost_writes;
+        let counted = bus.statistics();
         Driver {
             bus,
             firmware: self.parts.firmware,
@@ -239,7 +239,8 @@ impl Built {
             restore: self.restore,
             missing: self.parts.missing,
             statistics: DriverStatistics::default(),
-            lost_writes,
+            lost_writes: counted.lost_writes,
+            unconfirmed_writes: counted.unconfirmed_writes,
             read_failures: 0,
             write_failures: 0,
             is_restored: false,

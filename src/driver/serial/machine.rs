@@ -36,6 +36,10 @@ pub(crate) struct Outcome {
     pub set_aside: ChannelMask,
     /// The transfer was not complete in time.
     pub too_short: bool,
+    /// When the transfer was started that `good` and `failed` are about, and how many reads could
+    /// not take it before.
+    pub started: Instant,
+    pub reads_before: u32,
 }
 
 /// What COMMAND was told last.
@@ -55,6 +59,8 @@ struct Pending {
     /// It is known that the board got it.
     sure: bool,
     busy_reads: u32,
+    /// Reads since it was written that did not show it complete, failed ones included.
+    reads_before: u32,
     /// Its time has been counted.
     measured: bool,
 }
@@ -238,7 +244,11 @@ impl Machine {
         };
         let sure = pending.sure && !writes_lost;
         match pending.asked {
-            Asked::Transfer(mask) if sure => self.judge(now, mask, seen),
+            Asked::Transfer(mask) if sure => Outcome {
+                started: pending.issued,
+                reads_before: pending.reads_before,
+                ..self.judge(now, mask, seen)
+            },
             Asked::Transfer(mask) => {
                 self.statistics.unknown += 1;
                 for number in mask.iter() {
@@ -258,6 +268,9 @@ impl Machine {
     pub fn not_observed(&mut self) {
         self.idle = false;
         self.chosen = None;
+        if let Some(pending) = &mut self.pending {
+            pending.reads_before = pending.reads_before.saturating_add(1);
+        }
     }
 
     fn observe_busy(&mut self, now: Instant) -> Outcome {
@@ -268,9 +281,11 @@ impl Machine {
             issued: now,
             sure: false,
             busy_reads: 0,
+            reads_before: 0,
             measured: false,
         });
         pending.busy_reads = pending.busy_reads.saturating_add(1);
+        pending.reads_before = pending.reads_before.saturating_add(1);
         let too_short = matches!(pending.asked, Asked::Transfer(_));
         self.statistics.too_short += u64::from(too_short);
         Outcome {
@@ -515,6 +530,7 @@ impl Machine {
             issued: now,
             sure,
             busy_reads: 0,
+            reads_before: 0,
             measured: false,
         });
     }

@@ -193,6 +193,8 @@ impl SerialPort {
             let faults = faults.unwrap_or_default();
             if outcome.good.contains(number) {
                 remote.take(image, pins, faults);
+                let group = remote.pins.group();
+                pins.group_good_since(group, u64::from(outcome.reads_before), outcome.started);
             } else if outcome.set_aside.contains(number) {
                 remote.pins.fault(pins);
                 remote.pins.restarted();

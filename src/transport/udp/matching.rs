@@ -134,20 +134,38 @@ impl Writes {
         self.executed == self.sent
     }
 
-    /// The board's number of the last write it executed: how many of those sent it did not.
+    /// The board's number of the last write it executed: what that says of those sent.
     ///
-    /// A write that was overtaken by an older one counts as well: what the board now puts out is
-    /// not what was sent last. Each is said once.
-    pub(super) fn confirm(&mut self, executed: u32) -> u32 {
+    /// A write that was overtaken by an older one counts as lost as well: what the board now puts
+    /// out is not what was sent last. Each is said once.
+    pub(super) fn confirm(&mut self, executed: u32) -> Confirmed {
         let sent_since = self.sent.wrapping_sub(self.asked);
+        let executed_since = executed.wrapping_sub(self.asked);
         let news = sent_since > 0 || executed != self.executed;
         self.asked = self.sent;
         self.executed = executed;
-        if executed == self.sent || !news {
-            return 0;
+        if (1..=sent_since).contains(&executed_since) {
+            return Confirmed {
+                lost: sent_since - executed_since,
+                unknown: executed_since - 1,
+            };
         }
-        self.sent.wrapping_sub(executed).min(sent_since.max(1))
+        let lost = if news && executed != self.sent {
+            sent_since.max(1)
+        } else {
+            0
+        };
+        Confirmed { lost, unknown: 0 }
     }
+}
+
+/// What became of the writes sent since the board was asked before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Confirmed {
+    /// The board did not execute them.
+    pub lost: u32,
+    /// A later one hides whether the board executed them.
+    pub unknown: u32,
 }
 
 #[cfg(test)]
@@ -192,20 +210,50 @@ mod tests {
 
     #[test]
     fn lost_and_overtaken_writes_are_counted_and_no_others() {
+        let said = |lost, unknown| Confirmed { lost, unknown };
         let mut writes = Writes::starting_after(u32::MAX);
-        assert_eq!(writes.confirm(u32::MAX), 0);
+        assert_eq!(writes.confirm(u32::MAX), said(0, 0));
         let first = writes.open();
-        assert_eq!(writes.confirm(first), 0);
+        assert_eq!(writes.confirm(first), said(0, 0));
         writes.open();
-        assert_eq!(writes.confirm(first), 1, "the second was lost");
-        assert_eq!(writes.confirm(first), 0, "and is said once");
+        assert_eq!(writes.confirm(first), said(1, 0), "the second was lost");
+        assert_eq!(writes.confirm(first), said(0, 0), "and is said once");
         let third = writes.open();
         writes.open();
-        assert_eq!(writes.confirm(third), 1);
+        assert_eq!(writes.confirm(third), said(1, 0));
         writes.open();
-        assert_eq!(writes.confirm(0xDEAD_BEEF), 1, "somebody else's number");
+        let foreign = writes.confirm(0xDEAD_BEEF);
+        assert_eq!(foreign, said(1, 0), "somebody else's number");
         let last = writes.open();
-        assert_eq!(writes.confirm(last), 0);
-        assert_eq!(writes.confirm(first), 1, "an old write came after the last");
+        assert_eq!(writes.confirm(last), said(0, 0));
+        let old = writes.confirm(first);
+        assert_eq!(old, said(1, 0), "an old write came after the last");
+    }
+
+    #[test]
+    fn a_write_that_another_followed_before_the_board_was_heard_is_not_taken_for_executed() {
+        let mut writes = Writes::starting_after(10);
+        writes.open();
+        writes.open();
+        let third = writes.open();
+        let said = writes.confirm(third);
+        assert_eq!(
+            said,
+            Confirmed {
+                lost: 0,
+                unknown: 2
+            }
+        );
+        writes.open();
+        let second = writes.open();
+        writes.open();
+        let said = writes.confirm(second);
+        assert_eq!(
+            said,
+            Confirmed {
+                lost: 1,
+                unknown: 1
+            }
+        );
     }
 }

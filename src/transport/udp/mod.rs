@@ -265,7 +265,9 @@ impl<L: Link> UdpBus<L> {
             }
             Match::Current => {
                 counted.bytes_received += length as u64;
-                counted.lost_writes += u64::from(self.writes.confirm(executed));
+                let writes = self.writes.confirm(executed);
+                counted.lost_writes += u64::from(writes.lost);
+                counted.unconfirmed_writes += u64::from(writes.unknown);
             }
             Match::Late => {
                 counted.late += 1;
