@@ -17,6 +17,12 @@
 //! | `uart`, `clock` | UARTs, tick timer |
 //! | `timing` | every calibrated cost |
 //!
+//! # Where it comes from
+//! FACTS 2 to 6 and the transcripts. The order of the loop, the layout of its variables and which
+//! step counts as which error were read, for facts alone, in the firmware's published sources
+//! (revision 42); every behaviour that a transcript shows is held against it by
+//! `tests/gateware_conformance.rs`.
+//!
 //! # Not confirmed by a transcript
 //! The variant with seven interface registers is taken to be the same firmware with more data
 //! bytes (28 out, 28 in and the fault byte) and FIFOs of 32 characters. Other clocks than 100 MHz
