@@ -11,7 +11,7 @@ use std::{
 
 use mesa_hal::sim::{UdpCounters, UdpFace};
 
-use crate::machine::{Machine, nothing_on};
+use crate::{machine::Machine, remotes};
 
 /// Longer lines are cut off.
 const MAX_LINE: usize = 1000;
@@ -23,7 +23,18 @@ show [all|network|board|motors|CH]
 input board N on|off       let current flow into an isolated input of a 7I97
 pin N high|low|free        drive an I/O pin of the FPGA from outside
 turn AXIS SPEED|free       turn a motor by hand (units a second), or let it go
+input CH N on|off          digital input of the remote on channel CH
+volts CH N VOLTS           voltage on an input of a remote
+field CH VOLTS             field power of a remote (0 drops it)
+power CH on|off            supply of a remote
+shorted CH N on|off        short the load of an output
+hot CH N on|off            overheat the driver of an output
 unplug CH, plug CH         pull a remote's connector, put it back
+wire CH TOWARD FAULT COUNT spoil the next COUNT bursts; TOWARD: remote or fpga;
+                           FAULT: lost, corrupted, short=N, long=N, late=US, break
+wire CH TOWARD FAULT chance P
+                           spoil each burst with probability P
+wire CH heal               end all wire faults
 quit                       stop
 ";
 
@@ -89,11 +100,9 @@ pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
         ["input", "board", input, state] => set_board_input(machine, input, state),
         ["pin", pin, level] => drive_pin(machine, pin, level),
         ["turn", axis, speed] => turn(machine, axis, speed),
-        ["unplug", channel] => number(channel)
-            .and_then(|channel| machine.unplug(channel))
-            .map(nothing),
-        ["plug", channel] => number(channel)
-            .and_then(|channel| machine.plug(channel))
+        ["quit" | "help" | "show" | "pin" | "turn", ..] => Err(wrong(words[0])),
+        [command, channel, ref rest @ ..] => number(channel)
+            .and_then(|channel| remotes::command(machine, command, channel, rest))
             .map(nothing),
         [word, ..] => Err(format!(
             "`{word}` is no command, or it takes something else: try help"
@@ -111,16 +120,20 @@ pub fn summary(machine: &mut Machine, face: &UdpFace) -> String {
     format!("summary\n{}", show_all(machine, face))
 }
 
+pub fn wrong(word: &str) -> String {
+    format!("`{word}` is no command, or it takes something else; try help")
+}
+
 fn nothing((): ()) -> String {
     String::new()
 }
 
-fn number<T: std::str::FromStr>(word: &str) -> Result<T, String> {
+pub fn number<T: std::str::FromStr>(word: &str) -> Result<T, String> {
     word.parse()
         .map_err(|_| format!("`{word}` is no number that fits here"))
 }
 
-fn on_off(word: &str) -> Result<bool, String> {
+pub fn on_off(word: &str) -> Result<bool, String> {
     match word {
         "on" | "1" => Ok(true),
         "off" | "0" => Ok(false),
@@ -177,10 +190,8 @@ fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, Str
         "motors" => show_motors(&mut text, machine),
         _ => {
             let channel = number(what)?;
-            machine
-                .plugged(channel)
-                .ok_or_else(|| nothing_on(channel))?;
-            show_remote(&mut text, machine, channel);
+            machine.cable(channel)?;
+            remotes::show(&mut text, machine, channel);
         }
     }
     Ok(text)
@@ -193,7 +204,7 @@ fn show_all(machine: &mut Machine, face: &UdpFace) -> String {
     show_motors(&mut text, machine);
     let channels: Vec<_> = machine.remotes.iter().map(|r| r.channel).collect();
     for channel in channels {
-        show_remote(&mut text, machine, channel);
+        remotes::show(&mut text, machine, channel);
     }
     text
 }
@@ -298,17 +309,4 @@ fn show_motors(text: &mut String, machine: &mut Machine) {
             }
         }
     }
-}
-
-fn show_remote(text: &mut String, machine: &mut Machine, channel: usize) {
-    let Some(plugged) = machine.plugged(channel) else {
-        return;
-    };
-    let (device, is_plugged) = (plugged.device.clone(), plugged.aside.is_none());
-    line(text, &format!("remote.{channel}.device"), device);
-    line(
-        text,
-        &format!("remote.{channel}.plugged"),
-        u8::from(is_plugged),
-    );
 }

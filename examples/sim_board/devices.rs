@@ -2,24 +2,41 @@
 
 use std::{error::Error, fs};
 
-use mesa_hal::sim::{DriveSignal, DriveSource, remote::Remote, wire::RemoteEnd};
+use mesa_hal::sim::{
+    DriveSignal, DriveSource,
+    devices::{Analog, FieldIo, Outputs48, Plain, SimDevice, find, find_mut},
+    remote::Cable,
+    wire::RemoteEnd,
+};
 
 /// Field I/O part of a 7I77.
 pub const FIELD_IO: &str = "7i77-io";
 /// Analog part of a 7I77.
 pub const ANALOG: &str = "7i77-analog";
+const I7I72: &str = "7i72";
+const I7I64: &str = "7i64";
 
-/// Makes a remote: one that is known by name, or one from a description file.
-pub fn build(device: &str, _mode: Option<u8>) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
-    let text = fs::read_to_string(device).map_err(|error| format!("device {device}: {error}"))?;
-    let mut remote = Remote::model();
-    remote.apply("present=1")?;
-    for (number, line) in text.lines().enumerate() {
-        remote
-            .apply(line)
-            .map_err(|error| format!("{device}, line {}: {error}", number + 1))?;
+/// Makes a remote on a cable: one that is known by name, or one from a description file.
+pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn Error>> {
+    let mut end: Box<dyn RemoteEnd> = match device {
+        FIELD_IO => Box::new(FieldIo::i7i77()?),
+        ANALOG => Box::new(Analog::i7i77()?),
+        I7I72 => Box::new(Outputs48::i7i72()?),
+        I7I64 => Box::new(Plain::i7i64()?),
+        file => from_file(file).map_err(|error| format!("device {file}: {error}"))?,
+    };
+    if let Some(mode) = mode {
+        let has_mode = find_mut(end.as_mut()).is_some_and(|d| d.set_initial_mode(0, mode));
+        if !has_mode {
+            return Err(format!("device {device} has no mode {mode}").into());
+        }
     }
-    Ok(Box::new(remote))
+    Ok(Cable::new(end, seed))
+}
+
+fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
+    let text = fs::read_to_string(path)?;
+    Ok(Box::new(Plain::from_description(&text)?))
 }
 
 /// What an analog output of a 7I77 gives to a drive.
@@ -28,6 +45,15 @@ pub fn drive(port: usize, channel: usize, output: u8) -> DriveSource {
         port,
         channel,
         output,
-        readout: |_, _| DriveSignal::default(),
+        readout,
+    }
+}
+
+fn readout(end: &dyn RemoteEnd, output: u8) -> DriveSignal {
+    let world = find(end).map(SimDevice::world);
+    let output = usize::from(output);
+    DriveSignal {
+        volts: world.and_then(|w| w.analog_output(output)).unwrap_or(0.0),
+        enabled: world.and_then(|w| w.output(output)).unwrap_or(false),
     }
 }

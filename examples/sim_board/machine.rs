@@ -3,7 +3,10 @@
 use std::{error::Error, fmt::Write};
 
 use mesa_hal::sim::{
-    AxisWiring, BoardConfig, DriveSource, MotorConfig, SimBoard, SimFpga, machines, wire::RemoteEnd,
+    AxisWiring, BoardConfig, DriveSource, MotorConfig, SimBoard, SimFpga,
+    devices::{SimDevice, find_cable, find_mut},
+    machines,
+    remote::Cable,
 };
 
 use crate::{
@@ -28,8 +31,6 @@ pub struct Machine {
 pub struct Plugged {
     pub channel: usize,
     pub device: String,
-    /// The remote itself, while it is unplugged.
-    pub aside: Option<Box<dyn RemoteEnd>>,
 }
 
 impl Machine {
@@ -49,8 +50,9 @@ impl Machine {
             kind: options.board,
         };
         for remote in &wanted {
-            let end = devices::build(&remote.device, remote.mode)?;
-            machine.add(remote, end);
+            let seed = options.mishaps.seed ^ u64::from(remote.channel) << 32;
+            let cable = devices::build(&remote.device, remote.mode, seed)?;
+            machine.add(remote, cable);
         }
         machine.wire_motors();
         Ok(machine)
@@ -76,48 +78,18 @@ impl Machine {
         self.board.gateware_mut()
     }
 
-    /// The remote that belongs to a channel.
-    pub fn plugged(&mut self, channel: usize) -> Option<&mut Plugged> {
-        self.remotes.iter_mut().find(|r| r.channel == channel)
+    /// The cable of a channel.
+    pub fn cable(&mut self, channel: usize) -> Result<&mut Cable, String> {
+        let end = self.fpga().remote_mut(PORT, channel);
+        end.and_then(|end| find_cable(end))
+            .ok_or_else(|| nothing_on(channel))
     }
 
-    /// Pulls a remote out. It keeps its power and its state.
-    pub fn unplug(&mut self, channel: usize) -> Result<(), String> {
-        let end = self.board.gateware_mut().plug(PORT, channel, None);
-        let plugged = self.plugged(channel).ok_or_else(|| nothing_on(channel))?;
-        match end {
-            Some(end) => plugged.aside = Some(end),
-            None => return Err(format!("channel {channel} is unplugged already")),
-        }
-        Ok(())
-    }
-
-    /// Puts a remote back.
-    pub fn plug(&mut self, channel: usize) -> Result<(), String> {
-        let plugged = self.plugged(channel).ok_or_else(|| nothing_on(channel))?;
-        let Some(end) = plugged.aside.take() else {
-            return Err(format!("channel {channel} is plugged in already"));
-        };
-        self.board.gateware_mut().plug(PORT, channel, Some(end));
-        Ok(())
-    }
-
-    /// The end of a channel's line, plugged in or not.
-    pub fn end(&mut self, channel: usize) -> Result<&mut dyn RemoteEnd, String> {
-        let index = self.remotes.iter().position(|r| r.channel == channel);
-        let aside = index
-            .and_then(|index| self.remotes.get_mut(index))
-            .ok_or_else(|| nothing_on(channel))?
-            .aside
-            .as_mut();
-        match aside {
-            Some(end) => Ok(end.as_mut()),
-            None => self
-                .board
-                .gateware_mut()
-                .remote_mut(PORT, channel)
-                .ok_or_else(|| nothing_on(channel)),
-        }
+    /// The device of a channel, plugged in or not.
+    pub fn device(&mut self, channel: usize) -> Result<&mut dyn SimDevice, String> {
+        let end = self.fpga().remote_mut(PORT, channel);
+        end.and_then(|end| find_mut(end))
+            .ok_or_else(|| nothing_on(channel))
     }
 
     /// How often something that is kept has changed.
@@ -135,13 +107,12 @@ impl Machine {
         Ok(self.board.restore(state)?)
     }
 
-    fn add(&mut self, remote: &RemoteOption, end: Box<dyn RemoteEnd>) {
+    fn add(&mut self, remote: &RemoteOption, cable: Cable) {
         let channel = usize::from(remote.channel);
-        self.fpga().plug(PORT, channel, Some(end));
+        self.fpga().plug(PORT, channel, Some(Box::new(cable)));
         self.remotes.push(Plugged {
             channel,
             device: remote.device.clone(),
-            aside: None,
         });
     }
 
@@ -190,6 +161,6 @@ fn with_own_remotes(options: &Options) -> Vec<RemoteOption> {
     wanted
 }
 
-pub fn nothing_on(channel: usize) -> String {
+fn nothing_on(channel: usize) -> String {
     format!("no remote belongs to channel {channel}")
 }

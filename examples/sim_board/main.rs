@@ -6,6 +6,7 @@ mod console;
 mod devices;
 mod machine;
 mod options;
+mod remotes;
 mod store;
 
 use std::{

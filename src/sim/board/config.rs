@@ -35,7 +35,9 @@ pub struct BoardConfig {
     pub lbp_version: u16,
     /// Version of the firmware, space 7: 15 can be reloaded, 16 has a netmask.
     pub firmware_version: u16,
-    /// Time that one element of a command takes.
+    /// Time that the board's processor takes for a packet before it executes it. Not confirmed.
+    pub packet_time: Nanos,
+    /// Time that one element of a command takes. Not confirmed.
     pub access_time: Nanos,
     /// How long the board is silent after a reset of its firmware (manual: up to half a second).
     pub reset_time: Nanos,
@@ -58,6 +60,7 @@ impl BoardConfig {
             jumpers: AddressJumpers::Eeprom,
             lbp_version: 3,
             firmware_version: 16,
+            packet_time: 15_000,
             access_time: 80,
             reset_time: 200_000_000,
             reload_time: 300_000_000,

@@ -155,6 +155,7 @@ impl<G: Gateware> SimBoard<G> {
             now.saturating_sub(on_wire(request)),
         );
         self.stamp(card_registers::RECEIVE_DONE, now);
+        self.time += self.config.packet_time;
         for operation in Operations::new(request) {
             match operation {
                 Ok(operation) => self.execute(&operation, reply),

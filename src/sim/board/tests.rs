@@ -260,7 +260,7 @@ fn waiting_for_a_timer_ends_at_its_edge_or_at_the_time_out() {
     // Time-out 2000 us; wait for timer 1.
     let reply = run(&mut board, &hex("01D10400 D007 01510800"));
     let waited = u16::from_le_bytes([reply[0], reply[1]]);
-    assert!((580..=590).contains(&waited), "{waited}");
+    assert!((565..=575).contains(&waited), "{waited}");
     assert_eq!(board.status(0), 0);
     board.gateware_mut().edges = false;
     let before = board.time();

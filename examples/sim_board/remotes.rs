@@ -1,0 +1,117 @@
+//! Commands for the remotes, and what is shown of them.
+
+use mesa_hal::sim::{
+    devices::{SignalValue, WorldError},
+    remote::{Cable, Toward, WireFault},
+};
+
+use crate::{
+    console::{line, number, on_off, wrong},
+    machine::Machine,
+};
+
+/// Does a command about the remote on a channel.
+pub fn command(
+    machine: &mut Machine,
+    command: &str,
+    channel: usize,
+    words: &[&str],
+) -> Result<(), String> {
+    let now = machine.board.time();
+    match (command, words) {
+        ("unplug", []) => machine.cable(channel)?.unplug(),
+        ("plug", []) => machine.cable(channel)?.replug(),
+        ("wire", ["heal"]) => machine.cable(channel)?.heal(),
+        ("wire", [toward, fault, how @ ..]) => spoil(machine.cable(channel)?, toward, fault, how)?,
+        ("input", [n, state]) => {
+            let (n, on) = (number(n)?, on_off(state)?);
+            world(machine.device(channel)?.set_input(n, on))?;
+        }
+        ("volts", [n, volts]) => {
+            let (n, volts) = (number(n)?, number(volts)?);
+            world(machine.device(channel)?.set_input_volts(n, volts))?;
+        }
+        ("field", [volts]) => {
+            let volts = number(volts)?;
+            world(machine.device(channel)?.set_field_volts(now, volts))?;
+        }
+        ("power", [state]) => machine.device(channel)?.set_power(now, on_off(state)?),
+        ("shorted", [n, state]) => {
+            let (n, on) = (number(n)?, on_off(state)?);
+            world(machine.device(channel)?.set_over_current(n, on))?;
+        }
+        ("hot", [n, state]) => {
+            let (n, on) = (number(n)?, on_off(state)?);
+            world(machine.device(channel)?.set_over_temperature(n, on))?;
+        }
+        _ => return Err(wrong(command)),
+    }
+    Ok(())
+}
+
+fn world(done: Result<(), WorldError>) -> Result<(), String> {
+    done.map_err(|error| error.to_string())
+}
+
+fn spoil(cable: &mut Cable, toward: &str, fault: &str, how: &[&str]) -> Result<(), String> {
+    let toward = match toward {
+        "remote" => Toward::Remote,
+        "fpga" => Toward::Fpga,
+        _ => return Err(format!("`{toward}`: expected remote or fpga")),
+    };
+    let fault = match fault.split_once('=') {
+        None if fault == "lost" => WireFault::Lost,
+        None if fault == "corrupted" => WireFault::Corrupted,
+        None if fault == "break" => WireFault::Break,
+        Some(("short", n)) => WireFault::Short(number(n)?),
+        Some(("long", n)) => WireFault::Long(number(n)?),
+        Some(("late", us)) => WireFault::Late(u64::from(number::<u32>(us)?) * 1000),
+        _ => return Err(format!("`{fault}` is no wire fault; try help")),
+    };
+    let has_room = match how {
+        [count] => cable.inject(toward, fault, number(count)?),
+        ["chance", probability] => cable.inject_by_chance(toward, fault, number(probability)?),
+        _ => return Err(wrong("wire")),
+    };
+    if has_room {
+        Ok(())
+    } else {
+        Err("too many wire faults at a time; `wire CH heal` ends them".to_owned())
+    }
+}
+
+/// State, inputs and outputs of a remote.
+pub fn show(text: &mut String, machine: &mut Machine, channel: usize) {
+    let name = |what: &str| format!("remote.{channel}.{what}");
+    let remote = machine.remotes.iter().find(|r| r.channel == channel);
+    if let Some(remote) = remote {
+        line(text, &name("device"), &remote.device);
+    }
+    if let Ok(cable) = machine.cable(channel) {
+        line(text, &name("plugged"), u8::from(cable.is_plugged()));
+        for (way, toward) in [("requests", Toward::Remote), ("replies", Toward::Fpga)] {
+            let counts = cable.counts(toward);
+            line(text, &name(&format!("{way}.sent")), counts.bursts);
+            line(text, &name(&format!("{way}.intact")), counts.intact);
+        }
+    }
+    let Ok(device) = machine.device(channel) else {
+        return;
+    };
+    line(text, &name("powered"), u8::from(device.is_powered()));
+    line(text, &name("mode"), device.mode());
+    line(
+        text,
+        &name("faults"),
+        format_args!("{:02x}", device.faults().bits()),
+    );
+    for (signal, value) in device.inputs().into_iter().chain(device.outputs()) {
+        let value = match value {
+            SignalValue::Bool(on) => u8::from(on).to_string(),
+            SignalValue::Volts(volts) => format!("{volts:.4}"),
+            SignalValue::Count(count) => count.to_string(),
+            SignalValue::Number(number) => format!("{number:.6}"),
+        };
+        line(text, &name(&signal), value);
+    }
+}

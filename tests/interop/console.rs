@@ -1,0 +1,102 @@
+//! Commands to a simulated board, and its answers.
+
+use std::{
+    collections::BTreeMap,
+    io::{BufRead, BufReader, Read, Write},
+    sync::mpsc::{Receiver, channel},
+    time::Duration,
+};
+
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Values that `show` printed, by name.
+pub type Values = BTreeMap<String, String>;
+
+/// The console of a running board.
+pub struct Console {
+    input: Box<dyn Write + Send>,
+    lines: Receiver<String>,
+}
+
+impl Console {
+    /// A console on what goes to the board and what comes from it.
+    pub fn new(input: impl Write + Send + 'static, output: impl Read + Send + 'static) -> Self {
+        let (sender, lines) = channel();
+        std::thread::spawn(move || {
+            for line in BufReader::new(output).lines().map_while(Result::ok) {
+                if sender.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        Self {
+            input: Box::new(input),
+            lines,
+        }
+    }
+
+    /// The next line that the board prints.
+    pub fn line(&self) -> String {
+        let line = self.lines.recv_timeout(PATIENCE);
+        line.expect("the simulated board prints something")
+    }
+
+    /// Waits for a line that contains `text`.
+    pub fn wait_for(&self, text: &str) -> String {
+        loop {
+            let line = self.line();
+            if line.contains(text) {
+                return line;
+            }
+        }
+    }
+
+    /// Gives a command and returns the lines of the answer, or the reason it was refused for.
+    pub fn command(&mut self, command: &str) -> Result<Vec<String>, String> {
+        writeln!(self.input, "{command}").expect("the simulated board runs");
+        self.input.flush().expect("the simulated board runs");
+        let mut answer = Vec::new();
+        loop {
+            let line = self.line();
+            if line == "ok" {
+                return Ok(answer);
+            }
+            if let Some(reason) = line.strip_prefix("error: ") {
+                return Err(reason.to_owned());
+            }
+            answer.push(line);
+        }
+    }
+
+    /// Gives a command that must be accepted.
+    pub fn run(&mut self, command: &str) {
+        if let Err(reason) = self.command(command) {
+            panic!("`{command}`: {reason}");
+        }
+    }
+
+    /// What `show` prints about `what`.
+    pub fn show(&mut self, what: &str) -> Values {
+        let lines = self.command(&format!("show {what}")).expect("show works");
+        values(lines)
+    }
+
+    /// What is printed until the board ends.
+    pub fn rest(&self) -> Vec<String> {
+        let mut rest = Vec::new();
+        while let Ok(line) = self.lines.recv_timeout(PATIENCE) {
+            rest.push(line);
+        }
+        rest
+    }
+}
+
+/// Lines of the form `name value`.
+pub fn values(lines: impl IntoIterator<Item = String>) -> Values {
+    let pair = |line: String| {
+        let (name, value) = line.split_once(' ')?;
+        Some((name.to_owned(), value.to_owned()))
+    };
+    lines.into_iter().filter_map(pair).collect()
+}
