@@ -145,6 +145,11 @@ impl<B: RegisterBus> Faulty<B> {
         self.exchange
     }
 
+    /// The bus inside, to look at it.
+    pub fn inner_ref(&self) -> &B {
+        &self.inner
+    }
+
     /// The bus inside.
     pub fn inner(&mut self) -> &mut B {
         &mut self.inner

@@ -5,6 +5,7 @@
 use std::time::Duration;
 
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{Builder, CycleReport, Driver, RemoteState, RemoteStatus};
 use mesa_hal::sim::devices::{
     Analog, Device, FieldIo, Outputs48, SimDevice, find, find_cable, find_mut,
@@ -13,6 +14,7 @@ use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
 use mesa_hal::sslbp::Channel;
+use mesa_hal::transport::Faulty;
 
 pub const FIELD: usize = 0;
 pub const ANALOG: usize = 1;
@@ -33,12 +35,38 @@ pub fn fpga() -> SimFpga {
 
 /// The machine with its driver.
 #[derive(Debug)]
-pub struct Machine {
-    pub driver: Driver<SimFpga>,
+pub struct Machine<B: Simulated = SimFpga> {
+    pub driver: Driver<B>,
     pub field: I7i77Field,
     pub analog: I7i77Analog,
     pub outputs: I7i72,
     pub period: Duration,
+}
+
+/// A bus with a simulated FPGA at its end.
+pub trait Simulated: RegisterBus {
+    fn sim(&self) -> &SimFpga;
+    fn sim_mut(&mut self) -> &mut SimFpga;
+}
+
+impl Simulated for SimFpga {
+    fn sim(&self) -> &SimFpga {
+        self
+    }
+
+    fn sim_mut(&mut self) -> &mut SimFpga {
+        self
+    }
+}
+
+impl Simulated for Faulty<SimFpga> {
+    fn sim(&self) -> &SimFpga {
+        self.inner_ref()
+    }
+
+    fn sim_mut(&mut self) -> &mut SimFpga {
+        self.inner()
+    }
 }
 
 impl Machine {
@@ -51,8 +79,10 @@ impl Machine {
         let builder = configure(Driver::builder(fpga()));
         Self::with(builder.build().expect("the machine is complete"))
     }
+}
 
-    pub fn with(driver: Driver<SimFpga>) -> Self {
+impl<B: Simulated> Machine<B> {
+    pub fn with(driver: Driver<B>) -> Self {
         let remote = |channel: u8| {
             let port = driver.ports().first().expect("port");
             let channel = Channel::new(channel).expect("channel");
@@ -76,8 +106,20 @@ impl Machine {
     pub fn cycle(&mut self) -> CycleReport {
         let report = self.driver.read().expect("the bus does not fail");
         self.driver.write().expect("the bus does not fail");
-        self.driver.bus_mut().pass(self.period);
+        self.pass(self.period);
         report
+    }
+
+    /// Up to the next multiple of `time`, so that periods do not grow by what accesses cost.
+    pub fn pass(&mut self, time: Duration) {
+        let sim = self.driver.bus_mut().sim_mut();
+        let period = time.as_nanos() as u64;
+        let next = (SimFpga::now(sim) / period + 1) * period;
+        sim.advance_to(next);
+    }
+
+    pub fn now(&self) -> u64 {
+        self.driver.bus().sim().now()
     }
 
     pub fn cycles(&mut self, count: usize) {
@@ -130,36 +172,24 @@ impl Machine {
         let end = self
             .driver
             .bus_mut()
+            .sim_mut()
             .remote_mut(0, channel)
             .expect("remote");
         find_cable(end).expect("cable")
     }
 
     pub fn device(&self, channel: usize) -> &dyn SimDevice {
-        find(self.driver.bus().remote(0, channel).expect("remote")).expect("device")
+        find(self.driver.bus().sim().remote(0, channel).expect("remote")).expect("device")
     }
 
     pub fn device_mut(&mut self, channel: usize) -> &mut dyn SimDevice {
         let end = self
             .driver
             .bus_mut()
+            .sim_mut()
             .remote_mut(0, channel)
             .expect("remote");
         find_mut(end).expect("device")
-    }
-}
-
-/// Time that passes on a simulated FPGA.
-pub trait Pass {
-    fn pass(&mut self, time: Duration);
-}
-
-impl Pass for SimFpga {
-    /// Up to the next multiple of `time`, so that periods do not grow by what accesses cost.
-    fn pass(&mut self, time: Duration) {
-        let period = time.as_nanos() as u64;
-        let next = (self.now() / period + 1) * period;
-        self.advance_to(next);
     }
 }
 
