@@ -70,23 +70,29 @@ fn transfers(machine: &Machine) -> Vec<(u64, u64)> {
 
 /// One fault of the wire, in one reply or request: what it is counted as, how many cycles the
 /// inputs are not valid, and that nothing else happens.
-fn one_wire_fault(toward: Toward, fault: WireFault, counted: &[Failure], invalid: usize) {
+fn one_wire_fault(
+    channel: usize,
+    toward: Toward,
+    fault: WireFault,
+    counted: &[Failure],
+    invalid: usize,
+) {
     let mut machine = busy_machine(0);
-    machine.cable(FIELD).inject(toward, fault, 1);
+    machine.cable(channel).inject(toward, fault, 1);
     let mut invalid_cycles = 0;
     for _ in 0..10 {
-        others_go_on(&mut machine, FIELD, 1);
+        others_go_on(&mut machine, channel, 1);
         let input = machine.driver.pins().read(machine.field.inputs[9].pin);
         assert!(input.value, "{fault:?}: the last good value is kept");
-        invalid_cycles += usize::from(!input.valid);
+        invalid_cycles += usize::from(!machine.is_valid(channel));
         assert!(
-            machine.is_armed(FIELD),
+            machine.is_armed(channel),
             "{fault:?}: one bad transfer stops no machine"
         );
     }
     assert_eq!(invalid_cycles, invalid, "{toward:?} {fault:?}");
     let failures: Vec<_> = machine
-        .status(FIELD)
+        .status(channel)
         .failures()
         .iter()
         .filter(|&(failure, count)| count > 0 && failure != Failure::Doubtful)
@@ -96,28 +102,35 @@ fn one_wire_fault(toward: Toward, fault: WireFault, counted: &[Failure], invalid
         })
         .collect();
     assert_eq!(failures, counted, "{toward:?} {fault:?}");
-    assert!(are_outputs_on(&machine, FIELD));
+    assert!(are_outputs_on(&machine, channel));
 }
 
 #[test]
 fn faults_of_one_reply_are_told_apart_and_cost_its_remote_two_cycles() {
     use Failure::{Break, Crc, ExtraCharacters, Late, NoReply};
-    let fpga = Toward::Fpga;
-    one_wire_fault(fpga, WireFault::Lost, &[NoReply], 2);
-    one_wire_fault(fpga, WireFault::Corrupted, &[Crc], 2);
-    one_wire_fault(fpga, WireFault::Short(1), &[NoReply], 2);
-    one_wire_fault(fpga, WireFault::Long(1), &[ExtraCharacters], 2);
-    one_wire_fault(fpga, WireFault::Long(2), &[ExtraCharacters], 2);
-    one_wire_fault(fpga, WireFault::Break, &[Break], 2);
+    let of = |channel, fault, counted: &[Failure], invalid| {
+        one_wire_fault(channel, Toward::Fpga, fault, counted, invalid);
+    };
+    for channel in [FIELD, ANALOG, OUTPUTS] {
+        of(channel, WireFault::Lost, &[NoReply], 2);
+        of(channel, WireFault::Corrupted, &[Crc], 2);
+        of(channel, WireFault::Short(1), &[NoReply], 2);
+        of(channel, WireFault::Break, &[Break], 2);
+    }
+    // Extra characters behind the last of all replies spoil the next transfer ...
+    of(ANALOG, WireFault::Long(1), &[ExtraCharacters], 2);
+    of(ANALOG, WireFault::Long(2), &[ExtraCharacters], 2);
+    // ... and before it, none.
+    of(FIELD, WireFault::Long(1), &[], 0);
     // It looks lost at first, and disturbs the transfer after it.
-    one_wire_fault(fpga, WireFault::Late(90_000), &[Late], 3);
+    of(ANALOG, WireFault::Late(90_000), &[Late], 3);
 }
 
 #[test]
 fn faults_of_one_request_are_survived_as_a_missing_reply() {
     use Failure::NoReply;
     for fault in [WireFault::Lost, WireFault::Corrupted, WireFault::Short(1)] {
-        one_wire_fault(Toward::Remote, fault, &[NoReply], 2);
+        one_wire_fault(FIELD, Toward::Remote, fault, &[NoReply], 2);
     }
 }
 
@@ -210,13 +223,16 @@ fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
         Machine::build(|builder| builder.watchdog(std::time::Duration::from_millis(500)));
     switch_on(&mut machine);
     machine.cycles(5);
-    machine.pass(std::time::Duration::from_millis(70));
+    machine.sleep(70);
     let mut seen = None;
     machine.until(10, |machine| {
-        if let RemoteState::SetAside { reason, .. } = machine.status(FIELD).state() {
-            seen = Some(reason);
-            assert!(machine.bit("7i77.0.0.fault-watchdog"));
-        }
+        seen = match machine.status(FIELD).state() {
+            RemoteState::SetAside { reason, .. } | RemoteState::Restarting { reason } => {
+                assert!(machine.bit("7i77.0.0.fault-watchdog"));
+                Some(reason)
+            }
+            _ => None,
+        };
         seen.is_some()
     });
     assert_eq!(seen, Some(SetAside::Watchdog));
@@ -242,7 +258,7 @@ fn lost_field_power_makes_inputs_invalid_and_comes_back_when_power_does() {
         FIELD,
         |machine| {
             let now = machine.now();
-            machine.device_mut(FIELD).set_field_volts(now, 5.0).unwrap();
+            machine.device_mut(FIELD).set_field_volts(now, 3.0).unwrap();
             machine.cycles(3);
             assert!(machine.bit("7i77.0.0.fault-low-voltage"));
             let input = machine.driver.pins().read(machine.field.inputs[9].pin);

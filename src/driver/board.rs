@@ -19,6 +19,8 @@ pub(super) struct Board {
     watchdog: Watchdog,
     timeout_ns: u32,
     state: BoardState,
+    /// What the pins show.
+    is_shown: Option<BoardState>,
     /// The watchdog's time has to be written with the next write.
     set_time: bool,
     cookie: Option<ReadSlot>,
@@ -70,6 +72,7 @@ impl Board {
             watchdog,
             timeout_ns,
             state: BoardState::Running,
+            is_shown: None,
             set_time: true,
             cookie: None,
             status: None,
@@ -196,13 +199,17 @@ impl Board {
         }
     }
 
-    pub fn publish(&self, pins: &mut Pins, statistics: &DriverStatistics) {
+    pub fn publish(&mut self, pins: &mut Pins, statistics: &DriverStatistics) {
         let bitten = self.state == BoardState::WatchdogBitten;
         let io_error = matches!(self.state, BoardState::BusDown | BoardState::Reset);
         let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
         let of = &self.pins;
-        pins.publish_inout(of.watchdog.has_bit, bitten);
-        pins.publish_param(of.bus.io_error, io_error);
+        if self.is_shown != Some(self.state) {
+            // Once, so that it stays cleared when the application clears it to go on.
+            self.is_shown = Some(self.state);
+            pins.publish_inout(of.watchdog.has_bit, bitten);
+            pins.publish_param(of.bus.io_error, io_error);
+        }
         pins.publish_inout(of.bus.packet_error_total, count(statistics.read_errors));
         pins.publish(of.lost_writes, count(statistics.lost_writes));
         pins.group_good(self.group);

@@ -95,6 +95,14 @@ pub enum MissingReason {
     /// It is another remote than was asked for.
     #[error(transparent)]
     WrongRemote(IdentityError),
+    /// It does not have the software mode that was asked for.
+    #[error("{name} has no software mode {mode}; list its modes and choose another")]
+    UnknownMode {
+        /// Its name.
+        name: RemoteName,
+        /// The mode that was asked for.
+        mode: u8,
+    },
     /// Its process data is not known for certain, so that its pins could be wrong.
     #[error("{name}: {problem}")]
     Tables {

@@ -115,7 +115,24 @@ impl<B: Simulated> Machine<B> {
         let sim = self.driver.bus_mut().sim_mut();
         let period = time.as_nanos() as u64;
         let next = (SimFpga::now(sim) / period + 1) * period;
-        sim.advance_to(next);
+        Self::advance(sim, next);
+    }
+
+    /// Lets time pass, also for remotes that nobody talks to.
+    fn advance(sim: &mut SimFpga, until: u64) {
+        sim.advance_to(until);
+        for channel in [FIELD, ANALOG, OUTPUTS] {
+            if let Some(remote) = sim.remote_mut(0, channel) {
+                remote.advance(until);
+            }
+        }
+    }
+
+    /// The application does nothing for some milliseconds.
+    pub fn sleep(&mut self, millis: u64) {
+        let sim = self.driver.bus_mut().sim_mut();
+        let until = SimFpga::now(sim) + millis * 1_000_000;
+        Self::advance(sim, until);
     }
 
     pub fn now(&self) -> u64 {

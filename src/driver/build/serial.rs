@@ -6,7 +6,7 @@ use super::{Config, Parts};
 use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable, i7i72, i7i77};
 use crate::bus::{BusError, RegisterBus};
 use crate::discovery::{
-    DiscoveredRemote, DiscoveryLimits, PortMemory, RemoteDescriptor, RemoteParameters,
+    DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, RemoteParameters,
     discover_port,
 };
 use crate::driver::serial::{PortPins, Remote, RemoteFaultPins};
@@ -180,6 +180,7 @@ impl Parts {
         let descriptor = &found.discovered.descriptor;
         let name = descriptor.name;
         check_identity(descriptor, expected).map_err(MissingReason::WrongRemote)?;
+        check_mode(descriptor)?;
         if let Some(problem) = found
             .discovered
             .problems
@@ -287,6 +288,21 @@ fn check_identity(
         }),
         _ => Ok(()),
     }
+}
+
+/// A remote that tells its software modes must know the one it was started in.
+fn check_mode(descriptor: &RemoteDescriptor) -> Result<(), MissingReason> {
+    let mode = descriptor.software_mode;
+    let mut known = descriptor
+        .modes
+        .iter()
+        .filter(|known| known.mode_type == ModeType::Software)
+        .peekable();
+    if known.peek().is_none() || known.any(|known| known.index == mode) {
+        return Ok(());
+    }
+    let name = descriptor.name;
+    Err(MissingReason::UnknownMode { name, mode })
 }
 
 /// What the remote transfers must be what its tables describe.

@@ -174,7 +174,10 @@ pub enum RemoteState {
         next_attempt: Option<Instant>,
     },
     /// It is being restarted.
-    Restarting,
+    Restarting {
+        /// Why it was set aside.
+        reason: SetAside,
+    },
 }
 
 /// What one transfer means for a channel.
@@ -287,6 +290,13 @@ impl Channel {
     pub fn lose_track(&mut self) {
         self.discard = DISCARD_AFTER_FAILURE;
         self.last = None;
+    }
+
+    /// A restart begins.
+    pub fn restarting(&mut self) {
+        if let RemoteState::SetAside { reason, .. } = self.state {
+            self.state = RemoteState::Restarting { reason };
+        }
     }
 
     /// The channel has been restarted and runs.

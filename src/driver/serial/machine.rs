@@ -212,7 +212,7 @@ impl Machine {
         let policy = self.policy;
         if let Some(channel) = self.channel_mut(number) {
             channel.backoff = policy.first_backoff;
-            if channel.state != RemoteState::Restarting {
+            if !matches!(channel.state, RemoteState::Restarting { .. }) {
                 channel.state = RemoteState::SetAside {
                     reason: SetAside::Requested,
                     next_attempt: Some(now),
@@ -388,7 +388,7 @@ impl Machine {
             .iter()
             .filter(|&n| {
                 self.channel(n)
-                    .is_some_and(|c| c.state == RemoteState::Restarting)
+                    .is_some_and(|c| matches!(c.state, RemoteState::Restarting { .. }))
             })
             .collect();
         self.restart = if to_start.is_empty() {
@@ -483,7 +483,7 @@ impl Machine {
         if !due.is_empty() {
             for number in due.iter() {
                 if let Some(channel) = self.channel_mut(number) {
-                    channel.state = RemoteState::Restarting;
+                    channel.restarting();
                 }
             }
             return Some(Asked::Stop(due));
@@ -501,7 +501,7 @@ impl Machine {
                 next_attempt.is_some_and(|time| time <= now)
             }
             // Left over from a command that was lost.
-            RemoteState::Restarting => true,
+            RemoteState::Restarting { .. } => true,
             RemoteState::Running => false,
         })
     }
