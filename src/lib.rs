@@ -1,4 +1,50 @@
-//! Mesa Electronics' motion I/O from Rust.
+//! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC, and a simulated
+//! FPGA to develop against.
+//!
+//! A [`Driver`](driver::Driver) is built on a bus, finds out what is there, and is then cycled:
+//! `read`, the application's own work on [`Pins`](hal::Pins), `write`.
+//!
+//! # The layers
+//! Bottom to top; a layer knows only those above it in this list.
+//!
+//! | module | what it owns |
+//! |---|---|
+//! | [`bus`] | 32-bit registers at 16-bit byte addresses: one primitive, and the process image |
+//! | [`lbp`] | the serial Little Binary Protocol as bytes |
+//! | [`lbp16`] | LBP16 packets as bytes |
+//! | [`hostmot2`] | cookie, IDROM, descriptors, and one file for each kind of module |
+//! | [`sslbp`] | one smart serial port |
+//! | [`discovery`] | what a remote tells about itself |
+//! | [`process_data`] | descriptor to packing plan; register bits to engineering values |
+//! | [`hal`] | typed pins and parameters, LinuxCNC names |
+//! | [`boards`] | which remote or module is which pin, on which terminal |
+//! | [`driver`] | the cycle, faults, recovery, statistics |
+//! | [`ethernet`] | Ethernet boards beside their registers: identity, EEPROM, flash memory |
+//! | [`transport`] | buses: LBP16 over UDP, and wrappers that record and that fail on purpose |
+//! | [`sim`] | the simulated FPGA, its remotes and motors, and a simulated Ethernet board |
+//!
+//! The simulator shares wire formats and register addresses with the driver and nothing else, so
+//! that the two can not agree on the same mistake.
+//!
+//! # The real-time contract
+//! [`Driver::read`](driver::Driver::read) and [`Driver::write`](driver::Driver::write) do one
+//! exchange each, which the bus bounds by a deadline. They do not allocate, log, panic, or wait
+//! for hardware: a busy port is a state, not a loop. Everything else belongs to set-up or
+//! maintenance, is bounded as well, and may allocate. Each item says so under "Real time".
+//!
+//! # What a pin says
+//! Reading an input gives its value, whether it is valid, and its age: the age of the data, from
+//! the moment its transfer was started. An output that is not finite becomes its safe value, one
+//! that is out of range its nearest limit; both are counted. After a failure, outputs are safe
+//! until the application re-arms them.
+//!
+//! # Features
+//! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
+//! - `log` (default): messages at set-up, never in the cycle.
+//!
+//! # Safety
+//! These boards move heavy machines. Never depend on software to disable a motor when somebody
+//! would be exposed to a hazard should it start.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![cfg_attr(
     not(test),
@@ -27,3 +73,8 @@ pub mod sim;
 pub mod sslbp;
 #[cfg(feature = "std")]
 pub mod transport;
+
+/// The code in the README is compiled and run as a test.
+#[cfg(all(doctest, feature = "std"))]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -17,6 +17,9 @@ const BUSY_LIMIT: Duration = Duration::from_millis(200);
 
 /// The way out clears COMMAND within 7 us (FACTS 3, 3.2).
 const FREE_LIMIT: Duration = Duration::from_millis(5);
+/// The way out is found twice: soon after COMMAND is 0 it is taken as invalid and cleared once
+/// more, and a command written in between is lost (as FACTS 3.3 says of others: within 12 us).
+const AFTER_FREE: Duration = Duration::from_micros(20);
 
 /// Time between polls: short at first, and at most this long.
 const FIRST_POLL: Duration = Duration::from_micros(2);
@@ -134,7 +137,9 @@ impl Port {
     pub(super) fn free<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<(), B> {
         self.issue(bus, Command::FREE, &[])?;
         let mut poll = Poll::new(self);
-        self.poll(bus, &mut poll, WaitingFor::Freed, FREE_LIMIT)
+        self.poll(bus, &mut poll, WaitingFor::Freed, FREE_LIMIT)?;
+        bus.wait(AFTER_FREE);
+        Ok(())
     }
 
     /// Reads `poll` until COMMAND is 0 in it, for at most `limit`.
