@@ -85,6 +85,17 @@ pub struct MissingRemote {
     pub reason: MissingReason,
 }
 
+impl core::fmt::Display for MissingRemote {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self {
+            port,
+            channel,
+            reason,
+        } = self;
+        write!(f, "port {port}, {channel}: {reason}")
+    }
+}
+
 /// Why a remote does not take part.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

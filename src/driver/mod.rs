@@ -30,6 +30,8 @@ mod board;
 mod build;
 mod config;
 mod error;
+#[cfg(feature = "log")]
+mod messages;
 mod module;
 mod modules;
 mod report;

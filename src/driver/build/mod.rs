@@ -156,7 +156,12 @@ impl<B: RegisterBus> Builder<B> {
         let firmware = HostMot2::identify(&mut self.bus)?;
         let watchdog = Watchdog::locate(&firmware)?;
         match self.build_on(firmware, watchdog) {
-            Ok(parts) => Ok(parts.into_driver(self.bus, &self.config)),
+            Ok(parts) => {
+                let driver = parts.into_driver(self.bus, &self.config);
+                #[cfg(feature = "log")]
+                super::messages::found(&driver);
+                Ok(driver)
+            }
             Err(error) => {
                 // The error counts; whatever can still be made safe is made safe.
                 let _ = watchdog.bite_now(&mut self.bus);

@@ -1,0 +1,26 @@
+//! What the log is told when a driver has been built. Never in the cycle.
+
+use super::Driver;
+use crate::bus::RegisterBus;
+
+/// What was found, and what is odd about it.
+pub(super) fn found<B: RegisterBus>(driver: &Driver<B>) {
+    let firmware = driver.firmware();
+    log::info!(
+        "{}: firmware for {} with {}",
+        driver.name(),
+        firmware.idrom().board_name,
+        firmware.gtags()
+    );
+    for warning in firmware.warnings() {
+        log::warn!("{}: {warning}", driver.name());
+    }
+    for (number, port) in driver.ports().iter().enumerate() {
+        for remote in port.remotes() {
+            log::info!("{} port {number}: {}", driver.name(), remote.started());
+        }
+    }
+    for missing in driver.missing() {
+        log::warn!("{}: {missing}", driver.name());
+    }
+}
