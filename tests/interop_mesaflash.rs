@@ -90,9 +90,8 @@ impl Board {
         assert!(killed.success());
         let status = self.child.wait().unwrap();
         assert!(status.success(), "{status}");
-        let rest = self.console.rest();
-        assert!(rest.iter().any(|line| line == "summary"), "{rest:?}");
-        values(rest)
+        self.console.wait_for("summary");
+        values(self.console.answer().unwrap())
     }
 }
 

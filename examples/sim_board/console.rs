@@ -117,7 +117,7 @@ pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
 
 /// What is printed at the end.
 pub fn summary(machine: &mut Machine, face: &UdpFace) -> String {
-    format!("summary\n{}", show_all(machine, face))
+    format!("summary\n{}ok\n", show_all(machine, face))
 }
 
 pub fn wrong(word: &str) -> String {

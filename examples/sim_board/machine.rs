@@ -17,6 +17,10 @@ use crate::{
 /// Serial port that everything is plugged into.
 pub const PORT: usize = 0;
 
+/// Bytes of a remote's EEPROM, and of what stands before it in a state.
+const EEPROM: usize = 0x1_0000;
+const TAG: usize = 64;
+
 /// Axes of either board.
 const AXES: usize = 6;
 
@@ -92,19 +96,61 @@ impl Machine {
             .ok_or_else(|| nothing_on(channel))
     }
 
-    /// How often something that is kept has changed.
+    /// How often EEPROM or flash of the board have changed.
     pub fn changes(&self) -> u64 {
         self.board.changes()
     }
 
-    /// What is kept.
-    pub fn state(&self) -> Vec<u8> {
-        self.board.state()
+    /// What is kept: the board's EEPROM and flash, then the EEPROM of each remote behind its name.
+    pub fn state(&mut self) -> Vec<u8> {
+        let mut state = self.board.state();
+        for index in 0..self.remotes.len() {
+            let (channel, tag) = self.tag(index);
+            let Ok(device) = self.device(channel) else {
+                continue;
+            };
+            state.extend(tag);
+            state.extend((0..=u16::MAX).map(|address| device.nonvolatile().byte(address)));
+        }
+        state
     }
 
-    /// Puts back what was kept.
+    /// Puts back what was kept. Remotes that were not there then keep their factory settings.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), Box<dyn Error>> {
-        Ok(self.board.restore(state)?)
+        let board = self.board.state().len();
+        let (board, remotes) = state.split_at_checked(board).unwrap_or((state, &[]));
+        self.board.restore(board)?;
+        for kept in remotes.chunks(TAG + EEPROM) {
+            let (tag, cells) = kept
+                .split_at_checked(TAG)
+                .filter(|(_, cells)| cells.len() == EEPROM)
+                .ok_or("the part about the remotes is damaged; delete the file")?;
+            for index in 0..self.remotes.len() {
+                let (channel, own) = self.tag(index);
+                if own == tag {
+                    let now = self.board.time();
+                    let device = self.device(channel)?;
+                    device.nonvolatile_mut().load(0, cells);
+                    // A remote takes its settings over when it powers up.
+                    device.set_power(now, false);
+                    device.set_power(now, true);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Channel of a remote, and what its part of a state begins with.
+    fn tag(&self, index: usize) -> (usize, [u8; TAG]) {
+        let mut tag = [0; TAG];
+        let Some(remote) = self.remotes.get(index) else {
+            return (0, tag);
+        };
+        let name = format!("{} {}", remote.channel, remote.device);
+        for (slot, byte) in tag.iter_mut().zip(name.bytes()) {
+            *slot = byte;
+        }
+        (remote.channel, tag)
     }
 
     fn add(&mut self, remote: &RemoteOption, cable: Cable) {

@@ -105,6 +105,9 @@ pub fn show(text: &mut String, machine: &mut Machine, channel: usize) {
         &name("faults"),
         format_args!("{:02x}", device.faults().bits()),
     );
+    for (parameter, value) in device.parameters() {
+        line(text, &name(&format!("parameter.{parameter}")), value);
+    }
     for (signal, value) in device.inputs().into_iter().chain(device.outputs()) {
         let value = match value {
             SignalValue::Bool(on) => u8::from(on).to_string(),

@@ -56,6 +56,11 @@ impl Console {
     pub fn command(&mut self, command: &str) -> Result<Vec<String>, String> {
         writeln!(self.input, "{command}").expect("the simulated board runs");
         self.input.flush().expect("the simulated board runs");
+        self.answer()
+    }
+
+    /// The lines up to the end of an answer, or the reason for a refusal.
+    pub fn answer(&self) -> Result<Vec<String>, String> {
         let mut answer = Vec::new();
         loop {
             let line = self.line();
@@ -80,15 +85,6 @@ impl Console {
     pub fn show(&mut self, what: &str) -> Values {
         let lines = self.command(&format!("show {what}")).expect("show works");
         values(lines)
-    }
-
-    /// What is printed until the board ends.
-    pub fn rest(&self) -> Vec<String> {
-        let mut rest = Vec::new();
-        while let Ok(line) = self.lines.recv_timeout(PATIENCE) {
-            rest.push(line);
-        }
-        rest
     }
 }
 

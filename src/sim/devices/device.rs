@@ -265,6 +265,15 @@ pub trait SimDevice: RemoteEnd {
 
     /// The faults of its next replies.
     fn inject(&mut self) -> &mut ReplyFaults;
+
+    /// The raw values of the parameters by name; non-volatile ones as the EEPROM has them.
+    fn parameters(&self) -> Vec<(String, u64)>;
+
+    /// The cells of its EEPROM.
+    fn nonvolatile(&self) -> &Memory;
+
+    /// The cells of its EEPROM, to put back what they held before.
+    fn nonvolatile_mut(&mut self) -> &mut Memory;
 }
 
 impl<W: World> SimDevice for Remote<Device<W>> {
@@ -347,6 +356,29 @@ impl<W: World> SimDevice for Remote<Device<W>> {
 
     fn inject(&mut self) -> &mut ReplyFaults {
         self.reply_faults()
+    }
+
+    fn parameters(&self) -> Vec<(String, u64)> {
+        let elements = self.application().layout().parameters().iter();
+        elements
+            .map(|element| {
+                let cells = if element.record.is_nonvolatile() {
+                    self.eeprom().cells()
+                } else {
+                    self.memory()
+                };
+                let name = element.record.name.to_ascii_lowercase();
+                (name, cells.word(element.address, element.record.bytes()))
+            })
+            .collect()
+    }
+
+    fn nonvolatile(&self) -> &Memory {
+        self.eeprom().cells()
+    }
+
+    fn nonvolatile_mut(&mut self) -> &mut Memory {
+        self.eeprom_mut().cells_mut()
     }
 }
 
