@@ -390,6 +390,8 @@ fn newer_firmware_with_inm_and_outm_behaves_alike() {
     }
     let mut fpga = SimFpga::new(firmware);
     assert_eq!(fpga.read_register(0x8500) & 0x1F, 15);
+    assert_eq!(fpga.read_register(0x8800), 0xFFFF, "no current flows");
+    fpga.write_register(0x8500, 1 << 5);
     fpga.set_input(12, true);
     assert_eq!(fpga.read_register(0x8800), 1 << 12);
     assert_eq!(fpga.read_register(0x8700), 1 << 12, "no filter set");
@@ -430,7 +432,9 @@ fn a_pwm_drives_its_motor_and_the_watchdog_stops_it() {
 fn inmux_filters_for_the_scans_it_is_told() {
     let mut fpga = turned_by_hand();
     // Scan: 25 MHz / 16 inputs / (divisor 78 + 1) = 19.78 kHz; 5 scans short, 50 long.
-    fpga.write_register(0x8000, 50 << 22 | 5 << 16 | 78 << 6);
+    fpga.write_register(0x8000, 1 << 5);
+    assert_eq!(fpga.read_register(0x8200), 0);
+    fpga.write_register(0x8000, 50 << 22 | 5 << 16 | 78 << 6 | 1 << 5);
     assert_eq!(fpga.read_register(0x8000) & 0x1F, 15);
     fpga.write_register(0x8100, 1 << 9);
     fpga.set_input(8, true);
@@ -454,14 +458,15 @@ fn inmux_filters_for_the_scans_it_is_told() {
         0x300,
         "a short pulse does not get through"
     );
-    // Global invert.
-    fpga.write_register(0x8000, 1 << 5);
+    // Without global invert, the opto-isolators show.
+    fpga.write_register(0x8000, 0);
     assert_eq!(fpga.read_register(0x8300), 0xFCFF);
 }
 
 #[test]
 fn inmux_without_its_address_pins_reads_one_input_everywhere() {
     let mut fpga = turned_by_hand();
+    fpga.write_register(0x8000, 1 << 5);
     fpga.set_input(3, true);
     assert_eq!(fpga.read_register(0x8300), 0x0008);
     set_up_pins(&mut fpga, &[]);

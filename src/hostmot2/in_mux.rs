@@ -33,21 +33,21 @@ pub struct InMuxConfig {
     pub long_filter: u16,
     /// The inputs with the long filter: bit n is input n.
     pub long_inputs: u32,
-    /// Invert all inputs.
+    /// Invert all inputs: what their opto-isolators, which invert, need for 1 to mean current.
     pub invert: bool,
     /// The counters that count every edge (4X), else one per cycle (1X).
     pub mpg_4x: [bool; 4],
 }
 
 impl Default for InMuxConfig {
-    /// 20 kHz scans, filters of 5 and 500 scans (0.25 ms and 25 ms), all short, MPGs 1X.
+    /// Inverted, as the opto-isolators of all existing boards need it; 20 kHz scans, filters of 5 and 500 scans (0.25 ms and 25 ms), all short, MPGs 1X.
     fn default() -> Self {
         Self {
             scan_hz: 20_000.0,
             short_filter: 5,
             long_filter: 500,
             long_inputs: 0,
-            invert: false,
+            invert: true,
             mpg_4x: [false; 4],
         }
     }
@@ -221,10 +221,10 @@ mod tests {
     fn the_default_scans_sixteen_inputs_at_20_khz() {
         let control = InMuxControl::new(100_000_000, 15, &InMuxConfig::default());
         // 25 MHz / 16 / 20 kHz = 78.1: divisor 77.
-        assert_eq!(control.0, 15 | 77 << 6 | 5 << 16 | 500 << 22);
+        assert_eq!(control.0, 15 | 1 << 5 | 77 << 6 | 5 << 16 | 500 << 22);
         assert!((control.scan_hz(100_000_000) - 20_032.05).abs() < 0.01);
         assert_eq!((control.short_filter(), control.long_filter()), (5, 500));
-        assert!(!control.is_inverted());
+        assert!(control.is_inverted());
     }
 
     #[test]

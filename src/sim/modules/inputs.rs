@@ -26,6 +26,15 @@ struct Input {
     filtered: bool,
 }
 
+impl Input {
+    /// No current flows: the line is high.
+    const IDLE: Self = Self {
+        raw: true,
+        since: 0,
+        filtered: true,
+    };
+}
+
 /// An 8-bit counter on the inputs 2k and 2k+1.
 #[derive(Clone, Copy, Debug, Default)]
 struct MpgCounter {
@@ -34,6 +43,10 @@ struct MpgCounter {
 }
 
 /// An input module. REGISTERS, "InMux / InM".
+///
+/// The opto-isolators in front of it invert: without the global invert bit, an input reads 1 while
+/// no current flows. That is how LinuxCNC sets it up ("fixed to true, as this matches all existing
+/// hardware").
 ///
 /// An input reaches the filtered register when it has been stable for as many scans as its filter
 /// asks for; the MPG counters count on filtered inputs.
@@ -75,7 +88,7 @@ impl Inputs {
             long_filter: 0,
             count: count.clamp(1, MAX_INPUTS),
             terminals: 0,
-            lines: [Input::default(); MAX_INPUTS],
+            lines: [Input::IDLE; MAX_INPUTS],
             mpgs: [MpgCounter::default(); MAX_MPGS],
             address,
             stuck_address: 0,
@@ -176,7 +189,8 @@ impl Inputs {
         for number in 0..self.count {
             let selected = (number | self.stuck_address) & (self.count - 1);
             let source = if self.multiplexed { selected } else { number };
-            let raw = self.terminal(source) != invert;
+            // An opto-isolator pulls its line low while current flows.
+            let raw = self.terminal(source) == invert;
             if let Some(input) = self.lines.get_mut(number)
                 && input.raw != raw
             {
