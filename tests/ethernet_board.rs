@@ -161,11 +161,7 @@ fn a_configuration_is_programmed_and_verified_over_the_network() {
     flash
         .read(FlashLayout::I7I97.user.0 + 15, &mut bytes)
         .expect("it is read");
-    let expected: Vec<u8> = data[15..22]
-        .iter()
-        .map(|byte| byte.reverse_bits())
-        .collect();
-    assert_eq!(bytes[..], expected);
+    assert_eq!(bytes[..], data[15..22]);
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod interop;
 
 use std::{
     fs,
-    net::Ipv4Addr,
+    net::{Ipv4Addr, SocketAddrV4},
     path::PathBuf,
     process::{Child, Command, Stdio},
     sync::atomic::{AtomicU8, Ordering},
@@ -18,6 +18,9 @@ use interop::{
     console::{Console, Values, values},
     has_program, sim_board, skip,
 };
+
+use mesa_hal::ethernet::{self, Area, Bitfile, Flash, FlashLayout};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 /// A simulated board that runs until it is dropped.
 struct Board {
@@ -420,6 +423,47 @@ fn a_bitfile_is_written_verified_and_backed_up() {
     fs::write(&file.0, bitfile("6slx25ftg256", &[0; 1000])).unwrap();
     let (good, text) = board.try_mesaflash(&["--write", file.path()]);
     assert!(!good && text.contains("wrong"), "{text}");
+}
+
+#[test]
+fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let file = Scratch::new("both-ways.bit");
+    let synchronised = |len| {
+        let mut data = made_up_data(len);
+        data[16..20].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
+        bitfile("6slx9tqg144", &data)
+    };
+    let bytes = synchronised(70_000);
+    fs::write(&file.0, &bytes).unwrap();
+    board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+
+    let address = SocketAddrV4::new(board.address, mesa_hal::lbp16::PORT);
+    let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let mut flash = Flash::open(ethernet::Board::new(bus), FlashLayout::I7I97).unwrap();
+    let written = Bitfile::parse(&bytes).unwrap();
+    flash.verify(&written, Area::User, |_, _| {}).unwrap();
+
+    let bytes = synchronised(130_000);
+    fs::write(&file.0, &bytes).unwrap();
+    let ours = Bitfile::parse(&bytes).unwrap();
+    flash.program(&ours, Area::User, |_, _| {}).unwrap();
+    let text = board.mesaflash(&["--verify", file.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+
+    let mut board_itself = flash.into_inner();
+    let layout = FlashLayout::I7I97;
+    board_itself
+        .reload(layout.user.0, layout.fallback.0)
+        .unwrap();
+    assert_eq!(board_itself.identity().unwrap().card_name(), "7I97");
+    assert_eq!(board.stop().get("reloads").map(String::as_str), Some("1"));
 }
 
 #[test]

@@ -192,12 +192,7 @@ impl<M: FlashMemory> Flash<M> {
         if area == Area::User {
             self.need_boot_block()?;
         }
-        self.write(
-            area,
-            range.start,
-            &reversed(bitfile.configuration),
-            progress,
-        )
+        self.write(area, range.start, bitfile.configuration, progress)
     }
 
     /// Compares an area with a configuration.
@@ -208,9 +203,8 @@ impl<M: FlashMemory> Flash<M> {
         mut progress: impl FnMut(Stage, usize),
     ) -> Result<(), FlashError<M::Error>> {
         let start = self.layout.addresses(area).start;
-        let data = reversed(bitfile.configuration);
-        self.inside(start, data.len(), area)?;
-        self.compare(start, &data, &mut progress)
+        self.inside(start, bitfile.configuration.len(), area)?;
+        self.compare(start, bitfile.configuration, &mut progress)
     }
 
     /// Erases what `data` needs, writes it, and verifies it. `address` begins a sector.
@@ -303,15 +297,6 @@ impl<M: FlashMemory> Flash<M> {
         }
         Ok(())
     }
-}
-
-/// The FPGA loads each byte from its least significant bit on, the flash memory gives it out from
-/// the most significant one.
-fn reversed(configuration: &[u8]) -> alloc::vec::Vec<u8> {
-    configuration
-        .iter()
-        .map(|byte| byte.reverse_bits())
-        .collect()
 }
 
 #[cfg(test)]
@@ -414,7 +399,7 @@ mod tests {
                 0x10_0000, 0x11_0000, 0x12_0000, 0x13_0000, 0x14_0000, 0x15_0000
             ]
         );
-        assert_eq!(chip.bytes[0x10_0000], 0xAA_u8.reverse_bits());
+        assert_eq!(chip.bytes[0x10_0000..0x10_0004], [0xAA, 0x99, 0x55, 0x66]);
         assert_eq!((chip.bytes[0], chip.bytes[0x16_0000]), (0x55, 0x12));
         assert!(
             chip.bytes[0x10_0000 + 340_001..0x16_0000]
