@@ -447,7 +447,8 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     let written = Bitfile::parse(&bytes).unwrap();
     flash.verify(&written, Area::User, |_, _| {}).unwrap();
 
-    let bytes = synchronised(130_000);
+    // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
+    let bytes = synchronised(508 * 256);
     fs::write(&file.0, &bytes).unwrap();
     let ours = Bitfile::parse(&bytes).unwrap();
     flash.program(&ours, Area::User, |_, _| {}).unwrap();
@@ -463,7 +464,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
         .reload(layout.user.0, layout.fallback.0)
         .unwrap();
     assert_eq!(board_itself.identity().unwrap().card_name(), "7I97");
-    assert_eq!(board.stop().get("reloads").map(String::as_str), Some("1"));
+    assert_eq!(board.stop()["board.reloads"], "1");
 }
 
 #[test]
