@@ -22,11 +22,15 @@ pub const OUTPUTS: usize = 2;
 
 /// The simulated FPGA with its three remotes.
 pub fn fpga() -> SimFpga {
+    fpga_with_field(Box::new(FieldIo::i7i77().expect("7I77")))
+}
+
+/// The same with another end on the channel of the field I/O.
+pub fn fpga_with_field(field: Box<dyn RemoteEnd>) -> SimFpga {
     let mut fpga = machines::i7i92_7i77();
-    let field = FieldIo::i7i77().expect("7I77");
     let analog = Analog::i7i77().expect("7I77");
     let outputs = Outputs48::i7i72().expect("7I72");
-    let ends: [Box<dyn RemoteEnd>; 3] = [Box::new(field), Box::new(analog), Box::new(outputs)];
+    let ends: [Box<dyn RemoteEnd>; 3] = [field, Box::new(analog), Box::new(outputs)];
     for (channel, end) in ends.into_iter().enumerate() {
         fpga.plug(0, channel, Some(Box::new(Cable::new(end, channel as u64))));
     }
@@ -130,8 +134,12 @@ impl<B: Simulated> Machine<B> {
 
     /// The application does nothing for some milliseconds.
     pub fn sleep(&mut self, millis: u64) {
+        self.pass_nanos(millis * 1_000_000);
+    }
+
+    pub fn pass_nanos(&mut self, nanos: u64) {
         let sim = self.driver.bus_mut().sim_mut();
-        let until = SimFpga::now(sim) + millis * 1_000_000;
+        let until = SimFpga::now(sim) + nanos;
         Self::advance(sim, until);
     }
 
