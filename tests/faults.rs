@@ -123,7 +123,8 @@ fn faults_of_one_reply_are_told_apart_and_cost_its_remote_two_cycles() {
     // ... and before it, none.
     of(FIELD, WireFault::Long(1), &[], 0);
     // It looks lost at first, and disturbs the transfer after it.
-    of(ANALOG, WireFault::Late(90_000), &[Late], 3);
+    of(ANALOG, WireFault::Late(90_000), &[Late], 4);
+    of(ANALOG, WireFault::Late(700_000), &[Late], 4);
 }
 
 #[test]

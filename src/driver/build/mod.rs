@@ -153,6 +153,12 @@ impl<B: RegisterBus> Builder<B> {
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
     pub fn build(mut self) -> Result<Driver<B>, BuildError<B::Error>> {
+        let policy = &mut self.config.policy;
+        let most_of_a_period = self.config.period * 3 / 4;
+        policy.rest = policy
+            .rest
+            .max(FaultPolicy::SHORTEST_REST)
+            .max(most_of_a_period);
         let firmware = HostMot2::identify(&mut self.bus)?;
         let watchdog = Watchdog::locate(&firmware)?;
         match self.build_on(firmware, watchdog) {

@@ -314,7 +314,7 @@ impl Machine {
             let one = number.mask();
             let reason = match channel.judge(cs, data.has_failed(number)) {
                 Verdict::Good(faults) => {
-                    channel.fault_count = channel.fault_count.saturating_sub(policy.fault_dec);
+                    channel.count_good(policy.fault_dec);
                     let reason = needs_restart(faults);
                     if reason.is_none() {
                         outcome.good = outcome.good.union(one);
@@ -328,7 +328,8 @@ impl Machine {
                 Verdict::Failed(Failure::NotRunning) => Some(SetAside::NotRunning(cs)),
                 Verdict::Failed(failure) => {
                     outcome.failed = outcome.failed.union(one);
-                    channel.fault_count = channel.fault_count.saturating_add(policy.fault_inc);
+                    channel.rest_until = now.after(policy.rest);
+                    channel.count_fault(policy.fault_inc);
                     (channel.fault_count >= policy.fault_lim)
                         .then_some(SetAside::TooManyFailures(failure))
                 }
@@ -456,6 +457,7 @@ impl Machine {
 
     fn choose(&mut self, now: Instant) -> Option<Asked> {
         let running = self.running();
+        let ready = self.mask(|channel| channel.is_running() && channel.rest_until <= now);
         if !self.run {
             self.restart = Restart::None;
             return self.stop_for_good(running);
@@ -465,12 +467,12 @@ impl Machine {
                 mask,
                 others_served,
             } => {
-                if !others_served && !running.is_empty() {
+                if !others_served && !ready.is_empty() {
                     self.restart = Restart::Stopped {
                         mask,
                         others_served: true,
                     };
-                    return Some(Asked::Transfer(running));
+                    return Some(Asked::Transfer(ready));
                 }
                 self.restart = Restart::Starting;
                 self.statistics.starts += 1;
@@ -488,7 +490,7 @@ impl Machine {
             }
             return Some(Asked::Stop(due));
         }
-        (!running.is_empty()).then_some(Asked::Transfer(running))
+        (!ready.is_empty()).then_some(Asked::Transfer(ready))
     }
 
     /// Channels whose time to be tried again has come.
