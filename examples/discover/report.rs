@@ -5,11 +5,11 @@ use std::error::Error;
 use mesa_hal::boards::RemoteTable;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::{
-    DataRecord, DiscoveryLimits, ModeRecord, ParameterValue, PortMemory, RemoteDescriptor,
-    discover_port,
+    DataRecord, DiscoveryLimits, ModeRecord, PortMemory, RemoteDescriptor, discover_port,
 };
 use mesa_hal::ethernet::Identity;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan, Watchdog};
+use mesa_hal::process_data::ParameterValue;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
 
 /// Everything that was found.

@@ -1,6 +1,7 @@
 //! The inventory for people.
 
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
+use mesa_hal::process_data::Scaling;
 
 use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
 
@@ -160,7 +161,9 @@ fn describe(record: &DataRecord) -> String {
         DataDirection::Output => "out",
         DataDirection::Bidirectional => "in/out",
     };
-    let range = if record.min < record.max {
+    let whole = Scaling::of(record).is_some_and(Scaling::is_whole);
+    let limits_are_its_bits = whole && !record.data_type.is_nonvolatile();
+    let range = if record.min < record.max && !limits_are_its_bits {
         format!(" {}..{} {}", record.min, record.max, record.unit)
     } else {
         String::new()

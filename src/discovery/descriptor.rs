@@ -62,6 +62,15 @@ pub struct RemoteDescriptor {
     pub modes: Vec<ModeRecord>,
 }
 
+impl RemoteDescriptor {
+    /// The parameter of that name; upper and lower case are the same.
+    pub fn parameter(&self, name: &str) -> Option<&DataRecord> {
+        self.parameters
+            .iter()
+            .find(|record| record.name.eq_ignore_ascii_case(name))
+    }
+}
+
 /// A process-data record: an element of process data, or a parameter.
 ///
 /// Source: manual 7I77, "PROCESS DATA DESCRIPTOR"; FACTS 7.1.

@@ -6,7 +6,6 @@ mod built_in;
 mod descriptor;
 mod inventory;
 mod memory;
-mod parameter;
 mod problem;
 mod reader;
 mod record;
@@ -17,7 +16,6 @@ pub use descriptor::{
 };
 pub use inventory::{DiscoveredRemote, Inventory, discover_port};
 pub use memory::{PortMemory, RemoteMemory, RemoteParameters};
-pub use parameter::{ParameterError, ParameterValue};
 pub use problem::{Flow, Problem, ProblemKind, StringField, Table};
 pub use reader::DiscoveryLimits;
 pub use walk::{Discovered, RemoteIdentity, Source, discover};

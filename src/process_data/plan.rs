@@ -314,22 +314,22 @@ fn kind_of(element: usize, record: &DataRecord) -> Result<ElementKind, PlanError
             Err(width)
         }
     };
-    let (min, max) = (f64::from(record.min), f64::from(record.max));
-    let scaled = |scaling: Option<Scaling>| match scaling {
-        Some(scaling) => narrow(ElementKind::Number(scaling)),
-        None if bits > Field::MAX_BITS => Err(width),
-        None => Err(PlanError::Limits {
-            element,
-            record: record.record_address,
-            min: record.min,
-            max: record.max,
-        }),
-    };
     match record.data_type {
         DataType::Pad => Ok(ElementKind::Pad),
         DataType::Bits => Ok(ElementKind::Bits),
-        DataType::Unsigned | DataType::NonvolUnsigned => scaled(Scaling::unsigned(bits, min, max)),
-        DataType::Signed | DataType::NonvolSigned => scaled(Scaling::signed(bits, min, max)),
+        DataType::Unsigned
+        | DataType::Signed
+        | DataType::NonvolUnsigned
+        | DataType::NonvolSigned => match Scaling::of(record) {
+            Some(scaling) => Ok(ElementKind::Number(scaling)),
+            None if bits > Field::MAX_BITS => Err(width),
+            None => Err(PlanError::Limits {
+                element,
+                record: record.record_address,
+                min: record.min,
+                max: record.max,
+            }),
+        },
         DataType::Boolean => narrow(ElementKind::Boolean),
         DataType::Encoder | DataType::EncoderHigh | DataType::EncoderLow => {
             narrow(ElementKind::Counter)

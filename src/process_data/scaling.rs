@@ -1,11 +1,14 @@
 //! Raw numbers and engineering values.
 
+use crate::discovery::{DataRecord, DataType};
+
 /// What a raw value means, and which raw value a value becomes.
 ///
-/// Three forms, by type and limits (FACTS 7.4):
+/// Four forms, by type and limits (FACTS 7.4):
 ///
 /// | form | when | value |
 /// |---|---|---|
+/// | whole | limits are those of the raw number itself | `raw` |
 /// | unsigned | unsigned, `min` = 0 | `raw * max / (2^n - 1)` |
 /// | signed | two's complement, `min` = -`max` | `raw * max / 2^(n-1)` |
 /// | offset | other limits | `raw * (max - min) / (2^n - 1) + min`, raw unsigned |
@@ -14,9 +17,12 @@
 /// form is the manuals' unsigned one, and the only sensible reading of limits that fit no other.
 /// `min` = `max` means 0 to 1 (two's complement: -1 to 1).
 ///
+/// Records hold their limits as 32-bit floats, in which 2^32 - 1 is 4294967296: such limits still
+/// are those of the raw number, and 0x12000001 of 32 bits is 301989889, not 301989889.07.
+///
 /// # Towards the wire
-/// Unsigned and offset round to the nearest raw value, so that a value from the wire goes back to
-/// the same raw value.
+/// Whole, unsigned and offset round to the nearest raw value, so that a value from the wire goes
+/// back to the same raw value.
 ///
 /// Signed follows LinuxCNC on the wire up to 31 bits: it makes a fraction of `2^31 - 1` first
 /// (towards zero) and then drops the low `32 - n` bits (downwards). Full scale, which is one more
@@ -25,7 +31,7 @@
 /// (1073741823.5 of `2^31 - 1`) and becomes 2047, and -10 V becomes -4096 (0x1000). The value
 /// on the wire is less than `1 + 2^(n-32)` steps off: one step at the widths devices have, one and a
 /// half at 31 bits. From 32 bits on, where that way errs more (and LinuxCNC itself does
-/// not go), it is the nearest.
+/// not go), it is the nearest. [`nearest`](Self::nearest) is the nearest at every width.
 ///
 /// Both ends are exact at every width: `max` is the largest raw value, `min` the smallest. Beyond
 /// them the end is taken, and said.
@@ -39,6 +45,7 @@ pub struct Scaling {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
+    Whole { signed: bool },
     Unsigned,
     Signed,
     Offset,
@@ -65,34 +72,63 @@ pub enum Fit {
 }
 
 impl Scaling {
+    /// For the number that a record describes; `None` if it describes no number, or as for
+    /// [`unsigned`](Self::unsigned).
+    ///
+    /// Non-volatile numbers are whole whatever their limits, which are limits only: `NVBaudRate`
+    /// is 9 for 2.5 Mbaud, with a maximum of 11 (FACTS 8.2).
+    pub fn of(record: &DataRecord) -> Option<Self> {
+        let (bits, min, max) = (record.bits, f64::from(record.min), f64::from(record.max));
+        match record.data_type {
+            DataType::Unsigned => Self::unsigned(bits, min, max),
+            DataType::Signed => Self::signed(bits, min, max),
+            DataType::NonvolUnsigned => Self::whole(bits, false),
+            DataType::NonvolSigned => Self::whole(bits, true),
+            _ => None,
+        }
+    }
+
+    /// For a number of `bits` bits that is its own value. `None` for no bits, or more than 64.
+    pub fn whole(bits: u8, signed: bool) -> Option<Self> {
+        (1..=64).contains(&bits).then(|| {
+            let (min, max) = whole_range(bits, signed);
+            Self {
+                form: Form::Whole { signed },
+                bits,
+                min: min as f64,
+                max: max as f64,
+            }
+        })
+    }
+
     /// For an unsigned number of `bits` bits. `None` for no bits, more than 64, or limits that are
     /// not finite.
-    // Limits are compared as the device wrote them: nothing was computed.
-    #[allow(clippy::float_cmp)]
     pub fn unsigned(bits: u8, min: f64, max: f64) -> Option<Self> {
+        if is_whole(bits, false, min, max) {
+            return Self::whole(bits, false);
+        }
         let form = if min == 0.0 || min == max {
             Form::Unsigned
         } else {
             Form::Offset
         };
-        Self::new(form, bits, min, max)
+        Self::scaled(form, bits, min, max)
     }
 
     /// For a two's complement number of `bits` bits. `None` as for [`unsigned`](Self::unsigned).
-    // Limits are compared as the device wrote them: nothing was computed.
-    #[allow(clippy::float_cmp)]
     pub fn signed(bits: u8, min: f64, max: f64) -> Option<Self> {
+        if is_whole(bits, true, min, max) {
+            return Self::whole(bits, true);
+        }
         let form = if min == -max || min == max {
             Form::Signed
         } else {
             Form::Offset
         };
-        Self::new(form, bits, min, max)
+        Self::scaled(form, bits, min, max)
     }
 
-    // Limits are compared as the device wrote them: nothing was computed.
-    #[allow(clippy::float_cmp)]
-    fn new(form: Form, bits: u8, min: f64, max: f64) -> Option<Self> {
+    fn scaled(form: Form, bits: u8, min: f64, max: f64) -> Option<Self> {
         let width = (1..=64).contains(&bits);
         if !width || !min.is_finite() || !max.is_finite() || !(max - min).is_finite() {
             return None;
@@ -110,6 +146,11 @@ impl Scaling {
         })
     }
 
+    /// Whether raw values are their own values.
+    pub fn is_whole(self) -> bool {
+        matches!(self.form, Form::Whole { .. })
+    }
+
     /// The value of the smallest raw value.
     pub fn min(self) -> f64 {
         self.min
@@ -124,6 +165,8 @@ impl Scaling {
     pub fn value(self, raw: u64) -> f64 {
         let raw = raw & self.mask();
         match self.form {
+            Form::Whole { signed: false } => raw as f64,
+            Form::Whole { signed: true } => sign_extend(raw, self.bits) as f64,
             Form::Unsigned => raw as f64 / self.steps() * self.max,
             Form::Signed => sign_extend(raw, self.bits) as f64 / self.half() * self.max,
             Form::Offset => {
@@ -134,19 +177,49 @@ impl Scaling {
         }
     }
 
-    /// The raw value of a value.
+    /// The raw value of a value, as the field has it on the wire.
     pub fn raw(self, value: f64) -> Raw {
+        match self.form {
+            Form::Signed if value.is_finite() && self.bits < 32 => self
+                .signed_raw(value / self.max, |fraction| {
+                    (fraction * 2_147_483_647.0) as i64 >> (32 - self.bits)
+                }),
+            _ => self.nearest(value),
+        }
+    }
+
+    /// The raw value whose value is the nearest: `nearest(value(raw))` is `raw`, up to the 53 bits
+    /// that a real number holds.
+    pub fn nearest(self, value: f64) -> Raw {
         if !value.is_finite() {
             let zero = 0.0_f64.clamp(self.min.min(self.max), self.min.max(self.max));
             return Raw {
-                bits: self.raw(zero).bits,
+                bits: self.nearest(zero).bits,
                 fit: Fit::NotFinite,
             };
         }
         match self.form {
+            Form::Whole { signed } => self.whole_raw(value, signed),
             Form::Unsigned => self.unsigned_raw(value / self.max),
             Form::Offset => self.unsigned_raw((value - self.min) / (self.max - self.min)),
-            Form::Signed => self.signed_raw(value / self.max),
+            Form::Signed => self.signed_raw(value / self.max, |fraction| {
+                libm::round(fraction * self.half()) as i64
+            }),
+        }
+    }
+
+    fn whole_raw(self, value: f64, signed: bool) -> Raw {
+        let (lowest, highest) = whole_range(self.bits, signed);
+        // Exact, or saturated far outside of every range.
+        let asked = libm::round(value) as i128;
+        let number = asked.clamp(lowest, highest);
+        Raw {
+            bits: number as u64 & self.mask(),
+            fit: if number == asked {
+                Fit::Exact
+            } else {
+                Fit::Clamped
+            },
         }
     }
 
@@ -160,16 +233,15 @@ impl Scaling {
         }
     }
 
-    fn signed_raw(self, fraction: f64) -> Raw {
+    /// `number` makes the two's complement number of a fraction from -1 to 1; full scale may be
+    /// one too large.
+    fn signed_raw(self, fraction: f64, number: impl FnOnce(f64) -> i64) -> Raw {
         let (fraction, fit) = clamped(fraction, -1.0);
         let highest = (self.mask() >> 1) as i64;
         let number = if fraction <= -1.0 {
             -highest - 1
-        } else if self.bits < 32 {
-            let fraction_of_31_bits = (fraction * 2_147_483_647.0) as i64;
-            fraction_of_31_bits >> (32 - self.bits)
         } else {
-            (libm::round(fraction * self.half()) as i64).min(highest)
+            number(fraction).min(highest)
         };
         Raw {
             bits: number as u64 & self.mask(),
@@ -189,6 +261,29 @@ impl Scaling {
     fn half(self) -> f64 {
         (1_u64 << (self.bits - 1)) as f64
     }
+}
+
+/// The smallest and the largest number of `bits` (1 to 64) bits.
+fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
+    if signed {
+        let half = 1_i128 << (bits - 1);
+        (-half, half - 1)
+    } else {
+        (0, (1_i128 << bits) - 1)
+    }
+}
+
+/// Whether limits are those of a number of `bits` bits itself, exactly or as the 32-bit floats
+/// nearest to them; for two's complement also symmetrical, from -2^(n-1) to 2^(n-1).
+fn is_whole(bits: u8, signed: bool, min: f64, max: f64) -> bool {
+    if !(1..=64).contains(&bits) {
+        return false;
+    }
+    let (lowest, highest) = whole_range(bits, signed);
+    let symmetrical = signed && max == -(lowest as f64);
+    // Both are powers of two, or zero: exact in any float.
+    min == lowest as f64
+        && (max == highest as f64 || max == f64::from(highest as f32) || symmetrical)
 }
 
 fn clamped(fraction: f64, lowest: f64) -> (f64, Fit) {
@@ -257,6 +352,62 @@ mod tests {
         }
     }
 
+    /// The limits as a record holds them: 32-bit floats.
+    fn in_record(limits: [i128; 2]) -> [f64; 2] {
+        limits.map(|limit| f64::from(limit as f32))
+    }
+
+    #[test]
+    fn a_number_with_the_limits_of_its_own_bits_is_its_own_value() {
+        for bits in [1, 8, 24, 31, 32, 64] {
+            let mask = u64::MAX >> (64 - u32::from(bits));
+            let [min, max] = in_record([0, i128::from(mask)]);
+            let unsigned = Scaling::unsigned(bits, min, max).unwrap();
+            assert_eq!(unsigned.max(), mask as f64, "{bits} bits");
+            for raw in [0, 1, 0x1200_0001, 0x7FFF_FFFF, mask >> 1, mask - 1, mask] {
+                let raw = raw & mask;
+                assert_eq!(unsigned.value(raw), raw as f64, "{bits} bits");
+                if raw < 1 << 53 || raw == mask {
+                    assert_eq!(unsigned.raw(raw as f64).bits, raw, "{bits} bits");
+                }
+            }
+            assert_eq!(unsigned.raw(-1.0).fit, Fit::Clamped);
+            assert_eq!(unsigned.raw(mask as f64 + 4096.0).bits, mask);
+
+            let half = 1_i128 << (bits - 1);
+            for limits in [[-half, half - 1], [-half, half]] {
+                let [min, max] = in_record(limits);
+                let signed = Scaling::signed(bits, min, max).unwrap();
+                for number in [-half, -half / 3, -1, 0, half / 3, half - 1] {
+                    let raw = number as u64 & mask;
+                    assert_eq!(signed.value(raw), number as f64, "{bits} bits");
+                    if number.abs() < 1 << 53 {
+                        assert_eq!(signed.raw(number as f64).bits, raw, "{bits} bits");
+                    }
+                }
+                assert_eq!(signed.raw(half as f64).bits, (half - 1) as u64);
+                assert_eq!(signed.raw(2.0 * half as f64).fit, Fit::Clamped);
+            }
+        }
+        let unit_number = Scaling::unsigned(32, 0.0, 4_294_967_296.0).unwrap();
+        assert_eq!(unit_number.value(0x1200_0001), 301_989_889.0);
+        assert_eq!(unit_number.raw(301_989_889.0).bits, 0x1200_0001);
+    }
+
+    #[test]
+    fn limits_near_those_of_the_bits_are_a_scale_all_the_same() {
+        // 2^24 - 1 is exact as a 32-bit float, so 2^24 is meant.
+        let unsigned = Scaling::unsigned(24, 0.0, 16_777_216.0).unwrap();
+        assert!(!unsigned.is_whole());
+        assert_eq!(unsigned.value(0xFF_FFFF), 16_777_216.0);
+        assert!(!Scaling::signed(16, -32767.0, 32767.0).unwrap().is_whole());
+        assert!(
+            !Scaling::signed(32, 0.0, 4_294_967_296.0)
+                .unwrap()
+                .is_whole()
+        );
+    }
+
     #[test]
     fn equal_limits_mean_0_to_1() {
         let unsigned = Scaling::unsigned(8, 5.0, 5.0).unwrap();
@@ -318,6 +469,20 @@ mod tests {
         }
 
         #[test]
+        fn the_nearest_raw_value_of_a_raw_value_is_itself(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+            let raw = seed >> (64 - bits);
+            for scaling in [
+                Scaling::signed(bits, -max, max),
+                Scaling::signed(bits, -max, max / 3.0),
+                Scaling::unsigned(bits, 0.0, max),
+                Scaling::whole(bits, true),
+            ] {
+                let scaling = scaling.unwrap();
+                prop_assert_eq!(scaling.nearest(scaling.value(raw)).bits, raw, "{:?}", scaling);
+            }
+        }
+
+        #[test]
         fn a_value_on_the_wire_is_no_further_off_than_promised(bits in 2..=32u8, fraction in -1.0..1.0f64, max in 1e-3..1e6_f64) {
             let step = max / (1_u64 << (bits - 1)) as f64;
             // One step from dropping low bits, and two parts of 2^31 from the fraction before it.
@@ -337,6 +502,7 @@ mod tests {
         ) {
             for scaling in [Scaling::signed(bits, min, max), Scaling::unsigned(bits, min, max)].into_iter().flatten() {
                 prop_assert_eq!(scaling.raw(value).bits & !scaling.mask(), 0);
+                prop_assert_eq!(scaling.nearest(value).bits & !scaling.mask(), 0);
                 let _ = scaling.value(raw);
             }
         }
