@@ -9,13 +9,13 @@
 use alloc::vec::Vec;
 
 use super::fpga::{
-    DpllPins, EncoderBankPins, EncoderPins, EthernetPins, GpioPins, InMuxKind, InMuxPins, LedPins,
-    PwmBankPins, PwmPins, PwmUse, SsrPins, WatchdogPins,
+    DpllPins, EncoderBankPins, EncoderPins, EthernetPins, FpgaPins, GpioPins, InMuxKind, InMuxPins,
+    LedPins, PwmBankPins, PwmPins, PwmUse, SsrPins, WatchdogPins,
 };
 use super::table::terminals;
 use super::{BoardError, Terminal};
 use crate::hal::{GroupId, Output, Pins};
-use crate::hostmot2::PinDescriptor;
+use crate::hostmot2::{Gtag, HostMot2, LocateError, PinDescriptor};
 
 /// The terminals of the six analog outputs.
 pub const ANALOG_TERMINALS: [&[Terminal]; 6] = [
@@ -86,6 +86,32 @@ pub const FULL_SCALE: f64 = 10.0;
 /// The PWM frequency of the analog outputs: the manual allows 48 or 96 kHz.
 pub const PWM_HZ: u32 = 48_000;
 
+/// The same for firmware whose generators dither.
+/// Manual: 7I97, "SUGGESTED PWM SETUP".
+pub const PWM_HZ_DITHER: u32 = 96_000;
+
+/// The terminals of the serial port's first channel.
+/// Manual: 7I97, "TB4 ISOLATED INPUT + RS-422 CONNECTOR".
+pub const SERIAL_TERMINALS: &[Terminal] = terminals![
+    "TB4 pin 15" "RX+", "TB4 pin 16" "RX-", "TB4 pin 17" "TX+", "TB4 pin 18" "TX-"
+];
+
+/// Whether a firmware says that it is for a 7I97.
+pub fn is_firmware_of(firmware: &HostMot2) -> bool {
+    firmware.idrom().board_name.0.ends_with(b"7I97")
+}
+
+/// What PWM generator `n` is for: an analog output and its enable.
+pub(crate) fn analog_use(n: usize) -> PwmUse {
+    PwmUse {
+        output: ANALOG_TERMINALS.get(n).copied().unwrap_or(&[]),
+        enable: enable_terminals(n),
+        scale: FULL_SCALE,
+        unit: "V",
+        offset_mode: true,
+    }
+}
+
 /// The terminal of an isolated input's common.
 pub fn input_common(input: usize) -> Option<&'static Terminal> {
     INPUT_COMMONS.get(input / 2)
@@ -98,8 +124,8 @@ pub struct I7i97 {
     pub watchdog: WatchdogPins,
     /// The connection.
     pub ethernet: EthernetPins,
-    /// The phase-locked loop.
-    pub dpll: DpllPins,
+    /// The phase-locked loop, unless the driver leaves it alone.
+    pub dpll: Option<DpllPins>,
     /// All encoders together.
     pub encoder_bank: EncoderBankPins,
     /// The six encoders.
@@ -121,6 +147,49 @@ pub struct I7i97 {
 }
 
 impl I7i97 {
+    /// The handles of the pins that a driver has made: see
+    /// [`Driver::fpga_pins`](crate::driver::Driver::fpga_pins) and
+    /// [`Driver::firmware`](crate::driver::Driver::firmware).
+    ///
+    /// # Errors
+    /// [`BoardError::OtherBoard`] if the firmware is for another board,
+    /// [`BoardError::Module`] and [`BoardError::TooFew`] if it lacks a module of the standard
+    /// firmware, or some of it is not in use.
+    pub fn of(made: &FpgaPins, firmware: &HostMot2) -> Result<Self, BoardError> {
+        if !is_firmware_of(firmware) {
+            return Err(BoardError::OtherBoard {
+                expected: "7I97",
+                found: firmware.idrom().board_name,
+            });
+        }
+        let encoders = all_of(&made.encoders, Gtag::MUXED_ENCODER, firmware)?;
+        let analog_out: [PwmPins; 6] = all_of(&made.pwm, Gtag::PWM, firmware)?;
+        let [inputs] = all_of(&made.in_mux, Gtag::IN_MUX, firmware)?;
+        let [outputs] = all_of(&made.ssr, Gtag::SSR, firmware)?;
+        let [leds] = all_of(made.leds.as_slice(), Gtag::LED, firmware)?;
+        let [encoder_bank] = all_of(made.encoder_bank.as_slice(), Gtag::MUXED_ENCODER, firmware)?;
+        let [pwm_bank] = all_of(made.pwm_bank.as_slice(), Gtag::PWM, firmware)?;
+        Ok(Self {
+            watchdog: made.watchdog,
+            ethernet: made.ethernet,
+            dpll: made.dpll,
+            encoder_bank,
+            encoders,
+            pwm_bank,
+            enables: analog_out.map(|pwm| pwm.enable),
+            analog_out,
+            inputs,
+            outputs,
+            leds,
+            io: made.io.clone(),
+        })
+    }
+
+    /// The expansion pins, IO34 first: those that a module of custom firmware uses have no output.
+    pub fn expansion(&self) -> &[GpioPins] {
+        self.io.get(FIRST_EXPANSION_PIN..).unwrap_or(&[])
+    }
+
     /// Makes the pins of a board, for example `hm2_7i97.0`, with these pin descriptors.
     ///
     /// # Errors
@@ -136,31 +205,48 @@ impl I7i97 {
             *encoder = EncoderPins::new(pins, group, board, n, at)?;
         }
         let mut analog_out = [PwmPins::default(); 6];
-        for (n, (pwm, output)) in analog_out.iter_mut().zip(ANALOG_TERMINALS).enumerate() {
-            let usage = PwmUse {
-                output,
-                enable: enable_terminals(n),
-                scale: FULL_SCALE,
-                unit: "V",
-                offset_mode: true,
-            };
-            *pwm = PwmPins::new(pins, group, board, n, usage)?;
+        for (n, pwm) in analog_out.iter_mut().enumerate() {
+            *pwm = PwmPins::new(pins, group, board, n, analog_use(n))?;
         }
         Ok(Self {
             watchdog: WatchdogPins::new(pins, group, board)?,
             ethernet: EthernetPins::new(pins, group, board)?,
-            dpll: DpllPins::new(pins, group, board)?,
+            dpll: Some(DpllPins::new(pins, group, board)?),
             encoder_bank: EncoderBankPins::new(pins, group, board, Some(4), true)?,
             encoders,
             pwm_bank: PwmBankPins::new(pins, group, board, PWM_HZ)?,
             enables: analog_out.map(|pwm| pwm.enable),
             analog_out,
-            inputs: InMuxPins::new(pins, group, board, InMuxKind::InMux, 0, INPUT_TERMINALS)?,
+            inputs: InMuxPins::new(
+                pins,
+                group,
+                board,
+                InMuxKind::InMux,
+                0,
+                (16, INPUT_TERMINALS),
+            )?,
             outputs: SsrPins::new(pins, group, board, 0, &OUTPUT_TERMINALS)?,
             leds: LedPins::new(pins, group, board, 4)?,
             io: GpioPins::all(pins, group, board, descriptors, expansion_terminals)?,
         })
     }
+}
+
+/// Exactly the first `N`, or what is missing.
+fn all_of<T: Clone, const N: usize>(
+    made: &[T],
+    gtag: Gtag,
+    firmware: &HostMot2,
+) -> Result<[T; N], BoardError> {
+    firmware.require(gtag).map_err(LocateError::from)?;
+    let first = made
+        .get(..N)
+        .and_then(|first| first.to_vec().try_into().ok());
+    first.ok_or(BoardError::TooFew {
+        gtag,
+        expected: N,
+        found: made.len(),
+    })
 }
 
 /// The enable of generators 0 to 3 is one pin of the FPGA.
@@ -171,7 +257,7 @@ fn enable_terminals(n: usize) -> &'static [Terminal] {
     }
 }
 
-fn expansion_terminals(number: usize) -> &'static [Terminal] {
+pub(crate) fn expansion_terminals(number: usize) -> &'static [Terminal] {
     number
         .checked_sub(FIRST_EXPANSION_PIN)
         .and_then(|place| EXPANSION.get(place))

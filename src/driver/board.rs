@@ -4,7 +4,7 @@ use alloc::format;
 use core::time::Duration;
 
 use super::{BoardState, DriverStatistics};
-use crate::boards::fpga::{EthernetPins, WatchdogPins};
+use crate::boards::fpga::{EthernetPins, FpgaPins, WatchdogPins};
 use crate::bus::{CycleImage, ImagePlan, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot};
 use crate::hal::{GroupId, Input, PinError, Pins, Spec};
 use crate::hostmot2::{Watchdog, WatchdogStatus, WatchdogTime};
@@ -99,6 +99,12 @@ impl Board {
             1,
             WatchdogTime::DISABLED.0,
         ));
+    }
+
+    /// Leaves the handles of its pins.
+    pub fn tell(&self, made: &mut FpgaPins) {
+        made.watchdog = self.pins.watchdog;
+        made.ethernet = self.pins.bus;
     }
 
     pub fn watchdog(&self) -> &Watchdog {

@@ -6,7 +6,7 @@ use crate::boards::{BoardError, IdentityError};
 use crate::bus::{BusError, ImageError};
 use crate::discovery::{Problem, RemoteName};
 use crate::hal::PinError;
-use crate::hostmot2::{IdentifyError, LocateError, PinError as IoPinError};
+use crate::hostmot2::{DpllError, IdentifyError, LocateError, PinError as IoPinError};
 use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
 
 /// Why a driver was not built. Everything that was started is stopped again.
@@ -44,6 +44,9 @@ pub enum BuildError<E: BusError> {
     /// A remote that the machine can not do without is missing.
     #[error("port {}, channel {}: {}", .0.port, .0.channel, .0.reason)]
     Missing(MissingRemote),
+    /// The phase-locked loop can not follow the period.
+    #[error("{0} (or `Builder::without_dpll`)")]
+    Dpll(#[source] DpllError<E>),
     /// A pin can not be made.
     #[error("a pin of the board: {0}")]
     Pin(#[from] PinError),

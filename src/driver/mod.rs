@@ -39,10 +39,10 @@ mod serial;
 mod setup_list;
 mod stop;
 
-pub use build::{Builder, EncoderSetup};
+pub use build::{Builder, EncoderSetup, GpioConfig};
 pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
-pub use module::{Module, Put, Take};
+pub use module::{Module, Put, SettingSlot, Take};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
     Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, SerialPort,
@@ -53,6 +53,7 @@ pub use setup_list::SetupList;
 use alloc::{boxed::Box, string::String, vec::Vec};
 use core::time::Duration;
 
+use crate::boards::fpga::FpgaPins;
 use crate::bus::{CycleImage, ImageSize, Instant, RegisterBus, Tier};
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::HostMot2;
@@ -76,6 +77,7 @@ pub struct Driver<B: RegisterBus> {
     ports: Vec<SerialPort>,
     modules: Vec<Box<dyn Module>>,
     restore: Restore,
+    fpga_pins: FpgaPins,
     missing: Vec<MissingRemote>,
     statistics: DriverStatistics,
     /// What the bus counted at the last read.
@@ -83,6 +85,8 @@ pub struct Driver<B: RegisterBus> {
     unconfirmed_writes: u64,
     read_failures: u32,
     write_failures: u32,
+    /// A write was lost, and with it perhaps a setting that is written only when it changes.
+    settings_may_be_lost: bool,
     /// The set-up was written again, and it is not known yet whether it arrived.
     is_restored: bool,
     is_shut_down: bool,
@@ -131,6 +135,7 @@ impl<B: RegisterBus> Driver<B> {
     fn take(&mut self, now: Instant) -> CycleReport {
         let lost_writes = self.news_of_lost_writes();
         let doubtful = self.news_of_unconfirmed_writes() > 0 || lost_writes > 0;
+        self.settings_may_be_lost |= doubtful;
         let mut report = CycleReport {
             lost_writes,
             ..CycleReport::default()
@@ -192,11 +197,13 @@ impl<B: RegisterBus> Driver<B> {
         match result {
             Ok(()) => {
                 self.board.written();
+                self.settings_may_be_lost = false;
                 self.write_failures = 0;
                 Ok(())
             }
             Err(source) => {
                 self.statistics.write_errors += 1;
+                self.settings_may_be_lost = true;
                 self.write_failures = self.write_failures.saturating_add(1);
                 let consecutive = self.write_failures;
                 if self.board.count_exchange(&mut self.pins, true) {
@@ -225,12 +232,15 @@ impl<B: RegisterBus> Driver<B> {
             pins: &mut self.pins,
             group: self.group,
             now,
+            tier: Tier::Cycle,
+            restore: &mut self.restore,
         };
         for module in &mut self.modules {
             module.put(&mut cycle);
         }
+        let changed = cycle.tier == Tier::Extended;
         self.board.put(&mut self.image, &self.pins);
-        if modes {
+        if modes || changed || self.settings_may_be_lost {
             Tier::Extended
         } else {
             self.board.tier_of_write()
@@ -414,6 +424,12 @@ impl<B: RegisterBus> Driver<B> {
     /// All pins and parameters, to set them.
     pub fn pins_mut(&mut self) -> &mut Pins {
         &mut self.pins
+    }
+
+    /// The pins of the board's own modules. [`I7i97`](crate::boards::I7i97) has those of a 7I97 by
+    /// their terminals.
+    pub fn fpga_pins(&self) -> &FpgaPins {
+        &self.fpga_pins
     }
 
     /// The group of the board's own pins.

@@ -3,7 +3,8 @@
 use core::fmt;
 
 use super::SetupList;
-use crate::bus::{CycleImage, ImagePlan, Instant};
+use super::setup_list::Restore;
+use crate::bus::{CycleImage, ImagePlan, Instant, Tier, WritePhase, WriteSlot};
 use crate::hal::{GroupId, Pins};
 
 /// A part of the board in the cycle: it claims registers at start, then takes its inputs from the
@@ -60,4 +61,42 @@ pub struct Put<'a> {
     pub group: GroupId,
     /// When the write began.
     pub now: Instant,
+    pub(super) tier: Tier,
+    pub(super) restore: &'a mut Restore,
+}
+
+impl Put<'_> {
+    /// Puts a setting. Only if it differs from what was put before, it is written, and written
+    /// again whenever the board's set-up is.
+    ///
+    /// # Real time
+    /// Constant time while nothing changes; else it grows with the registers of the set-up. No
+    /// allocation.
+    pub fn change(&mut self, slot: Option<SettingSlot>, word: u32) {
+        let Some(SettingSlot { slot, address }) = slot else {
+            return;
+        };
+        if self.image.written(slot).first() != Some(&word) {
+            self.image.put(slot, word);
+            self.restore.change(address, word);
+            self.tier = Tier::Extended;
+        }
+    }
+}
+
+/// A register that is written when it changes, and not in every cycle: see [`Put::change`].
+///
+/// A change whose write was lost is written again, and so are all others then.
+#[derive(Clone, Copy, Debug)]
+pub struct SettingSlot {
+    slot: WriteSlot,
+    address: u16,
+}
+
+impl SettingSlot {
+    /// Claims a register that the set-up has written as `initial`.
+    pub fn claim(plan: &mut ImagePlan, address: u16, initial: u32) -> Self {
+        let slot = plan.write(WritePhase::Data, Tier::Extended, address, 1, initial);
+        Self { slot, address }
+    }
 }

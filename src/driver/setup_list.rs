@@ -63,6 +63,24 @@ pub(super) struct Restore {
 }
 
 impl Restore {
+    /// Takes over a setting that was changed since: the last write of its register. Those before
+    /// it, which keep the board safe on the way, stay.
+    ///
+    /// # Real time
+    /// Grows with the number of writes; no allocation.
+    pub fn change(&mut self, address: u16, word: u32) {
+        for (prepared, words) in self.packets.iter_mut().rev() {
+            let place = prepared
+                .accesses()
+                .iter()
+                .rposition(|access| access.address == address);
+            if let Some(old) = place.and_then(|place| words.get_mut(place)) {
+                *old = word;
+                return;
+            }
+        }
+    }
+
     /// Writes all of it, in order.
     ///
     /// # Real time

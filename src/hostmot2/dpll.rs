@@ -123,6 +123,11 @@ impl Dpll {
         })
     }
 
+    /// The clock that the loop divides, in Hz.
+    pub const fn clock_hz(&self) -> u32 {
+        self.clock_hz
+    }
+
     /// Asks for the size of the DDS, computes the setup and writes it: two exchanges.
     pub fn set_up<B: RegisterBus>(
         &self,
@@ -153,8 +158,12 @@ impl Dpll {
 }
 
 impl DpllSetup {
+    /// The words for a loop with this clock and a DDS of `dds_bits`:
     /// prescale = 2^30*clock / (2^dds * Hz), at least 1; base rate = Hz * 2^dds * prescale / clock.
-    fn new<E: core::error::Error + 'static>(
+    ///
+    /// # Errors
+    /// [`DpllError::Rate`], [`DpllError::DdsSize`].
+    pub fn new<E: core::error::Error + 'static>(
         clock_hz: u32,
         dds_bits: u8,
         config: &DpllConfig,

@@ -261,6 +261,11 @@ impl PortPlan {
         Ok(place)
     }
 
+    /// Whether a module uses the pin, or it was said how it is used as plain I/O.
+    pub fn is_taken(&self, pin: u16) -> bool {
+        self.taken.get(usize::from(pin)).copied().unwrap_or(false)
+    }
+
     fn take(&mut self, pin: u16) -> Result<PinPlace, PinError> {
         let pins = self.places.pins;
         let missing = PinError::NoSuchPin { pin, pins };

@@ -37,6 +37,11 @@ impl Ssr {
         SsrRate::enabled(self.clock_hz, Self::DRIVE_HZ)
     }
 
+    /// The rate register for a drive frequency.
+    pub fn rate_for(&self, hz: u32) -> SsrRate {
+        SsrRate::enabled(self.clock_hz, hz)
+    }
+
     /// Switches all outputs off, then turns the drive on. To be called after the I/O ports were
     /// set up, so that the pins are driven by the module by then.
     pub fn start<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {

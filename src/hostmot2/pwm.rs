@@ -58,6 +58,11 @@ impl PwmGenerators {
         self.value.count()
     }
 
+    /// The clock that the rates divide, in Hz.
+    pub const fn clock_hz(&self) -> u32 {
+        self.clock_hz
+    }
+
     /// Whether the fraction of the duty is used: module version 1.
     pub const fn can_dither(&self) -> bool {
         self.version >= 1

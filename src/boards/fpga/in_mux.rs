@@ -49,14 +49,15 @@ pub struct InMuxPins {
 }
 
 impl InMuxPins {
-    /// Makes the pins of instance `number` with a pin for each of `terminals`.
+    /// Makes the pins of instance `number` with `count` inputs, the first of which are at
+    /// `terminals`.
     pub fn new(
         pins: &mut Pins,
         group: GroupId,
         board: &str,
         kind: InMuxKind,
         number: usize,
-        terminals: &[Terminal],
+        (count, terminals): (usize, &[Terminal]),
     ) -> Result<Self, PinError> {
         let module = match kind {
             InMuxKind::InMux => "inmux",
@@ -68,15 +69,15 @@ impl InMuxPins {
             scan_rate: make.setting("scan_rate", 20_000)?,
             slow_scans: make.setting("slow_scans", 500)?,
             fast_scans: make.setting("fast_scans", 5)?,
-            scan_width: make.property("scan_width", terminals.len() as u32)?,
+            scan_width: make.property("scan_width", count as u32)?,
             ..Self::default()
         };
         for (k, param) in all.mpg_4x.iter_mut().enumerate() {
             *param = make.setting(&format!("enc{k}_4xmode"), false)?;
         }
-        for (n, terminal) in terminals.iter().enumerate() {
-            let terminal = [*terminal];
-            let mut make = Maker::new(pins, group, stem.clone()).at(&terminal);
+        for n in 0..count {
+            let terminal = terminals.get(n..=n).unwrap_or(&[]);
+            let mut make = Maker::new(pins, group, stem.clone()).at(terminal);
             all.inputs.push(InMuxInput {
                 filtered: InputPair {
                     pin: make.input(&format!("input-{n:02}"))?,

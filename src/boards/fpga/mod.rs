@@ -24,6 +24,35 @@ use alloc::vec::Vec;
 use super::Terminal;
 use crate::hal::{GroupId, InOut, Input, Output, OutputRule, Param, PinError, Pins, Spec, Value};
 
+/// The pins of everything that a firmware has.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FpgaPins {
+    /// The watchdog.
+    pub watchdog: WatchdogPins,
+    /// The connection.
+    pub ethernet: EthernetPins,
+    /// The phase-locked loop.
+    pub dpll: Option<DpllPins>,
+    /// All encoders together.
+    pub encoder_bank: Option<EncoderBankPins>,
+    /// The encoders.
+    pub encoders: Vec<EncoderPins>,
+    /// All PWM generators together.
+    pub pwm_bank: Option<PwmBankPins>,
+    /// The PWM generators.
+    pub pwm: Vec<PwmPins>,
+    /// The multiplexed inputs, by instance.
+    pub in_mux: Vec<InMuxPins>,
+    /// The inputs with a pin each, by instance.
+    pub in_m: Vec<InMuxPins>,
+    /// The isolated outputs, by instance.
+    pub ssr: Vec<SsrPins>,
+    /// The LEDs.
+    pub leds: Option<LedPins>,
+    /// All I/O pins by number.
+    pub io: Vec<GpioPins>,
+}
+
 /// Makes pins that share the beginning of their names.
 struct Maker<'a> {
     pins: &'a mut Pins,

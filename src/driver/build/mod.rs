@@ -5,15 +5,16 @@ mod serial;
 use alloc::{boxed::Box, format, string::String, vec::Vec};
 use core::time::Duration;
 
-pub use super::modules::EncoderSetup;
+pub use super::modules::{EncoderSetup, GpioConfig};
 
 use super::board::Board;
-use super::modules::{EncoderBuildError, EncoderModule};
+use super::modules::{GpioModule, Making, ModuleChoices, build_modules};
 use super::setup_list::Restore;
 use super::{
     BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, SerialConfig,
     SerialPort, SetupList,
 };
+use crate::boards::fpga::FpgaPins;
 use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog, WatchdogTime};
@@ -38,7 +39,8 @@ struct Config {
     period: Duration,
     watchdog: Duration,
     ports: [Option<SerialConfig>; MAX_PORTS],
-    encoders: EncoderSetup,
+    modules: ModuleChoices,
+    gpio: Vec<(u16, GpioConfig)>,
     policy: FaultPolicy,
     bus_error_limit: u32,
     limits: ImageLimits,
@@ -55,6 +57,8 @@ struct Parts {
     status: GroupId,
     plan: PortPlan,
     places: IoPorts,
+    /// The handles of the board's own pins.
+    made: FpgaPins,
     ports: Vec<SerialPort>,
     missing: Vec<MissingRemote>,
 }
@@ -68,7 +72,8 @@ impl<B: RegisterBus> Builder<B> {
                 period: Duration::from_millis(1),
                 watchdog: Watchdog::DEFAULT_TIMEOUT,
                 ports: [None; MAX_PORTS],
-                encoders: EncoderSetup::default(),
+                modules: ModuleChoices::default(),
+                gpio: Vec::new(),
                 policy: FaultPolicy::default(),
                 bus_error_limit: 5,
                 limits: ImageLimits::default(),
@@ -113,7 +118,29 @@ impl<B: RegisterBus> Builder<B> {
     /// How the encoders are set up.
     #[must_use]
     pub fn encoders(mut self, setup: EncoderSetup) -> Self {
-        self.config.encoders = setup;
+        self.config.modules.encoders = setup;
+        self
+    }
+
+    /// The PWM frequency of all generators in Hz. At first what the board is made for: on a 7I97
+    /// 48 kHz, or 96 kHz with dither where the firmware has it; else 20 kHz.
+    #[must_use]
+    pub fn pwm_frequency(mut self, hz: u32) -> Self {
+        self.config.modules.pwm_hz = Some(hz);
+        self
+    }
+
+    /// How I/O pin `pin` begins, which must be one that no module uses. The others are inputs.
+    #[must_use]
+    pub fn gpio(mut self, pin: u16, config: GpioConfig) -> Self {
+        self.config.gpio.push((pin, config));
+        self
+    }
+
+    /// Leaves the phase-locked loop alone: for a period that it can not follow.
+    #[must_use]
+    pub fn without_dpll(mut self) -> Self {
+        self.config.modules.no_dpll = true;
         self
     }
 
@@ -192,9 +219,14 @@ impl<B: RegisterBus> Builder<B> {
             config.watchdog,
             config.bus_error_limit,
         )?;
-        let mut modules = parts.modules(config)?;
+        board.tell(&mut parts.made);
+        let choices = &config.modules;
+        let mut modules = build_modules(&mut parts.making(), bus, choices, config.period)?;
         modules.append(&mut self.modules);
         let mut ports = parts.locate_ports(config)?;
+        let places = parts.places;
+        let gpio = GpioModule::build(&mut parts.making(), &places, &config.gpio)?;
+        modules.push(Box::new(gpio));
         let setup = parts.set_up(watchdog, &modules);
         setup.replay(bus).map_err(BuildError::Bus)?;
         let started = parts.start_ports(bus, &mut ports, config);
@@ -248,12 +280,14 @@ impl Built {
             ports: self.parts.ports,
             modules: self.modules,
             restore: self.restore,
+            fpga_pins: self.parts.made,
             missing: self.parts.missing,
             statistics: DriverStatistics::default(),
             lost_writes: counted.lost_writes,
             unconfirmed_writes: counted.unconfirmed_writes,
             read_failures: 0,
             write_failures: 0,
+            settings_may_be_lost: false,
             is_restored: false,
             is_shut_down: false,
         }
@@ -276,29 +310,22 @@ impl Parts {
             status,
             plan,
             places,
+            made: FpgaPins::default(),
             ports: Vec::new(),
             missing: Vec::new(),
         })
     }
 
-    /// The modules of the FPGA besides the serial ports.
-    fn modules<E: crate::bus::BusError>(
-        &mut self,
-        config: &Config,
-    ) -> Result<Vec<Box<dyn Module>>, BuildError<E>> {
-        let mut modules: Vec<Box<dyn Module>> = Vec::new();
-        let encoders = EncoderModule::build(
-            &self.firmware,
-            &config.encoders,
-            &mut self.plan,
-            &mut self.pins,
-            self.group,
-            &self.name,
-        )?;
-        if let Some(encoders) = encoders {
-            modules.push(Box::new(encoders));
+    /// What the modules of the FPGA are made from.
+    fn making(&mut self) -> Making<'_> {
+        Making {
+            firmware: &self.firmware,
+            plan: &mut self.plan,
+            pins: &mut self.pins,
+            group: self.group,
+            board: &self.name,
+            made: &mut self.made,
         }
-        Ok(modules)
     }
 
     /// The writes that set the board up, in an order in which nothing is driven before it is
@@ -319,15 +346,5 @@ impl Parts {
             module.start(&mut list);
         }
         list
-    }
-}
-
-impl<E: crate::bus::BusError> From<EncoderBuildError> for BuildError<E> {
-    fn from(error: EncoderBuildError) -> Self {
-        match error {
-            EncoderBuildError::Locate(error) => error.into(),
-            EncoderBuildError::Io(error) => error.into(),
-            EncoderBuildError::Pin(error) => error.into(),
-        }
     }
 }

@@ -3,14 +3,14 @@
 use alloc::vec::Vec;
 
 use crate::boards::fpga::{EncoderBankPins, EncoderPins};
-use crate::boards::{Terminal, i7i77, i7i97};
-use crate::bus::{ImagePlan, ReadSlot, Tier, WritePhase, WriteSlot};
-use crate::driver::{Module, Put, SetupList, Take};
-use crate::hal::{GroupId, PinError, Pins};
+use crate::bus::{ImagePlan, ReadSlot};
+use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
 use crate::hostmot2::{
     ControlWord, CountWord, Encoder, EncoderConfig, EncoderSample, Encoders, Gtag, HostMot2,
-    LocateError, ModuleError, PortPlan, TickRate,
+    PortPlan, TickRate,
 };
+
+use super::{Making, PartError, Wiring};
 
 /// How encoders are set up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,19 +37,21 @@ struct Channel {
     pins: EncoderPins,
     count: Option<ReadSlot>,
     control: Option<ReadSlot>,
-    mode: Option<WriteSlot>,
+    mode: Option<SettingSlot>,
 }
 
 impl EncoderModule {
     /// The encoders of a firmware, if it has any; their pins are taken in `plan`.
-    pub fn build(
-        firmware: &HostMot2,
-        setup: &EncoderSetup,
-        plan: &mut PortPlan,
-        pins: &mut Pins,
-        group: GroupId,
-        board: &str,
-    ) -> Result<Option<Self>, EncoderBuildError> {
+    pub fn build(making: &mut Making<'_>, setup: &EncoderSetup) -> Result<Option<Self>, PartError> {
+        let Making {
+            firmware,
+            plan,
+            pins,
+            group,
+            board,
+            made,
+        } = making;
+        let group = *group;
         let kinds = [Gtag::MUXED_ENCODER, Gtag::ENCODER];
         let Some(module) = kinds.into_iter().find_map(|gtag| firmware.find(gtag)) else {
             return Ok(None);
@@ -65,10 +67,11 @@ impl EncoderModule {
         let tick_hz = timestamps.hz(registers.clock_hz());
         let version = (module.gtag == Gtag::MUXED_ENCODER).then_some(module.version);
         let dpll = firmware.find(Gtag::HM2DPLL).is_some();
-        EncoderBankPins::new(pins, group, board, version, dpll)?;
+        made.encoder_bank = Some(EncoderBankPins::new(pins, group, board, version, dpll)?);
+        let wiring = Wiring::of(firmware);
         let mut channels = Vec::new();
         for number in 0..usize::from(count) {
-            let terminals = terminals(firmware, number);
+            let terminals = wiring.encoder(number);
             let pins_of = EncoderPins::new(pins, group, board, number, terminals)?;
             channels.push(Channel {
                 encoder: Encoder::new(pins_of.config(pins), tick_hz),
@@ -78,55 +81,15 @@ impl EncoderModule {
                 mode: None,
             });
         }
+        made.encoders = channels.iter().map(|channel| channel.pins).collect();
         Ok(Some(Self {
             registers,
-            rate: setup.rate.unwrap_or_else(|| usual_rate(firmware)),
+            rate: setup.rate.unwrap_or_else(|| wiring.mux_rate()),
             timestamps,
             channels,
             timestamp: None,
         }))
     }
-}
-
-/// Why encoders can not be used.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub(in crate::driver) enum EncoderBuildError {
-    #[error(transparent)]
-    Locate(#[from] LocateError),
-    #[error(transparent)]
-    Io(#[from] crate::hostmot2::PinError),
-    #[error(transparent)]
-    Pin(#[from] PinError),
-}
-
-impl From<ModuleError> for EncoderBuildError {
-    fn from(error: ModuleError) -> Self {
-        Self::Locate(error.into())
-    }
-}
-
-/// The multiplexer rate that the board is made for (manuals: 7I77 and 7I97, "MAXIMUM ENCODER
-/// COUNT RATE").
-fn usual_rate(firmware: &HostMot2) -> TickRate {
-    if is_7i97(firmware) {
-        TickRate::MUX_7I97
-    } else {
-        TickRate::MUX_7I77
-    }
-}
-
-/// Where encoder `number` is connected: on the board itself, or on a 7I77.
-fn terminals(firmware: &HostMot2, number: usize) -> &'static [Terminal] {
-    let board = if is_7i97(firmware) {
-        &i7i97::ENCODER_TERMINALS
-    } else {
-        &i7i77::ENCODER_TERMINALS
-    };
-    board.get(number).copied().unwrap_or(&[])
-}
-
-fn is_7i97(firmware: &HostMot2) -> bool {
-    firmware.idrom().board_name.0.ends_with(b"7I97")
 }
 
 /// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the
@@ -181,8 +144,7 @@ impl Module for EncoderModule {
             channel.count = count.map(|address| plan.read_data(address));
             channel.control = control.map(|address| plan.read_data(address));
             let word = channel.encoder.control().0;
-            channel.mode =
-                control.map(|address| plan.write(WritePhase::Data, Tier::Cycle, address, 1, word));
+            channel.mode = control.map(|address| SettingSlot::claim(plan, address, word));
         }
     }
 
@@ -208,9 +170,7 @@ impl Module for EncoderModule {
     fn put(&mut self, cycle: &mut Put<'_>) {
         for channel in &mut self.channels {
             channel.pins.command(cycle.pins, &mut channel.encoder);
-            if let Some(mode) = channel.mode {
-                cycle.image.put(mode, channel.encoder.control().0);
-            }
+            cycle.change(channel.mode, channel.encoder.control().0);
         }
     }
 }

@@ -1,0 +1,126 @@
+//! The phase-locked loop in the cycle: it times the board by the reads.
+
+use core::convert::Infallible;
+use core::time::Duration;
+
+use super::{Making, PartBuildError, PartError};
+use crate::boards::fpga::DpllPins;
+use crate::bus::{ImagePlan, ReadPhase, ReadSlot, RegisterBus, Tier};
+use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
+use crate::hal::{Pins, Rejection};
+use crate::hostmot2::{Dpll, DpllConfig, DpllError, DpllSetup, Gtag, phase_error_us};
+
+/// The phase-locked loop.
+#[derive(Debug)]
+pub(in crate::driver) struct DpllModule {
+    registers: Dpll,
+    pins: DpllPins,
+    dds_bits: u8,
+    config: DpllConfig,
+    setup: DpllSetup,
+    sync: Option<ReadSlot>,
+    settings: [Option<SettingSlot>; 5],
+}
+
+impl DpllModule {
+    /// The loop of a firmware, if it has one, for cycles of `period`.
+    pub fn build<B: RegisterBus>(
+        parts: &mut Making<'_>,
+        bus: &mut B,
+        period: Duration,
+    ) -> Result<Option<Self>, PartBuildError<B::Error>> {
+        if parts.firmware.find(Gtag::HM2DPLL).is_none() {
+            return Ok(None);
+        }
+        let registers = Dpll::locate(parts.firmware).map_err(PartError::from)?;
+        let control = bus.read(registers.control_1).map_err(PartBuildError::Bus)?;
+        let dds_bits = control as u8;
+        let pins = DpllPins::new(parts.pins, parts.group, parts.board).map_err(PartError::from)?;
+        parts
+            .pins
+            .set(pins.base_freq_khz, 1e-3 / period.as_secs_f64());
+        let config = config(&pins, parts.pins);
+        let setup = DpllSetup::new(registers.clock_hz(), dds_bits, &config)?;
+        parts.made.dpll = Some(pins);
+        Ok(Some(Self {
+            registers,
+            pins,
+            dds_bits,
+            config,
+            setup,
+            sync: None,
+            settings: [None; 5],
+        }))
+    }
+
+    /// Registers and words of the set-up, in the order they are written.
+    fn words(&self) -> [(u16, u32); 5] {
+        let (at, to) = (&self.registers, &self.setup);
+        [
+            (at.base_rate, to.base_rate),
+            (at.control_0, to.control_0),
+            (at.control_1, to.control_1),
+            (at.timers_12, to.timers_12),
+            (at.timers_34, to.timers_34),
+        ]
+    }
+}
+
+fn config(of: &DpllPins, pins: &mut Pins) -> DpllConfig {
+    DpllConfig {
+        hz: pins.fetch(of.base_freq_khz) * 1e3,
+        phase_limit: pins.fetch(of.plimit),
+        time_constant: u16::try_from(pins.fetch(of.time_const)).unwrap_or(u16::MAX),
+        timers_us: of.timer_us.map(|timer| pins.fetch(timer)),
+    }
+}
+
+impl Module for DpllModule {
+    fn set_up(&self, list: &mut SetupList) {
+        for (address, word) in self.words() {
+            list.push(address, word);
+        }
+    }
+
+    fn claim(&mut self, plan: &mut ImagePlan) {
+        let words = self.words();
+        for (slot, (address, word)) in self.settings.iter_mut().zip(words) {
+            *slot = Some(SettingSlot::claim(plan, address, word));
+        }
+        // This read is what the loop follows, so it comes first.
+        let sync = plan.read(ReadPhase::Latch, Tier::Cycle, self.registers.sync, 1);
+        self.sync = Some(sync);
+    }
+
+    fn take(&mut self, cycle: &mut Take<'_>) {
+        if let Some(word) = self.sync.and_then(|slot| cycle.image.word(slot)) {
+            let error = phase_error_us(word, self.config.hz);
+            cycle.pins.publish(self.pins.phase_error_us, error);
+        }
+        let prescale = u32::from(self.setup.prescale);
+        cycle.pins.publish(self.pins.prescale, prescale);
+        cycle.pins.publish(self.pins.ddsize, self.dds_bits.into());
+    }
+
+    /// A frequency that the loop can not have is counted, and the one before stays.
+    fn put(&mut self, cycle: &mut Put<'_>) {
+        let config = config(&self.pins, cycle.pins);
+        if config == self.config {
+            return;
+        }
+        let clock_hz = self.registers.clock_hz();
+        let setup: Result<_, DpllError<Infallible>> =
+            DpllSetup::new(clock_hz, self.dds_bits, &config);
+        match setup {
+            Ok(setup) => (self.config, self.setup) = (config, setup),
+            Err(_) => {
+                let frequency = self.pins.base_freq_khz;
+                cycle.pins.count_rejection(frequency, Rejection::OutOfRange);
+            }
+        }
+        let slots = self.settings;
+        for (slot, (_, word)) in slots.into_iter().zip(self.words()) {
+            cycle.change(slot, word);
+        }
+    }
+}

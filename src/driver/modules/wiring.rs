@@ -1,0 +1,86 @@
+//! Where the modules of a firmware are connected: what the boards' tables know.
+
+use crate::boards::fpga::PwmUse;
+use crate::boards::{Terminal, i7i77, i7i97};
+use crate::hostmot2::{HostMot2, TickRate};
+
+/// The board whose tables apply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wiring {
+    /// Everything is on the board itself.
+    I7i97,
+    /// A board with connectors for cards; for encoders that is a 7I77.
+    Connectors,
+}
+
+impl Wiring {
+    pub fn of(firmware: &HostMot2) -> Self {
+        if i7i97::is_firmware_of(firmware) {
+            Self::I7i97
+        } else {
+            Self::Connectors
+        }
+    }
+
+    /// The multiplexer rate that the board is made for (manuals: 7I77 and 7I97, "MAXIMUM ENCODER
+    /// COUNT RATE").
+    pub const fn mux_rate(self) -> TickRate {
+        match self {
+            Self::I7i97 => TickRate::MUX_7I97,
+            Self::Connectors => TickRate::MUX_7I77,
+        }
+    }
+
+    pub fn encoder(self, number: usize) -> &'static [Terminal] {
+        let board = match self {
+            Self::I7i97 => &i7i97::ENCODER_TERMINALS,
+            Self::Connectors => &i7i77::ENCODER_TERMINALS,
+        };
+        board.get(number).copied().unwrap_or(&[])
+    }
+
+    pub fn pwm(self, number: usize) -> PwmUse {
+        match self {
+            Self::I7i97 => i7i97::analog_use(number),
+            Self::Connectors => PwmUse {
+                scale: 1.0,
+                ..PwmUse::default()
+            },
+        }
+    }
+
+    /// The usual PWM frequency: a generator that dithers keeps its resolution at twice the rate
+    /// (manual: 7I97, "SUGGESTED PWM SETUP"); elsewhere LinuxCNC's.
+    pub const fn pwm_hz(self, dithers: bool) -> u32 {
+        match (self, dithers) {
+            (Self::I7i97, true) => i7i97::PWM_HZ_DITHER,
+            (Self::I7i97, false) => i7i97::PWM_HZ,
+            (Self::Connectors, _) => 20_000,
+        }
+    }
+
+    /// The terminals of the isolated inputs.
+    pub const fn inputs(self) -> &'static [Terminal] {
+        match self {
+            Self::I7i97 => i7i97::INPUT_TERMINALS,
+            Self::Connectors => &[],
+        }
+    }
+
+    /// The terminals of isolated output `number`.
+    pub fn output(self, number: usize) -> &'static [Terminal] {
+        match self {
+            Self::I7i97 => i7i97::OUTPUT_TERMINALS.get(number).copied(),
+            Self::Connectors => None,
+        }
+        .unwrap_or(&[])
+    }
+
+    /// The terminals of I/O pin `number`.
+    pub fn io(self, number: usize) -> &'static [Terminal] {
+        match self {
+            Self::I7i97 => i7i97::expansion_terminals(number),
+            Self::Connectors => &[],
+        }
+    }
+}
