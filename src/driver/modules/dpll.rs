@@ -111,12 +111,11 @@ impl Module for DpllModule {
         let clock_hz = self.registers.clock_hz();
         let setup: Result<_, DpllError<Infallible>> =
             DpllSetup::new(clock_hz, self.dds_bits, &config);
-        match setup {
-            Ok(setup) => (self.config, self.setup) = (config, setup),
-            Err(_) => {
-                let frequency = self.pins.base_freq_khz;
-                cycle.pins.count_rejection(frequency, Rejection::OutOfRange);
-            }
+        if let Ok(setup) = setup {
+            (self.config, self.setup) = (config, setup);
+        } else {
+            let frequency = self.pins.base_freq_khz;
+            cycle.pins.count_rejection(frequency, Rejection::OutOfRange);
         }
         let slots = self.settings;
         for (slot, (_, word)) in slots.into_iter().zip(self.words()) {
