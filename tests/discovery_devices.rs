@@ -1,9 +1,12 @@
 //! Discovery of the simulated devices over the wire, against the manual's step list done to the
 //! letter: byte by byte, by a program that shares nothing with the driver's.
 
-use mesa_hal::bus::RegisterBus;
+mod fpga_support;
+
+use fpga_support::set_up_pins;
 use mesa_hal::discovery::{
-    DataDirection, DiscoveryLimits, Inventory, PortMemory, RemoteDescriptor, Source, discover_port,
+    DataDirection, DiscoveryLimits, Inventory, PortMemory, ProblemKind, RemoteDescriptor, Source,
+    discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
@@ -15,19 +18,6 @@ use mesa_hal::sslbp::{
 };
 
 type Found = Inventory<PortError<SimError>>;
-
-/// Direction and alternate source of every pin that a module drives.
-fn set_up_pins(fpga: &mut SimFpga) {
-    let width = fpga.firmware().port_width as usize;
-    let mut words = vec![0u32; fpga.firmware().ports as usize];
-    for (number, pin) in fpga.firmware().pins.iter().enumerate() {
-        words[number / width] |= u32::from(pin.pin & 0x80 != 0) << (number % width);
-    }
-    for (port, word) in (0u16..).zip(words) {
-        fpga.write(0x1200 + 4 * port, word).unwrap();
-        fpga.write(0x1100 + 4 * port, word).unwrap();
-    }
-}
 
 /// A 7I97 whose serial port has four channels: a 7I77's two remotes, a 7I72 and a 7I64.
 fn machine() -> (SimFpga, Port) {
@@ -351,8 +341,39 @@ fn parameters_of_a_device_are_read_and_written_by_name() {
     let baud = descriptor.parameter("NVBaudRate").unwrap();
     assert_eq!(baud.read_parameter(&mut memory).unwrap().raw, 9);
     let unit = descriptor.parameter("UnitNumber").unwrap();
+    let value = unit.read_parameter(&mut memory).unwrap();
     assert_eq!(
-        unit.read_parameter(&mut memory).unwrap().raw,
-        u64::from(descriptor.unit_number)
+        (value.raw, value.value),
+        (0x1200_0001, 301_989_889.0),
+        "its maximum is 2^32 - 1 rounded to a 32-bit float"
     );
+}
+
+/// The fault is 40 in the fault byte; a setup START does not look at it.
+#[test]
+fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_started_in_another() {
+    let (mut fpga, mut port) = machine();
+    let in_mode = |mode| [ChannelStart::new(Channel::ALL[0]).with_software_mode(mode)];
+    let mut discovered = |mode| {
+        let limits = DiscoveryLimits::default();
+        let inventory = discover_port(&mut port, &mut fpga, &in_mode(mode), limits).unwrap();
+        inventory.on(Channel::ALL[0]).unwrap().discovered.clone()
+    };
+    let illegal = discovered(7);
+    let [problem] = illegal.problems[..] else {
+        panic!("{:?}", illegal.problems);
+    };
+    let known = [0, 1, 2, 3].into_iter().collect();
+    assert_eq!(
+        problem.kind,
+        ProblemKind::IllegalSoftwareMode { mode: 7, known }
+    );
+    assert!(
+        problem
+            .to_string()
+            .contains("software mode 7 is not one of this remote's modes (0, 1, 2, 3)"),
+        "{problem}"
+    );
+    assert!(!illegal.process_data_is_sound());
+    assert_eq!(discovered(3).problems, []);
 }

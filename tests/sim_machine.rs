@@ -1,8 +1,11 @@
 //! The complete simulated machine, register by register: remotes on its serial ports, drives and
 //! motors behind them, its speed and its determinism.
 
+mod fpga_support;
+
 use std::time::{Duration, Instant};
 
+use fpga_support::set_up_pins;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::sim::remote::{FixedData, Remote};
 use mesa_hal::sim::wire::RemoteEnd;
@@ -44,20 +47,6 @@ fn model(name: &str, rx: u8, tx: u8) -> Box<Remote<FixedData>> {
     let line = format!("present=1 name={name} unit=1 mode0={rx},{tx},0,0");
     remote.apply(&line).expect("model");
     Box::new(remote)
-}
-
-/// Direction and alternate source of every pin that a module drives.
-fn set_up_pins(fpga: &mut SimFpga) {
-    let firmware = fpga.firmware();
-    let width = firmware.port_width as usize;
-    let mut words = [0u32; 4];
-    for (number, pin) in firmware.pins.iter().enumerate() {
-        words[number / width] |= u32::from(pin.pin & 0x80 != 0) << (number % width);
-    }
-    for (port, word) in (0..fpga.firmware().ports as u16).zip(words) {
-        fpga.write(0x1200 + 4 * port, word).expect("write");
-        fpga.write(0x1100 + 4 * port, word).expect("write");
-    }
 }
 
 /// Power-up of the ports takes less than that.

@@ -1,7 +1,10 @@
 //! The complete machines with real devices on their serial lines, register by register.
 
+mod fpga_support;
+
 use std::time::{Duration, Instant};
 
+use fpga_support::set_up_pins;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World};
 use mesa_hal::sim::remote::Remote;
@@ -26,20 +29,6 @@ fn command(fpga: &mut SimFpga, command: u32) -> u32 {
 
 fn interface(channel: u16, n: u16) -> u16 {
     INTERFACE + 0x100 * n + 4 * channel
-}
-
-/// Direction and alternate source of every pin that a module drives.
-fn set_up_pins(fpga: &mut SimFpga) {
-    let firmware = fpga.firmware();
-    let width = firmware.port_width as usize;
-    let mut words = [0u32; 4];
-    for (number, pin) in firmware.pins.iter().enumerate() {
-        words[number / width] |= u32::from(pin.pin & 0x80 != 0) << (number % width);
-    }
-    for (port, word) in (0..fpga.firmware().ports as u16).zip(words) {
-        fpga.write(0x1200 + 4 * port, word).expect("write");
-        fpga.write(0x1100 + 4 * port, word).expect("write");
-    }
 }
 
 /// Everything set up and all three remotes running; the field I/O in `mode`.

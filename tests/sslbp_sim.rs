@@ -1,7 +1,9 @@
 //! The driver against the simulated FPGA and its remotes.
 
+mod fpga_support;
 mod sslbp_replay;
 
+use fpga_support::set_up_pins;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::{
     DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
@@ -36,19 +38,6 @@ fn model(settings: &str) -> Remote<FixedData> {
     let mut remote = Remote::model();
     remote.apply(settings).unwrap();
     remote
-}
-
-/// Direction and alternate source of every pin that a module drives.
-fn set_up_pins(fpga: &mut SimFpga) {
-    let width = fpga.firmware().port_width as usize;
-    let mut words = vec![0u32; fpga.firmware().ports as usize];
-    for (number, pin) in fpga.firmware().pins.iter().enumerate() {
-        words[number / width] |= u32::from(pin.pin & 0x80 != 0) << (number % width);
-    }
-    for (port, word) in (0u16..).zip(words) {
-        fpga.write(0x1200 + 4 * port, word).unwrap();
-        fpga.write(0x1100 + 4 * port, word).unwrap();
-    }
 }
 
 /// A 7I92 with a 7I77, the recorded 7I77 on channel 0, and its port after a reset.

@@ -161,8 +161,11 @@ fn describe(record: &DataRecord) -> String {
         DataDirection::Output => "out",
         DataDirection::Bidirectional => "in/out",
     };
-    let whole = Scaling::of(record).is_some_and(Scaling::is_whole);
-    let limits_are_its_bits = whole && !record.data_type.is_nonvolatile();
+    let (min, max) = (f64::from(record.min), f64::from(record.max));
+    let limits_are_its_bits = [Scaling::unsigned, Scaling::signed]
+        .iter()
+        .filter_map(|scaling| scaling(record.bits, min, max))
+        .any(Scaling::is_whole);
     let range = if record.min < record.max && !limits_are_its_bits {
         format!(" {}..{} {}", record.min, record.max, record.unit)
     } else {

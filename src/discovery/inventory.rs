@@ -1,10 +1,14 @@
 //! Discovery of all remotes of a port.
 
-use super::{Discovered, DiscoveryLimits, PortMemory, RemoteIdentity, discover};
+use super::{
+    Discovered, DiscoveryLimits, ModeSet, PortMemory, Problem, ProblemKind, RemoteIdentity, Table,
+    discover,
+};
 use crate::{
     bus::RegisterBus,
     sslbp::{
-        Channel, ChannelStart, Port, PortError, PortResult, StartFailure, StartMode, StartedRemote,
+        Channel, ChannelStart, LocalLocation, Port, PortError, PortResult, RemoteFaults,
+        StartFailure, StartMode, StartedRemote,
     },
 };
 use alloc::vec::Vec;
@@ -55,7 +59,8 @@ pub fn discover_port<B: RegisterBus>(
     for remote in report.remotes() {
         let identity = RemoteIdentity::new(remote, &layout);
         let mut memory = PortMemory::new(port, bus, remote.channel);
-        let discovered = discover(&mut memory, &identity, limits);
+        let mut discovered = discover(&mut memory, &identity, limits);
+        check_mode(port, bus, remote, &mut discovered);
         remotes.push(DiscoveredRemote {
             remote: *remote,
             discovered,
@@ -65,4 +70,60 @@ pub fn discover_port<B: RegisterBus>(
         remotes,
         failures: report.failures().copied().collect(),
     })
+}
+
+/// A setup START does not look at the fault byte, and so succeeds in a software mode that the
+/// remote does not have (FACTS 4.1); the tables are then those of another mode.
+fn check_mode<B: RegisterBus>(
+    port: &mut Port,
+    bus: &mut B,
+    remote: &StartedRemote,
+    discovered: &mut Discovered<PortError<B::Error>>,
+) {
+    if remote.ptoc == 0 {
+        // Remotes older than discovery have one mode.
+        return;
+    }
+    match is_mode_illegal(port, bus, remote) {
+        Ok(false) => {}
+        Ok(true) => discovered.problems.push(Problem {
+            name: remote.name,
+            unit_number: remote.unit_number,
+            table: Table::Process,
+            record: remote.ptoc,
+            kind: ProblemKind::IllegalSoftwareMode {
+                mode: remote.software_mode,
+                known: ModeSet::software(&discovered.descriptor.modes),
+            },
+        }),
+        Err(error) => discovered.read_error = Some(error),
+    }
+}
+
+fn is_mode_illegal<B: RegisterBus>(
+    port: &mut Port,
+    bus: &mut B,
+    remote: &StartedRemote,
+) -> PortResult<bool, B> {
+    let channel = remote.channel;
+    if !reports_illegal_mode(port, bus, channel)? {
+        return Ok(false);
+    }
+    // The fault may be left from an earlier START: nothing has cleared it since.
+    port.remote_local_write(bus, channel, LocalLocation::CLEAR_FAULTS, CLEAR)?;
+    let mode = remote.software_mode;
+    port.remote_local_write(bus, channel, LocalLocation::SOFTWARE_MODE, mode)?;
+    reports_illegal_mode(port, bus, channel)
+}
+
+/// What is written to [`LocalLocation::CLEAR_FAULTS`].
+const CLEAR: u8 = 0xFF;
+
+fn reports_illegal_mode<B: RegisterBus>(
+    port: &mut Port,
+    bus: &mut B,
+    channel: Channel,
+) -> PortResult<bool, B> {
+    let faults = port.remote_local_read(bus, channel, LocalLocation::FAULTS)?;
+    Ok(RemoteFaults::from_bits_retain(faults).contains(RemoteFaults::ILLEGAL_MODE))
 }

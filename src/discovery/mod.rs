@@ -6,6 +6,7 @@ mod built_in;
 mod descriptor;
 mod inventory;
 mod memory;
+mod modes;
 mod problem;
 mod reader;
 mod record;
@@ -16,6 +17,7 @@ pub use descriptor::{
 };
 pub use inventory::{DiscoveredRemote, Inventory, discover_port};
 pub use memory::{PortMemory, RemoteMemory, RemoteParameters};
+pub use modes::ModeSet;
 pub use problem::{Flow, Problem, ProblemKind, StringField, Table};
 pub use reader::DiscoveryLimits;
 pub use walk::{Discovered, RemoteIdentity, Source, discover};

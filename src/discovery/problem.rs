@@ -1,6 +1,6 @@
 //! What can be wrong with what a remote tells about itself.
 
-use super::{DataDirection, RemoteName};
+use super::{DataDirection, ModeSet, RemoteName};
 use core::fmt;
 use thiserror::Error;
 
@@ -98,6 +98,16 @@ pub enum ProblemKind {
         table_rx: u8,
         /// TXSize of the table.
         table_tx: u8,
+    },
+    /// The remote does not have the software mode that was asked for, and is in another.
+    #[error(
+        "software mode {mode} is not one of this remote's modes ({known}); start it in one of these"
+    )]
+    IllegalSoftwareMode {
+        /// What was asked for.
+        mode: u8,
+        /// The software modes it tells of.
+        known: ModeSet,
     },
     /// A table has no end within the limits.
     #[error("the table has no end within {entries} entries")]

@@ -17,4 +17,5 @@ pub use local::{LocalRead, LocalWrite};
 pub use parser::{Parsed, Parser, ParserCounts, ReceivedRequest, RpcSizes};
 pub use request::{DiscoveryReply, Frame, FrameError, MAX_FRAME, Request};
 pub use rpc::{MemoryError, RPC_PITCH, RPC_TABLE_SIZE, RpcError, RpcMemory, RpcReply, RpcTable};
+pub(crate) use status::write_flags;
 pub use status::{COOKIE, Capabilities, LbpStatus, Nonvolatile, RemoteFaults, flash};

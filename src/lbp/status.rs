@@ -1,6 +1,7 @@
 //! The flag bytes of LBP.
 
 use bitflags::bitflags;
+use core::fmt;
 
 /// What [`LocalRead::Cookie`](super::LocalRead::Cookie) returns.
 pub const COOKIE: u8 = 0x5A;
@@ -48,24 +49,60 @@ bitflags! {
     /// Manual: 7I77, "CS REGISTER AFTER DOIT".
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct RemoteFaults: u8 {
-        /// The remote had trouble with LBP.
+        /// The remote saw errors on the line.
         const COMMUNICATION = 0x80;
-        /// A software mode was asked for that it does not have.
+        /// It was started in a software mode that it does not have.
         const ILLEGAL_MODE = 0x40;
-        /// Field voltage too low.
+        /// Field power is missing or too low.
         const LOW_VOLTAGE = 0x20;
-        /// Field voltage too high.
+        /// Field power is too high.
         const HIGH_VOLTAGE = 0x10;
-        /// An output was short-circuited.
+        /// An output is overloaded or short-circuited.
         const OVER_CURRENT = 0x08;
         /// An output driver is too hot.
         const OVER_TEMPERATURE = 0x04;
         /// The enable input is not active.
         const NO_ENABLE = 0x02;
-        /// The watchdog has bitten; also the state after power-up.
+        /// No process data for longer than the watchdog time, so that the outputs are off; also
+        /// the state after power-up.
         const WATCHDOG = 0x01;
         const _ = !0;
     }
+}
+
+const REMOTE_FAULT_WORDS: [&str; 8] = [
+    "watchdog has bitten",
+    "enable missing",
+    "too hot",
+    "output overloaded",
+    "field voltage too high",
+    "field voltage too low or missing",
+    "unknown software mode",
+    "errors on its line",
+];
+
+impl fmt::Display for RemoteFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_flags(f, self.bits(), &REMOTE_FAULT_WORDS, "no remote fault")
+    }
+}
+
+/// Writes the words of the bits that are set, or `none`.
+pub(crate) fn write_flags(
+    f: &mut fmt::Formatter<'_>,
+    bits: u8,
+    words: &[&str; 8],
+    none: &str,
+) -> fmt::Result {
+    if bits == 0 {
+        return f.write_str(none);
+    }
+    let set = (0u8..).zip(words).filter(|&(n, _)| bits & (1 << n) != 0);
+    for (count, (_, word)) in set.enumerate() {
+        let separator = if count == 0 { "" } else { ", " };
+        write!(f, "{separator}{word}")?;
+    }
+    Ok(())
 }
 
 /// Which memory the access commands reach (EC, CC).

@@ -13,6 +13,7 @@ mod port;
 mod started;
 mod status;
 
+pub use crate::lbp::RemoteFaults;
 pub use access::{AccessError, AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS};
 pub use command::{Command, LocalAddress};
@@ -27,4 +28,4 @@ pub use started::{
     FailedRegisters, ProcessDataSizes, ReplyFormat, StartFailure, StartFailureReason, StartReport,
     StartedRemote,
 };
-pub use status::{ComState, CsStatus, DataStatus, LinkStatus, LocalFaults, RemoteFaults};
+pub use status::{ComState, CsStatus, DataStatus, LinkStatus, LocalFaults};

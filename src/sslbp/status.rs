@@ -1,6 +1,7 @@
 //! CS and DATA as the host reads them.
 
 use super::{Channel, ChannelMask};
+use crate::lbp::{RemoteFaults, write_flags};
 use bitflags::bitflags;
 use core::fmt;
 
@@ -48,32 +49,6 @@ bitflags! {
     }
 }
 
-bitflags! {
-    /// Faults that a remote reports: CS byte 3 after DOIT.
-    ///
-    /// Manual: 7I77, "CS REGISTER AFTER DOIT".
-    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-    pub struct RemoteFaults: u8 {
-        /// The remote saw errors on the line.
-        const LBP_COM = 0x80;
-        /// It was started in a software mode that it does not have.
-        const ILLEGAL_MODE = 0x40;
-        /// Field power is missing or too low.
-        const LOW_VOLTAGE = 0x20;
-        /// Field power is too high.
-        const HIGH_VOLTAGE = 0x10;
-        /// An output is overloaded.
-        const OVER_CURRENT = 0x08;
-        /// It is too hot.
-        const OVER_TEMPERATURE = 0x04;
-        /// Its enable input is missing.
-        const NO_ENABLE = 0x02;
-        /// No process data for longer than its watchdog time: its outputs are off.
-        const WATCHDOG = 0x01;
-        const _ = !0;
-    }
-}
-
 const LOCAL_FAULT_WORDS: [&str; 8] = [
     "CRC error",
     "not a remote (wrong cookie)",
@@ -96,45 +71,15 @@ const LINK_STATUS_WORDS: [&str; 8] = [
     "not ready",
 ];
 
-const REMOTE_FAULT_WORDS: [&str; 8] = [
-    "watchdog has bitten",
-    "enable missing",
-    "too hot",
-    "output overloaded",
-    "field voltage too high",
-    "field voltage too low or missing",
-    "unknown software mode",
-    "errors on its line",
-];
-
-/// Writes the words of the bits that are set, or `none`.
-fn list(f: &mut fmt::Formatter<'_>, bits: u8, words: &[&str; 8], none: &str) -> fmt::Result {
-    if bits == 0 {
-        return f.write_str(none);
-    }
-    let set = (0u8..).zip(words).filter(|&(n, _)| bits & (1 << n) != 0);
-    for (count, (_, word)) in set.enumerate() {
-        let separator = if count == 0 { "" } else { ", " };
-        write!(f, "{separator}{word}")?;
-    }
-    Ok(())
-}
-
 impl fmt::Display for LocalFaults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        list(f, self.bits(), &LOCAL_FAULT_WORDS, "no local fault")
+        write_flags(f, self.bits(), &LOCAL_FAULT_WORDS, "no local fault")
     }
 }
 
 impl fmt::Display for LinkStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        list(f, self.bits(), &LINK_STATUS_WORDS, "ok")
-    }
-}
-
-impl fmt::Display for RemoteFaults {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        list(f, self.bits(), &REMOTE_FAULT_WORDS, "no remote fault")
+        write_flags(f, self.bits(), &LINK_STATUS_WORDS, "ok")
     }
 }
 

@@ -95,7 +95,7 @@ const FAULTS: [(RemoteFaults, &str); 8] = [
     (RemoteFaults::HIGH_VOLTAGE, "fault-high-voltage"),
     (RemoteFaults::LOW_VOLTAGE, "fault-low-voltage"),
     (RemoteFaults::ILLEGAL_MODE, "fault-illegal-mode"),
-    (RemoteFaults::LBP_COM, "fault-lbp-com"),
+    (RemoteFaults::COMMUNICATION, "fault-lbp-com"),
 ];
 
 impl RemoteFaultPins {
