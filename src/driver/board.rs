@@ -25,6 +25,9 @@ pub(super) struct Board {
     set_time: bool,
     cookie: Option<ReadSlot>,
     status: Option<ReadSlot>,
+    /// A register that reads otherwise when the board has lost its set-up, and its bits.
+    evidence: Option<(u16, u32)>,
+    evidence_slot: Option<ReadSlot>,
     pet: Option<WriteSlot>,
     time: Option<WriteSlot>,
     /// The group of the driver's own pins, which are valid whatever fails.
@@ -76,6 +79,8 @@ impl Board {
             set_time: true,
             cookie: None,
             status: None,
+            evidence: None,
+            evidence_slot: None,
             pet: None,
             time: None,
             group,
@@ -88,9 +93,16 @@ impl Board {
         })
     }
 
+    /// Names bits of a register that are set by set-up and read back as set: when they do not any
+    /// more, the board has lost its set-up.
+    pub fn watch(&mut self, address: u16, bits: u32) {
+        self.evidence = Some((address, bits));
+    }
+
     pub fn claim(&mut self, plan: &mut ImagePlan) {
         self.cookie = Some(plan.read(ReadPhase::Status, Tier::Cycle, COOKIE_ADDRESS, 1));
         self.status = Some(plan.read_data(self.watchdog.status));
+        self.evidence_slot = self.evidence.map(|(address, _)| plan.read_data(address));
         self.pet = Some(plan.write_data(self.watchdog.reset, Watchdog::PET));
         self.time = Some(plan.write(
             WritePhase::Data,
@@ -133,6 +145,15 @@ impl Board {
         status.is_none_or(|word| {
             WatchdogStatus::from_bits_retain(word).contains(WatchdogStatus::HAS_BIT)
         })
+    }
+
+    /// Whether the board is not set up any more: it was reset, or the set-up never arrived.
+    pub fn has_lost_set_up(&self, image: &CycleImage) -> bool {
+        let word = self.evidence_slot.and_then(|slot| image.word(slot));
+        match (self.evidence, word) {
+            (Some((_, bits)), Some(word)) => word & bits != bits,
+            _ => false,
+        }
     }
 
     /// Leaves the running state for another; `false` if it had done so before.

@@ -150,7 +150,10 @@ impl<B: RegisterBus> Driver<B> {
         let was_restored = core::mem::take(&mut self.is_restored);
         if self.board.has_bitten(&self.image) {
             self.fail(BoardState::WatchdogBitten);
-        } else if (was_restored && lost_writes > 0) || appears_reset(&self.ports) {
+        } else if (was_restored && lost_writes > 0)
+            || self.board.has_lost_set_up(&self.image)
+            || appears_reset(&self.ports)
+        {
             self.fail(BoardState::Reset);
         }
         if self.board.is_running() {

@@ -223,6 +223,18 @@ impl PortPlan {
         &self.ports
     }
 
+    /// A direction register with outputs of modules, and their bits: after a reset of the board, or
+    /// when its watchdog has bitten, they read 0. `None` if no module drives a pin.
+    ///
+    /// Source: REGISTERS.md, "Watchdog" and "I/O port".
+    pub fn evidence(&self) -> Option<(u16, u32)> {
+        (0u8..).zip(&self.ports).find_map(|(port, setup)| {
+            let driven = setup.direction & setup.alternate_source;
+            let address = self.places.direction.address(port)?;
+            (driven != 0).then_some((address, driven))
+        })
+    }
+
     /// Gives instance `unit` of a module its pins: those that it drives become outputs with the
     /// module as their source, the others stay inputs.
     ///

@@ -229,6 +229,13 @@ impl<B: RegisterBus> Builder<B> {
         modules.push(Box::new(gpio));
         let setup = parts.set_up(watchdog, &modules);
         setup.replay(bus).map_err(BuildError::Bus)?;
+        if let Some((address, bits)) = parts.plan.evidence() {
+            // Only what this board does read back can tell later that it is gone.
+            let word = bus.read(address).map_err(BuildError::Bus)?;
+            if word & bits == bits {
+                board.watch(address, bits);
+            }
+        }
         let started = parts.start_ports(bus, &mut ports, config);
         if let Err(error) = started {
             for (port, _) in &mut ports {
