@@ -4,6 +4,8 @@
 //! mesaflash always talks to port 27181.
 
 mod interop;
+#[path = "interop/tools.rs"]
+mod tools;
 
 use std::{
     fs,
@@ -16,8 +18,9 @@ use std::{
 
 use interop::{
     console::{Console, Values, values},
-    has_program, sim_board, skip,
+    sim_board,
 };
+use tools::{has_program, skip};
 
 use mesa_hal::ethernet::{self, Area, Bitfile, Flash, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};

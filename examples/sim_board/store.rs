@@ -24,6 +24,13 @@ pub struct Store {
 impl Store {
     /// Reads the file, if there is one, and gets ready to write it.
     pub fn open(path: &Path) -> io::Result<(Self, Option<Vec<u8>>)> {
+        let directory = path.parent().filter(|d| !d.as_os_str().is_empty());
+        if directory.is_some_and(|directory| !directory.is_dir()) {
+            return Err(io::Error::new(
+                io::ErrorKind::NotFound,
+                "its directory does not exist",
+            ));
+        }
         let old = match fs::read(path) {
             Ok(bytes) => Some(bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,

@@ -54,9 +54,18 @@ impl Console {
 
     /// Gives a command and returns the lines of the answer, or the reason it was refused for.
     pub fn command(&mut self, command: &str) -> Result<Vec<String>, String> {
-        writeln!(self.input, "{command}").expect("the simulated board runs");
-        self.input.flush().expect("the simulated board runs");
+        self.raw(command.as_bytes());
+        self.raw(b"\n");
         self.answer()
+    }
+
+    /// Sends any bytes.
+    pub fn raw(&mut self, bytes: &[u8]) {
+        let sent = self
+            .input
+            .write_all(bytes)
+            .and_then(|()| self.input.flush());
+        sent.expect("the simulated board runs");
     }
 
     /// The lines up to the end of an answer, or the reason for a refusal.

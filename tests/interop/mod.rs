@@ -1,4 +1,4 @@
-//! What the interop tests share: finding the simulated board, missing tools, commands and answers.
+//! What the interop tests share: the simulated board as a program, commands and answers.
 //!
 //! The simulated board is the example `sim_board`. `cargo test` builds examples in the same
 //! profile as the tests, so it lies beside them; a run that leaves the examples out
@@ -11,24 +11,6 @@ use std::{
     process::Command,
     sync::OnceLock,
 };
-
-/// Says that a test is skipped, and why. In CI nothing may be missing: there it fails.
-pub fn skip(what: &str) {
-    let why = format!("{what}; needed for this test: apt-get install mesaflash linuxcnc-uspace");
-    assert!(
-        std::env::var_os("CI").is_none_or(|ci| ci != "true"),
-        "missing in CI: {why}"
-    );
-    println!("SKIPPED: {why}");
-}
-
-/// Whether a program can be found.
-pub fn has_program(name: &str) -> bool {
-    let paths = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&paths)
-        .chain([PathBuf::from("/usr/sbin"), PathBuf::from("/sbin")])
-        .any(|directory| directory.join(name).is_file())
-}
 
 /// The example `sim_board` in the profile of this test, built if it is not there or is old.
 pub fn sim_board() -> &'static Path {

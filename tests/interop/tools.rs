@@ -1,0 +1,21 @@
+//! Other people's tools, and what happens where they are missing.
+
+use std::path::PathBuf;
+
+/// Says that a test is skipped, and why. In CI nothing may be missing: there it fails.
+pub fn skip(what: &str) {
+    let why = format!("{what}; needed for this test: apt-get install mesaflash linuxcnc-uspace");
+    assert!(
+        std::env::var_os("CI").is_none_or(|ci| ci != "true"),
+        "missing in CI: {why}"
+    );
+    println!("SKIPPED: {why}");
+}
+
+/// Whether a program can be found.
+pub fn has_program(name: &str) -> bool {
+    let paths = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&paths)
+        .chain([PathBuf::from("/usr/sbin"), PathBuf::from("/sbin")])
+        .any(|directory| directory.join(name).is_file())
+}

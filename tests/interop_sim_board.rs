@@ -1,0 +1,272 @@
+//! The simulated board as a program: its command line, its console, its end.
+
+mod interop;
+
+use std::{
+    io::Write,
+    net::{Ipv4Addr, SocketAddr, UdpSocket},
+    process::{Child, Command, Output, Stdio},
+    time::Duration,
+};
+
+use interop::{
+    console::{Console, values},
+    sim_board,
+};
+
+const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
+const COOKIE: [u8; 4] = [0xFE, 0xCA, 0xAA, 0x55];
+
+/// A board on a free port of loopback.
+struct Board {
+    child: Child,
+    console: Console,
+    client: UdpSocket,
+}
+
+impl Board {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(sim_board())
+            .args(["--listen", "127.0.0.1", "--port", "0"])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("sim_board starts");
+        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        let console = Console::new(input, output);
+        let line = console.wait_for("listening on ");
+        console.wait_for("help");
+        let address: SocketAddr = line.rsplit(' ').next().unwrap().parse().unwrap();
+        let client = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        client.connect(address).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_secs(5)))
+            .unwrap();
+        Self {
+            child,
+            console,
+            client,
+        }
+    }
+
+    fn ask(&self, request: &[u8]) -> Vec<u8> {
+        self.client.send(request).unwrap();
+        let mut buffer = [0; 2048];
+        let len = self.client.recv(&mut buffer).expect("the board answers");
+        buffer[..len].to_vec()
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn run(arguments: &[&str]) -> Output {
+    let mut command = Command::new(sim_board());
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn help_names_every_option() {
+    let output = run(&["--help"]);
+    assert!(output.status.success());
+    let text = String::from_utf8(output.stdout).unwrap();
+    for option in [
+        "--board",
+        "--listen",
+        "--port",
+        "--remote",
+        "--state",
+        "--loss",
+        "--late",
+        "--dup",
+        "--seed",
+        "7i97",
+        "7i92-7i77",
+        "7i77-io",
+        "7i77-analog",
+        "7i72",
+        "7i64",
+    ] {
+        assert!(text.contains(option), "{option}");
+    }
+}
+
+#[test]
+fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
+    let board = ["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"];
+    let cases: [(&[&str], &str); 11] = [
+        (&["--nonsense"], "nonsense"),
+        (&["--board", "7i43"], "7i92-7i77"),
+        (&["--listen", "nowhere"], "IPv4"),
+        (&["--remote", "7i72"], "CH=DEVICE"),
+        (&["--remote", "8=7i72"], "channels 0 to 7"),
+        (&["--remote", "0=7i72", "--remote", "0=7i64"], "two remotes"),
+        (&["--remote", "0=7i72:9"], "no mode 9"),
+        (&["--remote", "0=/nowhere"], "/nowhere"),
+        (&["--loss", "2"], "probability"),
+        (&["--seed", "-"], "-"),
+        (&["--state", "/nowhere/at/all"], "/nowhere/at/all"),
+    ];
+    for (arguments, reason) in cases {
+        let mut all = board.to_vec();
+        all.extend(arguments);
+        let output = run(&all);
+        assert!(!output.status.success(), "{arguments:?}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains(reason), "{arguments:?}: {error}");
+    }
+    let output = run(&["--listen", "127.0.0.1"]);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(error.contains("--board is missing"), "{error}");
+}
+
+#[test]
+fn the_console_answers_everything_and_survives_any_bytes() {
+    let mut board = Board::start(&[
+        "--board",
+        "7i97",
+        "--remote",
+        "0=7i77-io:2",
+        "--remote",
+        "1=7i77-analog",
+        "--remote",
+        "2=7i64",
+    ]);
+    let console = &mut board.console;
+    assert!(console.command("help").unwrap().len() > 10);
+    for good in [
+        "",
+        "input board 3 on",
+        "pin 40 low",
+        "pin 40 free",
+        "turn 0 5",
+        "turn 0 free",
+        "input 0 31 on",
+        "volts 0 1 12.5",
+        "field 0 0",
+        "field 0 24",
+        "power 2 off",
+        "power 2 on",
+        "shorted 0 3 on",
+        "hot 0 3 on",
+        "unplug 1",
+        "plug 1",
+        "wire 0 fpga lost 3",
+        "wire 0 remote corrupted 1",
+        "wire 0 fpga late=100 1",
+        "wire 0 fpga short=2 chance 0.1",
+        "wire 0 heal",
+    ] {
+        assert!(console.command(good).is_ok(), "{good}");
+    }
+    for bad in [
+        "nonsense",
+        "input",
+        "input board 99 on",
+        "input board 1 maybe",
+        "pin 400 low",
+        "turn 9 1",
+        "input 7 0 on",
+        "volts 0 0 NaN",
+        "unplug 5",
+        "wire 0 fpga melted 1",
+        "wire 0 up lost 1",
+        "shorted 1 0 on",
+        "quit now",
+        "show nothing",
+    ] {
+        let refused = console.command(bad).unwrap_err();
+        assert!(!refused.is_empty(), "{bad}");
+    }
+    let remote = console.show("0");
+    assert_eq!(remote["remote.0.mode"], "2");
+    assert_eq!(remote["remote.0.input-31"], "1");
+    assert_eq!(remote["remote.0.analogin1"], "12.5000");
+    let weird: Vec<u8> = (0..=255)
+        .filter(|&byte| byte != b'\n')
+        .cycle()
+        .take(5000)
+        .collect();
+    console.raw(&weird);
+    assert!(
+        console.command("").is_err(),
+        "the rest of a line of nonsense"
+    );
+    assert!(console.command("").is_ok());
+    assert_eq!(board.ask(&ASK_COOKIE), COOKIE);
+    board.console.run("quit");
+    board.console.wait_for("summary");
+    let summary = values(board.console.answer().unwrap());
+    assert_eq!(summary["network.received.packets"], "1");
+    assert!(board.child.wait().unwrap().success());
+}
+
+#[test]
+fn any_datagram_is_survived() {
+    let board = Board::start(&["--board", "7i92-7i77"]);
+    let mut state = 0x1234_5678_u32;
+    for len in (0..300).chain([1472, 1473, 2000]) {
+        let mut bytes = Vec::new();
+        for _ in 0..len {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            bytes.push((state >> 24) as u8);
+        }
+        // No waits of space 4 and no resets of space 6: they would be obeyed.
+        for byte in bytes.iter_mut().skip(1).step_by(2) {
+            *byte &= !0x10;
+        }
+        board.client.send(&bytes).unwrap();
+    }
+    board
+        .client
+        .set_read_timeout(Some(Duration::from_millis(50)))
+        .unwrap();
+    let mut buffer = [0; 2048];
+    let answered = (0..100).any(|_| {
+        while board.client.recv(&mut buffer).is_ok() {}
+        board.client.send(&ASK_COOKIE).unwrap();
+        board
+            .client
+            .recv(&mut buffer)
+            .is_ok_and(|len| buffer[..len] == COOKIE)
+    });
+    assert!(answered);
+}
+
+#[test]
+fn a_closed_standard_input_does_not_end_it() {
+    let mut child = Command::new(sim_board())
+        .args(["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    input.write_all(b"show network").unwrap();
+    drop(input);
+    let console = Console::new(std::io::sink(), child.stdout.take().unwrap());
+    console.wait_for("help");
+    // The last line counts, with or without its end.
+    assert!(console.answer().is_ok());
+    std::thread::sleep(Duration::from_millis(100));
+    assert!(child.try_wait().unwrap().is_none(), "it still runs");
+    let kill = format!("kill -TERM {}", child.id());
+    assert!(
+        Command::new("sh")
+            .args(["-c", &kill])
+            .status()
+            .unwrap()
+            .success()
+    );
+    console.wait_for("summary");
+    assert!(child.wait().unwrap().success());
+}
