@@ -1,0 +1,92 @@
+//! What a cycle costs the host, on a bus that costs nothing: 1, 2, 8 and 32 remotes.
+//!
+//! The cost must grow with the words of process data, and not faster: the ratio is printed.
+
+#![allow(missing_docs, reason = "the macros of criterion write public items")]
+
+mod cycle_support;
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use cycle_support::{field_cards, frozen_driver, process_data_words};
+use mesa_hal::driver::Driver;
+
+const REMOTES: [usize; 4] = [1, 2, 8, 32];
+
+fn cycle(criterion: &mut Criterion) {
+    print_ratio();
+    let mut group = criterion.benchmark_group("cycle");
+    for count in REMOTES {
+        let mut driver = frozen_driver(count);
+        let words = process_data_words(&driver) as u64;
+        group.throughput(Throughput::Elements(words));
+        group.bench_function(BenchmarkId::new("read", count), |bencher| {
+            bencher.iter(|| {
+                let report = driver.read();
+                // What has been read is taken only after a write.
+                let _ = driver.write();
+                black_box(report.is_ok())
+            });
+        });
+    }
+    group.finish();
+}
+
+fn plan(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("plan");
+    group.sample_size(10);
+    for count in REMOTES {
+        group.bench_function(BenchmarkId::new("build", count), |bencher| {
+            bencher.iter(|| {
+                let driver = Driver::builder(field_cards(count)).build();
+                black_box(driver.is_ok())
+            });
+        });
+    }
+    group.finish();
+}
+
+/// Nanoseconds for a read and a write, the best of several runs.
+fn nanos(count: usize) -> (f64, f64, usize) {
+    let mut driver = frozen_driver(count);
+    let words = process_data_words(&driver);
+    let mut best = (f64::MAX, f64::MAX);
+    for _ in 0..20 {
+        let (mut reading, mut writing) = (Duration::ZERO, Duration::ZERO);
+        let runs = 500;
+        for _ in 0..runs {
+            let start = Instant::now();
+            let report = driver.read().expect("read");
+            reading += start.elapsed();
+            assert_eq!(report.good as usize, count);
+            let start = Instant::now();
+            driver.write().expect("write");
+            writing += start.elapsed();
+        }
+        let per = |time: Duration| time.as_secs_f64() * 1e9 / f64::from(runs);
+        best = (best.0.min(per(reading)), best.1.min(per(writing)));
+    }
+    (best.0, best.1, words)
+}
+
+fn print_ratio() {
+    println!("remotes  words  read ns  write ns  ns/word");
+    let mut first = None;
+    for count in REMOTES {
+        let (read, write, words) = nanos(count);
+        let each = (read + write) / words as f64;
+        println!("{count:>7} {words:>6} {read:>8.0} {write:>9.0} {each:>8.1}");
+        let first = *first.get_or_insert(each);
+        if count == 32 {
+            println!(
+                "cost per word with 32 remotes: {:.2} of that with one (1.00 or less is in proportion)",
+                each / first
+            );
+        }
+    }
+}
+
+criterion_group!(benches, cycle, plan);
+criterion_main!(benches);

@@ -1,0 +1,134 @@
+//! Machines for the benches, and a bus that costs nothing.
+
+#![allow(dead_code, reason = "each bench uses a part of it")]
+
+use std::time::Duration;
+
+use mesa_hal::bus::{Access, Direction, Instant, Prepared, RegisterBus};
+use mesa_hal::driver::Driver;
+use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
+use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::{SimFpga, machines};
+
+/// A 7I92 with a 7I77 and a 7I72.
+pub fn three_remotes() -> SimFpga {
+    let mut fpga = machines::i7i92_7i77();
+    let ends: [Box<dyn RemoteEnd>; 3] = [
+        Box::new(FieldIo::i7i77().expect("7I77")),
+        Box::new(Analog::i7i77().expect("7I77")),
+        Box::new(Outputs48::i7i72().expect("7I72")),
+    ];
+    for (channel, end) in ends.into_iter().enumerate() {
+        fpga.plug(0, channel, Some(end));
+    }
+    fpga
+}
+
+/// Ports of eight channels with this many field I/O cards.
+pub fn field_cards(count: usize) -> SimFpga {
+    let ports = vec![8u8; count.div_ceil(8)];
+    let mut fpga = SimFpga::new(machines::firmware_serial(&ports));
+    for n in 0..count {
+        let card = FieldIo::i7i77().expect("7I77");
+        fpga.plug(n / 8, n % 8, Some(Box::new(card)));
+    }
+    fpga
+}
+
+/// A simulated board that, once frozen, answers every read with what it answered last: what is
+/// left is the cost of the driver.
+#[derive(Debug)]
+pub struct Frozen {
+    sim: SimFpga,
+    answers: Vec<Vec<u32>>,
+    stands_still: bool,
+}
+
+impl Frozen {
+    pub fn new(sim: SimFpga) -> Self {
+        Self {
+            sim,
+            answers: Vec::new(),
+            stands_still: false,
+        }
+    }
+}
+
+impl RegisterBus for Frozen {
+    type Error = <SimFpga as RegisterBus>::Error;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        self.sim.exchange(accesses, words)
+    }
+
+    fn now(&mut self) -> Instant {
+        RegisterBus::now(&mut self.sim)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        if !self.stands_still {
+            self.sim.wait(duration);
+        }
+    }
+
+    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
+        self.answers.push(Vec::new());
+        Ok(Prepared::new(accesses, self.answers.len() - 1))
+    }
+
+    fn exchange_prepared(
+        &mut self,
+        prepared: &Prepared,
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        let reads = prepared
+            .accesses()
+            .first()
+            .is_some_and(|access| access.direction == Direction::Read);
+        if !self.stands_still {
+            self.sim.exchange(prepared.accesses(), words)?;
+            if reads {
+                self.answers[prepared.slot()] = words.to_vec();
+            }
+        } else if reads {
+            let answers = &self.answers[prepared.slot()];
+            words
+                .iter_mut()
+                .zip(answers)
+                .for_each(|(word, answer)| *word = *answer);
+        }
+        Ok(())
+    }
+}
+
+/// A driver in the middle of its cycles, whose bus costs nothing any more.
+pub fn frozen_driver(count: usize) -> Driver<Frozen> {
+    let bus = Frozen::new(field_cards(count));
+    let mut driver = Driver::builder(bus)
+        .build()
+        .expect("the machine is complete");
+    for _ in 0..5 {
+        let _ = driver.read().expect("read");
+        driver.write().expect("write");
+        driver.bus_mut().wait(Duration::from_millis(1));
+    }
+    let report = driver.read().expect("read");
+    assert_eq!(report.good as usize, count, "{report:?}");
+    driver.write().expect("write");
+    driver.bus_mut().stands_still = true;
+    driver
+}
+
+/// Registers of process data that a cycle moves.
+pub fn process_data_words<B: RegisterBus>(driver: &Driver<B>) -> usize {
+    let remotes = driver
+        .ports()
+        .iter()
+        .flat_map(mesa_hal::driver::SerialPort::remotes);
+    remotes
+        .map(|remote| {
+            let plan = remote.pins().plan();
+            plan.input_words() + plan.output_words()
+        })
+        .sum()
+}

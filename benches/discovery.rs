@@ -1,0 +1,80 @@
+//! Discovery: register accesses for each remote, and what it costs the host.
+
+#![allow(missing_docs, reason = "the macros of criterion write public items")]
+
+mod cycle_support;
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use cycle_support::three_remotes;
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::discovery::{DiscoveryLimits, Inventory, discover_port};
+use mesa_hal::driver::Driver;
+use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan};
+use mesa_hal::sim::SimFpga;
+use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortError, SslbpModule};
+
+/// A port whose pins are set up.
+fn located(fpga: &mut SimFpga) -> Port {
+    let firmware = HostMot2::identify(fpga).expect("HostMot2");
+    let module = firmware.find(Gtag::SSERIAL).expect("SSLBP");
+    let description = SslbpModule {
+        gtag: module.gtag.0,
+        base: module.base,
+        registers: module.registers,
+        register_stride: module.register_stride,
+        instance_stride: module.instance_stride,
+        multiple_registers: module.multiple_registers,
+        instances: module.instances,
+    };
+    let layout = Layout::new(&description, 0, 3).expect("layout");
+    let ports = IoPorts::locate(&firmware).expect("I/O ports");
+    let mut plan = PortPlan::new(&ports);
+    plan.use_module(&firmware, Gtag::SSERIAL, 0).expect("pins");
+    ports.apply(fpga, &plan).expect("set-up");
+    Port::new(layout)
+}
+
+type Found = Inventory<PortError<<SimFpga as RegisterBus>::Error>>;
+
+fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[ChannelStart]) -> Found {
+    port.reset(fpga).expect("reset");
+    discover_port(port, fpga, channels, DiscoveryLimits::default()).expect("discovery")
+}
+
+fn discovery(criterion: &mut Criterion) {
+    let mut fpga = three_remotes();
+    let mut port = located(&mut fpga);
+    for channel in Channel::ALL.into_iter().take(3) {
+        let one = [ChannelStart::new(channel)];
+        let before = fpga.counters();
+        let inventory = discovered(&mut fpga, &mut port, &one);
+        let after = fpga.counters();
+        let found = inventory.remotes.first().expect("remote");
+        println!(
+            "{}: {} accesses to its memory; {} registers read and {} written in all, start included",
+            found.remote,
+            found.discovered.accesses,
+            after.reads - before.reads,
+            after.writes - before.writes
+        );
+    }
+    let all: Vec<_> = Channel::ALL
+        .into_iter()
+        .take(3)
+        .map(ChannelStart::new)
+        .collect();
+    let mut group = criterion.benchmark_group("discovery");
+    group.sample_size(10);
+    group.bench_function("three remotes", |bencher| {
+        bencher.iter(|| black_box(discovered(&mut fpga, &mut port, &all).remotes.len()));
+    });
+    group.bench_function("driver of three remotes, built and dropped", |bencher| {
+        bencher.iter(|| black_box(Driver::builder(three_remotes()).build().is_ok()));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, discovery);
+criterion_main!(benches);

@@ -1,0 +1,45 @@
+//! Packing alone: between interface registers and pins, for each kind of remote.
+
+#![allow(missing_docs, reason = "the macros of criterion write public items")]
+
+mod cycle_support;
+
+use std::hint::black_box;
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use cycle_support::three_remotes;
+use mesa_hal::boards::{RemoteLocation, RemotePins};
+use mesa_hal::driver::Driver;
+use mesa_hal::hal::Pins;
+use mesa_hal::process_data::InterfaceRegisters;
+
+fn packing(criterion: &mut Criterion) {
+    let driver = Driver::builder(three_remotes()).build().expect("complete");
+    let mut group = criterion.benchmark_group("packing");
+    for remote in driver.ports()[0].remotes() {
+        let location = RemoteLocation {
+            board: "bench.0",
+            port: 0,
+            channel: remote.started().channel.index(),
+        };
+        let mut pins = Pins::new();
+        let registers = InterfaceRegisters::Three;
+        let descriptor = remote.descriptor();
+        let mut of =
+            RemotePins::new(&mut pins, location, descriptor, registers, None).expect("pins");
+        let mut words = [0x0F0F_1234; 7];
+        let bits = of.plan().input_bits() + of.plan().output_bits();
+        group.throughput(Throughput::Elements(bits.into()));
+        let name = remote.started().to_string();
+        group.bench_function(BenchmarkId::new("take_inputs", &name), |bencher| {
+            bencher.iter(|| of.take_inputs(&mut pins, black_box(&words)));
+        });
+        group.bench_function(BenchmarkId::new("put_outputs", &name), |bencher| {
+            bencher.iter(|| of.put_outputs(&mut pins, black_box(&mut words)));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, packing);
+criterion_main!(benches);
