@@ -99,7 +99,8 @@ fn config(of: &InMuxPins, pins: &mut Pins) -> InMuxConfig {
         short_filter: pins.param(of.fast_scans).min(63) as u8,
         long_filter: pins.param(of.slow_scans).min(1023) as u16,
         long_inputs: of.slow(pins),
-        invert: false,
+        // The opto-isolators pull their lines low while current flows, which is to read as true.
+        invert: true,
         mpg_4x: of.mpg_4x.map(|param| pins.param(param)),
     }
 }
