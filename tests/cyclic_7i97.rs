@@ -496,7 +496,10 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
         "a setting made later is restored too"
     );
     let rate = machine.fpga().encoders().expect("encoders").sample_rate();
-    assert!((rate - 100e6 / 16.0).abs() < 1.0, "ClockLow/16: {rate}");
+    assert!(
+        (rate - 100e6 / 32.0).abs() < 1.0,
+        "half of ClockLow/16: {rate}"
+    );
 }
 
 #[test]
