@@ -2,7 +2,8 @@
 //! FPGA to develop against.
 //!
 //! A [`Driver`](driver::Driver) is built on a bus, finds out what is there, and is then cycled:
-//! `read`, the application's own work on [`Pins`](hal::Pins), `write`.
+//! `read`, the application's own work on [`Pins`](hal::Pins), `write`. These types, and those an
+//! application names beside them, are here; everything else is one module down.
 //!
 //! # The layers
 //! Bottom to top; a layer knows only those above it in this list.
@@ -73,6 +74,14 @@ pub mod sim;
 pub mod sslbp;
 #[cfg(feature = "std")]
 pub mod transport;
+
+pub use bus::RegisterBus;
+pub use driver::{Builder, Driver};
+pub use hal::{InOut, Input, Output, Param, Pins, Reading};
+#[cfg(feature = "std")]
+pub use sim::SimFpga;
+#[cfg(feature = "std")]
+pub use transport::udp::{UdpBus, UdpConfig};
 
 /// The code in the README is compiled and run as a test.
 #[cfg(all(doctest, feature = "std"))]

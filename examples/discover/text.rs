@@ -118,7 +118,7 @@ fn print_remote(channel: u8, remote: &RemoteReport) {
     }
     println!("    Process data");
     for record in &descriptor.process_data {
-        println!("      {}", describe(record));
+        println!("      {}", describe(record).trim_end());
         print_terminals(remote, record);
     }
     if !remote.parameters.is_empty() {
@@ -167,15 +167,12 @@ fn describe(record: &DataRecord) -> String {
         .filter_map(|scaling| scaling(record.bits, min, max))
         .any(Scaling::is_whole);
     let range = if record.min < record.max && !limits_are_its_bits {
-        format!(" {}..{} {}", record.min, record.max, record.unit)
+        format!(" {}..{}", record.min, record.max)
     } else {
         String::new()
     };
     format!(
-        "{:<20} {way:<6} {:>3} bits {:?}{}",
-        record.name,
-        record.bits,
-        record.data_type,
-        range.trim_end()
+        "{:<20} {way:<6} {:>3} bits {:?}{range} {}",
+        record.name, record.bits, record.data_type, record.unit
     )
 }

@@ -82,12 +82,14 @@ pub enum ProblemKind {
         accesses: u32,
     },
     /// The remote has no tables, and this crate has none for its name.
-    #[error("it does not support discovery, and there is no built-in table for its name")]
+    #[error(
+        "it does not support discovery, and there is no built-in table for its name; leave the channel out"
+    )]
     NoDiscovery,
     /// A built-in table exists, but its sizes are not what the remote says.
     #[error(
         "it does not support discovery, and its sizes (RX {rx}, TX {tx}) are not those of the \
-         built-in table (RX {table_rx}, TX {table_tx}), which was therefore not used"
+         built-in table (RX {table_rx}, TX {table_tx}), which was therefore not used; update its firmware"
     )]
     OtherSizes {
         /// RXSize of the remote.
@@ -110,7 +112,9 @@ pub enum ProblemKind {
         known: ModeSet,
     },
     /// A table has no end within the limits.
-    #[error("the table has no end within {entries} entries")]
+    #[error(
+        "the table has no end within {entries} entries; the remote's firmware is damaged, update it"
+    )]
     TableWithoutEnd {
         /// Entries until then.
         entries: u16,

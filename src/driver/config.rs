@@ -125,7 +125,7 @@ pub enum SerialConfigError {
         found: char,
     },
     /// More than eight characters.
-    #[error("{found} channels; a port has at most 8")]
+    #[error("{found} channels; a port has at most 8; leave the rest out")]
     TooMany {
         /// How many there are.
         found: usize,

@@ -18,7 +18,9 @@ pub enum PinError {
         length: usize,
     },
     /// The name is empty, or has characters that HAL files can not hold.
-    #[error("a pin name with a character that HAL files can not hold at position {position}")]
+    #[error(
+        "a pin name with a character that HAL files can not hold at position {position}; use letters, digits, '-', '_' and '.'"
+    )]
     BadName {
         /// Where the first such character is; 0 for an empty name.
         position: usize,
@@ -32,13 +34,16 @@ pub enum PinError {
         existing: usize,
     },
     /// More pins than a store can number.
-    #[error("more than {} pins and parameters", super::MAX_PINS)]
+    #[error(
+        "more than {} pins and parameters; leave boards or modules out",
+        super::MAX_PINS
+    )]
     TooMany,
     /// There is no pin or parameter of that name.
     #[error("no pin or parameter of that name (list them with `Pins::visit`)")]
     NotFound,
     /// There is one, of another type.
-    #[error("it is of type {actual}, and {expected} was asked for")]
+    #[error("it is of type {actual}, and {expected} was asked for; take the handle of that type")]
     WrongType {
         /// The type asked for.
         expected: HalType,
@@ -54,7 +59,9 @@ pub enum PinError {
         actual: super::Role,
     },
     /// The handle is one of another store.
-    #[error("the handle belongs to another driver's pins, or to none")]
+    #[error(
+        "the handle belongs to another driver's pins, or to none; ask this driver for it by name"
+    )]
     ForeignHandle,
     /// The safe value of an output is outside its limits, or limits are not numbers in order.
     #[error(
@@ -62,10 +69,10 @@ pub enum PinError {
     )]
     BadLimits,
     /// The parameter can not be written.
-    #[error("the parameter is read-only")]
+    #[error("the parameter is read-only: it shows a value, and can not be set")]
     ReadOnly,
     /// The value is no number, or outside what the parameter takes.
-    #[error("the value is not finite, or outside the limits of the parameter")]
+    #[error("the value is not finite, or outside the limits of the parameter (see its `PinInfo`)")]
     BadValue,
     /// The group does not run, so its outputs can not be armed.
     #[error(

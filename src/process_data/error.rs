@@ -28,7 +28,7 @@ pub enum PlanError {
     },
     /// A number that is wider than its type can be.
     #[error(
-        "element {element} at record {record:#06x}: {bits} bits are no width for {data_type:?}"
+        "element {element} at record {record:#06x}: {bits} bits are no width for {data_type:?} (damaged record, or the remote's firmware needs an update)"
     )]
     Width {
         /// Which one.
@@ -42,7 +42,7 @@ pub enum PlanError {
     },
     /// Limits that are no numbers.
     #[error(
-        "element {element} at record {record:#06x} has limits {min} and {max}, which can not be scaled by"
+        "element {element} at record {record:#06x} has limits {min} and {max}, which can not be scaled by (damaged record, or the remote's firmware needs an update)"
     )]
     Limits {
         /// Which one.
@@ -76,7 +76,7 @@ pub enum PlanError {
     },
     /// One part of a count in two parts stands alone.
     #[error(
-        "element {element} at record {record:#06x} is one part of a count, and the other part does not follow"
+        "element {element} at record {record:#06x} is one part of a count, and the other part does not follow (choose another software mode)"
     )]
     HalfCount {
         /// Which one.

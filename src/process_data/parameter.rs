@@ -22,19 +22,19 @@ pub enum ParameterError<E: core::error::Error + 'static> {
     #[error(transparent)]
     Memory(#[from] E),
     /// The record has a size that no access has.
-    #[error("the parameter has {bits} bits; parameters have 1 to 64")]
+    #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged, leave it out")]
     Size {
         /// Its bits.
         bits: u8,
     },
     /// The record says that it can only be read.
-    #[error("the parameter can only be read (its direction is input)")]
+    #[error("the parameter can only be read (its direction is input); nothing was written")]
     ReadOnly,
     /// The value is no number.
-    #[error("the value is not finite; nothing was written")]
+    #[error("the value is not finite; nothing was written, give a number")]
     NotFinite,
     /// The value is outside of what the record allows, or of what its bits hold.
-    #[error("{value} is outside of {min} to {max}; nothing was written")]
+    #[error("{value} is outside of {min} to {max}; nothing was written, give a value within")]
     OutOfRange {
         /// The value.
         value: f64,
@@ -44,7 +44,9 @@ pub enum ParameterError<E: core::error::Error + 'static> {
         max: f64,
     },
     /// Its limits make no scale.
-    #[error("the limits {min} to {max} of the parameter make no scale; use its raw value")]
+    #[error(
+        "the limits {min} to {max} of the parameter make no scale; use read_parameter_raw or write_parameter_raw"
+    )]
     Limits {
         /// The record's minimum.
         min: f32,
@@ -52,7 +54,9 @@ pub enum ParameterError<E: core::error::Error + 'static> {
         max: f32,
     },
     /// The remote holds something else than what was written.
-    #[error("the parameter reads {read:#X} after {written:#X} was written")]
+    #[error(
+        "the parameter reads {read:#X} after {written:#X} was written; the remote refuses this value, or sets it itself"
+    )]
     NotTaken {
         /// What was written.
         written: u64,

@@ -39,7 +39,9 @@ pub enum PortError<E: BusError> {
         gateware: u8,
     },
     /// The port does not have these channels.
-    #[error("SSLBP port {port} has only {channels} channels; it has no channel {missing}")]
+    #[error(
+        "SSLBP port {port} has only {channels} channels; it has no channel {missing}; leave it out"
+    )]
     NoSuchChannel {
         /// The port.
         port: u8,
@@ -82,7 +84,7 @@ pub enum PortError<E: BusError> {
     /// A byte of the port's memory did not keep what was written.
     #[error(
         "SSLBP port {port}: local address {address} reads {read:#04X} after {written:#04X} was \
-         written"
+         written; reset the port"
     )]
     LocalWrite {
         /// The port.

@@ -32,7 +32,7 @@ pub enum WorldError {
         count: usize,
     },
     /// It has nothing of the kind.
-    #[error("the device has nothing of that kind")]
+    #[error("the device has nothing of that kind; see what its mode has")]
     NotThere,
     /// A voltage that is not finite.
     #[error("a voltage must be a finite number")]

@@ -99,7 +99,9 @@ pub enum UdpError {
         words: usize,
     },
     /// The list was prepared on another bus.
-    #[error("list {slot} was not prepared on this bus, which has {prepared}")]
+    #[error(
+        "list {slot} was not prepared on this bus, which has {prepared}; prepare it on the bus it is run on"
+    )]
     NotPrepared {
         /// The number that the list carries.
         slot: usize,

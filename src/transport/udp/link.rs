@@ -38,10 +38,10 @@ pub trait Link {
 #[non_exhaustive]
 pub enum LinkError {
     /// The host answered that nobody listens there.
-    #[error("nobody listens at this address and port")]
+    #[error("nobody listens at this address and port (a board listens at 27181)")]
     Refused,
     /// There is no route, the network is down, or no host answers at the address.
-    #[error("no way to this address")]
+    #[error("no way to this address: is the network interface up and in the same network?")]
     Unreachable,
     /// Anything else that the operating system reports.
     #[error("the operating system reports: {0}")]

@@ -1,0 +1,212 @@
+//! Scaling.
+// Exact values are exact here: both ends must be met, not approached.
+#![allow(clippy::float_cmp)]
+
+use super::*;
+use proptest::prelude::*;
+
+#[test]
+fn known_values_of_the_field() {
+    let volts = Scaling::signed(13, -10.0, 10.0).unwrap();
+    for (value, raw) in [
+        (5.0, 2047),
+        (10.0, 4095),
+        (-10.0, 0x1000),
+        (-5.0, 0x1800),
+        (0.0, 0),
+        (-1e-12, 0),
+    ] {
+        assert_eq!(volts.raw(value).bits, raw, "{value} V");
+    }
+    assert_eq!(volts.value(0x1000), -10.0);
+    assert_eq!(volts.value(0x0800), 5.0);
+
+    let field_voltage = Scaling::unsigned(8, 0.0, 36.3).unwrap();
+    assert_eq!(field_voltage.value(255), 36.3);
+    assert_eq!(field_voltage.value(0), 0.0);
+    assert!((field_voltage.value(169) - 24.057).abs() < 0.001);
+}
+
+#[test]
+fn both_ends_are_exact_at_every_width() {
+    for bits in 1..=64 {
+        let mask = u64::MAX >> (64 - u32::from(bits));
+        let unsigned = Scaling::unsigned(bits, 0.0, 36.3).unwrap();
+        assert_eq!(unsigned.raw(36.3).bits, mask);
+        assert_eq!(unsigned.raw(0.0).bits, 0);
+        assert_eq!((unsigned.value(mask), unsigned.value(0)), (36.3, 0.0));
+
+        let signed = Scaling::signed(bits, -10.0, 10.0).unwrap();
+        assert_eq!(signed.raw(10.0).bits, mask >> 1, "{bits} bits");
+        assert_eq!(signed.raw(-10.0).bits, (mask >> 1) + 1, "{bits} bits");
+        assert_eq!(signed.value((mask >> 1) + 1), -10.0);
+        assert_eq!(signed.value(0), 0.0);
+
+        let offset = Scaling::unsigned(bits, -3.0, 7.0).unwrap();
+        assert_eq!((offset.raw(-3.0).bits, offset.raw(7.0).bits), (0, mask));
+        assert_eq!((offset.value(0), offset.value(mask)), (-3.0, 7.0));
+    }
+}
+
+/// The limits as a record holds them: 32-bit floats.
+fn in_record(limits: [i128; 2]) -> [f64; 2] {
+    limits.map(|limit| f64::from(limit as f32))
+}
+
+#[test]
+fn a_number_with_the_limits_of_its_own_bits_is_its_own_value() {
+    for bits in [1, 8, 24, 31, 32, 64] {
+        let mask = u64::MAX >> (64 - u32::from(bits));
+        let [min, max] = in_record([0, i128::from(mask)]);
+        let unsigned = Scaling::unsigned(bits, min, max).unwrap();
+        assert_eq!(unsigned.max(), mask as f64, "{bits} bits");
+        for raw in [0, 1, 0x1200_0001, 0x7FFF_FFFF, mask >> 1, mask - 1, mask] {
+            let raw = raw & mask;
+            assert_eq!(unsigned.value(raw), raw as f64, "{bits} bits");
+            if raw < 1 << 53 || raw == mask {
+                assert_eq!(unsigned.raw(raw as f64).bits, raw, "{bits} bits");
+            }
+        }
+        assert_eq!(unsigned.raw(-1.0).fit, Fit::Clamped);
+        assert_eq!(unsigned.raw(mask as f64 + 4096.0).bits, mask);
+
+        let half = 1_i128 << (bits - 1);
+        for limits in [[-half, half - 1], [-half, half]] {
+            let [min, max] = in_record(limits);
+            let signed = Scaling::signed(bits, min, max).unwrap();
+            for number in [-half, -half / 3, -1, 0, half / 3, half - 1] {
+                let raw = number as u64 & mask;
+                assert_eq!(signed.value(raw), number as f64, "{bits} bits");
+                if number.abs() < 1 << 53 {
+                    assert_eq!(signed.raw(number as f64).bits, raw, "{bits} bits");
+                }
+            }
+            assert_eq!(signed.raw(half as f64).bits, (half - 1) as u64);
+            assert_eq!(signed.raw(2.0 * half as f64).fit, Fit::Clamped);
+        }
+    }
+    let unit_number = Scaling::unsigned(32, 0.0, 4_294_967_296.0).unwrap();
+    assert_eq!(unit_number.value(0x1200_0001), 301_989_889.0);
+    assert_eq!(unit_number.raw(301_989_889.0).bits, 0x1200_0001);
+}
+
+#[test]
+fn limits_near_those_of_the_bits_are_a_scale_all_the_same() {
+    // 2^24 - 1 is exact as a 32-bit float, so 2^24 is meant.
+    let unsigned = Scaling::unsigned(24, 0.0, 16_777_216.0).unwrap();
+    assert!(!unsigned.is_whole());
+    assert_eq!(unsigned.value(0xFF_FFFF), 16_777_216.0);
+    assert!(!Scaling::signed(16, -32767.0, 32767.0).unwrap().is_whole());
+    assert!(
+        !Scaling::signed(32, 0.0, 4_294_967_296.0)
+            .unwrap()
+            .is_whole()
+    );
+}
+
+#[test]
+fn equal_limits_mean_0_to_1() {
+    let unsigned = Scaling::unsigned(8, 5.0, 5.0).unwrap();
+    assert_eq!((unsigned.value(0), unsigned.value(255)), (0.0, 1.0));
+    let signed = Scaling::signed(8, 0.0, 0.0).unwrap();
+    assert_eq!((signed.value(0x80), signed.value(0)), (-1.0, 0.0));
+}
+
+#[test]
+fn what_does_not_fit_becomes_an_end_and_what_is_no_number_zero() {
+    let volts = Scaling::signed(13, -10.0, 10.0).unwrap();
+    assert_eq!(
+        (volts.raw(1e300).bits, volts.raw(1e300).fit),
+        (4095, Fit::Clamped)
+    );
+    assert_eq!(volts.raw(-11.0).bits, 0x1000);
+    assert_eq!(
+        (volts.raw(f64::NAN).bits, volts.raw(f64::NAN).fit),
+        (0, Fit::NotFinite)
+    );
+    let far = Scaling::unsigned(8, 4.0, 20.0).unwrap();
+    assert_eq!(far.raw(f64::INFINITY).bits, 0, "4 is nearest to zero");
+}
+
+#[test]
+fn widths_and_limits_that_make_no_sense_are_refused() {
+    assert_eq!(Scaling::unsigned(0, 0.0, 1.0), None);
+    assert_eq!(Scaling::signed(65, -1.0, 1.0), None);
+    assert_eq!(Scaling::unsigned(8, f64::NAN, 1.0), None);
+    assert_eq!(Scaling::signed(8, f64::MIN, f64::MAX), None);
+}
+
+#[test]
+fn signs_extend_at_every_width() {
+    for bits in 1..=64 {
+        let lowest = 1_u64 << (bits - 1);
+        assert_eq!(sign_extend(lowest, bits), i64::MIN >> (64 - bits));
+        assert_eq!(sign_extend(lowest - 1, bits), (lowest - 1) as i64);
+    }
+}
+
+proptest! {
+    #[test]
+    fn unsigned_raw_values_come_back_as_they_were(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+        let raw = seed >> (64 - bits);
+        for min in [0.0, -max / 3.0] {
+            let scaling = Scaling::unsigned(bits, min, max).unwrap();
+            prop_assert_eq!(scaling.raw(scaling.value(raw)).bits, raw);
+        }
+    }
+
+    #[test]
+    fn signed_raw_values_come_back_as_they_were_or_one_step_lower(bits in 2..=52u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+        let raw = seed >> (64 - bits);
+        let scaling = Scaling::signed(bits, -max, max).unwrap();
+        let before = sign_extend(raw, bits);
+        let after = sign_extend(scaling.raw(scaling.value(raw)).bits, bits);
+        prop_assert!((0..=1).contains(&(before - after)), "{} {}", before, after);
+    }
+
+    #[test]
+    fn the_nearest_raw_value_of_a_raw_value_is_itself(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+        let raw = seed >> (64 - bits);
+        for scaling in [
+            Scaling::signed(bits, -max, max),
+            Scaling::signed(bits, -max, max / 3.0),
+            Scaling::unsigned(bits, 0.0, max),
+            Scaling::whole(bits, true),
+        ] {
+            let scaling = scaling.unwrap();
+            prop_assert_eq!(scaling.nearest(scaling.value(raw)).bits, raw, "{:?}", scaling);
+        }
+    }
+
+    #[test]
+    fn a_value_on_the_wire_is_no_further_off_than_promised(bits in 2..=32u8, fraction in -1.0..1.0f64, max in 1e-3..1e6_f64) {
+        let step = max / (1_u64 << (bits - 1)) as f64;
+        // One step from dropping low bits, and two parts of 2^31 from the fraction before it.
+        let most = step * (1.0 + 1.0 / (1_u64 << (32 - bits)) as f64);
+        let signed = Scaling::signed(bits, -max, max).unwrap();
+        let value = fraction * max;
+        let back = signed.value(signed.raw(value).bits);
+        prop_assert!((back - value).abs() <= most * (1.0 + 1e-6), "{} {}", value, back);
+        let unsigned = Scaling::unsigned(bits, 0.0, max).unwrap();
+        let back = unsigned.value(unsigned.raw(value.abs()).bits);
+        prop_assert!((back - value.abs()).abs() <= step / 2.0 * 1.001);
+    }
+
+    #[test]
+    fn no_value_and_no_limits_make_bits_outside_the_width(
+        bits in 1..=64u8, min in any::<f64>(), max in any::<f64>(), value in any::<f64>(), raw in any::<u64>(),
+    ) {
+        for scaling in [Scaling::signed(bits, min, max), Scaling::unsigned(bits, min, max)].into_iter().flatten() {
+            prop_assert_eq!(scaling.raw(value).bits & !scaling.mask(), 0);
+            prop_assert_eq!(scaling.nearest(value).bits & !scaling.mask(), 0);
+            let _ = scaling.value(raw);
+        }
+    }
+
+    #[test]
+    fn a_larger_value_never_has_a_smaller_raw_value(bits in 1..=64u8, a in -12.0..12.0f64, b in -12.0..12.0f64) {
+        let scaling = Scaling::signed(bits, -10.0, 10.0).unwrap();
+        let raw = |v: f64| sign_extend(scaling.raw(v).bits, bits);
+        prop_assert!(raw(a.min(b)) <= raw(a.max(b)));
+    }
+}
