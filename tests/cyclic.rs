@@ -66,3 +66,44 @@ fn inputs_and_outputs_of_three_remotes_arrive_at_the_right_terminals() {
         assert_eq!(pins.read(input.not).value, n % 3 != 0, "input {n}-not");
     }
 }
+
+/// Manual: 7I77, "NORMAL MODE OPERATION", last paragraph: the reply to a write is there as soon as
+/// COMMAND is clear.
+#[test]
+fn read_modify_write_sees_the_reply_to_its_own_write() {
+    let mut machine = Machine::new();
+    machine.cycles(3);
+    // A write starts a transfer only when a read has seen the one before end.
+    let _ = machine.driver.read().unwrap();
+    for n in 0..50 {
+        let on = n % 2 == 0;
+        machine.device_mut(FIELD).set_input(4, on).unwrap();
+        machine.driver.write().unwrap();
+        let limit = std::time::Duration::from_micros(300);
+        assert!(machine.driver.wait_transfers(limit).unwrap());
+        let report = machine.driver.read().unwrap();
+        assert_eq!((report.good, report.too_short), (3, 0));
+        let input = machine.driver.pins().read(machine.field.inputs[4].pin);
+        assert_eq!((input.value, input.valid, input.age.cycles), (on, true, 0));
+    }
+    let port = &machine.driver.ports()[0];
+    let (doit, expected) = (&port.statistics().doit, port.expected_time());
+    assert!(doit.count() >= 50);
+    let median = doit.median().unwrap();
+    assert!(
+        median > expected.line / 2 && median <= expected.usual,
+        "{median:?} {expected:?}"
+    );
+}
+
+#[test]
+fn a_wait_for_transfers_ends_at_its_limit() {
+    let mut machine = Machine::new();
+    machine.cycles(3);
+    let _ = machine.driver.read().unwrap();
+    machine.driver.write().unwrap();
+    let before = machine.now();
+    let limit = std::time::Duration::from_micros(20);
+    assert!(!machine.driver.wait_transfers(limit).unwrap());
+    assert!(machine.now() - before < 25_000);
+}
