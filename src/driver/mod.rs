@@ -177,6 +177,9 @@ impl<B: RegisterBus> Driver<B> {
 
     /// Writes the outputs to the board and starts the transfers to its remotes.
     ///
+    /// A port's transfer is started only when the last read has seen the one before end; otherwise
+    /// its remotes keep what they have.
+    ///
     /// # Errors
     /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
     ///
