@@ -8,7 +8,7 @@ use std::time::Duration;
 use ethernet_support::{SimLink, WIRE};
 use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
 use mesa_hal::ethernet::{
-    Area, Bitfile, Board, BoardError, Flash, FlashError, FlashLayout, FlashMemory, Stage,
+    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, Stage,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::sim::{BoardConfig, machines};
@@ -91,7 +91,7 @@ fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
     let mut board = board_on(SimLink::new(config, machines::i7i97(1)));
     assert_eq!(board.identity().expect("identity").eeprom_netmask, None);
     let error = board.set_eeprom_netmask(Ipv4Addr::BROADCAST);
-    let needs = |needed| Err(BoardError::Firmware { needed, found: 14 });
+    let needs = |needed| Err(EthernetError::Firmware { needed, found: 14 });
     assert_eq!(error, needs(16));
     let layout = FlashLayout::I7I97;
     assert_eq!(board.reload(layout.user.0, layout.fallback.0), needs(15));

@@ -6,7 +6,7 @@ use core::time::Duration;
 use hostmot2_support::{MapBus, i7i92_with_7i77, i7i97};
 use mesa_hal::hostmot2::{
     Dpll, DpllConfig, EncoderConfig, Encoders, GpioSetup, Gtag, HostMot2, InMux, InMuxConfig,
-    IoPorts, Leds, LocateError, PdmRate, PinError, PortPlan, PwmGenerators, PwmScale, Ssr,
+    IoPinError, IoPorts, Leds, LocateError, PdmRate, PortPlan, PwmGenerators, PwmScale, Ssr,
     TickRate, Watchdog,
 };
 
@@ -177,14 +177,14 @@ fn a_pin_has_one_user_only() {
     let mut plan = PortPlan::new(&ports);
     plan.use_module(&firmware, Gtag::SSERIAL, 0).unwrap();
     let gpio = GpioSetup::default();
-    assert_eq!(plan.use_gpio(32, gpio), Err(PinError::InUse { pin: 32 }));
+    assert_eq!(plan.use_gpio(32, gpio), Err(IoPinError::InUse { pin: 32 }));
     assert_eq!(
         plan.use_gpio(51, gpio),
-        Err(PinError::NoSuchPin { pin: 51, pins: 51 })
+        Err(IoPinError::NoSuchPin { pin: 51, pins: 51 })
     );
     assert_eq!(
         plan.use_module(&firmware, Gtag::SSERIAL, 1),
-        Err(PinError::NoPins {
+        Err(IoPinError::NoPins {
             gtag: Gtag::SSERIAL,
             unit: 1
         })

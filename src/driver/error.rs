@@ -6,7 +6,7 @@ use crate::boards::{BoardError, IdentityError};
 use crate::bus::{BusError, ImageError};
 use crate::discovery::{Problem, RemoteName};
 use crate::hal::PinError;
-use crate::hostmot2::{DpllError, IdentifyError, LocateError, PinError as IoPinError};
+use crate::hostmot2::{DpllError, IdentifyError, IoPinError, LocateError};
 use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
 
 /// Why a driver was not built. Everything that was started is stopped again.

@@ -2,7 +2,7 @@
 
 use core::{fmt, net::Ipv4Addr, time::Duration};
 
-use super::packets::{BoardError, Lbp16Board, QUICK, read_words, run};
+use super::packets::{EthernetError, Lbp16Board, QUICK, read_words, run};
 use crate::lbp16::{Command, ErrorRegister, InfoArea, InfoError, Space, registers};
 
 /// An Ethernet board beside its HostMot2 registers.
@@ -111,7 +111,7 @@ impl<B: Lbp16Board> Board<B> {
     }
 
     /// Who it is. Checks first that it is an LBP16 board at all.
-    pub fn identity(&mut self) -> Result<Identity, BoardError<B::Error>> {
+    pub fn identity(&mut self) -> Result<Identity, EthernetError<B::Error>> {
         self.space_info(Space::ReadOnly)?;
         let words: [u16; 11] = self.words(Space::ReadOnly, registers::read_only::CARD_NAME)?;
         let [n0, n1, n2, n3, n4, n5, n6, n7, lbp, firmware, jumpers] = words;
@@ -137,7 +137,7 @@ impl<B: Lbp16Board> Board<B> {
     }
 
     /// What a memory space says about itself.
-    pub fn space_info(&mut self, space: Space) -> Result<InfoArea, BoardError<B::Error>> {
+    pub fn space_info(&mut self, space: Space) -> Result<InfoArea, EthernetError<B::Error>> {
         let mut reply = [[0; 2]; InfoArea::LEN as usize / 2];
         run(&mut self.bus, reply.as_flattened_mut(), QUICK, |request| {
             request
@@ -145,7 +145,7 @@ impl<B: Lbp16Board> Board<B> {
                 .map(drop)
         })?;
         InfoArea::parse(space, reply.map(u16::from_le_bytes)).map_err(|error| match error {
-            InfoError::Cookie { expected, actual } => BoardError::Cookie {
+            InfoError::Cookie { expected, actual } => EthernetError::Cookie {
                 space: space.number(),
                 found: actual,
                 expected,
@@ -154,7 +154,7 @@ impl<B: Lbp16Board> Board<B> {
     }
 
     /// What it counted.
-    pub fn counters(&mut self) -> Result<Counters, BoardError<B::Error>> {
+    pub fn counters(&mut self) -> Result<Counters, EthernetError<B::Error>> {
         let words: [u16; 10] = self.words(Space::Control, registers::control::ERROR)?;
         let [
             errors,
@@ -183,7 +183,7 @@ impl<B: Lbp16Board> Board<B> {
     }
 
     /// Its clock at the last packets, to measure where time goes.
-    pub fn timestamps(&mut self) -> Result<Timestamps, BoardError<B::Error>> {
+    pub fn timestamps(&mut self) -> Result<Timestamps, EthernetError<B::Error>> {
         let words: [u16; 4] = self.words(Space::ReadOnly, registers::read_only::RECEIVE_START)?;
         let [receive_start, receive_done, send_start, send_done] = words;
         Ok(Timestamps {
@@ -197,12 +197,12 @@ impl<B: Lbp16Board> Board<B> {
     /// Sets the IP address in the EEPROM, and reads it back.
     ///
     /// The board uses it from its next start on, if its jumpers say "fixed from EEPROM".
-    pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), BoardError<B::Error>> {
+    pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
         self.write_eeprom(registers::eeprom::IP_ADDRESS, low_first(address))
     }
 
     /// Sets the netmask in the EEPROM, and reads it back. Needs firmware 16 or later.
-    pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), BoardError<B::Error>> {
+    pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
         let needed = registers::eeprom::NETMASK_FIRMWARE;
         self.need_firmware(needed)?;
         self.write_eeprom(registers::eeprom::NETMASK, low_first(netmask))
@@ -210,7 +210,7 @@ impl<B: Lbp16Board> Board<B> {
 
     /// Restarts the board's protocol processor. It answers again after up to half a second, with
     /// the address that its jumpers say.
-    pub fn reset(&mut self) -> Result<(), BoardError<B::Error>> {
+    pub fn reset(&mut self) -> Result<(), EthernetError<B::Error>> {
         self.send_control(registers::control::RESET, &[1])?;
         self.bus.wait(Duration::from_millis(500));
         Ok(())
@@ -220,28 +220,32 @@ impl<B: Lbp16Board> Board<B> {
     ///
     /// All outputs go off meanwhile, and every register is lost. `user` is where the user
     /// configuration begins in the flash memory, `fallback` where the other one does.
-    pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), BoardError<B::Error>> {
+    pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), EthernetError<B::Error>> {
         self.need_firmware(registers::read_only::RELOAD_FIRMWARE)?;
         self.send_control(registers::control::ICAP, &icap_reboot(user, fallback))?;
         self.bus.wait(Duration::from_secs(2));
         Ok(())
     }
 
-    fn need_firmware(&mut self, needed: u16) -> Result<(), BoardError<B::Error>> {
+    fn need_firmware(&mut self, needed: u16) -> Result<(), EthernetError<B::Error>> {
         let [found] = self.words(Space::ReadOnly, registers::read_only::FIRMWARE_VERSION)?;
         if found < needed {
-            return Err(BoardError::Firmware { needed, found });
+            return Err(EthernetError::Firmware { needed, found });
         }
         Ok(())
     }
 
-    fn eeprom_address(&mut self, address: u16) -> Result<Ipv4Addr, BoardError<B::Error>> {
+    fn eeprom_address(&mut self, address: u16) -> Result<Ipv4Addr, EthernetError<B::Error>> {
         let [low, high] = self.words(Space::Eeprom, address)?;
         Ok(Ipv4Addr::from_bits(u32::from(high) << 16 | u32::from(low)))
     }
 
     /// The enable is cleared at the end of every packet, so it stands in front of the write.
-    fn write_eeprom(&mut self, address: u16, words: [u16; 2]) -> Result<(), BoardError<B::Error>> {
+    fn write_eeprom(
+        &mut self,
+        address: u16,
+        words: [u16; 2],
+    ) -> Result<(), EthernetError<B::Error>> {
         let mut reply = [[0; 2]; 2];
         run(&mut self.bus, reply.as_flattened_mut(), QUICK, |request| {
             let enable = [registers::control::ENABLE_EEPROM];
@@ -253,7 +257,7 @@ impl<B: Lbp16Board> Board<B> {
         let places = (address..).step_by(2);
         for (address, (expected, found)) in places.zip(words.into_iter().zip(found)) {
             if expected != found {
-                return Err(BoardError::NotWritten {
+                return Err(EthernetError::NotWritten {
                     address,
                     expected,
                     found,
@@ -264,24 +268,28 @@ impl<B: Lbp16Board> Board<B> {
     }
 
     /// Writes one control register several times; the board does not answer.
-    fn send_control(&mut self, address: u16, values: &[u16]) -> Result<(), BoardError<B::Error>> {
+    fn send_control(
+        &mut self,
+        address: u16,
+        values: &[u16],
+    ) -> Result<(), EthernetError<B::Error>> {
         let mut buffer = [0; 128];
         let mut request = crate::lbp16::RequestBuilder::new(&mut buffer);
         for value in values {
             let write =
-                Command::write(Space::Control, 1).map_err(|e| BoardError::Request(e.into()))?;
+                Command::write(Space::Control, 1).map_err(|e| EthernetError::Request(e.into()))?;
             request
                 .command(write.without_increment(), address, &value.to_le_bytes())
-                .map_err(BoardError::Request)?;
+                .map_err(EthernetError::Request)?;
         }
-        self.bus.send(request.bytes()).map_err(BoardError::Bus)
+        self.bus.send(request.bytes()).map_err(EthernetError::Bus)
     }
 
     fn words<const N: usize>(
         &mut self,
         space: Space,
         address: u16,
-    ) -> Result<[u16; N], BoardError<B::Error>> {
+    ) -> Result<[u16; N], EthernetError<B::Error>> {
         read_words(&mut self.bus, space, address)
     }
 

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::packets::{BoardError, Lbp16Board, QUICK, run};
+use super::packets::{EthernetError, Lbp16Board, QUICK, run};
 use super::{Board, FlashMemory, PAGE};
 use crate::lbp16::{BuildError, Command, RequestBuilder, Space, registers};
 use registers::{control, flash};
@@ -17,7 +17,7 @@ const BLOCK: usize = 256;
 const PACKET: usize = 4 * BLOCK;
 
 impl<B: Lbp16Board> FlashMemory for Board<B> {
-    type Error = BoardError<B::Error>;
+    type Error = EthernetError<B::Error>;
 
     fn id(&mut self) -> Result<u32, Self::Error> {
         let mut id = [0; 4];

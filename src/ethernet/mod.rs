@@ -13,4 +13,4 @@ mod packets;
 pub use bitfile::{Bitfile, BitfileError};
 pub use flash::{Area, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR, Stage};
 pub use info::{Board, Counters, Identity, MacAddress, Timestamps};
-pub use packets::{BoardError, Lbp16Board};
+pub use packets::{EthernetError, Lbp16Board};

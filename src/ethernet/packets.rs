@@ -42,7 +42,7 @@ impl<B: Lbp16Board + ?Sized> Lbp16Board for &mut B {
 /// Why something could not be asked of a board, or done with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum BoardError<E> {
+pub enum EthernetError<E> {
     /// The board did not answer.
     #[error(transparent)]
     Bus(E),
@@ -92,13 +92,13 @@ pub(super) fn run<B: Lbp16Board>(
     reply: &mut [u8],
     deadline: Duration,
     build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), BuildError>,
-) -> Result<(), BoardError<B::Error>> {
+) -> Result<(), EthernetError<B::Error>> {
     let mut buffer = [0; MAX_PACKET];
     let mut request = RequestBuilder::new(&mut buffer);
-    build(&mut request).map_err(BoardError::Request)?;
+    build(&mut request).map_err(EthernetError::Request)?;
     board
         .run(request.bytes(), reply, deadline)
-        .map_err(BoardError::Bus)
+        .map_err(EthernetError::Bus)
 }
 
 /// Reads `N` neighbouring 16-bit registers.
@@ -106,7 +106,7 @@ pub(super) fn read_words<const N: usize, B: Lbp16Board>(
     board: &mut B,
     space: Space,
     address: u16,
-) -> Result<[u16; N], BoardError<B::Error>> {
+) -> Result<[u16; N], EthernetError<B::Error>> {
     let mut reply = [[0; 2]; N];
     let count = u8::try_from(N).unwrap_or(u8::MAX);
     run(board, reply.as_flattened_mut(), QUICK, |request| {

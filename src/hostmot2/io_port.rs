@@ -183,7 +183,7 @@ pub struct PortPlan {
 /// Why a pin can not be used as asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum PinError {
+pub enum IoPinError {
     /// There is no such pin.
     #[error("there is no I/O pin {pin}: this firmware has {pins} of them, counted from 0")]
     NoSuchPin {
@@ -244,10 +244,10 @@ impl PortPlan {
         firmware: &HostMot2,
         gtag: Gtag,
         unit: u8,
-    ) -> Result<(), PinError> {
+    ) -> Result<(), IoPinError> {
         let mut pins = firmware.pins_of(gtag, unit).peekable();
         if pins.peek().is_none() {
-            return Err(PinError::NoPins { gtag, unit });
+            return Err(IoPinError::NoPins { gtag, unit });
         }
         for (pin, descriptor) in pins {
             let place = self.take(pin)?;
@@ -262,7 +262,7 @@ impl PortPlan {
     }
 
     /// Uses a pin as plain I/O.
-    pub fn use_gpio(&mut self, pin: u16, setup: GpioSetup) -> Result<PinPlace, PinError> {
+    pub fn use_gpio(&mut self, pin: u16, setup: GpioSetup) -> Result<PinPlace, IoPinError> {
         let place = self.take(pin)?;
         if let Some(port) = self.ports.get_mut(place.port as usize) {
             port.data = place.put(port.data, setup.level);
@@ -278,13 +278,13 @@ impl PortPlan {
         self.taken.get(usize::from(pin)).copied().unwrap_or(false)
     }
 
-    fn take(&mut self, pin: u16) -> Result<PinPlace, PinError> {
+    fn take(&mut self, pin: u16) -> Result<PinPlace, IoPinError> {
         let pins = self.places.pins;
-        let missing = PinError::NoSuchPin { pin, pins };
+        let missing = IoPinError::NoSuchPin { pin, pins };
         let place = self.places.place(pin).ok_or(missing)?;
         let taken = self.taken.get_mut(pin as usize).ok_or(missing)?;
         if core::mem::replace(taken, true) {
-            return Err(PinError::InUse { pin });
+            return Err(IoPinError::InUse { pin });
         }
         Ok(place)
     }

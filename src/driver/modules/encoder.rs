@@ -99,7 +99,7 @@ fn take_pins(
     gtag: Gtag,
     count: u8,
     plan: &mut PortPlan,
-) -> Result<(), crate::hostmot2::PinError> {
+) -> Result<(), crate::hostmot2::IoPinError> {
     let units = if gtag == Gtag::MUXED_ENCODER {
         plan.use_module(firmware, Gtag::MUX_SELECT, 0)?;
         count.div_ceil(2)

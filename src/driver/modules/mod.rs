@@ -21,7 +21,7 @@ use super::{BuildError, Module};
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{BusError, RegisterBus};
 use crate::hal::{GroupId, PinError, Pins};
-use crate::hostmot2::{DpllError, HostMot2, LocateError, ModuleError, PinError as IoPinError};
+use crate::hostmot2::{DpllError, HostMot2, IoPinError, LocateError, ModuleError};
 use crate::hostmot2::{MissingModule, PortPlan};
 
 use dpll::DpllModule;
