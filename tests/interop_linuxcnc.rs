@@ -223,7 +223,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     // LinuxCNC writes parameters to the remotes' non-volatile memory when it starts the port.
     machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 0.0);
     machine.set("7i77.0.0.nvencmode0", "1");
-    machine.run();
+    machine.run(&["7i77.0.0", "7i77.0.1", "7i72.0.2"]);
     let (start, before) = (Instant::now(), machine.board.show("network"));
     machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 1.0);
     check_7i77(&mut machine);
@@ -382,7 +382,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     let board = "--board 7i92-7i77";
     let mut machine = Machine::load("hm2_7i92.0", "7i92-7i77", board, &expected);
 
-    machine.run();
+    machine.run(&["7i77.0.0", "7i77.0.1"]);
     let (start, before) = (Instant::now(), machine.board.show("network"));
     check_encoders(&mut machine);
     check_7i77(&mut machine);

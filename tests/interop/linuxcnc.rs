@@ -72,7 +72,7 @@ impl Machine {
             }
             println!(
                 "attempt {attempt}: LinuxCNC did not load all: {:?}",
-                missing.first()
+                missing.last()
             );
             machine.stop();
         }
@@ -204,16 +204,33 @@ impl Machine {
     }
 
     /// Puts read and write into a thread of 1 kHz and starts it.
-    pub fn run(&mut self) {
+    ///
+    /// This machine is not a realtime one: late packets and pauses are counted, not forbidden, and
+    /// the watchdogs of board and remotes get more patience, as far as their parameters allow it.
+    pub fn run(&mut self, remotes: &[&str]) {
         self.hal("loadrt threads name1=servo period1=1000000");
-        // This machine is not a realtime one: late packets are counted, not forbidden.
         self.set("packet-error-limit", "100000");
-        self.set("watchdog.timeout_ns", "100000000");
-        // Two cycles at once, after a pause, find the transfer still running: also only counted.
+        self.set("watchdog.timeout_ns", "1000000000");
+        // Two cycles at once, after a pause, find the transfer still running.
         self.set("sserial.port-0.fault-lim", "1000000");
+        for remote in remotes {
+            self.set(&format!("{remote}.nvwatchdogtimeout"), "1000");
+        }
         self.hal("addf .read servo");
         self.hal("addf .write servo");
         self.hal("start");
+        // Parameters are written to the remotes when the port starts, and hold when a remote
+        // powers up again.
+        self.start_port();
+        self.set("sserial.port-0.run", "false");
+        for remote in remotes {
+            let channel = remote.rsplit('.').next().unwrap_or_default();
+            let name = format!("remote.{channel}.parameter.nvwatchdogtimeout");
+            self.expect_board(channel, &name, |time| time == 1000.0);
+            self.board.run(&format!("power {channel} off"));
+            self.board.run(&format!("power {channel} on"));
+        }
+        std::thread::sleep(Duration::from_millis(200));
         self.start_port();
     }
 

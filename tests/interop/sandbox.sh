@@ -61,7 +61,7 @@ echo "loadusr -w bash $home/session" > "$home/session.hal"
 env -u DISPLAY RTAPI_UID=65534 HOME="$home" halrun -f "$home/session.hal"
 status=$?
 # Long enough for the watchdogs of board and remotes.
-sleep 0.3
+sleep 1.5
 kill -TERM "$board" 2>/dev/null
 wait "$board"
 exit $status
