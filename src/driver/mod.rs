@@ -214,6 +214,8 @@ impl<B: RegisterBus> Driver<B> {
                 let consecutive = self.write_failures;
                 if self.board.count_exchange(&mut self.pins, true) {
                     self.fail(BoardState::BusDown);
+                    // Before the next write, which looks whether the application has cleared it.
+                    self.board.publish(&mut self.pins, &self.statistics);
                 }
                 Err(CycleError::Write {
                     source,

@@ -261,16 +261,18 @@ impl Pins {
     }
 
     /// The outputs of a group become safe until the application re-arms it; inputs are not touched.
+    /// What was set up to now is forgotten, also when it was set after an earlier fault.
     pub fn disarm(&mut self, group: GroupId) {
         let Some(index) = self.index(group.0) else {
             return self.count_foreign();
         };
         let Self { groups, slots, .. } = self;
-        let Some(group) = groups.get_mut(index).filter(|group| group.armed) else {
+        let Some(group) = groups.get_mut(index) else {
             return;
         };
-        group.armed = false;
-        group.faults = group.faults.saturating_add(1);
+        if core::mem::replace(&mut group.armed, false) {
+            group.faults = group.faults.saturating_add(1);
+        }
         for &output in &group.outputs {
             if let Some(slot) = slots.get_mut(output as usize).filter(|slot| !slot.exempt) {
                 slot.bits = slot.safe;
@@ -336,6 +338,10 @@ impl Pins {
         let own = (T::from_bits(slot.min), T::from_bits(slot.max));
         let min = self.limit(slot.min_limit, own).unwrap_or(own.0);
         let max = self.limit(slot.max_limit, own).unwrap_or(own.1);
+        if min > max {
+            // Nothing is allowed: neither limit is a value that anybody meant.
+            return (safe, Some(Rejection::OutOfRange));
+        }
         let limited = if value > max {
             max
         } else if value < min {

@@ -253,7 +253,7 @@ impl Channel {
     /// How long to wait before the next attempt; the one after waits twice as long.
     pub fn next_backoff(&mut self, longest: Duration) -> Duration {
         let wait = self.backoff;
-        self.backoff = (wait * 2).min(longest);
+        self.backoff = wait.saturating_mul(2).min(longest);
         wait
     }
 

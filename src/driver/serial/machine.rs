@@ -93,6 +93,8 @@ pub(crate) struct Machine {
     channels: PerChannel<Option<Channel>>,
     pub policy: FaultPolicy,
     pub run: bool,
+    /// The port is switched off, and its remotes have been told safe values.
+    told_off: bool,
     pub statistics: PortStatistics,
     /// COMMAND was 0 when it was read last, and nothing was written since.
     idle: bool,
@@ -142,6 +144,7 @@ impl Machine {
             channels,
             policy,
             run: true,
+            told_off: false,
             statistics: PortStatistics::default(),
             // Nothing is written before the first read has seen COMMAND.
             idle: false,
@@ -460,8 +463,13 @@ impl Machine {
         let ready = self.mask(|channel| channel.is_running() && channel.rest_until <= now);
         if !self.run {
             self.restart = Restart::None;
+            // Outputs are safe already: the remotes are told before nobody talks to them any more.
+            if !running.is_empty() && !core::mem::replace(&mut self.told_off, true) {
+                return Some(Asked::Transfer(running));
+            }
             return self.stop_for_good(running);
         }
+        self.told_off = false;
         match self.restart {
             Restart::Stopped {
                 mask,

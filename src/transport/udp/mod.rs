@@ -201,6 +201,7 @@ impl<L: Link> UdpBus<L> {
         let Wait { request, .. } = wait;
         let until = wait.started.after(wait.deadline);
         let mut instead = None;
+        let mut overtime = 0;
         loop {
             let received = self.link.receive(self.reply.as_mut_slice(), until);
             let waited = self.link.now().since(wait.started);
@@ -215,6 +216,12 @@ impl<L: Link> UdpBus<L> {
                             got,
                             waited,
                         });
+                    }
+                    // What came in time may still lie in the socket, but not without end.
+                    overtime += u32::from(waited > wait.deadline);
+                    if overtime >= MAX_OVERTIME {
+                        self.statistics.lost += 1;
+                        return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
                     }
                 }
                 Ok(None) => {
@@ -287,6 +294,9 @@ impl<L: Link> UdpBus<L> {
         Ok(Some(number))
     }
 }
+
+/// Datagrams that are looked through after the deadline, for one that came before it.
+const MAX_OVERTIME: u32 = 64;
 
 /// The reply that is waited for.
 #[derive(Clone, Copy)]

@@ -33,6 +33,8 @@ struct Network {
     executed: Vec<Vec<u8>>,
     stamp: u32,
     refuses: bool,
+    /// There is always one more datagram, of somebody else.
+    flooded: bool,
     /// For each request number the values of its first execution and all others.
     answers: BTreeMap<u32, Vec<Vec<u32>>>,
 }
@@ -149,6 +151,11 @@ impl Link for Network {
         buffer: &mut [u8],
         deadline: Instant,
     ) -> Result<Option<usize>, LinkError> {
+        if self.flooded {
+            self.now += 1_000;
+            buffer[..20].fill(0xEE);
+            return Ok(Some(20));
+        }
         let Some(packet) = self.run(deadline.as_nanos()) else {
             return Ok(None);
         };
@@ -254,6 +261,21 @@ fn a_lost_reply_is_an_error_that_says_so_and_the_words_stay() {
     assert_eq!(words, [7; 3]);
     assert_eq!(bus.statistics().lost, 1);
     bus.exchange_prepared(&cycle.read, &mut words).unwrap();
+}
+
+#[test]
+fn a_flood_of_datagrams_does_not_keep_an_exchange_beyond_its_deadline() {
+    let mut bus = bus();
+    let cycle = Cycle::new(&mut bus);
+    bus.link().flooded = true;
+    let started = bus.now();
+    let error = bus.exchange_prepared(&cycle.read, &mut [0; 3]).unwrap_err();
+    assert_eq!(error.kind(), BusErrorKind::Lost);
+    let deadline = UdpConfig::default().cycle_deadline;
+    let waited = bus.now().since(started);
+    assert!(waited <= deadline + MS / 10, "{waited:?}");
+    bus.link().flooded = false;
+    bus.exchange_prepared(&cycle.read, &mut [0; 3]).unwrap();
 }
 
 #[test]

@@ -286,9 +286,11 @@ impl Rig {
 }
 
 #[test]
-fn a_port_that_is_switched_off_stops_and_starts_again() {
+fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
     let mut rig = Rig::new();
     rig.machine.run = false;
+    assert_eq!(rig.write(), 0x1003, "with safe values");
+    rig.read();
     assert_eq!(rig.write(), 0x0803);
     rig.seen.cs = [STOPPED; 8];
     rig.read();
