@@ -1,8 +1,8 @@
 //! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC, and a simulated
 //! FPGA to develop against.
 //!
-//! A [`Driver`](driver::Driver) is built on a bus, finds out what is there, and is then cycled:
-//! `read`, the application's own work on [`Pins`](hal::Pins), `write`. These types, and those an
+//! A [`Driver`] is built on a bus, finds out what is there, and is then cycled:
+//! `read`, the application's own work on [`Pins`], `write`. These types, and those an
 //! application names beside them, are here; everything else is one module down.
 //!
 //! # The layers
