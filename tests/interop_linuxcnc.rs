@@ -8,6 +8,8 @@
 mod interop;
 #[path = "interop/linuxcnc.rs"]
 mod linuxcnc;
+#[path = "interop/names.rs"]
+mod names;
 #[path = "interop/tools.rs"]
 mod tools;
 
@@ -15,6 +17,8 @@ use std::time::{Duration, Instant};
 
 use interop::console::Values;
 use linuxcnc::{Expected, Machine, ONE_AT_A_TIME, SETTLE, skipped};
+use mesa_hal::driver::Driver;
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 
 fn numbered(count: usize, name: impl Fn(usize) -> String) -> impl Iterator<Item = String> {
     (0..count).map(name)
@@ -204,6 +208,15 @@ fn assert_cycled(before: &Values, after: &Values, time: Duration) {
     }
 }
 
+/// Our driver, built for the same machine, has the same pins and parameters.
+fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
+    let driver = Driver::builder(ours)
+        .build()
+        .expect("the machine is complete");
+    let (pins, params) = (machine.list("pin"), machine.list("param"));
+    names::compare(prefix, &pins, &params, driver.pins());
+}
+
 #[test]
 fn a_7i97_with_three_remotes_runs_at_1_khz() {
     if skipped() {
@@ -219,6 +232,8 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     expect_7i97(&mut expected);
     let board = format!("--board 7i97 {remotes}");
     let mut machine = Machine::load("hm2_7i97.0", "7i97", &board, &expected);
+    let ours = machines::six_axes_7i97(MotorConfig::default());
+    compare_names(&mut machine, "hm2_7i97.0", ours);
 
     // LinuxCNC writes parameters to the remotes' non-volatile memory when it starts the port.
     machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 0.0);
@@ -381,6 +396,9 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     expect_board(&mut expected);
     let board = "--board 7i92-7i77";
     let mut machine = Machine::load("hm2_7i92.0", "7i92-7i77", board, &expected);
+    let mut ours = machines::i7i92_7i77();
+    machines::plug_7i77(&mut ours, 0, 0);
+    compare_names(&mut machine, "hm2_7i92.0", ours);
 
     machine.run(&["7i77.0.0", "7i77.0.1"]);
     let (start, before) = (Instant::now(), machine.board.show("network"));

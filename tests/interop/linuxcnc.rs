@@ -273,7 +273,7 @@ impl Machine {
     }
 
     /// Pins or parameters: type and direction by name without the board's prefix.
-    fn list(&mut self, what: &str) -> List {
+    pub fn list(&mut self, what: &str) -> List {
         let lines = self.hal(&format!("show {what}"));
         let prefix = format!("{}.", self.prefix);
         let parsed = lines.iter().filter_map(|line| {
@@ -354,7 +354,7 @@ fn keep(name: &str, list: &List) {
 }
 
 /// Type and direction by name.
-type List = BTreeMap<String, (String, String)>;
+pub type List = BTreeMap<String, (String, String)>;
 
 /// Pins and parameters that LinuxCNC must create.
 #[derive(Default)]

@@ -1,0 +1,170 @@
+//! The pins and parameters of this crate beside those that LinuxCNC created for the same machine.
+
+use std::collections::BTreeMap;
+
+use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
+
+use crate::linuxcnc::List;
+
+/// Why a name is on one side only. `*` stands for any characters.
+type Reasons = &'static [(&'static str, &'static str)];
+
+const ONLY_LINUXCNC: Reasons = &[
+    ("*.debug", "of the hostmot2 module, not of a board"),
+    (
+        "*.time",
+        "how long LinuxCNC's own functions take: see DriverStatistics",
+    ),
+    ("*.tmax*", "how long LinuxCNC's own functions take"),
+    (
+        "sserial.port-*.port_state2",
+        "state of the other formats of a port, always there",
+    ),
+    (
+        "sserial.port-*.port_state3",
+        "state of the other formats of a port, always there",
+    ),
+    ("gpio.*.in*", "level of a pin that a module uses"),
+    (
+        "gpio.*.out",
+        "of a pin of serial channel that is not used here",
+    ),
+    (
+        "gpio.*.is_output",
+        "of a pin of a serial channel that is not used here",
+    ),
+    (
+        "gpio.*.invert_output",
+        "of a pin of a serial channel that is not used here",
+    ),
+    (
+        "gpio.*.is_opendrain",
+        "of a pin of a serial channel that is not used here",
+    ),
+    ("*.invert_output", "another name of gpio.NNN.invert_output"),
+    ("*.is_opendrain", "another name of gpio.NNN.is_opendrain"),
+];
+
+const ONLY_OURS: Reasons = &[
+    ("lost-writes", "LinuxCNC does not notice them"),
+    (
+        "encoder.*.probe-enable",
+        "latch on probe, made for every encoder",
+    ),
+    (
+        "encoder.*.probe-invert",
+        "latch on probe, made for every encoder",
+    ),
+    (
+        "gpio.*.invert_output",
+        "LinuxCNC shows it under its other name",
+    ),
+    (
+        "gpio.*.is_opendrain",
+        "LinuxCNC shows it under its other name",
+    ),
+    ("7i*.fault-*", "each fault of a remote is a pin of its own"),
+    ("7i*.running", "remotes are set aside alone"),
+    ("7i*.failures", "failures are counted for each remote"),
+    ("7i*.restarts", "remotes come back by themselves"),
+    ("sserial.port-*.transfers", "statistics"),
+    ("sserial.port-*.too-short", "statistics"),
+];
+
+/// Fails if a type or a direction differs, or a name is on one side only without a reason.
+pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
+    let linuxcnc: BTreeMap<_, _> = pins.iter().chain(params).collect();
+    let mut collected = Collected {
+        prefix: format!("{prefix}."),
+        list: List::new(),
+    };
+    ours.visit(&mut collected);
+    let ours = collected.list;
+
+    let mut wrong = Vec::new();
+    let mut same = 0;
+    for (name, theirs) in &linuxcnc {
+        match ours.get(*name) {
+            Some(own) if own == *theirs => same += 1,
+            Some(own) => wrong.push(format!("{name}: LinuxCNC {theirs:?}, ours {own:?}")),
+            None if reason(ONLY_LINUXCNC, name).is_some() => {}
+            None => wrong.push(format!("{name}: only LinuxCNC has it: {theirs:?}")),
+        }
+    }
+    for (name, own) in &ours {
+        if !linuxcnc.contains_key(name) && reason(ONLY_OURS, name).is_none() {
+            wrong.push(format!("{name}: only we have it: {own:?}"));
+        }
+    }
+    println!(
+        "{prefix}: {same} names, types and directions are LinuxCNC's; it has {}, we have {}",
+        linuxcnc.len(),
+        ours.len()
+    );
+    print_reasons("only LinuxCNC", ONLY_LINUXCNC, linuxcnc.keys(), |name| {
+        !ours.contains_key(name.as_str())
+    });
+    print_reasons("only ours", ONLY_OURS, ours.keys(), |name| {
+        !linuxcnc.contains_key(name)
+    });
+    assert!(wrong.is_empty(), "{prefix}: {wrong:#?}");
+    assert!(same > 400, "{prefix}: only {same} names are the same");
+}
+
+struct Collected {
+    prefix: String,
+    list: List,
+}
+
+impl Collected {
+    fn add(&mut self, info: &PinInfo) {
+        let name = info.name.strip_prefix(&self.prefix).unwrap_or(&info.name);
+        let kind = info.hal_type.to_string();
+        let direction = info.role.hal_direction().to_owned();
+        self.list.insert(name.to_owned(), (kind, direction));
+    }
+}
+
+impl Visitor for Collected {
+    fn pin(&mut self, info: &PinInfo, _: AnyValue) {
+        self.add(info);
+    }
+
+    fn parameter(&mut self, info: &PinInfo, _: AnyValue) {
+        self.add(info);
+    }
+}
+
+fn print_reasons<N: AsRef<str> + Copy>(
+    side: &str,
+    reasons: Reasons,
+    names: impl Iterator<Item = N> + Clone,
+    is_alone: impl Fn(&N) -> bool,
+) {
+    for (pattern, why) in reasons {
+        let first = |name: &N| reason(reasons, name.as_ref()) == Some((pattern, why));
+        let count = names.clone().filter(&is_alone).filter(first).count();
+        if count > 0 {
+            println!("  {side}: {count} {pattern}: {why}");
+        }
+    }
+}
+
+fn reason<'r>(reasons: &'r [(&'r str, &'r str)], name: &str) -> Option<(&'r &'r str, &'r &'r str)> {
+    reasons
+        .iter()
+        .find(|(pattern, _)| fits(pattern, name))
+        .map(|(pattern, why)| (pattern, why))
+}
+
+/// Whether `name` is `pattern`, in which `*` stands for any characters.
+fn fits(pattern: &str, name: &str) -> bool {
+    match pattern.split_once('*') {
+        None => pattern == name,
+        Some((head, tail)) => name.strip_prefix(head).is_some_and(|rest| {
+            (0..=rest.len())
+                .filter(|&at| rest.is_char_boundary(at))
+                .any(|at| fits(tail, &rest[at..]))
+        }),
+    }
+}
