@@ -486,6 +486,8 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
         let _ = machine.driver.rearm().expect("the bus does not fail");
         let _ = machine.cycle();
     }
+    assert_eq!(state(&mut machine), (0, false, false), "nothing set since");
+    command(&mut machine);
     machine.cycles(2);
     assert_eq!(state(&mut machine), (30, true, true));
     assert!(machine.fpga().pin_level(40) && machine.fpga().pin_level(41));

@@ -83,3 +83,32 @@ fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
         assert_eq!((now.valid, now.value), (false, before.value));
     }
 }
+
+/// A board that was reset drives its pins as plain outputs when only their directions are written:
+/// low, which switches on whatever is enabled by a low pin.
+#[test]
+fn a_board_that_lost_its_set_up_drives_no_pin_before_it_is_re_armed() {
+    for bite in [false, true] {
+        let mut machine = Machine::new();
+        machine.cycles(5);
+        if bite {
+            machine.sleep(20);
+        } else {
+            machine.driver.bus_mut().reload();
+        }
+        for n in 0..1500 {
+            let _ = machine.cycle();
+            let fpga = machine.driver.bus_mut();
+            let directions = [0x1100, 0x1104].map(|at| fpga.read_register(at));
+            assert_eq!(directions, [0, 0], "bite: {bite}, cycle {n}");
+            assert_ne!(machine.driver.board_state(), BoardState::Running);
+        }
+        machine.until(100, |machine| {
+            machine
+                .driver
+                .rearm()
+                .is_ok_and(|rearmed| rearmed.waiting == 0)
+        });
+        assert_eq!(machine.driver.board_state(), BoardState::Running);
+    }
+}

@@ -102,7 +102,9 @@ impl Board {
     pub fn claim(&mut self, plan: &mut ImagePlan) {
         self.cookie = Some(plan.read(ReadPhase::Status, Tier::Cycle, COOKIE_ADDRESS, 1));
         self.status = Some(plan.read_data(self.watchdog.status));
-        self.evidence_slot = self.evidence.map(|(address, _)| plan.read_data(address));
+        self.evidence_slot = self
+            .evidence
+            .map(|(address, _)| plan.read(ReadPhase::Data, Tier::Extended, address, 1));
         self.pet = Some(plan.write_data(self.watchdog.reset, Watchdog::PET));
         self.time = Some(plan.write(
             WritePhase::Data,
@@ -147,7 +149,13 @@ impl Board {
         })
     }
 
-    /// Whether the board is not set up any more: it was reset, or the set-up never arrived.
+    /// Whether an extended read tells if the board is still set up.
+    pub fn has_evidence(&self) -> bool {
+        self.evidence_slot.is_some()
+    }
+
+    /// Whether the board is not set up any more: it was reset, or the set-up never arrived. Of an
+    /// extended read.
     pub fn has_lost_set_up(&self, image: &CycleImage) -> bool {
         let word = self.evidence_slot.and_then(|slot| image.word(slot));
         match (self.evidence, word) {

@@ -85,6 +85,9 @@ pub struct Driver<B: RegisterBus> {
     unconfirmed_writes: u64,
     read_failures: u32,
     write_failures: u32,
+    /// The least that the next read must hold: more, when nothing in the last one showed that the
+    /// board is still set up.
+    read_tier: Tier,
     /// A write was lost, and with it perhaps a setting that is written only when it changes.
     settings_may_be_lost: bool,
     /// The set-up was written again, and it is not known yet whether it arrived.
@@ -113,7 +116,10 @@ impl<B: RegisterBus> Driver<B> {
         let now = self.bus.now();
         self.pins.begin_cycle(now);
         self.statistics.reads += 1;
-        let tier = read_tier(&self.ports);
+        let tier = match self.read_tier {
+            Tier::Extended => Tier::Extended,
+            Tier::Cycle => read_tier(&self.ports),
+        };
         if let Err(source) = self.image.exchange_reads(&mut self.bus, tier) {
             let consecutive = self.read_failed();
             return Err(CycleError::Read {
@@ -128,11 +134,11 @@ impl<B: RegisterBus> Driver<B> {
         self.read_failures = 0;
         self.board.count_exchange(&mut self.pins, false);
         let now = self.bus.now();
-        Ok(self.take(now))
+        Ok(self.take(now, tier))
     }
 
     /// Everybody takes its inputs from an image that is sound.
-    fn take(&mut self, now: Instant) -> CycleReport {
+    fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
         let lost_writes = self.news_of_lost_writes();
         let doubtful = self.news_of_unconfirmed_writes() > 0 || lost_writes > 0;
         self.settings_may_be_lost |= doubtful;
@@ -147,16 +153,25 @@ impl<B: RegisterBus> Driver<B> {
             report.set_aside += outcome.set_aside.len();
             report.too_short += u32::from(outcome.too_short);
         }
+        let is_alive = self.ports.iter().any(|port| port.shows_life(&self.image));
+        let is_known = is_alive || tier == Tier::Extended || !self.board.has_evidence();
+        self.read_tier = if is_alive || !self.board.has_evidence() {
+            Tier::Cycle
+        } else {
+            Tier::Extended
+        };
         let was_restored = core::mem::take(&mut self.is_restored);
         if self.board.has_bitten(&self.image) {
             self.fail(BoardState::WatchdogBitten);
         } else if (was_restored && lost_writes > 0)
-            || self.board.has_lost_set_up(&self.image)
+            || (tier == Tier::Extended && self.board.has_lost_set_up(&self.image))
             || appears_reset(&self.ports)
         {
             self.fail(BoardState::Reset);
         }
-        if self.board.is_running() {
+        if !self.board.is_running() {
+            self.make_safe();
+        } else if is_known {
             let mut cycle = Take {
                 image: &self.image,
                 pins: &mut self.pins,
@@ -167,9 +182,8 @@ impl<B: RegisterBus> Driver<B> {
                 module.take(&mut cycle);
             }
             self.pins.group_good(self.group);
-        } else {
-            self.make_safe();
         }
+        // Else the board may have been reset just now: its modules' inputs grow older.
         self.board.publish(&mut self.pins, &self.statistics);
         report.board = self.board.state();
         report
@@ -227,13 +241,16 @@ impl<B: RegisterBus> Driver<B> {
 
     /// Everybody puts its outputs into the image.
     fn put(&mut self, now: Instant) -> Tier {
+        // A board that is not set up gets nothing of its set-up before it gets all of it: pins that
+        // have only their directions back are driven by nobody.
+        let hold = !self.board.is_running();
         // Asked before the ports go on to their next steps.
         let modes = self
             .ports
             .iter()
             .any(|port| port.tier_of_write() == Tier::Extended);
         for port in &mut self.ports {
-            port.put(&mut self.image, &mut self.pins, now);
+            port.put(&mut self.image, &mut self.pins, now, hold);
         }
         let mut cycle = Put {
             image: &mut self.image,
@@ -248,7 +265,9 @@ impl<B: RegisterBus> Driver<B> {
         }
         let changed = cycle.tier == Tier::Extended;
         self.board.put(&mut self.image, &self.pins);
-        if modes || changed || self.settings_may_be_lost {
+        if hold {
+            Tier::Cycle
+        } else if modes || changed || self.settings_may_be_lost {
             Tier::Extended
         } else {
             self.board.tier_of_write()
@@ -289,7 +308,8 @@ impl<B: RegisterBus> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
     /// A board that has lost its set-up gets it back first. What was set before the fault is
-    /// forgotten: outputs start from their safe values and from what was set since. Remotes that
+    /// forgotten, and what was set while it lasted: outputs start from their safe values and from
+    /// what is set since. Remotes that
     /// still report a fault are restarted, which clears it. Those that do not run yet are counted
     /// as waiting.
     ///

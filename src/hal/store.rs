@@ -201,8 +201,8 @@ impl Pins {
 
     /// Lets the outputs of a group follow the application again after a fault.
     ///
-    /// What was set before the fault is forgotten: outputs start from their safe values and from
-    /// what was set since.
+    /// What was set before the fault is forgotten, and what was set while it lasted: outputs start
+    /// from their safe values and from what is set since.
     ///
     /// # Errors
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].

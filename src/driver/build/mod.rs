@@ -294,6 +294,7 @@ impl Built {
             unconfirmed_writes: counted.unconfirmed_writes,
             read_failures: 0,
             write_failures: 0,
+            read_tier: crate::bus::Tier::Extended,
             settings_may_be_lost: false,
             is_restored: false,
             is_shut_down: false,

@@ -210,6 +210,17 @@ impl Machine {
         })
     }
 
+    /// Whether a channel exchanges process data: the board has not been reset since it was started.
+    pub fn shows_life(&self, seen: &Observation) -> bool {
+        self.known().iter().any(|number| {
+            let state = CsStatus::from_register(at(&seen.cs, number)).state();
+            matches!(
+                state,
+                ComState::ProcessData | ComState::ProcessData7i64 | ComState::Chatter
+            )
+        })
+    }
+
     /// Tries a remote again at once, whatever its backoff.
     pub fn restart_now(&mut self, number: Number, now: Instant) {
         let policy = self.policy;
@@ -441,9 +452,12 @@ impl Machine {
     }
 
     /// The command for this write; [`written`](Self::written) must follow.
-    pub fn next(&mut self, now: Instant) -> Next {
+    ///
+    /// `hold`: the board is not set up. Channels are not restarted until it is again, since that
+    /// needs writes that would set it up in part.
+    pub fn next(&mut self, now: Instant, hold: bool) -> Next {
         let asked = if self.idle {
-            self.choose(now)
+            self.choose(now, hold)
         } else if self.is_stuck(now) && now >= self.no_free_before {
             self.no_free_before = now.after(BETWEEN_FREES);
             self.statistics.stuck += 1;
@@ -458,7 +472,7 @@ impl Machine {
         }
     }
 
-    fn choose(&mut self, now: Instant) -> Option<Asked> {
+    fn choose(&mut self, now: Instant, hold: bool) -> Option<Asked> {
         let running = self.running();
         let ready = self.mask(|channel| channel.is_running() && channel.rest_until <= now);
         if !self.run {
@@ -470,6 +484,9 @@ impl Machine {
             return self.stop_for_good(running);
         }
         self.told_off = false;
+        if hold {
+            return (!running.is_empty()).then_some(Asked::Transfer(running));
+        }
         match self.restart {
             Restart::Stopped {
                 mask,

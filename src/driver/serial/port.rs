@@ -211,6 +211,11 @@ impl SerialPort {
         outcome
     }
 
+    /// Whether the last good read showed a channel that exchanges process data.
+    pub(in crate::driver) fn shows_life(&self, image: &CycleImage) -> bool {
+        self.machine.shows_life(&self.observe(image))
+    }
+
     /// A read failed, so that nothing new is known.
     pub(in crate::driver) fn not_read(&mut self, pins: &mut Pins) {
         self.machine.not_observed();
@@ -240,15 +245,22 @@ impl SerialPort {
         seen
     }
 
-    /// Puts outputs and command into the image.
-    pub(in crate::driver) fn put(&mut self, image: &mut CycleImage, pins: &mut Pins, now: Instant) {
+    /// Puts outputs and command into the image. `hold`: the board is not set up, so that nothing
+    /// is restarted.
+    pub(in crate::driver) fn put(
+        &mut self,
+        image: &mut CycleImage,
+        pins: &mut Pins,
+        now: Instant,
+        hold: bool,
+    ) {
         self.pins.fetch(pins, &mut self.machine);
         if !self.machine.run {
             for remote in &self.remotes {
                 remote.pins.fault(pins);
             }
         }
-        let next = self.machine.next(now);
+        let next = self.machine.next(now, hold);
         if next.with_data {
             for remote in &self.remotes {
                 remote.put(image, pins);

@@ -43,7 +43,7 @@ impl Rig {
     }
 
     fn write(&mut self) -> u32 {
-        let next = self.machine.next(self.now);
+        let next = self.machine.next(self.now, false);
         self.machine.written(self.now, true);
         next.command.word()
     }
@@ -123,7 +123,7 @@ fn old_data_is_not_taken_for_new_when_the_bus_lost_the_doit() {
 #[test]
 fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
     let mut rig = Rig::new();
-    rig.machine.next(rig.now);
+    rig.machine.next(rig.now, false);
     rig.machine.written(rig.now, false);
     assert_eq!(rig.read(), Outcome::default());
     assert_eq!(rig.machine.statistics.unknown, 1);
