@@ -65,7 +65,7 @@ pub fn print_beside(board: &str, linuxcnc_per_cycle: Duration) {
         let left = next.since(driver.bus_mut().now());
         std::thread::sleep(left);
     }
-    let ours = (cpu("/proc/thread-self/schedstat") - start) / CYCLES;
+    let ours = cpu("/proc/thread-self/schedstat").saturating_sub(start) / CYCLES;
     let after = driver.bus().statistics();
     drop(driver);
     let _ = child.kill();

@@ -101,12 +101,18 @@ pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
         linuxcnc.len(),
         ours.len()
     );
-    print_reasons("only LinuxCNC", ONLY_LINUXCNC, linuxcnc.keys(), |name| {
-        !ours.contains_key(name.as_str())
-    });
-    print_reasons("only ours", ONLY_OURS, ours.keys(), |name| {
-        !linuxcnc.contains_key(name)
-    });
+    let theirs_alone: Vec<&str> = linuxcnc
+        .keys()
+        .map(|name| name.as_str())
+        .filter(|name| !ours.contains_key(*name))
+        .collect();
+    let ours_alone: Vec<&str> = ours
+        .keys()
+        .map(String::as_str)
+        .filter(|name| !linuxcnc.contains_key(&(*name).to_owned()))
+        .collect();
+    print_reasons("only LinuxCNC", ONLY_LINUXCNC, &theirs_alone);
+    print_reasons("only ours", ONLY_OURS, &ours_alone);
     assert!(wrong.is_empty(), "{prefix}: {wrong:#?}");
     assert!(same > 400, "{prefix}: only {same} names are the same");
 }
@@ -135,15 +141,10 @@ impl Visitor for Collected {
     }
 }
 
-fn print_reasons<N: AsRef<str> + Copy>(
-    side: &str,
-    reasons: Reasons,
-    names: impl Iterator<Item = N> + Clone,
-    is_alone: impl Fn(&N) -> bool,
-) {
+fn print_reasons(side: &str, reasons: Reasons, alone: &[&str]) {
     for (pattern, why) in reasons {
-        let first = |name: &N| reason(reasons, name.as_ref()) == Some((pattern, why));
-        let count = names.clone().filter(&is_alone).filter(first).count();
+        let is_it = |name: &&&str| reason(reasons, name) == Some((pattern, why));
+        let count = alone.iter().filter(is_it).count();
         if count > 0 {
             println!("  {side}: {count} {pattern}: {why}");
         }
