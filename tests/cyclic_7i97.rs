@@ -1,6 +1,8 @@
 //! Everything of a 7I97 in the cycle, on the simulated board and on virtual time.
 
 mod ethernet_support;
+#[path = "cyclic_7i97/other_firmware.rs"]
+mod other_firmware;
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
@@ -83,6 +85,13 @@ impl<B: World> Machine<B> {
 
 fn board() -> Machine<SimFpga> {
     Machine::new(machines::six_axes_7i97(MotorConfig::default()))
+}
+
+/// The usual firmware, with InMux and SSR, and a newer one with InM and OutM; motors on both.
+fn both_firmwares() -> [SimFpga; 2] {
+    let mut newer = machines::i7i97_inm_outm(1);
+    machines::wire_7i97(&mut newer, MotorConfig::default());
+    [machines::six_axes_7i97(MotorConfig::default()), newer]
 }
 
 /// Follows a sine on each axis, 0.3 s of it; gives the largest error after the start.
@@ -257,34 +266,35 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
 
 #[test]
 fn inputs_arrive_filtered_and_raw() {
-    let mut machine = board();
-    let inputs = machine.card.inputs.clone();
-    assert_eq!(inputs.inputs.len(), 16);
-    machine.driver.pins_mut().set(inputs.inputs[3].slow, true);
-    machine.cycles(3);
-    for n in 0..16 {
-        machine.fpga().set_input(n, n % 3 == 0);
+    for mut machine in both_firmwares().map(Machine::new) {
+        let inputs = machine.card.inputs.clone();
+        assert_eq!(inputs.inputs.len(), 16);
+        machine.driver.pins_mut().set(inputs.inputs[3].slow, true);
+        machine.cycles(3);
+        for n in 0..16 {
+            machine.fpga().set_input(n, n % 3 == 0);
+        }
+        machine.cycles(4);
+        for (n, input) in inputs.inputs.iter().enumerate() {
+            let (level, pins) = (n % 3 == 0, machine.driver.pins());
+            let filtered = level && n != 3;
+            assert_eq!(pins.read(input.raw.pin).value, level, "input {n}");
+            assert_eq!(pins.read(input.raw.not).value, !level, "input {n}");
+            assert_eq!(pins.read(input.filtered.pin).value, filtered, "input {n}");
+            assert_eq!(pins.read(input.filtered.not).value, !filtered, "input {n}");
+            let terminal = &pins.info(input.filtered.pin).expect("a pin").signal;
+            assert_eq!(*terminal, format!("IN{n}"));
+        }
+        // 500 scans at 20 kHz: 25 ms.
+        machine.cycles(30);
+        assert!(
+            machine
+                .driver
+                .pins()
+                .read(inputs.inputs[3].filtered.pin)
+                .value
+        );
     }
-    machine.cycles(4);
-    for (n, input) in inputs.inputs.iter().enumerate() {
-        let (level, pins) = (n % 3 == 0, machine.driver.pins());
-        let filtered = level && n != 3;
-        assert_eq!(pins.read(input.raw.pin).value, level, "input {n}");
-        assert_eq!(pins.read(input.raw.not).value, !level, "input {n}");
-        assert_eq!(pins.read(input.filtered.pin).value, filtered, "input {n}");
-        assert_eq!(pins.read(input.filtered.not).value, !filtered, "input {n}");
-        let terminal = &pins.info(input.filtered.pin).expect("a pin").signal;
-        assert_eq!(*terminal, format!("IN{n}"));
-    }
-    // 500 scans at 20 kHz: 25 ms.
-    machine.cycles(30);
-    assert!(
-        machine
-            .driver
-            .pins()
-            .read(inputs.inputs[3].filtered.pin)
-            .value
-    );
 }
 
 /// Turns the MPG on inputs 2k and 2k+1 by whole cycles.
@@ -300,71 +310,77 @@ fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, steps: usize) {
 
 #[test]
 fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_and_can_be_reset() {
-    let mut machine = board();
-    let inputs = machine.card.inputs.clone();
-    let count = |machine: &Machine<SimFpga>, k: usize| {
-        machine.driver.pins().read(inputs.mpg_counts[k]).value.abs()
-    };
-    machine.cycles(3);
-    turn_mpg(&mut machine, 1, 300);
-    machine.cycles(2);
-    assert_eq!(count(&machine, 1), 300);
-    assert_eq!(count(&machine, 0), 0);
-    machine
-        .driver
-        .pins_mut()
-        .set_param(inputs.mpg_4x[3], true)
-        .expect("a switch");
-    machine.cycles(1);
-    turn_mpg(&mut machine, 3, 100);
-    machine.cycles(2);
-    assert_eq!(count(&machine, 3), 400);
-    machine.driver.pins_mut().set(inputs.mpg_resets[1], true);
-    machine.cycles(1);
-    assert_eq!(count(&machine, 1), 0);
-    machine.driver.pins_mut().set(inputs.mpg_resets[1], false);
-    turn_mpg(&mut machine, 1, 2);
-    machine.cycles(2);
-    assert_eq!((count(&machine, 1), count(&machine, 3)), (2, 400));
+    for mut machine in both_firmwares().map(Machine::new) {
+        let inputs = machine.card.inputs.clone();
+        let count = |machine: &Machine<SimFpga>, k: usize| {
+            machine.driver.pins().read(inputs.mpg_counts[k]).value.abs()
+        };
+        machine.cycles(3);
+        turn_mpg(&mut machine, 1, 300);
+        machine.cycles(2);
+        assert_eq!(count(&machine, 1), 300);
+        assert_eq!(count(&machine, 0), 0);
+        machine
+            .driver
+            .pins_mut()
+            .set_param(inputs.mpg_4x[3], true)
+            .expect("a switch");
+        machine.cycles(1);
+        turn_mpg(&mut machine, 3, 100);
+        machine.cycles(2);
+        assert_eq!(count(&machine, 3), 400);
+        machine.driver.pins_mut().set(inputs.mpg_resets[1], true);
+        machine.cycles(1);
+        assert_eq!(count(&machine, 1), 0);
+        machine.driver.pins_mut().set(inputs.mpg_resets[1], false);
+        turn_mpg(&mut machine, 1, 2);
+        machine.cycles(2);
+        assert_eq!((count(&machine, 1), count(&machine, 3)), (2, 400));
+    }
 }
 
 #[test]
 fn isolated_outputs_and_leds_follow_and_can_be_turned_round() {
-    let mut machine = board();
-    let card = machine.card.clone();
-    let on = |machine: &mut Machine<SimFpga>| {
-        let fpga = machine.fpga();
-        [0, 1, 2, 3, 4, 5].map(|n| fpga.isolated_output(n))
-    };
-    let lit = |machine: &mut Machine<SimFpga>| {
-        let leds = machine.fpga().leds();
-        [0, 1, 2, 3].map(|n| leds.is_lit(n))
-    };
-    machine.cycles(2);
-    assert_eq!(
-        (on(&mut machine), lit(&mut machine)),
-        ([false; 6], [false; 4])
-    );
-    for n in 0..6 {
-        for (k, output) in card.outputs.outputs.iter().enumerate() {
-            machine.driver.pins_mut().set(output.out, k == n);
+    for mut machine in both_firmwares().map(Machine::new) {
+        let card = machine.card.clone();
+        let on = |machine: &mut Machine<SimFpga>| {
+            let fpga = machine.fpga();
+            [0, 1, 2, 3, 4, 5].map(|n| fpga.isolated_output(n))
+        };
+        let lit = |machine: &mut Machine<SimFpga>| {
+            let leds = machine.fpga().leds();
+            [0, 1, 2, 3].map(|n| leds.is_lit(n))
+        };
+        machine.cycles(2);
+        assert_eq!(
+            (on(&mut machine), lit(&mut machine)),
+            ([false; 6], [false; 4])
+        );
+        for n in 0..6 {
+            for (k, output) in card.outputs.outputs.iter().enumerate() {
+                machine.driver.pins_mut().set(output.out, k == n);
+            }
+            for (k, led) in card.leds.leds.iter().enumerate() {
+                machine.driver.pins_mut().set(*led, k == n);
+            }
+            machine.cycles(1);
+            assert_eq!(on(&mut machine), [0, 1, 2, 3, 4, 5].map(|k| k == n));
+            assert_eq!(lit(&mut machine), [0, 1, 2, 3].map(|k| k == n));
         }
-        for (k, led) in card.leds.leds.iter().enumerate() {
-            machine.driver.pins_mut().set(*led, k == n);
-        }
+        machine
+            .driver
+            .pins_mut()
+            .set(card.outputs.outputs[2].invert, true);
         machine.cycles(1);
-        assert_eq!(on(&mut machine), [0, 1, 2, 3, 4, 5].map(|k| k == n));
-        assert_eq!(lit(&mut machine), [0, 1, 2, 3].map(|k| k == n));
+        assert_eq!(on(&mut machine), [false, false, true, false, false, true]);
+        let Some(rate) = card.outputs.rate else {
+            assert!(machine.fpga().ssr().is_none(), "only SSR has a drive");
+            continue;
+        };
+        machine.driver.pins_mut().set(rate, 0);
+        machine.cycles(1);
+        assert_eq!(on(&mut machine), [false; 6], "without drive");
     }
-    machine
-        .driver
-        .pins_mut()
-        .set(card.outputs.outputs[2].invert, true);
-    machine.cycles(1);
-    assert_eq!(on(&mut machine), [false, false, true, false, false, true]);
-    machine.driver.pins_mut().set(card.outputs.rate, 0);
-    machine.cycles(1);
-    assert_eq!(on(&mut machine), [false; 6], "without drive");
 }
 
 #[test]
@@ -432,76 +448,95 @@ fn a_pin_that_a_module_uses_is_no_plain_io() {
 
 #[test]
 fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
-    let mut machine = Machine::build(machines::six_axes_7i97(MotorConfig::default()), |builder| {
-        builder.gpio(
-            40,
-            GpioConfig {
-                output: true,
-                ..GpioConfig::default()
-            },
-        )
-    });
-    let card = machine.card.clone();
-    let (out, [analog, ..]) = (card.io[40].out.expect("an output"), card.analog_out);
-    // A setting that is not the one of the set-up.
-    let later = card.io[41];
-    let (is_output, later_out) = (later.is_output.expect("one"), later.out.expect("one"));
-    machine
-        .driver
-        .pins_mut()
-        .set_param(is_output, true)
-        .expect("a switch");
-    let command = |machine: &mut Machine<SimFpga>| {
-        let pins = machine.driver.pins_mut();
-        pins.set(analog.value, 3.0);
-        pins.set(analog.enable, true);
-        pins.set(card.outputs.outputs[1].out, true);
-        pins.set(out, true);
-        pins.set(later_out, true);
-    };
-    let state = |machine: &mut Machine<SimFpga>| {
-        let fpga = machine.fpga();
-        let drive = fpga.analog_output(0);
-        (
-            (drive.volts * 10.0).round() as i32,
-            drive.enabled,
-            fpga.isolated_output(1),
-        )
-    };
-    command(&mut machine);
-    machine.cycles(3);
-    assert_eq!(state(&mut machine), (30, true, true));
-    machine.driver.bus_mut().wait(Duration::from_millis(20));
-    assert!(machine.fpga().watchdog().has_bitten());
-    assert_eq!(state(&mut machine), (0, false, false), "the board itself");
-    assert_eq!(machine.cycle().board, BoardState::WatchdogBitten);
-    let pins = machine.driver.pins();
-    assert!(!pins.commanded(out), "what was set before is forgotten");
-    assert!(!pins.read(card.encoders[0].count).valid);
-    command(&mut machine);
-    machine.cycles(3);
-    assert_eq!(state(&mut machine), (0, false, false), "not rearmed");
-    // Once for the set-up, and again when the board has been seen to run.
-    for _ in 0..2 {
-        let _ = machine.driver.rearm().expect("the bus does not fail");
-        let _ = machine.cycle();
+    for fpga in both_firmwares() {
+        let mut machine = Machine::build(fpga, |builder| {
+            builder.gpio(
+                40,
+                GpioConfig {
+                    output: true,
+                    ..GpioConfig::default()
+                },
+            )
+        });
+        let card = machine.card.clone();
+        let (out, [analog, ..]) = (card.io[40].out.expect("an output"), card.analog_out);
+        // A setting that is not the one of the set-up.
+        let later = card.io[41];
+        let (is_output, later_out) = (later.is_output.expect("one"), later.out.expect("one"));
+        machine
+            .driver
+            .pins_mut()
+            .set_param(is_output, true)
+            .expect("a switch");
+        let command = |machine: &mut Machine<SimFpga>| {
+            let pins = machine.driver.pins_mut();
+            pins.set(analog.value, 3.0);
+            pins.set(analog.enable, true);
+            pins.set(card.outputs.outputs[1].out, true);
+            pins.set(card.outputs.outputs[4].invert, true);
+            pins.set(out, true);
+            pins.set(later_out, true);
+        };
+        let state = |machine: &mut Machine<SimFpga>| {
+            let fpga = machine.fpga();
+            let drive = fpga.analog_output(0);
+            (
+                (drive.volts * 10.0).round() as i32,
+                drive.enabled,
+                [1, 4].map(|n| fpga.isolated_output(n)),
+            )
+        };
+        command(&mut machine);
+        let slow = card.inputs.inputs[2];
+        machine.driver.pins_mut().set(slow.slow, true);
+        machine.cycles(3);
+        assert_eq!(state(&mut machine), (30, true, [true; 2]));
+        machine.driver.bus_mut().wait(Duration::from_millis(20));
+        assert!(machine.fpga().watchdog().has_bitten());
+        assert_eq!(
+            state(&mut machine),
+            (0, false, [false; 2]),
+            "the board itself"
+        );
+        assert_eq!(machine.cycle().board, BoardState::WatchdogBitten);
+        let pins = machine.driver.pins();
+        assert!(!pins.commanded(out), "what was set before is forgotten");
+        assert!(!pins.commanded(card.outputs.outputs[1].out));
+        assert!(!pins.read(card.encoders[0].count).valid);
+        assert!(!pins.read(card.inputs.inputs[0].filtered.pin).valid);
+        assert!(!pins.read(card.inputs.mpg_counts[0]).valid);
+        command(&mut machine);
+        machine.cycles(3);
+        assert_eq!(state(&mut machine), (0, false, [false; 2]), "not rearmed");
+        // Once for the set-up, and again when the board has been seen to run.
+        for _ in 0..2 {
+            let _ = machine.driver.rearm().expect("the bus does not fail");
+            let _ = machine.cycle();
+        }
+        let unset = (0, false, [false, true]);
+        assert_eq!(state(&mut machine), unset, "nothing set since, and invert");
+        command(&mut machine);
+        machine.cycles(2);
+        assert_eq!(state(&mut machine), (30, true, [true; 2]));
+        assert!(machine.fpga().pin_level(40) && machine.fpga().pin_level(41));
+        machine.driver.pins_mut().set(later_out, false);
+        machine.cycles(1);
+        assert!(
+            !machine.fpga().pin_level(41),
+            "a setting made later is restored too"
+        );
+        machine.fpga().set_input(2, true);
+        machine.cycles(10);
+        let read = |pin| machine.driver.pins().read(pin);
+        let (raw, filtered) = (read(slow.raw.pin), read(slow.filtered.pin));
+        assert!(raw.valid && raw.value, "inverted again");
+        assert!(filtered.valid && !filtered.value, "slow again");
+        let rate = machine.fpga().encoders().expect("encoders").sample_rate();
+        assert!(
+            (rate - 100e6 / 32.0).abs() < 1.0,
+            "half of ClockLow/16: {rate}"
+        );
     }
-    assert_eq!(state(&mut machine), (0, false, false), "nothing set since");
-    command(&mut machine);
-    machine.cycles(2);
-    assert_eq!(state(&mut machine), (30, true, true));
-    assert!(machine.fpga().pin_level(40) && machine.fpga().pin_level(41));
-    machine.driver.pins_mut().set(later_out, false);
-    machine.cycles(1);
-    assert!(
-        !machine.fpga().pin_level(41),
-        "a setting made later is restored too"
-    );
-    let rate = machine.fpga().encoders().expect("encoders").sample_rate();
-    assert!(
-        (rate - 100e6 / 32.0).abs() < 1.0,
-        "half of ClockLow/16: {rate}"
-    );
 }
 
 #[test]

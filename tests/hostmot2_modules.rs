@@ -6,7 +6,7 @@ use core::time::Duration;
 use hostmot2_support::{MapBus, i7i92_with_7i77, i7i97};
 use mesa_hal::hostmot2::{
     Dpll, DpllConfig, EncoderConfig, Encoders, GpioSetup, Gtag, HostMot2, InMux, InMuxConfig,
-    IoPinError, IoPorts, Leds, LocateError, PdmRate, PortPlan, PwmGenerators, PwmScale, Ssr,
+    IoPinError, IoPorts, Leds, LocateError, OutM, PdmRate, PortPlan, PwmGenerators, PwmScale, Ssr,
     TickRate, Watchdog,
 };
 
@@ -86,6 +86,36 @@ fn addresses_follow_the_descriptor_and_not_the_usual_place() {
     let pwm = PwmGenerators::locate(&firmware).unwrap();
     assert_eq!(pwm.value.address(1), Some(0x9004));
     assert_eq!(pwm.enables, 0x9400);
+}
+
+/// OutM in the place of SSR, with so many instances and registers.
+fn with_out_m(instances: u8, registers: u8) -> HostMot2 {
+    let mut bus = i7i97();
+    let ssr = 0x0440 + 12 * 7;
+    bus.set(ssr, u32::from_le_bytes([0x2D, 0, 1, instances]));
+    bus.set(ssr + 4, u32::from_le_bytes([0x00, 0xB0, registers, 0]));
+    bus.set(ssr + 8, 1);
+    identified(bus).1
+}
+
+#[test]
+fn each_instance_of_outm_has_its_register_and_others_are_refused() {
+    let firmware = with_out_m(2, 1);
+    let addresses = [0, 1].map(|instance| OutM::locate(&firmware, instance).unwrap().data);
+    assert_eq!(addresses, [0xB000, 0xB004]);
+    assert_eq!(
+        OutM::locate(&firmware, 2).unwrap_err().to_string(),
+        "there is no OutM (2D) 2: this firmware has 2 of them, counted from 0"
+    );
+    assert!(matches!(
+        Ssr::locate(&firmware, 0),
+        Err(LocateError::Missing(_))
+    ));
+    let (_, usual) = identified(i7i97());
+    let missing = OutM::locate(&usual, 0).unwrap_err();
+    assert!(matches!(missing, LocateError::Missing(_)));
+    assert!(missing.to_string().contains("OutM"), "{missing}");
+    assert!(OutM::locate(&with_out_m(1, 0), 0).is_err(), "no register");
 }
 
 #[test]

@@ -6,8 +6,8 @@ use mesa_hal::bus::RegisterBus;
 use mesa_hal::hostmot2::{
     ControlWord, CountWord, Dpll, DpllConfig, Encoder, EncoderConfig, EncoderReading,
     EncoderSample, Encoders, GpioSetup, Gtag, HostMot2, InMux, InMuxConfig, IoPorts, LatchRequest,
-    LedWord, Leds, MpgCounters, MpgWord, PdmRate, PinPlace, PortPlan, PwmGenerators, PwmScale, Ssr,
-    TickRate, Watchdog, WatchdogStatus,
+    LedWord, Leds, MpgCounters, MpgWord, OutM, PdmRate, PinPlace, PortPlan, PwmGenerators,
+    PwmScale, Ssr, TickRate, Watchdog, WatchdogStatus,
 };
 use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimFpga, machines};
 
@@ -24,7 +24,11 @@ struct Machine {
 const EXPANSION: u16 = 34;
 
 fn i7i97() -> Machine {
-    let mut fpga = machines::i7i97(1);
+    machine(machines::i7i97(1), [Gtag::SSR, Gtag::IN_MUX])
+}
+
+/// With the modules of its isolated outputs and inputs.
+fn machine(mut fpga: SimFpga, [outputs, inputs]: [Gtag; 2]) -> Machine {
     let firmware = HostMot2::identify(&mut fpga).unwrap();
     let ports = IoPorts::locate(&firmware).unwrap();
     let plan = &mut PortPlan::new(&ports);
@@ -33,8 +37,8 @@ fn i7i97() -> Machine {
         (Gtag::PWM, 1),
         (Gtag::MUXED_ENCODER, 0),
         (Gtag::MUX_SELECT, 0),
-        (Gtag::SSR, 0),
-        (Gtag::IN_MUX, 0),
+        (outputs, 0),
+        (inputs, 0),
         (Gtag::SSERIAL, 0),
     ] {
         plan.use_module(&firmware, gtag, unit).unwrap();
@@ -284,6 +288,31 @@ fn inputs_outputs_leds_and_gpio_reach_their_terminals() {
         assert_eq!(fpga.pin_level(EXPANSION as usize), on);
         assert_eq!(machine.gpio.get(fpga.read(data).unwrap()), on);
     }
+}
+
+#[test]
+fn the_outputs_and_inputs_of_newer_firmware_reach_their_terminals() {
+    let mut machine = machine(machines::i7i97_inm_outm(1), [Gtag::OUT_M, Gtag::IN_M]);
+    let fpga = &mut machine.fpga;
+    let inputs = InMux::locate(&machine.firmware, Gtag::IN_M, 0).unwrap();
+    let control = inputs.set_up(fpga, &InMuxConfig::default()).unwrap();
+    assert_eq!(control.last_input(), 15);
+    fpga.set_input(15, true);
+    fpga.wait(CYCLE);
+    assert_eq!(fpga.read(inputs.filtered).unwrap(), 1 << 15);
+
+    let out_m = OutM::locate(&machine.firmware, 0).unwrap();
+    let on = |fpga: &SimFpga| [0, 1, 2, 3, 4, 5].map(|output| fpga.isolated_output(output));
+    assert_eq!(on(fpga), [false; 6]);
+    for lit in 0..6 {
+        fpga.write(out_m.data, 1 << lit).unwrap();
+        assert_eq!(on(fpga), [0, 1, 2, 3, 4, 5].map(|output| output == lit));
+    }
+    let watchdog = Watchdog::locate(&machine.firmware).unwrap();
+    watchdog.arm(fpga, Watchdog::DEFAULT_TIMEOUT).unwrap();
+    assert!(fpga.isolated_output(5));
+    fpga.wait(6 * CYCLE);
+    assert_eq!(on(fpga), [false; 6], "the watchdog has bitten");
 }
 
 #[test]

@@ -1,8 +1,6 @@
 //! The modules of the simulated FPGA behave as REGISTERS and FACTS 9.4 say.
 
-use mesa_hal::sim::{
-    AxisWiring, DriveSource, ModuleDescriptor, MotorConfig, PinDescriptor, SimFpga, gtag, machines,
-};
+use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimFpga, gtag, machines};
 
 const MS: u64 = 1_000_000;
 
@@ -376,19 +374,7 @@ fn pwm_of_version_1_dithers() {
 
 #[test]
 fn newer_firmware_with_inm_and_outm_behaves_alike() {
-    let mut firmware = machines::firmware_7i97(1);
-    let inputs = firmware.module_mut(gtag::IN_MUX).expect("InMux");
-    *inputs = ModuleDescriptor::new(gtag::IN_M, 0, 1, 1, 0x8500, 5, 0x00, 0);
-    let outputs = firmware.module_mut(gtag::SSR).expect("SSR");
-    *outputs = ModuleDescriptor::new(gtag::OUT_M, 0, 1, 1, 0xB000, 1, 0x00, 0);
-    for (number, pin) in firmware.pins.iter_mut().enumerate() {
-        match number {
-            19..25 => *pin = PinDescriptor::new(gtag::OUT_M, 0, 0x81 + (number - 19) as u8),
-            34..50 => *pin = PinDescriptor::new(gtag::IN_M, 0, 1 + (number - 34) as u8),
-            _ => {}
-        }
-    }
-    let mut fpga = SimFpga::new(firmware);
+    let mut fpga = machines::i7i97_inm_outm(1);
     assert_eq!(fpga.read_register(0x8500) & 0x1F, 15);
     assert_eq!(fpga.read_register(0x8800), 0xFFFF, "no current flows");
     fpga.write_register(0x8500, 1 << 5);

@@ -276,7 +276,7 @@ fn show_board(text: &mut String, machine: &mut Machine) {
             u8::from(signal.enabled),
         );
     }
-    if fpga.ssr().is_some() {
+    if fpga.ssr().or(fpga.out_m()).is_some() {
         for output in 0..6 {
             let on = fpga.isolated_output(output);
             line(text, &format!("board.output-{output:02}"), u8::from(on));

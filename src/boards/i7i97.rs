@@ -2,7 +2,7 @@
 //! inputs with MPGs, six isolated outputs, a serial port and 17 expansion pins.
 //!
 //! The functions are those of its standard firmware. Custom firmware may use the expansion pins for
-//! modules: its pin descriptors tell.
+//! modules: its pin descriptors tell. Newer firmware may have InM for InMux, and OutM for SSR.
 //!
 //! Source: manual 7I97, "CONNECTORS"; FACTS 9.2.
 
@@ -10,7 +10,7 @@ use alloc::vec::Vec;
 
 use super::fpga::{
     DpllPins, EncoderBankPins, EncoderPins, EthernetPins, FpgaPins, GpioPins, InMuxKind, InMuxPins,
-    LedPins, PwmBankPins, PwmPins, PwmUse, SsrPins, WatchdogPins,
+    LedPins, OutputKind, OutputPins, PwmBankPins, PwmPins, PwmUse, WatchdogPins,
 };
 use super::table::terminals;
 use super::{BoardError, Terminal};
@@ -101,6 +101,24 @@ pub fn is_firmware_of(firmware: &HostMot2) -> bool {
     firmware.idrom().board_name.0.ends_with(b"7I97")
 }
 
+/// The module at the isolated inputs.
+pub(crate) fn input_module(firmware: &HostMot2) -> Gtag {
+    usual_or(firmware, Gtag::IN_MUX, Gtag::IN_M)
+}
+
+/// The module at the isolated outputs.
+pub(crate) fn output_module(firmware: &HostMot2) -> Gtag {
+    usual_or(firmware, Gtag::SSR, Gtag::OUT_M)
+}
+
+/// The newer module only where the usual one is not: beside it, it is for something else.
+fn usual_or(firmware: &HostMot2, usual: Gtag, newer: Gtag) -> Gtag {
+    match (firmware.find(usual), firmware.find(newer)) {
+        (None, Some(_)) => newer,
+        _ => usual,
+    }
+}
+
 /// What PWM generator `n` is for: an analog output and its enable.
 pub(crate) fn analog_use(n: usize) -> PwmUse {
     PwmUse {
@@ -136,10 +154,10 @@ pub struct I7i97 {
     pub analog_out: [PwmPins; 6],
     /// ENA0 to ENA5: the board switches ENA0 to ENA3 together.
     pub enables: [Output<bool>; 6],
-    /// The 16 isolated inputs and the MPGs on IN0 to IN7.
+    /// The 16 isolated inputs and the MPGs on IN0 to IN7, of InMux or else InM.
     pub inputs: InMuxPins,
-    /// The six isolated outputs.
-    pub outputs: SsrPins,
+    /// The six isolated outputs, of SSR or else OutM.
+    pub outputs: OutputPins,
     /// CR01 to CR04.
     pub leds: LedPins,
     /// All I/O pins by number; the expansion pins begin at [`FIRST_EXPANSION_PIN`].
@@ -164,8 +182,16 @@ impl I7i97 {
         }
         let encoders = all_of(&made.encoders, Gtag::MUXED_ENCODER, firmware)?;
         let analog_out: [PwmPins; 6] = all_of(&made.pwm, Gtag::PWM, firmware)?;
-        let [inputs] = all_of(&made.in_mux, Gtag::IN_MUX, firmware)?;
-        let [outputs] = all_of(&made.ssr, Gtag::SSR, firmware)?;
+        let (gtag, made_inputs) = match input_module(firmware) {
+            Gtag::IN_M => (Gtag::IN_M, &made.in_m),
+            usual => (usual, &made.in_mux),
+        };
+        let [inputs] = all_of(made_inputs, gtag, firmware)?;
+        let (gtag, made_outputs) = match output_module(firmware) {
+            Gtag::OUT_M => (Gtag::OUT_M, &made.out_m),
+            usual => (usual, &made.ssr),
+        };
+        let [outputs] = all_of(made_outputs, gtag, firmware)?;
         let [leds] = all_of(made.leds.as_slice(), Gtag::LED, firmware)?;
         let [encoder_bank] = all_of(made.encoder_bank.as_slice(), Gtag::MUXED_ENCODER, firmware)?;
         let [pwm_bank] = all_of(made.pwm_bank.as_slice(), Gtag::PWM, firmware)?;
@@ -225,7 +251,13 @@ impl I7i97 {
                 0,
                 (16, INPUT_TERMINALS),
             )?,
-            outputs: SsrPins::new(pins, group, board, 0, &OUTPUT_TERMINALS)?,
+            outputs: OutputPins::new(
+                pins,
+                group,
+                board,
+                (OutputKind::Ssr, 0),
+                (0..).zip(OUTPUT_TERMINALS),
+            )?,
             leds: LedPins::new(pins, group, board, 4)?,
             io: GpioPins::all(pins, group, board, descriptors, expansion_terminals)?,
         })

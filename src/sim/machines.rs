@@ -136,6 +136,39 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
     }
 }
 
+/// The firmware of a 7I97 with InM instead of InMux, and OutM instead of SSR.
+///
+/// Without multiplexing the 16 inputs have a pin each, on a fourth port behind the expansion pins;
+/// the pins of multiplexer and SSR reference are free. All else is as in [`firmware_7i97`]. Which
+/// pins a real firmware takes is not known.
+pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
+    let mut firmware = firmware_7i97(channels);
+    firmware.ports = 4;
+    if let Some(ports) = firmware.module_mut(gtag::IO_PORT) {
+        *ports = io_ports(4);
+    }
+    if let Some(inputs) = firmware.module_mut(gtag::IN_MUX) {
+        *inputs = module((gtag::IN_M, 0, 1, 1), (0x8500, 5, 0x00, 0));
+    }
+    if let Some(outputs) = firmware.module_mut(gtag::SSR) {
+        *outputs = module((gtag::OUT_M, 0, 1, 1), (0xB000, 1, 0x00, 0));
+    }
+    for pin in &mut firmware.pins {
+        match (pin.secondary, pin.pin) {
+            (gtag::SSR, 0xA0) | (gtag::IN_MUX, _) => *pin = PinDescriptor::gpio(),
+            (gtag::SSR, output) => *pin = PinDescriptor::new(gtag::OUT_M, 0, output),
+            _ => {}
+        }
+    }
+    for input in 0..16 {
+        firmware
+            .pins
+            .push(PinDescriptor::new(gtag::IN_M, 0, 0x01 + input));
+    }
+    firmware.pins.push(PinDescriptor::gpio());
+    firmware
+}
+
 /// A firmware that has smart serial ports only, at most four, with the given numbers of channels.
 pub fn firmware_serial(channels: &[u8]) -> Firmware {
     let mut pins = Vec::with_capacity(72);
@@ -244,6 +277,11 @@ pub fn i5i25_7i77() -> SimFpga {
 /// A 7I97 with `channels` serial channels, with nothing plugged in.
 pub fn i7i97(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97(channels))
+}
+
+/// The same with InM and OutM: see [`firmware_7i97_inm_outm`].
+pub fn i7i97_inm_outm(channels: u8) -> SimFpga {
+    SimFpga::new(firmware_7i97_inm_outm(channels))
 }
 
 /// A 7I92 with a 7I77, a 7I72 on the 7I77's expansion port, and six motors.

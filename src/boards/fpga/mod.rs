@@ -14,7 +14,7 @@ pub use encoder::{EncoderBankPins, EncoderPins};
 pub use gpio::{GpioPins, PinUse};
 pub use host::{DpllPins, EthernetPins, WatchdogPins};
 pub use in_mux::{InMuxInput, InMuxKind, InMuxPins};
-pub use outputs::{LedPins, SsrOutput, SsrPins};
+pub use outputs::{InvertibleOutput, LedPins, OutputKind, OutputPins};
 pub use pwm::{PwmBankPins, PwmPins, PwmUse};
 
 use alloc::format;
@@ -46,7 +46,9 @@ pub struct FpgaPins {
     /// The inputs with a pin each, by instance.
     pub in_m: Vec<InMuxPins>,
     /// The isolated outputs, by instance.
-    pub ssr: Vec<SsrPins>,
+    pub ssr: Vec<OutputPins>,
+    /// The plain outputs, by instance.
+    pub out_m: Vec<OutputPins>,
     /// The LEDs.
     pub leds: Option<LedPins>,
     /// All I/O pins by number.

@@ -1,4 +1,4 @@
-//! Isolated outputs and LEDs.
+//! Outputs, SSR and OutM; and LEDs.
 
 use alloc::format;
 use alloc::vec::Vec;
@@ -7,58 +7,81 @@ use super::Maker;
 use crate::boards::Terminal;
 use crate::hal::{GroupId, Output, PinError, Pins};
 
-/// The pins of one isolated output.
+/// Which of the two modules: they differ in names, and only SSR has a drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum OutputKind {
+    /// Isolated by a drive of alternating current.
+    Ssr,
+    /// Levels on pins.
+    OutM,
+}
+
+/// The pins of one output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SsrOutput {
-    /// Closes the output.
+pub struct InvertibleOutput {
+    /// Its number in its module, which names and bits of the register go by. A firmware need not
+    /// begin with 0.
+    pub number: u8,
+    /// Closes the output, or puts it high.
     pub out: Output<bool>,
-    /// Turns it round: closed for false.
+    /// Turns it round: closed or high for false.
     pub invert: Output<bool>,
 }
 
-/// The pins of one SSR instance: `hm2_7i97.0.ssr.00.out-00` and so on.
+/// The pins of one instance: `hm2_7i97.0.ssr.00.out-00`, `hm2_7i97.0.outm.00.out-00` and so on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct SsrPins {
-    /// The frequency of the isolation's drive in Hz; 0 switches all outputs off.
-    pub rate: Output<u32>,
-    /// The outputs.
-    pub outputs: Vec<SsrOutput>,
+pub struct OutputPins {
+    /// The frequency of the isolation's drive in Hz; 0 switches all outputs off. OutM has none.
+    pub rate: Option<Output<u32>>,
+    /// The outputs, by number.
+    pub outputs: Vec<InvertibleOutput>,
 }
 
-impl SsrPins {
-    /// Makes the pins of instance `number`, an output for each of `terminals`.
+impl OutputPins {
+    /// Makes the pins of instance `instance`: an output for each of `wired`, which are numbers
+    /// below 32 and terminals.
     pub fn new(
         pins: &mut Pins,
         group: GroupId,
         board: &str,
-        number: usize,
-        terminals: &[&[Terminal]],
+        (kind, instance): (OutputKind, usize),
+        wired: impl IntoIterator<Item = (u8, &'static [Terminal])>,
     ) -> Result<Self, PinError> {
-        let stem = format!("{board}.ssr.{number:02}.");
-        let rate = Maker::new(pins, group, stem.clone()).switch("rate", 1_000_000)?;
-        let mut outputs = Vec::with_capacity(terminals.len());
-        for (n, terminals) in terminals.iter().enumerate() {
+        let module = match kind {
+            OutputKind::Ssr => "ssr",
+            OutputKind::OutM => "outm",
+        };
+        let stem = format!("{board}.{module}.{instance:02}.");
+        let rate = match kind {
+            OutputKind::Ssr => {
+                let mut make = Maker::new(pins, group, stem.clone());
+                Some(make.switch("rate", 1_000_000)?)
+            }
+            OutputKind::OutM => None,
+        };
+        let mut outputs = Vec::new();
+        for (number, terminals) in wired {
             let mut make = Maker::new(pins, group, stem.clone()).at(terminals);
-            outputs.push(SsrOutput {
-                out: make.output(&format!("out-{n:02}"))?,
-                invert: make.switch(&format!("invert-{n:02}"), false)?,
+            outputs.push(InvertibleOutput {
+                number,
+                out: make.output(&format!("out-{number:02}"))?,
+                invert: make.switch(&format!("invert-{number:02}"), false)?,
             });
         }
         Ok(Self { rate, outputs })
     }
 
-    /// The data register: bit n for output n, 1 is closed.
+    /// The data register: bit n for output n, 1 is closed or high.
     ///
     /// # Real time
     /// Grows with the number of outputs; no allocation.
     pub fn data(&self, pins: &mut Pins) -> u32 {
         self.outputs
             .iter()
-            .enumerate()
-            .filter(|(n, _)| *n < 32)
-            .fold(0, |word, (n, output)| {
-                let closed = pins.fetch(output.out) != pins.fetch(output.invert);
-                word | u32::from(closed) << n
+            .filter(|output| output.number < 32)
+            .fold(0, |word, output| {
+                let on = pins.fetch(output.out) != pins.fetch(output.invert);
+                word | u32::from(on) << output.number
             })
     }
 }

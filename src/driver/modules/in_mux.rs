@@ -72,10 +72,7 @@ impl InMuxModule {
         (kind, gtag, instance): (InMuxKind, Gtag, u8),
     ) -> Result<Self, PartError> {
         parts.plan.use_module(parts.firmware, gtag, instance)?;
-        let known = match (instance, kind) {
-            (0, InMuxKind::InMux) => Wiring::of(parts.firmware).inputs(),
-            _ => &[],
-        };
+        let known = Wiring::of(parts.firmware).inputs(parts.firmware, (gtag, instance));
         let count = usize::from(last_input) + 1;
         let number = usize::from(instance);
         let (group, board) = (parts.group, parts.board);

@@ -28,7 +28,7 @@ use dpll::DpllModule;
 use encoder::EncoderModule;
 use in_mux::InMuxModule;
 use led::LedModule;
-use outputs::SsrModule;
+use outputs::OutputModule;
 use pwm::PwmModule;
 
 /// What modules are made from, and what they leave for others.
@@ -73,7 +73,7 @@ pub(super) fn build_modules<B: RegisterBus>(
     );
     add(&mut modules, PwmModule::build(making, choices.pwm_hz)?);
     add(&mut modules, InMuxModule::build_all(making, bus)?);
-    add(&mut modules, SsrModule::build_all(making)?);
+    add(&mut modules, OutputModule::build_all(making)?);
     add(&mut modules, LedModule::build(making)?);
     Ok(modules)
 }

@@ -2,7 +2,7 @@
 
 use crate::boards::fpga::PwmUse;
 use crate::boards::{Terminal, i7i77, i7i97};
-use crate::hostmot2::{HostMot2, TickRate};
+use crate::hostmot2::{Gtag, HostMot2, TickRate};
 
 /// The board whose tables apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,21 +59,26 @@ impl Wiring {
         }
     }
 
-    /// The terminals of the isolated inputs.
-    pub const fn inputs(self) -> &'static [Terminal] {
+    /// The terminals of an input module, if it is the one at the isolated inputs.
+    pub fn inputs(self, firmware: &HostMot2, module: (Gtag, u8)) -> &'static [Terminal] {
         match self {
-            Self::I7i97 => i7i97::INPUT_TERMINALS,
-            Self::Connectors => &[],
+            Self::I7i97 if module == (i7i97::input_module(firmware), 0) => i7i97::INPUT_TERMINALS,
+            _ => &[],
         }
     }
 
-    /// The terminals of isolated output `number`.
-    pub fn output(self, number: usize) -> &'static [Terminal] {
+    /// The terminals of an output module, by output, if it is the one at the isolated outputs.
+    pub fn outputs(
+        self,
+        firmware: &HostMot2,
+        module: (Gtag, u8),
+    ) -> &'static [&'static [Terminal]] {
         match self {
-            Self::I7i97 => i7i97::OUTPUT_TERMINALS.get(number).copied(),
-            Self::Connectors => None,
+            Self::I7i97 if module == (i7i97::output_module(firmware), 0) => {
+                &i7i97::OUTPUT_TERMINALS
+            }
+            _ => &[],
         }
-        .unwrap_or(&[])
     }
 
     /// The terminals of I/O pin `number`.

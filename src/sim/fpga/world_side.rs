@@ -158,6 +158,11 @@ impl SimFpga {
         outputs.is_some_and(|outputs| outputs.is_on(output, &self.io))
     }
 
+    /// The plain output module.
+    pub fn out_m(&self) -> Option<&Outputs> {
+        self.out_m.as_ref()
+    }
+
     /// The solid-state relay module.
     pub fn ssr(&self) -> Option<&Outputs> {
         self.ssr.as_ref()

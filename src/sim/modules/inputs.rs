@@ -169,8 +169,8 @@ impl Inputs {
 
     fn scan_nanos(&self) -> f64 {
         let divisor = (self.control >> 6 & 0x3FF) + 1;
-        let channels = if self.multiplexed { self.count } else { 1 };
-        4e9 / f64::from(self.clock) * f64::from(divisor) * channels as f64
+        // InM too takes its inputs one after the other.
+        4e9 / f64::from(self.clock) * f64::from(divisor) * self.count as f64
     }
 
     fn filter_nanos(&self, input: usize) -> Nanos {
