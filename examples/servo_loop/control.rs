@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
-use mesa_hal::driver::Driver;
+use mesa_hal::driver::{CycleError, Driver};
 use mesa_hal::hal::{Input, PinError};
 use mesa_hal::sslbp::Channel;
 
@@ -23,6 +23,9 @@ const GAIN: f64 = 40.0;
 const SETTLED: f64 = 0.25;
 /// A field output keeps its level for so many cycles.
 const STEP: u64 = 20;
+/// So many failed reads in a row say that the board is gone.
+const GONE: u32 = 50;
+
 /// The longest wait for a transfer, which is measured that way.
 const TRANSFER_LIMIT: Duration = Duration::from_micros(500);
 
@@ -129,8 +132,8 @@ impl<B: World> Control<B> {
             Ok(report) => self.bad_cycles += u64::from(!report.is_good()),
             Err(error) => {
                 self.bad_cycles += 1;
-                // A lost packet is survived; that the board is gone is not.
-                if self.bad_cycles > args.cycles() / 10 {
+                // Lost packets are survived; that the board is gone is not.
+                if !matches!(error, CycleError::Read { consecutive, .. } if consecutive < GONE) {
                     return Err(error.into());
                 }
             }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{Failure, PortStatistics, RemoteStatus, SerialPort};
 
 use crate::args::Args;
@@ -114,6 +115,20 @@ fn print_cycles<B: World>(control: &Control<B>) {
         micros(control.host_time) / cycles,
         micros(below) / cycles
     );
+    let packets = control.driver.bus().statistics();
+    if packets.bytes_sent > 0 {
+        println!(
+            "Packets: {} lost, {} late, {} twice, {} stale, {} short, {} foreign; writes: {} lost, {} unconfirmed.",
+            packets.lost,
+            packets.late,
+            packets.duplicate,
+            packets.stale,
+            packets.short,
+            packets.foreign,
+            packets.lost_writes,
+            packets.unconfirmed_writes,
+        );
+    }
     let rejections = control.driver.pins().total_rejections();
     println!(
         "Values that were not used as set: {} not finite, {} out of range.",

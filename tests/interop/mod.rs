@@ -3,6 +3,7 @@
 //! The simulated board is the example `sim_board`. `cargo test` builds examples in the same
 //! profile as the tests, so it lies beside them; a run that leaves the examples out
 //! (`cargo test --test ...`) builds it here.
+#![allow(dead_code, reason = "each test that includes this uses what it needs")]
 
 pub mod console;
 
@@ -15,19 +16,22 @@ use std::{
 /// The example `sim_board` in the profile of this test, built if it is not there or is old.
 pub fn sim_board() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        let test = std::env::current_exe().expect("a test knows where it is");
-        // target/PROFILE/deps/test-hash
-        let profile = test.ancestors().nth(2).expect("target/PROFILE");
-        let mut build = Command::new(env!("CARGO"));
-        build.args(["build", "--quiet", "--example", "sim_board"]);
-        if profile.ends_with("release") {
-            build.arg("--release");
-        }
-        let target = profile.parent().expect("target");
-        build.arg("--target-dir").arg(target);
-        let status = build.current_dir(env!("CARGO_MANIFEST_DIR")).status();
-        assert!(status.expect("cargo runs").success(), "sim_board builds");
-        profile.join("examples/sim_board")
-    })
+    BUILT.get_or_init(|| example("sim_board"))
+}
+
+/// An example in the profile of this test, built if it is not there or is old.
+pub fn example(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a test knows where it is");
+    // target/PROFILE/deps/test-hash
+    let profile = test.ancestors().nth(2).expect("target/PROFILE");
+    let mut build = Command::new(env!("CARGO"));
+    build.args(["build", "--quiet", "--example", name]);
+    if profile.ends_with("release") {
+        build.arg("--release");
+    }
+    let target = profile.parent().expect("target");
+    build.arg("--target-dir").arg(target);
+    let status = build.current_dir(env!("CARGO_MANIFEST_DIR")).status();
+    assert!(status.expect("cargo runs").success(), "{name} builds");
+    profile.join("examples").join(name)
 }
