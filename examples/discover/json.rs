@@ -4,6 +4,7 @@ use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use serde_json::{Value, json};
 
 use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
+use crate::terminals;
 
 pub fn of(report: &Report) -> Value {
     let idrom = report.firmware.idrom();
@@ -32,7 +33,8 @@ pub fn of(report: &Report) -> Value {
                 "base": module.base,
                 "clock_hz": module.clock_hz,
             })).collect::<Vec<_>>(),
-            "pins": report.firmware.pins().iter().map(|pin| json!({
+            "pins": report.firmware.pins().iter().enumerate().map(|(number, pin)| json!({
+                "terminals": terminals::of(&report.firmware, number, *pin),
                 "function": pin.to_string(),
                 "driven_by_module": pin.is_output(),
             })).collect::<Vec<_>>(),

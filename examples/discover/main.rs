@@ -8,6 +8,7 @@
 
 mod json;
 mod report;
+mod terminals;
 mod text;
 
 use std::error::Error;

@@ -4,6 +4,7 @@ use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use mesa_hal::process_data::Scaling;
 
 use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
+use crate::terminals;
 
 pub fn print(report: &Report) {
     if let Some(identity) = &report.identity {
@@ -61,9 +62,11 @@ fn print_firmware(report: &Report) {
             (false, _) => "in/out",
         };
         println!(
-            "  {number:>3}  connector {} pin {:>2}  {way:<6}  {pin}",
+            "  {number:>3}  connector {} pin {:>2}  {way:<6}  {:<24} {}",
             number / width,
             number % width,
+            pin.to_string(),
+            terminals::of(&report.firmware, number, *pin),
         );
     }
 }
