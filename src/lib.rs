@@ -39,6 +39,16 @@
 //! that is out of range its nearest limit; both are counted. After a failure, outputs are safe
 //! until the application re-arms them.
 //!
+//! # What nothing can notice
+//! - An encoder counts 16 bits: one that moves more than 32,767 counts between two good reads is
+//!   miscounted. At 3 million counts a second that is 10 ms; keep the watchdog and
+//!   [`Builder::bus_error_limit`](driver::Builder::bus_error_limit) below what the machine's
+//!   fastest axis allows.
+//! - Smart serial replies carry no number. One that comes a whole period late is told from the next
+//!   by the rest a channel gets after a failure; two in a row that late are not.
+//! - A write packet that the network delays is executed when it arrives. It is counted then, and
+//!   the next write overrides it.
+//!
 //! # Features
 //! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
 //! - `log` (default): messages at set-up, never in the cycle.
