@@ -111,6 +111,9 @@ fn measure(address: SocketAddrV4, seconds: u32, rate: u32) -> Result<(), Box<dyn
     );
     println!("CPU per cycle: {:.1} us", microseconds(cpu));
     println!("bus: {after:?}");
+    for option in driver.bus().socket_options().refused() {
+        println!("this host does not allow {option}");
+    }
     driver.shutdown()?;
     Ok(())
 }

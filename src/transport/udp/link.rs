@@ -74,6 +74,19 @@ pub struct SocketOptions {
     pub dont_fragment: bool,
 }
 
+impl SocketOptions {
+    /// Those that this host did not allow, by the names that system administrators know.
+    pub fn refused(self) -> impl Iterator<Item = &'static str> {
+        let all = [
+            (self.busy_poll, "SO_BUSY_POLL"),
+            (self.priority, "SO_PRIORITY"),
+            (self.dont_fragment, "IP_MTU_DISCOVER"),
+        ];
+        all.into_iter()
+            .filter_map(|(allowed, name)| (!allowed).then_some(name))
+    }
+}
+
 /// A UDP socket that talks to one board only.
 ///
 /// It is connected, so the kernel keeps datagrams of other senders away and reports a refusal.
@@ -181,5 +194,38 @@ impl Link for UdpLink {
         while self.now() < deadline {
             core::hint::spin_loop();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_that_were_refused_are_named() {
+        let options = SocketOptions {
+            priority: true,
+            ..SocketOptions::default()
+        };
+        let refused: Vec<_> = options.refused().collect();
+        assert_eq!(refused, ["SO_BUSY_POLL", "IP_MTU_DISCOVER"]);
+    }
+
+    #[test]
+    fn a_receive_ends_at_its_deadline_or_with_a_datagram() {
+        let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let SocketAddr::V4(address) = board.local_addr().unwrap() else {
+            panic!("an IPv4 socket");
+        };
+        let mut link = UdpLink::connect(address).unwrap();
+        let deadline = link.now().after(Duration::from_micros(300));
+        assert_eq!(link.receive(&mut [0; 8], deadline), Ok(None));
+        assert!(link.now() >= deadline);
+        link.send(b"ping").unwrap();
+        let mut buffer = [0; 8];
+        let (length, from) = board.recv_from(&mut buffer).unwrap();
+        board.send_to(&buffer[..length], from).unwrap();
+        let deadline = link.now().after(Duration::from_secs(5));
+        assert_eq!(link.receive(&mut buffer, deadline), Ok(Some(4)));
     }
 }

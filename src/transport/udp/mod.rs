@@ -83,6 +83,10 @@ impl UdpBus<UdpLink> {
             link,
             waited: Duration::ZERO,
         })?;
+        #[cfg(feature = "log")]
+        for option in link.options().refused() {
+            log::info!("{address}: this host does not allow {option}; round trips may be longer");
+        }
         Self::new(link, config)
     }
 
