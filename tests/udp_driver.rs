@@ -1,5 +1,6 @@
-//! The driver on an Ethernet board behind a bad network, on virtual time: whatever is lost, late,
-//! doubled or reordered is counted, and no pin ever shows what was not true at its time.
+//! The driver on an Ethernet board behind a bad network, on virtual time: lost and doubled packets
+//! and replies that come late, behind later ones, are counted, and no pin ever shows what was not
+//! true at its time.
 
 mod ethernet_support;
 

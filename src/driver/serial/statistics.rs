@@ -84,7 +84,9 @@ impl TimeHistogram {
         for (micros, &count) in (0u64..).zip(&self.buckets) {
             seen += u64::from(count);
             if seen >= wanted {
-                return Some(Duration::from_micros(micros));
+                // A bucket begins at whole microseconds, which may be below the shortest time.
+                let time = Duration::from_micros(micros);
+                return Some(time.clamp(self.min, self.max));
             }
         }
         self.max()
@@ -113,5 +115,14 @@ mod tests {
         assert_eq!(times.percentile(100), Some(Duration::from_millis(9)));
         assert_eq!(times.min(), Some(Duration::from_micros(1)));
         assert_eq!(times.count(), 100);
+    }
+
+    #[test]
+    fn a_percentile_is_never_shorter_than_the_shortest() {
+        let mut times = TimeHistogram::default();
+        times.record(Duration::from_nanos(71_600));
+        times.record(Duration::from_nanos(71_900));
+        assert_eq!(times.median(), times.min());
+        assert_eq!(times.percentile(100), times.min());
     }
 }
