@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::Driver;
+use mesa_hal::driver::{Driver, Pace};
 use mesa_hal::lbp16;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
@@ -18,11 +18,19 @@ const USAGE: &str = "\
 Runs the cycle of an Ethernet board with everything on it, and prints what a cycle costs.
 All outputs stay off.
 
-Usage: cycle_cost --addr IP[:PORT] [--seconds N] [--rate HZ]";
+Usage: cycle_cost --addr IP[:PORT] [--seconds N] [--rate HZ] [--pace host|board]";
+
+#[derive(Clone, Copy, Debug)]
+struct Options {
+    address: SocketAddrV4,
+    seconds: u32,
+    rate: u32,
+    pace: Pace,
+}
 
 fn main() -> ExitCode {
     match options(lexopt::Parser::from_env()) {
-        Ok(Some((address, seconds, rate))) => match measure(address, seconds, rate) {
+        Ok(Some(options)) => match measure(options) {
             Ok(()) => ExitCode::SUCCESS,
             Err(error) => {
                 eprintln!("cycle_cost: {error}");
@@ -40,16 +48,16 @@ fn main() -> ExitCode {
     }
 }
 
-fn options(
-    mut arguments: lexopt::Parser,
-) -> Result<Option<(SocketAddrV4, u32, u32)>, lexopt::Error> {
+fn options(mut arguments: lexopt::Parser) -> Result<Option<Options>, lexopt::Error> {
     use lexopt::prelude::*;
     let (mut address, mut seconds, mut rate) = (None, 5, 1000);
+    let mut pace = Pace::Host;
     while let Some(argument) = arguments.next()? {
         match argument {
             Long("addr") => address = Some(arguments.value()?.parse_with(parse_address)?),
             Long("seconds") => seconds = arguments.value()?.parse()?,
             Long("rate") => rate = arguments.value()?.parse()?,
+            Long("pace") => pace = arguments.value()?.parse_with(parse_pace)?,
             Long("help") | Short('h') => return Ok(None),
             _ => return Err(argument.unexpected()),
         }
@@ -58,7 +66,20 @@ fn options(
         return Err("--seconds is 1 to 3600, --rate 10 to 10000".into());
     }
     let address = address.ok_or("say which board: --addr IP")?;
-    Ok(Some((address, seconds, rate)))
+    Ok(Some(Options {
+        address,
+        seconds,
+        rate,
+        pace,
+    }))
+}
+
+fn parse_pace(text: &str) -> Result<Pace, String> {
+    match text {
+        "host" => Ok(Pace::Host),
+        "board" => Ok(Pace::Board),
+        _ => Err(format!("'{text}' is neither 'host' nor 'board'")),
+    }
 }
 
 fn parse_address(text: &str) -> Result<SocketAddrV4, std::net::AddrParseError> {
@@ -67,28 +88,40 @@ fn parse_address(text: &str) -> Result<SocketAddrV4, std::net::AddrParseError> {
         .or_else(|_| text.parse())
 }
 
-fn measure(address: SocketAddrV4, seconds: u32, rate: u32) -> Result<(), Box<dyn Error>> {
+fn measure(options: Options) -> Result<(), Box<dyn Error>> {
+    let Options {
+        address,
+        seconds,
+        rate,
+        pace,
+    } = options;
     let bus = UdpBus::connect(address, UdpConfig::default())?;
     let period = Duration::from_secs(1) / rate;
     let mut driver = Driver::builder(bus)
         .period(period)
+        .pace(pace)
         .watchdog(Duration::from_millis(100))
         .build()?;
     let before = driver.bus().statistics();
     let cpu_before = cpu_time();
     let cycles = u64::from(seconds) * u64::from(rate);
     let (mut good, mut busy) = (0, Duration::ZERO);
+    let mut least = Duration::MAX;
     let mut next = driver.bus_mut().now();
     for _ in 0..cycles {
         let start = driver.bus_mut().now();
-        good += u64::from(driver.read().is_ok());
+        if let Ok(report) = driver.read() {
+            good += 1;
+            least = least.min(report.slack.unwrap_or(least));
+        }
         let _ = driver.write();
         let now = driver.bus_mut().now();
         busy += now.since(start);
-        next = next.after(period);
-        let left = next.since(now);
-        // Sleeping and not spinning, so that what is measured is the cycle.
-        std::thread::sleep(left);
+        if pace == Pace::Host {
+            next = next.after(period);
+            // Sleeping and not spinning, so that what is measured is the cycle.
+            std::thread::sleep(next.since(now));
+        }
     }
     let cpu = cpu_time().saturating_sub(cpu_before);
     let after = driver.bus().statistics();
@@ -105,10 +138,17 @@ fn measure(address: SocketAddrV4, seconds: u32, rate: u32) -> Result<(), Box<dyn
         per_cycle(after.bytes_sent - before.bytes_sent),
         per_cycle(after.bytes_received - before.bytes_received),
     );
-    println!(
-        "time per cycle: {:.1} us, board included",
-        microseconds(busy)
-    );
+    match pace {
+        Pace::Host => println!(
+            "time per cycle: {:.1} us, board included",
+            microseconds(busy)
+        ),
+        Pace::Board => println!(
+            "time per cycle: {:.1} us; {} periods missed, the least slack {least:?}",
+            microseconds(busy),
+            driver.statistics().missed_periods,
+        ),
+    }
     println!("CPU per cycle: {:.1} us", microseconds(cpu));
     println!("bus: {after:?}");
     for option in driver.bus().socket_options().refused() {

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
 
-use ethernet_support::{SimLink, WIRE};
+use ethernet_support::{SimLink, WIRE, is_request};
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{BoardState, Builder, CycleReport, Driver, GpioConfig};
@@ -546,14 +546,9 @@ fn a_setting_whose_write_was_lost_is_written_again() {
         let fpga = machines::six_axes_7i97(MotorConfig::default());
         let mut link = SimLink::new(BoardConfig::new("7I97"), fpga);
         let lose = Rc::clone(&lose);
-        // Reads begin with their number, writes of the cycle do not.
-        link.to_board = Box::new(move |packet| {
-            let is_read = packet.starts_with(&[0x82, 0xD1, 0x10, 0x00]);
-            if lose.get() && !is_read {
-                vec![]
-            } else {
-                vec![WIRE]
-            }
+        link.to_board = Box::new(move |packet| match lose.get() {
+            true if !is_request(packet) => vec![],
+            _ => vec![WIRE],
         });
         UdpBus::new(link, UdpConfig::default()).expect("the board answers")
     };

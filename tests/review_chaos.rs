@@ -113,9 +113,8 @@ impl Run {
 
     fn cycle(&mut self) {
         self.cycle += 1;
-        let began = self.machine.driver.bus_mut().now().as_nanos();
         let _ = self.machine.driver.read();
-        self.check_inputs(began);
+        self.check_inputs();
         self.set_everything();
         for (channel, armed) in self.armed.iter_mut().enumerate() {
             armed.push(self.machine.is_armed(channel));
@@ -131,7 +130,7 @@ impl Run {
         inputs.map(|pair| pins.read(pair.pin)).collect()
     }
 
-    fn check_inputs(&mut self, began: u64) {
+    fn check_inputs(&mut self) {
         let readings = self.readings();
         let age = readings[0].age;
         let mut stamp = 0;
@@ -149,7 +148,8 @@ impl Run {
             self.cycle - 1 - cycles,
             "{context}: of {cycles} cycles ago"
         );
-        let at = began - age.time.as_nanos() as u64;
+        let now = self.machine.driver.pins().now().as_nanos();
+        let at = now - age.time.as_nanos() as u64;
         let truth = self.truths.iter().rev().find(|truth| truth.since <= at);
         assert_eq!(
             truth.map(|truth| truth.stamp),

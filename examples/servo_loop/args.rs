@@ -4,6 +4,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::Duration;
 
 use lexopt::prelude::*;
+use mesa_hal::driver::Pace;
 
 pub const HELP: &str = "\
 Closes six position loops on a 7I77 (with a 7I72 on its expansion port).
@@ -15,6 +16,8 @@ Usage: servo_loop [OPTIONS]
   --realtime    pace the simulated machine by the clock; otherwise it runs as fast as it can
   --addr IP[:PORT]
                 run on the Ethernet board there instead of the simulated one
+  --pace host|board
+                who begins a cycle (host); board needs --addr, and a board with a DPLL
   --pins        list every pin and parameter that was found
   --help        this text
 
@@ -30,6 +33,7 @@ pub struct Args {
     pub realtime: bool,
     pub address: Option<SocketAddrV4>,
     pub pins: bool,
+    pub pace: Pace,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +50,7 @@ impl Args {
             realtime: false,
             address: None,
             pins: false,
+            pace: Pace::Host,
         };
         let mut parser = lexopt::Parser::from_env();
         while let Some(arg) = parser.next()? {
@@ -55,6 +60,7 @@ impl Args {
                 }
                 Long("rate") => args.rate = within(&parser.value()?, "--rate", 100.0, 5000.0)?,
                 Long("realtime") => args.realtime = true,
+                Long("pace") => args.pace = parser.value()?.parse_with(pace)?,
                 Long("pins") => args.pins = true,
                 Long("addr") => args.address = Some(parser.value()?.parse_with(address)?),
                 Short('h') | Long("help") => return Ok(Parsed::Help),
@@ -88,4 +94,12 @@ fn address(text: &str) -> Result<SocketAddrV4, String> {
                 .map(|ip| SocketAddrV4::new(ip, PORT))
         })
         .map_err(|_| format!("'{text}' is not an address such as 10.10.10.10 or 127.0.0.1:27181"))
+}
+
+fn pace(text: &str) -> Result<Pace, String> {
+    match text {
+        "host" => Ok(Pace::Host),
+        "board" => Ok(Pace::Board),
+        _ => Err(format!("'{text}' is neither 'host' nor 'board'")),
+    }
 }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
-use mesa_hal::driver::{CycleError, Driver};
+use mesa_hal::driver::{CycleError, Driver, Pace};
 use mesa_hal::hal::{Input, PinError};
 use mesa_hal::sslbp::Channel;
 
@@ -57,6 +57,8 @@ pub struct Control<B: World> {
     pub loop_back_errors: u64,
     pub cycles: u64,
     pub bad_cycles: u64,
+    /// The least that was left of a period, where the board paces.
+    pub least_slack: Option<Duration>,
     pub host_time: Duration,
 }
 
@@ -90,6 +92,7 @@ impl<B: World> Control<B> {
             loop_back_errors: 0,
             cycles: 0,
             bad_cycles: 0,
+            least_slack: None,
             host_time: Duration::ZERO,
         };
         control.find_encoders(&name)?;
@@ -118,9 +121,11 @@ impl<B: World> Control<B> {
             let below = self.driver.bus().spent().saturating_sub(below);
             self.host_time += start.elapsed().saturating_sub(below);
             progress.inc(1);
-            next = next.after(period);
-            let now = self.driver.bus_mut().now();
-            self.driver.bus_mut().wait(next.since(now));
+            if args.pace == Pace::Host {
+                next = next.after(period);
+                let now = self.driver.bus_mut().now();
+                self.driver.bus_mut().wait(next.since(now));
+            }
         }
         progress.finish_and_clear();
         Ok(())
@@ -129,7 +134,11 @@ impl<B: World> Control<B> {
     fn cycle(&mut self, cycle: u64, args: &Args) -> Result<(), Failure> {
         self.cycles += 1;
         match self.driver.read() {
-            Ok(report) => self.bad_cycles += u64::from(!report.is_good()),
+            Ok(report) => {
+                self.bad_cycles += u64::from(!report.is_good());
+                let least = self.least_slack.into_iter().chain(report.slack).min();
+                self.least_slack = least;
+            }
             Err(error) => {
                 self.bad_cycles += 1;
                 // Lost packets are survived; that the board is gone is not.

@@ -51,6 +51,7 @@ fn run(args: &Args) -> Result<bool, Failure> {
 fn run_on<B: machine::World>(bus: B, args: &Args) -> Result<bool, Failure> {
     let driver = Driver::builder(timed::Timed::new(bus))
         .period(args.period())
+        .pace(args.pace)
         .build()?;
     found::print(&driver, args.pins);
     let mut control = control::Control::new(driver, args)?;

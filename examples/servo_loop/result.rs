@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::{Failure, PortStatistics, RemoteStatus, SerialPort};
+use mesa_hal::driver::{Failure, Pace, PortStatistics, RemoteStatus, SerialPort};
 
 use crate::args::Args;
 use crate::control::Control;
@@ -27,7 +27,7 @@ pub fn print<B: World>(control: &Control<B>, args: &Args) -> bool {
         print_port(number, port, args.period());
     }
     held &= print_loop_back(control);
-    print_cycles(control);
+    print_cycles(control, args);
     println!(
         "\n{}",
         if held {
@@ -105,7 +105,7 @@ fn print_loop_back<B: World>(control: &Control<B>) -> bool {
     control.loop_back_errors == 0
 }
 
-fn print_cycles<B: World>(control: &Control<B>) {
+fn print_cycles<B: World>(control: &Control<B>, args: &Args) {
     let cycles = control.cycles.max(1) as f64;
     let below = control.driver.bus().spent();
     println!(
@@ -118,7 +118,8 @@ fn print_cycles<B: World>(control: &Control<B>) {
     let packets = control.driver.bus().statistics();
     if packets.bytes_sent > 0 {
         println!(
-            "Packets: {} lost, {} late, {} twice, {} stale, {} short, {} foreign; writes: {} lost, {} unconfirmed.",
+            "Packets: {} lost, {} late, {} twice, {} stale, {} short, {} foreign; \
+             writes: {} lost, {} late, {} twice, {} unconfirmed.",
             packets.lost,
             packets.late,
             packets.duplicate,
@@ -126,7 +127,16 @@ fn print_cycles<B: World>(control: &Control<B>) {
             packets.short,
             packets.foreign,
             packets.lost_writes,
+            packets.late_writes,
+            packets.repeated_writes,
             packets.unconfirmed_writes,
+        );
+    }
+    if args.pace == Pace::Board {
+        let missed = control.driver.statistics().missed_periods;
+        let least = control.least_slack.map_or(0.0, micros);
+        println!(
+            "Paced by the board: {missed} periods missed, {least:.0} us left of the tightest."
         );
     }
     let rejections = control.driver.pins().total_rejections();

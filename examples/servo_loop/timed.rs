@@ -73,6 +73,26 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
         self.measured(|bus| bus.exchange_prepared(prepared, words))
     }
 
+    fn prepare_paced(
+        &mut self,
+        accesses: &[Access],
+        limit: Duration,
+    ) -> Result<Option<Prepared>, B::Error> {
+        self.bus.prepare_paced(accesses, limit)
+    }
+
+    fn post(&mut self, prepared: &Prepared) -> Result<(), B::Error> {
+        self.measured(|bus| bus.post(prepared))
+    }
+
+    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), B::Error> {
+        self.measured(|bus| bus.collect(prepared, words))
+    }
+
+    fn slack(&self) -> Option<Duration> {
+        self.bus.slack()
+    }
+
     fn statistics(&self) -> BusStatistics {
         self.bus.statistics()
     }

@@ -144,11 +144,21 @@ pub struct BusStatistics {
     pub short: u64,
     /// Datagrams that are no replies, or are not from the board.
     pub foreign: u64,
-    /// Write exchanges that the board never executed.
+    /// Write exchanges that the board has not executed.
     pub lost_writes: u64,
-    /// Write exchanges that nothing is known of, because another one followed before the board
-    /// was heard again. What depends on them must not be trusted.
+    /// Write exchanges that were executed after a reply had shown them missing, or after a newer
+    /// one. They are not counted as lost any more. A bus that can remember only so many takes one
+    /// that comes very late for a repeated one.
+    pub late_writes: u64,
+    /// Executions of write exchanges that were executed before: the network doubled them, or
+    /// another program writes to this board.
+    pub repeated_writes: u64,
+    /// Write exchanges that nothing is known of, because too many others followed before the board
+    /// was heard again.
     pub unconfirmed_writes: u64,
+    /// Exchanges that left it uncertain whether the newest write, and nothing else, was executed
+    /// since the one before. What depends on the last write must not be trusted after one of them.
+    pub doubts: u64,
     /// Bytes sent, without the headers of lower layers.
     pub bytes_sent: u64,
     /// Bytes received and accepted, without the headers of lower layers.
@@ -191,6 +201,37 @@ pub trait RegisterBus {
         words: &mut [u32],
     ) -> Result<(), Self::Error> {
         self.exchange(prepared.accesses(), words)
+    }
+
+    /// Prepares a list that only reads, to be run at the beginning of the board's next period: the
+    /// board holds it back until then, but not longer than `limit`. With that the board's clock
+    /// paces the cycle: [`post`](Self::post) it after the writes, and [`collect`](Self::collect)
+    /// returns when the next period has begun.
+    ///
+    /// `None`: this bus can not do that.
+    fn prepare_paced(
+        &mut self,
+        _accesses: &[Access],
+        _limit: Duration,
+    ) -> Result<Option<Prepared>, Self::Error> {
+        Ok(None)
+    }
+
+    /// Sends the request of a prepared list that only reads, without waiting for the reply. A bus
+    /// on which requests can not be under way does it all in [`collect`](Self::collect).
+    fn post(&mut self, _prepared: &Prepared) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Takes the reply to the request that was posted last. If that was another list, or any
+    /// other exchange came between, it is [`exchange_prepared`](Self::exchange_prepared).
+    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), Self::Error> {
+        self.exchange_prepared(prepared, words)
+    }
+
+    /// How long the board held the last paced list back: what the host had left of its period.
+    fn slack(&self) -> Option<Duration> {
+        None
     }
 
     /// What was counted so far.
@@ -242,6 +283,26 @@ impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
         words: &mut [u32],
     ) -> Result<(), Self::Error> {
         (**self).exchange_prepared(prepared, words)
+    }
+
+    fn prepare_paced(
+        &mut self,
+        accesses: &[Access],
+        limit: Duration,
+    ) -> Result<Option<Prepared>, Self::Error> {
+        (**self).prepare_paced(accesses, limit)
+    }
+
+    fn post(&mut self, prepared: &Prepared) -> Result<(), Self::Error> {
+        (**self).post(prepared)
+    }
+
+    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), Self::Error> {
+        (**self).collect(prepared, words)
+    }
+
+    fn slack(&self) -> Option<Duration> {
+        (**self).slack()
     }
 
     fn statistics(&self) -> BusStatistics {

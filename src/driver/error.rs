@@ -47,6 +47,12 @@ pub enum BuildError<E: BusError> {
     /// The phase-locked loop can not follow the period.
     #[error("{0} (or `Builder::without_dpll`)")]
     Dpll(#[source] DpllError<E>),
+    /// The board was asked to pace the cycle, and has nothing to do it with.
+    #[error(
+        "this firmware's phase-locked loop is missing, or left alone, so the board can not pace \
+         the cycle; let the host do it (`Pace::Host`)"
+    )]
+    NoPace,
     /// A pin can not be made.
     #[error("a pin of the board: {0}")]
     Pin(#[from] PinError),

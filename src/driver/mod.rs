@@ -8,6 +8,9 @@
 //! 2. its own work on [`Driver::pins`] and [`Driver::pins_mut`];
 //! 3. [`Driver::write`]: each part puts its outputs; one exchange, with DOIT after all data.
 //!
+//! The application waits for the next period between the two, or lets the board do that:
+//! [`Pace::Board`].
+//!
 //! This is the manual's "cyclic access with write before read": what is read are the replies to
 //! the last write. For read-modify-write call [`Driver::wait_transfers`] between `write` and `read`.
 //!
@@ -34,6 +37,7 @@ mod error;
 mod messages;
 mod module;
 mod modules;
+mod pace;
 mod report;
 mod serial;
 mod setup_list;
@@ -43,6 +47,7 @@ pub use build::{Builder, EncoderSetup, GpioConfig};
 pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
 pub use module::{Module, Put, SettingSlot, Take};
+pub use pace::Pace;
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
     Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, SerialPort,
@@ -54,11 +59,12 @@ use alloc::{boxed::Box, string::String, vec::Vec};
 use core::time::Duration;
 
 use crate::boards::fpga::FpgaPins;
-use crate::bus::{CycleImage, ImageSize, Instant, RegisterBus, Tier};
+use crate::bus::{BusStatistics, CycleImage, ImageSize, Instant, RegisterBus, Tier};
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::HostMot2;
 use crate::sslbp::Channel;
 use board::{Board, BoardCheck};
+use pace::Pacer;
 use setup_list::Restore;
 
 /// A board with everything on it, in the cycle.
@@ -80,9 +86,9 @@ pub struct Driver<B: RegisterBus> {
     fpga_pins: FpgaPins,
     missing: Vec<MissingRemote>,
     statistics: DriverStatistics,
+    pacer: Pacer,
     /// What the bus counted at the last read.
-    lost_writes: u64,
-    unconfirmed_writes: u64,
+    seen: BusStatistics,
     read_failures: u32,
     write_failures: u32,
     /// The least that the next read must hold: more, when nothing in the last one showed that the
@@ -113,14 +119,17 @@ impl<B: RegisterBus> Driver<B> {
         if self.is_shut_down {
             return Err(CycleError::ShutDown);
         }
+        self.statistics.reads += 1;
+        let posted = self.pacer.take_posted();
+        let tier = posted.unwrap_or_else(|| self.tier_of_read());
+        let result = match posted {
+            Some(tier) => self.image.collect_reads(&mut self.bus, tier),
+            None => self.image.exchange_reads(&mut self.bus, tier),
+        };
+        self.pacer.begun(&mut self.bus, result.is_err());
         let now = self.bus.now();
         self.pins.begin_cycle(now);
-        self.statistics.reads += 1;
-        let tier = match self.read_tier {
-            Tier::Extended => Tier::Extended,
-            Tier::Cycle => read_tier(&self.ports),
-        };
-        if let Err(source) = self.image.exchange_reads(&mut self.bus, tier) {
+        if let Err(source) = result {
             let consecutive = self.read_failed();
             return Err(CycleError::Read {
                 source,
@@ -139,13 +148,15 @@ impl<B: RegisterBus> Driver<B> {
 
     /// Everybody takes its inputs from an image that is sound.
     fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
-        let lost_writes = self.news_of_lost_writes();
-        let doubtful = self.news_of_unconfirmed_writes() > 0 || lost_writes > 0;
+        let (lost_writes, doubtful) = self.news_of_writes();
         self.settings_may_be_lost |= doubtful;
         let mut report = CycleReport {
             lost_writes,
+            missed_periods: self.pacer.arrived(now),
+            slack: self.bus.slack(),
             ..CycleReport::default()
         };
+        self.statistics.missed_periods += report.missed_periods;
         for port in &mut self.ports {
             let outcome = port.take(&self.image, &mut self.pins, now, doubtful);
             report.good += outcome.good.len();
@@ -214,6 +225,8 @@ impl<B: RegisterBus> Driver<B> {
         for port in &mut self.ports {
             port.written(done, result.is_ok());
         }
+        let next = self.tier_of_read();
+        self.pacer.ask_ahead(&mut self.bus, &self.image, next);
         match result {
             Ok(()) => {
                 self.board.written();
@@ -274,18 +287,38 @@ impl<B: RegisterBus> Driver<B> {
         }
     }
 
+    /// Sends the request of the next read ahead, which then only takes the reply: with several
+    /// boards, send all requests, then read all boards. LinuxCNC's `read-request`.
+    ///
+    /// Call it when the board is to be sampled, after [`write`](Self::write) and right before
+    /// `read`. It does nothing where the [board paces](Pace::Board) or requests can not be under
+    /// way, and when it fails, the next read says why.
+    ///
+    /// # Real time
+    /// One packet out. No allocation.
+    pub fn request_read(&mut self) {
+        if self.pacer.pace() == Pace::Host && !self.is_shut_down {
+            let tier = self.tier_of_read();
+            self.pacer.post(&mut self.bus, &self.image, tier);
+        }
+    }
+
     /// Waits until the transfers that the last write started are complete, or `limit` is over.
     ///
     /// The "read-modify-write" of the manual's "NORMAL MODE OPERATION", and the way to measure how
     /// long a transfer takes: the time goes into [`PortStatistics::doit`].
     ///
     /// # Errors
-    /// Those of the bus. `Ok(false)` when the limit came first.
+    /// Those of the bus. `Ok(false)` when the limit came first, and at once where the
+    /// [board paces](Pace::Board): it is asked for the next period already.
     ///
     /// # Real time
     /// Bounded by `limit` and one exchange, and by a number of polls on a bus whose clock stands
     /// still. No allocation.
     pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, B::Error> {
+        if self.pacer.pace() == Pace::Board {
+            return Ok(false);
+        }
         let start = self.bus.now();
         for _ in 0..MAX_POLLS {
             self.image.exchange_status(&mut self.bus)?;
@@ -347,6 +380,8 @@ impl<B: RegisterBus> Driver<B> {
     fn write_set_up(&mut self) -> Result<(), B::Error> {
         let now = self.bus.now();
         self.restore.run(&mut self.bus)?;
+        // What was asked for before says nothing of the board as it is now.
+        let _ = self.pacer.take_posted();
         self.is_restored = true;
         for module in &mut self.modules {
             module.restarted();
@@ -402,21 +437,26 @@ impl<B: RegisterBus> Driver<B> {
         }
     }
 
-    /// Writes of which it is not known whether the board executed them: the transfer that one of
-    /// them should have started may be an older one.
-    fn news_of_unconfirmed_writes(&mut self) -> u64 {
-        let total = self.bus.statistics().unconfirmed_writes;
-        let news = total.saturating_sub(self.unconfirmed_writes);
-        self.unconfirmed_writes = total;
-        news
+    /// How many writes were lost since the last read, and whether it is in doubt that the last
+    /// one, and nothing else, was executed: the transfer that it should have started may be an
+    /// older one.
+    fn news_of_writes(&mut self) -> (u64, bool) {
+        let before = core::mem::replace(&mut self.seen, self.bus.statistics());
+        // What comes late is not lost any more, but it was.
+        let missing = |counted: BusStatistics| counted.lost_writes + counted.late_writes;
+        let lost = missing(self.seen).saturating_sub(missing(before));
+        self.statistics.lost_writes += lost;
+        let is_open = (before.doubts, before.unconfirmed_writes)
+            != (self.seen.doubts, self.seen.unconfirmed_writes);
+        (lost, lost > 0 || is_open)
     }
 
-    fn news_of_lost_writes(&mut self) -> u64 {
-        let total = self.bus.statistics().lost_writes;
-        let news = total.saturating_sub(self.lost_writes);
-        self.lost_writes = total;
-        self.statistics.lost_writes += news;
-        news
+    /// What the next read must hold.
+    fn tier_of_read(&self) -> Tier {
+        match self.read_tier {
+            Tier::Extended => Tier::Extended,
+            Tier::Cycle => read_tier(&self.ports),
+        }
     }
 }
 

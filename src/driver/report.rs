@@ -1,5 +1,7 @@
 //! What a cycle tells the application.
 
+use core::time::Duration;
+
 /// What one read brought. All counts are of this cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -17,6 +19,12 @@ pub struct CycleReport {
     pub too_short: u32,
     /// Writes that the bus has lost since the last read.
     pub lost_writes: u64,
+    /// Periods of the board that went by without a good read since the last one, where the
+    /// [board paces](super::Pace::Board): packets were lost, or the host was late.
+    pub missed_periods: u64,
+    /// What the host had left of the period when its packets were with the board, where the
+    /// [board paces](super::Pace::Board).
+    pub slack: Option<Duration>,
 }
 
 impl CycleReport {
@@ -27,6 +35,7 @@ impl CycleReport {
             && self.set_aside == 0
             && self.too_short == 0
             && self.lost_writes == 0
+            && self.missed_periods == 0
     }
 }
 
@@ -62,6 +71,8 @@ pub struct DriverStatistics {
     pub write_errors: u64,
     /// Writes that the bus has lost.
     pub lost_writes: u64,
+    /// Periods that went by without a good read, where the [board paces](super::Pace::Board).
+    pub missed_periods: u64,
     /// Times that the board's watchdog was found to have bitten.
     pub watchdog_bites: u64,
     /// Times that the board was found to have been reset.

@@ -198,7 +198,7 @@ impl Pins {
         self.cycle
     }
 
-    /// When the cycle began.
+    /// When the cycle began, which ages are counted to: when its inputs had been read.
     pub fn now(&self) -> Instant {
         self.now
     }

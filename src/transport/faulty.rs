@@ -202,7 +202,9 @@ impl<B: RegisterBus> Faulty<B> {
         }
         inner(&mut self.inner, words)?;
         if reads {
-            self.counted.lost_writes += core::mem::take(&mut self.unnoticed);
+            let lost = core::mem::take(&mut self.unnoticed);
+            self.counted.lost_writes += lost;
+            self.counted.doubts += u64::from(lost > 0);
             self.maybe_corrupt(accesses, words);
         }
         Ok(())
@@ -288,6 +290,7 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
             stale: inner.stale + self.counted.stale,
             short: inner.short + self.counted.short,
             lost_writes: inner.lost_writes + self.counted.lost_writes,
+            doubts: inner.doubts + self.counted.doubts,
             ..inner
         }
     }

@@ -9,6 +9,7 @@ mod layout;
 
 use alloc::{boxed::Box, vec::Vec};
 use core::fmt;
+use core::time::Duration;
 
 use super::{Prepared, RegisterBus};
 use layout::{Layout, build};
@@ -118,6 +119,9 @@ pub enum ImageError<E> {
         /// The most it may have.
         limit: u32,
     },
+    /// The bus can not hold reads back until the board's clock begins a period.
+    #[error("this bus can not let the board pace the cycle; let the host pace it")]
+    NotPaced,
     /// The bus refuses the list.
     #[error(transparent)]
     Bus(E),
@@ -136,9 +140,15 @@ pub struct ImageSize {
     pub write_accesses: u32,
 }
 
-/// Bytes that LBP16 adds to a request and to a reply: commands and numbers that tell stale packets.
-const REQUEST_OVERHEAD: u32 = 20;
+/// Bytes that LBP16 adds to a request, to its reply and to a write: the numbers and counts that
+/// tell what became of the packets.
+const REQUEST_OVERHEAD: u32 = 16;
 const REPLY_OVERHEAD: u32 = 8;
+const WRITE_OVERHEAD: u32 = 12;
+/// The same at most: when the board waits before it reads, and when it is asked what became of
+/// packets that were lost.
+const MOST_REQUEST_OVERHEAD: u32 = 26;
+const MOST_REPLY_OVERHEAD: u32 = 26;
 
 impl ImageSize {
     /// Bytes of the request of a read over LBP16: four for each run of registers.
@@ -153,7 +163,7 @@ impl ImageSize {
 
     /// Bytes of a write over LBP16: four for each run and each register.
     pub const fn write_bytes(&self) -> u32 {
-        REQUEST_OVERHEAD + 4 * (self.write_accesses + self.write_words)
+        WRITE_OVERHEAD + 4 * (self.write_accesses + self.write_words)
     }
 }
 
@@ -227,29 +237,41 @@ impl ImagePlan {
     }
 
     /// Lays the image out and has the bus prepare its lists. Nothing is exchanged yet.
+    ///
+    /// `held`: the reads are [paced](RegisterBus::prepare_paced), and held back at most so long.
     pub fn freeze<B: RegisterBus>(
         &self,
         bus: &mut B,
         limits: ImageLimits,
+        held: Option<Duration>,
     ) -> Result<CycleImage, ImageError<B::Error>> {
         let reads = build(&self.reads, limits.bridge)?.unshared_phases()?;
         let writes = build(&self.writes, 0)?.unshared()?;
         check_size(&reads, &writes, limits.max_packet_bytes)?;
-        let mut prepare = |accesses: &[_]| bus.prepare(accesses).map_err(ImageError::Bus);
-        let mut lists = |layout: &Layout, direction| {
+        let mut prepare = |accesses: &[_], held| match held {
+            None => bus.prepare(accesses).map_err(ImageError::Bus),
+            Some(limit) => bus
+                .prepare_paced(accesses, limit)
+                .map_err(ImageError::Bus)?
+                .ok_or(ImageError::NotPaced),
+        };
+        let mut lists = |layout: &Layout, direction, held| {
             Ok(Lists {
-                cycle: prepare(&layout.accesses(direction, |run| run.tier == Tier::Cycle))?,
-                extended: prepare(&layout.accesses(direction, |_| true))?,
+                cycle: prepare(
+                    &layout.accesses(direction, |run| run.tier == Tier::Cycle),
+                    held,
+                )?,
+                extended: prepare(&layout.accesses(direction, |_| true), held)?,
             })
         };
-        let read = lists(&reads, super::Direction::Read)?;
-        let write = lists(&writes, super::Direction::Write)?;
+        let read = lists(&reads, super::Direction::Read, held)?;
+        let write = lists(&writes, super::Direction::Write, None)?;
         let status = reads.accesses(super::Direction::Read, |run| {
             run.tier == Tier::Cycle && run.phase == ReadPhase::Status as u8
         });
         Ok(CycleImage {
             size: size(&reads, &writes, |run| run.tier == Tier::Cycle),
-            status: prepare(&status)?,
+            status: prepare(&status, None)?,
             read,
             write,
             read_words: reads.initial_words(),
@@ -273,9 +295,11 @@ fn size(reads: &Layout, writes: &Layout, keep: impl Fn(&layout::Run) -> bool + C
 
 fn check_size<E>(reads: &Layout, writes: &Layout, limit: u32) -> Result<(), ImageError<E>> {
     let size = size(reads, writes, |_| true);
+    let request = size.request_bytes() - REQUEST_OVERHEAD + MOST_REQUEST_OVERHEAD;
+    let reply = size.reply_bytes() - REPLY_OVERHEAD + MOST_REPLY_OVERHEAD;
     let packets = [
-        ("read request", size.request_bytes()),
-        ("reply", size.reply_bytes()),
+        ("read request", request),
+        ("reply", reply),
         ("write request", size.write_bytes()),
     ];
     match packets.into_iter().find(|&(_, bytes)| bytes > limit) {
@@ -363,6 +387,21 @@ impl CycleImage {
         tier: Tier,
     ) -> Result<(), B::Error> {
         bus.exchange_prepared(self.read.of(tier), &mut self.read_words)
+    }
+
+    /// Sends the request for the registers of `tier`, which [`collect_reads`](Self::collect_reads)
+    /// takes the reply of.
+    pub fn post_reads<B: RegisterBus>(&self, bus: &mut B, tier: Tier) -> Result<(), B::Error> {
+        bus.post(self.read.of(tier))
+    }
+
+    /// Takes the registers of `tier` that were asked for ahead; on an error no word has changed.
+    pub fn collect_reads<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        tier: Tier,
+    ) -> Result<(), B::Error> {
+        bus.collect(self.read.of(tier), &mut self.read_words)
     }
 
     /// Reads the status registers alone; on an error no word has changed.

@@ -9,9 +9,10 @@ pub use super::modules::{EncoderSetup, GpioConfig};
 
 use super::board::Board;
 use super::modules::{GpioModule, Making, ModuleChoices, build_modules};
+use super::pace::Pacer;
 use super::setup_list::Restore;
 use super::{
-    BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, SerialConfig,
+    BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, Pace, SerialConfig,
     SerialPort, SetupList,
 };
 use crate::boards::fpga::FpgaPins;
@@ -93,6 +94,13 @@ impl<B: RegisterBus> Builder<B> {
     #[must_use]
     pub fn period(mut self, period: Duration) -> Self {
         self.config.period = period;
+        self
+    }
+
+    /// Who decides when a cycle begins; the host at first.
+    #[must_use]
+    pub fn pace(mut self, pace: Pace) -> Self {
+        self.config.modules.pace = pace;
         self
     }
 
@@ -251,7 +259,8 @@ impl<B: RegisterBus> Builder<B> {
         for module in &mut modules {
             module.claim(&mut plan);
         }
-        let image = plan.freeze(bus, config.limits)?;
+        let held = config.modules.pace.held(config.period);
+        let image = plan.freeze(bus, config.limits, held)?;
         let restore = setup.prepare(bus).map_err(BuildError::Bus)?;
         Ok(Built {
             parts,
@@ -290,8 +299,8 @@ impl Built {
             fpga_pins: self.parts.made,
             missing: self.parts.missing,
             statistics: DriverStatistics::default(),
-            lost_writes: counted.lost_writes,
-            unconfirmed_writes: counted.unconfirmed_writes,
+            seen: counted,
+            pacer: Pacer::new(config.modules.pace, config.period),
             read_failures: 0,
             write_failures: 0,
             read_tier: crate::bus::Tier::Extended,

@@ -1,4 +1,4 @@
-//! The phase-locked loop in the cycle: it times the board by the reads.
+//! The phase-locked loop in the cycle: it times the board by the reads, or the reads by the board.
 
 use core::convert::Infallible;
 use core::time::Duration;
@@ -6,7 +6,7 @@ use core::time::Duration;
 use super::{Making, PartBuildError, PartError};
 use crate::boards::fpga::DpllPins;
 use crate::bus::{ImagePlan, ReadPhase, ReadSlot, RegisterBus, Tier};
-use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
+use crate::driver::{Module, Pace, Put, SettingSlot, SetupList, Take};
 use crate::hal::{Pins, Rejection};
 use crate::hostmot2::{Dpll, DpllConfig, DpllError, DpllSetup, Gtag, phase_error_us};
 
@@ -18,6 +18,7 @@ pub(in crate::driver) struct DpllModule {
     dds_bits: u8,
     config: DpllConfig,
     setup: DpllSetup,
+    pace: Pace,
     sync: Option<ReadSlot>,
     settings: [Option<SettingSlot>; 5],
 }
@@ -28,6 +29,7 @@ impl DpllModule {
         parts: &mut Making<'_>,
         bus: &mut B,
         period: Duration,
+        pace: Pace,
     ) -> Result<Option<Self>, PartBuildError<B::Error>> {
         if parts.firmware.find(Gtag::HM2DPLL).is_none() {
             return Ok(None);
@@ -48,6 +50,7 @@ impl DpllModule {
             dds_bits,
             config,
             setup,
+            pace,
             sync: None,
             settings: [None; 5],
         }))
@@ -87,9 +90,9 @@ impl Module for DpllModule {
         for (slot, (address, word)) in self.settings.iter_mut().zip(words) {
             *slot = Some(SettingSlot::claim(plan, address, word));
         }
-        // This read is what the loop follows, so it comes first.
-        let sync = plan.read(ReadPhase::Latch, Tier::Cycle, self.registers.sync, 1);
-        self.sync = Some(sync);
+        // This read is what the loop follows, so it comes first. Without it the loop runs free.
+        self.sync = (self.pace == Pace::Host)
+            .then(|| plan.read(ReadPhase::Latch, Tier::Cycle, self.registers.sync, 1));
     }
 
     fn take(&mut self, cycle: &mut Take<'_>) {

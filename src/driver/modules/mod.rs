@@ -17,7 +17,7 @@ use wiring::Wiring;
 use alloc::{boxed::Box, vec::Vec};
 use core::time::Duration;
 
-use super::{BuildError, Module};
+use super::{BuildError, Module, Pace};
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{BusError, RegisterBus};
 use crate::hal::{GroupId, PinError, Pins};
@@ -54,6 +54,8 @@ pub(super) struct ModuleChoices {
     pub pwm_hz: Option<u32>,
     /// Leave the phase-locked loop alone.
     pub no_dpll: bool,
+    /// Whether the phase-locked loop follows the reads, or they follow it.
+    pub pace: Pace,
 }
 
 /// Every module that the firmware has and this crate knows, but for serial ports and I/O pins.
@@ -64,9 +66,14 @@ pub(super) fn build_modules<B: RegisterBus>(
     period: Duration,
 ) -> Result<Vec<Box<dyn Module>>, BuildError<B::Error>> {
     let mut modules: Vec<Box<dyn Module>> = Vec::new();
+    let mut dpll = None;
     if !choices.no_dpll {
-        add(&mut modules, DpllModule::build(making, bus, period)?);
+        dpll = DpllModule::build(making, bus, period, choices.pace)?;
     }
+    if choices.pace == Pace::Board && dpll.is_none() {
+        return Err(BuildError::NoPace);
+    }
+    add(&mut modules, dpll);
     add(
         &mut modules,
         EncoderModule::build(making, &choices.encoders)?,

@@ -3,26 +3,83 @@
 use core::ops::Range;
 
 use super::UdpError;
+use super::ledger::{Account, Details, SLOTS};
 use crate::bus::{Access, Direction};
 use crate::lbp16::{BuildError, MAX_COUNT, MAX_PACKET, RequestBuilder, Space, registers};
 
-/// Scratch registers of the board for the numbers of requests, and of write packets behind it
-/// (FACTS 10.1).
-const REQUEST_NUMBER: u16 = registers::timer::SCRATCH;
-const WRITE_NUMBER: u16 = REQUEST_NUMBER + 4;
-/// Both numbers, as 16-bit registers and as bytes.
-const NUMBERS: u8 = 4;
-const NUMBERS_BYTES: usize = 8;
+/// Scratch registers of the board: the writes' turns, the last write, and the request.
+const SLOT: u16 = registers::timer::SCRATCH;
+const LAST_WRITE: u16 = SLOT + 2 * SLOTS as u16;
+const REQUEST_NUMBER: u16 = LAST_WRITE + 2;
+/// Bytes of the board's account at the end of a reply, and how many 16-bit registers they are:
+/// its counts of packets, from RXUDPCount on, then the scratch registers.
+const BRIEF: Tail = Tail {
+    counts: 1,
+    first: LAST_WRITE,
+    scratch: 3,
+};
+const DETAILED: Tail = Tail {
+    counts: 4,
+    first: SLOT,
+    scratch: 8,
+};
+/// Bytes of a command with its address.
+const COMMAND: usize = 4;
+
+/// What the board's account is read by: the last two commands of a request.
+#[derive(Clone, Copy, Debug)]
+struct Tail {
+    /// Registers from RXUDPCount on.
+    counts: u8,
+    /// First scratch register.
+    first: u16,
+    /// Scratch registers up to the request's number.
+    scratch: u8,
+}
+
+impl Tail {
+    const fn reply_len(self) -> usize {
+        2 * (self.counts as usize + self.scratch as usize)
+    }
+
+    fn push(self, request: &mut RequestBuilder<'_>) -> Result<(), BuildError> {
+        request.read(Space::Control, registers::control::RX_UDP, self.counts)?;
+        request.read(Space::Timer, self.first, self.scratch)?;
+        Ok(())
+    }
+}
 
 /// A packet, and what has to be put into it and taken out of its reply.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Encoding {
     packet: Vec<u8>,
     request_number: Option<Range<usize>>,
-    write_number: Option<Range<usize>>,
+    write_numbers: Option<WriteNumbers>,
     writes: Vec<Piece>,
     reads: Vec<Piece>,
-    reply_len: usize,
+    /// Where the reply has the time that the board waited, if it waits.
+    waited: Option<Range<usize>>,
+    /// Bytes of the reply before the board's account.
+    body_len: usize,
+    /// Both ways to ask for the account: the packet ends with one of them.
+    tails: [Vec<u8>; 2],
+    is_detailed: bool,
+}
+
+/// Where a packet has the number of its write: for its turn, and as the last.
+#[derive(Clone, Debug)]
+struct WriteNumbers {
+    slot: Range<usize>,
+    last: Range<usize>,
+}
+
+/// How a list is run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Manner {
+    /// It is answered even if it reads nothing.
+    pub acknowledged: bool,
+    /// Before anything else the board waits for the reference of its DPLL, at most this long.
+    pub wait_us: Option<u16>,
 }
 
 /// Words of the buffer, and where their bytes are in a packet.
@@ -36,15 +93,21 @@ struct Piece {
 impl Encoding {
     /// The packet for `accesses`.
     ///
-    /// It is answered if it reads anything, or if `acknowledged`.
-    pub(super) fn accesses(accesses: &[Access], acknowledged: bool) -> Result<Self, UdpError> {
+    /// It is answered if it reads anything, or if it is to be acknowledged.
+    pub(super) fn accesses(accesses: &[Access], manner: Manner) -> Result<Self, UdpError> {
         if let Some(access) = accesses.iter().find(|a| !is_sound(**a)) {
             return Err(UdpError::bad_access(*access, usize::MAX));
         }
         let has = |direction| accesses.iter().any(|a| a.direction == direction);
-        let answered = acknowledged || has(Direction::Read);
+        let answered = manner.acknowledged || has(Direction::Read);
         let (mut writes, mut reads) = (Vec::new(), Vec::new());
+        let mut waited = None;
         let mut this = Self::build(answered, has(Direction::Write), |request| {
+            if let Some(limit) = manner.wait_us {
+                request.write_words(Space::Timer, registers::timer::HM2_TIMEOUT, &[limit])?;
+                let wait = registers::timer::WAIT_FOR_HM2_REFERENCE;
+                waited = Some(request.read(Space::Timer, wait, 1)?);
+            }
             for run in runs(accesses) {
                 let place = run.push(request)?;
                 let pieces = match run.direction {
@@ -55,16 +118,16 @@ impl Encoding {
             }
             Ok(())
         })?;
-        (this.writes, this.reads) = (writes, reads);
+        (this.writes, this.reads, this.waited) = (writes, reads, waited);
         Ok(this)
     }
 
-    /// The packet that asks for the number of the last write the board executed.
+    /// The packet that only asks for the board's account.
     pub(super) fn question() -> Result<Self, UdpError> {
         Self::build(true, false, |_| Ok(()))
     }
 
-    /// The packet that sets both numbers, and nothing else.
+    /// The packet that sets all numbers, and nothing else.
     pub(super) fn first_contact() -> Result<Self, UdpError> {
         Self::build(true, true, |_| Ok(()))
     }
@@ -72,14 +135,14 @@ impl Encoding {
     /// A packet of ready-made commands, which are answered with `reply_len` bytes.
     pub(super) fn raw(commands: &[u8], reply_len: usize) -> Result<Self, UdpError> {
         let mut this = Self::question()?;
-        // Between the command that sets the request's number and the one that reads it back.
+        // Between the command that sets the request's number and those that ask for the account.
         let at = this.request_number.clone().map_or(0, |range| range.end);
         let tail = this.packet.split_off(at.min(this.packet.len()));
         this.packet.extend_from_slice(commands);
         this.packet.extend(tail);
-        this.reply_len += reply_len;
+        this.body_len += reply_len;
         check("request", this.packet.len())?;
-        check("reply", this.reply_len)?;
+        check("reply", this.longest_reply())?;
         Ok(this)
     }
 
@@ -92,46 +155,59 @@ impl Encoding {
         let mut request = RequestBuilder::new(&mut buffer);
         let mut this = Self::default();
         let all = || -> Result<(), BuildError> {
-            let number = |request: &mut RequestBuilder<'_>, address| {
-                request
-                    .write_words(Space::Timer, address, &[0, 0])
-                    .map(Some)
-            };
             if answered {
-                this.request_number = number(&mut request, REQUEST_NUMBER)?;
+                let number = request.write_words(Space::Timer, REQUEST_NUMBER, &[0, 0])?;
+                this.request_number = Some(number);
             }
             body(&mut request)?;
             if writes {
-                this.write_number = number(&mut request, WRITE_NUMBER)?;
+                this.write_numbers = Some(WriteNumbers {
+                    slot: request.write_words(Space::Timer, SLOT, &[0])?,
+                    last: request.write_words(Space::Timer, LAST_WRITE, &[0])?,
+                });
             }
+            this.body_len = request.reply_len();
             if answered {
-                request.read(Space::Timer, REQUEST_NUMBER, NUMBERS)?;
+                BRIEF.push(&mut request)?;
             }
             Ok(())
         };
         all().map_err(too_long)?;
         this.packet = request.bytes().to_vec();
-        this.reply_len = request.reply_len();
-        check("reply", this.reply_len)?;
+        if answered {
+            this.tails = [tail(BRIEF)?, tail(DETAILED)?];
+        }
+        check("reply", this.longest_reply())?;
         Ok(this)
     }
 
-    /// The packet, with numbers and values put in.
+    /// The packet, with numbers and values put in. `detailed`: it asks for the whole account.
     pub(super) fn packet(
         &mut self,
         words: &[u32],
         request: u32,
-        write: impl FnOnce() -> u32,
+        write: Option<(u32, usize)>,
+        detailed: bool,
     ) -> &[u8] {
         if let Some(range) = &self.request_number {
-            put(&mut self.packet, range.start, [request]);
+            put(&mut self.packet, range.start, request.to_le_bytes());
         }
-        if let Some(range) = &self.write_number {
-            put(&mut self.packet, range.start, [write()]);
+        if let (Some(at), Some((number, slot))) = (&self.write_numbers, write) {
+            let address = SLOT + 2 * slot as u16;
+            put(&mut self.packet, at.slot.start - 2, address.to_le_bytes());
+            for range in [&at.slot, &at.last] {
+                put(&mut self.packet, range.start, (number as u16).to_le_bytes());
+            }
         }
+        let [brief, details] = &self.tails;
+        let tail = if detailed { details } else { brief };
+        let at = self.packet.len().saturating_sub(tail.len());
+        put(&mut self.packet, at, tail.iter().copied());
+        self.is_detailed = detailed;
         for piece in &self.writes {
             let values = words.iter().skip(piece.first).take(piece.count);
-            put(&mut self.packet, piece.offset, values.copied());
+            let bytes = values.flat_map(|word| word.to_le_bytes());
+            put(&mut self.packet, piece.offset, bytes);
         }
         &self.packet
     }
@@ -142,16 +218,43 @@ impl Encoding {
             let values = reply.get(piece.offset..).unwrap_or(&[]).chunks_exact(4);
             let targets = words.iter_mut().skip(piece.first).take(piece.count);
             for (target, value) in targets.zip(values) {
-                *target = word(value);
+                *target = little_endian(value);
             }
         }
     }
 
-    /// The numbers at the end of a reply: the request's, and the last executed write's.
-    pub(super) fn numbers(reply: &[u8]) -> Option<(u32, u32)> {
-        let tail = reply.len().checked_sub(NUMBERS_BYTES)?;
-        let (request, write) = reply.get(tail..)?.split_at(4);
-        Some((word(request), word(write)))
+    /// How long the board waited before it answered like this, in microseconds, if it was to.
+    pub(super) fn waited_us(&self, reply: &[u8]) -> Option<u16> {
+        let bytes = reply.get(self.waited.clone()?)?;
+        Some(little_endian(bytes) as u16)
+    }
+
+    /// The number of the request that any reply answers.
+    pub(super) fn number(reply: &[u8]) -> Option<u32> {
+        reply.last_chunk().copied().map(u32::from_le_bytes)
+    }
+
+    /// The board's account in a reply, which has the right size.
+    pub(super) fn account(&self, reply: &[u8]) -> Option<Account> {
+        let mut words = [0; DETAILED.reply_len() / 2];
+        let tail = reply.get(self.body_len..)?;
+        for (word, bytes) in words.iter_mut().zip(tail.chunks_exact(2)) {
+            *word = little_endian(bytes) as u16;
+        }
+        if !self.is_detailed {
+            let [received, last_write, ..] = words;
+            return Some(Account {
+                last_write,
+                received,
+                details: None,
+            });
+        }
+        let [received, _, _, sent, slots @ .., last_write, _, _] = words;
+        Some(Account {
+            last_write,
+            received,
+            details: Some(Details { slots, sent }),
+        })
     }
 
     /// Whether the packet is answered.
@@ -161,13 +264,28 @@ impl Encoding {
 
     /// Whether the packet changes registers of the board.
     pub(super) fn has_writes(&self) -> bool {
-        self.write_number.is_some()
+        self.write_numbers.is_some()
     }
 
-    /// Bytes of the reply.
+    /// Bytes of the reply to the packet made last.
     pub(super) fn reply_len(&self) -> usize {
-        self.reply_len
+        let tail = if self.is_detailed { DETAILED } else { BRIEF };
+        self.body_len + tail.reply_len()
     }
+
+    fn longest_reply(&self) -> usize {
+        match self.is_answered() {
+            true => self.body_len + DETAILED.reply_len(),
+            false => 0,
+        }
+    }
+}
+
+fn tail(tail: Tail) -> Result<Vec<u8>, UdpError> {
+    let mut buffer = [0; 2 * COMMAND];
+    let mut request = RequestBuilder::new(&mut buffer);
+    tail.push(&mut request).map_err(too_long)?;
+    Ok(request.bytes().to_vec())
 }
 
 /// Checks that every access has its words in a buffer of this size.
@@ -252,14 +370,13 @@ fn is_sound(access: Access) -> bool {
     access.address.is_multiple_of(4) && end <= 0x1_0000
 }
 
-fn put(packet: &mut [u8], offset: usize, words: impl IntoIterator<Item = u32>) {
-    let bytes = words.into_iter().flat_map(u32::to_le_bytes);
+fn put(packet: &mut [u8], offset: usize, bytes: impl IntoIterator<Item = u8>) {
     for (target, byte) in packet.iter_mut().skip(offset).zip(bytes) {
         *target = byte;
     }
 }
 
-fn word(bytes: &[u8]) -> u32 {
+fn little_endian(bytes: &[u8]) -> u32 {
     let value = |word, &byte| word << 8 | u32::from(byte);
     bytes.iter().rev().fold(0, value)
 }

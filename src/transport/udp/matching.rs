@@ -103,71 +103,6 @@ impl Requests {
     }
 }
 
-/// The write packets sent, compared with the number of the last one that the board executed.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Writes {
-    sent: u32,
-    /// The newest write that was sent when the board was asked last, ...
-    asked: u32,
-    /// ... and its answer.
-    executed: u32,
-}
-
-impl Writes {
-    /// No write yet; the first will have the number after `sent`.
-    pub(super) fn starting_after(sent: u32) -> Self {
-        Self {
-            sent,
-            asked: sent,
-            executed: sent,
-        }
-    }
-
-    /// The number of the next write packet.
-    pub(super) fn open(&mut self) -> u32 {
-        self.sent = self.sent.wrapping_add(1);
-        self.sent
-    }
-
-    /// Whether the board, asked last, had executed the newest write.
-    pub(super) fn is_executed(&self) -> bool {
-        self.executed == self.sent
-    }
-
-    /// The board's number of the last write it executed: what that says of those sent.
-    ///
-    /// A write that was overtaken by an older one counts as lost as well: what the board now puts
-    /// out is not what was sent last. Each is said once.
-    pub(super) fn confirm(&mut self, executed: u32) -> Confirmed {
-        let sent_since = self.sent.wrapping_sub(self.asked);
-        let executed_since = executed.wrapping_sub(self.asked);
-        let news = sent_since > 0 || executed != self.executed;
-        self.asked = self.sent;
-        self.executed = executed;
-        if (1..=sent_since).contains(&executed_since) {
-            return Confirmed {
-                lost: sent_since - executed_since,
-                unknown: executed_since - 1,
-            };
-        }
-        let lost = if news && executed != self.sent {
-            sent_since.max(1)
-        } else {
-            0
-        };
-        Confirmed { lost, unknown: 0 }
-    }
-}
-
-/// What became of the writes sent since the board was asked before.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Confirmed {
-    /// The board did not execute them.
-    pub lost: u32,
-    /// A later one hides whether the board executed them.
-    pub unknown: u32,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -206,54 +141,5 @@ mod tests {
         assert_eq!(requests.classify(first), Match::Stale);
         assert_eq!(requests.classify(0), Match::Foreign);
         assert_eq!(requests.classify(0x8000_0000), Match::Foreign);
-    }
-
-    #[test]
-    fn lost_and_overtaken_writes_are_counted_and_no_others() {
-        let said = |lost, unknown| Confirmed { lost, unknown };
-        let mut writes = Writes::starting_after(u32::MAX);
-        assert_eq!(writes.confirm(u32::MAX), said(0, 0));
-        let first = writes.open();
-        assert_eq!(writes.confirm(first), said(0, 0));
-        writes.open();
-        assert_eq!(writes.confirm(first), said(1, 0), "the second was lost");
-        assert_eq!(writes.confirm(first), said(0, 0), "and is said once");
-        let third = writes.open();
-        writes.open();
-        assert_eq!(writes.confirm(third), said(1, 0));
-        writes.open();
-        let foreign = writes.confirm(0xDEAD_BEEF);
-        assert_eq!(foreign, said(1, 0), "somebody else's number");
-        let last = writes.open();
-        assert_eq!(writes.confirm(last), said(0, 0));
-        let old = writes.confirm(first);
-        assert_eq!(old, said(1, 0), "an old write came after the last");
-    }
-
-    #[test]
-    fn a_write_that_another_followed_before_the_board_was_heard_is_not_taken_for_executed() {
-        let mut writes = Writes::starting_after(10);
-        writes.open();
-        writes.open();
-        let third = writes.open();
-        let said = writes.confirm(third);
-        assert_eq!(
-            said,
-            Confirmed {
-                lost: 0,
-                unknown: 2
-            }
-        );
-        writes.open();
-        let second = writes.open();
-        writes.open();
-        let said = writes.confirm(second);
-        assert_eq!(
-            said,
-            Confirmed {
-                lost: 1,
-                unknown: 1
-            }
-        );
     }
 }

@@ -4,12 +4,14 @@
 //! command; lists that are run every cycle are encoded once ([`RegisterBus::prepare`]) and only
 //! patched.
 //!
-//! Requests and write packets are numbered through scratch registers of the board (FACTS 10.1):
-//! a reply is taken for the request that waits for it and for no other, and a write packet that
-//! the board did not execute is noticed with the next reply.
+//! Requests and write packets are numbered through scratch registers of the board (FACTS 10.1),
+//! and the board counts its packets: a reply is taken for the request that waits for it and for no
+//! other, and a write packet that the board did not execute, or executed late or twice, is noticed
+//! with the next replies.
 
 mod encoding;
 mod error;
+mod ledger;
 mod link;
 mod matching;
 
@@ -21,8 +23,9 @@ use std::net::SocketAddrV4;
 
 use crate::bus::{Access, BusStatistics, Direction, Instant, Prepared, RegisterBus};
 use crate::ethernet::Lbp16Board;
-use encoding::{Encoding, check_words};
-use matching::{Match, Requests, Writes};
+use encoding::{Encoding, Manner, check_words};
+use ledger::Ledger;
+use matching::{Match, Requests};
 
 /// Room for the longest datagram that an Ethernet frame carries.
 const RECEIVE_BUFFER: usize = 2048;
@@ -58,18 +61,32 @@ impl Default for UdpConfig {
 /// - [`exchange_prepared`](RegisterBus::exchange_prepared) is for the cycle: one try. A list that
 ///   only writes is sent and not waited for; that it was lost is noticed with the next reply, and
 ///   counted in [`BusStatistics::lost_writes`].
+/// - A [paced](RegisterBus::prepare_paced) list waits in the board for the reference of its DPLL
+///   (manual: 7I97, "SPACE 4"), which needs a firmware that has one.
 ///
 /// # Real time
-/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], and does not allocate.
+/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], a paced one by that and
+/// its own limit, and does not allocate.
 #[derive(Debug)]
 pub struct UdpBus<L: Link = UdpLink> {
     link: L,
     config: UdpConfig,
     requests: Requests,
-    writes: Writes,
+    ledger: Ledger,
     statistics: BusStatistics,
-    prepared: Vec<Encoding>,
+    prepared: Vec<List>,
+    /// The list whose request was sent, and is waited for.
+    posted: Option<(usize, Wait)>,
+    slack: Option<Duration>,
     reply: Box<[u8; RECEIVE_BUFFER]>,
+}
+
+/// A prepared list.
+#[derive(Clone, Debug, Default)]
+struct List {
+    encoding: Encoding,
+    /// How long the board may hold it back.
+    held: Duration,
 }
 
 impl UdpBus<UdpLink> {
@@ -103,9 +120,11 @@ impl<L: Link> UdpBus<L> {
             link,
             config,
             requests: Requests::starting_after(0),
-            writes: Writes::starting_after(0),
+            ledger: Ledger::starting_after(0),
             statistics: BusStatistics::default(),
             prepared: Vec::new(),
+            posted: None,
+            slack: None,
             reply: Box::new([0; RECEIVE_BUFFER]),
         };
         // Without this, the number that an earlier program left would look like a lost write.
@@ -150,7 +169,7 @@ impl<L: Link> UdpBus<L> {
                 if reads.is_empty() {
                     return Ok(());
                 }
-                encoding = Encoding::accesses(&reads, true)?;
+                encoding = Encoding::accesses(&reads, ACKNOWLEDGED)?;
             }
         }
     }
@@ -161,7 +180,7 @@ impl<L: Link> UdpBus<L> {
         let mut question = Encoding::question()?;
         loop {
             match self.transact(&mut question, &[], deadline) {
-                Ok(_) => return Ok(self.writes.is_executed()),
+                Ok(_) => return Ok(self.ledger.is_executed()),
                 Err(error) => *tries = another_try(*tries, error)?,
             }
         }
@@ -174,9 +193,31 @@ impl<L: Link> UdpBus<L> {
         words: &[u32],
         deadline: Duration,
     ) -> Result<usize, UdpError> {
-        let request = self.requests.open();
-        let writes = &mut self.writes;
-        let packet = encoding.packet(words, request, || writes.open());
+        let wait = self.send(encoding, words, deadline)?;
+        if !encoding.is_answered() {
+            return Ok(0);
+        }
+        self.receive(encoding, wait)
+    }
+
+    /// One packet out. If it is answered, nobody waits any more for a reply to the one before.
+    fn send(
+        &mut self,
+        encoding: &mut Encoding,
+        words: &[u32],
+        deadline: Duration,
+    ) -> Result<Wait, UdpError> {
+        let is_answered = encoding.is_answered();
+        let writes = encoding.has_writes();
+        let write = writes.then(|| self.ledger.open_write(is_answered));
+        let (mut request, mut asked) = (0, 0);
+        if is_answered {
+            self.statistics.lost += u64::from(self.posted.take().is_some());
+            request = self.requests.open();
+            asked = self.ledger.open_request();
+        }
+        let detailed = is_answered && self.ledger.wants_details();
+        let packet = encoding.packet(words, request, write, detailed);
         let started = self.link.now();
         self.statistics.exchanges += 1;
         self.statistics.bytes_sent += packet.len() as u64;
@@ -184,24 +225,25 @@ impl<L: Link> UdpBus<L> {
             link,
             waited: Duration::ZERO,
         })?;
-        if !encoding.is_answered() {
-            return Ok(0);
-        }
-        let wait = Wait {
+        Ok(Wait {
             request,
+            asked,
             expected: encoding.reply_len(),
             started,
             deadline,
-        };
-        let result = self.receive(wait);
+        })
+    }
+
+    /// Waits for the reply to a request, and throws away everything else that comes.
+    fn receive(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
+        let result = self.receive_until(encoding, wait);
         if result.is_err() {
             self.requests.give_up();
         }
         result
     }
 
-    /// Waits for the reply to a request, and throws away everything else that comes.
-    fn receive(&mut self, wait: Wait) -> Result<usize, UdpError> {
+    fn receive_until(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
         let Wait { request, .. } = wait;
         let until = wait.started.after(wait.deadline);
         let mut instead = None;
@@ -211,7 +253,7 @@ impl<L: Link> UdpBus<L> {
             let waited = self.link.now().since(wait.started);
             match received {
                 Ok(Some(length)) => {
-                    if let Some(got) = self.sort(length, wait, waited)? {
+                    if let Some(got) = self.sort(encoding, length, wait, waited)? {
                         if got == request {
                             return Ok(length);
                         }
@@ -237,22 +279,61 @@ impl<L: Link> UdpBus<L> {
         }
     }
 
+    /// Takes the words of the reply that was received.
+    fn take(&mut self, encoding: &Encoding, length: usize, words: &mut [u32]) {
+        let reply = self.reply.get(..length).unwrap_or(&[]);
+        encoding.take(reply, words);
+        let waited = encoding.waited_us(reply).map(u64::from);
+        self.slack = waited.map(Duration::from_micros).or(self.slack);
+    }
+
+    fn keep(&mut self, accesses: &[Access], encoding: Encoding, held: Duration) -> Prepared {
+        self.prepared.push(List { encoding, held });
+        Prepared::new(accesses, self.prepared.len() - 1)
+    }
+
+    /// Runs `exchange` with a prepared list.
+    fn with_list(
+        &mut self,
+        prepared: &Prepared,
+        exchange: impl FnOnce(&mut Self, &mut List) -> Result<(), UdpError>,
+    ) -> Result<(), UdpError> {
+        let slot = prepared.slot();
+        let count = self.prepared.len();
+        let Some(place) = self.prepared.get_mut(slot) else {
+            return Err(UdpError::NotPrepared {
+                slot,
+                prepared: count,
+            });
+        };
+        // Taken out for the exchange, which needs the rest of the bus; no memory moves but that
+        // of the handles.
+        let mut list = core::mem::take(place);
+        let result = exchange(self, &mut list);
+        if let Some(place) = self.prepared.get_mut(slot) {
+            *place = list;
+        }
+        result
+    }
+
     /// Counts what came as what it is; the number of the request it answers, if it answers one.
     fn sort(
         &mut self,
+        encoding: &Encoding,
         length: usize,
         wait: Wait,
         waited: Duration,
     ) -> Result<Option<u32>, UdpError> {
         let Wait {
             request,
+            asked,
             expected,
             deadline,
             ..
         } = wait;
         let counted = &mut self.statistics;
         let reply = self.reply.get(..length).unwrap_or(&[]);
-        let Some((number, executed)) = Encoding::numbers(reply) else {
+        let Some(number) = Encoding::number(reply) else {
             counted.short += 1;
             return Ok(None);
         };
@@ -276,9 +357,17 @@ impl<L: Link> UdpBus<L> {
             }
             Match::Current => {
                 counted.bytes_received += length as u64;
-                let writes = self.writes.confirm(executed);
-                counted.lost_writes += u64::from(writes.lost);
-                counted.unconfirmed_writes += u64::from(writes.unknown);
+                let news = encoding
+                    .account(reply)
+                    .map(|told| self.ledger.hear(told, asked));
+                let news = news.unwrap_or_default();
+                counted.lost_writes += u64::from(news.lost);
+                let found = u64::from(news.found);
+                counted.lost_writes = counted.lost_writes.saturating_sub(found);
+                counted.late_writes += u64::from(news.late);
+                counted.repeated_writes += u64::from(news.repeated);
+                counted.unconfirmed_writes += u64::from(news.unconfirmed);
+                counted.doubts += u64::from(news.doubt);
             }
             Match::Late => {
                 counted.late += 1;
@@ -302,10 +391,17 @@ impl<L: Link> UdpBus<L> {
 /// Datagrams that are looked through after the deadline, for one that came before it.
 const MAX_OVERTIME: u32 = 64;
 
+const ACKNOWLEDGED: Manner = Manner {
+    acknowledged: true,
+    wait_us: None,
+};
+
 /// The reply that is waited for.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Wait {
     request: u32,
+    /// The newest write that was sent before it.
+    asked: u32,
     expected: usize,
     started: Instant,
     deadline: Duration,
@@ -356,6 +452,7 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
     }
 
     fn send(&mut self, commands: &[u8]) -> Result<(), UdpError> {
+        self.ledger.lose_count();
         self.link.send(commands).map_err(|link| UdpError::Link {
             link,
             waited: Duration::ZERO,
@@ -367,7 +464,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     type Error = UdpError;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
-        let encoding = Encoding::accesses(accesses, true)?;
+        let encoding = Encoding::accesses(accesses, ACKNOWLEDGED)?;
         check_words(accesses, words.len())?;
         self.with_retries(encoding, accesses, words)
     }
@@ -382,8 +479,8 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     }
 
     fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, UdpError> {
-        self.prepared.push(Encoding::accesses(accesses, false)?);
-        Ok(Prepared::new(accesses, self.prepared.len() - 1))
+        let encoding = Encoding::accesses(accesses, Manner::default())?;
+        Ok(self.keep(accesses, encoding, Duration::ZERO))
     }
 
     fn exchange_prepared(
@@ -391,27 +488,58 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         prepared: &Prepared,
         words: &mut [u32],
     ) -> Result<(), UdpError> {
-        let slot = prepared.slot();
-        let count = self.prepared.len();
-        let Some(place) = self.prepared.get_mut(slot) else {
-            return Err(UdpError::NotPrepared {
-                slot,
-                prepared: count,
-            });
+        check_words(prepared.accesses(), words.len())?;
+        self.with_list(prepared, |bus, list| {
+            let deadline = bus.config.cycle_deadline.saturating_add(list.held);
+            let length = bus.transact(&mut list.encoding, words, deadline)?;
+            bus.take(&list.encoding, length, words);
+            Ok(())
+        })
+    }
+
+    /// The board's registers can wait up to 65 ms; a longer limit is cut to that.
+    fn prepare_paced(
+        &mut self,
+        accesses: &[Access],
+        limit: Duration,
+    ) -> Result<Option<Prepared>, UdpError> {
+        let wait_us = u16::try_from(limit.as_micros()).unwrap_or(u16::MAX);
+        let manner = Manner {
+            acknowledged: true,
+            wait_us: Some(wait_us),
         };
-        // Taken out for the exchange, which needs the rest of the bus; no memory moves but that
-        // of the handles.
-        let mut encoding = core::mem::take(place);
-        let result = check_words(prepared.accesses(), words.len())
-            .and_then(|()| self.transact(&mut encoding, words, self.config.cycle_deadline))
-            .map(|length| {
-                let reply = self.reply.get(..length).unwrap_or(&[]);
-                encoding.take(reply, words);
-            });
-        if let Some(place) = self.prepared.get_mut(slot) {
-            *place = encoding;
-        }
-        result
+        let encoding = Encoding::accesses(accesses, manner)?;
+        let held = Duration::from_micros(wait_us.into());
+        Ok(Some(self.keep(accesses, encoding, held)))
+    }
+
+    fn post(&mut self, prepared: &Prepared) -> Result<(), UdpError> {
+        self.with_list(prepared, |bus, list| {
+            let deadline = bus.config.cycle_deadline.saturating_add(list.held);
+            let wait = bus.send(&mut list.encoding, &[], deadline)?;
+            bus.posted = Some((prepared.slot(), wait));
+            Ok(())
+        })
+    }
+
+    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), UdpError> {
+        let Some((_, wait)) = self
+            .posted
+            .take()
+            .filter(|(slot, _)| *slot == prepared.slot())
+        else {
+            return self.exchange_prepared(prepared, words);
+        };
+        check_words(prepared.accesses(), words.len())?;
+        self.with_list(prepared, |bus, list| {
+            let length = bus.receive(&list.encoding, wait)?;
+            bus.take(&list.encoding, length, words);
+            Ok(())
+        })
+    }
+
+    fn slack(&self) -> Option<Duration> {
+        self.slack
     }
 
     fn statistics(&self) -> BusStatistics {

@@ -30,6 +30,9 @@ struct Network {
     replies: Vec<Fate>,
     registers: BTreeMap<u16, u32>,
     scratch: BTreeMap<u16, u16>,
+    /// RXUDPCount and TXUDPCount.
+    received: u16,
+    sent: u16,
     executed: Vec<Vec<u8>>,
     stamp: u32,
     refuses: bool,
@@ -88,6 +91,7 @@ impl Network {
 
     fn execute(&mut self, packet: &[u8]) -> Vec<u8> {
         self.executed.push(packet.to_vec());
+        self.received = self.received.wrapping_add(1);
         let mut reply = Vec::new();
         let mut words = Vec::new();
         let mut rest = packet;
@@ -125,13 +129,22 @@ impl Network {
                             .insert(at, u16::from_le_bytes(value.try_into().unwrap()));
                         rest = tail;
                     }
+                    (0, 6) => {
+                        let count = match at {
+                            0x0A => self.received,
+                            0x10 => self.sent,
+                            _ => 0xBAD0,
+                        };
+                        reply.extend(count.to_le_bytes());
+                    }
                     other => panic!("{other:?}"),
                 }
             }
         }
         assert!(rest.is_empty(), "{packet:02X?}");
-        let number = u32::from(self.scratch[&0x10]) | u32::from(self.scratch[&0x12]) << 16;
+        let number = u32::from(self.scratch[&0x1C]) | u32::from(self.scratch[&0x1E]) << 16;
         self.answers.entry(number).or_default().push(words);
+        self.sent = self.sent.wrapping_add(u16::from(!reply.is_empty()));
         reply
     }
 }
@@ -212,8 +225,8 @@ fn neighbours_share_a_command_and_the_packet_is_as_short_as_it_can_be() {
     let mut words = [0; 11];
     bus.exchange_prepared(&list, &mut words).unwrap();
     assert_eq!(words, [3, 0, 0, 1, 2, 4, 5, 6, 7, 8, 9]);
-    // number 8, two commands of 4, numbers read back 4
-    assert_eq!(bus.link().executed.last().unwrap().len(), 20);
+    // number 8, two commands of 4, count of packets 4, numbers read back 4
+    assert_eq!(bus.link().executed.last().unwrap().len(), 24);
 }
 
 #[test]
@@ -223,7 +236,7 @@ fn a_block_of_more_than_127_registers_takes_a_second_command() {
     let mut words = [0; 256];
     bus.exchange_prepared(&list, &mut words).unwrap();
     assert!(words.iter().zip(1..).all(|(&word, stamp)| word == stamp));
-    assert_eq!(bus.link().executed.last().unwrap().len(), 8 + 3 * 4 + 4);
+    assert_eq!(bus.link().executed.last().unwrap().len(), 8 + 3 * 4 + 8);
 }
 
 #[test]
@@ -235,7 +248,7 @@ fn lists_that_fit_no_packet_or_no_buffer_are_refused_when_they_are_prepared_or_r
             error,
             UdpError::TooLong {
                 what: "reply",
-                bytes: 1608,
+                bytes: 1624,
                 ..
             }
         ),

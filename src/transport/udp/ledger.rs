@@ -1,0 +1,592 @@
+//! What became of the packets sent, by the board's own account.
+//!
+//! A packet that only writes is not answered. So every write leaves its number in the board: in
+//! one register, which tells the last write that was executed, and in one of [`SLOTS`] others,
+//! which tell of the last few whether they were executed at all. What came twice shows in
+//! the board's own counts of packets (manual: 7I97, "SPACE 6").
+//!
+//! A reply usually brings the last number and the count of packets received. That explains
+//! everything when one write and this request were sent since the reply before; when it does not,
+//! the next request asks for the rest ([`Ledger::wants_details`]).
+
+/// Registers that writes leave their numbers in, each in another one.
+pub(super) const SLOTS: usize = 5;
+
+/// How many past writes are remembered.
+const REMEMBERED: u32 = 64;
+
+/// For so many writes a lost one keeps its register, in case that it comes late.
+const KEPT: u32 = 16;
+
+/// The board's account, as a reply brings it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Account {
+    /// Number of the last write that was executed.
+    pub last_write: u16,
+    /// RXUDPCount, this request included.
+    pub received: u16,
+    pub details: Option<Details>,
+}
+
+/// What is asked for when the rest leaves something open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Details {
+    /// The last write of each register that was executed.
+    pub slots: [u16; SLOTS],
+    /// TXUDPCount, this reply not included.
+    pub sent: u16,
+}
+
+/// What an account said that was not known before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct News {
+    /// Writes that the board has not executed.
+    pub lost: u32,
+    /// Writes that were said lost, and were executed since.
+    pub found: u32,
+    /// Those, and writes that came after a newer one.
+    pub late: u32,
+    /// Executions of writes that were executed before.
+    pub repeated: u32,
+    /// Writes of which nobody can tell any more.
+    pub unconfirmed: u32,
+    /// It is not certain that the newest write, and nothing else, was executed since the account
+    /// before.
+    pub doubt: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fate {
+    /// Never sent, or forgotten.
+    Unknown,
+    Underway,
+    /// Said lost.
+    Missing,
+    Executed,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Write {
+    fate: Fate,
+    /// The packet was a request as well.
+    is_request: bool,
+    slot: usize,
+}
+
+/// The writes sent lately, and what the board said of them.
+#[derive(Clone, Debug)]
+pub(super) struct Ledger {
+    /// Number of the newest write.
+    newest: u32,
+    /// Number of the newest write before those under way.
+    settled: u32,
+    writes: [Write; REMEMBERED as usize],
+    /// The last write of each register.
+    owners: [u32; SLOTS],
+    /// Writes that were still under way when they were forgotten.
+    forgotten: u32,
+    /// Requests since the last account.
+    requests: u32,
+    /// RXUDPCount of the last account.
+    received: Option<u16>,
+    /// RXUDPCount less TXUDPCount less the executions that are accounted for: it grows when a
+    /// packet is executed that nobody answered and nobody knows.
+    unaccounted: Option<u16>,
+    /// Executions accounted for since the last details.
+    executions: u16,
+    is_open: bool,
+}
+
+impl Ledger {
+    /// No write yet; the first will have the number after `newest`.
+    pub(super) fn starting_after(newest: u32) -> Self {
+        let unknown = Write {
+            fate: Fate::Unknown,
+            is_request: false,
+            slot: 0,
+        };
+        Self {
+            newest,
+            settled: newest,
+            writes: [unknown; REMEMBERED as usize],
+            owners: [newest; SLOTS],
+            forgotten: 0,
+            requests: 0,
+            received: None,
+            unaccounted: None,
+            executions: 0,
+            is_open: true,
+        }
+    }
+
+    /// A write is sent, perhaps with a request in the same packet: its number, and which register
+    /// it leaves that in.
+    pub(super) fn open_write(&mut self, is_request: bool) -> (u32, usize) {
+        self.newest = self.newest.wrapping_add(1);
+        if self.underway() > REMEMBERED {
+            self.settled = self.settled.wrapping_add(1);
+            // Its place is the new one's.
+            self.forgotten += u32::from(self.fate(self.newest) == Fate::Underway);
+        }
+        let slot = self.choose_slot();
+        let write = Write {
+            fate: Fate::Underway,
+            is_request,
+            slot,
+        };
+        if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
+            *place = write;
+        }
+        (self.newest, slot)
+    }
+
+    /// The register that is needed least: whose write is settled, then lost and hardly to come,
+    /// then under way; of those the oldest.
+    fn choose_slot(&mut self) -> usize {
+        let need = |owner: u32| match self.fate(owner) {
+            Fate::Underway => 2,
+            Fate::Missing if self.age(owner) <= KEPT => 1,
+            _ => 0,
+        };
+        let rank = |owner: u32| (need(owner), u32::MAX - self.age(owner));
+        let ranked = self.owners.map(rank);
+        let least = ranked.iter().min().copied();
+        let slot = ranked.iter().position(|rank| Some(*rank) == least);
+        let slot = slot.unwrap_or(0);
+        if let Some(owner) = self.owners.get_mut(slot) {
+            *owner = self.newest;
+        }
+        slot
+    }
+
+    /// A request is sent: the number of the newest write before it, which its reply tells of.
+    pub(super) fn open_request(&mut self) -> u32 {
+        self.requests = self.requests.saturating_add(1);
+        self.newest
+    }
+
+    /// A packet of somebody's own commands is sent, whose effect on the counts is not known.
+    pub(super) fn lose_count(&mut self) {
+        self.received = None;
+        self.unaccounted = None;
+        self.is_open = true;
+    }
+
+    /// Whether the request that is sent now must bring the details.
+    pub(super) fn wants_details(&self) -> bool {
+        self.is_open || self.requests > 1 || self.underway() > 1
+    }
+
+    /// Whether the newest write was executed, as far as the last account tells.
+    pub(super) fn is_executed(&self) -> bool {
+        self.fate(self.newest) == Fate::Executed
+    }
+
+    /// Takes what the reply to a request brought; `asked` is what [`open_request`] gave for it.
+    ///
+    /// [`open_request`]: Self::open_request
+    pub(super) fn hear(&mut self, account: Account, asked: u32) -> News {
+        let mut news = News::default();
+        // Of several writes nobody can tell in which order they were executed.
+        let is_sequence = asked.wrapping_sub(self.settled) > 1;
+        let last = self.number(account.last_write);
+        let slots = account.details.map_or([None; SLOTS], |details| {
+            details.slots.map(|word| self.number(word))
+        });
+        let was_underway = last.is_some_and(|last| self.fate(last) == Fate::Underway);
+        let mut fresh = 0;
+        for number in slots.into_iter().flatten().chain(last) {
+            fresh += self.executed(number, &mut news);
+        }
+        if let (Some(last), Some(newest)) = (last, self.newest_executed()) {
+            // A newer one was executed, and this one after it.
+            let is_behind = last != newest;
+            news.late += u32::from(is_behind && was_underway);
+            news.doubt |= is_behind;
+        }
+        news.doubt |= last.is_none();
+        self.executions = self.executions.wrapping_add(fresh);
+        let arrived = self
+            .received
+            .map(|before| account.received.wrapping_sub(before));
+        let is_explained = arrived == Some(1 + fresh) && self.requests == 1;
+        match account.details {
+            Some(details) => {
+                if last.is_none() {
+                    // Reset, or somebody else's: the counts mean nothing.
+                    self.unaccounted = None;
+                }
+                self.settle(asked, &slots, details, account.received, &mut news);
+            }
+            None if is_explained => self.nothing_else_came(asked, &mut news),
+            None => {
+                // What else came is not known yet. But had the newest write been followed by an
+                // older one, there would be three packets at least.
+                if last != Some(asked) && arrived.is_some_and(|arrived| arrived < 3) {
+                    self.nothing_else_came(asked, &mut news);
+                }
+                self.is_open = true;
+                news.doubt = true;
+            }
+        }
+        self.received = Some(account.received);
+        self.requests = 0;
+        // What is lost may still come, and is told best by the details.
+        self.is_open |= news.lost > 0;
+        let said = [news.lost, news.late, news.repeated, news.unconfirmed];
+        news.doubt |= is_sequence || said.into_iter().any(|count| count > 0);
+        news
+    }
+
+    /// A number that the board names is executed. How many packets that explains which are no
+    /// requests.
+    fn executed(&mut self, number: u32, news: &mut News) -> u16 {
+        let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) else {
+            return 0;
+        };
+        match write.fate {
+            Fate::Underway => {}
+            Fate::Missing => {
+                news.found += 1;
+                news.late += 1;
+            }
+            Fate::Unknown | Fate::Executed => return 0,
+        }
+        write.fate = Fate::Executed;
+        u16::from(!write.is_request)
+    }
+
+    /// Nothing came but what is known to be executed: the rest is lost.
+    fn nothing_else_came(&mut self, asked: u32, news: &mut News) {
+        while let Some(number) = self.next_to_settle(asked) {
+            news.lost += self.miss(number);
+        }
+    }
+
+    /// Goes through the writes that are not settled up to `asked`.
+    fn next_to_settle(&mut self, asked: u32) -> Option<u32> {
+        // What was asked may be settled since.
+        if asked.wrapping_sub(self.settled) as i32 <= 0 {
+            return None;
+        }
+        self.settled = self.settled.wrapping_add(1);
+        Some(self.settled)
+    }
+
+    /// Settles everything by the details.
+    fn settle(
+        &mut self,
+        asked: u32,
+        slots: &[Option<u32>; SLOTS],
+        details: Details,
+        received: u16,
+        news: &mut News,
+    ) {
+        news.unconfirmed += core::mem::take(&mut self.forgotten);
+        while let Some(number) = self.next_to_settle(asked) {
+            let slot = slots.get(self.slot_of(number)).copied().flatten();
+            let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
+            if is_overwritten && self.fate(number) == Fate::Underway {
+                self.set(number, Fate::Unknown);
+                news.unconfirmed += 1;
+            } else {
+                news.lost += self.miss(number);
+            }
+        }
+        let executions = core::mem::take(&mut self.executions);
+        let unanswered = received.wrapping_sub(details.sent);
+        let expected = self
+            .unaccounted
+            .map(|before| before.wrapping_add(executions));
+        let surplus = expected.map(|expected| unanswered.wrapping_sub(expected));
+        if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| news.unconfirmed == 0) {
+            news.repeated += u32::from(surplus);
+        }
+        // Counts that a reset of the board took back, or that an unconfirmed write blurs, begin
+        // again from here.
+        self.unaccounted = Some(unanswered);
+        self.is_open = false;
+    }
+
+    /// A write that is still under way is lost: 1 if it was.
+    fn miss(&mut self, number: u32) -> u32 {
+        if self.fate(number) != Fate::Underway {
+            return 0;
+        }
+        self.set(number, Fate::Missing);
+        1
+    }
+
+    /// The write that a 16-bit number of the board means, if it is one of ours.
+    fn number(&self, word: u16) -> Option<u32> {
+        let age = (self.newest as u16).wrapping_sub(word);
+        let number = self.newest.wrapping_sub(u32::from(age));
+        (self.fate(number) != Fate::Unknown).then_some(number)
+    }
+
+    fn newest_executed(&self) -> Option<u32> {
+        (0..REMEMBERED)
+            .map(|age| self.newest.wrapping_sub(age))
+            .find(|number| self.fate(*number) == Fate::Executed)
+    }
+
+    fn underway(&self) -> u32 {
+        self.newest.wrapping_sub(self.settled)
+    }
+
+    fn age(&self, number: u32) -> u32 {
+        self.newest.wrapping_sub(number)
+    }
+
+    fn fate(&self, number: u32) -> Fate {
+        if self.age(number) >= REMEMBERED {
+            return Fate::Unknown;
+        }
+        self.writes
+            .get((number % REMEMBERED) as usize)
+            .map_or(Fate::Unknown, |write| write.fate)
+    }
+
+    fn slot_of(&self, number: u32) -> usize {
+        let write = self.writes.get((number % REMEMBERED) as usize);
+        write.map_or(0, |write| write.slot)
+    }
+
+    fn set(&mut self, number: u32, fate: Fate) {
+        if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
+            write.fate = fate;
+        }
+    }
+}
+
+/// So many in one go are no repetitions: the counts began again.
+const PLAUSIBLE: u16 = 0x100;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A board that executes what it gets.
+    #[derive(Default)]
+    struct Board {
+        slots: [u16; SLOTS],
+        last: u16,
+        received: u16,
+        sent: u16,
+    }
+
+    impl Board {
+        fn write(&mut self, (number, slot): (u32, usize)) {
+            self.received = self.received.wrapping_add(1);
+            self.last = number as u16;
+            self.slots[slot] = number as u16;
+        }
+
+        fn answer(&mut self, ledger: &mut Ledger) -> News {
+            let asked = ledger.open_request();
+            let detailed = ledger.wants_details();
+            self.received = self.received.wrapping_add(1);
+            let details = Details {
+                slots: self.slots,
+                sent: self.sent,
+            };
+            self.sent = self.sent.wrapping_add(1);
+            let account = Account {
+                last_write: self.last,
+                received: self.received,
+                details: detailed.then_some(details),
+            };
+            ledger.hear(account, asked)
+        }
+    }
+
+    /// A board that has executed a write and said so.
+    fn pair() -> (Ledger, Board) {
+        let mut ledger = Ledger::starting_after(u32::MAX - 2);
+        let mut board = Board::default();
+        board.write(ledger.open_write(false));
+        assert_eq!(board.answer(&mut ledger), News::default());
+        (ledger, board)
+    }
+
+    #[test]
+    fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
+        let (mut ledger, mut board) = pair();
+        for _ in 0..200_000 {
+            board.write(ledger.open_write(false));
+            assert_eq!(board.answer(&mut ledger), News::default());
+            assert!(!ledger.wants_details() && ledger.is_executed());
+        }
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
+        let (mut ledger, mut board) = pair();
+        let lost = ledger.open_write(false);
+        let said = News {
+            lost: 1,
+            doubt: true,
+            ..News::default()
+        };
+        assert_eq!(board.answer(&mut ledger), said);
+        assert!(!ledger.is_executed() && ledger.wants_details());
+        assert_eq!(board.answer(&mut ledger), News::default());
+        for _ in 0..KEPT - 1 {
+            board.write(ledger.open_write(false));
+            assert_eq!(board.answer(&mut ledger), News::default());
+        }
+        let newer = ledger.open_write(false);
+        board.write(lost);
+        board.write(newer);
+        // Something came that was not due; what it was is asked for.
+        let doubt = News {
+            doubt: true,
+            ..News::default()
+        };
+        assert_eq!(board.answer(&mut ledger), doubt);
+        let late = News {
+            found: 1,
+            late: 1,
+            doubt: true,
+            ..News::default()
+        };
+        assert_eq!(board.answer(&mut ledger), late);
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
+        let (mut ledger, mut board) = pair();
+        board.write(ledger.open_write(false));
+        let asked = ledger.open_request();
+        board.received += 1;
+        let account = Account {
+            last_write: board.last,
+            received: board.received,
+            details: None,
+        };
+        board.sent += 1;
+        let next = ledger.open_write(false);
+        assert_eq!(ledger.hear(account, asked), News::default());
+        assert!(!ledger.is_executed());
+        board.write(next);
+        assert_eq!(board.answer(&mut ledger), News::default());
+        assert!(ledger.is_executed());
+    }
+
+    #[test]
+    fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
+        let (mut ledger, mut board) = pair();
+        let [first, second] = [(); 2].map(|()| ledger.open_write(false));
+        board.write(second);
+        board.write(first);
+        let late = News {
+            late: 1,
+            doubt: true,
+            ..News::default()
+        };
+        assert_eq!(board.answer(&mut ledger), late);
+        let doubt = News { late: 0, ..late };
+        assert_eq!(board.answer(&mut ledger), doubt, "its values still stand");
+        board.write(ledger.open_write(false));
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn a_doubled_write_is_in_doubt_at_once_and_counted_with_the_details() {
+        let (mut ledger, mut board) = pair();
+        let write = ledger.open_write(false);
+        board.write(write);
+        board.write(write);
+        let said = board.answer(&mut ledger);
+        assert_eq!((said.repeated, said.doubt), (0, true));
+        let said = board.answer(&mut ledger);
+        assert_eq!((said.repeated, said.doubt), (1, true));
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn somebody_elses_questions_are_in_doubt_and_count_as_nothing() {
+        let (mut ledger, mut board) = pair();
+        board.write(ledger.open_write(false));
+        board.received += 1;
+        board.sent += 1;
+        let doubt = News {
+            doubt: true,
+            ..News::default()
+        };
+        assert_eq!(board.answer(&mut ledger), doubt);
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
+        let (mut ledger, _) = pair();
+        ledger.open_write(false);
+        let mut board = Board::default();
+        let said = board.answer(&mut ledger);
+        assert!(said.doubt && ledger.wants_details());
+        let said = board.answer(&mut ledger);
+        assert_eq!((said.lost, said.repeated, said.doubt), (1, 0, true));
+        board.write(ledger.open_write(false));
+        let _ = board.answer(&mut ledger);
+        board.write(ledger.open_write(false));
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
+        let (mut ledger, mut board) = pair();
+        for n in 0..20 {
+            let write = ledger.open_write(false);
+            if n % 3 != 0 {
+                board.write(write);
+            }
+            (board.received, board.sent) = (7, 7);
+            let said = board.answer(&mut ledger);
+            (board.received, board.sent) = (7, 7);
+            let is_settled = n > 0;
+            assert!(
+                !is_settled || said.lost == u32::from(n % 3 == 0),
+                "{n}: {said:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn more_writes_than_are_remembered_are_unconfirmed_and_not_lost() {
+        let (mut ledger, mut board) = pair();
+        for _ in 0..100 {
+            board.write(ledger.open_write(false));
+        }
+        let said = board.answer(&mut ledger);
+        assert_eq!((said.lost, said.unconfirmed), (0, 100 - SLOTS as u32));
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_a_board_says_nothing_is_counted_that_was_not_sent(
+            steps in prop::collection::vec(
+                (0..4_u32, any::<u16>(), any::<u16>(), prop::option::of(any::<[u16; SLOTS + 1]>())),
+                0..80,
+            ),
+        ) {
+            let mut ledger = Ledger::starting_after(5);
+            let (mut sent, mut known) = (0, 0);
+            for (writes, last_write, received, details) in steps {
+                for _ in 0..writes {
+                    ledger.open_write(false);
+                }
+                sent += writes;
+                let asked = ledger.open_request();
+                let details = details.map(|[sent, slots @ ..]| Details { slots, sent });
+                let said = ledger.hear(Account { last_write, received, details }, asked);
+                known = known + said.lost + said.unconfirmed - said.found;
+                prop_assert!(known <= sent, "{known} of {sent}");
+            }
+        }
+    }
+}
