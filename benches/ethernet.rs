@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mesa_hal::bus::{Access, Instant, Prepared, RegisterBus};
+use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{AddressPointers, Operations, Space};
 use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig};
 
@@ -77,12 +78,16 @@ impl Cycle {
 struct Responder {
     pointers: AddressPointers,
     scratch: [u8; 32],
+    /// Packets that came in, and that went out.
+    counts: [u16; 2],
     reply: Vec<u8>,
 }
 
 impl Responder {
     fn answer(&mut self, request: &[u8]) -> &[u8] {
         self.reply.clear();
+        let [received, sent] = &mut self.counts;
+        *received = received.wrapping_add(1);
         for operation in Operations::new(request).flatten() {
             self.pointers.begin(&operation);
             let start = usize::from(self.pointers.get(operation.command.space)) % 32;
@@ -94,10 +99,15 @@ impl Responder {
             match (operation.command.space, operation.command.write, scratch) {
                 (Space::Timer, true, Some(scratch)) => scratch.copy_from_slice(operation.data),
                 (Space::Timer, false, Some(scratch)) => self.reply.extend_from_slice(scratch),
+                (Space::Control, false, _) if start == usize::from(control::RX_UDP) => {
+                    let counts = [*received, 0, 0, *sent].map(u16::to_le_bytes);
+                    self.reply.extend(counts.iter().flatten().take(len));
+                }
                 (_, false, _) => self.reply.resize(self.reply.len() + len, 0x5A),
                 _ => {}
             }
         }
+        *sent = sent.wrapping_add(u16::from(!self.reply.is_empty()));
         &self.reply
     }
 }
@@ -137,6 +147,7 @@ impl Link for Direct {
 fn packets(criterion: &mut Criterion) {
     let mut bus = UdpBus::new(Direct::default(), UdpConfig::default()).expect("it answers");
     let mut cycle = Cycle::new(&mut bus);
+    assert!(cycle.run(&mut bus));
     let before = bus.statistics();
     assert!(cycle.run(&mut bus));
     let after = bus.statistics();
@@ -181,7 +192,7 @@ fn loopback(criterion: &mut Criterion) {
     group.measurement_time(Duration::from_secs(3));
 
     let address = serve(|request| {
-        let reply = if request.len() > 60 { 0 } else { 96 };
+        let reply = if request.len() > 60 { 0 } else { 92 };
         vec![0; reply]
     });
     let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("loopback is there");
@@ -189,9 +200,9 @@ fn loopback(criterion: &mut Criterion) {
     group.bench_function("bare packets of the same size", |bencher| {
         let mut buffer = [0; 2048];
         bencher.iter(|| {
-            socket.send(&[0; 52]).expect("loopback is there");
+            socket.send(&[0; 56]).expect("loopback is there");
             let received = socket.recv(&mut buffer).expect("the responder answers");
-            socket.send(&[0; 116]).expect("loopback is there");
+            socket.send(&[0; 120]).expect("loopback is there");
             received
         });
     });

@@ -55,9 +55,12 @@ fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<boo
     let is_bad = Rc::new(Cell::new(false));
     let fates = |seed, spread: Duration| {
         let (mut chance, is_bad) = (Chance(seed), Rc::clone(&is_bad));
-        Box::new(move |_: &[u8]| match is_bad.get() {
-            true => chance.fate(spread.as_nanos() as u64),
-            false => vec![WIRE],
+        Box::new(move |_: &[u8]| {
+            if is_bad.get() {
+                chance.fate(spread.as_nanos() as u64)
+            } else {
+                vec![WIRE]
+            }
         })
     };
     // Where packets also wait in the board, longer delays make a write later than it can be told.

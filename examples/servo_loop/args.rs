@@ -7,7 +7,7 @@ use lexopt::prelude::*;
 use mesa_hal::driver::Pace;
 
 pub const HELP: &str = "\
-Closes six position loops on a 7I77 (with a 7I72 on its expansion port).
+Closes six position loops on a 7I77 (with a 7I72 on its expansion port), or on a 7I97.
 
 Usage: servo_loop [OPTIONS]
 

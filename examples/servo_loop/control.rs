@@ -3,13 +3,14 @@
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::boards::{I7i72, I7i77Field, OutputType};
 use mesa_hal::driver::{CycleError, Driver, Pace};
 use mesa_hal::hal::{Input, PinError};
-use mesa_hal::sslbp::Channel;
 
 use crate::Failure;
 use crate::args::Args;
+use crate::drives::Drives;
+use crate::found::remote;
 use crate::machine::{AXES, World};
 use crate::timed::Timed;
 
@@ -48,9 +49,9 @@ impl Axis {
 pub struct Control<B: World> {
     pub driver: Driver<Timed<B>>,
     pub axes: [Axis; AXES],
-    field: I7i77Field,
-    analog: I7i77Analog,
-    outputs: I7i72,
+    pub drives: Drives,
+    field: Option<I7i77Field>,
+    outputs: Option<I7i72>,
     /// What the field outputs were told lately, newest first.
     pattern: [u16; 3],
     pub loop_backs: u64,
@@ -64,28 +65,19 @@ pub struct Control<B: World> {
 
 impl<B: World> Control<B> {
     pub fn new(driver: Driver<Timed<B>>, _args: &Args) -> Result<Self, Failure> {
-        let port = driver
-            .ports()
-            .first()
-            .ok_or("the board has no serial port")?;
-        let remote = |channel: u8, what: &str| {
-            let channel = Channel::new(channel).ok_or("there is no such channel")?;
-            let missing = || format!("channel {channel}: {what} is missing, see above");
-            port.remote(channel)
-                .ok_or_else(missing)
-                .map_err(Failure::from)
-        };
+        let drives = Drives::find(&driver)?;
         let pins = driver.pins();
-        let field = remote(0, "the field I/O of a 7I77")?;
-        let field = I7i77Field::new(pins, field.pins(), OutputType::Sourcing)?;
-        let analog = I7i77Analog::new(pins, remote(1, "the analog part of a 7I77")?.pins())?;
-        let outputs = I7i72::new(pins, remote(2, "a 7I72")?.pins())?;
+        // A 7I97 needs no remotes; what is there is used.
+        let field = remote(&driver, 0)
+            .map(|field| I7i77Field::new(pins, field.pins(), OutputType::Sourcing));
+        let outputs = remote(&driver, 2).map(|outputs| I7i72::new(pins, outputs.pins()));
+        let (field, outputs) = (field.and_then(Result::ok), outputs.and_then(Result::ok));
         let name = driver.name().to_owned();
         let mut control = Self {
             driver,
             axes: [Axis::default(); AXES],
+            drives,
             field,
-            analog,
             outputs,
             pattern: [0; 3],
             loop_backs: 0,
@@ -183,12 +175,10 @@ impl<B: World> Control<B> {
             } else {
                 0.0
             };
-            if let Some(output) = self.analog.analog_out.get(n) {
-                pins.set(output.pin, volts.clamp(-FULL_SCALE, FULL_SCALE));
-            }
+            let volts = volts.clamp(-FULL_SCALE, FULL_SCALE);
+            self.drives.set(pins, n, volts);
         }
-        pins.set(self.analog.analogena.pin, all_valid);
-        pins.set(self.analog.spinena.pin, all_valid);
+        self.drives.enable(pins, all_valid);
     }
 
     /// A light that walks over the field outputs of the 7I77, and another over those of the 7I72.
@@ -198,10 +188,12 @@ impl<B: World> Control<B> {
         let [newest, older, _] = self.pattern;
         self.pattern = [word, newest, older];
         let pins = self.driver.pins_mut();
-        for (n, output) in self.field.outputs.iter().enumerate() {
+        let outputs = self.field.iter().flat_map(|field| &field.outputs);
+        for (n, output) in outputs.enumerate() {
             pins.set(output.pin, word >> n & 1 != 0);
         }
-        for (n, output) in (0u64..).zip(&self.outputs.outputs) {
+        let outputs = self.outputs.iter().flat_map(|remote| &remote.outputs);
+        for (n, output) in (0u64..).zip(outputs) {
             pins.set(output.pin, n == step % 48);
         }
     }
@@ -213,7 +205,8 @@ impl<B: World> Control<B> {
         }
         let [newest, ..] = self.pattern;
         let pins = self.driver.pins();
-        for (n, input) in self.field.inputs.iter().take(16).enumerate() {
+        let inputs = self.field.iter().flat_map(|field| &field.inputs);
+        for (n, input) in inputs.take(16).enumerate() {
             let reading = pins.read(input.pin);
             let expected = newest >> n & 1 != 0;
             self.loop_back_errors += u64::from(!reading.valid || reading.value != expected);

@@ -4,6 +4,7 @@ use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::ModeType;
 use mesa_hal::driver::{Driver, RemoteStatus};
 use mesa_hal::hal::Role;
+use mesa_hal::sslbp::Channel;
 
 pub fn print<B: RegisterBus>(driver: &Driver<B>, every_pin: bool) {
     let idrom = driver.firmware().idrom();
@@ -45,6 +46,11 @@ pub fn print<B: RegisterBus>(driver: &Driver<B>, every_pin: bool) {
     if every_pin {
         print_every_pin(driver);
     }
+}
+
+/// The remote on a channel of the first serial port.
+pub fn remote<B: RegisterBus>(driver: &Driver<B>, channel: u8) -> Option<RemoteStatus<'_>> {
+    driver.ports().first()?.remote(Channel::new(channel)?)
 }
 
 fn print_remote<B: RegisterBus>(driver: &Driver<B>, remote: &RemoteStatus<'_>) {

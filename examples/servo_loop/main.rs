@@ -1,10 +1,12 @@
 //! Six servo axes on a 7I77, with a 7I72 on its expansion port: the main job of the crate.
 //!
 //! Without `--addr` the board is a simulated 7I92 with motors on virtual time; with it, a real (or
-//! simulated) Ethernet board with the same remotes.
+//! simulated) Ethernet board: one with the same remotes, or a 7I97, which has analog outputs of its
+//! own and needs no remotes.
 
 mod args;
 mod control;
+mod drives;
 mod found;
 mod machine;
 mod result;

@@ -14,7 +14,10 @@ const HOLDS: f64 = 0.25;
 
 /// Prints the table; whether all loops held.
 pub fn print<B: World>(control: &Control<B>, args: &Args) -> bool {
-    println!("\nFollowing error after the start, in units (held: below {HOLDS}):");
+    println!(
+        "\nAxes on {}. Following error after the start, in units (held: below {HOLDS}):",
+        control.drives.name()
+    );
     println!("  axis      rms      worst");
     let mut held = true;
     for (n, axis) in control.axes.iter().enumerate() {

@@ -138,6 +138,8 @@ pub struct ImageSize {
     pub write_words: u32,
     /// Runs of neighbouring registers written in a normal cycle.
     pub write_accesses: u32,
+    /// The reads are [paced](RegisterBus::prepare_paced).
+    pub is_paced: bool,
 }
 
 /// Bytes that LBP16 adds to a request, to its reply and to a write: the numbers and counts that
@@ -145,20 +147,23 @@ pub struct ImageSize {
 const REQUEST_OVERHEAD: u32 = 16;
 const REPLY_OVERHEAD: u32 = 8;
 const WRITE_OVERHEAD: u32 = 12;
-/// The same at most: when the board waits before it reads, and when it is asked what became of
-/// packets that were lost.
-const MOST_REQUEST_OVERHEAD: u32 = 26;
-const MOST_REPLY_OVERHEAD: u32 = 26;
+/// What the wait for the board's clock adds to a request and to its reply.
+const PACED_REQUEST: u32 = 10;
+const PACED_REPLY: u32 = 2;
+/// What a reply has more when it tells what became of packets that were lost.
+const DETAILS: u32 = 16;
 
 impl ImageSize {
     /// Bytes of the request of a read over LBP16: four for each run of registers.
     pub const fn request_bytes(&self) -> u32 {
-        REQUEST_OVERHEAD + 4 * self.read_accesses
+        let wait = if self.is_paced { PACED_REQUEST } else { 0 };
+        REQUEST_OVERHEAD + wait + 4 * self.read_accesses
     }
 
     /// Bytes of the reply of a read over LBP16: four for each register.
     pub const fn reply_bytes(&self) -> u32 {
-        REPLY_OVERHEAD + 4 * self.read_words
+        let wait = if self.is_paced { PACED_REPLY } else { 0 };
+        REPLY_OVERHEAD + wait + 4 * self.read_words
     }
 
     /// Bytes of a write over LBP16: four for each run and each register.
@@ -247,7 +252,7 @@ impl ImagePlan {
     ) -> Result<CycleImage, ImageError<B::Error>> {
         let reads = build(&self.reads, limits.bridge)?.unshared_phases()?;
         let writes = build(&self.writes, 0)?.unshared()?;
-        check_size(&reads, &writes, limits.max_packet_bytes)?;
+        check_size(&reads, &writes, held.is_some(), limits.max_packet_bytes)?;
         let mut prepare = |accesses: &[_], held| match held {
             None => bus.prepare(accesses).map_err(ImageError::Bus),
             Some(limit) => bus
@@ -270,7 +275,9 @@ impl ImagePlan {
             run.tier == Tier::Cycle && run.phase == ReadPhase::Status as u8
         });
         Ok(CycleImage {
-            size: size(&reads, &writes, |run| run.tier == Tier::Cycle),
+            size: size(&reads, &writes, held.is_some(), |run| {
+                run.tier == Tier::Cycle
+            }),
             status: prepare(&status, None)?,
             read,
             write,
@@ -282,7 +289,12 @@ impl ImagePlan {
     }
 }
 
-fn size(reads: &Layout, writes: &Layout, keep: impl Fn(&layout::Run) -> bool + Copy) -> ImageSize {
+fn size(
+    reads: &Layout,
+    writes: &Layout,
+    is_paced: bool,
+    keep: impl Fn(&layout::Run) -> bool + Copy,
+) -> ImageSize {
     let (read_accesses, read_words) = reads.extent(keep);
     let (write_accesses, write_words) = writes.extent(keep);
     ImageSize {
@@ -290,16 +302,20 @@ fn size(reads: &Layout, writes: &Layout, keep: impl Fn(&layout::Run) -> bool + C
         read_accesses,
         write_words,
         write_accesses,
+        is_paced,
     }
 }
 
-fn check_size<E>(reads: &Layout, writes: &Layout, limit: u32) -> Result<(), ImageError<E>> {
-    let size = size(reads, writes, |_| true);
-    let request = size.request_bytes() - REQUEST_OVERHEAD + MOST_REQUEST_OVERHEAD;
-    let reply = size.reply_bytes() - REPLY_OVERHEAD + MOST_REPLY_OVERHEAD;
+fn check_size<E>(
+    reads: &Layout,
+    writes: &Layout,
+    is_paced: bool,
+    limit: u32,
+) -> Result<(), ImageError<E>> {
+    let size = size(reads, writes, is_paced, |_| true);
     let packets = [
-        ("read request", request),
-        ("reply", reply),
+        ("read request", size.request_bytes()),
+        ("reply", size.reply_bytes() + DETAILS),
         ("write request", size.write_bytes()),
     ];
     match packets.into_iter().find(|&(_, bytes)| bytes > limit) {

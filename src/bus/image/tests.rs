@@ -86,7 +86,8 @@ fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
             read_words: 5,
             read_accesses: 3,
             write_words: 3,
-            write_accesses: 2
+            write_accesses: 2,
+            is_paced: false,
         }
     );
 }
@@ -186,7 +187,7 @@ fn what_can_not_be_planned_is_refused_with_the_register_at_fault() {
         large,
         Err(ImageError::TooLarge {
             what: "reply",
-            bytes: 1626,
+            bytes: 1624,
             limit: 1450
         })
     ));

@@ -274,9 +274,10 @@ impl Encoding {
     }
 
     fn longest_reply(&self) -> usize {
-        match self.is_answered() {
-            true => self.body_len + DETAILED.reply_len(),
-            false => 0,
+        if self.is_answered() {
+            self.body_len + DETAILED.reply_len()
+        } else {
+            0
         }
     }
 }
