@@ -30,8 +30,16 @@
 //! # The real-time contract
 //! [`Driver::read`](driver::Driver::read) and [`Driver::write`](driver::Driver::write) do one
 //! exchange each, which the bus bounds by a deadline. They do not allocate, log, panic, or wait
-//! for hardware: a busy port is a state, not a loop. Everything else belongs to set-up or
-//! maintenance, is bounded as well, and may allocate. Each item says so under "Real time".
+//! for hardware: a busy port is a state, not a loop. Only where the application asks for it does
+//! `read` wait for the next period of the board's own clock ([`Pace::Board`](driver::Pace::Board)).
+//! Everything else belongs to set-up or maintenance, is bounded as well, and may allocate. Each
+//! item says so under "Real time".
+//!
+//! # What becomes of packets
+//! Over Ethernet every reply tells which write was the last that the board executed, and how many
+//! packets it has received. A packet that was lost, late, doubled or overtaken is noticed with the
+//! next reply, whichever it was, counted as what it was ([`BusStatistics`](bus::BusStatistics)),
+//! and the inputs that depend on it are not taken.
 //!
 //! # What a pin says
 //! Reading an input gives its value, whether it is valid, and its age: the age of the data, from
@@ -46,8 +54,8 @@
 //!   fastest axis allows.
 //! - Smart serial replies carry no number. One that comes a whole period late is told from the next
 //!   by the rest a channel gets after a failure; two in a row that late are not.
-//! - A write packet that the network delays is executed when it arrives. It is counted then, and
-//!   the next write overrides it.
+//! - A write packet that the network delays is executed when it arrives: for a moment the outputs
+//!   are older than the newest. The next reply says so, and the next write overrides it.
 //!
 //! # Features
 //! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
