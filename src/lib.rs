@@ -49,9 +49,8 @@
 //!
 //! # What nothing can notice
 //! - An encoder counts 16 bits: one that moves more than 32,767 counts between two good reads is
-//!   miscounted. At 3 million counts a second that is 10 ms; keep the watchdog and
-//!   [`Builder::bus_error_limit`](driver::Builder::bus_error_limit) below what the machine's
-//!   fastest axis allows.
+//!   miscounted. At 3 million counts a second that is 10 ms. That it may have happened is on its
+//!   pin `count-unsure`; whether it did, nothing can tell, and the axis has to be homed again.
 //! - Smart serial replies carry no number. One that comes a whole period late is told from the next
 //!   by the rest a channel gets after a failure; two in a row that late are not.
 //! - A write packet that the network delays is executed when it arrives: for a moment the outputs

@@ -286,3 +286,31 @@ fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed()
         volts(&mut driver)
     );
 }
+
+#[test]
+fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let unsure = driver.pins().input("hm2_7i92.0.encoder.02.count-unsure");
+    let unsure: Input<bool> = unsure.expect("a pin");
+    let reset = driver.pins().output("hm2_7i92.0.encoder.02.reset");
+    let reset: Output<bool> = reset.expect("a pin");
+    let run = |driver: &mut EthernetDriver, cycles: u32, is_cut: bool| {
+        driver.bus_mut().link().is_unreachable = is_cut;
+        for _ in 0..cycles {
+            assert_eq!(driver.read().is_err(), is_cut);
+            assert_eq!(driver.write().is_err(), is_cut);
+            driver.bus_mut().wait(period);
+        }
+        driver.pins().read(unsure)
+    };
+    assert!(!run(&mut driver, 10, false).value);
+    // 32768 counts take 5.2 ms at 6.25 million a second: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
+    run(&mut driver, 3, true);
+    assert!(!run(&mut driver, 10, false).value);
+    run(&mut driver, 6, true);
+    let said = run(&mut driver, 10, false);
+    assert!(said.valid && said.value);
+    driver.pins_mut().set(reset, true);
+    assert!(!run(&mut driver, 3, false).value, "zeroed, and known again");
+}

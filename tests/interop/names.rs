@@ -48,6 +48,10 @@ const ONLY_LINUXCNC: Reasons = &[
 const ONLY_OURS: Reasons = &[
     ("lost-writes", "LinuxCNC does not notice them"),
     (
+        "encoder.*.count-unsure",
+        "LinuxCNC does not notice a gap that hides a wrap-around",
+    ),
+    (
         "encoder.*.probe-enable",
         "latch on probe, made for every encoder",
     ),

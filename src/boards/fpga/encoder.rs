@@ -36,6 +36,9 @@ pub struct EncoderPins {
     pub probe_invert: Output<bool>,
     /// A quadrature sequence error was seen.
     pub quad_error: Input<bool>,
+    /// The board was not heard for so long that the encoder may have turned further than its
+    /// counter tells: `count` may be wrong by multiples of 65536. On until `reset` or index.
+    pub count_unsure: Input<bool>,
     /// Watches for sequence errors; turning it off clears `quad-error`.
     pub quad_error_enable: Output<bool>,
     /// A now.
@@ -85,6 +88,7 @@ impl EncoderPins {
             probe_enable: make.switch("probe-enable", false)?,
             probe_invert: make.switch("probe-invert", false)?,
             quad_error: make.input("quad-error")?,
+            count_unsure: make.input("count-unsure")?,
             quad_error_enable: make.switch("quad-error-enable", false)?,
             input_a: make.input("input-a")?,
             input_b: make.input("input-b")?,
@@ -156,6 +160,7 @@ impl EncoderPins {
         let scale = pins.param(self.scale);
         let scale = if scale == 0.0 { 1.0 } else { scale };
         pins.publish(self.rawcounts, reading.rawcounts as i32);
+        pins.publish(self.count_unsure, reading.is_unsure);
         pins.publish(self.count, reading.count as i32);
         pins.publish(self.position, reading.position);
         pins.publish(self.velocity, reading.velocity);

@@ -69,12 +69,14 @@ impl EncoderModule {
         let dpll = firmware.find(Gtag::HM2DPLL).is_some();
         made.encoder_bank = Some(EncoderBankPins::new(pins, group, board, version, dpll)?);
         let wiring = Wiring::of(firmware);
+        let rate = setup.rate.unwrap_or_else(|| wiring.mux_rate());
+        let fastest = registers.max_count_rate(rate);
         let mut channels = Vec::new();
         for number in 0..usize::from(count) {
             let terminals = wiring.encoder(number);
             let pins_of = EncoderPins::new(pins, group, board, number, terminals)?;
             channels.push(Channel {
-                encoder: Encoder::new(pins_of.config(pins), tick_hz),
+                encoder: Encoder::new(pins_of.config(pins), tick_hz).counting_up_to(fastest),
                 pins: pins_of,
                 count: None,
                 control: None,
@@ -84,7 +86,7 @@ impl EncoderModule {
         made.encoders = channels.iter().map(|channel| channel.pins).collect();
         Ok(Some(Self {
             registers,
-            rate: setup.rate.unwrap_or_else(|| wiring.mux_rate()),
+            rate,
             timestamps,
             channels,
             timestamp: None,
@@ -128,10 +130,10 @@ impl Module for EncoderModule {
         }
     }
 
+    /// The counters may stand anywhere, and the counts go on from where they were.
     fn restarted(&mut self) {
-        let tick_hz = self.timestamps.hz(self.registers.clock_hz());
         for channel in &mut self.channels {
-            channel.encoder = Encoder::new(*channel.encoder.config(), tick_hz);
+            channel.encoder.resume();
         }
     }
 

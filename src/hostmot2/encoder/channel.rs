@@ -32,6 +32,9 @@ pub struct EncoderReading {
     /// Both inputs changed at once: counts may be wrong. Said until it is taken back, see
     /// [`Encoder::clear_quadrature_error`].
     pub quadrature_error: bool,
+    /// So much time lay between two reads that the encoder may have moved 32768 counts or more:
+    /// `count` may be wrong by multiples of 65536. Said until the next reset or index.
+    pub is_unsure: bool,
     /// The inputs now: A, B, index.
     pub inputs: [bool; 3],
 }
@@ -67,8 +70,8 @@ impl LatchRequest {
 /// Once per cycle: [`read`](Self::read) with what was read, then [`control`](Self::control) for
 /// what is to be written.
 ///
-/// The counter in the FPGA has 16 bits: the encoder must not move 32768 counts or more between
-/// two reads.
+/// The counter in the FPGA has 16 bits: if the encoder moves 32768 counts or more between two
+/// reads, counts are wrong. That it may have done so is said, see [`EncoderReading::is_unsure`].
 ///
 /// # Real time
 /// Constant time, no allocation.
@@ -85,6 +88,9 @@ pub struct Encoder {
     clean: bool,
     latched: Option<i64>,
     clear_error: bool,
+    /// The most counts in a second.
+    fastest: f64,
+    is_unsure: bool,
     velocity: VelocityEstimator,
 }
 
@@ -122,8 +128,18 @@ impl Encoder {
             clean: false,
             latched: None,
             clear_error: false,
+            fastest: 0.0,
+            is_unsure: false,
             velocity: VelocityEstimator::default(),
         }
+    }
+
+    /// The same, which counts at most so many times a second: that tells how far it may have moved
+    /// unseen. Otherwise nothing is told of that.
+    #[must_use]
+    pub fn counting_up_to(mut self, hz: f64) -> Self {
+        self.fastest = hz;
+        self
     }
 
     /// How it counts.
@@ -153,11 +169,13 @@ impl Encoder {
     /// Makes the count 0 here.
     pub fn reset(&mut self) {
         self.zero = self.rawcounts;
+        self.is_unsure = false;
     }
 
     /// Takes the next read as a new start: counts go on from here, whatever the counter in the FPGA
     /// says then. For when it may have been reset, or moved by 32768 counts or more unseen.
     pub fn resume(&mut self) {
+        self.is_unsure |= self.last.is_some();
         self.last = None;
         self.clean = false;
         self.velocity.reset();
@@ -211,6 +229,7 @@ impl Encoder {
             velocity: self.velocity.velocity() / scale,
             latched: self.latched,
             quadrature_error: input(ControlWord::QUADRATURE_ERROR),
+            is_unsure: self.is_unsure,
             inputs: [
                 input(ControlWord::A),
                 input(ControlWord::B),
@@ -222,6 +241,8 @@ impl Encoder {
     fn advance(&mut self, last: Last, sample: EncoderSample) {
         let count = sample.count.count();
         let change = i64::from(count.wrapping_sub(last.count) as i16);
+        let gap = sample.at.since(last.at).as_secs_f64();
+        self.is_unsure |= gap * self.fastest >= AMBIGUOUS;
         let ticks = extend_ticks(last, &sample, self.tick_hz);
         // A change after the time stamp counter was read would look 65535 ticks old.
         let age = sample.timestamp.wrapping_sub(sample.count.timestamp());
@@ -269,6 +290,7 @@ impl Encoder {
         let latched = self.rawcounts.wrapping_sub(i64::from(behind));
         if self.wanted == LatchRequest::Index {
             self.zero = latched;
+            self.is_unsure = false;
         }
         self.latched = Some(latched.wrapping_sub(self.zero));
         self.wanted = LatchRequest::None;
@@ -278,6 +300,9 @@ impl Encoder {
 
 /// The bits of the control register that any request sets.
 const ANY_REQUEST: u32 = LatchRequest::Index.bits() | LatchRequest::Probe.bits();
+
+/// So many counts between two reads may as well be as many in the other direction.
+const AMBIGUOUS: f64 = 32_768.0;
 
 /// How many ticks later than the time stamp counter a count may have been read.
 const READ_SKEW: u16 = 256;

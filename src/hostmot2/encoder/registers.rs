@@ -85,6 +85,16 @@ impl Encoders {
         self.clock_hz
     }
 
+    /// The most counts in a second at this rate of multiplexer or filters, whatever the filter: a
+    /// level has to last for one look of the multiplexer, or for three clocks.
+    pub fn max_count_rate(&self, rate: TickRate) -> f64 {
+        if self.is_muxed() {
+            rate.max_muxed_count_rate(self.clock_hz)
+        } else {
+            rate.hz(self.clock_hz) / 3.0
+        }
+    }
+
     /// Sets all encoders up, in one exchange: time-stamp rate, multiplexer or filter rate, and
     /// the control words. Counts are cleared. Instances beyond `configs` are left alone.
     ///

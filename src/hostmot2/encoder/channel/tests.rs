@@ -236,3 +236,25 @@ fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
     assert_eq!(encoder.read(hardware.step(5, 1_000)).count, 20_005);
     assert_eq!(encoder.control().0, 0x1858);
 }
+
+#[test]
+fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
+    let mut hardware = Hardware::default();
+    // 1 million counts a second: 32768 of them take 32.8 ms.
+    let fresh = encoder().counting_up_to(1e6);
+    let mut encoder = fresh.clone();
+    assert!(!encoder.read(hardware.sample()).is_unsure);
+    assert!(!encoder.read(hardware.step(10, 32_000)).is_unsure);
+    assert!(encoder.read(hardware.step(10, 33_000)).is_unsure);
+    assert!(encoder.read(hardware.step(10, 1_000)).is_unsure, "kept");
+    encoder.reset();
+    assert!(!encoder.read(hardware.step(10, 1_000)).is_unsure);
+    encoder.resume();
+    assert!(encoder.read(hardware.step(0, 1_000)).is_unsure);
+    let mut encoder = fresh;
+    encoder.resume();
+    assert!(
+        !encoder.read(hardware.sample()).is_unsure,
+        "nothing to lose"
+    );
+}
