@@ -306,9 +306,9 @@ fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
     };
     assert!(!run(&mut driver, 10, false).value);
     // 32768 counts take 5.2 ms at 6.25 million a second: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
-    run(&mut driver, 3, true);
+    let _ = run(&mut driver, 3, true);
     assert!(!run(&mut driver, 10, false).value);
-    run(&mut driver, 6, true);
+    let _ = run(&mut driver, 6, true);
     let said = run(&mut driver, 10, false);
     assert!(said.valid && said.value);
     driver.pins_mut().set(reset, true);

@@ -1,91 +1,20 @@
 //! A port in the cycle as a state machine: what COMMAND, DATA and CS mean, and which command is
 //! next. It knows neither bus nor pins, never waits, and does one step for each read and write.
 
+mod words;
+
 use core::time::Duration;
+
+pub(crate) use words::{Next, Observation, Outcome, PerChannel};
 
 use super::channel::{Channel, RemoteState, SetAside, Verdict};
 use super::statistics::PortStatistics;
 use super::{Failure, FaultPolicy};
 use crate::bus::Instant;
 use crate::sslbp::{
-    Channel as Number, ChannelMask, ComState, Command, CsStatus, DataStatus, MAX_CHANNELS,
-    RemoteFaults,
+    Channel as Number, ChannelMask, ComState, Command, CsStatus, DataStatus, RemoteFaults,
 };
-
-/// For each channel of a port.
-pub(crate) type PerChannel<T> = [T; MAX_CHANNELS as usize];
-
-/// What one read showed of a port.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Observation {
-    pub command: u32,
-    pub data: u32,
-    pub cs: PerChannel<u32>,
-    /// Interface registers 0 to 2; only looked at when START is complete.
-    pub start: PerChannel<[u32; 3]>,
-}
-
-/// What a read means.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Outcome {
-    /// Channels whose data is new and sound.
-    pub good: ChannelMask,
-    /// Channels with a transfer whose data must not be used.
-    pub failed: ChannelMask,
-    /// Channels that were set aside just now.
-    pub set_aside: ChannelMask,
-    /// The transfer was not complete in time.
-    pub too_short: bool,
-    /// When the transfer was started that `good` and `failed` are about, and how many reads could
-    /// not take it before.
-    pub started: Instant,
-    pub reads_before: u32,
-}
-
-/// What COMMAND was told last.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Asked {
-    Transfer(ChannelMask),
-    Stop(ChannelMask),
-    Start(ChannelMask),
-    Free,
-}
-
-/// A command that is not known to be complete.
-#[derive(Clone, Copy, Debug)]
-struct Pending {
-    asked: Asked,
-    issued: Instant,
-    /// It is known that the board got it.
-    sure: bool,
-    busy_reads: u32,
-    /// Reads since it was written that did not show it complete, failed ones included.
-    reads_before: u32,
-    /// Its time has been counted.
-    measured: bool,
-}
-
-/// How far the restart of channels is. They are restarted together, because every attempt takes
-/// the others' transfers away for a while.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Restart {
-    None,
-    /// Stopped; the others get a transfer before the START, which takes long.
-    Stopped {
-        mask: ChannelMask,
-        others_served: bool,
-    },
-    Starting,
-}
-
-/// What to write next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Next {
-    pub command: Command,
-    /// Output data belongs to it; otherwise what was written before must be repeated unchanged,
-    /// because a transfer that still runs may be reading it.
-    pub with_data: bool,
-}
+use words::{Asked, Pending, Restart, at};
 
 /// One port in the cycle.
 #[derive(Debug)]
@@ -116,26 +45,6 @@ const BETWEEN_FREES: Duration = Duration::from_secs(1);
 const MIN_BUSY_READS: u32 = 3;
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY: u64 = 1000;
-
-impl Asked {
-    /// How long it may take. FACTS 3, 5.2; START is allowed what setup START needs.
-    const fn limit(self) -> Duration {
-        match self {
-            Self::Transfer(_) => Duration::from_millis(20),
-            Self::Start(_) => Duration::from_millis(60),
-            Self::Stop(_) | Self::Free => Duration::from_millis(5),
-        }
-    }
-
-    fn command(self) -> Command {
-        match self {
-            Self::Transfer(mask) => Command::doit(mask),
-            Self::Stop(mask) => Command::stop(mask).unwrap_or(Command::IGNORED),
-            Self::Start(mask) => Command::start(mask),
-            Self::Free => Command::FREE,
-        }
-    }
-}
 
 impl Machine {
     /// A port whose channels have just been started and run.
@@ -578,12 +487,6 @@ fn needs_restart(faults: RemoteFaults) -> Option<SetAside> {
     } else {
         None
     }
-}
-
-fn at<T: Copy + Default>(all: &PerChannel<T>, number: Number) -> T {
-    all.get(usize::from(number.index()))
-        .copied()
-        .unwrap_or_default()
 }
 
 #[cfg(test)]

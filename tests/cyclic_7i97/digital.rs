@@ -1,0 +1,185 @@
+//! The isolated inputs and outputs, the MPGs, the LEDs and the expansion connector's pins.
+
+use super::*;
+
+#[test]
+fn inputs_arrive_filtered_and_raw() {
+    for mut machine in both_firmwares().map(Machine::new) {
+        let inputs = machine.card.inputs.clone();
+        assert_eq!(inputs.inputs.len(), 16);
+        machine.driver.pins_mut().set(inputs.inputs[3].slow, true);
+        machine.cycles(3);
+        for n in 0..16 {
+            machine.fpga().set_input(n, n % 3 == 0);
+        }
+        machine.cycles(4);
+        for (n, input) in inputs.inputs.iter().enumerate() {
+            let (level, pins) = (n % 3 == 0, machine.driver.pins());
+            let filtered = level && n != 3;
+            assert_eq!(pins.read(input.raw.pin).value, level, "input {n}");
+            assert_eq!(pins.read(input.raw.not).value, !level, "input {n}");
+            assert_eq!(pins.read(input.filtered.pin).value, filtered, "input {n}");
+            assert_eq!(pins.read(input.filtered.not).value, !filtered, "input {n}");
+            let terminal = &pins.info(input.filtered.pin).expect("a pin").signal;
+            assert_eq!(*terminal, format!("IN{n}"));
+        }
+        // 500 scans at 20 kHz: 25 ms.
+        machine.cycles(30);
+        assert!(
+            machine
+                .driver
+                .pins()
+                .read(inputs.inputs[3].filtered.pin)
+                .value
+        );
+    }
+}
+
+/// Turns the MPG on inputs 2k and 2k+1 by whole cycles.
+fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, steps: usize) {
+    for _ in 0..steps {
+        for (a, b) in [(true, false), (true, true), (false, true), (false, false)] {
+            machine.fpga().set_input(2 * k, a);
+            machine.fpga().set_input(2 * k + 1, b);
+            machine.cycles(1);
+        }
+    }
+}
+
+#[test]
+fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_and_can_be_reset() {
+    for mut machine in both_firmwares().map(Machine::new) {
+        let inputs = machine.card.inputs.clone();
+        let count = |machine: &Machine<SimFpga>, k: usize| {
+            machine.driver.pins().read(inputs.mpg_counts[k]).value.abs()
+        };
+        machine.cycles(3);
+        turn_mpg(&mut machine, 1, 300);
+        machine.cycles(2);
+        assert_eq!(count(&machine, 1), 300);
+        assert_eq!(count(&machine, 0), 0);
+        machine
+            .driver
+            .pins_mut()
+            .set_param(inputs.mpg_4x[3], true)
+            .expect("a switch");
+        machine.cycles(1);
+        turn_mpg(&mut machine, 3, 100);
+        machine.cycles(2);
+        assert_eq!(count(&machine, 3), 400);
+        machine.driver.pins_mut().set(inputs.mpg_resets[1], true);
+        machine.cycles(1);
+        assert_eq!(count(&machine, 1), 0);
+        machine.driver.pins_mut().set(inputs.mpg_resets[1], false);
+        turn_mpg(&mut machine, 1, 2);
+        machine.cycles(2);
+        assert_eq!((count(&machine, 1), count(&machine, 3)), (2, 400));
+    }
+}
+
+#[test]
+fn isolated_outputs_and_leds_follow_and_can_be_turned_round() {
+    for mut machine in both_firmwares().map(Machine::new) {
+        let card = machine.card.clone();
+        let on = |machine: &mut Machine<SimFpga>| {
+            let fpga = machine.fpga();
+            [0, 1, 2, 3, 4, 5].map(|n| fpga.isolated_output(n))
+        };
+        let lit = |machine: &mut Machine<SimFpga>| {
+            let leds = machine.fpga().leds();
+            [0, 1, 2, 3].map(|n| leds.is_lit(n))
+        };
+        machine.cycles(2);
+        assert_eq!(
+            (on(&mut machine), lit(&mut machine)),
+            ([false; 6], [false; 4])
+        );
+        for n in 0..6 {
+            for (k, output) in card.outputs.outputs.iter().enumerate() {
+                machine.driver.pins_mut().set(output.out, k == n);
+            }
+            for (k, led) in card.leds.leds.iter().enumerate() {
+                machine.driver.pins_mut().set(*led, k == n);
+            }
+            machine.cycles(1);
+            assert_eq!(on(&mut machine), [0, 1, 2, 3, 4, 5].map(|k| k == n));
+            assert_eq!(lit(&mut machine), [0, 1, 2, 3].map(|k| k == n));
+        }
+        machine
+            .driver
+            .pins_mut()
+            .set(card.outputs.outputs[2].invert, true);
+        machine.cycles(1);
+        assert_eq!(on(&mut machine), [false, false, true, false, false, true]);
+        let Some(rate) = card.outputs.rate else {
+            assert!(machine.fpga().ssr().is_none(), "only SSR has a drive");
+            continue;
+        };
+        machine.driver.pins_mut().set(rate, 0);
+        machine.cycles(1);
+        assert_eq!(on(&mut machine), [false; 6], "without drive");
+    }
+}
+
+#[test]
+fn expansion_pins_are_inputs_or_outputs_as_configured() {
+    let config = GpioConfig {
+        output: true,
+        ..GpioConfig::default()
+    };
+    let inverted = GpioConfig {
+        invert: true,
+        ..config
+    };
+    let fpga = machines::i7i97(1);
+    let mut machine = Machine::build(fpga, |builder| builder.gpio(34, config).gpio(50, inverted));
+    let io = machine.card.expansion().to_vec();
+    assert_eq!(io.len(), 17);
+    let out = |n: usize| io[n].out.expect("a plain output");
+    machine.cycles(2);
+    assert!(!machine.fpga().pin_level(34) && machine.fpga().pin_level(50));
+    machine.driver.pins_mut().set(out(0), true);
+    machine.driver.pins_mut().set(out(16), true);
+    machine.driver.pins_mut().set(out(5), true);
+    machine.fpga().drive_pin(39, Some(false));
+    machine.cycles(2);
+    assert!(machine.fpga().pin_level(34) && !machine.fpga().pin_level(50));
+    let (level, not) = io[5].input.expect("an input");
+    assert!(
+        !machine.driver.pins().read(level).value,
+        "driven from outside"
+    );
+    assert!(machine.driver.pins().read(not).value);
+    machine.fpga().drive_pin(39, None);
+    let output = io[5].is_output.expect("a parameter");
+    machine
+        .driver
+        .pins_mut()
+        .set_param(output, true)
+        .expect("a switch");
+    machine.driver.pins_mut().set(out(5), false);
+    machine.cycles(2);
+    assert!(!machine.fpga().pin_level(39));
+    let drain = io[5].is_opendrain.expect("a parameter");
+    machine
+        .driver
+        .pins_mut()
+        .set_param(drain, true)
+        .expect("a switch");
+    machine.driver.pins_mut().set(out(5), true);
+    machine.fpga().drive_pin(39, Some(false));
+    machine.cycles(2);
+    assert!(
+        !machine.driver.pins().read(level).value,
+        "it does not drive high"
+    );
+}
+
+#[test]
+fn a_pin_that_a_module_uses_is_no_plain_io() {
+    let error = Driver::builder(machines::i7i97(1))
+        .gpio(19, GpioConfig::default())
+        .build()
+        .expect_err("an isolated output");
+    assert!(error.to_string().contains("I/O pin 19"), "{error}");
+}
