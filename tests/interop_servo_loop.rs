@@ -51,7 +51,7 @@ fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
         let board = Board::start(address, board);
         let output = Command::new(&program)
             .args(["--addr", &address.to_string()])
-            .args(["--seconds", "3", "--rate", "1000"])
+            .args(["--seconds", "3", "--rate", "1000", "--watchdog", "50"])
             .args(arguments)
             .output()
             .expect("servo_loop starts");

@@ -18,6 +18,7 @@ Usage: servo_loop [OPTIONS]
                 run on the Ethernet board there instead of the simulated one
   --pace host|board
                 who begins a cycle (host); board needs --addr, and a board with a DPLL
+  --watchdog MS the board's outputs go off after so long without a write, 1 to 1000 (5)
   --pins        list every pin and parameter that was found
   --help        this text
 
@@ -34,6 +35,7 @@ pub struct Args {
     pub address: Option<SocketAddrV4>,
     pub pins: bool,
     pub pace: Pace,
+    pub watchdog: Duration,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +53,7 @@ impl Args {
             address: None,
             pins: false,
             pace: Pace::Host,
+            watchdog: Duration::from_millis(5),
         };
         let mut parser = lexopt::Parser::from_env();
         while let Some(arg) = parser.next()? {
@@ -61,6 +64,10 @@ impl Args {
                 Long("rate") => args.rate = within(&parser.value()?, "--rate", 100.0, 5000.0)?,
                 Long("realtime") => args.realtime = true,
                 Long("pace") => args.pace = parser.value()?.parse_with(pace)?,
+                Long("watchdog") => {
+                    let millis = within(&parser.value()?, "--watchdog", 1.0, 1000.0)?;
+                    args.watchdog = Duration::from_secs_f64(millis * 1e-3);
+                }
                 Long("pins") => args.pins = true,
                 Long("addr") => args.address = Some(parser.value()?.parse_with(address)?),
                 Short('h') | Long("help") => return Ok(Parsed::Help),

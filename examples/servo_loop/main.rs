@@ -54,6 +54,7 @@ fn run_on<B: machine::World>(bus: B, args: &Args) -> Result<bool, Failure> {
     let driver = Driver::builder(timed::Timed::new(bus))
         .period(args.period())
         .pace(args.pace)
+        .watchdog(args.watchdog)
         .build()?;
     found::print(&driver, args.pins);
     let mut control = control::Control::new(driver, args)?;

@@ -118,6 +118,14 @@ fn print_cycles<B: World>(control: &Control<B>, args: &Args) {
         micros(control.host_time) / cycles,
         micros(below) / cycles
     );
+    let counted = control.driver.statistics();
+    println!(
+        "Board: {:?}; {} bites of its watchdog, {} resets, bus given up {} times.",
+        control.driver.board_state(),
+        counted.watchdog_bites,
+        counted.resets,
+        counted.bus_down
+    );
     let packets = control.driver.bus().statistics();
     if packets.bytes_sent > 0 {
         println!(
@@ -136,7 +144,7 @@ fn print_cycles<B: World>(control: &Control<B>, args: &Args) {
         );
     }
     if args.pace == Pace::Board {
-        let missed = control.driver.statistics().missed_periods;
+        let missed = counted.missed_periods;
         let least = control.least_slack.map_or(0.0, micros);
         println!(
             "Paced by the board: {missed} periods missed, {least:.0} us left of the tightest."

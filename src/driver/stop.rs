@@ -6,6 +6,8 @@ use super::{CycleError, Driver};
 use crate::bus::RegisterBus;
 use crate::sslbp::PortError;
 
+/// How often the last transfer is tried: over a network one packet may be lost.
+const LAST_TRIES: u32 = 3;
 /// How long the last transfer, with which the remotes' outputs go off, may take.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
@@ -28,7 +30,13 @@ impl<B: RegisterBus> Driver<B> {
                 first = result;
             }
         };
-        keep(self.last_transfer());
+        let mut last = self.last_transfer();
+        for _ in 1..LAST_TRIES {
+            if last.is_err() {
+                last = self.last_transfer();
+            }
+        }
+        keep(last);
         self.is_shut_down = true;
         for port in &mut self.ports {
             keep(port.port.stop_all(&mut self.bus));
