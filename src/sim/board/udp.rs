@@ -128,11 +128,7 @@ impl UdpFace {
     ) -> io::Result<()> {
         let limit = self.now() + u64::try_from(patience.as_nanos()).unwrap_or(Nanos::MAX / 2);
         let busy = self.is_busy(board);
-        let next = self.held.iter().map(|held| held.due).min();
-        let mut until = next.unwrap_or(limit).min(limit);
-        if busy {
-            until = until.min(board.time());
-        }
+        let until = self.next_event(limit, busy.then(|| board.time()));
         let ready = self.wait(until, !busy)?;
         self.deliver_held(board);
         if ready {
@@ -141,6 +137,15 @@ impl UdpFace {
             board.advance_to(self.now());
         }
         Ok(())
+    }
+
+    /// When to look again, at the latest at `limit`. While the board works, up to `busy_until`,
+    /// requests that are due have to wait too.
+    fn next_event(&self, limit: Nanos, busy_until: Option<Nanos>) -> Nanos {
+        let due = self.held.iter();
+        let due = due.filter(|held| held.is_reply || busy_until.is_none());
+        let next = due.map(|held| held.due).chain(busy_until).min();
+        next.map_or(limit, |next| next.min(limit))
     }
 
     /// Whether the board still works on a packet: the next ones wait in the socket.
@@ -408,6 +413,18 @@ mod tests {
         let (_, waited) = pair.reply(SECOND).unwrap();
         assert!(waited >= Duration::from_millis(1), "{waited:?}");
         assert_eq!((pair.face.received().late, pair.face.sent().late), (1, 1));
+    }
+
+    #[test]
+    fn a_late_request_does_not_keep_the_loop_spinning_while_the_board_waits() {
+        let Pair { mut face, .. } = Pair::new(Mishaps::default());
+        let peer = face.local_addr().unwrap();
+        face.hold(1_000, peer, false, &ASK_COOKIE);
+        assert_eq!(face.next_event(9_000, None), 1_000);
+        assert_eq!(face.next_event(9_000, Some(5_000)), 5_000);
+        face.hold(2_000, peer, true, &COOKIE);
+        assert_eq!(face.next_event(9_000, Some(5_000)), 2_000);
+        assert_eq!(face.next_event(500, Some(5_000)), 500);
     }
 
     #[test]
