@@ -3,8 +3,10 @@
 mod interop;
 
 use std::{
+    fs,
     io::Write,
     net::{Ipv4Addr, SocketAddr, UdpSocket},
+    path::PathBuf,
     process::{Child, Command, Output, Stdio},
     time::Duration,
 };
@@ -12,6 +14,14 @@ use std::{
 use interop::{
     console::{Console, values},
     sim_board,
+};
+
+use mesa_hal::{
+    bus::RegisterBus,
+    discovery::{DiscoveryLimits, PortMemory, discover_port},
+    hostmot2::HostMot2,
+    sslbp::{Channel, ChannelStart, Layout, Port},
+    transport::udp::{UdpBus, UdpConfig},
 };
 
 const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
@@ -103,7 +113,7 @@ fn help_names_every_option() {
 #[test]
 fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     let board = ["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"];
-    let cases: [(&[&str], &str); 11] = [
+    let cases: [(&[&str], &str); 17] = [
         (&["--nonsense"], "nonsense"),
         (&["--board", "7i43"], "7i92-7i77"),
         (&["--listen", "nowhere"], "IPv4"),
@@ -115,6 +125,12 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
         (&["--loss", "2"], "probability"),
         (&["--seed", "-"], "-"),
         (&["--state", "/nowhere/at/all"], "/nowhere/at/all"),
+        (&["--state", "/proc/state"], "could not be written"),
+        (&["--state", "/dev/zero"], "no state of a simulated board"),
+        (&["--state", "/dev/null"], "no state of a simulated board"),
+        (&["--state", ""], "no name of a file"),
+        (&["--remote", "0=7i99"], "7i77-analog"),
+        (&["--remote", "0=/dev/zero"], "too long"),
     ];
     for (arguments, reason) in cases {
         let mut all = board.to_vec();
@@ -127,6 +143,111 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     let output = run(&["--listen", "127.0.0.1"]);
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(error.contains("--board is missing"), "{error}");
+}
+
+/// A state that is removed at the end.
+struct StateFile(PathBuf);
+
+impl StateFile {
+    fn new(name: &str) -> Self {
+        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+        let path = directory.join(format!("{}-{name}", std::process::id()));
+        let _ = fs::remove_file(&path);
+        Self(path)
+    }
+
+    /// Waits until the file is there and holds something else than `before`.
+    fn changed(&self, before: &[u8]) -> Vec<u8> {
+        for _ in 0..2000 {
+            match fs::read(&self.0) {
+                Ok(state) if state != before => return state,
+                _ => std::thread::sleep(Duration::from_millis(10)),
+            }
+        }
+        panic!("nothing is written");
+    }
+}
+
+impl Drop for StateFile {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// Sets a non-volatile parameter of the remote on channel 0, over the network.
+fn set_parameter(address: SocketAddr, name: &str, value: f64) {
+    let SocketAddr::V4(address) = address else {
+        panic!("{address} is no IPv4 address");
+    };
+    let mut bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let hostmot2 = HostMot2::identify(&mut bus).unwrap();
+    // TX and TXEN of TB4.
+    for register in [0x1204, 0x1104] {
+        bus.write(register, 0x1_8000).unwrap();
+    }
+    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    port.reset(&mut bus).unwrap();
+    let [first, ..] = Channel::ALL;
+    let start = [ChannelStart::new(first)];
+    let limits = DiscoveryLimits::default();
+    let inventory = discover_port(&mut port, &mut bus, &start, limits).unwrap();
+    let found = inventory.on(first).unwrap();
+    let parameter = found.discovered.descriptor.parameter(name).unwrap();
+    let mut memory = PortMemory::new(&mut port, &mut bus, first);
+    parameter.write_parameter(&mut memory, value).unwrap();
+}
+
+#[test]
+fn what_was_written_is_kept_even_when_the_board_is_killed() {
+    let file = StateFile::new("killed");
+    let arguments = [
+        "--board",
+        "7i97",
+        "--remote",
+        "0=7i77-io",
+        "--state",
+        file.0.to_str().unwrap(),
+    ];
+    let mut board = Board::start(&arguments);
+    // Manual: 7I97, "ETHERNET EEPROM CHIP ACCESS", with a read to wait for the write.
+    let set_address = [
+        0x01, 0xD9, 0x1A, 0x00, 0x02, 0x5A, 0x82, 0xC9, 0x20, 0x00, 0x20, 0x00, 0xA8, 0xC0, 0x82,
+        0x49, 0x20, 0x00,
+    ];
+    assert_eq!(board.ask(&set_address), [0x20, 0x00, 0xA8, 0xC0]);
+    let state = file.changed(&[]);
+    set_parameter(
+        board.client.peer_addr().unwrap(),
+        "NVWatchDogTimeout",
+        120.0,
+    );
+    let state = file.changed(&state);
+    board.child.kill().unwrap();
+    board.child.wait().unwrap();
+
+    // What a power cut in the middle of a write leaves.
+    let mut half = file.0.as_os_str().to_owned();
+    half.push(".new");
+    fs::write(&half, &state[..state.len() / 2]).unwrap();
+
+    let mut board = Board::start(&arguments);
+    assert!(!fs::exists(&half).unwrap(), "it is cleared away");
+    let ask_address = [0x82, 0x49, 0x20, 0x00];
+    assert_eq!(board.ask(&ask_address), [0x20, 0x00, 0xA8, 0xC0]);
+    let remote = board.console.show("0");
+    assert_eq!(remote["remote.0.parameter.nvwatchdogtimeout"], "120");
+    drop(board);
+
+    for damaged in [&state[..100], &state[..state.len() - 1], b"nonsense", b""] {
+        fs::write(&file.0, damaged).unwrap();
+        let mut all = vec!["--listen", "127.0.0.1", "--port", "0"];
+        all.extend(arguments);
+        let output = run(&all);
+        assert!(!output.status.success());
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("file"), "it says what to do: {error}");
+        assert_eq!(fs::read(&file.0).unwrap(), damaged, "and leaves it alone");
+    }
 }
 
 #[test]

@@ -85,6 +85,8 @@ fn read_line(input: &mut impl BufRead) -> Option<String> {
 
 /// Does what a line says.
 pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
+    // A board that waits within a packet is ahead of what is around it.
+    machine.board.advance_to(machine.board.time());
     let words: Vec<&str> = line.split_whitespace().collect();
     let done = match words[..] {
         [] => Ok(String::new()),

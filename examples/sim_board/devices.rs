@@ -1,6 +1,6 @@
 //! The remotes that can be plugged in.
 
-use std::{error::Error, fs};
+use std::{error::Error, fs::File, io::Read};
 
 use mesa_hal::sim::{
     DriveSignal, DriveSource,
@@ -15,6 +15,9 @@ pub const FIELD_IO: &str = "7i77-io";
 pub const ANALOG: &str = "7i77-analog";
 const I7I72: &str = "7i72";
 const I7I64: &str = "7i64";
+
+/// More than any description has.
+const MOST_BYTES: u64 = 1 << 20;
 
 /// Makes a remote on a cable: one that is known by name, or one from a description file.
 pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn Error>> {
@@ -35,7 +38,14 @@ pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn
 }
 
 fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
-    let text = fs::read_to_string(path)?;
+    let file = File::open(path).map_err(|error| {
+        format!("{error}; there are {FIELD_IO}, {ANALOG}, {I7I72}, {I7I64}, or a description file")
+    })?;
+    let mut text = String::new();
+    file.take(MOST_BYTES + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > MOST_BYTES {
+        return Err("it is too long for a description".into());
+    }
     Ok(Box::new(Plain::from_description(&text)?))
 }
 

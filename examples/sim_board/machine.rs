@@ -4,7 +4,7 @@ use std::{error::Error, fmt::Write};
 
 use mesa_hal::sim::{
     AxisWiring, BoardConfig, DriveSource, MotorConfig, SimBoard, SimFpga,
-    devices::{SimDevice, find_cable, find_mut},
+    devices::{SimDevice, find, find_cable, find_mut},
     machines,
     remote::Cable,
 };
@@ -96,9 +96,13 @@ impl Machine {
             .ok_or_else(|| nothing_on(channel))
     }
 
-    /// How often EEPROM or flash of the board have changed.
+    /// How often what is kept has changed.
     pub fn changes(&self) -> u64 {
-        self.board.changes()
+        let fpga = self.board.gateware();
+        let ends = self.remotes.iter();
+        let ends = ends.filter_map(|remote| fpga.remote(PORT, remote.channel));
+        let remotes = ends.filter_map(find).map(SimDevice::nonvolatile_changes);
+        self.board.changes() + remotes.sum::<u64>()
     }
 
     /// What is kept: the board's EEPROM and flash, then the EEPROM of each remote behind its name.

@@ -36,14 +36,14 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("sim_board: {error}\nTry --help.");
+            complain(&format!("{error}\nTry --help."));
             return ExitCode::from(2);
         }
     };
     match run(&options) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sim_board: {error}");
+            complain(&error.to_string());
             ExitCode::FAILURE
         }
     }
@@ -95,6 +95,10 @@ fn open_store(options: &Options, machine: &mut Machine) -> Result<Option<Store>,
         machine.restore(&old).map_err(|error| in_file(&*error))?;
     }
     Ok(Some(store))
+}
+
+fn complain(error: &str) {
+    let _ = writeln!(io::stderr(), "sim_board: {error}");
 }
 
 /// Prints, also when nobody listens any more.

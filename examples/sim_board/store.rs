@@ -1,60 +1,78 @@
 //! The state file: written beside, then put in place, so that a power cut leaves a whole one.
 
 use std::{
+    ffi::OsStr,
     fs::{self, File},
-    io::{self, Write},
+    io::{self, Read, Write},
     path::{Path, PathBuf},
     sync::mpsc::{Receiver, Sender, channel},
     thread::JoinHandle,
     time::{Duration, Instant},
 };
 
-/// How long nothing has to change before the state is written.
-const QUIET: Duration = Duration::from_millis(300);
+/// A first change is written at once. While more follow, so often, ...
+const OFTEN: Duration = Duration::from_secs(1);
+
+/// ... or when nothing has changed for so long.
+const QUIET: Duration = Duration::from_millis(100);
+
+/// More than any state has.
+const MOST_BYTES: u64 = 4 << 20;
 
 /// Writes states to a file in a thread of its own, because a disk may be slower than a client waits.
 pub struct Store {
     sender: Sender<Vec<u8>>,
     writer: JoinHandle<()>,
-    saved: u64,
+    saved: Saved,
     seen: u64,
     since: Instant,
+}
+
+/// What was written last.
+struct Saved {
+    changes: u64,
+    at: Option<Instant>,
 }
 
 impl Store {
     /// Reads the file, if there is one, and gets ready to write it.
     pub fn open(path: &Path) -> io::Result<(Self, Option<Vec<u8>>)> {
-        let directory = path.parent().filter(|d| !d.as_os_str().is_empty());
-        if directory.is_some_and(|directory| !directory.is_dir()) {
-            return Err(io::Error::new(
-                io::ErrorKind::NotFound,
-                "its directory does not exist",
-            ));
-        }
-        let old = match fs::read(path) {
-            Ok(bytes) => Some(bytes),
+        let old = match File::open(path) {
+            Ok(file) => Some(read(file)?),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => return Err(error),
         };
+        try_to_write(path)?;
         let (sender, receiver) = channel();
         let path = path.to_owned();
         let store = Self {
             sender,
             writer: std::thread::spawn(move || write_all(&receiver, &path)),
-            saved: 0,
+            saved: Saved {
+                changes: 0,
+                at: None,
+            },
             seen: 0,
             since: Instant::now(),
         };
         Ok((store, old))
     }
 
-    /// Has the state written when it has changed and then rested for a while.
+    /// Has the state written when it has changed.
     pub fn keep(&mut self, changes: u64, state: impl FnOnce() -> Vec<u8>) {
+        if changes == self.saved.changes {
+            return;
+        }
         if changes != self.seen {
             self.seen = changes;
             self.since = Instant::now();
-        } else if changes != self.saved && self.since.elapsed() >= QUIET {
-            self.saved = changes;
+        }
+        let waited = self.saved.at.is_none_or(|at| at.elapsed() >= OFTEN);
+        if waited || self.since.elapsed() >= QUIET {
+            self.saved = Saved {
+                changes,
+                at: Some(Instant::now()),
+            };
             let _ = self.sender.send(state());
         }
     }
@@ -67,20 +85,56 @@ impl Store {
     }
 }
 
+fn read(file: File) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            "this is no state of a simulated board, it is too long; name another file",
+        ));
+    }
+    Ok(bytes)
+}
+
+/// Says now, and not when there is something to lose, that the state can not be written.
+fn try_to_write(path: &Path) -> io::Result<()> {
+    let beside = beside(path)?;
+    let tried = File::create(&beside).and_then(|_| fs::remove_file(&beside));
+    tried.map_err(|error| {
+        let reason = format!("the state could not be written beside it: {error}");
+        io::Error::new(error.kind(), reason)
+    })
+}
+
 fn write_all(receiver: &Receiver<Vec<u8>>, path: &Path) {
-    while let Ok(state) = receiver.recv() {
+    while let Ok(mut state) = receiver.recv() {
+        while let Ok(newer) = receiver.try_recv() {
+            state = newer;
+        }
         if let Err(error) = write(path, &state) {
-            eprintln!("{}: {error}; the state is not saved", path.display());
+            let path = path.display();
+            // Nobody may listen there any more.
+            let _ = writeln!(io::stderr(), "{path}: {error}; the state is not saved");
         }
     }
 }
 
 fn write(path: &Path, state: &[u8]) -> io::Result<()> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    let beside = PathBuf::from(beside);
+    let beside = beside(path)?;
     let mut file = File::create(&beside)?;
     file.write_all(state)?;
     file.sync_all()?;
     fs::rename(&beside, path)
+}
+
+/// Where the next state is written before it takes the place of the last.
+fn beside(path: &Path) -> io::Result<PathBuf> {
+    let name = path.file_name().map(OsStr::to_owned);
+    let mut name = name.ok_or_else(|| {
+        let reason = "this is no name of a file; name another";
+        io::Error::new(io::ErrorKind::InvalidInput, reason)
+    })?;
+    name.push(".new");
+    Ok(path.with_file_name(name))
 }

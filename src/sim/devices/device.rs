@@ -274,6 +274,9 @@ pub trait SimDevice: RemoteEnd {
 
     /// The cells of its EEPROM, to put back what they held before.
     fn nonvolatile_mut(&mut self) -> &mut Memory;
+
+    /// How often the host has changed them; when this moves on, they are worth saving.
+    fn nonvolatile_changes(&self) -> u64;
 }
 
 impl<W: World> SimDevice for Remote<Device<W>> {
@@ -379,6 +382,10 @@ impl<W: World> SimDevice for Remote<Device<W>> {
 
     fn nonvolatile_mut(&mut self) -> &mut Memory {
         self.eeprom_mut().cells_mut()
+    }
+
+    fn nonvolatile_changes(&self) -> u64 {
+        self.eeprom().changes()
     }
 }
 

@@ -86,6 +86,7 @@ pub struct Eeprom {
     pending: [(u16, u8); 8],
     pending_len: usize,
     busy_until: Nanos,
+    changes: u64,
 }
 
 impl Eeprom {
@@ -97,12 +98,18 @@ impl Eeprom {
             pending: [(0, 0); 8],
             pending_len: 0,
             busy_until: 0,
+            changes: 0,
         }
     }
 
     /// Its cells.
     pub const fn cells(&self) -> &Memory {
         &self.bytes
+    }
+
+    /// How often they were written from the line.
+    pub const fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// Its cells, to fill them as the factory does.
@@ -117,6 +124,7 @@ impl Eeprom {
                 self.bytes.set_byte(address, value);
             }
             self.pending_len = 0;
+            self.changes += 1;
         }
     }
 
