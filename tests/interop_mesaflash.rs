@@ -13,7 +13,7 @@ use std::{
     path::PathBuf,
     process::{Child, Command, Stdio},
     sync::atomic::{AtomicU8, Ordering},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use interop::{
@@ -530,7 +530,6 @@ fn reset_and_reload_are_survived() {
     let board = Board::i7i97(&[]);
     board.mesaflash(&["--wpo", "0x1108=0x12345"]);
     board.mesaflash(&["--reset"]);
-    let start = Instant::now();
     let direction = board.mesaflash(&["--rpo", "0x1108"]);
     assert_eq!(
         direction.trim(),
@@ -539,7 +538,6 @@ fn reset_and_reload_are_survived() {
     );
     board.mesaflash(&["--reload"]);
     assert_eq!(board.mesaflash(&["--rpo", "0x1108"]).trim(), "00000000");
-    assert!(start.elapsed() < Duration::from_secs(5));
     let summary = board.stop();
     assert_eq!(
         (&summary["board.resets"][..], &summary["board.reloads"][..]),
