@@ -16,6 +16,9 @@ use crate::{machine::Machine, remotes};
 /// Longer lines are cut off.
 const MAX_LINE: usize = 1000;
 
+/// No hand turns a motor faster, and its position stays a number.
+const FASTEST: f64 = 1e6;
+
 const HELP: &str = "\
 help                       this text
 show [all|network|board|motors|CH]
@@ -175,8 +178,11 @@ fn drive_pin(machine: &mut Machine, pin: &str, level: &str) -> Result<String, St
 fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<String, String> {
     let speed = match speed {
         "free" => None,
-        _ => Some(number::<f64>(speed)?).filter(|speed| speed.is_finite()),
+        _ => Some(number::<f64>(speed)?),
     };
+    if speed.is_some_and(|speed| !(-FASTEST..=FASTEST).contains(&speed)) {
+        return Err(format!("expected a speed from -{FASTEST} to {FASTEST}"));
+    }
     let axis: usize = number(axis)?;
     let motor = machine.fpga().motor(axis);
     let motor = motor.ok_or_else(|| format!("there is no axis {axis}"))?;

@@ -70,7 +70,7 @@ fn spoil(cable: &mut Cable, toward: &str, fault: &str, how: &[&str]) -> Result<(
     };
     let has_room = match how {
         [count] => cable.inject(toward, fault, number(count)?),
-        ["chance", probability] => cable.inject_by_chance(toward, fault, number(probability)?),
+        ["chance", chance] => cable.inject_by_chance(toward, fault, probability(chance)?),
         _ => return Err(wrong("wire")),
     };
     if has_room {
@@ -78,6 +78,12 @@ fn spoil(cable: &mut Cable, toward: &str, fault: &str, how: &[&str]) -> Result<(
     } else {
         Err("too many wire faults at a time; `wire CH heal` ends them".to_owned())
     }
+}
+
+fn probability(word: &str) -> Result<f64, String> {
+    let chance = number::<f64>(word).ok();
+    let chance = chance.filter(|chance| (0.0..=1.0).contains(chance));
+    chance.ok_or_else(|| format!("`{word}` is no probability from 0 to 1"))
 }
 
 /// State, inputs and outputs of a remote.
