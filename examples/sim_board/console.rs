@@ -257,6 +257,7 @@ fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
 }
 
 fn show_board(text: &mut String, machine: &mut Machine) {
+    let debug = machine.board.debug_leds();
     let fpga = machine.fpga();
     line(
         text,
@@ -264,11 +265,12 @@ fn show_board(text: &mut String, machine: &mut Machine) {
         u8::from(fpga.watchdog().has_bitten()),
     );
     for led in 0..4 {
-        line(
-            text,
-            &format!("board.led-{led}"),
-            u8::from(fpga.leds().is_lit(led)),
-        );
+        // CR01 is user LED 3.
+        let is_lit = match debug {
+            Some(shown) => shown >> (3 - led) & 1 != 0,
+            None => fpga.leds().is_lit(led),
+        };
+        line(text, &format!("board.led-{led}"), u8::from(is_lit));
     }
     let outputs = fpga.pwm().map_or(0, mesa_hal::sim::Pwm::count);
     for output in 0..outputs {

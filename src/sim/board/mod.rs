@@ -119,6 +119,14 @@ impl<G: Gateware> SimBoard<G> {
         self.status.get(address)
     }
 
+    /// The register of space 6 whose low bits the LEDs show, LED 0 the lowest; `None` while they
+    /// belong to the FPGA.
+    pub fn debug_leds(&self) -> Option<u16> {
+        let is_debug = self.status.get(control_registers::LED_MODE) & 1 != 0;
+        let shown = self.status.get(control_registers::DEBUG_LED_POINTER);
+        is_debug.then(|| self.status.get(shown))
+    }
+
     /// How often the FPGA was reloaded, and the firmware reset.
     pub fn restarts(&self) -> (u32, u32) {
         (self.reloads, self.resets)

@@ -2,7 +2,9 @@
 
 use byteorder::{ByteOrder, LittleEndian};
 
-use super::{Gateware, SimBoard, eeprom::EEPROM_WORDS, flash::FLASH_SIZE};
+use super::{
+    Gateware, SimBoard, control::status_after_reset, eeprom::EEPROM_WORDS, flash::FLASH_SIZE,
+};
 
 /// How a state begins: what it is, and its format.
 const MAGIC: &[u8; 16] = b"mesa-hal board 1";
@@ -46,6 +48,7 @@ impl<G: Gateware> SimBoard<G> {
         }
         self.eeprom.restore(words);
         self.flash.memory_mut().copy_from_slice(flash);
+        self.status = status_after_reset(self.eeprom.led_mode());
         Ok(())
     }
 }

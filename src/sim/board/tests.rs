@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::lbp16::{RequestBuilder, registers::eeprom};
+use crate::lbp16::RequestBuilder;
 
 /// Registers that remember, and an edge of every timer each millisecond.
 #[derive(Debug, Default)]
@@ -337,6 +337,29 @@ fn a_reload_brings_the_fpga_up_again() {
 }
 
 #[test]
+fn the_leds_show_a_register_of_space_6_when_they_are_told_to() {
+    // Manual: 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode and DebugLEDPtr.
+    let mut board = board();
+    assert_eq!(board.debug_leds(), None, "they belong to HostMot2");
+    run(&mut board, &hex("01D91400 0100"));
+    assert_eq!(board.debug_leds(), Some(1), "packets received");
+    run(&mut board, &hex("01D91600 1800 01D91800 3412"));
+    assert_eq!(board.debug_leds(), Some(0x1234), "the scratch register");
+    run(&mut board, &hex("01D91400 FEFF"));
+    assert_eq!(board.debug_leds(), None, "only the lowest bit counts");
+
+    // Manual: 7I97, "ETHERNET EEPROM LAYOUT", DEBUG LED Mode: what they show after power-up.
+    run(&mut board, &hex("01D91A00025A 01C928000100"));
+    assert_eq!(board.debug_leds(), None);
+    let state = board.state();
+    run(&mut board, &hex("01D91C000100"));
+    assert_eq!(board.debug_leds(), Some(0), "after a reset");
+    let mut restored = self::board();
+    restored.restore(&state).unwrap();
+    assert_eq!(restored.debug_leds(), Some(0), "after a power cycle");
+}
+
+#[test]
 fn the_state_survives_a_power_cycle_of_the_same_board_only() {
     let mut first = board();
     run(&mut first, &hex("01D91A00025A 82C920000100a8C0"));
@@ -358,7 +381,6 @@ fn the_state_survives_a_power_cycle_of_the_same_board_only() {
         other.restore(&state[..1000]),
         Err(StateError::Length { actual: 1000, .. })
     ));
-    let _ = eeprom::LEN;
 }
 
 #[test]
