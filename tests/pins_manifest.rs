@@ -107,7 +107,7 @@ fn machine_7i92() -> Pins {
     let group = pins.add_group();
     WatchdogPins::new(&mut pins, group, board).unwrap();
     EthernetPins::new(&mut pins, group, board).unwrap();
-    EncoderBankPins::new(&mut pins, group, board, Some(4), false).unwrap();
+    EncoderBankPins::new(&mut pins, group, board, 12_500_000, Some(4), false).unwrap();
     i7i77::encoder_pins(&mut pins, group, board, 0).unwrap();
     let mut io = connector_with_7i77();
     io.extend([PinDescriptor::parse(0x0300_0000); 17]);

@@ -83,6 +83,10 @@ pub const FIRST_EXPANSION_PIN: usize = 34;
 /// Full scale of the analog outputs in volts.
 pub const FULL_SCALE: f64 = 10.0;
 
+/// The rate at which the encoders are multiplexed: ClockLow/16.
+/// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
+pub const ENCODER_HZ: u32 = 6_250_000;
+
 /// The PWM frequency of the analog outputs: the manual allows 48 or 96 kHz.
 pub const PWM_HZ: u32 = 48_000;
 
@@ -238,7 +242,7 @@ impl I7i97 {
             watchdog: WatchdogPins::new(pins, group, board)?,
             ethernet: EthernetPins::new(pins, group, board)?,
             dpll: Some(DpllPins::new(pins, group, board)?),
-            encoder_bank: EncoderBankPins::new(pins, group, board, Some(4), true)?,
+            encoder_bank: EncoderBankPins::new(pins, group, board, ENCODER_HZ, Some(4), true)?,
             encoders,
             pwm_bank: PwmBankPins::new(pins, group, board, PWM_HZ)?,
             enables: analog_out.map(|pwm| pwm.enable),

@@ -18,7 +18,7 @@ mod watchdog;
 pub use dpll::{Dpll, DpllConfig, DpllError, DpllSetup, phase_error_us};
 pub use encoder::{
     ControlWord, CountWord, Encoder, EncoderConfig, EncoderReading, EncoderSample, Encoders,
-    LatchRequest, TickRate, VelocityEstimator,
+    LatchRequest, LatchTimer, MuxSkew, TickRate, VelocityEstimator,
 };
 pub use error::{IdentifyError, IdromPart, LocateError, MissingModule, Warning};
 pub use gtag::{Gtag, GtagList};

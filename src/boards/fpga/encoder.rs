@@ -190,32 +190,39 @@ impl EncoderPins {
 /// The pins of all encoders together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderBankPins {
-    /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate too.
+    /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate, twice
+    /// what each of them is sampled at. What the clock can not be divided to becomes the next lower
+    /// rate.
     pub sample_frequency: Output<u32>,
-    /// Delay of the sample after the multiplex edge in ns, of muxed encoders of version 4.
+    /// Delay of the sample after the multiplex edge in ns, of muxed encoders of version 4; as many
+    /// periods of the clock as are nearest, at most 15.
     pub muxed_skew: Option<Output<u32>>,
-    /// Time stamps of about 10 MHz, and not 2 MHz.
+    /// Time stamps of about 10 MHz, and not 1 MHz: for frequencies, and periods up to 1 ms.
+    /// Velocities begin anew when this changes.
     pub hires_timestamp: Output<bool>,
-    /// The DPLL timer that latches the counts; -1 for none. Only with a DPLL.
+    /// What latches the counts: 0 the DPLL's reference, 1 to 4 its timers, -1 nothing. Only with a
+    /// DPLL.
     pub timer_number: Option<Output<i32>>,
 }
 
 impl EncoderBankPins {
-    /// Makes the pins of all encoders of a module.
+    /// Makes the pins of all encoders of a module, which samples at `sample_hz`. `muxed_version` is
+    /// that of multiplexed ones.
     pub fn new(
         pins: &mut Pins,
         group: GroupId,
         board: &str,
+        sample_hz: u32,
         muxed_version: Option<u8>,
         dpll: bool,
     ) -> Result<Self, PinError> {
         let mut make = Maker::new(pins, group, format!("{board}.encoder."));
-        let (name, hz) = match muxed_version {
-            Some(_) => ("muxed-sample-frequency", 8_000_000),
-            None => ("sample-frequency", 25_000_000),
+        let name = match muxed_version {
+            Some(_) => "muxed-sample-frequency",
+            None => "sample-frequency",
         };
         Ok(Self {
-            sample_frequency: make.switch(name, hz)?,
+            sample_frequency: make.switch(name, sample_hz)?,
             muxed_skew: (muxed_version == Some(4))
                 .then(|| make.switch("muxed-skew", 0))
                 .transpose()?,

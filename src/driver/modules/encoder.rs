@@ -5,9 +5,10 @@ use alloc::vec::Vec;
 use crate::boards::fpga::{EncoderBankPins, EncoderPins};
 use crate::bus::{ImagePlan, ReadSlot};
 use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
+use crate::hal::Pins;
 use crate::hostmot2::{
     ControlWord, CountWord, Encoder, EncoderConfig, EncoderSample, Encoders, Gtag, HostMot2,
-    PortPlan, TickRate,
+    LatchTimer, MuxSkew, PortPlan, TickRate,
 };
 
 use super::{Making, PartError, Wiring};
@@ -25,10 +26,33 @@ pub struct EncoderSetup {
 #[derive(Debug)]
 pub(in crate::driver) struct EncoderModule {
     registers: Encoders,
-    rate: TickRate,
-    timestamps: TickRate,
+    bank: EncoderBankPins,
+    initial: Settings,
+    /// As they were put last.
+    settings: Settings,
     channels: Vec<Channel>,
     timestamp: Option<ReadSlot>,
+    slots: Option<Slots>,
+}
+
+/// What all encoders have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Settings {
+    /// What `sample-frequency` asks for, ...
+    sample_hz: u32,
+    /// ... and what the register makes of it.
+    rate: TickRate,
+    skew: MuxSkew,
+    timestamps: TickRate,
+    timer: LatchTimer,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Slots {
+    rate: SettingSlot,
+    timestamps: SettingSlot,
+    /// Only with a DPLL.
+    timer: Option<SettingSlot>,
 }
 
 #[derive(Debug)]
@@ -63,14 +87,23 @@ impl EncoderModule {
             return Ok(None);
         }
         take_pins(firmware, module.gtag, count, plan)?;
-        let timestamps = TickRate::for_hz(registers.clock_hz(), TickRate::TIMESTAMP_HZ);
-        let tick_hz = timestamps.hz(registers.clock_hz());
-        let version = (module.gtag == Gtag::MUXED_ENCODER).then_some(module.version);
-        let dpll = firmware.find(Gtag::HM2DPLL).is_some();
-        made.encoder_bank = Some(EncoderBankPins::new(pins, group, board, version, dpll)?);
+        let clock_hz = registers.clock_hz();
         let wiring = Wiring::of(firmware);
         let rate = setup.rate.unwrap_or_else(|| wiring.mux_rate());
         let fastest = registers.max_count_rate(rate);
+        let settings = Settings {
+            sample_hz: rate.hz(clock_hz) as u32,
+            rate,
+            skew: MuxSkew::default(),
+            timestamps: timestamps(clock_hz, false),
+            timer: LatchTimer::default(),
+        };
+        let tick_hz = settings.timestamps.hz(clock_hz);
+        let version = (module.gtag == Gtag::MUXED_ENCODER).then_some(module.version);
+        let dpll = registers.timer.is_some() && firmware.find(Gtag::HM2DPLL).is_some();
+        let hz = settings.sample_hz;
+        let bank = EncoderBankPins::new(pins, group, board, hz, version, dpll)?;
+        made.encoder_bank = Some(bank);
         let mut channels = Vec::new();
         for number in 0..usize::from(count) {
             let terminals = wiring.encoder(number);
@@ -86,12 +119,77 @@ impl EncoderModule {
         made.encoders = channels.iter().map(|channel| channel.pins).collect();
         Ok(Some(Self {
             registers,
-            rate,
-            timestamps,
+            bank,
+            initial: settings,
+            settings,
             channels,
             timestamp: None,
+            slots: None,
         }))
     }
+
+    fn tick_hz(&self) -> f64 {
+        self.settings.timestamps.hz(self.registers.clock_hz())
+    }
+
+    /// The register of the timer that latches the counts; only with a DPLL.
+    fn timer(&self) -> Option<u16> {
+        self.registers
+            .timer
+            .filter(|_| self.bank.timer_number.is_some())
+    }
+
+    /// What the pins ask for now.
+    fn wanted(&self, pins: &mut Pins) -> Settings {
+        let (bank, clock_hz) = (&self.bank, self.registers.clock_hz());
+        let sample_hz = pins.fetch(bank.sample_frequency);
+        let skew_ns = bank.muxed_skew.map_or(0, |skew| pins.fetch(skew));
+        let timer = bank.timer_number.map_or(-1, |timer| pins.fetch(timer));
+        Settings {
+            sample_hz,
+            // The rate of the set-up need not be one that its rounded frequency gives.
+            rate: if sample_hz == self.initial.sample_hz {
+                self.initial.rate
+            } else {
+                TickRate::for_hz(clock_hz, sample_hz)
+            },
+            skew: MuxSkew::for_ns(clock_hz, skew_ns),
+            timestamps: timestamps(clock_hz, pins.fetch(bank.hires_timestamp)),
+            timer: LatchTimer::new(timer),
+        }
+    }
+
+    /// Puts what has changed of what all encoders have in common.
+    fn put_settings(&mut self, cycle: &mut Put<'_>) {
+        let wanted = self.wanted(cycle.pins);
+        let before = core::mem::replace(&mut self.settings, wanted);
+        if wanted.timestamps != before.timestamps {
+            let tick_hz = self.tick_hz();
+            for channel in &mut self.channels {
+                channel.encoder.set_tick_hz(tick_hz);
+            }
+        }
+        if wanted.rate != before.rate {
+            let fastest = self.registers.max_count_rate(wanted.rate);
+            for channel in &mut self.channels {
+                channel.encoder.set_max_count_rate(fastest);
+            }
+        }
+        let slots = self.slots;
+        let rate = wanted.rate.0 | wanted.skew.0;
+        cycle.change(slots.map(|slots| slots.rate), rate);
+        cycle.change(slots.map(|slots| slots.timestamps), wanted.timestamps.0);
+        cycle.change(slots.and_then(|slots| slots.timer), wanted.timer.0);
+    }
+}
+
+fn timestamps(clock_hz: u32, fine: bool) -> TickRate {
+    let hz = if fine {
+        TickRate::FINE_TIMESTAMP_HZ
+    } else {
+        TickRate::TIMESTAMP_HZ
+    };
+    TickRate::for_hz(clock_hz, hz)
 }
 
 /// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the
@@ -121,12 +219,15 @@ impl Module for EncoderModule {
             .iter()
             .map(|channel| *channel.encoder.config())
             .collect();
-        let done = self
-            .registers
-            .set_up(list, self.timestamps, self.rate, &configs);
-        match done {
+        let Settings {
+            timestamps, rate, ..
+        } = self.initial;
+        match self.registers.set_up(list, timestamps, rate, &configs) {
             Ok(()) => {}
             Err(never) => match never {},
+        }
+        if let Some(address) = self.timer() {
+            list.push(address, self.initial.timer.0);
         }
     }
 
@@ -138,8 +239,18 @@ impl Module for EncoderModule {
     }
 
     fn claim(&mut self, plan: &mut ImagePlan) {
-        let registers = &self.registers;
+        let (registers, timer) = (&self.registers, self.timer());
         self.timestamp = Some(plan.read_data(registers.timestamp));
+        let settings = &self.initial;
+        self.slots = Some(Slots {
+            rate: SettingSlot::claim(plan, registers.rate, settings.rate.0),
+            timestamps: SettingSlot::claim(
+                plan,
+                registers.timestamp_divider,
+                settings.timestamps.0,
+            ),
+            timer: timer.map(|address| SettingSlot::claim(plan, address, settings.timer.0)),
+        });
         for (index, channel) in (0u8..).zip(&mut self.channels) {
             let count = registers.count.address(index);
             let control = registers.control.address(index);
@@ -170,6 +281,7 @@ impl Module for EncoderModule {
     }
 
     fn put(&mut self, cycle: &mut Put<'_>) {
+        self.put_settings(cycle);
         for channel in &mut self.channels {
             channel.pins.command(cycle.pins, &mut channel.encoder);
             cycle.change(channel.mode, channel.encoder.control().0);

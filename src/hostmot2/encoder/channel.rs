@@ -138,8 +138,13 @@ impl Encoder {
     /// unseen. Otherwise nothing is told of that.
     #[must_use]
     pub fn counting_up_to(mut self, hz: f64) -> Self {
-        self.fastest = hz;
+        self.set_max_count_rate(hz);
         self
+    }
+
+    /// Changes how often it counts in a second at most.
+    pub fn set_max_count_rate(&mut self, hz: f64) {
+        self.fastest = hz;
     }
 
     /// How it counts.
@@ -150,6 +155,13 @@ impl Encoder {
     /// Changes how it counts; the control word follows with the next write.
     pub fn set_config(&mut self, config: EncoderConfig) {
         self.config = config;
+    }
+
+    /// The rate of the time stamps has changed. Velocity begins anew, since times before and after
+    /// can not be compared; counts go on.
+    pub fn set_tick_hz(&mut self, tick_hz: f64) {
+        self.tick_hz = tick_hz;
+        self.velocity.reset();
     }
 
     /// Asks for a latch, or takes the request back.

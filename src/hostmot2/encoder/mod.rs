@@ -8,5 +8,7 @@ mod registers;
 mod velocity;
 
 pub use channel::{Encoder, EncoderReading, EncoderSample, LatchRequest};
-pub use registers::{ControlWord, CountWord, EncoderConfig, Encoders, TickRate};
+pub use registers::{
+    ControlWord, CountWord, EncoderConfig, Encoders, LatchTimer, MuxSkew, TickRate,
+};
 pub use velocity::VelocityEstimator;

@@ -17,8 +17,13 @@ pub struct Encoders {
     pub timestamp_divider: u16,
     /// The time stamp counter, one for all, in its low 16 bits.
     pub timestamp: u16,
-    /// Rate of the multiplexer, or of the filters, one for all: a [`TickRate`].
+    /// Rate of the multiplexer, or of the filters, one for all: a [`TickRate`]; of multiplexed
+    /// encoders of version 4 also [`MuxSkew`].
     pub rate: u16,
+    /// Which timer of the DPLL latches the counts, one for all: a [`LatchTimer`]. Descriptors do
+    /// not count it; firmware without it ignores what is written there. `None` if it would lie
+    /// outside of the address space.
+    pub timer: Option<u16>,
     gtag: Gtag,
     version: u8,
     clock_hz: u32,
@@ -52,12 +57,14 @@ impl Encoders {
                 newest,
             });
         }
+        let rate = module.block(4)?.first();
         Ok(Self {
             count: module.block(0)?,
             control: module.block(1)?,
             timestamp_divider: module.block(2)?.first(),
             timestamp: module.block(3)?.first(),
-            rate: module.block(4)?.first(),
+            rate,
+            timer: rate.checked_add(module.register_stride),
             gtag: module.gtag,
             version: module.version,
             clock_hz: module.clock_hz,
@@ -72,6 +79,11 @@ impl Encoders {
     /// Whether they share pins.
     pub fn is_muxed(&self) -> bool {
         self.gtag == Gtag::MUXED_ENCODER
+    }
+
+    /// Whether the sample can be delayed: [`MuxSkew`].
+    pub fn has_skew(&self) -> bool {
+        self.is_muxed() && self.version == 4
     }
 
     /// Whether time stamps are wrong in this version, so that velocities would be: version 2 of
@@ -139,6 +151,9 @@ impl TickRate {
     /// The usual rate of time stamps: a microsecond each, 65 ms until they wrap.
     pub const TIMESTAMP_HZ: u32 = 1_000_000;
 
+    /// Fine time stamps, for periods of 1 ms and less: they wrap after 6.5 ms.
+    pub const FINE_TIMESTAMP_HZ: u32 = 10_000_000;
+
     const UNDIVIDED: u32 = 1 << 15;
     const LARGEST: u32 = 0xFFF;
 
@@ -164,6 +179,47 @@ impl TickRate {
     /// allows less, see [`EncoderConfig::filter`].
     pub fn max_muxed_count_rate(self, clock_hz: u32) -> f64 {
         self.hz(clock_hz) / 2.0
+    }
+}
+
+/// How long after the edge of the multiplexer the inputs are sampled: bits 31..28 of the rate
+/// register, in periods of the clock.
+///
+/// Source: LinuxCNC, hostmot2 driver, `muxed-skew`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct MuxSkew(pub u32);
+
+impl MuxSkew {
+    const LARGEST: u64 = 15;
+
+    /// The nearest to a time, at most 15 periods.
+    pub const fn for_ns(clock_hz: u32, ns: u32) -> Self {
+        let periods = (ns as u64 * clock_hz as u64 + 500_000_000) / 1_000_000_000;
+        let periods = if periods > Self::LARGEST {
+            Self::LARGEST
+        } else {
+            periods
+        };
+        Self((periods as u32) << 28)
+    }
+}
+
+/// Which timer of the DPLL latches the counts.
+///
+/// Source: LinuxCNC, hostmot2 driver, `encoder.timer-number`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct LatchTimer(pub u32);
+
+impl LatchTimer {
+    const LATCH: u32 = 1 << 15;
+
+    /// 0 is the DPLL's reference, 1 to 4 are its timers; anything else: counts are those of the
+    /// moment they are read in.
+    pub const fn new(timer: i32) -> Self {
+        match timer {
+            0..=4 => Self((timer as u32) << 12 | Self::LATCH),
+            _ => Self(0),
+        }
     }
 }
 
@@ -343,6 +399,39 @@ mod tests {
         assert_eq!(TickRate::for_hz(clock, 0).0, 0xFFF);
         assert_eq!(TickRate::for_hz(clock, u32::MAX).0, 0);
         assert!((TickRate(0x8000).hz(clock) - 1e8).abs() < 1e-6);
+        let fine = TickRate::for_hz(clock, TickRate::FINE_TIMESTAMP_HZ);
+        assert_eq!(fine, TickRate(8));
+    }
+
+    #[test]
+    fn a_skew_is_the_nearest_number_of_clocks_in_the_top_bits() {
+        let clock = 100_000_000;
+        for (ns, word) in [
+            (0, 0),
+            (4, 0),
+            (5, 0x1000_0000),
+            (50, 0x5000_0000),
+            (150, 0xF000_0000),
+            (u32::MAX, 0xF000_0000),
+        ] {
+            assert_eq!(MuxSkew::for_ns(clock, ns), MuxSkew(word), "{ns} ns");
+        }
+        let both = TickRate(TickRate::MUX_7I97.0 | MuxSkew::for_ns(clock, 150).0);
+        assert!((both.hz(clock) - 6.25e6).abs() < 1e-6, "the rate stays");
+    }
+
+    #[test]
+    fn counts_are_latched_by_the_reference_or_one_of_four_timers() {
+        for (timer, word) in [
+            (-1, 0),
+            (0, 0x8000),
+            (1, 0x9000),
+            (4, 0xC000),
+            (5, 0),
+            (i32::MIN, 0),
+        ] {
+            assert_eq!(LatchTimer::new(timer), LatchTimer(word), "{timer}");
+        }
     }
 
     proptest! {

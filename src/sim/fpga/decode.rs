@@ -1,6 +1,6 @@
 //! Which register stands at which address.
 
-use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, gtag};
+use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, ModuleDescriptor, gtag};
 
 /// What an address selects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl AddressMap {
             }
             let (register_stride, instance_stride) = Firmware::strides(module);
             let serial = matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B);
-            for register in 0..module.registers.min(32) {
+            for register in 0..registers(firmware, module).min(32) {
                 let multiple = module.multiple >> register & 1 != 0;
                 let base = module
                     .base
@@ -105,4 +105,12 @@ impl AddressMap {
             *slot = target;
         }
     }
+}
+
+/// The registers of a module. Beside a DPLL, encoders have one more than their descriptor counts:
+/// which timer latches them.
+fn registers(firmware: &Firmware, module: &ModuleDescriptor) -> u8 {
+    let is_encoder = matches!(module.gtag, gtag::ENCODER | gtag::MUXED_ENCODER);
+    let has_timer = is_encoder && firmware.module(gtag::DPLL).is_some();
+    module.registers + u8::from(has_timer)
 }

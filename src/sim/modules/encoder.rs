@@ -9,6 +9,7 @@ const CONTROL: u8 = 1;
 const STAMP_DIVIDER: u8 = 2;
 const STAMP_COUNTER: u8 = 3;
 const RATE: u8 = 4;
+const TIMER: u8 = 5;
 
 const QUADRATURE_ERROR: u32 = 1 << 15;
 const AB_POLARITY: u32 = 1 << 14;
@@ -25,6 +26,11 @@ const LATCH_ON_INDEX: u32 = 1 << 4;
 const INDEX_POLARITY: u32 = 1 << 3;
 const LIVE: u32 = 0b111;
 
+/// Of the rate register: the delay of the sample after the multiplex edge, which cables are too
+/// short for here, and the divisor.
+const SKEW: u32 = 0xF << 28;
+const RATE_DIVISOR: u32 = 0xFFF;
+
 /// All encoders of one module. REGISTERS, "Encoder / muxed encoder".
 #[derive(Clone, Debug)]
 pub struct EncoderBank {
@@ -34,6 +40,8 @@ pub struct EncoderBank {
     /// Ticks of the time-stamp counter up to `.0`.
     stamp_base: (Nanos, u64),
     rate: u32,
+    /// Which timer of the DPLL latches the counts. It is kept, but nothing is latched.
+    timer: u32,
     encoders: Vec<Encoder>,
     /// For each encoder the pin of the select line it depends on.
     select: Vec<Option<usize>>,
@@ -76,6 +84,7 @@ impl EncoderBank {
             divider: 0,
             stamp_base: (0, 0),
             rate: power_up_rate(firmware, multiplexed),
+            timer: 0,
             select: select.collect(),
             encoders: vec![Encoder::power_up(); count],
         }
@@ -86,6 +95,7 @@ impl EncoderBank {
         self.divider = 0;
         self.stamp_base = (now, 0);
         self.rate = power_up_rate(firmware, self.multiplexed);
+        self.timer = 0;
         for encoder in &mut self.encoders {
             encoder.count = 0;
             encoder.stamp = 0;
@@ -113,6 +123,7 @@ impl EncoderBank {
             STAMP_DIVIDER => self.divider,
             STAMP_COUNTER => u32::from(self.stamp(now)),
             RATE => self.rate,
+            TIMER => self.timer,
             _ => 0,
         }
     }
@@ -123,7 +134,8 @@ impl EncoderBank {
                 self.stamp_base = (now, self.ticks(now));
                 self.divider = value;
             }
-            RATE => self.rate = value & 0xFFF,
+            RATE => self.rate = value & (SKEW | RATE_DIVISOR),
+            TIMER => self.timer = value,
             _ => {
                 if let Some(encoder) = self.encoders.get_mut(usize::from(instance)) {
                     encoder.write(register, value);
@@ -140,7 +152,7 @@ impl EncoderBank {
 
     /// Frequency of the multiplexer and of the filters.
     fn filter_clock(&self) -> f64 {
-        f64::from(self.clock) / f64::from(self.rate + 2)
+        f64::from(self.clock) / f64::from((self.rate & RATE_DIVISOR) + 2)
     }
 
     /// Moves the encoder's shaft.
