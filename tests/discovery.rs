@@ -326,6 +326,19 @@ fn each_kind_of_damage_has_its_own_error() {
     );
 }
 
+/// A remote that shows something else in the place of its tables, such as erased or zeroed memory,
+/// must not run without pins as if that were right.
+#[test]
+fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
+    let (mut image, remote) = with_records(&[], 5, 2);
+    let found = run(&mut image, &remote);
+    assert_eq!(kinds(&found), [ProblemKind::NoProcessData { rx: 4, tx: 2 }]);
+    assert!(!found.process_data_is_sound());
+    // One byte is the fault byte of a remote that has nothing to say.
+    let (mut image, remote) = with_records(&[], 1, 0);
+    assert_eq!(run(&mut image, &remote).problems, []);
+}
+
 /// Manual: 7I77, "DATA_LENGTH": up to 255 bits, but the registers have 96.
 #[test]
 fn process_data_that_does_not_fit_is_reported_for_each_direction() {

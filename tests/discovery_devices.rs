@@ -13,8 +13,8 @@ use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimError, SimFpga, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelStart, Layout, Port, PortError, PortWords, ProcessDataSizes,
-    StartMode,
+    AccessSize, Channel, ChannelStart, Layout, LocalLocation, NonvolatileMemory, Port, PortError,
+    PortWords, ProcessDataSizes, StartMode,
 };
 
 type Found = Inventory<PortError<SimError>>;
@@ -109,6 +109,23 @@ fn the_devices_are_what_the_facts_say() {
     );
 
     assert_eq!(on(3).discovered.source, Source::BuiltIn);
+}
+
+/// A host that ends in the middle of an access to non-volatile memory leaves the remote with that
+/// memory in the place of its tables (FACTS 6.3).
+#[test]
+fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ever() {
+    let (mut fpga, mut port) = machine();
+    let before = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    for memory in [NonvolatileMemory::Eeprom, NonvolatileMemory::Flash] {
+        for channel in Channel::ALL.into_iter().take(3) {
+            let location = LocalLocation::NONVOLATILE;
+            port.remote_local_write(&mut fpga, channel, location, memory.code())
+                .unwrap();
+        }
+        let after = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+        assert_eq!(after, before, "{memory:?}");
+    }
 }
 
 /// Transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the

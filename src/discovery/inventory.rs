@@ -58,8 +58,12 @@ pub fn discover_port<B: RegisterBus>(
     let mut remotes = Vec::new();
     for remote in report.remotes() {
         let identity = RemoteIdentity::new(remote, &layout);
+        let in_place = show_tables(port, bus, remote);
         let mut memory = PortMemory::new(port, bus, remote.channel);
         let mut discovered = discover(&mut memory, &identity, limits);
+        if let Err(error) = in_place {
+            discovered.read_error.get_or_insert(error);
+        }
         check_mode(port, bus, remote, &mut discovered);
         remotes.push(DiscoveredRemote {
             remote: *remote,
@@ -70,6 +74,19 @@ pub fn discover_port<B: RegisterBus>(
         remotes,
         failures: report.failures().copied().collect(),
     })
+}
+
+/// A host that ended in the middle of an access to non-volatile memory has left that memory where
+/// the tables are; a START does not change that. FACTS 6.3.
+fn show_tables<B: RegisterBus>(
+    port: &mut Port,
+    bus: &mut B,
+    remote: &StartedRemote,
+) -> PortResult<(), B> {
+    if remote.ptoc == 0 && remote.gtoc == 0 {
+        return Ok(());
+    }
+    port.remote_local_write(bus, remote.channel, LocalLocation::NONVOLATILE, 0)
 }
 
 /// A setup START does not look at the fault byte, and so succeeds in a software mode that the

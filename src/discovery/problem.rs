@@ -111,6 +111,16 @@ pub enum ProblemKind {
         /// The software modes it tells of.
         known: ModeSet,
     },
+    /// The remote transfers process data, and lists none.
+    #[error(
+        "it lists no process data, but transfers {rx} bytes of it in and {tx} out; switch the remote's power off and on"
+    )]
+    NoProcessData {
+        /// Bytes from the remote.
+        rx: u8,
+        /// Bytes to the remote.
+        tx: u8,
+    },
     /// A table has no end within the limits.
     #[error(
         "the table has no end within {entries} entries; the remote's firmware is damaged, update it"

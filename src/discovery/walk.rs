@@ -190,6 +190,18 @@ impl<'m, M: RemoteMemory> Walk<'m, M> {
                 None => {}
             }
         }
+        self.check_not_empty();
+    }
+
+    /// Tables that can not be where the remote says they are read as zeros.
+    fn check_not_empty(&mut self) {
+        let rx = self.identity.bytes(Flow::Input);
+        let tx = self.identity.bytes(Flow::Output);
+        let is_explained = self.problems.iter().any(|p| p.table == Table::Process);
+        if self.descriptor.process_data.is_empty() && (rx, tx) != (0, 0) && !is_explained {
+            let kind = ProblemKind::NoProcessData { rx, tx };
+            self.note(Table::Process, self.identity.ptoc, kind);
+        }
     }
 
     fn walk_global(&mut self) {
