@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::packets::{EthernetError, Lbp16Board, QUICK, run};
 use super::{Board, FlashMemory, PAGE};
-use crate::lbp16::{BuildError, Command, RequestBuilder, Space, registers};
+use crate::lbp16::{Command, RequestBuilder, RequestError, Space, registers};
 use registers::{control, flash};
 
 /// A sector of an M25P16 is erased within 3 s.
@@ -79,7 +79,7 @@ fn read_from(
     request: &mut RequestBuilder<'_>,
     address: u32,
     mut bytes: usize,
-) -> Result<(), BuildError> {
+) -> Result<(), RequestError> {
     request.write_doubles(Space::Flash, flash::ADDRESS, &[address])?;
     while bytes > 0 {
         let now = bytes.min(BLOCK);
@@ -91,7 +91,7 @@ fn read_from(
 }
 
 /// The enable is cleared at the end of every packet, so it is part of each that writes.
-fn enable(request: &mut RequestBuilder<'_>) -> Result<(), BuildError> {
+fn enable(request: &mut RequestBuilder<'_>) -> Result<(), RequestError> {
     let enable = [control::ENABLE_FLASH];
     request
         .write_words(Space::Control, control::WRITE_ENABLE, &enable)

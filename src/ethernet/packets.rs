@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::bus::RegisterBus;
-use crate::lbp16::{BuildError, MAX_PACKET, RequestBuilder, Space};
+use crate::lbp16::{MAX_PACKET, RequestBuilder, RequestError, Space};
 
 /// A board that executes LBP16 commands.
 ///
@@ -48,7 +48,7 @@ pub enum EthernetError<E> {
     Bus(E),
     /// The commands do not fit into a packet.
     #[error(transparent)]
-    Request(BuildError),
+    Request(RequestError),
     /// What answers is no LBP16 board, or not in the way it is known.
     #[error(
         "space {space}: cookie 0x{found:04X}, expected 0x{expected:04X}; is this a Mesa board?"
@@ -91,7 +91,7 @@ pub(super) fn run<B: Lbp16Board>(
     board: &mut B,
     reply: &mut [u8],
     deadline: Duration,
-    build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), BuildError>,
+    build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), RequestError>,
 ) -> Result<(), EthernetError<B::Error>> {
     let mut buffer = [0; MAX_PACKET];
     let mut request = RequestBuilder::new(&mut buffer);

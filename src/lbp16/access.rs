@@ -15,7 +15,8 @@ pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(),
         sizes.allows(size)
     };
     if !allowed {
-        return Err(AccessError::Size { space, size });
+        let info = command.info;
+        return Err(AccessError::Size { space, info, size });
     }
     if command.write && (command.info || !sizes.writable()) {
         return Err(AccessError::ReadOnly {
@@ -31,27 +32,44 @@ pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(),
 #[non_exhaustive]
 pub enum AccessError {
     /// The firmware does not have the space.
-    #[error("space {space:?} does not exist in this firmware")]
+    #[error(
+        "space {space:?} does not exist in this firmware; \
+         the cookies of the info areas say which spaces it has"
+    )]
     NoSpace {
         /// The space.
         space: Space,
     },
     /// Elements of this size are not allowed there.
-    #[error("space {space:?} does not take elements of {} bytes", size.bytes())]
+    #[error(
+        "space {space:?}{} does not take elements of {} bytes; {}",
+        area(*info),
+        size.bytes(),
+        if *info { "use 2 bytes" } else { "use the size that its MEMSIZES word names" }
+    )]
     Size {
         /// The space.
         space: Space,
+        /// Its info area was meant.
+        info: bool,
         /// The size.
         size: ElementSize,
     },
     /// It can not be written.
-    #[error("space {space:?}{} is read only", if *info { " (its info area)" } else { "" })]
+    #[error(
+        "space {space:?}{} is read only; clear the write bit, or check the number of the space",
+        area(*info)
+    )]
     ReadOnly {
         /// The space.
         space: Space,
         /// Its info area was meant.
         info: bool,
     },
+}
+
+const fn area(info: bool) -> &'static str {
+    if info { " (its info area)" } else { "" }
 }
 
 #[cfg(test)]
@@ -72,7 +90,11 @@ mod tests {
         let size = ElementSize::Double;
         assert_eq!(
             check_access(&read, Some(RO16)),
-            Err(AccessError::Size { space, size })
+            Err(AccessError::Size {
+                space,
+                info: false,
+                size
+            })
         );
         assert_eq!(
             check_access(&write.with_size(ElementSize::Word), Some(RO16)),
@@ -92,7 +114,11 @@ mod tests {
         let size = ElementSize::Double;
         assert_eq!(
             check_access(&info.with_size(size), Some(RW32)),
-            Err(AccessError::Size { space, size })
+            Err(AccessError::Size {
+                space,
+                info: true,
+                size
+            })
         );
         let mut write = info;
         write.write = true;

@@ -257,7 +257,7 @@ impl Command {
 #[non_exhaustive]
 pub enum CommandError {
     /// No element.
-    #[error("a command for 0 elements; 1 to 127 are possible")]
+    #[error("a command for 0 elements; ask for 1 to 127, or leave it out")]
     CountZero,
     /// More elements than the count field holds.
     #[error("a command for {count} elements; 1 to 127 are possible, use several commands")]

@@ -165,7 +165,7 @@ pub enum InfoError {
     /// The cookie is wrong.
     #[error(
         "info area with cookie 0x{actual:04X}, expected 0x{expected:04X}; \
-         this firmware does not have the space"
+         this firmware does not have the space, do without it"
     )]
     Cookie {
         /// What it should be.

@@ -17,7 +17,8 @@ pub mod registers;
 mod reply;
 
 pub use access::{AccessError, check_access};
-pub use builder::{BuildError, RequestBuilder};
+pub(crate) use builder::RequestError as BuildError;
+pub use builder::{RequestBuilder, RequestError};
 pub use command::{Command, CommandError, ElementSize, MAX_COUNT, Space};
 pub use info::{COOKIE, InfoArea, InfoError, MemoryRanges, MemorySizes, MemoryType};
 pub use parser::{Operation, Operations, ParseError};

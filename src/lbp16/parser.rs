@@ -122,7 +122,10 @@ fn number(bytes: &[u8]) -> u64 {
 #[non_exhaustive]
 pub enum ParseError {
     /// A single byte is left where a command should begin.
-    #[error("byte {offset}: {actual} byte left of a command word of 2; was the packet cut off?")]
+    #[error(
+        "byte {offset}: {actual} byte left of a command word of 2; was the packet cut off, or is \
+         the count of the command before too small?"
+    )]
     ShortCommand {
         /// Where in the request the command begins.
         offset: usize,
@@ -140,7 +143,10 @@ pub enum ParseError {
         reason: CommandError,
     },
     /// The address is not there.
-    #[error("byte {offset}: {actual} bytes left of the 2 of an address in space {space:?}")]
+    #[error(
+        "byte {offset}: {actual} bytes left of the 2 of an address in space {space:?}; \
+         was the packet cut off, or should the address bit be clear?"
+    )]
     ShortAddress {
         /// Where in the request the command begins.
         offset: usize,
@@ -151,7 +157,8 @@ pub enum ParseError {
     },
     /// The data to be written is not all there.
     #[error(
-        "byte {offset}: {actual} bytes left of the {expected} to be written to space {space:?}"
+        "byte {offset}: {actual} bytes left of the {expected} to be written to space {space:?}; \
+         was the packet cut off, or is the count too large?"
     )]
     ShortData {
         /// Where in the request the command begins.

@@ -54,7 +54,9 @@ impl<'a> Reply<'a> {
 #[non_exhaustive]
 pub enum ReplyError {
     /// Another number of bytes than the request reads.
-    #[error("a reply of {actual} bytes to a request that reads {expected}")]
+    #[error(
+        "a reply of {actual} bytes to a request that reads {expected}; is it the reply to another one?"
+    )]
     Length {
         /// Bytes that the request reads.
         expected: usize,
