@@ -26,7 +26,7 @@ pub enum BitfileError {
     #[error("not a bitfile: it does not begin with the bitfile mark; give the .bit file itself")]
     NoMark,
     /// It ends in the middle of a field.
-    #[error("the file ends within field '{}' at byte {at}; it was not copied whole", char::from(*field))]
+    #[error("the file ends within field '{}' at byte {at}; it was not copied whole, copy it again", char::from(*field))]
     Truncated {
         /// The field.
         field: u8,
@@ -34,7 +34,7 @@ pub enum BitfileError {
         at: usize,
     },
     /// A field comes that is none, or out of order.
-    #[error("field '{}' expected at byte {at}, found 0x{found:02X}; the header is damaged", char::from(*expected))]
+    #[error("field '{}' expected at byte {at}, found 0x{found:02X}; the header is damaged, get the file again", char::from(*expected))]
     WrongField {
         /// The field that should come.
         expected: u8,
@@ -44,14 +44,14 @@ pub enum BitfileError {
         at: usize,
     },
     /// A text field is no text.
-    #[error("field '{}' holds no text; the header is damaged", char::from(*field))]
+    #[error("field '{}' holds no text; the header is damaged, get the file again", char::from(*field))]
     NotText {
         /// The field.
         field: u8,
     },
     /// There is no synchronisation word: nothing that an FPGA would load.
     #[error(
-        "the configuration has no synchronisation word AA995566 in its first {searched} bytes; this is no Spartan-6 configuration"
+        "the configuration has no synchronisation word AA995566 in its first {searched} bytes; this is no Spartan-6 configuration, get the file for this board"
     )]
     NoSync {
         /// How far was searched.
@@ -66,7 +66,10 @@ pub enum BitfileError {
         expected: &'static str,
     },
     /// It is larger than its place in the flash memory.
-    #[error("the configuration has {bytes} bytes, its place in the flash memory {room}")]
+    #[error(
+        "the configuration has {bytes} bytes, its place in the flash memory {room}; \
+         is it for a larger FPGA?"
+    )]
     TooLarge {
         /// Its size.
         bytes: usize,
@@ -94,16 +97,23 @@ impl<'a> Bitfile<'a> {
             time: fields.text(b'd')?,
             configuration: fields.data(b'e')?,
         };
-        let searched = this.configuration.len().min(SYNC_WITHIN);
-        let head = this.configuration.get(..searched).unwrap_or(&[]);
-        if !head.windows(SYNC.len()).any(|window| window == SYNC) {
-            return Err(BitfileError::NoSync { searched });
-        }
+        this.check_sync()?;
         Ok(this)
     }
 
-    /// Checks that the file is for the FPGA on a board, and fits into its place.
+    fn check_sync(&self) -> Result<(), BitfileError> {
+        let searched = self.configuration.len().min(SYNC_WITHIN);
+        let head = self.configuration.get(..searched).unwrap_or(&[]);
+        if head.windows(SYNC.len()).any(|window| window == SYNC) {
+            return Ok(());
+        }
+        Err(BitfileError::NoSync { searched })
+    }
+
+    /// Checks that the file holds a configuration, is for the FPGA on a board, and fits into its
+    /// place.
     pub fn check(&self, part: &'static str, room: usize) -> Result<(), BitfileError> {
+        self.check_sync()?;
         if !self.part.eq_ignore_ascii_case(part) {
             return Err(BitfileError::WrongPart { expected: part });
         }
@@ -178,6 +188,10 @@ mod tests {
         file
     }
 
+    fn bitfile_part() -> &'static str {
+        "6slx9tqg144"
+    }
+
     fn configuration(len: usize) -> Vec<u8> {
         let mut data = alloc::vec![0xFF; 16];
         data.extend(SYNC);
@@ -232,6 +246,26 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_damaged_file_never_panics_and_never_grows(
+            damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+            len in any::<prop::sample::Index>(),
+        ) {
+            let mut bytes = file(&configuration(300));
+            // In the header, where the lengths are.
+            let header = bytes.len() - 280;
+            for (at, byte) in damage {
+                bytes[at.index(header)] = byte;
+            }
+            bytes.truncate(bytes.len() - len.index(64));
+            if let Ok(bitfile) = Bitfile::parse(&bytes) {
+                let text = bitfile.design.len() + bitfile.part.len();
+                prop_assert!(text + bitfile.configuration.len() < bytes.len());
+                prop_assert_eq!(bitfile.check(bitfile_part(), usize::MAX).is_ok(),
+                    bitfile.part.eq_ignore_ascii_case(bitfile_part()));
+            }
+        }
+
         #[test]
         fn arbitrary_bytes_never_panic(tail in prop::collection::vec(any::<u8>(), 0..200)) {
             let _ = Bitfile::parse(&tail);

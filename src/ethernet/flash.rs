@@ -110,7 +110,10 @@ pub enum FlashError<E> {
     #[error(transparent)]
     Bitfile(BitfileError),
     /// Another chip than the layout is for.
-    #[error("flash id 0x{found:08X}, expected 0x{expected:08X}: this layout is not for this board")]
+    #[error(
+        "flash id 0x{found:08X}, expected 0x{expected:08X}: this layout is not for this board; \
+         use the one for the board that answers"
+    )]
     WrongChip {
         /// The id read.
         found: u32,
@@ -126,8 +129,38 @@ pub enum FlashError<E> {
         /// Where it should be.
         address: u32,
     },
+    /// The area is not for configurations.
+    #[error("{area:?} is no place for a configuration; program User, or Fallback")]
+    NotForConfigurations {
+        /// The area.
+        area: Area,
+    },
+    /// The whole chip was named for a part of it.
+    #[error(
+        "{bytes} bytes at 0x{address:06X} are not the whole chip, which is {size} bytes at 0; \
+         name the area that they are for"
+    )]
+    NotWhole {
+        /// Where they should begin.
+        address: u32,
+        /// How many there are.
+        bytes: usize,
+        /// Size of the chip.
+        size: u32,
+    },
+    /// The data do not begin where a sector does, and erasing it would take what is before them.
+    #[error("0x{address:06X} is within a sector; begin at 0x{sector:06X}")]
+    NotASector {
+        /// Where the data should begin.
+        address: u32,
+        /// Where the sector does.
+        sector: u32,
+    },
     /// The data do not fit into their area.
-    #[error("{bytes} bytes at 0x{address:06X} do not fit into {area:?}")]
+    #[error(
+        "{bytes} bytes at 0x{address:06X} do not fit into {area:?}, 0x{start:06X} to 0x{end:06X}; \
+         check the address, and that they are for this board"
+    )]
     OutsideArea {
         /// Where they should begin.
         address: u32,
@@ -135,6 +168,10 @@ pub enum FlashError<E> {
         bytes: usize,
         /// The area.
         area: Area,
+        /// Where it begins.
+        start: u32,
+        /// Where it ends.
+        end: u32,
     },
     /// A byte read back is not what it should be.
     #[error(
@@ -170,6 +207,11 @@ impl<M: FlashMemory> Flash<M> {
         Ok(Self { memory, layout })
     }
 
+    /// The chip's identification.
+    pub fn id(&mut self) -> Result<u32, FlashError<M::Error>> {
+        Ok(self.memory.id()?)
+    }
+
     /// Reads from anywhere.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), FlashError<M::Error>> {
         self.inside(address, bytes.len(), Area::Whole)?;
@@ -185,6 +227,9 @@ impl<M: FlashMemory> Flash<M> {
         area: Area,
         progress: impl FnMut(Stage, usize),
     ) -> Result<(), FlashError<M::Error>> {
+        if !matches!(area, Area::User | Area::Fallback) {
+            return Err(FlashError::NotForConfigurations { area });
+        }
         let range = self.layout.addresses(area);
         bitfile
             .check(self.layout.part, range.len())
@@ -209,6 +254,9 @@ impl<M: FlashMemory> Flash<M> {
 
     /// Erases what `data` needs, writes it, and verifies it. `address` begins a sector.
     ///
+    /// Sectors are erased as a whole, also behind the end of `data`. [`Area::Whole`] takes all of
+    /// the chip, and nothing less.
+    ///
     /// `progress` is told how many bytes of the stage are done.
     pub fn write(
         &mut self,
@@ -217,14 +265,7 @@ impl<M: FlashMemory> Flash<M> {
         data: &[u8],
         mut progress: impl FnMut(Stage, usize),
     ) -> Result<(), FlashError<M::Error>> {
-        self.inside(address, data.len(), area)?;
-        if !address.is_multiple_of(SECTOR) {
-            return Err(FlashError::OutsideArea {
-                address,
-                bytes: data.len(),
-                area,
-            });
-        }
+        self.may_write(area, address, data.len())?;
         let end = address + data.len() as u32;
         for sector in (address..end).step_by(SECTOR as usize) {
             self.memory.erase_sector(sector)?;
@@ -249,6 +290,31 @@ impl<M: FlashMemory> Flash<M> {
         self.memory
     }
 
+    fn may_write(
+        &self,
+        area: Area,
+        address: u32,
+        bytes: usize,
+    ) -> Result<(), FlashError<M::Error>> {
+        self.inside(address, bytes, area)?;
+        let size = self.layout.size;
+        if area == Area::Whole && bytes != size as usize {
+            return Err(FlashError::NotWhole {
+                address,
+                bytes,
+                size,
+            });
+        }
+        let within = address % SECTOR;
+        if within != 0 {
+            return Err(FlashError::NotASector {
+                address,
+                sector: address - within,
+            });
+        }
+        Ok(())
+    }
+
     fn inside(&self, address: u32, bytes: usize, area: Area) -> Result<(), FlashError<M::Error>> {
         let range = self.layout.addresses(area);
         let end = u64::from(address) + bytes as u64;
@@ -259,6 +325,8 @@ impl<M: FlashMemory> Flash<M> {
             address,
             bytes,
             area,
+            start: range.start,
+            end: range.end,
         })
     }
 
@@ -300,183 +368,4 @@ impl<M: FlashMemory> Flash<M> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use alloc::{vec, vec::Vec};
-
-    /// A chip as its data sheet describes it: erasing sets bits, writing clears them.
-    #[derive(Debug)]
-    struct Chip {
-        id: u32,
-        bytes: Vec<u8>,
-        written: Vec<u32>,
-        erased: Vec<u32>,
-        stuck: Option<usize>,
-    }
-
-    impl Chip {
-        fn new() -> Self {
-            let mut bytes = vec![0xFF; 0x20_0000];
-            bytes[..4].copy_from_slice(&[0x55, 0x99, 0xAA, 0x66]);
-            Self {
-                id: 0x14,
-                bytes,
-                written: Vec::new(),
-                erased: Vec::new(),
-                stuck: None,
-            }
-        }
-    }
-
-    impl FlashMemory for &mut Chip {
-        type Error = core::convert::Infallible;
-
-        fn id(&mut self) -> Result<u32, Self::Error> {
-            Ok(self.id)
-        }
-
-        fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
-            bytes.copy_from_slice(&self.bytes[address as usize..][..bytes.len()]);
-            Ok(())
-        }
-
-        fn erase_sector(&mut self, address: u32) -> Result<(), Self::Error> {
-            assert!(address.is_multiple_of(SECTOR));
-            self.erased.push(address);
-            self.bytes[address as usize..][..SECTOR as usize].fill(0xFF);
-            Ok(())
-        }
-
-        fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error> {
-            assert!(address.is_multiple_of(PAGE as u32));
-            self.written.push(address);
-            for (at, byte) in (address as usize..).zip(page) {
-                self.bytes[at] &= byte;
-                if self.stuck == Some(at) {
-                    self.bytes[at] |= 1;
-                }
-            }
-            Ok(())
-        }
-    }
-
-    fn configuration(len: usize) -> Vec<u8> {
-        let mut data = vec![0xAA, 0x99, 0x55, 0x66];
-        data.extend((4..len).map(|n| (n * 7 + n / 256) as u8));
-        data
-    }
-
-    fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
-        Bitfile {
-            design: "d",
-            part: FlashLayout::I7I97.part,
-            date: "",
-            time: "",
-            configuration,
-        }
-    }
-
-    #[test]
-    fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
-        let mut chip = Chip::new();
-        chip.bytes[0x10_0000..0x16_0000].fill(0x00);
-        chip.bytes[0x16_0000] = 0x12;
-        let data = configuration(340_001);
-        let mut stages = Vec::new();
-        let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
-        flash
-            .program(&bitfile(&data), Area::User, |stage, done| {
-                stages.push((stage, done));
-            })
-            .unwrap();
-        flash
-            .verify(&bitfile(&data), Area::User, |_, _| {})
-            .unwrap();
-        assert_eq!(stages.last(), Some(&(Stage::Verify, 340_001)));
-        assert_eq!(
-            chip.erased,
-            [
-                0x10_0000, 0x11_0000, 0x12_0000, 0x13_0000, 0x14_0000, 0x15_0000
-            ]
-        );
-        assert_eq!(chip.bytes[0x10_0000..0x10_0004], [0xAA, 0x99, 0x55, 0x66]);
-        assert_eq!((chip.bytes[0], chip.bytes[0x16_0000]), (0x55, 0x12));
-        assert!(
-            chip.bytes[0x10_0000 + 340_001..0x16_0000]
-                .iter()
-                .all(|&byte| byte == 0xFF)
-        );
-    }
-
-    #[test]
-    fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
-        let mut chip = Chip::new();
-        let large = configuration(0x6_0001);
-        let small = configuration(100);
-        let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
-        let error = flash
-            .program(&bitfile(&large), Area::User, |_, _| {})
-            .unwrap_err();
-        assert!(matches!(
-            error,
-            FlashError::Bitfile(BitfileError::TooLarge { .. })
-        ));
-        let other = Bitfile {
-            part: "6slx16ftg256",
-            ..bitfile(&small)
-        };
-        let error = flash.program(&other, Area::User, |_, _| {}).unwrap_err();
-        assert!(matches!(
-            error,
-            FlashError::Bitfile(BitfileError::WrongPart { .. })
-        ));
-        let error = flash
-            .write(Area::User, 0x0F_0000, &small, |_, _| {})
-            .unwrap_err();
-        assert!(matches!(error, FlashError::OutsideArea { .. }));
-        let error = flash
-            .write(Area::User, 0x15_FF00, &[0; 300], |_, _| {})
-            .unwrap_err();
-        assert!(matches!(error, FlashError::OutsideArea { .. }));
-        assert!(chip.erased.is_empty() && chip.written.is_empty());
-    }
-
-    #[test]
-    fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
-        let mut chip = Chip::new();
-        chip.bytes[..PAGE].fill(0xFF);
-        let data = configuration(100);
-        let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
-        let error = flash
-            .program(&bitfile(&data), Area::User, |_, _| {})
-            .unwrap_err();
-        assert_eq!(error, FlashError::NoBootBlock { address: 0 });
-        chip.id = 0x15;
-        let error = Flash::open(&mut chip, FlashLayout::I7I97).unwrap_err();
-        assert_eq!(
-            error,
-            FlashError::WrongChip {
-                found: 0x15,
-                expected: 0x14
-            }
-        );
-        assert!(chip.erased.is_empty());
-    }
-
-    #[test]
-    fn a_bit_that_can_not_be_written_is_found() {
-        let mut chip = Chip::new();
-        chip.stuck = Some(0x10_0102);
-        let data = vec![0; 600];
-        let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
-        let error = flash
-            .write(Area::User, 0x10_0000, &data, |_, _| {})
-            .unwrap_err();
-        let expected = FlashError::Differs {
-            address: 0x10_0102,
-            expected: 0,
-            found: 1,
-        };
-        assert_eq!(error, expected);
-    }
-}
+mod tests;

@@ -1,0 +1,245 @@
+use super::*;
+use alloc::{vec, vec::Vec};
+
+/// A chip as its data sheet describes it: erasing sets bits, writing clears them.
+#[derive(Debug)]
+struct Chip {
+    id: u32,
+    bytes: Vec<u8>,
+    written: Vec<u32>,
+    erased: Vec<u32>,
+    stuck: Option<usize>,
+}
+
+impl Chip {
+    fn new() -> Self {
+        let mut bytes = vec![0xFF; 0x20_0000];
+        bytes[..4].copy_from_slice(&[0x55, 0x99, 0xAA, 0x66]);
+        Self {
+            id: 0x14,
+            bytes,
+            written: Vec::new(),
+            erased: Vec::new(),
+            stuck: None,
+        }
+    }
+}
+
+impl FlashMemory for &mut Chip {
+    type Error = core::convert::Infallible;
+
+    fn id(&mut self) -> Result<u32, Self::Error> {
+        Ok(self.id)
+    }
+
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        bytes.copy_from_slice(&self.bytes[address as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn erase_sector(&mut self, address: u32) -> Result<(), Self::Error> {
+        assert!(address.is_multiple_of(SECTOR));
+        self.erased.push(address);
+        self.bytes[address as usize..][..SECTOR as usize].fill(0xFF);
+        Ok(())
+    }
+
+    fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error> {
+        assert!(address.is_multiple_of(PAGE as u32));
+        self.written.push(address);
+        for (at, byte) in (address as usize..).zip(page) {
+            self.bytes[at] &= byte;
+            if self.stuck == Some(at) {
+                self.bytes[at] |= 1;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn configuration(len: usize) -> Vec<u8> {
+    let mut data = vec![0xAA, 0x99, 0x55, 0x66];
+    data.extend((4..len).map(|n| (n * 7 + n / 256) as u8));
+    data
+}
+
+fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
+    Bitfile {
+        design: "d",
+        part: FlashLayout::I7I97.part,
+        date: "",
+        time: "",
+        configuration,
+    }
+}
+
+#[test]
+fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
+    let mut chip = Chip::new();
+    chip.bytes[0x10_0000..0x16_0000].fill(0x00);
+    chip.bytes[0x16_0000] = 0x12;
+    let data = configuration(340_001);
+    let mut stages = Vec::new();
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    flash
+        .program(&bitfile(&data), Area::User, |stage, done| {
+            stages.push((stage, done));
+        })
+        .unwrap();
+    flash
+        .verify(&bitfile(&data), Area::User, |_, _| {})
+        .unwrap();
+    assert_eq!(stages.last(), Some(&(Stage::Verify, 340_001)));
+    assert_eq!(
+        chip.erased,
+        [
+            0x10_0000, 0x11_0000, 0x12_0000, 0x13_0000, 0x14_0000, 0x15_0000
+        ]
+    );
+    assert_eq!(chip.bytes[0x10_0000..0x10_0004], [0xAA, 0x99, 0x55, 0x66]);
+    assert_eq!((chip.bytes[0], chip.bytes[0x16_0000]), (0x55, 0x12));
+    assert!(
+        chip.bytes[0x10_0000 + 340_001..0x16_0000]
+            .iter()
+            .all(|&byte| byte == 0xFF)
+    );
+}
+
+#[test]
+fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
+    let mut chip = Chip::new();
+    let large = configuration(0x6_0001);
+    let small = configuration(100);
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let error = flash
+        .program(&bitfile(&large), Area::User, |_, _| {})
+        .unwrap_err();
+    assert!(matches!(
+        error,
+        FlashError::Bitfile(BitfileError::TooLarge { .. })
+    ));
+    let other = Bitfile {
+        part: "6slx16ftg256",
+        ..bitfile(&small)
+    };
+    let error = flash.program(&other, Area::User, |_, _| {}).unwrap_err();
+    assert!(matches!(
+        error,
+        FlashError::Bitfile(BitfileError::WrongPart { .. })
+    ));
+    let error = flash
+        .write(Area::User, 0x0F_0000, &small, |_, _| {})
+        .unwrap_err();
+    assert!(matches!(error, FlashError::OutsideArea { .. }));
+    let error = flash
+        .write(Area::User, 0x15_FF00, &[0; 300], |_, _| {})
+        .unwrap_err();
+    assert!(matches!(error, FlashError::OutsideArea { .. }));
+    assert!(chip.erased.is_empty() && chip.written.is_empty());
+}
+
+#[test]
+fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
+    let mut chip = Chip::new();
+    chip.bytes[..PAGE].fill(0xFF);
+    let data = configuration(100);
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let error = flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .unwrap_err();
+    assert_eq!(error, FlashError::NoBootBlock { address: 0 });
+    chip.id = 0x15;
+    let error = Flash::open(&mut chip, FlashLayout::I7I97).unwrap_err();
+    assert_eq!(
+        error,
+        FlashError::WrongChip {
+            found: 0x15,
+            expected: 0x14
+        }
+    );
+    assert!(chip.erased.is_empty());
+}
+
+#[test]
+fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
+    let data = configuration(100);
+    for area in [Area::BootBlock, Area::Application, Area::Whole] {
+        let mut chip = Chip::new();
+        let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+        let error = flash.program(&bitfile(&data), area, |_, _| {}).unwrap_err();
+        assert_eq!(error, FlashError::NotForConfigurations { area });
+        assert!(chip.erased.is_empty() && chip.written.is_empty());
+    }
+    let mut chip = Chip::new();
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    flash
+        .program(&bitfile(&data), Area::Fallback, |_, _| {})
+        .unwrap();
+    assert_eq!(chip.erased, [0x1_0000]);
+}
+
+#[test]
+fn the_whole_chip_is_not_a_name_for_a_part_of_it() {
+    let mut chip = Chip::new();
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    for (address, bytes) in [(0, 100), (0x1_0000, 100), (0x1_0000, 0x1F_0000)] {
+        let error = flash
+            .write(Area::Whole, address, &vec![0; bytes], |_, _| {})
+            .unwrap_err();
+        assert_eq!(
+            error,
+            FlashError::NotWhole {
+                address,
+                bytes,
+                size: 0x20_0000
+            }
+        );
+    }
+    let backup = vec![0x5A; 0x20_0000];
+    flash.write(Area::Whole, 0, &backup, |_, _| {}).unwrap();
+    assert!(chip.bytes == backup);
+}
+
+#[test]
+fn a_write_begins_a_sector() {
+    let mut chip = Chip::new();
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let error = flash
+        .write(Area::User, 0x10_0100, &[0; 4], |_, _| {})
+        .unwrap_err();
+    let expected = FlashError::NotASector {
+        address: 0x10_0100,
+        sector: 0x10_0000,
+    };
+    assert_eq!(error, expected);
+    assert!(chip.erased.is_empty());
+}
+
+#[test]
+fn what_was_not_parsed_is_checked_before_anything_is_erased_too() {
+    let mut chip = Chip::new();
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let error = flash
+        .program(&bitfile(&[0xFF; 1000]), Area::User, |_, _| {})
+        .unwrap_err();
+    let expected = BitfileError::NoSync { searched: 256 };
+    assert_eq!(error, FlashError::Bitfile(expected));
+    assert!(chip.erased.is_empty());
+}
+
+#[test]
+fn a_bit_that_can_not_be_written_is_found() {
+    let mut chip = Chip::new();
+    chip.stuck = Some(0x10_0102);
+    let data = vec![0; 600];
+    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let error = flash
+        .write(Area::User, 0x10_0000, &data, |_, _| {})
+        .unwrap_err();
+    let expected = FlashError::Differs {
+        address: 0x10_0102,
+        expected: 0,
+        found: 1,
+    };
+    assert_eq!(error, expected);
+}
