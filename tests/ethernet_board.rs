@@ -8,7 +8,8 @@ use std::time::Duration;
 use ethernet_support::{SimLink, WIRE};
 use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
 use mesa_hal::ethernet::{
-    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, Stage,
+    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR,
+    Stage, UnguardedFlash,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::sim::{BoardConfig, machines};
@@ -45,8 +46,8 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
 }
 
 /// Something in the boot block, without which nothing is written to the user area.
-fn with_boot_block(board: Board<UdpBus<SimLink>>) -> Flash<Board<UdpBus<SimLink>>> {
-    let mut flash = Flash::open(board, FlashLayout::I7I97).expect("an M25P16");
+fn with_boot_block(board: Board<UdpBus<SimLink>>) -> Flash<UnguardedFlash<UdpBus<SimLink>>> {
+    let mut flash = board.into_flash(FlashLayout::I7I97).expect("an M25P16");
     let boot = configuration(300);
     flash
         .write(Area::BootBlock, 0, &boot, |_, _| {})
@@ -166,7 +167,7 @@ fn a_configuration_is_programmed_and_verified_over_the_network() {
 
 #[test]
 fn without_a_boot_block_nothing_is_erased() {
-    let mut flash = Flash::open(board(), FlashLayout::I7I97).expect("an M25P16");
+    let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");
     let data = configuration(1000);
     let error = flash
         .program(&bitfile(&data), Area::User, |_, _| {})
@@ -198,7 +199,7 @@ fn lost_packets_only_take_longer() {
         .unwrap_or_else(|error| {
             panic!("seed {seed:#x}: {error}");
         });
-    let bus = flash.into_inner().into_inner();
+    let bus = flash.into_board().into_inner();
     assert!(bus.statistics().lost > 10, "{:?}", bus.statistics());
 }
 
@@ -231,5 +232,26 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
 
 #[test]
 fn the_flash_id_is_that_of_the_layout() {
-    assert_eq!(board().id(), Ok(FlashLayout::I7I97.id));
+    let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");
+    assert_eq!(flash.id(), Ok(FlashLayout::I7I97.id));
+}
+
+#[test]
+fn sectors_and_pages_are_at_hand_for_who_names_the_unguarded_memory() {
+    let mut flash = UnguardedFlash::new(board());
+    let address = FlashLayout::I7I97.application.0;
+    let mut page = [0; PAGE];
+    for value in [0x5A, 0xA5] {
+        flash.erase_sector(address).expect("erased");
+        flash
+            .write_page(address + SECTOR - 0x100, &[value; PAGE])
+            .expect("written");
+        flash
+            .read(address + SECTOR - 0x100, &mut page)
+            .expect("read");
+        assert_eq!(page, [value; PAGE]);
+    }
+    // Addresses behind the end of the chip are the chip's business.
+    flash.read(u32::MAX - 3, &mut page).expect("read");
+    assert_eq!(flash.into_board().identity().unwrap().card_name(), "7I97");
 }

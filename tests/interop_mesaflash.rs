@@ -22,7 +22,7 @@ use interop::{
 };
 use tools::{has_program, skip};
 
-use mesa_hal::ethernet::{self, Area, Bitfile, Flash, FlashLayout};
+use mesa_hal::ethernet::{self, Area, Bitfile, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 /// A simulated board that runs until it is dropped.
@@ -446,7 +446,9 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
 
     let address = SocketAddrV4::new(board.address, mesa_hal::lbp16::PORT);
     let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
-    let mut flash = Flash::open(ethernet::Board::new(bus), FlashLayout::I7I97).unwrap();
+    let mut flash = ethernet::Board::new(bus)
+        .into_flash(FlashLayout::I7I97)
+        .unwrap();
     let written = Bitfile::parse(&bytes).unwrap();
     flash.verify(&written, Area::User, |_, _| {}).unwrap();
 
@@ -461,7 +463,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
         "{text}"
     );
 
-    let mut board_itself = flash.into_inner();
+    let mut board_itself = flash.into_board();
     let layout = FlashLayout::I7I97;
     board_itself
         .reload(layout.user.0, layout.fallback.0)

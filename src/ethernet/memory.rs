@@ -1,9 +1,9 @@
-//! Flash memory through LBP16.
+//! Flash memory through LBP16, with and without its guard.
 
 use core::time::Duration;
 
 use super::packets::{EthernetError, Lbp16Board, QUICK, run};
-use super::{Board, FlashMemory, PAGE};
+use super::{Board, Flash, FlashError, FlashLayout, FlashMemory, PAGE};
 use crate::lbp16::{Command, RequestBuilder, RequestError, Space, registers};
 use registers::{control, flash};
 
@@ -16,7 +16,47 @@ const BLOCK: usize = 256;
 /// Bytes read by one packet.
 const PACKET: usize = 4 * BLOCK;
 
-impl<B: Lbp16Board> FlashMemory for Board<B> {
+impl<B: Lbp16Board> Board<B> {
+    /// The board's flash memory, after checking that it is the chip that the layout is for.
+    pub fn into_flash(
+        self,
+        layout: FlashLayout,
+    ) -> Result<Flash<UnguardedFlash<B>>, FlashError<EthernetError<B::Error>>> {
+        Flash::open(UnguardedFlash(self), layout)
+    }
+}
+
+impl<B: Lbp16Board> Flash<UnguardedFlash<B>> {
+    /// Gives the board back.
+    pub fn into_board(self) -> Board<B> {
+        self.into_inner().0
+    }
+}
+
+/// The flash memory of a board without a guard: any sector is erased, any page is written, and
+/// without the boot block or the fallback configuration the board is lost.
+///
+/// [`Board::into_flash`] is the way that respects the layout.
+#[derive(Debug)]
+pub struct UnguardedFlash<B>(Board<B>);
+
+impl<B: Lbp16Board> UnguardedFlash<B> {
+    /// The flash memory of `board`.
+    pub fn new(board: Board<B>) -> Self {
+        Self(board)
+    }
+
+    /// Gives the board back.
+    pub fn into_board(self) -> Board<B> {
+        self.0
+    }
+
+    fn bus(&mut self) -> &mut B {
+        self.0.bus()
+    }
+}
+
+impl<B: Lbp16Board> FlashMemory for UnguardedFlash<B> {
     type Error = EthernetError<B::Error>;
 
     fn id(&mut self) -> Result<u32, Self::Error> {
@@ -44,7 +84,7 @@ impl<B: Lbp16Board> FlashMemory for Board<B> {
             for (target, byte) in now.iter_mut().zip(came) {
                 *target = *byte;
             }
-            at += wanted as u32;
+            at = at.wrapping_add(wanted as u32);
             skip = 0;
             rest = later;
         }

@@ -13,4 +13,5 @@ mod packets;
 pub use bitfile::{Bitfile, BitfileError};
 pub use flash::{Area, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR, Stage};
 pub use info::{Board, Counters, Identity, MacAddress, Timestamps};
+pub use memory::UnguardedFlash;
 pub use packets::{EthernetError, Lbp16Board};
