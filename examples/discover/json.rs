@@ -34,6 +34,7 @@ pub fn of(report: &Report) -> Value {
                 "clock_hz": module.clock_hz,
             })).collect::<Vec<_>>(),
             "pins": report.firmware.pins().iter().enumerate().map(|(number, pin)| json!({
+                "number": number,
                 "terminals": terminals::of(&report.firmware, number, *pin),
                 "function": pin.to_string(),
                 "driven_by_module": pin.is_output(),

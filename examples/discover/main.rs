@@ -12,6 +12,7 @@ mod terminals;
 mod text;
 
 use std::error::Error;
+use std::io::{self, ErrorKind, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 
@@ -47,19 +48,29 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    match take(&options) {
-        Ok(report) => {
-            if options.json {
-                println!("{:#}", json::of(&report));
-            } else {
-                text::print(&report);
-            }
-            ExitCode::SUCCESS
-        }
+    let printed = take(&options).and_then(|report| {
+        let text = if options.json {
+            format!("{:#}\n", json::of(&report))
+        } else {
+            text::of(&report)?
+        };
+        Ok(print(&text)?)
+    });
+    match printed {
+        Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("discover: {error}");
             ExitCode::FAILURE
         }
+    }
+}
+
+/// A reader that has seen enough, such as `head`, is no error.
+fn print(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        result => result,
     }
 }
 
@@ -73,14 +84,16 @@ fn take(options: &Options) -> Result<Report, Box<dyn Error>> {
             report::take(&mut fpga, None, &options.modes)
         }
         Source::Ethernet(address) => {
-            let bus = UdpBus::connect(address, UdpConfig::default())
-                .map_err(|error| format!("{address}: {error}"))?;
-            let mut board = Board::new(bus);
-            let identity = board.identity()?;
-            let mut bus = board.into_inner();
-            report::take(&mut bus, Some(identity), &options.modes)
+            let taken = take_from(address, &options.modes);
+            taken.map_err(|error| format!("{address}: {error}").into())
         }
     }
+}
+
+fn take_from(address: SocketAddrV4, modes: &Modes) -> Result<Report, Box<dyn Error>> {
+    let mut board = Board::new(UdpBus::connect(address, UdpConfig::default())?);
+    let identity = board.identity()?;
+    report::take(&mut board.into_inner(), Some(identity), modes)
 }
 
 struct Options {
@@ -98,23 +111,26 @@ impl Options {
     /// `None` if help is wanted.
     fn parse(mut arguments: lexopt::Parser) -> Result<Option<Self>, lexopt::Error> {
         use lexopt::prelude::*;
-        let mut board = None;
+        let mut boards = Vec::new();
         let mut modes = Modes::new();
         let mut json = false;
         while let Some(argument) = arguments.next()? {
             match argument {
                 Long("addr") => {
                     let address = arguments.value()?.parse_with(parse_address)?;
-                    board = Some(Source::Ethernet(address));
+                    boards.push(Source::Ethernet(address));
                 }
-                Long("sim") => board = Some(Source::Simulated),
+                Long("sim") => boards.push(Source::Simulated),
                 Long("mode") => modes.push(arguments.value()?.parse_with(parse_mode)?),
                 Long("json") => json = true,
                 Long("help") | Short('h') => return Ok(None),
                 _ => return Err(argument.unexpected()),
             }
         }
-        let board = board.ok_or("say which board: --addr IP or --sim")?;
+        let board = boards.pop().ok_or("say which board: --addr IP or --sim")?;
+        if !boards.is_empty() {
+            return Err("say one board only: --addr IP or --sim".into());
+        }
         Ok(Some(Self { board, modes, json }))
     }
 }

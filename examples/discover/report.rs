@@ -1,6 +1,7 @@
 //! Takes the inventory of a board: firmware, modules, pins, serial ports and their remotes.
 
 use std::error::Error;
+use std::time::Duration;
 
 use mesa_hal::boards::RemoteTable;
 use mesa_hal::bus::RegisterBus;
@@ -63,18 +64,50 @@ where
     B::Error: Send + Sync,
 {
     let firmware = HostMot2::identify(bus)?;
+    check_modes(&firmware, modes)?;
     let mut ports = Vec::new();
-    for gtag in [Gtag::SSERIAL, Gtag::SSERIAL_B] {
-        let instances = firmware.find(gtag).map_or(0, |module| module.instances);
-        for number in 0..instances {
-            ports.push(take_port(bus, &firmware, gtag, number, modes)?);
-        }
+    for (gtag, number) in serial_ports(&firmware) {
+        ports.push(take_port(bus, &firmware, gtag, number, modes)?);
     }
     Ok(Report {
         identity,
         firmware,
         ports,
     })
+}
+
+/// A mode for a channel that does not exist is a slip of the pen.
+fn check_modes(firmware: &HostMot2, modes: &Modes) -> Result<(), String> {
+    for &(port, channel, mode) in modes {
+        let channels = serial_ports(firmware).filter(|&(_, number)| number == port);
+        let channels = channels.map(|(gtag, _)| firmware.sserial_channels(gtag, port));
+        let ask = format!("leave --mode {port}.{channel}={mode} out, or correct it");
+        match channels.max() {
+            None => {
+                let ports = serial_ports(firmware).count();
+                return Err(format!(
+                    "no serial port {port}, the firmware has {ports}; {ask}"
+                ));
+            }
+            Some(channels) if channel >= channels => {
+                return Err(format!(
+                    "no channel {channel} on serial port {port}, which has {channels}; {ask}"
+                ));
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+/// The serial ports of the firmware, by module and number.
+fn serial_ports(firmware: &HostMot2) -> impl Iterator<Item = (Gtag, u8)> {
+    [Gtag::SSERIAL, Gtag::SSERIAL_B]
+        .into_iter()
+        .flat_map(|gtag| {
+            let instances = firmware.find(gtag).map_or(0, |module| module.instances);
+            (0..instances).map(move |number| (gtag, number))
+        })
 }
 
 fn take_port<B: RegisterBus>(
@@ -88,12 +121,35 @@ where
     B::Error: Send + Sync,
 {
     let io_ports = IoPorts::locate(firmware)?;
-    // A bite would turn the pins of the port into inputs in the middle of discovery.
-    Watchdog::locate(firmware)?.disable(bus)?;
+    let watchdog = Watchdog::locate(firmware)?;
+    // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
+    // is left to do that, it shall.
+    watchdog.arm(bus, AT_MOST)?;
     let mut pins = PortPlan::new(&io_ports);
     pins.use_module(firmware, gtag, number)?;
     io_ports.apply(bus, &pins)?;
+    let taken = take_channels(bus, firmware, gtag, number, modes);
+    // Also when that has failed; what it failed of is worth more than what this may fail of.
+    let restored = io_ports.apply(bus, &PortPlan::new(&io_ports));
+    let report = taken?;
+    restored?;
+    watchdog.disable(bus)?;
+    Ok(report)
+}
 
+/// Longer than the inventory of a port takes, however bad its wires are.
+const AT_MOST: Duration = Duration::from_secs(40);
+
+fn take_channels<B: RegisterBus>(
+    bus: &mut B,
+    firmware: &HostMot2,
+    gtag: Gtag,
+    number: u8,
+    modes: &Modes,
+) -> Result<PortReport, Box<dyn Error>>
+where
+    B::Error: Send + Sync,
+{
     let channels = firmware.sserial_channels(gtag, number);
     let module = SslbpModule::from(firmware.require(gtag)?);
     let mut port = Port::new(Layout::new(&module, number, channels)?);
@@ -102,7 +158,7 @@ where
         .filter_map(Channel::new)
         .map(|channel| {
             let wanted = |m: &&(u8, u8, u8)| (m.0, m.1) == (number, channel.index());
-            let mode = modes.iter().find(wanted).map_or(0, |m| m.2);
+            let mode = modes.iter().rev().find(wanted).map_or(0, |m| m.2);
             ChannelStart::new(channel).with_software_mode(mode)
         })
         .collect();
@@ -142,7 +198,6 @@ where
         });
     }
     port.stop_all(bus)?;
-    io_ports.apply(bus, &PortPlan::new(&io_ports))?;
     Ok(PortReport {
         number,
         parameters,
