@@ -118,6 +118,29 @@ fn a_board_counts_what_it_could_not_do() {
 }
 
 #[test]
+fn errors_are_cleared_and_packets_go_on_being_counted() {
+    let mut bus = board().into_inner();
+    let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
+    mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
+    bus.wait(Duration::from_millis(1));
+    let mut board = Board::new(bus);
+    let before = board.counters().expect("counters");
+    assert_eq!(
+        (before.errors, before.write_errors),
+        (ErrorRegister::WRITE, 1)
+    );
+    board.clear_errors().expect("cleared");
+    let after = board.counters().expect("counters");
+    assert_eq!(after.errors, ErrorRegister::empty());
+    let errors = [after.parse_errors, after.memory_errors, after.write_errors];
+    assert_eq!(errors, [0; 3]);
+    assert_eq!((after.received_bad, after.sent_bad), (0, 0));
+    assert_eq!(after.received_udp, before.received_udp + 2);
+    let mut bus = board.into_inner();
+    assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
+}
+
+#[test]
 fn its_clock_tells_when_packets_came_and_went() {
     let mut board = board();
     let first = board.timestamps().expect("timestamps");

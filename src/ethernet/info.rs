@@ -182,6 +182,21 @@ impl<B: Lbp16Board> Board<B> {
         })
     }
 
+    /// Sets the error register and the counters of errors to 0.
+    ///
+    /// The counters of packets stay: they serve to tell packets apart.
+    pub fn clear_errors(&mut self) -> Result<(), EthernetError<B::Error>> {
+        use registers::control::{ERROR, RX_BAD, TX_BAD};
+        let mut reply = [0; 2];
+        run(&mut self.bus, &mut reply, QUICK, |request| {
+            // The register, and the counters of parse, memory and write errors behind it.
+            request.write_words(Space::Control, ERROR, &[0; 4])?;
+            request.write_words(Space::Control, RX_BAD, &[0])?;
+            request.write_words(Space::Control, TX_BAD, &[0])?;
+            request.read(Space::Control, ERROR, 1).map(drop)
+        })
+    }
+
     /// Its clock at the last packets, to measure where time goes.
     pub fn timestamps(&mut self) -> Result<Timestamps, EthernetError<B::Error>> {
         let words: [u16; 4] = self.words(Space::ReadOnly, registers::read_only::RECEIVE_START)?;
@@ -210,6 +225,9 @@ impl<B: Lbp16Board> Board<B> {
 
     /// Restarts the board's protocol processor. It answers again after up to half a second, with
     /// the address that its jumpers say.
+    ///
+    /// Nothing answers this, so that a packet that is lost on the way is not noticed here: after
+    /// a restart, [`counters`](Self::counters) begin at 0.
     pub fn reset(&mut self) -> Result<(), EthernetError<B::Error>> {
         self.send_control(registers::control::RESET, &[1])?;
         self.bus.wait(Duration::from_millis(500));
@@ -220,6 +238,8 @@ impl<B: Lbp16Board> Board<B> {
     ///
     /// All outputs go off meanwhile, and every register is lost. `user` is where the user
     /// configuration begins in the flash memory, `fallback` where the other one does.
+    ///
+    /// Nothing answers this either, see [`reset`](Self::reset).
     pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), EthernetError<B::Error>> {
         self.need_firmware(registers::read_only::RELOAD_FIRMWARE)?;
         self.send_control(registers::control::ICAP, &icap_reboot(user, fallback))?;
