@@ -253,6 +253,80 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
     );
 }
 
+/// A hint stands behind a semicolon, or is a question.
+#[test]
+fn every_error_says_what_to_do_next() {
+    use mesa_hal::ethernet::BitfileError::{self, *};
+    let (field, at, area) = (b'a', 13, Area::User);
+    let (address, bytes, start, end) = (0x10_0000, 9, 0x10_0000, 0x16_0000);
+    let files: [BitfileError; 7] = [
+        NoMark,
+        Truncated { field, at },
+        WrongField {
+            expected: field,
+            found: 0,
+            at,
+        },
+        NotText { field },
+        NoSync { searched: 9 },
+        WrongPart { expected: "6slx9" },
+        TooLarge { bytes, room: 8 },
+    ];
+    type Memory = FlashError<BitfileError>;
+    let memory: [Memory; 8] = [
+        Memory::Bitfile(NoMark),
+        Memory::WrongChip {
+            found: 1,
+            expected: 2,
+        },
+        Memory::NoBootBlock { address },
+        Memory::NotForConfigurations { area },
+        Memory::NotWhole {
+            address,
+            bytes,
+            size: 10,
+        },
+        Memory::NotASector {
+            address,
+            sector: address,
+        },
+        Memory::OutsideArea {
+            address,
+            bytes,
+            area,
+            start,
+            end,
+        },
+        Memory::Differs {
+            address,
+            expected: 1,
+            found: 2,
+        },
+    ];
+    type Ethernet = EthernetError<BitfileError>;
+    let (expected, found) = (1, 2);
+    let ethernet: [Ethernet; 3] = [
+        Ethernet::Cookie {
+            space: 7,
+            found,
+            expected,
+        },
+        Ethernet::Firmware { needed: 16, found },
+        Ethernet::NotWritten {
+            address: 0x20,
+            expected,
+            found,
+        },
+    ];
+    let files = files.iter().map(ToString::to_string);
+    let memory = memory.iter().map(ToString::to_string);
+    let ethernet = ethernet.iter().map(ToString::to_string);
+    for text in files.chain(memory).chain(ethernet) {
+        let is_told = text.contains(';') || text.contains('?');
+        assert!(is_told, "{text}");
+    }
+}
+
 #[test]
 fn the_flash_id_is_that_of_the_layout() {
     let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");

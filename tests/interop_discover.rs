@@ -82,6 +82,19 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
 }
 
 #[test]
+fn a_silent_address_is_said_to_be_silent() {
+    let address = Ipv4Addr::new(127, 93, 0, 3);
+    let _silent = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
+    let output = discover(&["--addr", &address.to_string()]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    let said = "127.93.0.3:27181: no board answers, asked 10 times: ";
+    assert!(text.contains(said), "{text}");
+    assert!(text.contains("check the board's power"), "{text}");
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
 fn arguments_that_make_no_sense_are_said_and_not_ignored() {
     for (arguments, code, said) in [
         (&["--addr", "somewhere"][..], 2, "is no IPv4 address"),

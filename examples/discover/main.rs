@@ -16,6 +16,7 @@ use std::io::{self, ErrorKind, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 
+use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::Board;
 use mesa_hal::lbp16;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
@@ -91,7 +92,13 @@ fn take(options: &Options) -> Result<Report, Box<dyn Error>> {
 }
 
 fn take_from(address: SocketAddrV4, modes: &Modes) -> Result<Report, Box<dyn Error>> {
-    let mut board = Board::new(UdpBus::connect(address, UdpConfig::default())?);
+    let config = UdpConfig::default();
+    let tries = config.setup_tries;
+    let bus = UdpBus::connect(address, config).map_err(|error| match error.kind() {
+        BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
+        _ => error.to_string(),
+    })?;
+    let mut board = Board::new(bus);
     let identity = board.identity()?;
     report::take(&mut board.into_inner(), Some(identity), modes)
 }

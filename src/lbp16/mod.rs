@@ -17,6 +17,7 @@ pub mod registers;
 mod reply;
 
 pub use access::{AccessError, check_access};
+#[cfg(feature = "std")]
 pub(crate) use builder::RequestError as BuildError;
 pub use builder::{RequestBuilder, RequestError};
 pub use command::{Command, CommandError, ElementSize, MAX_COUNT, Space};
