@@ -58,7 +58,10 @@ impl<B: World> Machine<B> {
         let builder = configure(Driver::builder(bus).period(PERIOD));
         let driver = builder.build().expect("the board is complete");
         let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
-        Self { driver, card }
+        let mut this = Self { driver, card };
+        // However long the set-up took, the first cycle has a whole period.
+        this.rest();
+        this
     }
 
     fn cycle(&mut self) -> CycleReport {
@@ -70,6 +73,10 @@ impl<B: World> Machine<B> {
     /// The write, and the rest of the period.
     fn finish(&mut self) {
         self.driver.write().expect("the bus does not fail");
+        self.rest();
+    }
+
+    fn rest(&mut self) {
         let bus = self.driver.bus_mut();
         let period = PERIOD.as_nanos() as u64;
         let rest = period - bus.now().as_nanos() % period;

@@ -257,6 +257,8 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
 #[test]
 fn every_error_says_what_to_do_next() {
     use mesa_hal::ethernet::BitfileError::{self, *};
+    type Memory = FlashError<BitfileError>;
+    type Ethernet = EthernetError<BitfileError>;
     let (field, at, area) = (b'a', 13, Area::User);
     let (address, bytes, start, end) = (0x10_0000, 9, 0x10_0000, 0x16_0000);
     let files: [BitfileError; 7] = [
@@ -272,7 +274,6 @@ fn every_error_says_what_to_do_next() {
         WrongPart { expected: "6slx9" },
         TooLarge { bytes, room: 8 },
     ];
-    type Memory = FlashError<BitfileError>;
     let memory: [Memory; 8] = [
         Memory::Bitfile(NoMark),
         Memory::WrongChip {
@@ -303,7 +304,6 @@ fn every_error_says_what_to_do_next() {
             found: 2,
         },
     ];
-    type Ethernet = EthernetError<BitfileError>;
     let (expected, found) = (1, 2);
     let ethernet: [Ethernet; 3] = [
         Ethernet::Cookie {
