@@ -156,8 +156,9 @@ pub struct BusStatistics {
     /// Write exchanges that nothing is known of, because too many others followed before the board
     /// was heard again.
     pub unconfirmed_writes: u64,
-    /// Exchanges that left it uncertain whether the newest write, and nothing else, was executed
-    /// since the one before. What depends on the last write must not be trusted after one of them.
+    /// Exchanges that left it uncertain whether the newest write was the last that was executed, or
+    /// whether nothing else was since the exchange before. What depends on the last write must not
+    /// be trusted after one of them.
     pub doubts: u64,
     /// Bytes sent, without the headers of lower layers.
     pub bytes_sent: u64,

@@ -50,8 +50,8 @@ pub(super) struct News {
     pub repeated: u32,
     /// Writes of which nobody can tell any more.
     pub unconfirmed: u32,
-    /// It is not certain that the newest write, and nothing else, was executed since the account
-    /// before.
+    /// It is not certain that the newest write before the request was the last executed, and that
+    /// nothing else was since the account before.
     pub doubt: bool,
 }
 
@@ -126,7 +126,8 @@ impl Ledger {
         if self.underway() > REMEMBERED {
             self.settled = self.settled.wrapping_add(1);
             // Its place is the new one's.
-            self.forgotten += u32::from(self.fate(self.newest) == Fate::Underway);
+            let is_open = self.fate(self.newest) == Fate::Underway;
+            self.forgotten = self.forgotten.saturating_add(u32::from(is_open));
         }
         let slot = self.choose_slot();
         let write = Write {
@@ -198,13 +199,9 @@ impl Ledger {
         for number in slots.into_iter().flatten().chain(last) {
             fresh += self.executed(number, &mut news);
         }
-        if let (Some(last), Some(newest)) = (last, self.newest_executed()) {
-            // A newer one was executed, and this one after it.
-            let is_behind = last != newest;
-            news.late += u32::from(is_behind && was_underway);
-            news.doubt |= is_behind;
-        }
-        news.doubt |= last.is_none();
+        // A newer one was executed, and this one after it.
+        let is_behind = last.is_some() && last != self.newest_executed();
+        news.late += u32::from(is_behind && was_underway);
         self.executions = self.executions.wrapping_add(fresh);
         let arrived = self
             .received
@@ -226,7 +223,6 @@ impl Ledger {
                     self.nothing_else_came(asked, &mut news);
                 }
                 self.is_open = true;
-                news.doubt = true;
             }
         }
         self.received = Some(account.received);
@@ -234,7 +230,8 @@ impl Ledger {
         // What is lost may still come, and is told best by the details.
         self.is_open |= news.lost > 0;
         let said = [news.lost, news.late, news.repeated, news.unconfirmed];
-        news.doubt |= is_sequence || said.into_iter().any(|count| count > 0);
+        let is_certain = is_explained && last == Some(asked) && !is_behind && !is_sequence;
+        news.doubt = !is_certain || said.into_iter().any(|count| count > 0);
         news
     }
 
@@ -282,13 +279,13 @@ impl Ledger {
         received: u16,
         news: &mut News,
     ) {
-        news.unconfirmed += core::mem::take(&mut self.forgotten);
+        news.unconfirmed = core::mem::take(&mut self.forgotten);
         while let Some(number) = self.next_to_settle(asked) {
             let slot = slots.get(self.slot_of(number)).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten && self.fate(number) == Fate::Underway {
                 self.set(number, Fate::Unknown);
-                news.unconfirmed += 1;
+                news.unconfirmed = news.unconfirmed.saturating_add(1);
             } else {
                 news.lost += self.miss(number);
             }
@@ -401,12 +398,22 @@ mod tests {
         }
     }
 
+    const DOUBT: News = News {
+        lost: 0,
+        found: 0,
+        late: 0,
+        repeated: 0,
+        unconfirmed: 0,
+        doubt: true,
+    };
+
     /// A board that has executed a write and said so.
     fn pair() -> (Ledger, Board) {
         let mut ledger = Ledger::starting_after(u32::MAX - 2);
         let mut board = Board::default();
         board.write(ledger.open_write(false));
-        assert_eq!(board.answer(&mut ledger), News::default());
+        // Nothing is known of what came before.
+        assert_eq!(board.answer(&mut ledger), DOUBT);
         (ledger, board)
     }
 
@@ -425,14 +432,10 @@ mod tests {
     fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
         let (mut ledger, mut board) = pair();
         let lost = ledger.open_write(false);
-        let said = News {
-            lost: 1,
-            doubt: true,
-            ..News::default()
-        };
+        let said = News { lost: 1, ..DOUBT };
         assert_eq!(board.answer(&mut ledger), said);
         assert!(!ledger.is_executed() && ledger.wants_details());
-        assert_eq!(board.answer(&mut ledger), News::default());
+        assert_eq!(board.answer(&mut ledger), DOUBT, "until the next write");
         for _ in 0..KEPT - 1 {
             board.write(ledger.open_write(false));
             assert_eq!(board.answer(&mut ledger), News::default());
@@ -441,16 +444,11 @@ mod tests {
         board.write(lost);
         board.write(newer);
         // Something came that was not due; what it was is asked for.
-        let doubt = News {
-            doubt: true,
-            ..News::default()
-        };
-        assert_eq!(board.answer(&mut ledger), doubt);
+        assert_eq!(board.answer(&mut ledger), DOUBT);
         let late = News {
             found: 1,
             late: 1,
-            doubt: true,
-            ..News::default()
+            ..DOUBT
         };
         assert_eq!(board.answer(&mut ledger), late);
         assert_eq!(board.answer(&mut ledger), News::default());
@@ -482,14 +480,9 @@ mod tests {
         let [first, second] = [(); 2].map(|()| ledger.open_write(false));
         board.write(second);
         board.write(first);
-        let late = News {
-            late: 1,
-            doubt: true,
-            ..News::default()
-        };
+        let late = News { late: 1, ..DOUBT };
         assert_eq!(board.answer(&mut ledger), late);
-        let doubt = News { late: 0, ..late };
-        assert_eq!(board.answer(&mut ledger), doubt, "its values still stand");
+        assert_eq!(board.answer(&mut ledger), DOUBT, "its values still stand");
         board.write(ledger.open_write(false));
         assert_eq!(board.answer(&mut ledger), News::default());
     }
@@ -508,17 +501,39 @@ mod tests {
     }
 
     #[test]
-    fn somebody_elses_questions_are_in_doubt_and_count_as_nothing() {
+    fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothing() {
+        let (mut ledger, mut board) = pair();
+        for _ in 0..3 {
+            board.write(ledger.open_write(false));
+            board.received += 1;
+            board.sent += 1;
+            assert_eq!(board.answer(&mut ledger), DOUBT);
+        }
+        if ledger.wants_details() {
+            assert_eq!(board.answer(&mut ledger), News::default());
+        }
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
         let (mut ledger, mut board) = pair();
         board.write(ledger.open_write(false));
+        ledger.lose_count();
         board.received += 1;
-        board.sent += 1;
-        let doubt = News {
-            doubt: true,
-            ..News::default()
-        };
-        assert_eq!(board.answer(&mut ledger), doubt);
+        assert_eq!(board.answer(&mut ledger), DOUBT);
         assert_eq!(board.answer(&mut ledger), News::default());
+    }
+
+    #[test]
+    fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnoticed() {
+        let (mut ledger, mut board) = pair();
+        // Every write is lost, until the numbers come round to the one that the board has.
+        for n in 1..0x2_0000_u32 {
+            ledger.open_write(false);
+            let said = board.answer(&mut ledger);
+            assert!(said.doubt, "{n}: {said:?}");
+        }
     }
 
     #[test]
