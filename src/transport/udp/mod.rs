@@ -84,6 +84,7 @@ pub struct UdpBus<L: Link = UdpLink> {
 /// A prepared list.
 #[derive(Clone, Debug, Default)]
 struct List {
+    accesses: Box<[Access]>,
     encoding: Encoding,
     /// How long the board may hold it back.
     held: Duration,
@@ -193,7 +194,18 @@ impl<L: Link> UdpBus<L> {
         words: &[u32],
         deadline: Duration,
     ) -> Result<usize, UdpError> {
-        let wait = self.send(encoding, words, deadline)?;
+        self.transact_held(encoding, words, deadline, Duration::ZERO)
+    }
+
+    /// The same; the board may hold the packet back for `held`.
+    fn transact_held(
+        &mut self,
+        encoding: &mut Encoding,
+        words: &[u32],
+        deadline: Duration,
+        held: Duration,
+    ) -> Result<usize, UdpError> {
+        let wait = self.send(encoding, words, deadline, held)?;
         if !encoding.is_answered() {
             return Ok(0);
         }
@@ -206,6 +218,7 @@ impl<L: Link> UdpBus<L> {
         encoding: &mut Encoding,
         words: &[u32],
         deadline: Duration,
+        held: Duration,
     ) -> Result<Wait, UdpError> {
         let is_answered = encoding.is_answered();
         let writes = encoding.has_writes();
@@ -231,6 +244,7 @@ impl<L: Link> UdpBus<L> {
             expected: encoding.reply_len(),
             started,
             deadline,
+            held,
         })
     }
 
@@ -245,7 +259,8 @@ impl<L: Link> UdpBus<L> {
 
     fn receive_until(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
         let Wait { request, .. } = wait;
-        let until = wait.started.after(wait.deadline);
+        let deadline = wait.deadline.saturating_add(wait.held);
+        let until = wait.started.after(deadline);
         let mut instead = None;
         let mut overtime = 0;
         loop {
@@ -264,7 +279,7 @@ impl<L: Link> UdpBus<L> {
                         });
                     }
                     // What came in time may still lie in the socket, but not without end.
-                    overtime += u32::from(waited > wait.deadline);
+                    overtime += u32::from(waited > deadline);
                     if overtime >= MAX_OVERTIME {
                         self.statistics.lost += 1;
                         return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
@@ -274,7 +289,11 @@ impl<L: Link> UdpBus<L> {
                     self.statistics.lost += 1;
                     return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
                 }
-                Err(link) => return Err(UdpError::Link { link, waited }),
+                Err(link) => {
+                    // Should a reply come after all, it is late.
+                    self.statistics.lost += 1;
+                    return Err(UdpError::Link { link, waited });
+                }
             }
         }
     }
@@ -288,7 +307,11 @@ impl<L: Link> UdpBus<L> {
     }
 
     fn keep(&mut self, accesses: &[Access], encoding: Encoding, held: Duration) -> Prepared {
-        self.prepared.push(List { encoding, held });
+        self.prepared.push(List {
+            accesses: accesses.into(),
+            encoding,
+            held,
+        });
         Prepared::new(accesses, self.prepared.len() - 1)
     }
 
@@ -300,7 +323,8 @@ impl<L: Link> UdpBus<L> {
     ) -> Result<(), UdpError> {
         let slot = prepared.slot();
         let count = self.prepared.len();
-        let Some(place) = self.prepared.get_mut(slot) else {
+        let is_its = |list: &&mut List| *list.accesses == *prepared.accesses();
+        let Some(place) = self.prepared.get_mut(slot).filter(is_its) else {
             return Err(UdpError::NotPrepared {
                 slot,
                 prepared: count,
@@ -329,6 +353,7 @@ impl<L: Link> UdpBus<L> {
             asked,
             expected,
             deadline,
+            held,
             ..
         } = wait;
         let counted = &mut self.statistics;
@@ -337,6 +362,10 @@ impl<L: Link> UdpBus<L> {
             counted.short += 1;
             return Ok(None);
         };
+        // What the board did not wait for its clock was lost on the way: the words are that old.
+        let told = encoding.waited_us(reply).unwrap_or(0);
+        let told = Duration::from_micros(told.into()).min(held);
+        let deadline = deadline.saturating_add(told);
         match self.requests.classify(number) {
             Match::Current if length != expected => {
                 counted.short += 1;
@@ -404,7 +433,10 @@ struct Wait {
     asked: u32,
     expected: usize,
     started: Instant,
+    /// How long it may take, ...
     deadline: Duration,
+    /// ... and how long the board may wait besides.
+    held: Duration,
 }
 
 fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
@@ -490,20 +522,24 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     ) -> Result<(), UdpError> {
         check_words(prepared.accesses(), words.len())?;
         self.with_list(prepared, |bus, list| {
-            let deadline = bus.config.cycle_deadline.saturating_add(list.held);
-            let length = bus.transact(&mut list.encoding, words, deadline)?;
+            let deadline = bus.config.cycle_deadline;
+            let length = bus.transact_held(&mut list.encoding, words, deadline, list.held)?;
             bus.take(&list.encoding, length, words);
             Ok(())
         })
     }
 
-    /// The board's registers can wait up to 65 ms; a longer limit is cut to that.
+    /// The board can wait for up to 65.535 ms. Of the time that a reply takes, what the board
+    /// waited does not count for the deadline: whatever it waits, its words are as new as those of
+    /// other lists.
     fn prepare_paced(
         &mut self,
         accesses: &[Access],
         limit: Duration,
     ) -> Result<Option<Prepared>, UdpError> {
-        let wait_us = u16::try_from(limit.as_micros()).unwrap_or(u16::MAX);
+        let Ok(wait_us) = u16::try_from(limit.as_micros()) else {
+            return Ok(None);
+        };
         let manner = Manner {
             acknowledged: true,
             wait_us: Some(wait_us),
@@ -513,24 +549,26 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         Ok(Some(self.keep(accesses, encoding, held)))
     }
 
+    /// A list that writes is not sent before its words are there: [`collect`](Self::collect) does
+    /// it all.
     fn post(&mut self, prepared: &Prepared) -> Result<(), UdpError> {
         self.with_list(prepared, |bus, list| {
-            let deadline = bus.config.cycle_deadline.saturating_add(list.held);
-            let wait = bus.send(&mut list.encoding, &[], deadline)?;
+            if list.encoding.has_writes() || !list.encoding.is_answered() {
+                return Ok(());
+            }
+            let deadline = bus.config.cycle_deadline;
+            let wait = bus.send(&mut list.encoding, &[], deadline, list.held)?;
             bus.posted = Some((prepared.slot(), wait));
             Ok(())
         })
     }
 
     fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), UdpError> {
-        let Some((_, wait)) = self
-            .posted
-            .take()
-            .filter(|(slot, _)| *slot == prepared.slot())
-        else {
+        check_words(prepared.accesses(), words.len())?;
+        let is_its = |(slot, _): &mut (usize, Wait)| *slot == prepared.slot();
+        let Some((_, wait)) = self.posted.take_if(is_its) else {
             return self.exchange_prepared(prepared, words);
         };
-        check_words(prepared.accesses(), words.len())?;
         self.with_list(prepared, |bus, list| {
             let length = bus.receive(&list.encoding, wait)?;
             bus.take(&list.encoding, length, words);

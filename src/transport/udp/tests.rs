@@ -1,5 +1,8 @@
 //! The bus on a network and a board of the test's own, on virtual time.
 
+mod posted;
+mod sequences;
+
 use super::*;
 use crate::bus::{BusError, BusErrorKind};
 use proptest::prelude::*;
@@ -15,9 +18,18 @@ enum Fate {
 }
 
 const GOOD: Fate = Fate::Arrives(30_000);
+const GOOD_AT_ONCE: Fate = Fate::Arrives(0);
 
-/// Packets by their arrival, then in the order they were sent.
-type Underway = BTreeMap<(u64, u64), Vec<u8>>;
+/// Packets by their arrival, then in the order they were sent; a reply with the execution that it
+/// is of.
+type Underway = BTreeMap<(u64, u64), (usize, Vec<u8>)>;
+
+/// One packet that the board executed.
+#[derive(Clone, Copy, Debug, Default)]
+struct Execution {
+    write: Option<u16>,
+    request: Option<u32>,
+}
 
 /// A board that answers register reads with a stamp that never comes twice.
 #[derive(Debug, Default)]
@@ -34,8 +46,20 @@ struct Network {
     received: u16,
     sent: u16,
     executed: Vec<Vec<u8>>,
+    executions: Vec<Execution>,
     stamp: u32,
     refuses: bool,
+    /// What becomes of the sends to come.
+    refusals: Vec<bool>,
+    /// How long the board waits for its clock, and what it says of that.
+    held: u64,
+    says_us: Option<u16>,
+    /// Newest numbers that were given to the link.
+    newest: Execution,
+    /// For each request the newest write before it.
+    asked: BTreeMap<u32, Option<u16>>,
+    /// The execution that the newest reply at the host is of.
+    delivered: Option<usize>,
     /// There is always one more datagram, of somebody else.
     flooded: bool,
     /// For each request number the values of its first execution and all others.
@@ -43,12 +67,18 @@ struct Network {
 }
 
 impl Network {
-    fn carry(&mut self, way: fn(&mut Self) -> &mut Underway, fate: Fate, packet: &[u8]) {
+    fn carry(
+        &mut self,
+        way: fn(&mut Self) -> &mut Underway,
+        fate: Fate,
+        execution: usize,
+        packet: &[u8],
+    ) {
         let now = self.now;
         let mut put = |delay: u64, bytes: &[u8]| {
             self.order += 1;
             let key = (now + delay, self.order);
-            way(self).insert(key, bytes.to_vec());
+            way(self).insert(key, (execution, bytes.to_vec()));
         };
         match fate {
             Fate::Lost => {}
@@ -62,7 +92,7 @@ impl Network {
     }
 
     /// Lets everything happen that happens until `until`; stops at the first reply.
-    fn run(&mut self, until: u64) -> Option<Vec<u8>> {
+    fn run(&mut self, until: u64) -> Option<(usize, Vec<u8>)> {
         loop {
             let board = self.to_board.first_key_value().map(|(k, _)| k.0);
             let host = self.to_host.first_key_value().map(|(k, _)| k.0);
@@ -80,17 +110,21 @@ impl Network {
             if is_host {
                 return self.to_host.pop_first().map(|(_, packet)| packet);
             }
-            let (_, packet) = self.to_board.pop_first().unwrap();
-            let reply = self.execute(&packet);
+            let (_, (_, packet)) = self.to_board.pop_first().unwrap();
+            let (reply, held) = self.execute(&packet);
             if !reply.is_empty() {
-                let fate = self.replies.pop().unwrap_or(GOOD);
-                self.carry(|n| &mut n.to_host, fate, &reply);
+                let fate = self.replies.pop().unwrap_or(GOOD).after(held);
+                let execution = self.executions.len() - 1;
+                self.carry(|n| &mut n.to_host, fate, execution, &reply);
             }
         }
     }
 
-    fn execute(&mut self, packet: &[u8]) -> Vec<u8> {
+    /// The reply, and how long the board waits before it sends it.
+    fn execute(&mut self, packet: &[u8]) -> (Vec<u8>, u64) {
         self.executed.push(packet.to_vec());
+        self.executions.push(numbers(packet));
+        let mut held = 0;
         self.received = self.received.wrapping_add(1);
         let mut reply = Vec::new();
         let mut words = Vec::new();
@@ -120,6 +154,12 @@ impl Network {
                             .insert(at, u32::from_le_bytes(value.try_into().unwrap()));
                         rest = tail;
                     }
+                    (0, 4) if at == 0x06 => {
+                        let limit = u64::from(self.scratch[&0x04]) * 1000;
+                        held = self.held.min(limit);
+                        let waited = self.says_us.unwrap_or((held / 1000) as u16);
+                        reply.extend(waited.to_le_bytes());
+                    }
                     (0, 4) => {
                         reply.extend(self.scratch.get(&at).copied().unwrap_or(0).to_le_bytes());
                     }
@@ -142,20 +182,62 @@ impl Network {
             }
         }
         assert!(rest.is_empty(), "{packet:02X?}");
-        let number = u32::from(self.scratch[&0x1C]) | u32::from(self.scratch[&0x1E]) << 16;
-        self.answers.entry(number).or_default().push(words);
+        if let Some(number) = numbers(packet).request {
+            self.answers.entry(number).or_default().push(words);
+        }
         self.sent = self.sent.wrapping_add(u16::from(!reply.is_empty()));
-        reply
+        (reply, held)
+    }
+}
+
+/// The numbers that a packet sets.
+fn numbers(packet: &[u8]) -> Execution {
+    let mut found = Execution::default();
+    let mut rest = packet;
+    while let [low, high, a, _, tail @ ..] = rest {
+        let (count, size) = (usize::from(*low & 0x7F), 1 << (*high & 3));
+        let is_write = *high & 0x80 != 0;
+        rest = tail;
+        if is_write {
+            let (data, tail) = rest.split_at(count * size);
+            rest = tail;
+            match (*high >> 2 & 7, *a, data) {
+                (4, 0x1A, [a, b]) => found.write = Some(u16::from_le_bytes([*a, *b])),
+                (4, 0x1C, &[a, b, c, d]) => {
+                    found.request = Some(u32::from_le_bytes([a, b, c, d]));
+                }
+                _ => {}
+            }
+        }
+    }
+    found
+}
+
+impl Fate {
+    fn after(self, held: u64) -> Self {
+        match self {
+            Self::Arrives(delay) => Self::Arrives(delay + held),
+            Self::Lost => Self::Lost,
+            Self::Doubled(first, second) => Self::Doubled(first + held, second + held),
+            Self::Cut(delay, bytes) => Self::Cut(delay + held, bytes),
+        }
     }
 }
 
 impl Link for Network {
     fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        if self.refuses {
+        let numbers = numbers(packet);
+        let before = self.newest.write;
+        self.newest.write = numbers.write.or(before);
+        if let Some(request) = numbers.request {
+            self.newest.request = Some(request);
+            self.asked.insert(request, self.newest.write);
+        }
+        if self.refuses || self.refusals.pop().unwrap_or(false) {
             return Err(LinkError::Refused);
         }
         let fate = self.requests.pop().unwrap_or(GOOD);
-        self.carry(|n| &mut n.to_board, fate, packet);
+        self.carry(|n| &mut n.to_board, fate, 0, packet);
         Ok(())
     }
 
@@ -169,9 +251,10 @@ impl Link for Network {
             buffer[..20].fill(0xEE);
             return Ok(Some(20));
         }
-        let Some(packet) = self.run(deadline.as_nanos()) else {
+        let Some((execution, packet)) = self.run(deadline.as_nanos()) else {
             return Ok(None);
         };
+        self.delivered = Some(execution);
         buffer[..packet.len()].copy_from_slice(&packet);
         Ok(Some(packet.len()))
     }
@@ -186,8 +269,8 @@ impl Link for Network {
         while let Some(packet) = self.run(deadline.as_nanos()) {
             waiting.push(packet);
         }
-        for packet in waiting {
-            self.carry(|n| &mut n.to_host, Fate::Arrives(0), &packet);
+        for (execution, packet) in waiting {
+            self.carry(|n| &mut n.to_host, GOOD_AT_ONCE, execution, &packet);
         }
     }
 }
