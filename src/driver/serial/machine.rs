@@ -158,6 +158,10 @@ impl Machine {
     /// was not executed.
     pub fn observe(&mut self, now: Instant, seen: &Observation, writes_lost: bool) -> Outcome {
         self.chosen = None;
+        if let Some(pending) = &mut self.pending {
+            // Also while it is busy: with what, is not known.
+            pending.sure &= !writes_lost;
+        }
         if seen.command != 0 {
             return self.observe_busy(now);
         }
@@ -165,9 +169,8 @@ impl Machine {
         let Some(pending) = self.pending.take() else {
             return Outcome::default();
         };
-        let sure = pending.sure && !writes_lost;
         match pending.asked {
-            Asked::Transfer(mask) if sure => Outcome {
+            Asked::Transfer(mask) if pending.sure => Outcome {
                 started: pending.issued,
                 reads_before: pending.reads_before,
                 ..self.judge(now, mask, seen)

@@ -121,6 +121,18 @@ fn old_data_is_not_taken_for_new_when_the_bus_lost_the_doit() {
 }
 
 #[test]
+fn a_transfer_that_was_in_doubt_while_busy_stays_so() {
+    let mut rig = Rig::new();
+    rig.write();
+    rig.seen.command = 1;
+    rig.now = rig.now.after(Duration::from_millis(1));
+    assert!(rig.machine.observe(rig.now, &rig.seen, true).too_short);
+    rig.seen.command = 0;
+    assert_eq!(rig.read(), Outcome::default());
+    assert_eq!(rig.machine.statistics.unknown, 1);
+}
+
+#[test]
 fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
     let mut rig = Rig::new();
     rig.machine.next(rig.now, false);
