@@ -280,6 +280,20 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         })
     }
 
+    /// Held back by the bus inside. The request is not sent ahead, but with
+    /// [`collect`](Self::collect), so that a fault concerns all of the exchange.
+    fn prepare_paced(
+        &mut self,
+        accesses: &[Access],
+        limit: Duration,
+    ) -> Result<Option<Prepared>, Self::Error> {
+        Ok(self.inner.prepare_paced(accesses, limit)?)
+    }
+
+    fn slack(&self) -> Option<Duration> {
+        self.inner.slack()
+    }
+
     /// Those of the bus inside, and the injected faults.
     fn statistics(&self) -> BusStatistics {
         let inner = self.inner.statistics();
@@ -369,6 +383,24 @@ mod tests {
         assert_eq!(bus.statistics().lost_writes, 0);
         assert_eq!(bus.read(0x1000), Ok(0));
         assert_eq!(bus.statistics().lost_writes, 1);
+    }
+
+    #[test]
+    fn a_paced_list_is_paced_by_the_bus_inside_and_fails_as_a_whole() {
+        let mut bus = Faulty::new(Memory::default(), 1);
+        bus.inner().words.insert(0x1000, 7);
+        let list = bus.prepare_paced(&[Access::read(0x1000, 0, 1)], Duration::ZERO);
+        let list = list.unwrap().expect("the bus inside can");
+        bus.fail_at(0, Fault::of(BusErrorKind::Lost));
+        let mut words = [0];
+        bus.post(&list).unwrap();
+        let error = bus.collect(&list, &mut words).unwrap_err();
+        assert_eq!(error.kind(), BusErrorKind::Lost);
+        assert_eq!((bus.inner().posted, bus.inner().exchanges), (0, 0));
+        bus.post(&list).unwrap();
+        bus.collect(&list, &mut words).unwrap();
+        assert_eq!((words, bus.exchanges()), ([7], 2));
+        assert_eq!(bus.slack(), Some(Duration::from_micros(5)));
     }
 
     #[test]

@@ -216,6 +216,29 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
         result
     }
 
+    fn prepare_paced(
+        &mut self,
+        accesses: &[Access],
+        limit: Duration,
+    ) -> Result<Option<Prepared>, B::Error> {
+        self.inner.prepare_paced(accesses, limit)
+    }
+
+    fn post(&mut self, list: &Prepared) -> Result<(), B::Error> {
+        self.inner.post(list)
+    }
+
+    fn collect(&mut self, list: &Prepared, words: &mut [u32]) -> Result<(), B::Error> {
+        let result = self.inner.collect(list, words);
+        let outcome = result.as_ref().map(|&()| ()).map_err(BusError::kind);
+        self.record(list.accesses(), words, outcome);
+        result
+    }
+
+    fn slack(&self) -> Option<Duration> {
+        self.inner.slack()
+    }
+
     fn statistics(&self) -> BusStatistics {
         self.inner.statistics()
     }
@@ -251,6 +274,18 @@ mod tests {
              12.00 host read 0x5A00 0x00004000\n\
              12.00 host read 0x5A04 0x00000011\n"
         );
+    }
+
+    #[test]
+    fn what_was_asked_for_ahead_is_logged_when_it_is_taken() {
+        let mut bus = Recording::new(Memory::default(), 10);
+        let list = bus.prepare_paced(&[Access::read(0x1000, 0, 1)], Duration::ZERO);
+        let list = list.unwrap().expect("the bus inside can");
+        bus.post(&list).unwrap();
+        assert_eq!((bus.inner().posted, bus.entries().count()), (1, 0));
+        bus.collect(&list, &mut [0]).unwrap();
+        assert!(text(&bus).ends_with("1.00 host read 0x1000 0x00000000\n"));
+        assert_eq!(bus.slack(), Some(Duration::from_micros(5)));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use core::time::Duration;
 use std::collections::BTreeMap;
 
-use crate::bus::{Access, BusError, BusErrorKind, Direction, Instant, RegisterBus};
+use crate::bus::{Access, BusError, BusErrorKind, Direction, Instant, Prepared, RegisterBus};
 
 /// Registers keep what is written; each exchange takes a microsecond.
 #[derive(Debug, Default)]
@@ -11,6 +11,8 @@ pub(super) struct Memory {
     pub(super) words: BTreeMap<u16, u32>,
     pub(super) exchanges: usize,
     pub(super) fail_next: bool,
+    /// Requests that were sent ahead.
+    pub(super) posted: usize,
     now: u64,
 }
 
@@ -53,5 +55,22 @@ impl RegisterBus for Memory {
 
     fn wait(&mut self, duration: Duration) {
         self.now += duration.as_nanos() as u64;
+    }
+
+    fn prepare_paced(
+        &mut self,
+        accesses: &[Access],
+        _limit: Duration,
+    ) -> Result<Option<Prepared>, MemoryError> {
+        self.prepare(accesses).map(Some)
+    }
+
+    fn post(&mut self, _list: &Prepared) -> Result<(), MemoryError> {
+        self.posted += 1;
+        Ok(())
+    }
+
+    fn slack(&self) -> Option<Duration> {
+        Some(Duration::from_micros(5))
     }
 }
