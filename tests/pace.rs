@@ -1,5 +1,7 @@
 //! The board paces the cycle: it holds the reads back until its own clock begins the next period.
 
+#[path = "pace/disturbed.rs"]
+mod disturbed;
 mod ethernet_support;
 
 use std::time::Duration;

@@ -150,13 +150,17 @@ impl<B: RegisterBus> Driver<B> {
     fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
         let (lost_writes, doubtful) = self.news_of_writes();
         self.settings_may_be_lost |= doubtful;
+        let slack = self.bus.slack();
+        let beat = self.pacer.arrived(now, slack);
         let mut report = CycleReport {
             lost_writes,
-            missed_periods: self.pacer.arrived(now),
-            slack: self.bus.slack(),
+            missed_periods: beat.missed,
+            unpaced: beat.is_unpaced,
+            slack,
             ..CycleReport::default()
         };
-        self.statistics.missed_periods += report.missed_periods;
+        self.statistics.missed_periods += beat.missed;
+        self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
         for port in &mut self.ports {
             let outcome = port.take(&self.image, &mut self.pins, now, doubtful);
             report.good += outcome.good.len();

@@ -23,12 +23,14 @@ pub enum Pace {
     ///
     /// A host that is late misses the beginning of a period, and gets the next:
     /// [`CycleReport::missed_periods`]. What it has left of a period is in
-    /// [`CycleReport::slack`].
+    /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
+    /// than the driver was built for, shows in [`CycleReport::unpaced`].
     ///
     /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
     ///
     /// [`CycleReport::missed_periods`]: super::CycleReport::missed_periods
     /// [`CycleReport::slack`]: super::CycleReport::slack
+    /// [`CycleReport::unpaced`]: super::CycleReport::unpaced
     /// [`Driver::read`]: super::Driver::read
     /// [`Driver::wait_transfers`]: super::Driver::wait_transfers
     /// [`Driver::write`]: super::Driver::write
@@ -39,7 +41,7 @@ impl Pace {
     /// How long the board may hold the reads of a cycle back. Its timer comes once in a period,
     /// so that a longer wait means that it stands still.
     pub(super) fn held(self, period: Duration) -> Option<Duration> {
-        (self == Self::Board).then_some(period * 5 / 4)
+        (self == Self::Board).then(|| period.saturating_add(period / 4))
     }
 }
 
@@ -54,6 +56,17 @@ pub(super) struct Pacer {
     begun: Option<Instant>,
     /// ... and when the last one with inputs did.
     arrived: Option<Instant>,
+    /// It came sooner after the one before than periods do.
+    was_short: bool,
+}
+
+/// What the arrival of inputs says of the board's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Beat {
+    /// Periods that went by without inputs.
+    pub missed: u64,
+    /// The clock has not begun this cycle.
+    pub is_unpaced: bool,
 }
 
 impl Pacer {
@@ -64,6 +77,7 @@ impl Pacer {
             posted: None,
             begun: None,
             arrived: None,
+            was_short: false,
         }
     }
 
@@ -89,11 +103,18 @@ impl Pacer {
     }
 
     /// A cycle has begun. When its read failed without waiting, the rest of the period is waited
-    /// for here: nobody else would, and the application's loop would spin.
+    /// for here, and when the board answered at once, half of it: nobody else would, and the
+    /// application's loop would spin.
     pub fn begun<B: RegisterBus>(&mut self, bus: &mut B, failed: bool) {
         let now = bus.now();
-        if let (Pace::Board, true, Some(before)) = (self.pace, failed, self.begun) {
-            let left = before.after(self.period).since(now);
+        let (before, least) = if failed {
+            (self.begun, self.period)
+        } else {
+            // Not more: inputs that were delayed on the way are followed by some that come soon.
+            (self.arrived, self.period / 2)
+        };
+        if let (Pace::Board, Some(before)) = (self.pace, before) {
+            let left = before.after(least).since(now);
             if !left.is_zero() {
                 bus.wait(left);
             }
@@ -101,14 +122,24 @@ impl Pacer {
         self.begun = Some(bus.now());
     }
 
-    /// Inputs have arrived: how many periods went by without any.
-    pub fn arrived(&mut self, now: Instant) -> u64 {
+    /// Inputs have arrived, which the board held back for `slack`.
+    pub fn arrived(&mut self, now: Instant, slack: Option<Duration>) -> Beat {
         let before = self.arrived.replace(now);
         let (Pace::Board, Some(before)) = (self.pace, before) else {
-            return 0;
+            return Beat::default();
         };
+        let since = now.since(before);
         let period = self.period.as_nanos().max(1);
-        let passed = (now.since(before).as_nanos() + period / 2) / period;
-        u64::try_from(passed.saturating_sub(1)).unwrap_or(u64::MAX)
+        let passed = (since.as_nanos() + period / 2) / period;
+        // One interval is short when the inputs before were delayed on the way, but not two.
+        let is_short = since < self.period / 4 * 3;
+        let was_short = core::mem::replace(&mut self.was_short, is_short);
+        // It waited for longer than a period lasts.
+        let stands_still =
+            slack.is_some_and(|slack| slack > self.period.saturating_add(self.period / 8));
+        Beat {
+            missed: u64::try_from(passed.saturating_sub(1)).unwrap_or(u64::MAX),
+            is_unpaced: stands_still || (is_short && was_short),
+        }
     }
 }

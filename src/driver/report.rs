@@ -22,6 +22,10 @@ pub struct CycleReport {
     /// Periods of the board that went by without a good read since the last one, where the
     /// [board paces](super::Pace::Board): packets were lost, or the host was late.
     pub missed_periods: u64,
+    /// The board's clock has not begun this cycle, though the [board paces](super::Pace::Board):
+    /// it stands still, runs at another frequency than was planned, or the board did not wait for
+    /// it. Inputs are not taken at equal times.
+    pub unpaced: bool,
     /// What the host had left of the period when its packets were with the board, where the
     /// [board paces](super::Pace::Board).
     pub slack: Option<Duration>,
@@ -36,6 +40,7 @@ impl CycleReport {
             && self.too_short == 0
             && self.lost_writes == 0
             && self.missed_periods == 0
+            && !self.unpaced
     }
 }
 
@@ -73,6 +78,8 @@ pub struct DriverStatistics {
     pub lost_writes: u64,
     /// Periods that went by without a good read, where the [board paces](super::Pace::Board).
     pub missed_periods: u64,
+    /// Cycles that the board's clock has not begun, where the [board paces](super::Pace::Board).
+    pub unpaced_cycles: u64,
     /// Times that the board's watchdog was found to have bitten.
     pub watchdog_bites: u64,
     /// Times that the board was found to have been reset.
