@@ -14,6 +14,7 @@ mod error;
 mod ledger;
 mod link;
 mod matching;
+mod receiving;
 
 pub use error::UdpError;
 pub use link::{Link, LinkError, SocketOptions, UdpLink};
@@ -25,7 +26,8 @@ use crate::bus::{Access, BusStatistics, Direction, Instant, Prepared, RegisterBu
 use crate::ethernet::Lbp16Board;
 use encoding::{Encoding, Manner, check_words};
 use ledger::Ledger;
-use matching::{Match, Requests};
+use matching::Requests;
+use receiving::Wait;
 
 /// Room for the longest datagram that an Ethernet frame carries.
 const RECEIVE_BUFFER: usize = 2048;
@@ -248,56 +250,6 @@ impl<L: Link> UdpBus<L> {
         })
     }
 
-    /// Waits for the reply to a request, and throws away everything else that comes.
-    fn receive(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
-        let result = self.receive_until(encoding, wait);
-        if result.is_err() {
-            self.requests.give_up();
-        }
-        result
-    }
-
-    fn receive_until(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
-        let Wait { request, .. } = wait;
-        let deadline = wait.deadline.saturating_add(wait.held);
-        let until = wait.started.after(deadline);
-        let mut instead = None;
-        let mut overtime = 0;
-        loop {
-            let received = self.link.receive(self.reply.as_mut_slice(), until);
-            let waited = self.link.now().since(wait.started);
-            match received {
-                Ok(Some(length)) => {
-                    if let Some(got) = self.sort(encoding, length, wait, waited)? {
-                        if got == request {
-                            return Ok(length);
-                        }
-                        instead = Some(UdpError::Stale {
-                            request,
-                            got,
-                            waited,
-                        });
-                    }
-                    // What came in time may still lie in the socket, but not without end.
-                    overtime += u32::from(waited > deadline);
-                    if overtime >= MAX_OVERTIME {
-                        self.statistics.lost += 1;
-                        return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
-                    }
-                }
-                Ok(None) => {
-                    self.statistics.lost += 1;
-                    return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
-                }
-                Err(link) => {
-                    // Should a reply come after all, it is late.
-                    self.statistics.lost += 1;
-                    return Err(UdpError::Link { link, waited });
-                }
-            }
-        }
-    }
-
     /// Takes the words of the reply that was received.
     fn take(&mut self, encoding: &Encoding, length: usize, words: &mut [u32]) {
         let reply = self.reply.get(..length).unwrap_or(&[]);
@@ -339,105 +291,12 @@ impl<L: Link> UdpBus<L> {
         }
         result
     }
-
-    /// Counts what came as what it is; the number of the request it answers, if it answers one.
-    fn sort(
-        &mut self,
-        encoding: &Encoding,
-        length: usize,
-        wait: Wait,
-        waited: Duration,
-    ) -> Result<Option<u32>, UdpError> {
-        let Wait {
-            request,
-            asked,
-            expected,
-            deadline,
-            held,
-            ..
-        } = wait;
-        let counted = &mut self.statistics;
-        let reply = self.reply.get(..length).unwrap_or(&[]);
-        let Some(number) = Encoding::number(reply) else {
-            counted.short += 1;
-            return Ok(None);
-        };
-        // What the board did not wait for its clock was lost on the way: the words are that old.
-        let told = encoding.waited_us(reply).unwrap_or(0);
-        let told = Duration::from_micros(told.into()).min(held);
-        let deadline = deadline.saturating_add(told);
-        match self.requests.classify(number) {
-            Match::Current if length != expected => {
-                counted.short += 1;
-                return Err(UdpError::Short {
-                    request,
-                    expected,
-                    got: length,
-                    waited,
-                });
-            }
-            Match::Current if waited > deadline => {
-                counted.late += 1;
-                return Err(UdpError::Late {
-                    request,
-                    waited,
-                    by: waited.saturating_sub(deadline),
-                });
-            }
-            Match::Current => {
-                counted.bytes_received += length as u64;
-                let news = encoding
-                    .account(reply)
-                    .map(|told| self.ledger.hear(told, asked));
-                let news = news.unwrap_or_default();
-                counted.lost_writes += u64::from(news.lost);
-                let found = u64::from(news.found);
-                counted.lost_writes = counted.lost_writes.saturating_sub(found);
-                counted.late_writes += u64::from(news.late);
-                counted.repeated_writes += u64::from(news.repeated);
-                counted.unconfirmed_writes += u64::from(news.unconfirmed);
-                counted.doubts += u64::from(news.doubt);
-            }
-            Match::Late => {
-                counted.late += 1;
-                counted.lost = counted.lost.saturating_sub(1);
-            }
-            Match::Duplicate => counted.duplicate += 1,
-            Match::Stale => counted.stale += 1,
-            Match::Foreign => {
-                if length < expected {
-                    counted.short += 1;
-                } else {
-                    counted.foreign += 1;
-                }
-                return Ok(None);
-            }
-        }
-        Ok(Some(number))
-    }
 }
-
-/// Datagrams that are looked through after the deadline, for one that came before it.
-const MAX_OVERTIME: u32 = 64;
 
 const ACKNOWLEDGED: Manner = Manner {
     acknowledged: true,
     wait_us: None,
 };
-
-/// The reply that is waited for.
-#[derive(Clone, Copy, Debug)]
-struct Wait {
-    request: u32,
-    /// The newest write that was sent before it.
-    asked: u32,
-    expected: usize,
-    started: Instant,
-    /// How long it may take, ...
-    deadline: Duration,
-    /// ... and how long the board may wait besides.
-    held: Duration,
-}
 
 fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
     let read = |access: &&Access| access.direction == Direction::Read;

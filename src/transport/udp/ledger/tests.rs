@@ -1,0 +1,243 @@
+use super::*;
+use proptest::prelude::*;
+
+/// A board that executes what it gets.
+#[derive(Default)]
+struct Board {
+    slots: [u16; SLOTS],
+    last: u16,
+    received: u16,
+    sent: u16,
+}
+
+impl Board {
+    fn write(&mut self, (number, slot): (u32, usize)) {
+        self.received = self.received.wrapping_add(1);
+        self.last = number as u16;
+        self.slots[slot] = number as u16;
+    }
+
+    fn answer(&mut self, ledger: &mut Ledger) -> News {
+        let asked = ledger.open_request();
+        let detailed = ledger.wants_details();
+        self.received = self.received.wrapping_add(1);
+        let details = Details {
+            slots: self.slots,
+            sent: self.sent,
+        };
+        self.sent = self.sent.wrapping_add(1);
+        let account = Account {
+            last_write: self.last,
+            received: self.received,
+            details: detailed.then_some(details),
+        };
+        ledger.hear(account, asked)
+    }
+}
+
+const DOUBT: News = News {
+    lost: 0,
+    found: 0,
+    late: 0,
+    repeated: 0,
+    unconfirmed: 0,
+    doubt: true,
+};
+
+/// A board that has executed a write and said so.
+fn pair() -> (Ledger, Board) {
+    let mut ledger = Ledger::starting_after(u32::MAX - 2);
+    let mut board = Board::default();
+    board.write(ledger.open_write(false));
+    // Nothing is known of what came before.
+    assert_eq!(board.answer(&mut ledger), DOUBT);
+    (ledger, board)
+}
+
+#[test]
+fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
+    let (mut ledger, mut board) = pair();
+    for _ in 0..200_000 {
+        board.write(ledger.open_write(false));
+        assert_eq!(board.answer(&mut ledger), News::default());
+        assert!(!ledger.wants_details() && ledger.is_executed());
+    }
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
+    let (mut ledger, mut board) = pair();
+    let lost = ledger.open_write(false);
+    let said = News { lost: 1, ..DOUBT };
+    assert_eq!(board.answer(&mut ledger), said);
+    assert!(!ledger.is_executed() && ledger.wants_details());
+    assert_eq!(board.answer(&mut ledger), DOUBT, "until the next write");
+    for _ in 0..KEPT - 1 {
+        board.write(ledger.open_write(false));
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+    let newer = ledger.open_write(false);
+    board.write(lost);
+    board.write(newer);
+    // Something came that was not due; what it was is asked for.
+    assert_eq!(board.answer(&mut ledger), DOUBT);
+    let late = News {
+        found: 1,
+        late: 1,
+        ..DOUBT
+    };
+    assert_eq!(board.answer(&mut ledger), late);
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
+    let (mut ledger, mut board) = pair();
+    board.write(ledger.open_write(false));
+    let asked = ledger.open_request();
+    board.received += 1;
+    let account = Account {
+        last_write: board.last,
+        received: board.received,
+        details: None,
+    };
+    board.sent += 1;
+    let next = ledger.open_write(false);
+    assert_eq!(ledger.hear(account, asked), News::default());
+    assert!(!ledger.is_executed());
+    board.write(next);
+    assert_eq!(board.answer(&mut ledger), News::default());
+    assert!(ledger.is_executed());
+}
+
+#[test]
+fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
+    let (mut ledger, mut board) = pair();
+    let [first, second] = [(); 2].map(|()| ledger.open_write(false));
+    board.write(second);
+    board.write(first);
+    let late = News { late: 1, ..DOUBT };
+    assert_eq!(board.answer(&mut ledger), late);
+    assert_eq!(board.answer(&mut ledger), DOUBT, "its values still stand");
+    board.write(ledger.open_write(false));
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn a_doubled_write_is_in_doubt_at_once_and_counted_with_the_details() {
+    let (mut ledger, mut board) = pair();
+    let write = ledger.open_write(false);
+    board.write(write);
+    board.write(write);
+    let said = board.answer(&mut ledger);
+    assert_eq!((said.repeated, said.doubt), (0, true));
+    let said = board.answer(&mut ledger);
+    assert_eq!((said.repeated, said.doubt), (1, true));
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothing() {
+    let (mut ledger, mut board) = pair();
+    for _ in 0..3 {
+        board.write(ledger.open_write(false));
+        board.received += 1;
+        board.sent += 1;
+        assert_eq!(board.answer(&mut ledger), DOUBT);
+    }
+    if ledger.wants_details() {
+        assert_eq!(board.answer(&mut ledger), News::default());
+    }
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
+    let (mut ledger, mut board) = pair();
+    board.write(ledger.open_write(false));
+    ledger.lose_count();
+    board.received += 1;
+    assert_eq!(board.answer(&mut ledger), DOUBT);
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnoticed() {
+    let (mut ledger, mut board) = pair();
+    // Every write is lost, until the numbers come round to the one that the board has.
+    for n in 1..0x2_0000_u32 {
+        ledger.open_write(false);
+        let said = board.answer(&mut ledger);
+        assert!(said.doubt, "{n}: {said:?}");
+    }
+}
+
+#[test]
+fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
+    let (mut ledger, _) = pair();
+    ledger.open_write(false);
+    let mut board = Board::default();
+    let said = board.answer(&mut ledger);
+    assert!(said.doubt && ledger.wants_details());
+    let said = board.answer(&mut ledger);
+    assert_eq!((said.lost, said.repeated, said.doubt), (1, 0, true));
+    board.write(ledger.open_write(false));
+    let _ = board.answer(&mut ledger);
+    board.write(ledger.open_write(false));
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+#[test]
+fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
+    let (mut ledger, mut board) = pair();
+    for n in 0..20 {
+        let write = ledger.open_write(false);
+        if n % 3 != 0 {
+            board.write(write);
+        }
+        (board.received, board.sent) = (7, 7);
+        let said = board.answer(&mut ledger);
+        (board.received, board.sent) = (7, 7);
+        let is_settled = n > 0;
+        assert!(
+            !is_settled || said.lost == u32::from(n % 3 == 0),
+            "{n}: {said:?}"
+        );
+    }
+}
+
+#[test]
+fn more_writes_than_are_remembered_are_unconfirmed_and_not_lost() {
+    let (mut ledger, mut board) = pair();
+    for _ in 0..100 {
+        board.write(ledger.open_write(false));
+    }
+    let said = board.answer(&mut ledger);
+    assert_eq!((said.lost, said.unconfirmed), (0, 100 - SLOTS as u32));
+    assert_eq!(board.answer(&mut ledger), News::default());
+}
+
+proptest! {
+    #[test]
+    fn whatever_a_board_says_nothing_is_counted_that_was_not_sent(
+        steps in prop::collection::vec(
+            (0..4_u32, any::<u16>(), any::<u16>(), prop::option::of(any::<[u16; SLOTS + 1]>())),
+            0..80,
+        ),
+    ) {
+        let mut ledger = Ledger::starting_after(5);
+        let (mut sent, mut known) = (0, 0);
+        for (writes, last_write, received, details) in steps {
+            for _ in 0..writes {
+                ledger.open_write(false);
+            }
+            sent += writes;
+            let asked = ledger.open_request();
+            let details = details.map(|[sent, slots @ ..]| Details { slots, sent });
+            let said = ledger.hear(Account { last_write, received, details }, asked);
+            known = known + said.lost + said.unconfirmed - said.found;
+            prop_assert!(known <= sent, "{known} of {sent}");
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! A network and a board of the test's own, on virtual time.
+
+use super::*;
+
+/// What becomes of one packet on its way.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Fate {
+    Arrives(u64),
+    Lost,
+    Doubled(u64, u64),
+    Cut(u64, usize),
+}
+
+pub(super) const GOOD: Fate = Fate::Arrives(30_000);
+pub(super) const GOOD_AT_ONCE: Fate = Fate::Arrives(0);
+
+/// Packets by their arrival, then in the order they were sent; a reply with the execution that it
+/// is of.
+pub(super) type Underway = BTreeMap<(u64, u64), (usize, Vec<u8>)>;
+
+/// One packet that the board executed.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Execution {
+    pub write: Option<u16>,
+    pub request: Option<u32>,
+}
+
+/// A board that answers register reads with a stamp that never comes twice.
+#[derive(Debug, Default)]
+pub(super) struct Network {
+    pub now: u64,
+    pub order: u64,
+    pub to_board: Underway,
+    pub to_host: Underway,
+    pub requests: Vec<Fate>,
+    pub replies: Vec<Fate>,
+    pub registers: BTreeMap<u16, u32>,
+    pub scratch: BTreeMap<u16, u16>,
+    /// RXUDPCount and TXUDPCount.
+    pub received: u16,
+    pub sent: u16,
+    pub executed: Vec<Vec<u8>>,
+    pub executions: Vec<Execution>,
+    pub stamp: u32,
+    pub refuses: bool,
+    /// What becomes of the sends to come.
+    pub refusals: Vec<bool>,
+    /// How long the board waits for its clock, and what it says of that.
+    pub held: u64,
+    pub says_us: Option<u16>,
+    /// Newest numbers that were given to the link.
+    pub newest: Execution,
+    /// For each request the newest write before it.
+    pub asked: BTreeMap<u32, Option<u16>>,
+    /// The execution that the newest reply at the host is of.
+    pub delivered: Option<usize>,
+    /// There is always one more datagram, of somebody else.
+    pub flooded: bool,
+    /// For each request number the values of its first execution and all others.
+    pub answers: BTreeMap<u32, Vec<Vec<u32>>>,
+}
+
+impl Network {
+    fn carry(
+        &mut self,
+        way: fn(&mut Self) -> &mut Underway,
+        fate: Fate,
+        execution: usize,
+        packet: &[u8],
+    ) {
+        let now = self.now;
+        let mut put = |delay: u64, bytes: &[u8]| {
+            self.order += 1;
+            let key = (now + delay, self.order);
+            way(self).insert(key, (execution, bytes.to_vec()));
+        };
+        match fate {
+            Fate::Lost => {}
+            Fate::Arrives(delay) => put(delay, packet),
+            Fate::Doubled(first, second) => {
+                put(first, packet);
+                put(second, packet);
+            }
+            Fate::Cut(delay, bytes) => put(delay, &packet[..packet.len().saturating_sub(bytes)]),
+        }
+    }
+
+    /// Lets everything happen that happens until `until`; stops at the first reply.
+    fn run(&mut self, until: u64) -> Option<(usize, Vec<u8>)> {
+        loop {
+            let board = self.to_board.first_key_value().map(|(k, _)| k.0);
+            let host = self.to_host.first_key_value().map(|(k, _)| k.0);
+            let (at, is_host) = match (board, host) {
+                (Some(b), Some(h)) if h <= b => (h, true),
+                (Some(b), _) => (b, false),
+                (None, Some(h)) => (h, true),
+                (None, None) => (u64::MAX, false),
+            };
+            if at > until {
+                self.now = self.now.max(until);
+                return None;
+            }
+            self.now = self.now.max(at);
+            if is_host {
+                return self.to_host.pop_first().map(|(_, packet)| packet);
+            }
+            let (_, (_, packet)) = self.to_board.pop_first().unwrap();
+            let (reply, held) = self.execute(&packet);
+            if !reply.is_empty() {
+                let fate = self.replies.pop().unwrap_or(GOOD).after(held);
+                let execution = self.executions.len() - 1;
+                self.carry(|n| &mut n.to_host, fate, execution, &reply);
+            }
+        }
+    }
+
+    /// The reply, and how long the board waits before it sends it.
+    pub fn execute(&mut self, packet: &[u8]) -> (Vec<u8>, u64) {
+        self.executed.push(packet.to_vec());
+        self.executions.push(numbers(packet));
+        let mut held = 0;
+        self.received = self.received.wrapping_add(1);
+        let mut reply = Vec::new();
+        let mut words = Vec::new();
+        let mut rest = packet;
+        while let [low, high, a, b, tail @ ..] = rest {
+            let command = u16::from_le_bytes([*low, *high]);
+            let address = u16::from_le_bytes([*a, *b]);
+            let count = command & 0x7F;
+            let size = 1 << (command >> 8 & 3);
+            assert_eq!(
+                command & 0x6080,
+                0x4080,
+                "address included, memory, increment"
+            );
+            rest = tail;
+            for n in 0..count {
+                let at = address + n * size;
+                match (command >> 15, command >> 10 & 7) {
+                    (0, 0) => {
+                        self.stamp += 1;
+                        words.push(self.stamp);
+                        reply.extend(self.stamp.to_le_bytes());
+                    }
+                    (1, 0) => {
+                        let (value, tail) = rest.split_at(4);
+                        self.registers
+                            .insert(at, u32::from_le_bytes(value.try_into().unwrap()));
+                        rest = tail;
+                    }
+                    (0, 4) if at == 0x06 => {
+                        let limit = u64::from(self.scratch[&0x04]) * 1000;
+                        held = self.held.min(limit);
+                        let waited = self.says_us.unwrap_or((held / 1000) as u16);
+                        reply.extend(waited.to_le_bytes());
+                    }
+                    (0, 4) => {
+                        reply.extend(self.scratch.get(&at).copied().unwrap_or(0).to_le_bytes());
+                    }
+                    (1, 4) => {
+                        let (value, tail) = rest.split_at(2);
+                        self.scratch
+                            .insert(at, u16::from_le_bytes(value.try_into().unwrap()));
+                        rest = tail;
+                    }
+                    (0, 6) => {
+                        let count = match at {
+                            0x0A => self.received,
+                            0x10 => self.sent,
+                            _ => 0xBAD0,
+                        };
+                        reply.extend(count.to_le_bytes());
+                    }
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+        assert!(rest.is_empty(), "{packet:02X?}");
+        if let Some(number) = numbers(packet).request {
+            self.answers.entry(number).or_default().push(words);
+        }
+        self.sent = self.sent.wrapping_add(u16::from(!reply.is_empty()));
+        (reply, held)
+    }
+}
+
+/// The numbers that a packet sets.
+pub(super) fn numbers(packet: &[u8]) -> Execution {
+    let mut found = Execution::default();
+    let mut rest = packet;
+    while let [low, high, a, _, tail @ ..] = rest {
+        let (count, size) = (usize::from(*low & 0x7F), 1 << (*high & 3));
+        let is_write = *high & 0x80 != 0;
+        rest = tail;
+        if is_write {
+            let (data, tail) = rest.split_at(count * size);
+            rest = tail;
+            match (*high >> 2 & 7, *a, data) {
+                (4, 0x1A, [a, b]) => found.write = Some(u16::from_le_bytes([*a, *b])),
+                (4, 0x1C, &[a, b, c, d]) => {
+                    found.request = Some(u32::from_le_bytes([a, b, c, d]));
+                }
+                _ => {}
+            }
+        }
+    }
+    found
+}
+
+impl Fate {
+    fn after(self, held: u64) -> Self {
+        match self {
+            Self::Arrives(delay) => Self::Arrives(delay + held),
+            Self::Lost => Self::Lost,
+            Self::Doubled(first, second) => Self::Doubled(first + held, second + held),
+            Self::Cut(delay, bytes) => Self::Cut(delay + held, bytes),
+        }
+    }
+}
+
+impl Link for Network {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        let numbers = numbers(packet);
+        let before = self.newest.write;
+        self.newest.write = numbers.write.or(before);
+        if let Some(request) = numbers.request {
+            self.newest.request = Some(request);
+            self.asked.insert(request, self.newest.write);
+        }
+        if self.refuses || self.refusals.pop().unwrap_or(false) {
+            return Err(LinkError::Refused);
+        }
+        let fate = self.requests.pop().unwrap_or(GOOD);
+        self.carry(|n| &mut n.to_board, fate, 0, packet);
+        Ok(())
+    }
+
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, LinkError> {
+        if self.flooded {
+            self.now += 1_000;
+            buffer[..20].fill(0xEE);
+            return Ok(Some(20));
+        }
+        let Some((execution, packet)) = self.run(deadline.as_nanos()) else {
+            return Ok(None);
+        };
+        self.delivered = Some(execution);
+        buffer[..packet.len()].copy_from_slice(&packet);
+        Ok(Some(packet.len()))
+    }
+
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(self.now)
+    }
+
+    fn sleep_until(&mut self, deadline: Instant) {
+        // What comes meanwhile waits in the socket.
+        let mut waiting = Vec::new();
+        while let Some(packet) = self.run(deadline.as_nanos()) {
+            waiting.push(packet);
+        }
+        for (execution, packet) in waiting {
+            self.carry(|n| &mut n.to_host, GOOD_AT_ONCE, execution, &packet);
+        }
+    }
+}
