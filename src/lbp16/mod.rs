@@ -17,8 +17,6 @@ pub mod registers;
 mod reply;
 
 pub use access::{AccessError, check_access};
-#[cfg(feature = "std")]
-pub(crate) use builder::RequestError as BuildError;
 pub use builder::{RequestBuilder, RequestError};
 pub use command::{Command, CommandError, ElementSize, MAX_COUNT, Space};
 pub use info::{COOKIE, InfoArea, InfoError, MemoryRanges, MemorySizes, MemoryType};

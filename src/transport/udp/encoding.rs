@@ -5,7 +5,7 @@ use core::ops::Range;
 use super::UdpError;
 use super::ledger::{Account, Details, SLOTS};
 use crate::bus::{Access, Direction};
-use crate::lbp16::{BuildError, MAX_COUNT, MAX_PACKET, RequestBuilder, Space, registers};
+use crate::lbp16::{RequestError, MAX_COUNT, MAX_PACKET, RequestBuilder, Space, registers};
 
 /// Scratch registers of the board: the writes' turns, the last write, and the request.
 const SLOT: u16 = registers::timer::SCRATCH;
@@ -42,7 +42,7 @@ impl Tail {
         2 * (self.counts as usize + self.scratch as usize)
     }
 
-    fn push(self, request: &mut RequestBuilder<'_>) -> Result<(), BuildError> {
+    fn push(self, request: &mut RequestBuilder<'_>) -> Result<(), RequestError> {
         request.read(Space::Control, registers::control::RX_UDP, self.counts)?;
         request.read(Space::Timer, self.first, self.scratch)?;
         Ok(())
@@ -149,12 +149,12 @@ impl Encoding {
     fn build(
         answered: bool,
         writes: bool,
-        body: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), BuildError>,
+        body: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), RequestError>,
     ) -> Result<Self, UdpError> {
         let mut buffer = [0; MAX_PACKET];
         let mut request = RequestBuilder::new(&mut buffer);
         let mut this = Self::default();
-        let all = || -> Result<(), BuildError> {
+        let all = || -> Result<(), RequestError> {
             if answered {
                 let number = request.write_words(Space::Timer, REQUEST_NUMBER, &[0, 0])?;
                 this.request_number = Some(number);
@@ -340,7 +340,7 @@ fn runs(accesses: &[Access]) -> Vec<Run> {
 
 impl Run {
     /// Adds the command; returns where its data are, in the request or the reply.
-    fn push(&self, request: &mut RequestBuilder<'_>) -> Result<Range<usize>, BuildError> {
+    fn push(&self, request: &mut RequestBuilder<'_>) -> Result<Range<usize>, RequestError> {
         let count = self.count as u8;
         match self.direction {
             Direction::Read => request.read(Space::HostMot2, self.address, count),
@@ -394,9 +394,9 @@ fn check(what: &'static str, bytes: usize) -> Result<(), UdpError> {
 }
 
 /// The only way in which commands of checked accesses do not fit into a request.
-fn too_long(error: BuildError) -> UdpError {
+fn too_long(error: RequestError) -> UdpError {
     let bytes = match error {
-        BuildError::NoRoom { needed, free } => MAX_PACKET - free + needed,
+        RequestError::NoRoom { needed, free } => MAX_PACKET - free + needed,
         _ => MAX_PACKET + 1,
     };
     UdpError::TooLong {
