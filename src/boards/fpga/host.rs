@@ -49,8 +49,8 @@ pub struct EthernetPins {
     pub packet_error_increment: Param<i32>,
     /// The level at which the connection counts as failed.
     pub packet_error_limit: Param<i32>,
-    /// How long to wait for a reply: up to 0 the usual, below 100 in percent of the period, else in
-    /// nanoseconds.
+    /// Of LinuxCNC, where it says how long a reply is waited for. It has no effect here: a bus has
+    /// its deadlines from the start on: `UdpConfig`.
     pub packet_read_timeout: Param<i32>,
 }
 
