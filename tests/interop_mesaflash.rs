@@ -422,7 +422,8 @@ fn a_bitfile_is_written_verified_and_backed_up() {
     let other = bitfile("6slx9tqg144", &made_up_data(70_001));
     fs::write(&file.0, other).unwrap();
     let (good, text) = board.try_mesaflash(&["--verify", file.path()]);
-    assert!(!good, "{text}");
+    // The byte behind the data: 70000 is 0x11170.
+    assert!(!good && text.contains("Error at 0x111170"), "{text}");
     fs::write(&file.0, bitfile("6slx25ftg256", &[0; 1000])).unwrap();
     let (good, text) = board.try_mesaflash(&["--write", file.path()]);
     assert!(!good && text.contains("wrong"), "{text}");
