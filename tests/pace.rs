@@ -270,3 +270,41 @@ fn a_request_sent_ahead_samples_the_board_then_and_the_read_takes_its_reply() {
     let counted = driver.bus().statistics();
     assert_eq!((counted.lost, counted.late), (0, 1));
 }
+
+/// A network that holds everything back for a while and then delivers it at once must not leave a
+/// row of requests in the board, each waiting for a period of its own, with the writes between
+/// them: outputs would come that much later from then on.
+#[test]
+fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
+    let mut driver = machine(Pace::Board);
+    let cycle = |driver: &mut Machine| {
+        let _ = driver.write();
+        driver.read().is_ok()
+    };
+    for _ in 0..20 {
+        assert!(cycle(&mut driver));
+    }
+    let end = driver.bus_mut().now().after(PERIOD * 40).as_nanos();
+    let clock = std::rc::Rc::new(std::cell::Cell::new(0));
+    let now = std::rc::Rc::clone(&clock);
+    driver.bus_mut().link().to_board =
+        Box::new(move |_| vec![WIRE.max(end.saturating_sub(now.get()))]);
+    while driver.bus_mut().now().as_nanos() < end {
+        clock.set(driver.bus_mut().now().as_nanos());
+        let _ = cycle(&mut driver);
+    }
+    clock.set(end);
+    let first = driver.bus_mut().link().journal.len();
+    let failed = (0..100).filter(|_| !cycle(&mut driver)).count();
+    assert!(failed <= 5, "{failed} reads failed after it");
+    let link = driver.bus_mut().link();
+    for sent in link
+        .journal
+        .iter()
+        .skip(first + 12)
+        .filter(|sent| !sent.is_request)
+    {
+        let late = sent.executed.first().map_or(u64::MAX, |at| at - sent.at);
+        assert!(late < 200_000, "executed {late} ns after it was sent");
+    }
+}

@@ -230,7 +230,8 @@ pub trait RegisterBus {
         self.exchange_prepared(prepared, words)
     }
 
-    /// How long the board held the last paced list back: what the host had left of its period.
+    /// How long the board held the last list back, if that was a paced one: what the host had left
+    /// of its period.
     fn slack(&self) -> Option<Duration> {
         None
     }

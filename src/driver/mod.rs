@@ -120,13 +120,8 @@ impl<B: RegisterBus> Driver<B> {
             return Err(CycleError::ShutDown);
         }
         self.statistics.reads += 1;
-        let posted = self.pacer.take_posted();
-        let tier = posted.unwrap_or_else(|| self.tier_of_read());
-        let result = match posted {
-            Some(tier) => self.image.collect_reads(&mut self.bus, tier),
-            None => self.image.exchange_reads(&mut self.bus, tier),
-        };
-        self.pacer.begun(&mut self.bus, result.is_err());
+        let tier = self.tier_of_read();
+        let (tier, result) = self.pacer.read(&mut self.bus, &mut self.image, tier);
         let now = self.bus.now();
         self.pins.begin_cycle(now);
         if let Err(source) = result {

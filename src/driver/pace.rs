@@ -58,7 +58,13 @@ pub(super) struct Pacer {
     arrived: Option<Instant>,
     /// It came sooner after the one before than periods do.
     was_short: bool,
+    /// Reads in a row that failed.
+    failures: u32,
 }
+
+/// After so many failures the board is asked at once: requests that it holds back would stand in a
+/// row there, with the writes between them, and outputs would come that many periods late.
+const BEHIND: u32 = 2;
 
 /// What the arrival of inputs says of the board's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,6 +84,7 @@ impl Pacer {
             begun: None,
             arrived: None,
             was_short: false,
+            failures: 0,
         }
     }
 
@@ -85,14 +92,60 @@ impl Pacer {
         self.pace
     }
 
-    /// What was asked for ahead, which is now taken.
-    pub fn take_posted(&mut self) -> Option<Tier> {
-        self.posted.take()
+    /// What was asked for ahead is of no use any more.
+    pub fn forget_posted(&mut self) {
+        self.posted = None;
+    }
+
+    /// Reads the board: takes what was asked for ahead, or else asks for `tier`. Which tier was
+    /// read, and what came of it.
+    pub fn read<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        image: &mut CycleImage,
+        tier: Tier,
+    ) -> (Tier, Result<(), B::Error>) {
+        let (tier, result) = match self.posted.take() {
+            Some(posted) => (posted, image.collect_reads(bus, posted)),
+            None if self.is_behind() => {
+                self.rest(bus, self.begun, self.period);
+                (tier, image.exchange_reads(bus, tier))
+            }
+            None => (tier, image.exchange_paced_reads(bus, tier)),
+        };
+        if result.is_err() {
+            self.failures = self.failures.saturating_add(1);
+            // It may have failed without waiting; nobody else would wait.
+            self.rest(bus, self.begun, self.period);
+        } else {
+            self.failures = 0;
+            // Nor if the board answers at once. Not longer: inputs that were delayed on the way
+            // are followed by some that come soon.
+            self.rest(bus, self.arrived, self.period / 2);
+        }
+        self.begun = Some(bus.now());
+        (tier, result)
+    }
+
+    /// Where the board paces and does not, waits until `least` has passed since `before`: the
+    /// application's loop would spin.
+    fn rest<B: RegisterBus>(&self, bus: &mut B, before: Option<Instant>, least: Duration) {
+        let (Pace::Board, Some(before)) = (self.pace, before) else {
+            return;
+        };
+        let left = before.after(least).since(bus.now());
+        if !left.is_zero() {
+            bus.wait(left);
+        }
+    }
+
+    fn is_behind(&self) -> bool {
+        self.pace == Pace::Board && self.failures >= BEHIND
     }
 
     /// Asks for the next inputs, if the board paces.
     pub fn ask_ahead<B: RegisterBus>(&mut self, bus: &mut B, image: &CycleImage, tier: Tier) {
-        if self.pace == Pace::Board {
+        if self.pace == Pace::Board && !self.is_behind() {
             self.post(bus, image, tier);
         }
     }
@@ -100,26 +153,6 @@ impl Pacer {
     /// Asks for inputs ahead. If that fails, the next read asks again, and says why it fails.
     pub fn post<B: RegisterBus>(&mut self, bus: &mut B, image: &CycleImage, tier: Tier) {
         self.posted = image.post_reads(bus, tier).is_ok().then_some(tier);
-    }
-
-    /// A cycle has begun. When its read failed without waiting, the rest of the period is waited
-    /// for here, and when the board answered at once, half of it: nobody else would, and the
-    /// application's loop would spin.
-    pub fn begun<B: RegisterBus>(&mut self, bus: &mut B, failed: bool) {
-        let now = bus.now();
-        let (before, least) = if failed {
-            (self.begun, self.period)
-        } else {
-            // Not more: inputs that were delayed on the way are followed by some that come soon.
-            (self.arrived, self.period / 2)
-        };
-        if let (Pace::Board, Some(before)) = (self.pace, before) {
-            let left = before.after(least).since(now);
-            if !left.is_zero() {
-                bus.wait(left);
-            }
-        }
-        self.begun = Some(bus.now());
     }
 
     /// Inputs have arrived, which the board held back for `slack`.

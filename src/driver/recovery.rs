@@ -57,7 +57,7 @@ impl<B: RegisterBus> Driver<B> {
         let now = self.bus.now();
         self.restore.run(&mut self.bus)?;
         // What was asked for before says nothing of the board as it is now.
-        let _ = self.pacer.take_posted();
+        self.pacer.forget_posted();
         self.is_restored = true;
         for module in &mut self.modules {
             module.restarted();

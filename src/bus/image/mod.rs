@@ -252,7 +252,8 @@ impl ImagePlan {
     ) -> Result<CycleImage, ImageError<B::Error>> {
         let reads = build(&self.reads, limits.bridge)?.unshared_phases()?;
         let writes = build(&self.writes, 0)?.unshared()?;
-        check_size(&reads, &writes, held.is_some(), limits.max_packet_bytes)?;
+        let is_paced = held.is_some();
+        check_size(&reads, &writes, is_paced, limits.max_packet_bytes)?;
         let mut prepare = |accesses: &[_], held| match held {
             None => bus.prepare(accesses).map_err(ImageError::Bus),
             Some(limit) => bus
@@ -269,7 +270,11 @@ impl ImagePlan {
                 extended: prepare(&layout.accesses(direction, |_| true), held)?,
             })
         };
-        let read = lists(&reads, super::Direction::Read, held)?;
+        let read = lists(&reads, super::Direction::Read, None)?;
+        let held = match held {
+            Some(_) => Some(lists(&reads, super::Direction::Read, held)?),
+            None => None,
+        };
         let write = lists(&writes, super::Direction::Write, None)?;
         let status = reads.accesses(super::Direction::Read, |run| {
             run.tier == Tier::Cycle && run.phase == ReadPhase::Status as u8
@@ -280,6 +285,7 @@ impl ImagePlan {
             }),
             status: prepare(&status, None)?,
             read,
+            held,
             write,
             read_words: reads.initial_words(),
             write_words: writes.initial_words(),
@@ -348,6 +354,8 @@ impl Lists {
 pub struct CycleImage {
     size: ImageSize,
     read: Lists,
+    /// The same reads held back by the board, if it paces.
+    held: Option<Lists>,
     write: Lists,
     status: Prepared,
     read_words: Box<[u32]>,
@@ -396,7 +404,7 @@ impl CycleImage {
             .unwrap_or(&[])
     }
 
-    /// Reads the registers of `tier`; on an error no word has changed.
+    /// Reads the registers of `tier` at once, held back by nobody; on an error no word has changed.
     pub fn exchange_reads<B: RegisterBus>(
         &mut self,
         bus: &mut B,
@@ -405,10 +413,21 @@ impl CycleImage {
         bus.exchange_prepared(self.read.of(tier), &mut self.read_words)
     }
 
-    /// Sends the request for the registers of `tier`, which [`collect_reads`](Self::collect_reads)
-    /// takes the reply of.
+    /// Reads the registers of `tier`, when the board's next period begins if it paces; on an error
+    /// no word has changed.
+    pub fn exchange_paced_reads<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        tier: Tier,
+    ) -> Result<(), B::Error> {
+        let lists = self.held.as_ref().unwrap_or(&self.read);
+        bus.exchange_prepared(lists.of(tier), &mut self.read_words)
+    }
+
+    /// Sends the request for [`exchange_paced_reads`](Self::exchange_paced_reads) ahead;
+    /// [`collect_reads`](Self::collect_reads) takes its reply.
     pub fn post_reads<B: RegisterBus>(&self, bus: &mut B, tier: Tier) -> Result<(), B::Error> {
-        bus.post(self.read.of(tier))
+        bus.post(self.held.as_ref().unwrap_or(&self.read).of(tier))
     }
 
     /// Takes the registers of `tier` that were asked for ahead; on an error no word has changed.
@@ -417,7 +436,8 @@ impl CycleImage {
         bus: &mut B,
         tier: Tier,
     ) -> Result<(), B::Error> {
-        bus.collect(self.read.of(tier), &mut self.read_words)
+        let lists = self.held.as_ref().unwrap_or(&self.read);
+        bus.collect(lists.of(tier), &mut self.read_words)
     }
 
     /// Reads the status registers alone; on an error no word has changed.

@@ -5,7 +5,7 @@ use core::ops::Range;
 use super::UdpError;
 use super::ledger::{Account, Details, SLOTS};
 use crate::bus::{Access, Direction};
-use crate::lbp16::{RequestError, MAX_COUNT, MAX_PACKET, RequestBuilder, Space, registers};
+use crate::lbp16::{MAX_COUNT, MAX_PACKET, RequestBuilder, RequestError, Space, registers};
 
 /// Scratch registers of the board: the writes' turns, the last write, and the request.
 const SLOT: u16 = registers::timer::SCRATCH;

@@ -255,7 +255,7 @@ impl<L: Link> UdpBus<L> {
         let reply = self.reply.get(..length).unwrap_or(&[]);
         encoding.take(reply, words);
         let waited = encoding.waited_us(reply).map(u64::from);
-        self.slack = waited.map(Duration::from_micros).or(self.slack);
+        self.slack = waited.map(Duration::from_micros);
     }
 
     fn keep(&mut self, accesses: &[Access], encoding: Encoding, held: Duration) -> Prepared {
