@@ -314,3 +314,35 @@ fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
     driver.pins_mut().set(reset, true);
     assert!(!run(&mut driver, 3, false).value, "zeroed, and known again");
 }
+
+#[test]
+fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let timeout = driver.pins().parameter("hm2_7i92.0.packet-read-timeout");
+    let timeout = timeout.expect("a parameter");
+    let mut waits = |set: Option<i32>| {
+        if let Some(set) = set {
+            let pins = driver.pins_mut();
+            pins.set_param::<i32>(timeout, set).expect("a number");
+        }
+        let _ = driver.write();
+        driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+        let before = driver.bus_mut().now();
+        driver.read().expect_err("nothing comes");
+        let waited = driver.bus_mut().now().since(before);
+        driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+        waited.as_micros()
+    };
+    assert_eq!(waits(None), 500, "that of the bus");
+    for (set, expected) in [
+        (60, 600),
+        (0, 800),
+        (-5, 800),
+        (1, 100),
+        (250_000, 250),
+        (99, 990),
+    ] {
+        assert_eq!(waits(Some(set)), expected, "{set}");
+    }
+}

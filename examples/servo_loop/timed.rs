@@ -93,6 +93,10 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
         self.bus.slack()
     }
 
+    fn set_cycle_deadline(&mut self, deadline: Duration) {
+        self.bus.set_cycle_deadline(deadline);
+    }
+
     fn statistics(&self) -> BusStatistics {
         self.bus.statistics()
     }

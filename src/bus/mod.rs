@@ -236,6 +236,10 @@ pub trait RegisterBus {
         None
     }
 
+    /// Sets how long an exchange of the cycle may take from now on. A bus on which nothing can be
+    /// late ignores it.
+    fn set_cycle_deadline(&mut self, _deadline: Duration) {}
+
     /// What was counted so far.
     fn statistics(&self) -> BusStatistics {
         BusStatistics::default()
@@ -305,6 +309,10 @@ impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
 
     fn slack(&self) -> Option<Duration> {
         (**self).slack()
+    }
+
+    fn set_cycle_deadline(&mut self, deadline: Duration) {
+        (**self).set_cycle_deadline(deadline);
     }
 
     fn statistics(&self) -> BusStatistics {

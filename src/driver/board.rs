@@ -12,6 +12,8 @@ use crate::hostmot2::{Watchdog, WatchdogStatus, WatchdogTime};
 /// Where every HostMot2 has its cookie, and what it is.
 const COOKIE_ADDRESS: u16 = 0x0100;
 const COOKIE: u32 = 0x55AA_CAFE;
+/// Less is never waited for a reply, whatever the application sets: as in LinuxCNC.
+const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
 
 /// The registers of the board itself, and what is known of its state.
 #[derive(Debug)]
@@ -34,6 +36,8 @@ pub(super) struct Board {
     group: GroupId,
     /// LinuxCNC's `packet-error-level`.
     error_level: i32,
+    /// LinuxCNC's `packet-read-timeout`, as it was last.
+    read_timeout: i32,
     pins: BoardPins,
 }
 
@@ -85,6 +89,7 @@ impl Board {
             time: None,
             group,
             error_level: 0,
+            read_timeout: pins.param(bus.packet_read_timeout),
             pins: BoardPins {
                 watchdog: watchdog_pins,
                 bus,
@@ -186,6 +191,20 @@ impl Board {
         } else {
             Tier::Cycle
         }
+    }
+
+    /// How long a reply may take, when the application has changed that.
+    pub fn new_deadline(&mut self, pins: &Pins, period: Duration) -> Option<Duration> {
+        let timeout = pins.param(self.pins.bus.packet_read_timeout);
+        if core::mem::replace(&mut self.read_timeout, timeout) == timeout {
+            return None;
+        }
+        let deadline = match u32::try_from(timeout).unwrap_or(0) {
+            0 => period.saturating_mul(4) / 5,
+            percent @ 1..100 => period.saturating_mul(percent) / 100,
+            nanos => Duration::from_nanos(nanos.into()),
+        };
+        Some(deadline.max(SHORTEST_DEADLINE))
     }
 
     /// Feeds the watchdog, unless everything has to stay safe.

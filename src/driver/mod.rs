@@ -219,6 +219,9 @@ impl<B: RegisterBus> Driver<B> {
             now = self.bus.now();
         }
         let tier = self.put(now);
+        if let Some(deadline) = self.board.new_deadline(&self.pins, self.period) {
+            self.bus.set_cycle_deadline(deadline);
+        }
         let result = self.image.exchange_writes(&mut self.bus, tier);
         let done = self.bus.now();
         for port in &mut self.ports {

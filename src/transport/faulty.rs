@@ -294,6 +294,10 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         self.inner.slack()
     }
 
+    fn set_cycle_deadline(&mut self, deadline: Duration) {
+        self.inner.set_cycle_deadline(deadline);
+    }
+
     /// Those of the bus inside, and the injected faults.
     fn statistics(&self) -> BusStatistics {
         let inner = self.inner.statistics();

@@ -239,6 +239,10 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
         self.inner.slack()
     }
 
+    fn set_cycle_deadline(&mut self, deadline: Duration) {
+        self.inner.set_cycle_deadline(deadline);
+    }
+
     fn statistics(&self) -> BusStatistics {
         self.inner.statistics()
     }

@@ -49,8 +49,9 @@ pub struct EthernetPins {
     pub packet_error_increment: Param<i32>,
     /// The level at which the connection counts as failed.
     pub packet_error_limit: Param<i32>,
-    /// Of LinuxCNC, where it says how long a reply is waited for. It has no effect here: a bus has
-    /// its deadlines from the start on: `UdpConfig`.
+    /// How long a reply is waited for: up to 99 in per cent of the period, otherwise in
+    /// nanoseconds; 0 or less is 80 %. Until it is changed, the bus keeps its own deadline.
+    /// Manual page hm2_eth(9), `packet-read-timeout`.
     pub packet_read_timeout: Param<i32>,
 }
 

@@ -439,6 +439,10 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         self.slack
     }
 
+    fn set_cycle_deadline(&mut self, deadline: Duration) {
+        self.config.cycle_deadline = deadline;
+    }
+
     fn statistics(&self) -> BusStatistics {
         self.statistics
     }
