@@ -1,5 +1,6 @@
 //! The board paces the cycle: it holds the reads back until its own clock begins the next period.
 
+mod chance;
 #[path = "pace/disturbed.rs"]
 mod disturbed;
 mod ethernet_support;

@@ -2,10 +2,12 @@
 //! like at the time its age says, each output is off or a command given since it was armed, and
 //! remotes that nothing happens to notice nothing.
 
+mod chance;
 mod cyclic_support;
 
 use std::time::Duration;
 
+use chance::Chance;
 use cyclic_support::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, SerialConfig};
@@ -16,27 +18,6 @@ use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 type Faults = Faulty<SimFpga>;
-
-/// A small generator, so that a seed says everything about a run.
-struct Chance(u64);
-
-impl Chance {
-    fn below(&mut self, limit: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % limit
-    }
-
-    fn one_in(&mut self, n: u64) -> bool {
-        self.below(n) == 0
-    }
-
-    fn of<T: Copy>(&mut self, all: &[T]) -> T {
-        all[self.below(all.len() as u64) as usize]
-    }
-}
 
 /// What may happen in a run.
 #[derive(Clone, Copy)]

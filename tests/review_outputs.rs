@@ -1,10 +1,12 @@
 //! Outputs that nobody may want: after a second fault, beyond crossed limits, of a port that is
 //! switched off, of a board whose bus is down; and values that no driver may stumble over.
 
+mod chance;
 mod cyclic_support;
 
 use std::time::Duration;
 
+use chance::Chance;
 use cyclic_support::{ANALOG, FIELD, Machine, OUTPUTS, Simulated, fpga};
 use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Direction, Instant, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, FaultPolicy};
@@ -117,26 +119,14 @@ fn pauses_without_end_are_a_policy_like_any_other() {
     assert!(machine.is_running(ANALOG) && machine.is_valid(OUTPUTS));
 }
 
-/// A small generator, so that a seed says everything about a run.
-struct Chance(u64);
-
-impl Chance {
-    fn below(&mut self, limit: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % limit
-    }
-
-    fn word(&mut self) -> u32 {
-        let word = (self.below(1 << 16) << 16 | self.below(1 << 16)) as u32;
-        match self.below(6) {
-            0 => 0,
-            1 => u32::MAX,
-            2 => 0x0042_0000,
-            _ => word,
-        }
+/// A register with anything in it, extremes more often than chance would have them.
+fn garbage(chance: &mut Chance) -> u32 {
+    let word = (chance.below(1 << 16) << 16 | chance.below(1 << 16)) as u32;
+    match chance.below(6) {
+        0 => 0,
+        1 => u32::MAX,
+        2 => 0x0042_0000,
+        _ => word,
     }
 }
 
@@ -156,7 +146,7 @@ impl RegisterBus for Garbage {
             for (n, word) in words[access.words()].iter_mut().enumerate() {
                 let is_cookie = access.address + 4 * n as u16 == 0x0100;
                 if self.one_in > 0 && !is_cookie && self.chance.below(self.one_in) == 0 {
-                    *word = self.chance.word();
+                    *word = garbage(&mut self.chance);
                 }
             }
         }
@@ -197,7 +187,7 @@ fn set_something(driver: &mut Driver<Garbage>, chance: &mut Chance) {
         1e9,
     ];
     let real = reals[chance.below(reals.len() as u64) as usize];
-    let word = chance.word();
+    let word = garbage(chance);
     macro_rules! set {
         ($type:ty, $value:expr) => {
             match role {

@@ -2,6 +2,7 @@
 //! that are lost, doubled, late and behind later ones are each counted, and no pin ever shows what
 //! was not true at its time.
 
+mod chance;
 mod ethernet_support;
 #[path = "udp_driver/truth.rs"]
 mod truth;
@@ -10,6 +11,7 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;
 
+use chance::Chance;
 use ethernet_support::{SimLink, WIRE};
 use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType};
 use mesa_hal::bus::RegisterBus;
@@ -23,29 +25,16 @@ use truth::Truth;
 
 type EthernetDriver = Driver<UdpBus<SimLink>>;
 
-/// A small generator, so that a seed says everything about a run.
-struct Chance(u64);
-
-impl Chance {
-    fn below(&mut self, end: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
-    }
-
-    /// What becomes of a packet: 2 % are lost, 2 % come late by up to `spread` and thereby behind
-    /// later ones, 2 % come twice, at once or so much later.
-    fn fate(&mut self, spread: u64) -> Vec<u64> {
-        let late = WIRE + self.below(spread);
-        match self.below(200) {
-            0..4 => vec![],
-            4..8 => vec![late],
-            8..10 => vec![WIRE, WIRE + 3_000],
-            10..12 => vec![WIRE, late],
-            _ => vec![WIRE],
-        }
+/// What becomes of a packet: 2 % are lost, 2 % come late by up to `spread` and thereby behind later
+/// ones, 2 % come twice, at once or so much later.
+fn fate(chance: &mut Chance, spread: u64) -> Vec<u64> {
+    let late = WIRE + chance.below(spread);
+    match chance.below(200) {
+        0..4 => vec![],
+        4..8 => vec![late],
+        8..10 => vec![WIRE, WIRE + 3_000],
+        10..12 => vec![WIRE, late],
+        _ => vec![WIRE],
     }
 }
 
@@ -57,7 +46,7 @@ fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<boo
         let (mut chance, is_bad) = (Chance(seed), Rc::clone(&is_bad));
         Box::new(move |_: &[u8]| {
             if is_bad.get() {
-                chance.fate(spread.as_nanos() as u64)
+                fate(&mut chance, spread.as_nanos() as u64)
             } else {
                 vec![WIRE]
             }

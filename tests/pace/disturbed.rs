@@ -10,6 +10,7 @@ use mesa_hal::sim::devices::{Analog, Device, find_cable, find_mut};
 use mesa_hal::sim::remote::Remote;
 use mesa_hal::sslbp::Channel;
 
+use super::chance::Chance;
 use super::{Machine, PERIOD, Pace, SimLink, WIRE, machine};
 
 /// Volts of the analog remote's first output.
@@ -79,19 +80,6 @@ fn a_clock_of_another_frequency_is_said_in_every_report_and_the_loop_does_not_ru
     assert_eq!(said, 0);
     assert!(each.abs_diff(PERIOD) < PERIOD / 100, "{each:?}");
     assert!(driver.statistics().unpaced_cycles > 120);
-}
-
-/// A small generator, so that a seed says everything about a run.
-struct Chance(u64);
-
-impl Chance {
-    fn below(&mut self, end: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
-    }
 }
 
 /// The time in milliseconds, on the field inputs.
