@@ -6,13 +6,14 @@
 
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
+use core::ops::Range;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mesa_hal::bus::{Access, Instant, Prepared, RegisterBus};
 use mesa_hal::lbp16::registers::control;
-use mesa_hal::lbp16::{AddressPointers, Operations, Space};
+use mesa_hal::lbp16::{AddressPointers, Operations, Reply, RequestBuilder, Space};
 use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
@@ -144,6 +145,24 @@ impl Link for Direct {
     }
 }
 
+/// The request of the reads, without the numbers of the bus: where each read is in the reply.
+fn encode(buffer: &mut [u8]) -> [Range<usize>; READS.len()] {
+    let mut request = RequestBuilder::new(buffer);
+    READS.map(|(address, count)| {
+        let count = u8::try_from(count).expect("short runs");
+        let read = request.read(Space::HostMot2, address, count);
+        read.expect("the buffer is long enough")
+    })
+}
+
+fn decode(reply: &[u8], places: &[Range<usize>]) -> u32 {
+    let reply = Reply::new(reply, reply.len()).expect("its own length");
+    places.iter().fold(0, |sum, place| {
+        let words = reply.doubles(place.clone()).expect("it is there");
+        words.fold(sum, u32::wrapping_add)
+    })
+}
+
 fn packets(criterion: &mut Criterion) {
     let mut bus = UdpBus::new(Direct::default(), UdpConfig::default()).expect("it answers");
     let mut cycle = Cycle::new(&mut bus);
@@ -160,6 +179,15 @@ fn packets(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("packets");
     group.bench_function("encode, match and decode a cycle", |bencher| {
         bencher.iter(|| cycle.run(&mut bus));
+    });
+    group.bench_function("encode the request alone", |bencher| {
+        let mut buffer = [0; 256];
+        bencher.iter(|| encode(&mut buffer));
+    });
+    let places = encode(&mut [0; 256]);
+    let reply = vec![0x5A; places.iter().map(ExactSizeIterator::len).sum()];
+    group.bench_function("decode the reply alone", |bencher| {
+        bencher.iter(|| decode(&reply, &places));
     });
     let mut responder = Responder::default();
     let request = [0x85, 0x42, 0x00, 0x04];

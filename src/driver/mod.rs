@@ -27,7 +27,8 @@
 //!
 //! # Real time
 //! `read` and `write` do one exchange each, whose time the bus bounds; the rest is in proportion
-//! to the words of process data. They do not allocate, log, panic, or wait.
+//! to the words of process data. They do not allocate, log, or panic, and they do not wait, but
+//! `read` for the next period of a board that paces.
 
 mod board;
 mod build;
@@ -114,7 +115,9 @@ impl<B: RegisterBus> Driver<B> {
     /// Faults of single remotes are no errors; they are in the report and on the pins.
     ///
     /// # Real time
-    /// One exchange, bounded by the bus. No allocation.
+    /// One exchange, bounded by the bus. Where the [board paces](Pace::Board), it waits for the
+    /// next period, at most for five quarters of one besides the deadline of the bus. No
+    /// allocation.
     pub fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
         if self.is_shut_down {
             return Err(CycleError::ShutDown);

@@ -26,6 +26,9 @@ pub enum Pace {
     /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
     /// than the driver was built for, shows in [`CycleReport::unpaced`].
     ///
+    /// After two reads in a row that failed, the request is not held back any more until one
+    /// succeeds: what a stalled network delivers at once would stand in a row in the board.
+    ///
     /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
     ///
     /// [`CycleReport::missed_periods`]: super::CycleReport::missed_periods
