@@ -80,7 +80,8 @@ pub struct DpllPins {
     pub timer_us: [Output<f64>; 4],
     /// The loop's frequency in kHz.
     pub base_freq_khz: Output<f64>,
-    /// How far the loop is off, in microseconds.
+    /// How far the loop is off, in microseconds; 0 where the board paces the cycle, since it follows
+    /// nobody then.
     pub phase_error_us: Input<f64>,
     /// Time constant of its filter.
     pub time_const: Output<u32>,
