@@ -47,6 +47,19 @@ pub enum UdpError {
         /// How long was waited.
         waited: Duration,
     },
+    /// Datagrams came, but none was a reply to any request.
+    #[error(
+        "request {request}: within {waited:?} came {datagrams} datagrams, and none is a reply; \
+         is this address and port that of a board, and does nobody else answer for it?"
+    )]
+    Foreign {
+        /// Number of the request.
+        request: u32,
+        /// How many came.
+        datagrams: u64,
+        /// How long was waited.
+        waited: Duration,
+    },
     /// Only replies of a wrong size came.
     #[error(
         "request {request}: within {waited:?} came only a reply of {got} bytes, expected {expected}; \
@@ -124,7 +137,7 @@ impl UdpError {
 impl BusError for UdpError {
     fn kind(&self) -> BusErrorKind {
         match self {
-            Self::Lost { .. } => BusErrorKind::Lost,
+            Self::Lost { .. } | Self::Foreign { .. } => BusErrorKind::Lost,
             Self::Late { .. } => BusErrorKind::Late,
             Self::Stale { .. } => BusErrorKind::Stale,
             Self::Short { .. } => BusErrorKind::Short,

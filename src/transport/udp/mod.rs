@@ -308,6 +308,7 @@ fn another_try(tries: u32, error: UdpError) -> Result<u32, UdpError> {
     let passing = matches!(
         error,
         UdpError::Lost { .. }
+            | UdpError::Foreign { .. }
             | UdpError::Late { .. }
             | UdpError::Stale { .. }
             | UdpError::Short { .. }

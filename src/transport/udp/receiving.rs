@@ -40,6 +40,7 @@ impl<L: Link> UdpBus<L> {
         let until = wait.started.after(deadline);
         let mut instead = None;
         let mut overtime = 0;
+        let foreign = self.statistics.foreign;
         loop {
             let received = self.link.receive(self.reply.as_mut_slice(), until);
             let waited = self.link.now().since(wait.started);
@@ -57,21 +58,27 @@ impl<L: Link> UdpBus<L> {
                     }
                     // What came in time may still lie in the socket, but not without end.
                     overtime += u32::from(waited > deadline);
-                    if overtime >= MAX_OVERTIME {
-                        self.statistics.lost += 1;
-                        return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
+                    if overtime < MAX_OVERTIME {
+                        continue;
                     }
                 }
-                Ok(None) => {
-                    self.statistics.lost += 1;
-                    return Err(instead.unwrap_or(UdpError::Lost { request, waited }));
-                }
+                Ok(None) => {}
                 Err(link) => {
                     // Should a reply come after all, it is late.
                     self.statistics.lost += 1;
                     return Err(UdpError::Link { link, waited });
                 }
             }
+            self.statistics.lost += 1;
+            let nothing = match self.statistics.foreign - foreign {
+                0 => UdpError::Lost { request, waited },
+                datagrams => UdpError::Foreign {
+                    request,
+                    datagrams,
+                    waited,
+                },
+            };
+            return Err(instead.unwrap_or(nothing));
         }
     }
 

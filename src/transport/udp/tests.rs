@@ -102,6 +102,7 @@ fn a_flood_of_datagrams_does_not_keep_an_exchange_beyond_its_deadline() {
     let started = bus.now();
     let error = bus.exchange_prepared(&cycle.read, &mut [0; 3]).unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Lost);
+    assert!(matches!(error, UdpError::Foreign { .. }), "{error}");
     let deadline = UdpConfig::default().cycle_deadline;
     let waited = bus.now().since(started);
     assert!(waited <= deadline + MS / 10, "{waited:?}");
