@@ -198,18 +198,21 @@ fn check_unplugging(machine: &mut Machine, channel: usize) {
     );
 }
 
-/// How many cycles there were in `time`, from the board's counters.
-fn assert_cycled(before: &Values, after: &Values, time: Duration) -> f64 {
-    let packets = |values: &Values| -> f64 { values["network.received.packets"].parse().unwrap() };
-    let cycles = (packets(after) - packets(before)) / 2.0;
-    let rate = cycles / time.as_secs_f64();
+/// There was a cycle each millisecond of `time`, by the board's counters, and no error.
+fn assert_cycled(before: &Values, after: &Values, time: Duration) {
+    let rate = cycles(before, after) / time.as_secs_f64();
     println!("{rate:.0} cycles a second");
     // Not realtime: cycles whose reply was late are left out by LinuxCNC.
     assert!((800.0..1100.0).contains(&rate), "{rate} cycles a second");
     for error in ["parse", "memory", "write"] {
         assert_eq!(after[&format!("board.errors.{error}")], "0");
     }
-    cycles
+}
+
+/// How many cycles there were: two packets each.
+fn cycles(before: &Values, after: &Values) -> f64 {
+    let packets = |values: &Values| -> f64 { values["network.received.packets"].parse().unwrap() };
+    (packets(after) - packets(before)) / 2.0
 }
 
 /// Our driver, built for the same machine, has the same pins and parameters.
@@ -244,7 +247,6 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     machine.set("7i77.0.0.nvencmode0", "1");
     machine.run(&["7i77.0.0", "7i77.0.1", "7i72.0.2"]);
     let (start, before) = (Instant::now(), machine.board.show("network"));
-    let cpu = cost::linuxcnc_cpu();
     machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 1.0);
     check_7i77(&mut machine);
     check_7i72(&mut machine);
@@ -255,16 +257,25 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     check_unplugging(&mut machine, 2);
     std::thread::sleep(Duration::from_secs(20).saturating_sub(start.elapsed()));
     let after = machine.board.show("network");
-    let cycles = assert_cycled(&before, &after, start.elapsed());
-    let linuxcnc = cost::linuxcnc_cpu().saturating_sub(cpu).div_f64(cycles);
+    assert_cycled(&before, &after, start.elapsed());
     assert_eq!(machine.get("io_error"), "FALSE");
     assert_eq!(machine.get("watchdog.has_bit"), "FALSE");
+    print_costs(&mut machine, &board);
     println!("packet errors: {}", machine.get("packet-error-total"));
     let summary = machine.stop();
     // LinuxCNC lets the watchdog bite when it goes.
     assert_eq!(summary["remote.0.output-03"], "0");
     assert_eq!(summary["board.output-02"], "0");
-    cost::print_beside(&board, linuxcnc);
+}
+
+/// Prints what a cycle costs LinuxCNC, and this crate beside it.
+fn print_costs(machine: &mut Machine, board: &str) {
+    let beside = cost::Beside::start(board);
+    let (before, cpu) = (machine.board.show("network"), cost::linuxcnc_cpu());
+    std::thread::sleep(Duration::from_secs(6));
+    let spent = cost::linuxcnc_cpu().saturating_sub(cpu);
+    let cycles = cycles(&before, &machine.board.show("network"));
+    beside.print(spent.div_f64(cycles));
 }
 
 fn expect_7i97(expected: &mut Expected) {
