@@ -199,8 +199,8 @@ fn the_7i97_switches_outputs_leds_and_filters_by_the_bit() {
     assert_eq!(card.leds.word(&mut pins), 0x9000_0000);
     pins.set(card.inputs.inputs[15].slow, true);
     assert_eq!(card.inputs.slow(&mut pins), 0x8000);
-    card.inputs
-        .publish(&mut pins, 0x8001, 0x0002, [1, -1, 300, 0]);
+    card.inputs.publish(&mut pins, 0x8001, 0x0002);
+    card.inputs.publish_counts(&mut pins, [1, -1, 300, 0]);
     assert!(pins.read(card.inputs.inputs[15].filtered.pin).value);
     assert!(!pins.read(card.inputs.inputs[0].filtered.not).value);
     assert!(pins.read(card.inputs.inputs[1].raw.pin).value);

@@ -7,7 +7,7 @@
 use alloc::vec::Vec;
 
 use super::handle::{Key, sealed::Keyed};
-use super::store::{Group, NONE, Slot};
+use super::store::{Group, NONE, Rule};
 use super::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection, Role, Spec, Value};
 use super::{OutOfRange, Rejections};
 use crate::bus::Instant;
@@ -69,6 +69,7 @@ impl Pins {
             last_good: None,
             faults: 0,
             outputs: Vec::new(),
+            version: 0,
         });
         GroupId(self.key(index))
     }
@@ -162,10 +163,14 @@ impl Pins {
         let invert = self.modifier(modifiers.invert.map(|p| p.key))?;
         let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
         let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
+        self.changed(key);
         let slot = self.slot_mut(key).ok_or(PinError::ForeignHandle)?;
         slot.invert = invert;
-        slot.max_limit = max_limit;
-        slot.min_limit = min_limit;
+        slot.is_free &= max_limit == NONE && min_limit == NONE;
+        if let Some(rule) = self.rule_mut(key) {
+            rule.max_limit = max_limit;
+            rule.min_limit = min_limit;
+        }
         Ok(())
     }
 
@@ -179,9 +184,16 @@ impl Pins {
 
     fn apply_rule<T: Value>(&mut self, key: Key, rule: OutputRule<T>) {
         if let Some(slot) = self.slot_mut(key) {
-            slot.out_of_range = rule.out_of_range;
             slot.exempt = rule.exempt;
         }
+        if let Some(kept) = self.rule_mut(key) {
+            kept.out_of_range = rule.out_of_range;
+        }
+    }
+
+    fn rule_mut(&mut self, key: Key) -> Option<&mut Rule> {
+        let index = self.index(key)?;
+        self.rules.get_mut(index)
     }
 }
 
@@ -213,14 +225,14 @@ impl Pins {
 
     /// Gives a pin that both sides set its value.
     pub fn publish_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
-        self.publish_key(pin.key, value);
+        self.publish_shared(pin.key, value);
     }
 
     /// Changes a parameter from the driver's side: a property, or a setting read from a remote.
     /// A value that is not finite changes nothing and is counted.
     pub fn publish_param<T: Value>(&mut self, param: Param<T>, value: T) {
         if value.is_finite() {
-            self.publish_key(param.key, value);
+            self.publish_shared(param.key, value);
         } else {
             self.reject(param.key, Rejection::NotFinite);
         }
@@ -266,18 +278,34 @@ impl Pins {
         let Some(index) = self.index(group.0) else {
             return self.count_foreign();
         };
-        let Self { groups, slots, .. } = self;
+        let Self {
+            groups,
+            slots,
+            rules,
+            ..
+        } = self;
         let Some(group) = groups.get_mut(index) else {
             return;
         };
+        group.version = group.version.wrapping_add(1);
         if core::mem::replace(&mut group.armed, false) {
             group.faults = group.faults.saturating_add(1);
         }
         for &output in &group.outputs {
-            if let Some(slot) = slots.get_mut(output as usize).filter(|slot| !slot.exempt) {
-                slot.bits = slot.safe;
+            let output = output as usize;
+            if let (Some(slot), Some(rule)) = (slots.get_mut(output), rules.get(output))
+                && !slot.exempt
+            {
+                slot.bits = rule.safe;
             }
         }
+    }
+
+    /// Changes whenever [`fetch`](Self::fetch) of any output of the group may give something else
+    /// than before, or would count a value that is not used: while it stays, nothing has to be
+    /// fetched again. `None` for a group of another store.
+    pub fn output_version(&self, group: GroupId) -> Option<u64> {
+        self.group_ref(group).map(|group| group.version)
     }
 
     /// What an output must be now: sanitised, limited, and turned round where asked for. The safe
@@ -299,6 +327,16 @@ impl Pins {
         self.reject(pin.key(), rejection);
     }
 
+    /// Publishes what outputs may depend on.
+    fn publish_shared<T: Value>(&mut self, key: Key, value: T) {
+        let bits = |pins: &Self| pins.slot(key).map(|(slot, _)| slot.bits);
+        let before = bits(self);
+        self.publish_key(key, value);
+        if bits(self) != before {
+            self.changed(key);
+        }
+    }
+
     fn publish_key<T: Value>(&mut self, key: Key, value: T) {
         let Some(slot) = self.slot_mut(key) else {
             return self.count_foreign();
@@ -312,32 +350,44 @@ impl Pins {
     }
 
     fn fetch_key<T: Value>(&mut self, key: Key) -> T {
-        let Some((&slot, group)) = self.slot(key) else {
+        let Some((slot, group)) = self.slot(key) else {
             self.count_foreign();
             return T::default();
         };
-        let inverted = self.raw_param(slot.invert).is_some_and(|bits| bits != 0);
-        let safe = T::from_bits(slot.safe);
-        let value = if group.armed || slot.exempt {
-            let (value, rejection) = self.sanitised(&slot, T::from_bits(slot.bits));
-            if let Some(rejection) = rejection {
-                self.reject(key, rejection);
-            }
-            value
+        let follows = group.armed || slot.exempt;
+        let (set, invert) = (T::from_bits(slot.bits), slot.invert);
+        let value = if follows && slot.is_free {
+            set
         } else {
-            safe
+            self.ruled(key, set, follows)
         };
-        if inverted { value.inverted() } else { value }
+        let is_inverted = invert != NONE && self.raw_param(invert).is_some_and(|bits| bits != 0);
+        if is_inverted { value.inverted() } else { value }
     }
 
-    fn sanitised<T: Value>(&self, slot: &Slot, value: T) -> (T, Option<Rejection>) {
-        let safe = T::from_bits(slot.safe);
+    /// What an output is by its rule when it was set to `set`, and follows that or does not.
+    fn ruled<T: Value>(&mut self, key: Key, set: T, follows: bool) -> T {
+        let Some(rule) = self.index(key).and_then(|index| self.rules.get(index)) else {
+            return T::default();
+        };
+        if !follows {
+            return T::from_bits(rule.safe);
+        }
+        let (value, rejection) = self.sanitised(rule, set);
+        if let Some(rejection) = rejection {
+            self.reject(key, rejection);
+        }
+        value
+    }
+
+    fn sanitised<T: Value>(&self, rule: &Rule, value: T) -> (T, Option<Rejection>) {
+        let safe = T::from_bits(rule.safe);
         if !value.is_finite() {
             return (safe, Some(Rejection::NotFinite));
         }
-        let own = (T::from_bits(slot.min), T::from_bits(slot.max));
-        let min = self.limit(slot.min_limit, own).unwrap_or(own.0);
-        let max = self.limit(slot.max_limit, own).unwrap_or(own.1);
+        let own = (T::from_bits(rule.min), T::from_bits(rule.max));
+        let min = self.limit(rule.min_limit, own).unwrap_or(own.0);
+        let max = self.limit(rule.max_limit, own).unwrap_or(own.1);
         if min > max {
             // Nothing is allowed: neither limit is a value that anybody meant.
             return (safe, Some(Rejection::OutOfRange));
@@ -349,7 +399,7 @@ impl Pins {
         } else {
             return (value, None);
         };
-        let value = match slot.out_of_range {
+        let value = match rule.out_of_range {
             OutOfRange::Limit => limited,
             OutOfRange::Safe => safe,
         };
@@ -381,9 +431,11 @@ impl Pins {
             *counter = counter.saturating_add(1);
         }
         count(&mut self.totals, rejection);
-        if let Some(slot) = self.slot_mut(key) {
-            count(&mut slot.rejections, rejection);
+        if let Some(rule) = self.rule_mut(key) {
+            count(&mut rule.rejections, rejection);
         }
+        // It is looked at, and counted, each time.
+        self.changed(key);
     }
 }
 

@@ -27,6 +27,8 @@ static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
 pub struct Pins {
     pub(super) id: u32,
     pub(super) slots: Vec<Slot>,
+    /// One for each slot.
+    pub(super) rules: Vec<Rule>,
     infos: Vec<PinInfo>,
     /// Indices of `infos`, ordered by name.
     by_name: Vec<u32>,
@@ -45,23 +47,34 @@ pub(super) struct Group {
     pub faults: u64,
     /// Its outputs, for resetting them.
     pub outputs: Vec<u32>,
+    /// Rises when what its outputs must be may have changed.
+    pub version: u64,
 }
 
-/// What the cycle needs of a pin. Values are kept as bits: see [`Value::to_bits`].
+/// What every cycle touches of a pin; kept small, because there are hundreds and a cycle finds
+/// them cold. Values are kept as bits: see [`Value::to_bits`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
     pub bits: u64,
     pub group: u32,
+    /// The parameter that turns it round; `NONE` where there is none.
+    pub invert: u32,
     /// The last value published for an input was no number.
     pub bad: bool,
     /// An output that a fault does not silence, such as `run`.
     pub exempt: bool,
-    pub out_of_range: OutOfRange,
+    /// Every value of its type is allowed: nothing has to be looked up in its [`Rule`].
+    pub is_free: bool,
+}
+
+/// What a pin may be, and what became of values that it may not.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rule {
     pub safe: u64,
     pub min: u64,
     pub max: u64,
-    /// Parameters that act on it; `NONE` where there is none.
-    pub invert: u32,
+    pub out_of_range: OutOfRange,
+    /// Parameters that limit it; `NONE` where there is none.
     pub max_limit: u32,
     pub min_limit: u32,
     pub rejections: Rejections,
@@ -82,6 +95,7 @@ impl Pins {
             // Wraps round after four thousand million stores, skipping nobody's number.
             id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
             slots: Vec::new(),
+            rules: Vec::new(),
             infos: Vec::new(),
             by_name: Vec::new(),
             groups: Vec::new(),
@@ -179,12 +193,14 @@ impl Pins {
         if role != Some(Role::Setting) {
             return Err(PinError::ReadOnly);
         }
+        let rule = self.rules.get(index).ok_or(PinError::ForeignHandle)?;
+        let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);
         let slot = self.slots.get_mut(index).ok_or(PinError::ForeignHandle)?;
-        let within = T::from_bits(slot.min) <= value && value <= T::from_bits(slot.max);
         if !value.is_finite() || !within {
             return Err(PinError::BadValue);
         }
         slot.bits = value.to_bits();
+        self.changed(param.key);
         Ok(())
     }
 
@@ -211,7 +227,7 @@ impl Pins {
         if !group.valid {
             return Err(PinError::NotRunning);
         }
-        group.armed = true;
+        group.arm();
         Ok(())
     }
 
@@ -219,7 +235,7 @@ impl Pins {
     pub fn rearm_all(&mut self) -> usize {
         let mut count = 0;
         for group in self.groups.iter_mut().filter(|g| g.valid && !g.armed) {
-            group.armed = true;
+            group.arm();
             count += 1;
         }
         count
@@ -237,8 +253,9 @@ impl Pins {
 
     /// Values of this pin that were not used as they were.
     pub fn rejections(&self, pin: impl Keyed) -> Rejections {
-        self.slot(pin.key())
-            .map_or_else(Rejections::default, |(slot, _)| slot.rejections)
+        self.index(pin.key())
+            .and_then(|index| self.rules.get(index))
+            .map_or_else(Rejections::default, |rule| rule.rejections)
     }
 
     /// How often a handle of another store was used. Anything but 0 is a mistake in the program.
@@ -313,10 +330,11 @@ impl Pins {
             return Err(PinError::TooMany);
         }
         let kept = spec.limits.filter(|_| spec.enforced);
-        let slot = Slot::new(group.0.index, initial, kept)?;
+        let (slot, rule) = make_slot(group.0.index, initial, kept)?;
         let index = self.infos.len() as u32;
         self.by_name.insert(place, index);
         self.slots.push(slot);
+        self.rules.push(rule);
         self.infos.push(PinInfo {
             name: spec.name,
             hal_type: T::TYPE,
@@ -408,9 +426,20 @@ impl Pins {
     }
 
     fn store<T: Value>(&mut self, key: Key, value: T) {
-        match self.slot_mut(key) {
-            Some(slot) => slot.bits = value.to_bits(),
-            None => self.count_foreign(),
+        let Some(slot) = self.slot_mut(key) else {
+            return self.count_foreign();
+        };
+        let bits = value.to_bits();
+        if core::mem::replace(&mut slot.bits, bits) != bits {
+            self.changed(key);
+        }
+    }
+
+    /// What outputs of a pin's group must be may have changed.
+    pub(super) fn changed(&mut self, key: Key) {
+        let group = self.slot(key).map(|(slot, _)| slot.group as usize);
+        if let Some(group) = group.and_then(|index| self.groups.get_mut(index)) {
+            group.version = group.version.wrapping_add(1);
         }
     }
 
@@ -422,34 +451,48 @@ impl Pins {
     }
 }
 
-impl Slot {
-    fn new<T: Value>(group: u32, initial: T, limits: Option<(f64, f64)>) -> Result<Self, PinError> {
-        if !initial.is_finite() {
-            return Err(PinError::BadLimits);
-        }
-        let (min, max) = match limits {
-            None => T::bounds(),
-            Some((min, max)) if min.is_finite() && max.is_finite() => {
-                (T::from_f64(min), T::from_f64(max))
-            }
-            Some(_) => return Err(PinError::BadLimits),
-        };
-        if !(min <= initial && initial <= max) {
-            return Err(PinError::BadLimits);
-        }
-        Ok(Self {
-            bits: initial.to_bits(),
-            group,
-            bad: false,
-            exempt: false,
-            out_of_range: OutOfRange::default(),
-            safe: initial.to_bits(),
-            min: min.to_bits(),
-            max: max.to_bits(),
-            invert: NONE,
-            max_limit: NONE,
-            min_limit: NONE,
-            rejections: Rejections::default(),
-        })
+impl Group {
+    fn arm(&mut self) {
+        self.armed = true;
+        self.version = self.version.wrapping_add(1);
     }
+}
+
+fn make_slot<T: Value>(
+    group: u32,
+    initial: T,
+    limits: Option<(f64, f64)>,
+) -> Result<(Slot, Rule), PinError> {
+    if !initial.is_finite() {
+        return Err(PinError::BadLimits);
+    }
+    let (min, max) = match limits {
+        None => T::bounds(),
+        Some((min, max)) if min.is_finite() && max.is_finite() => {
+            (T::from_f64(min), T::from_f64(max))
+        }
+        Some(_) => return Err(PinError::BadLimits),
+    };
+    if !(min <= initial && initial <= max) {
+        return Err(PinError::BadLimits);
+    }
+    let slot = Slot {
+        bits: initial.to_bits(),
+        group,
+        invert: NONE,
+        bad: false,
+        exempt: false,
+        // A real number can always be none.
+        is_free: T::TYPE != HalType::Float && (min, max) == T::bounds(),
+    };
+    let rule = Rule {
+        safe: initial.to_bits(),
+        min: min.to_bits(),
+        max: max.to_bits(),
+        out_of_range: OutOfRange::default(),
+        max_limit: NONE,
+        min_limit: NONE,
+        rejections: Rejections::default(),
+    };
+    Ok((slot, rule))
 }

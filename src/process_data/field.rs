@@ -60,6 +60,14 @@ impl Field {
 
     /// Sets the bits to the low bits of `value`; no other bit changes.
     pub fn put(self, words: &mut [u32], value: u64) {
+        if self.shift + self.bits <= 32 {
+            // Most fields, and the quicker way.
+            if let Some(word) = words.get_mut(self.word as usize) {
+                let mask = (self.mask as u32) << self.shift;
+                *word = *word & !mask | (value as u32) << self.shift & mask;
+            }
+            return;
+        }
         let mask = u128::from(self.mask) << self.shift;
         let value = u128::from(value & self.mask) << self.shift;
         let touched = words.iter_mut().skip(self.word as usize).take(3);

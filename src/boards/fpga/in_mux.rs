@@ -102,12 +102,11 @@ impl InMuxPins {
         Ok(all)
     }
 
-    /// Publishes the filtered and the raw inputs, bit n for input n, and the counts of the MPGs
-    /// since their start.
+    /// After a read: the filtered and the raw inputs, bit n for input n.
     ///
     /// # Real time
     /// Grows with the number of inputs; no allocation.
-    pub fn publish(&self, pins: &mut Pins, filtered: u32, raw: u32, counts: [i64; 4]) {
+    pub fn publish(&self, pins: &mut Pins, filtered: u32, raw: u32) {
         for (n, input) in self.inputs.iter().enumerate() {
             for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
                 let level = word >> (n & 31) & 1 != 0;
@@ -115,6 +114,13 @@ impl InMuxPins {
                 pins.publish(pair.not, !level);
             }
         }
+    }
+
+    /// After a read: the counts of the MPGs since their start.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn publish_counts(&self, pins: &mut Pins, counts: [i64; 4]) {
         for (&pin, count) in self.mpg_counts.iter().zip(counts) {
             pins.publish(pin, count as i32);
         }

@@ -16,6 +16,7 @@ use super::{BoardError, RemoteTable};
 use crate::discovery::RemoteDescriptor;
 use crate::hal::{GroupId, Pins};
 use crate::process_data::{InterfaceRegisters, PackingPlan};
+use crate::sslbp::MAX_INTERFACE_REGISTERS;
 
 /// The pins of a remote, and the way of their values from and to the interface registers.
 ///
@@ -32,7 +33,12 @@ pub struct RemotePins {
     plan: PackingPlan,
     bindings: Vec<Binding>,
     parameters: Vec<RemoteParameter>,
+    /// The interface registers of the transfer that was taken last.
+    taken: Option<[u32; MOST_WORDS]>,
 }
+
+/// The most interface registers of a remote.
+const MOST_WORDS: usize = MAX_INTERFACE_REGISTERS as usize;
 
 /// Where a remote is: what its pins are named after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +77,7 @@ impl RemotePins {
             plan,
             bindings,
             parameters,
+            taken: None,
         })
     }
 
@@ -106,8 +113,18 @@ impl RemotePins {
     /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: read as
     /// many as [`PackingPlan::input_words`].
     pub fn take_inputs(&mut self, pins: &mut Pins, words: &[u32]) {
+        let mut now = [0; MOST_WORDS];
+        for (kept, word) in now.iter_mut().zip(words) {
+            *kept = *word;
+        }
+        // Single bits change seldom, and are most of the pins. More registers than there can be
+        // are not compared.
+        let is_same = words.len() <= MOST_WORDS && self.taken == Some(now);
+        self.taken = Some(now);
         for binding in &mut self.bindings {
-            binding.take(pins, words);
+            if !(is_same && matches!(binding, Binding::BitIn { .. })) {
+                binding.take(pins, words);
+            }
         }
         pins.group_good(self.group);
     }

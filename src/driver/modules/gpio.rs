@@ -32,8 +32,12 @@ pub(in crate::driver) struct GpioModule {
 #[derive(Debug)]
 struct Port {
     setup: PortSetup,
+    /// What the application asks for now.
+    wanted: PortSetup,
     levels: Option<ReadSlot>,
     data: Option<WriteSlot>,
+    /// The levels that were taken last.
+    taken: Option<u32>,
     direction: Option<SettingSlot>,
     open_drain: Option<SettingSlot>,
     invert: Option<SettingSlot>,
@@ -118,7 +122,9 @@ impl Port {
     fn new(setup: PortSetup) -> Self {
         Self {
             setup,
+            wanted: setup,
             levels: None,
+            taken: None,
             data: None,
             direction: None,
             open_drain: None,
@@ -152,23 +158,37 @@ impl Module for GpioModule {
         }
     }
 
+    /// Ports of which no pin has changed are passed over.
     fn take(&mut self, cycle: &mut Take<'_>) {
+        let mut changed = 0_u64;
+        for (index, port) in self.ports.iter_mut().enumerate() {
+            let word = port.levels.and_then(|slot| cycle.image.word(slot));
+            changed |= u64::from(word != port.taken) << (index & 63);
+            port.taken = word;
+        }
+        if changed == 0 {
+            return;
+        }
         for (place, pin) in &self.pins {
-            let levels = self.ports.get(usize::from(place.port));
-            let levels = levels.and_then(|port| port.levels);
-            if let Some(word) = levels.and_then(|slot| cycle.image.word(slot)) {
+            let word = self.ports.get(usize::from(place.port));
+            let word = word.and_then(|port| port.taken);
+            if let (Some(word), true) = (word, changed >> (place.port & 63) & 1 != 0) {
                 pin.publish(cycle.pins, place.get(word));
             }
         }
     }
 
     fn put(&mut self, cycle: &mut Put<'_>) {
-        for (index, port) in self.ports.iter().enumerate() {
-            let mut words = port.setup;
-            let of_port = self.pins.iter();
-            for (place, pin) in of_port.filter(|(place, _)| usize::from(place.port) == index) {
-                put_pin(&mut words, *place, pin, cycle.pins);
+        for port in &mut self.ports {
+            port.wanted = port.setup;
+        }
+        for (place, pin) in &self.pins {
+            if let Some(port) = self.ports.get_mut(usize::from(place.port)) {
+                put_pin(&mut port.wanted, *place, pin, cycle.pins);
             }
+        }
+        for port in &self.ports {
+            let words = port.wanted;
             if let Some(slot) = port.data {
                 cycle.image.put(slot, words.data);
             }

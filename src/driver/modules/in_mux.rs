@@ -20,6 +20,8 @@ pub(in crate::driver) struct InMuxModule {
     /// What the counts were when they were last at rest at 0.
     zeros: [i64; 4],
     counts: [i64; 4],
+    /// Filtered and raw levels that were taken last.
+    taken: Option<(u32, u32)>,
     slots: Option<Slots>,
 }
 
@@ -85,6 +87,7 @@ impl InMuxModule {
             mpgs: MpgCounters::default(),
             zeros: [0; 4],
             counts: [0; 4],
+            taken: None,
             slots: None,
         })
     }
@@ -155,7 +158,10 @@ impl Module for InMuxModule {
                     *count = total.wrapping_sub(*zero);
                 }
             }
-            self.pins.publish(cycle.pins, filtered, raw, self.counts);
+            self.pins.publish_counts(cycle.pins, self.counts);
+            if self.taken.replace((filtered, raw)) != Some((filtered, raw)) {
+                self.pins.publish(cycle.pins, filtered, raw);
+            }
         }
     }
 

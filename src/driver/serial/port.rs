@@ -46,6 +46,8 @@ pub(in crate::driver) struct Remote {
     slots: RemoteSlots,
     /// Reads in a row without a new transfer.
     without_news: u32,
+    /// The version of the outputs that are in the image.
+    put: Option<u64>,
 }
 
 /// Where the registers of a channel are in the image.
@@ -72,6 +74,7 @@ impl Remote {
             fault_pins,
             slots: RemoteSlots::default(),
             without_news: 0,
+            put: None,
         }
     }
 
@@ -106,7 +109,13 @@ impl Remote {
         }
     }
 
-    fn put(&self, image: &mut CycleImage, pins: &mut Pins) {
+    /// Puts the outputs into the image, unless they are there already.
+    fn put(&mut self, image: &mut CycleImage, pins: &mut Pins) {
+        let version = pins.output_version(self.pins.group());
+        if version.is_some() && version == self.put {
+            return;
+        }
+        self.put = version;
         let mut words = [0; REGISTERS];
         self.pins.put_outputs(pins, &mut words);
         for (word, slot) in words.into_iter().zip(self.slots.outputs) {
@@ -262,7 +271,7 @@ impl SerialPort {
         }
         let next = self.machine.next(now, hold);
         if next.with_data {
-            for remote in &self.remotes {
+            for remote in &mut self.remotes {
                 remote.put(image, pins);
             }
         }

@@ -325,3 +325,58 @@ proptest! {
         prop_assert!((-10.0..=10.0).contains(&fetched));
     }
 }
+
+#[test]
+fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
+    let mut pins = Pins::new();
+    let (group, other) = (pins.add_group(), pins.add_group());
+    let spec = |name: &str| Spec::new(name.to_owned());
+    let volts = pins
+        .add_output(group, spec("volts"), OutputRule::safe_at(0.0))
+        .unwrap();
+    let index = pins
+        .add_inout(group, spec("index"), OutputRule::safe_at(false))
+        .unwrap();
+    let limit = pins.add_setting(group, spec("limit"), 10.0).unwrap();
+    let input: Input<f64> = pins.add_input(group, spec("input")).unwrap();
+    let elsewhere = pins
+        .add_output(other, spec("elsewhere"), OutputRule::safe_at(false))
+        .unwrap();
+    let mut last = pins.output_version(group);
+    let mut has_changed = |pins: &Pins| {
+        let now = pins.output_version(group);
+        core::mem::replace(&mut last, now) != now
+    };
+    assert!(!has_changed(&pins));
+    for (what, step, expected) in [
+        ("set", (|p, v, _, _| p.set(v, 1.0)) as Step, true),
+        ("set to the same", |p, v, _, _| p.set(v, 1.0), false),
+        ("taken", |p, v, _, _| assert!(p.fetch(v) > 0.0), false),
+        ("inout set", |p, _, i, _| p.set_inout(i, true), true),
+        ("published", |p, _, i, _| p.publish_inout(i, false), true),
+        ("the same", |p, _, i, _| p.publish_inout(i, false), false),
+        ("param", |p, _, _, l| p.set_param(l, 9.0).unwrap(), true),
+        ("no number", |p, v, _, _| p.set(v, f64::NAN), true),
+        ("counted", |p, v, _, _| assert!(p.fetch(v) < 1.0), true),
+        (
+            "counted again",
+            |p, v, _, _| assert!(p.fetch(v) < 1.0),
+            true,
+        ),
+    ] {
+        step(&mut pins, volts, index, limit);
+        assert_eq!(has_changed(&pins), expected, "{what}");
+    }
+    pins.publish(input, 3.0);
+    pins.group_good(group);
+    pins.set(elsewhere, true);
+    assert!(!has_changed(&pins), "no matter of its outputs");
+    pins.fault(group);
+    assert!(has_changed(&pins));
+    pins.group_good(group);
+    pins.rearm(group).unwrap();
+    assert!(has_changed(&pins));
+    assert_eq!(Pins::new().output_version(group), None);
+}
+
+type Step = fn(&mut Pins, Output<f64>, InOut<bool>, Param<f64>);
