@@ -24,14 +24,21 @@ pub fn example(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows where it is");
     // target/PROFILE/deps/test-hash
     let profile = test.ancestors().nth(2).expect("target/PROFILE");
+    let is_release = profile.ends_with("release");
+    example_in(if is_release { "release" } else { "debug" }, name)
+}
+
+/// An example in a profile, built if it is not there or is old.
+pub fn example_in(profile: &str, name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a test knows where it is");
+    let target = test.ancestors().nth(3).expect("target");
     let mut build = Command::new(env!("CARGO"));
     build.args(["build", "--quiet", "--example", name]);
-    if profile.ends_with("release") {
+    if profile == "release" {
         build.arg("--release");
     }
-    let target = profile.parent().expect("target");
     build.arg("--target-dir").arg(target);
     let status = build.current_dir(env!("CARGO_MANIFEST_DIR")).status();
     assert!(status.expect("cargo runs").success(), "{name} builds");
-    profile.join("examples").join(name)
+    target.join(profile).join("examples").join(name)
 }
