@@ -270,9 +270,8 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
 
 /// Prints what a cycle costs LinuxCNC, and this crate beside it.
 fn print_costs(machine: &mut Machine, board: &str) {
-    let beside = cost::Beside::start(board);
     let (before, cpu) = (machine.board.show("network"), cost::linuxcnc_cpu());
-    let ours = beside.finish();
+    let ours = cost::run_beside(board);
     let spent = cost::linuxcnc_cpu().saturating_sub(cpu);
     let cycles = cycles(&before, &machine.board.show("network"));
     cost::print(spent.div_f64(cycles), &ours);

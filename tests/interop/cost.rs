@@ -3,7 +3,7 @@
 use std::{
     fs,
     path::PathBuf,
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
     time::Duration,
 };
 
@@ -25,79 +25,70 @@ pub fn linuxcnc_cpu() -> Duration {
         .sum()
 }
 
-/// The example `cycle_cost` twice, at the host's pace and at the board's, each on a board of its own
-/// while LinuxCNC is in its cycle. It is built for speed, as LinuxCNC is.
-pub struct Beside {
-    runs: Vec<Run>,
+/// The paces that are compared, and where their boards listen.
+const PACES: [(&str, u8); 2] = [("board", 2), ("host", 3)];
+/// Each is run so often: loops of the same rate meet in another phase each time.
+const ROUNDS: usize = 3;
+
+/// Runs the example `cycle_cost`, at the board's pace and at the host's, on boards of its own while
+/// LinuxCNC is in its cycle: what it has printed, for each pace and round. It is built for speed,
+/// as LinuxCNC is.
+pub fn run_beside(board: &str) -> [Vec<String>; PACES.len()] {
+    let program = example_in("release", "cycle_cost");
+    let mut printed = [const { Vec::new() }; PACES.len()];
+    for _ in 0..ROUNDS {
+        for ((pace, host), all) in PACES.into_iter().zip(&mut printed) {
+            all.push(run(board, host, pace, &program));
+        }
+    }
+    printed
 }
 
-struct Run {
-    pace: &'static str,
-    board: Child,
-    cost: Child,
-}
-
-impl Beside {
-    /// Starts them.
-    pub fn start(board: &str) -> Self {
-        let program = example_in("release", "cycle_cost");
-        let runs = [("board", 2), ("host", 3)];
-        let runs = runs.map(|(pace, host)| Run::start(board, host, pace, &program));
-        Self { runs: runs.into() }
-    }
-
-    /// Waits for their end.
-    pub fn finish(self) -> Vec<(&'static str, String)> {
-        let runs = self.runs.into_iter();
-        runs.map(|run| (run.pace, run.finish())).collect()
-    }
-}
-
-impl Run {
-    fn start(board: &str, host: u8, pace: &'static str, program: &PathBuf) -> Self {
-        let address = format!("127.97.0.{host}");
-        let mut board = Command::new(sim_board())
-            .args(board.split(' '))
-            .args(["--listen", &address])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("sim_board starts");
-        let (input, output) = (board.stdin.take().unwrap(), board.stdout.take().unwrap());
-        Console::new(input, output).wait_for("help");
-        let cost = Command::new(program)
-            .args(["--addr", &address, "--pace", pace, "--seconds", "6"])
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("cycle_cost starts");
-        Self { pace, board, cost }
-    }
-
-    fn finish(mut self) -> String {
-        let output = self.cost.wait_with_output().expect("cycle_cost ends");
-        let _ = self.board.kill();
-        let _ = self.board.wait();
-        assert!(output.status.success(), "cycle_cost: {}", output.status);
-        String::from_utf8_lossy(&output.stdout).into_owned()
-    }
+fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
+    let address = format!("127.97.0.{host}");
+    let mut board = Command::new(sim_board())
+        .args(board.split(' '))
+        .args(["--listen", &address])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("sim_board starts");
+    let (input, output) = (board.stdin.take().unwrap(), board.stdout.take().unwrap());
+    Console::new(input, output).wait_for("help");
+    let output = Command::new(program)
+        .args(["--addr", &address, "--pace", pace, "--seconds", "2"])
+        .output()
+        .expect("cycle_cost starts");
+    let _ = board.kill();
+    let _ = board.wait();
+    assert!(output.status.success(), "cycle_cost: {}", output.status);
+    String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 /// Prints what they have printed, and the ratios of the CPU times.
-pub fn print(linuxcnc_per_cycle: Duration, ours: &[(&'static str, String)]) {
+pub fn print(linuxcnc_per_cycle: Duration, ours: &[Vec<String>]) {
     let linuxcnc = linuxcnc_per_cycle.as_secs_f64() * 1e6;
     println!("a cycle of LinuxCNC's: {linuxcnc:.1} us CPU; of ours, at the same time:");
-    for (pace, printed) in ours {
-        let value = |what: &str| {
-            let line = printed.lines().find_map(|line| line.strip_prefix(what));
-            line.expect("it prints that").trim().to_owned()
+    for ((pace, _), printed) in PACES.into_iter().zip(ours) {
+        let values = |what: &str| -> Vec<String> {
+            let lines = printed.iter().flat_map(|text| text.lines());
+            let values = lines.filter_map(|line| line.strip_prefix(what));
+            values.map(|value| value.trim().to_owned()).collect()
         };
-        let cpu = value("CPU per cycle:");
-        let us: f64 = cpu.trim_end_matches(" us").parse().expect("a number");
+        let cpu = values("CPU per cycle:");
+        let us = cpu.iter().map(|cpu| -> f64 {
+            let number = cpu.trim_end_matches(" us");
+            number.parse().expect("a number")
+        });
+        let mean = us.sum::<f64>() / cpu.len() as f64;
         println!(
-            "paced by the {pace}: {cpu} CPU, {} packets out, bytes {}; {:.2} of LinuxCNC's",
-            value("packets out per cycle:"),
-            value("bytes per cycle:"),
-            us / linuxcnc
+            "paced by the {pace}: {mean:.1} us CPU ({}), {} packets out, bytes {}; {:.2} of LinuxCNC's",
+            cpu.join(", "),
+            values("packets out per cycle:").join(", "),
+            values("bytes per cycle:")
+                .first()
+                .map_or("", String::as_str),
+            mean / linuxcnc
         );
     }
 }
