@@ -309,3 +309,32 @@ fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
         assert!(late < 200_000, "executed {late} ns after it was sent");
     }
 }
+
+/// Where a cycle is stretched because inputs come too soon after those before, they have been there
+/// for that long.
+#[test]
+fn inputs_that_wait_for_their_cycle_are_as_old_as_that() {
+    let mut driver = machine(Pace::Board);
+    let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+    let mut cycle = |delay: u64| {
+        driver.bus_mut().link().to_host = Box::new(move |_| vec![WIRE + delay]);
+        driver.write().expect("the board is there");
+        let _ = driver.read().expect("the board is there");
+        let link = driver.bus_mut().link();
+        let (arrived, _) = link.journal.last().expect("it was asked").replies[0];
+        let now = driver.bus_mut().now().as_nanos();
+        let position = driver.pins().read(card.encoders[0].position);
+        assert!(position.valid);
+        (position.age.time.as_nanos() as u64, now - arrived)
+    };
+    for _ in 0..5 {
+        assert_eq!(cycle(0), (0, 0));
+    }
+    assert_eq!(cycle(700_000), (0, 0), "a late one, in time");
+    let (age, waited) = cycle(0);
+    assert!(
+        waited > 100_000,
+        "the next comes soon, and the cycle waits: {waited} ns"
+    );
+    assert_eq!(age, waited);
+}

@@ -65,7 +65,7 @@ use crate::bus::{BusStatistics, CycleImage, ImageSize, Instant, RegisterBus, Tie
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::HostMot2;
 use board::{Board, BoardCheck};
-use pace::Pacer;
+use pace::{Answer, Pacer};
 use setup_list::Restore;
 
 /// A board with everything on it, in the cycle.
@@ -124,7 +124,7 @@ impl<B: RegisterBus> Driver<B> {
         }
         self.statistics.reads += 1;
         let tier = self.tier_of_read();
-        let (tier, result) = self.pacer.read(&mut self.bus, &mut self.image, tier);
+        let Answer { tier, at, result } = self.pacer.read(&mut self.bus, &mut self.image, tier);
         let now = self.bus.now();
         self.pins.begin_cycle(now);
         if let Err(source) = result {
@@ -140,11 +140,10 @@ impl<B: RegisterBus> Driver<B> {
         }
         self.read_failures = 0;
         self.board.count_exchange(&mut self.pins, false);
-        let now = self.bus.now();
-        Ok(self.take(now, tier))
+        Ok(self.take(at, tier))
     }
 
-    /// Everybody takes its inputs from an image that is sound.
+    /// Everybody takes its inputs from an image that is sound, and was read at `now`.
     fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
         let (lost_writes, doubtful) = self.news_of_writes();
         self.settings_may_be_lost |= doubtful;
@@ -194,7 +193,7 @@ impl<B: RegisterBus> Driver<B> {
             for module in &mut self.modules {
                 module.take(&mut cycle);
             }
-            self.pins.group_good(self.group);
+            self.pins.group_good_since(self.group, 0, now);
         }
         // Else the board may have been reset just now: its modules' inputs grow older.
         self.board.publish(&mut self.pins, &self.statistics);

@@ -46,7 +46,7 @@ pub struct Take<'a> {
     pub pins: &'a mut Pins,
     /// The group of the board's own pins.
     pub group: GroupId,
-    /// When the cycle began.
+    /// When the image was read.
     pub now: Instant,
 }
 

@@ -78,6 +78,15 @@ pub(super) struct Beat {
     pub is_unpaced: bool,
 }
 
+/// What came of a read.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Answer<E> {
+    pub tier: Tier,
+    /// When it came: the cycle may begin later.
+    pub at: Instant,
+    pub result: Result<(), E>,
+}
+
 impl Pacer {
     pub fn new(pace: Pace, period: Duration) -> Self {
         Self {
@@ -100,40 +109,41 @@ impl Pacer {
         self.posted = None;
     }
 
-    /// Reads the board: takes what was asked for ahead, or else asks for `tier`. Which tier was
-    /// read, and what came of it.
+    /// Reads the board: takes what was asked for ahead, or else asks for `tier`.
     pub fn read<B: RegisterBus>(
         &mut self,
         bus: &mut B,
         image: &mut CycleImage,
         tier: Tier,
-    ) -> (Tier, Result<(), B::Error>) {
+    ) -> Answer<B::Error> {
         let (tier, result) = match self.posted.take() {
             Some(posted) => (posted, image.collect_reads(bus, posted)),
             None if self.is_behind() => {
-                self.rest(bus, self.begun, self.period);
+                self.rest(bus, self.period);
                 (tier, image.exchange_reads(bus, tier))
             }
             None => (tier, image.exchange_paced_reads(bus, tier)),
         };
-        if result.is_err() {
+        let at = bus.now();
+        // A read that failed may have done so without waiting, and a board may answer without
+        // waiting: nobody else would wait then. Not longer for one that was answered: inputs that
+        // were delayed on the way are followed by some that come soon.
+        let least = if result.is_err() {
             self.failures = self.failures.saturating_add(1);
-            // It may have failed without waiting; nobody else would wait.
-            self.rest(bus, self.begun, self.period);
+            self.period
         } else {
             self.failures = 0;
-            // Nor if the board answers at once. Not longer: inputs that were delayed on the way
-            // are followed by some that come soon.
-            self.rest(bus, self.arrived, self.period / 2);
-        }
+            self.period / 2
+        };
+        self.rest(bus, least);
         self.begun = Some(bus.now());
-        (tier, result)
+        Answer { tier, at, result }
     }
 
-    /// Where the board paces and does not, waits until `least` has passed since `before`: the
+    /// Where the board paces and does not, waits until the cycle before has taken `least`: the
     /// application's loop would spin.
-    fn rest<B: RegisterBus>(&self, bus: &mut B, before: Option<Instant>, least: Duration) {
-        let (Pace::Board, Some(before)) = (self.pace, before) else {
+    fn rest<B: RegisterBus>(&self, bus: &mut B, least: Duration) {
+        let (Pace::Board, Some(before)) = (self.pace, self.begun) else {
             return;
         };
         let left = before.after(least).since(bus.now());

@@ -303,7 +303,8 @@ impl Pins {
 
     /// Changes whenever [`fetch`](Self::fetch) of any output of the group may give something else
     /// than before, or would count a value that is not used: while it stays, nothing has to be
-    /// fetched again. `None` for a group of another store.
+    /// fetched again. The parameters that [modify](Self::modify) them have to be of the group too.
+    /// `None` for a group of another store.
     pub fn output_version(&self, group: GroupId) -> Option<u64> {
         self.group_ref(group).map(|group| group.version)
     }
