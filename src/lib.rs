@@ -38,8 +38,8 @@
 //! # What becomes of packets
 //! Over Ethernet every reply tells which write was the last that the board executed, and how many
 //! packets it has received. A packet that was lost, late, doubled or overtaken is noticed with the
-//! next reply, whichever it was, counted as what it was ([`BusStatistics`](bus::BusStatistics)),
-//! and the inputs that depend on it are not taken.
+//! next reply, and counted as what it was as far as the board can tell: see
+//! [`BusStatistics`](bus::BusStatistics). The inputs that depend on it are not taken.
 //!
 //! # What a pin says
 //! Reading an input gives its value, whether it is valid, and its age: the age of the data, from
