@@ -57,7 +57,7 @@ fn options(mut arguments: lexopt::Parser) -> Result<Option<Options>, lexopt::Err
             Long("addr") => address = Some(arguments.value()?.parse_with(parse_address)?),
             Long("seconds") => seconds = arguments.value()?.parse()?,
             Long("rate") => rate = arguments.value()?.parse()?,
-            Long("pace") => pace = arguments.value()?.parse_with(parse_pace)?,
+            Long("pace") => pace = arguments.value()?.parse()?,
             Long("help") | Short('h') => return Ok(None),
             _ => return Err(argument.unexpected()),
         }
@@ -72,14 +72,6 @@ fn options(mut arguments: lexopt::Parser) -> Result<Option<Options>, lexopt::Err
         rate,
         pace,
     }))
-}
-
-fn parse_pace(text: &str) -> Result<Pace, String> {
-    match text {
-        "host" => Ok(Pace::Host),
-        "board" => Ok(Pace::Board),
-        _ => Err(format!("'{text}' is neither 'host' nor 'board'")),
-    }
 }
 
 fn parse_address(text: &str) -> Result<SocketAddrV4, std::net::AddrParseError> {

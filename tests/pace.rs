@@ -214,6 +214,16 @@ fn six_position_loops_are_closed_at_the_boards_pace() {
 }
 
 #[test]
+fn a_pace_has_a_name() {
+    assert_eq!(
+        ("host".parse(), "board".parse()),
+        (Ok(Pace::Host), Ok(Pace::Board))
+    );
+    let error = "Board".parse::<Pace>().unwrap_err();
+    assert!(error.to_string().contains("'host' or 'board'"), "{error}");
+}
+
+#[test]
 fn what_can_not_pace_is_said_when_the_driver_is_built() {
     let fpga = machines::six_axes_7i92(MotorConfig::default());
     let link = SimLink::new(BoardConfig::new("7I92"), fpga);

@@ -63,7 +63,7 @@ impl Args {
                 }
                 Long("rate") => args.rate = within(&parser.value()?, "--rate", 100.0, 5000.0)?,
                 Long("realtime") => args.realtime = true,
-                Long("pace") => args.pace = parser.value()?.parse_with(pace)?,
+                Long("pace") => args.pace = parser.value()?.parse()?,
                 Long("watchdog") => {
                     let millis = within(&parser.value()?, "--watchdog", 1.0, 1000.0)?;
                     args.watchdog = Duration::from_secs_f64(millis * 1e-3);
@@ -101,12 +101,4 @@ fn address(text: &str) -> Result<SocketAddrV4, String> {
                 .map(|ip| SocketAddrV4::new(ip, PORT))
         })
         .map_err(|_| format!("'{text}' is not an address such as 10.10.10.10 or 127.0.0.1:27181"))
-}
-
-fn pace(text: &str) -> Result<Pace, String> {
-    match text {
-        "host" => Ok(Pace::Host),
-        "board" => Ok(Pace::Board),
-        _ => Err(format!("'{text}' is neither 'host' nor 'board'")),
-    }
 }

@@ -213,6 +213,11 @@ impl<B: World> Control<B> {
         }
     }
 
+    /// Whether there is a 7I77's field I/O.
+    pub fn has_field(&self) -> bool {
+        self.field.is_some()
+    }
+
     pub fn stop(mut self) -> Result<(), Failure> {
         Ok(self.driver.shutdown()?)
     }

@@ -95,6 +95,10 @@ fn print_remote(remote: &RemoteStatus<'_>) {
 }
 
 fn print_loop_back<B: World>(control: &Control<B>) -> bool {
+    if !control.has_field() {
+        println!("\nField I/O: there is none of a 7I77.");
+        return true;
+    }
     if control.loop_backs == 0 {
         println!(
             "\nField I/O: outputs toggled; nothing is wired back, so inputs were not compared."

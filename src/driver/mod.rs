@@ -49,7 +49,7 @@ pub use build::{Builder, EncoderSetup, GpioConfig};
 pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
 pub use module::{Module, Put, SettingSlot, Take};
-pub use pace::Pace;
+pub use pace::{Pace, PaceError};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
     Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, SerialPort,

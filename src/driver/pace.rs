@@ -1,5 +1,6 @@
 //! Who decides when a cycle begins: the host, or the board.
 
+use core::str::FromStr;
 use core::time::Duration;
 
 use crate::bus::{CycleImage, Instant, RegisterBus, Tier};
@@ -38,6 +39,24 @@ pub enum Pace {
     /// [`Driver::wait_transfers`]: super::Driver::wait_transfers
     /// [`Driver::write`]: super::Driver::write
     Board,
+}
+
+/// A word that names no [`Pace`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a pace is 'host' or 'board'")]
+pub struct PaceError;
+
+/// `host` or `board`, as on a command line.
+impl FromStr for Pace {
+    type Err = PaceError;
+
+    fn from_str(text: &str) -> Result<Self, PaceError> {
+        match text {
+            "host" => Ok(Self::Host),
+            "board" => Ok(Self::Board),
+            _ => Err(PaceError),
+        }
+    }
 }
 
 impl Pace {
