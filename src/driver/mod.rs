@@ -15,6 +15,7 @@
 //! the last write. For read-modify-write call [`Driver::wait_transfers`] between `write` and `read`.
 //!
 //! # What can fail, and what happens then
+//! In short; fault by fault in [`faults`].
 //! - A transfer of a remote: its inputs are not taken, not valid, and grow older. Too many of
 //!   them: the remote is set aside alone, its outputs are safe, and it is tried again with growing
 //!   pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
@@ -34,6 +35,8 @@ mod board;
 mod build;
 mod config;
 mod error;
+#[doc = include_str!("../../docs/faults.md")]
+pub mod faults {}
 #[cfg(feature = "log")]
 mod messages;
 mod module;

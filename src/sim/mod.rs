@@ -22,6 +22,7 @@
 
 mod board;
 pub mod devices;
+mod faults;
 mod fpga;
 pub mod machines;
 mod modules;
@@ -33,9 +34,10 @@ mod world;
 pub use board::{
     AddressJumpers, BoardConfig, Gateware, Mishaps, SimBoard, StateError, UdpCounters, UdpFace,
 };
+pub use faults::{FaultKind, Place};
 pub use fpga::{
-    AccessCounters, AxisWiring, DEFAULT_ACCESS_COST, DriveSignal, DriveSource, Firmware,
-    ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, gtag,
+    AccessCounters, AxisWiring, Cause, DEFAULT_ACCESS_COST, Director, DriveSignal, DriveSource,
+    Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, gtag,
 };
 pub use modules::{Dpll, EncoderBank, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
 pub use world::{Motor, MotorConfig, Segment};

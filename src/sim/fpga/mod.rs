@@ -2,6 +2,7 @@
 
 mod bus;
 mod decode;
+mod director;
 mod dispatch;
 pub(crate) mod firmware;
 mod plant;
@@ -9,6 +10,7 @@ mod reload;
 mod world_side;
 
 pub use bus::SimError;
+pub use director::{Cause, Director};
 pub use firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
 pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
 pub(crate) use world_side::device;
@@ -61,6 +63,9 @@ pub struct SimFpga {
     leds: Leds,
     serial: Vec<SmartSerial>,
     plant: Plant,
+    /// While it is reset, it neither answers nor takes anything.
+    reset_until: Nanos,
+    director: Option<Box<dyn Director>>,
 }
 
 impl SimFpga {
@@ -105,6 +110,8 @@ impl SimFpga {
             plant: Plant::new(&firmware),
             serial,
             firmware,
+            reset_until: 0,
+            director: None,
         }
     }
 
@@ -117,12 +124,22 @@ impl SimFpga {
     ///
     /// Cost: proportional to the time, and to what moves and talks in it.
     pub fn advance_to(&mut self, to: Nanos) {
+        while let Some(at) = self.scene(to) {
+            self.pass(at);
+            self.play();
+        }
+        self.pass(to);
+    }
+
+    /// Lets time pass up to `to`, up to when nobody acts.
+    fn pass(&mut self, to: Nanos) {
         while let Some(bite) = self.watchdog.deadline().filter(|&bite| bite <= to) {
             self.run_to(bite);
             self.settle();
             self.watchdog.bite();
             self.io.make_inputs();
             self.pins_changed();
+            self.show(Cause::Bite);
         }
         self.run_to(to);
     }
@@ -130,6 +147,9 @@ impl SimFpga {
     /// Reads the register at a byte address, now. Takes no time.
     pub fn read_register(&mut self, address: u16) -> u32 {
         self.counters.reads += 1;
+        if self.is_in_reset() {
+            return u32::MAX;
+        }
         match self.map.at(address) {
             Target::Nothing => {
                 self.counters.unknown_reads += 1;
@@ -148,6 +168,9 @@ impl SimFpga {
     /// Writes the register at a byte address, now. Takes no time.
     pub fn write_register(&mut self, address: u16, value: u32) {
         self.counters.writes += 1;
+        if self.is_in_reset() {
+            return;
+        }
         match self.map.at(address) {
             Target::Nothing => self.counters.unknown_writes += 1,
             Target::Rom(_) => self.counters.rom_writes += 1,
@@ -156,7 +179,12 @@ impl SimFpga {
                 register,
                 instance,
                 port,
-            } => self.write_module(gtag, register, instance, port, value),
+            } => {
+                self.write_module(gtag, register, instance, port, value);
+                if Self::is_driving(gtag) {
+                    self.show(Cause::Write);
+                }
+            }
         }
     }
 

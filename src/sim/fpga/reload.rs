@@ -1,7 +1,8 @@
 //! Loading the FPGA again, while the world around it goes on.
 
-use super::{SimFpga, gtag};
+use super::{Cause, SimFpga, gtag};
 use crate::sim::modules::{Inputs, Leds};
+use crate::sim::wire::Nanos;
 
 impl SimFpga {
     /// The FPGA is configured again: all registers and the serial ports are as after power-up.
@@ -39,6 +40,19 @@ impl SimFpga {
             }
         }
         self.pins_changed();
+        self.show(Cause::Reset);
+    }
+
+    /// The FPGA loses its configuration and has it again after `time`. Until then all pins are
+    /// inputs, reads give ones, as on a bus that nobody drives, and writes go nowhere.
+    pub fn reset_for(&mut self, time: Nanos) {
+        self.reload();
+        self.reset_until = self.now.saturating_add(time);
+    }
+
+    /// Whether it has no configuration at the moment.
+    pub fn is_in_reset(&self) -> bool {
+        self.now < self.reset_until
     }
 }
 
