@@ -120,6 +120,7 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
         clock_high: 200_000_000,
         // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE": ClockLow/16.
         mux_rate: 14,
+        starts_bitten: false,
         modules: vec![
             module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0)),
             watchdog(),
@@ -227,6 +228,7 @@ fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
         clock_high: 200_000_000,
         // Manual: 7I77, "MAXIMUM ENCODER COUNT RATE": ClockLow/8.
         mux_rate: 6,
+        starts_bitten: false,
         modules: vec![
             watchdog(),
             io_ports(2),

@@ -37,7 +37,8 @@ pub use board::{
 pub use faults::{FaultKind, Place};
 pub use fpga::{
     AccessCounters, AxisWiring, Cause, DEFAULT_ACCESS_COST, Director, DriveSignal, DriveSource,
-    Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, gtag,
+    Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, UNDRIVEN,
+    gtag,
 };
 pub use modules::{Dpll, EncoderBank, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
 pub use world::{Motor, MotorConfig, Segment};

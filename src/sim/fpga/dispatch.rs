@@ -1,6 +1,6 @@
 //! Which module an access goes to.
 
-use super::{SimFpga, gtag};
+use super::{SimFpga, UNDRIVEN, gtag};
 
 impl SimFpga {
     pub(super) fn read_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8) -> u32 {
@@ -36,7 +36,7 @@ impl SimFpga {
                 let dpll = self.dpll.as_mut();
                 dpll.map_or(0, |dpll| dpll.read(now, register))
             }
-            gtag::LED => self.leds.read(),
+            gtag::LED => UNDRIVEN,
             gtag::SSERIAL | gtag::SSERIAL_B => {
                 let serial = self.serial.get_mut(usize::from(port));
                 serial.map_or(0, |serial| serial.read(now, register, instance))
@@ -87,12 +87,12 @@ impl SimFpga {
             }
             gtag::SSR => {
                 if let Some(ssr) = &mut self.ssr {
-                    ssr.write(register, value);
+                    ssr.write(now, register, value);
                 }
             }
             gtag::OUT_M => {
                 if let Some(out) = &mut self.out_m {
-                    out.write(register, value);
+                    out.write(now, register, value);
                 }
             }
             gtag::DPLL => {
@@ -113,15 +113,23 @@ impl SimFpga {
     /// What a module puts out on a pin at the moment, if the pin lets it.
     pub(super) fn module_level(&self, number: usize) -> bool {
         let Some(&pin) = self.firmware.pins.get(number) else {
-            return true;
+            return false;
         };
         match pin.secondary {
+            // No module: its alternate source is 0.
+            0 => false,
             gtag::PWM => {
                 let pwm = self.pwm.as_ref();
                 pwm.is_none_or(|pwm| pwm.level(pin.unit, pin.pin))
             }
-            gtag::SSR => self.ssr.as_ref().is_none_or(|ssr| ssr.level(pin.pin)),
-            gtag::OUT_M => self.out_m.as_ref().is_none_or(|out| out.level(pin.pin)),
+            gtag::SSR => self
+                .ssr
+                .as_ref()
+                .is_none_or(|ssr| ssr.level(self.now, pin.pin)),
+            gtag::OUT_M => self
+                .out_m
+                .as_ref()
+                .is_none_or(|out| out.level(self.now, pin.pin)),
             // Idle serial lines stand at 1, and so does everything else between its pulses.
             _ => true,
         }

@@ -159,6 +159,9 @@ pub struct Firmware {
     pub clock_high: u32,
     /// What the multiplex rate register of the encoders holds at power-up: ClockLow/(n+2).
     pub mux_rate: u32,
+    /// Whether the watchdog's status is set after configuration, as older firmware has it.
+    /// FACTS 12.1.
+    pub starts_bitten: bool,
     /// The modules, at most 31.
     pub modules: Vec<ModuleDescriptor>,
     /// The pins, port by port, at most 144.

@@ -20,6 +20,10 @@ use crate::sim::wire::Nanos;
 use decode::{AddressMap, Target};
 use plant::{Plant, PortWatcher};
 
+/// What a register reads that can only be written: no module drives the bus, and a host must not
+/// rely on what it sees. FACTS 12.11.
+pub const UNDRIVEN: u32 = u32::MAX;
+
 /// What one register access costs by default: about what a PCI read takes.
 pub const DEFAULT_ACCESS_COST: Nanos = 600;
 
@@ -71,6 +75,11 @@ pub struct SimFpga {
 impl SimFpga {
     /// An FPGA at power-up, with nothing plugged in.
     pub fn new(firmware: Firmware) -> Self {
+        Self::configured_at(firmware, 0)
+    }
+
+    /// An FPGA that is configured at a time, from which its dividers run.
+    fn configured_at(firmware: Firmware, now: Nanos) -> Self {
         let mut rom = Firmware::identification().to_vec();
         let idrom = firmware.idrom();
         let map = AddressMap::new(&firmware, idrom.len());
@@ -86,18 +95,18 @@ impl SimFpga {
         };
         let outputs = |tag| {
             let module = firmware.module(tag);
-            module.map(|module| Outputs::new(&firmware, module))
+            module.map(|module| Outputs::new(&firmware, module, now))
         };
         let pwm = firmware.module(gtag::PWM);
         Self {
             map,
             rom,
-            now: 0,
+            now,
             access_cost: DEFAULT_ACCESS_COST,
             exchanges: 0,
             counters: AccessCounters::default(),
             io: IoPorts::new(firmware.ports, firmware.port_width),
-            watchdog: Watchdog::new(clock(gtag::WATCHDOG)),
+            watchdog: Watchdog::new(clock(gtag::WATCHDOG), firmware.starts_bitten),
             pwm: pwm.map(|module| Pwm::new(&firmware, module)),
             in_mux: inputs(gtag::IN_MUX),
             in_m: inputs(gtag::IN_M),
@@ -133,13 +142,14 @@ impl SimFpga {
 
     /// Lets time pass up to `to`, up to when nobody acts.
     fn pass(&mut self, to: Nanos) {
-        while let Some(bite) = self.watchdog.deadline().filter(|&bite| bite <= to) {
-            self.run_to(bite);
-            self.settle();
-            self.watchdog.bite();
-            self.io.make_inputs();
-            self.pins_changed();
-            self.show(Cause::Bite);
+        while let Some(event) = self.watchdog.next_event().filter(|&event| event <= to) {
+            self.run_to(event);
+            if self.watchdog.event(event) {
+                self.settle();
+                self.io.make_inputs();
+                self.pins_changed();
+                self.show(Cause::Bite);
+            }
         }
         self.run_to(to);
     }

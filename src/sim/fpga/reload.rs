@@ -11,7 +11,7 @@ impl SimFpga {
     /// are driven as before, motors keep turning until their drives notice.
     pub fn reload(&mut self) {
         self.settle();
-        let fresh = Self::new(self.firmware.clone());
+        let fresh = Self::configured_at(self.firmware.clone(), self.now);
         self.io.reload();
         self.watchdog = fresh.watchdog;
         self.pwm = fresh.pwm;

@@ -45,6 +45,12 @@ impl SimFpga {
         self.io.level(pin, &levels)
     }
 
+    /// The level that FPGA or outside drive an I/O pin to; `None` if it is only pulled up.
+    pub fn driven_level(&self, pin: usize) -> Option<bool> {
+        let levels = |pin| self.module_level(pin);
+        self.io.driven_level(pin, &levels)
+    }
+
     /// Drives an I/O pin from outside, or lets it go.
     pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
         self.io.drive(pin, level);

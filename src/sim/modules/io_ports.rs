@@ -1,5 +1,7 @@
 //! The I/O ports: direction, alternate source, open drain and invert of every pin.
 
+use crate::sim::fpga::UNDRIVEN;
+
 const DATA: u8 = 0;
 const DIRECTION: u8 = 1;
 const ALTERNATE: u8 = 2;
@@ -55,10 +57,7 @@ impl IoPorts {
                 })
             }
             DIRECTION => registers.direction,
-            ALTERNATE => registers.alternate,
-            OPEN_DRAIN => registers.open_drain,
-            INVERT => registers.invert,
-            _ => 0,
+            _ => UNDRIVEN,
         }
     }
 
@@ -86,29 +85,34 @@ impl IoPorts {
         }
     }
 
-    /// The voltage on a pin as a logic level.
+    /// The voltage on a pin as a logic level; `levels` says what a module puts out on a pin.
     pub(crate) fn level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> bool {
-        let undriven = || self.outside.get(pin).copied().flatten().unwrap_or(true);
-        let Some((port, mask)) = self.locate(pin) else {
-            return true;
-        };
-        if port.direction & mask == 0 {
-            return undriven();
-        }
+        self.driven_level(pin, levels).unwrap_or(true)
+    }
+
+    /// The level that FPGA or outside drive a pin to; `None` if it is only pulled up.
+    ///
+    /// Open drain pulls low whatever the direction says. FACTS 12.2.
+    pub(crate) fn driven_level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> Option<bool> {
+        let (port, mask) = self.locate(pin)?;
         let source = if port.alternate & mask != 0 {
             levels(pin)
         } else {
             port.data & mask != 0
         };
         let out = source ^ (port.invert & mask != 0);
-        if out && port.open_drain & mask != 0 {
-            undriven()
+        let driven = if port.open_drain & mask != 0 {
+            !out
         } else {
-            out
+            port.direction & mask != 0
+        };
+        if driven {
+            return Some(out);
         }
+        self.outside.get(pin).copied().flatten()
     }
 
-    /// Whether a module's signal gets out on a pin: alternate source, output, not inverted.
+    /// Whether a module's signal gets out on a pin: alternate source, driven, not inverted.
     /// `false` if the firmware has no such pin.
     pub(crate) fn module_drives(&self, pin: Option<usize>) -> bool {
         self.module_pin(pin) == Some(false)
@@ -117,14 +121,14 @@ impl IoPorts {
     /// Whether a module drives a pin, and if it does, whether inverted.
     pub(crate) fn module_pin(&self, pin: Option<usize>) -> Option<bool> {
         let (port, mask) = self.locate(pin?)?;
-        let driven = port.direction & port.alternate & mask != 0;
+        let driven = (port.direction | port.open_drain) & port.alternate & mask != 0;
         driven.then_some(port.invert & mask != 0)
     }
 
-    /// Whether the FPGA drives a pin at all.
+    /// Whether the FPGA drives a pin at all, be it only to one of the levels.
     pub(crate) fn is_output(&self, pin: usize) -> bool {
         self.locate(pin)
-            .is_some_and(|(port, mask)| port.direction & mask != 0)
+            .is_some_and(|(port, mask)| (port.direction | port.open_drain) & mask != 0)
     }
 
     /// Drives a pin from outside, or lets it go (the pull-up then makes it 1).

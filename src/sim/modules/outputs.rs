@@ -1,7 +1,9 @@
 //! Isolated outputs: SSR and OutM; and LEDs.
 
 use super::IoPorts;
+use crate::sim::fpga::UNDRIVEN;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
+use crate::sim::wire::Nanos;
 
 const DATA: u8 = 0;
 const RATE: u8 = 1;
@@ -13,24 +15,28 @@ const DIVISOR: u32 = 0xFFF;
 const FIRST_PIN: u8 = 0x81;
 const REFERENCE_PIN: u8 = 0xA0;
 
-/// The outputs of an SSR or OutM module. REGISTERS, "SSR".
+/// The rate register of an SSR after configuration: 1 MHz, off. FACTS 12.10.
+const RATE_AT_RESET: u32 = 0x030;
+
+/// The outputs of an SSR or OutM module. REGISTERS, "SSR"; FACTS 12.10.
 #[derive(Clone, Debug)]
 pub struct Outputs {
     driven_by_ac: bool,
-    clock: u32,
     data: u32,
     rate: u32,
+    carrier: Carrier,
     pins: [Option<usize>; 32],
     reference: Option<usize>,
 }
 
 impl Outputs {
-    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor) -> Self {
+    /// Outputs after configuration of the FPGA, which was at `now`.
+    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor, now: Nanos) -> Self {
         Self {
             driven_by_ac: module.gtag == gtag::SSR,
-            clock: firmware.clock(module.clock),
             data: 0,
-            rate: 0,
+            rate: RATE_AT_RESET,
+            carrier: Carrier::new(firmware.clock(module.clock), now),
             pins: core::array::from_fn(|n| {
                 let number = FIRST_PIN + n as u8;
                 let free = module.gtag != gtag::SSR || number != REFERENCE_PIN;
@@ -43,15 +49,18 @@ impl Outputs {
     pub(crate) fn read(&self, register: u8) -> u32 {
         match register {
             DATA => self.data,
-            RATE => self.rate,
-            _ => 0,
+            RATE if self.driven_by_ac => self.rate,
+            _ => UNDRIVEN,
         }
     }
 
-    pub(crate) fn write(&mut self, register: u8, value: u32) {
+    pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
         match register {
             DATA => self.data = value,
-            RATE => self.rate = value & (RUN | DIVISOR),
+            RATE => {
+                self.rate = value & (RUN | DIVISOR);
+                self.carrier.set(now, self.rate);
+            }
             _ => {}
         }
     }
@@ -61,7 +70,7 @@ impl Outputs {
         if self.rate & RUN == 0 {
             return 0.0;
         }
-        f64::from(self.clock) / f64::from((self.rate & DIVISOR) + 2) / 2.0
+        f64::from(self.carrier.clock) / f64::from((self.rate & DIVISOR) + 2) / 2.0
     }
 
     /// Whether an output conducts. An SSR needs its AC on its own pin and on the reference.
@@ -79,12 +88,83 @@ impl Outputs {
         running && io.module_pin(self.reference).is_some() && wanted != inverted
     }
 
-    /// The level on a pin of the module; running AC shows as low.
-    pub(crate) fn level(&self, pin: u8) -> bool {
+    /// The level on a pin of the module. An SSR is on while its pin and the reference differ.
+    pub(crate) fn level(&self, now: Nanos, pin: u8) -> bool {
+        let carrier = self.driven_by_ac && self.carrier.level(now);
+        if self.driven_by_ac && pin == REFERENCE_PIN {
+            return carrier;
+        }
         let output = pin.wrapping_sub(FIRST_PIN);
-        !self.driven_by_ac && output < 32 && self.data >> output & 1 != 0
+        output < 32 && (self.data >> output & 1 != 0) ^ carrier
     }
 }
+
+/// The AC of the SSRs: a divider that runs since configuration and takes a new divisor at its next
+/// edge, and a switch behind it. Times are counted in clocks.
+#[derive(Clone, Copy, Debug)]
+struct Carrier {
+    clock: u32,
+    /// The next edge of the divider when it was last written to, and the level before that.
+    next: u64,
+    high: bool,
+    /// Clocks between two edges from `next` on.
+    half_period: u64,
+    /// Whether the AC is on, whether it was before, and when that changed.
+    runs: bool,
+    ran: bool,
+    switched: u64,
+}
+
+impl Carrier {
+    fn new(clock: u32, now: Nanos) -> Self {
+        let mut carrier = Self {
+            clock,
+            next: 0,
+            high: false,
+            half_period: u64::from(RATE_AT_RESET) + 2,
+            runs: false,
+            ran: false,
+            switched: 0,
+        };
+        carrier.next = carrier.clocks(now) + 2;
+        carrier
+    }
+
+    fn set(&mut self, now: Nanos, rate: u32) {
+        let now = self.clocks(now);
+        let passed = self.edges(now);
+        self.high ^= passed % 2 == 1;
+        self.next += passed * self.half_period;
+        self.half_period = u64::from(rate & DIVISOR) + 2;
+        self.ran = self.runs;
+        self.runs = rate & RUN != 0;
+        self.switched = now;
+    }
+
+    fn level(&self, now: Nanos) -> bool {
+        let now = self.clocks(now);
+        // The switch acts a clock after it was written.
+        let on = if now > self.switched {
+            self.runs
+        } else {
+            self.ran
+        };
+        on && self.high ^ (self.edges(now) % 2 == 1)
+    }
+
+    /// Edges of the divider since it was last written to.
+    fn edges(&self, now: u64) -> u64 {
+        let since = now.checked_sub(self.next);
+        since.map_or(0, |clocks| clocks / self.half_period + 1)
+    }
+
+    fn clocks(&self, nanos: Nanos) -> u64 {
+        (u128::from(nanos) * u128::from(self.clock) / 1_000_000_000) as u64
+    }
+}
+
+/// LEDs of a board: so many bits of the register exist. FACTS 12.10.
+const LEDS: usize = 4;
 
 /// The LEDs: the top bits of one register. REGISTERS, "LED".
 #[derive(Clone, Copy, Debug, Default)]
@@ -93,16 +173,12 @@ pub struct Leds {
 }
 
 impl Leds {
-    pub(crate) fn read(self) -> u32 {
-        self.word
-    }
-
     pub(crate) fn write(&mut self, value: u32) {
-        self.word = value & 0xFF00_0000;
+        self.word = value & 0xF000_0000;
     }
 
-    /// Whether an LED is lit; LED 0 is the top bit.
+    /// Whether an LED is lit (its pin is low); LED 0 is the top bit.
     pub fn is_lit(self, led: usize) -> bool {
-        led < 8 && self.word >> (31 - led) & 1 != 0
+        led < LEDS && self.word >> (31 - led) & 1 != 0
     }
 }

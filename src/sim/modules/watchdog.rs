@@ -1,43 +1,57 @@
 //! The watchdog: without its cookie in time, every pin becomes an input.
 
+use crate::sim::fpga::UNDRIVEN;
 use crate::sim::wire::Nanos;
 
 const TIME: u8 = 0;
 const STATUS: u8 = 1;
 const RESET: u8 = 2;
 
-const DISABLED: u32 = 1 << 31;
+/// Bit 31 of the counter: it stands still.
+const STOPPED: u32 = 1 << 31;
 const COOKIE: u32 = 0x5A;
 
-/// The watchdog: a counter that runs down. REGISTERS, "Watchdog".
+/// The watchdog: a counter that runs down and bites when its bit 31 rises. FACTS 12.1.
 ///
-/// It bites once when the counter runs out; after that only a new time or the cookie starts it
-/// again. The time register reads what is left.
+/// Whoever makes that bit rise makes it bite: the counter that passes 0, a time with bit 31 set
+/// that is written while it runs, and a cookie that comes before any time, because the time
+/// register then holds 0. The status is set one clock after the bit has risen, and the pins become
+/// inputs one clock after that.
 #[derive(Clone, Copy, Debug)]
 pub struct Watchdog {
     clock: u32,
+    /// The time register, which the cookie loads into the counter.
     time: u32,
-    /// When the counter was loaded with the time, if it runs.
-    started: Option<Nanos>,
+    /// What the counter was loaded with, and when.
+    loaded: u32,
+    since: Nanos,
+    /// When the status is set, because bit 31 rose.
+    status_due: Option<Nanos>,
+    /// When the pins become inputs, because bit 31 rose.
+    pins_due: Option<Nanos>,
     bitten: bool,
 }
 
 impl Watchdog {
-    /// A watchdog at power-up: disabled.
-    pub(crate) fn new(clock: u32) -> Self {
+    /// A watchdog after configuration of the FPGA: its counter stands. Older firmware starts with
+    /// `bitten`.
+    pub(crate) fn new(clock: u32, bitten: bool) -> Self {
         Self {
             clock: clock.max(1),
-            time: DISABLED,
-            started: None,
-            bitten: false,
+            time: 0,
+            loaded: STOPPED,
+            since: 0,
+            status_due: None,
+            pins_due: None,
+            bitten,
         }
     }
 
     pub(crate) fn read(&self, now: Nanos, register: u8) -> u32 {
         match register {
-            TIME => self.left(now),
+            TIME => self.count(now),
             STATUS => u32::from(self.bitten),
-            _ => 0,
+            _ => UNDRIVEN,
         }
     }
 
@@ -45,24 +59,31 @@ impl Watchdog {
         match register {
             TIME => {
                 self.time = value;
-                self.start(now);
+                self.load(now);
             }
             STATUS => self.bitten = value & 1 != 0,
-            RESET if value >> 24 == COOKIE => self.start(now),
+            RESET if value >> 24 == COOKIE => self.load(now),
             _ => {}
         }
     }
 
-    /// When it bites if nobody writes to it.
-    pub(crate) fn deadline(&self) -> Option<Nanos> {
-        let clocks = u64::from(self.time) + 1;
-        let nanos = (clocks * 1_000_000_000).div_ceil(u64::from(self.clock));
-        Some(self.started?.saturating_add(nanos))
+    /// When something happens if nobody writes to it.
+    pub(crate) fn next_event(&self) -> Option<Nanos> {
+        let events = [self.status_due, self.pins_due, self.runs_out()];
+        events.into_iter().flatten().min()
     }
 
-    pub(crate) fn bite(&mut self) {
-        self.bitten = true;
-        self.started = None;
+    /// Does what is due at `now`; `true` if the pins become inputs.
+    pub(crate) fn event(&mut self, now: Nanos) -> bool {
+        let due = |event: &mut Option<Nanos>| event.take_if(|event| *event <= now).is_some();
+        self.bitten |= due(&mut self.status_due);
+        let bites = due(&mut self.pins_due);
+        if let Some(end) = self.runs_out().filter(|&end| end <= now) {
+            self.loaded = u32::MAX;
+            self.since = end;
+            self.rises(end);
+        }
+        bites
     }
 
     /// Whether it has bitten and nobody has cleared its status since.
@@ -70,19 +91,39 @@ impl Watchdog {
         self.bitten
     }
 
-    fn start(&mut self, now: Nanos) {
-        self.started = (self.time & DISABLED == 0).then_some(now);
+    /// Puts the time into the counter.
+    fn load(&mut self, now: Nanos) {
+        let running = self.loaded & STOPPED == 0;
+        self.loaded = self.time;
+        self.since = now;
+        if running && self.time & STOPPED != 0 {
+            self.rises(now);
+        }
     }
 
-    fn left(&self, now: Nanos) -> u32 {
-        let Some(started) = self.started else {
-            return if self.time & DISABLED == 0 {
-                u32::MAX
-            } else {
-                self.time
-            };
-        };
-        let passed = u128::from(now.saturating_sub(started)) * u128::from(self.clock);
-        self.time.wrapping_sub((passed / 1_000_000_000) as u32)
+    /// Bit 31 of the counter rises.
+    fn rises(&mut self, now: Nanos) {
+        self.status_due = Some(now.saturating_add(self.nanos(1)));
+        self.pins_due = Some(now.saturating_add(self.nanos(2)));
+    }
+
+    /// When the counter passes 0, while it runs.
+    fn runs_out(&self) -> Option<Nanos> {
+        let running = self.loaded & STOPPED == 0;
+        let clocks = u64::from(self.loaded) + 1;
+        running.then(|| self.since.saturating_add(self.nanos(clocks)))
+    }
+
+    fn count(&self, now: Nanos) -> u32 {
+        if self.loaded & STOPPED != 0 {
+            return self.loaded;
+        }
+        let passed = u128::from(now.saturating_sub(self.since)) * u128::from(self.clock);
+        self.loaded.wrapping_sub((passed / 1_000_000_000) as u32)
+    }
+
+    /// The time that a number of clocks takes.
+    fn nanos(&self, clocks: u64) -> Nanos {
+        (clocks * 1_000_000_000).div_ceil(u64::from(self.clock))
     }
 }

@@ -1,0 +1,130 @@
+//! What the stimuli of a recording are applied to.
+
+use mesa_hal::sim::wire::Nanos;
+use mesa_hal::sim::{Firmware, SimFpga, gtag};
+
+use crate::register::Register;
+use crate::transcript::Level;
+
+/// A simulated FPGA with what a recording's bench has around it.
+///
+/// `Err` says that the model has no such register, pin or input, which counts as a difference.
+pub trait Bench {
+    /// Lets time pass up to `to`.
+    fn advance(&mut self, to: Nanos);
+
+    /// Writes a register, now.
+    fn write(&mut self, register: Register, value: u32) -> Result<(), String>;
+
+    /// Reads a register, now. The runner reads 1 ns before the time of the line: what a register
+    /// shows at an edge is what was there before it.
+    fn read(&mut self, register: Register) -> Result<u32, String>;
+
+    /// The level of a pin, now.
+    fn pin(&mut self, pin: &str) -> Result<Level, String>;
+
+    /// Drives a pin from outside, or lets it go.
+    fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
+        Err(format!("{pin} can not be driven to {level:?}"))
+    }
+
+    /// The lines A, B, Z of an encoder, in front of the multiplexer.
+    fn encoder(&mut self, encoder: u8, abz: [bool; 3]) -> Result<(), String> {
+        Err(format!("no encoder {encoder} to stand at {abz:?}"))
+    }
+
+    /// An input at the external multiplexer.
+    fn input(&mut self, input: u8, level: bool) -> Result<(), String> {
+        Err(format!("no input {input} to be {level}"))
+    }
+}
+
+/// A simulated FPGA with nothing around it.
+pub struct FpgaBench {
+    /// The FPGA.
+    pub fpga: SimFpga,
+}
+
+impl FpgaBench {
+    /// An FPGA that has just been configured.
+    pub fn new(firmware: Firmware) -> Self {
+        Self {
+            fpga: SimFpga::new(firmware),
+        }
+    }
+
+    /// The I/O pin with a name in a recording.
+    pub fn io_pin(&self, name: &str) -> Result<usize, String> {
+        let firmware = self.fpga.firmware();
+        let pin = find_pin(firmware, name).filter(|&pin| pin < firmware.pins.len());
+        pin.ok_or_else(|| format!("the firmware has no pin {name}"))
+    }
+
+    fn address(&self, register: Register) -> Result<u16, String> {
+        let address = register.address(self.fpga.firmware());
+        address.ok_or_else(|| format!("the firmware has no {register:?}"))
+    }
+}
+
+impl Bench for FpgaBench {
+    fn advance(&mut self, to: Nanos) {
+        self.fpga.advance_to(to);
+    }
+
+    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
+        let address = self.address(register)?;
+        self.fpga.write_register(address, value);
+        Ok(())
+    }
+
+    fn read(&mut self, register: Register) -> Result<u32, String> {
+        let address = self.address(register)?;
+        Ok(self.fpga.read_register(address))
+    }
+
+    fn pin(&mut self, pin: &str) -> Result<Level, String> {
+        let level = match pin.strip_prefix("LED") {
+            Some(led) => Some(!self.fpga.leds().is_lit(3 - number(led)?.min(3))),
+            None => self.fpga.driven_level(self.io_pin(pin)?),
+        };
+        Ok(match level {
+            None => Level::Released,
+            Some(false) => Level::Low,
+            Some(true) => Level::High,
+        })
+    }
+
+    fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
+        let level = match level {
+            Level::Low => Some(false),
+            Level::High => Some(true),
+            Level::Released | Level::Conflict => None,
+        };
+        let pin = self.io_pin(pin)?;
+        self.fpga.drive_pin(pin, level);
+        Ok(())
+    }
+}
+
+/// The number of an I/O pin: `IO` and its number, or the signal of a module.
+fn find_pin(firmware: &Firmware, name: &str) -> Option<usize> {
+    let letters = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    let number: u8 = name[letters.len()..].parse().unwrap_or(0);
+    match letters {
+        "IO" => Some(usize::from(number)),
+        "PWM" => firmware.pin(gtag::PWM, number, 0x81),
+        "PWMB" => firmware.pin(gtag::PWM, number, 0x82),
+        "/ENA" => firmware.pin(gtag::PWM, number, 0x83),
+        "SSR" => firmware.pin(gtag::SSR, 0, 0x81 + number),
+        "SSRREF" => firmware.pin(gtag::SSR, 0, 0xA0),
+        "MUXSEL" | "MUXSEL_A" => firmware.pin(gtag::MUX_SELECT, 0, 0x81),
+        "MUXSEL_B" => firmware.pin(gtag::MUX_SELECT, 6, 0x81),
+        "MUXADR" => firmware.pin(gtag::IN_MUX, 0, 0x81 + number),
+        "IN" => firmware.pin(gtag::IN_M, 0, 0x01 + number),
+        _ => None,
+    }
+}
+
+fn number(text: &str) -> Result<usize, String> {
+    text.parse().map_err(|error| format!("{text}: {error}"))
+}

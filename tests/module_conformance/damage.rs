@@ -1,0 +1,114 @@
+//! Proof that the comparison can fail: recordings are altered in memory, and every alteration must
+//! be found.
+
+use crate::transcript::{Entry, Event, Level, Transcript};
+use crate::{family, own_directory};
+
+fn recording(name: &str) -> Transcript {
+    let path = own_directory().join(format!("{name}.txt"));
+    Transcript::load(&path).expect("a recording of the project")
+}
+
+fn differs(transcript: &Transcript) -> bool {
+    let (_, replay) = family(&transcript.name).expect("a known family");
+    let replay = replay.expect("a family that is connected");
+    !replay(transcript).differences.is_empty()
+}
+
+/// Alters one entry after the other, and returns the lines whose alteration was not noticed.
+fn unnoticed(name: &str, alter: impl Fn(&mut Entry) -> bool) -> (usize, Vec<usize>) {
+    let original = recording(name);
+    let mut altered = 0;
+    let mut missed = Vec::new();
+    for index in 0..original.entries.len() {
+        let mut copy = original.clone();
+        if !alter(&mut copy.entries[index]) {
+            continue;
+        }
+        altered += 1;
+        if !differs(&copy) {
+            missed.push(original.entries[index].line);
+        }
+    }
+    (altered, missed)
+}
+
+#[test]
+fn every_register_value_that_is_altered_is_found() {
+    for name in ["wd02_pet", "wd10_random1", "io02_random3"] {
+        let (altered, missed) = unnoticed(name, |entry| match &mut entry.event {
+            Event::Read { word, .. } => {
+                word.value ^= 1;
+                true
+            }
+            _ => false,
+        });
+        assert!(altered > 15, "{name} has values to alter");
+        assert_eq!(missed, Vec::<usize>::new(), "{name}");
+    }
+}
+
+#[test]
+fn every_level_of_a_pin_that_is_altered_is_found() {
+    for name in ["wd01_bite", "io02_random1", "ssr01_drive", "led01"] {
+        let (altered, missed) = unnoticed(name, |entry| match &mut entry.event {
+            Event::Pin { level, .. } => {
+                *level = match level {
+                    Level::Low => Level::High,
+                    _ => Level::Low,
+                };
+                true
+            }
+            _ => false,
+        });
+        assert!(altered > 10, "{name} has levels to alter");
+        assert_eq!(missed, Vec::<usize>::new(), "{name}");
+    }
+}
+
+#[test]
+fn every_edge_that_is_missing_is_found() {
+    let original = recording("ssr01_drive");
+    for (index, entry) in original.entries.iter().enumerate() {
+        let is_edge = matches!(entry.event, Event::Pin { .. }) && entry.time > 80;
+        if is_edge {
+            let mut fewer = original.clone();
+            fewer.entries.remove(index);
+            assert!(differs(&fewer), "line {} removed", entry.line);
+        }
+    }
+}
+
+#[test]
+fn a_bite_that_comes_a_clock_earlier_or_later_is_found() {
+    for shift in [-10, 10] {
+        let (altered, missed) = unnoticed("wd01_bite", |entry| {
+            let is_bite = matches!(entry.event, Event::Pin { .. }) && entry.time == 2050;
+            if is_bite {
+                entry.time = entry.time.saturating_add_signed(shift);
+            }
+            is_bite
+        });
+        assert_eq!((altered, missed), (3, vec![]));
+    }
+}
+
+#[test]
+fn a_file_that_is_cut_off_in_a_line_can_not_be_read() {
+    let path = own_directory().join("wd01_bite.txt");
+    let text = std::fs::read_to_string(path).expect("a recording of the project");
+    for end in 1..text.len() {
+        let cut = &text[..end];
+        if !cut.ends_with('\n') {
+            assert!(Transcript::parse("wd01_bite", cut).is_err(), "{end} bytes");
+        }
+    }
+}
+
+#[test]
+fn a_file_of_no_family_is_not_taken_for_another() {
+    for name in ["pw01", "io", "iox1", "pwmx", "serial01", "inm01"] {
+        let known = ["io"].contains(&name);
+        assert_eq!(family(name).is_some(), known, "{name}");
+    }
+}

@@ -1,0 +1,6 @@
+//! The inputs.
+
+use crate::Replay;
+
+/// Not connected yet.
+pub const REPLAY: Option<Replay> = None;

@@ -1,0 +1,6 @@
+//! The PWM generators.
+
+use crate::Replay;
+
+/// Not connected yet.
+pub const REPLAY: Option<Replay> = None;
