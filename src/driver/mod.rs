@@ -19,7 +19,9 @@
 //! - A transfer of a remote: its inputs are not taken, not valid, and grow older. Too many of
 //!   them: the remote is set aside alone, its outputs are safe, and it is tried again with growing
 //!   pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
-//! - A remote reports a fault: its outputs are safe. See [`RemoteStatus::faults`].
+//! - A remote reports a fault: it is set aside at once and not talked to, so that its own watchdog
+//!   switches all its outputs off, and it is started again afterwards. See [`FaultPolicy`],
+//!   [`RemoteStatus::faults`], [`RemoteStatus::first_fault`].
 //! - The bus: nothing is taken; after [`Builder::bus_error_limit`] failures everything is safe.
 //! - The board's watchdog bites, or the board is reset: everything is safe. See [`BoardState`].
 //!
@@ -55,8 +57,8 @@ pub use module::{Module, Put, SettingSlot, Take};
 pub use pace::{Pace, PaceError};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
-    Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, SerialPort,
-    SetAside, TimeHistogram,
+    Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, RemoteWatchdog,
+    SerialPort, SetAside, TimeHistogram,
 };
 pub use setup_list::SetupList;
 

@@ -7,11 +7,10 @@ use crate::sslbp::Channel;
 impl<B: RegisterBus> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
-    /// A board that has lost its set-up gets it back first. What was set before the fault is
-    /// forgotten, and what was set while it lasted: outputs start from their safe values and from
-    /// what is set since. Remotes that
-    /// still report a fault are restarted, which clears it. Those that do not run yet are counted
-    /// as waiting.
+    /// A board that has lost its set-up gets it back first. What was set before this call is
+    /// forgotten, be it before the fault, while it lasted or in the same cycle: outputs that were
+    /// not armed start from their safe values and follow what is set from now on. Remotes that do
+    /// not run yet are counted as waiting.
     ///
     /// # Errors
     /// Those of the bus; then nothing is armed.
@@ -29,11 +28,7 @@ impl<B: RegisterBus> Driver<B> {
                 consecutive: self.write_failures.saturating_add(1),
             })?;
         }
-        let now = self.bus.now();
         let armed = self.pins.rearm_all();
-        for port in &mut self.ports {
-            port.restart_faulty(&mut self.pins, now);
-        }
         let waiting = self
             .pins
             .groups()
@@ -43,8 +38,9 @@ impl<B: RegisterBus> Driver<B> {
         Ok(Rearmed { armed, waiting })
     }
 
-    /// Restarts a remote in the next cycles, which clears the faults it reports. Its outputs are
-    /// safe until it is re-armed.
+    /// Restarts a remote in the next cycles, which clears the faults it reports: at once, but for
+    /// one that was set aside not before its own watchdog must have bitten. Its outputs are safe
+    /// until it is re-armed.
     pub fn restart(&mut self, port: u8, channel: Channel) {
         let now = self.bus.now();
         if let Some(port) = self.ports.get_mut(usize::from(port)) {

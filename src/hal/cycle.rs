@@ -265,8 +265,8 @@ impl Pins {
     }
 
     /// A group failed: its inputs are no longer valid, and its outputs are safe until the
-    /// application re-arms it. What was set before is forgotten, so that re-arming does not bring
-    /// back a command from before the fault.
+    /// application re-arms it. What was set before is forgotten, and so is what is set until then,
+    /// so that re-arming does not bring back an old command.
     pub fn fault(&mut self, group: GroupId) {
         self.invalidate(group);
         self.disarm(group);
@@ -278,6 +278,26 @@ impl Pins {
         let Some(index) = self.index(group.0) else {
             return self.count_foreign();
         };
+        self.forget_commands(index);
+        if let Some(group) = self.groups.get_mut(index)
+            && core::mem::replace(&mut group.armed, false)
+        {
+            group.faults = group.faults.saturating_add(1);
+        }
+    }
+
+    /// Lets the outputs of a group follow what is set from now on.
+    pub(super) fn arm(&mut self, index: usize) {
+        if self.groups.get(index).is_some_and(|group| !group.armed) {
+            self.forget_commands(index);
+            if let Some(group) = self.groups.get_mut(index) {
+                group.armed = true;
+            }
+        }
+    }
+
+    /// Sets the outputs of a group to their safe values, but for those that faults do not touch.
+    fn forget_commands(&mut self, index: usize) {
         let Self {
             groups,
             slots,
@@ -288,9 +308,6 @@ impl Pins {
             return;
         };
         group.version = group.version.wrapping_add(1);
-        if core::mem::replace(&mut group.armed, false) {
-            group.faults = group.faults.saturating_add(1);
-        }
         for &output in &group.outputs {
             let output = output as usize;
             if let (Some(slot), Some(rule)) = (slots.get_mut(output), rules.get(output))

@@ -217,26 +217,31 @@ impl Pins {
 
     /// Lets the outputs of a group follow the application again after a fault.
     ///
-    /// What was set before the fault is forgotten, and what was set while it lasted: outputs start
-    /// from their safe values and from what is set since.
+    /// What was set before this call is forgotten, be it before the fault, while it lasted or in
+    /// the same cycle: outputs start from their safe values and follow what is set from now on.
+    /// A group that is armed already stays as it is.
     ///
     /// # Errors
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
     pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
-        let group = self.group_mut(group).ok_or(PinError::ForeignHandle)?;
-        if !group.valid {
+        let index = self.index(group.0).ok_or(PinError::ForeignHandle)?;
+        let state = self.groups.get(index).ok_or(PinError::ForeignHandle)?;
+        if !state.valid {
             return Err(PinError::NotRunning);
         }
-        group.arm();
+        self.arm(index);
         Ok(())
     }
 
     /// [`rearm`](Self::rearm) for every group that runs; how many were disarmed and are armed now.
     pub fn rearm_all(&mut self) -> usize {
         let mut count = 0;
-        for group in self.groups.iter_mut().filter(|g| g.valid && !g.armed) {
-            group.arm();
-            count += 1;
+        for index in 0..self.groups.len() {
+            let waits = |group: &Group| group.valid && !group.armed;
+            if self.groups.get(index).is_some_and(waits) {
+                self.arm(index);
+                count += 1;
+            }
         }
         count
     }
@@ -448,13 +453,6 @@ impl Pins {
             cycles: self.cycle.saturating_sub(cycle),
             time: self.now.since(time),
         })
-    }
-}
-
-impl Group {
-    fn arm(&mut self) {
-        self.armed = true;
-        self.version = self.version.wrapping_add(1);
     }
 }
 

@@ -68,6 +68,11 @@ impl RemoteParameter {
         }
     }
 
+    /// What the remote has, right-justified, as far as known.
+    pub fn known(&self) -> Option<u64> {
+        self.known
+    }
+
     /// The bits to write, if the application has set something else than the remote has. `None`
     /// as well before it was read: nothing is written that was not known before.
     pub fn changed(&self, pins: &Pins) -> Option<u64> {

@@ -1,156 +1,14 @@
 //! One channel in the cycle: what each transfer means for its data.
 
-use core::fmt;
 use core::time::Duration;
 
+use super::attempts::Attempts;
+use super::{Failure, FailureCounts, FaultPolicy, RemoteWatchdog, SetAside};
 use crate::bus::Instant;
 use crate::sslbp::{ComState, CsStatus, LinkStatus, LocalFaults, RemoteFaults};
 
-/// Why the data of a transfer can not be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Failure {
-    /// No reply in time, or too short a one.
-    NoReply,
-    /// A reply that came after its time was over. Recognised one transfer later.
-    Late,
-    /// A reply with a wrong CRC.
-    Crc,
-    /// More characters than the reply has.
-    ExtraCharacters,
-    /// The line was held low.
-    Break,
-    /// Characters came faster than the gateware read them.
-    Overrun,
-    /// A damaged reply; the sticky bits of CS are set already, so that the kind does not show.
-    Damaged,
-    /// The channel does not run: somebody else stopped it, or the FPGA was reset.
-    NotRunning,
-    /// A good transfer after one that the bus may have lost: the reply could belong to that one.
-    Doubtful,
-}
-
-impl Failure {
-    /// All of them, in the order of [`FailureCounts`].
-    pub const ALL: [Self; 9] = [
-        Self::NoReply,
-        Self::Late,
-        Self::Crc,
-        Self::ExtraCharacters,
-        Self::Break,
-        Self::Overrun,
-        Self::Damaged,
-        Self::NotRunning,
-        Self::Doubtful,
-    ];
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::NoReply => "no reply",
-            Self::Late => "late reply",
-            Self::Crc => "wrong CRC",
-            Self::ExtraCharacters => "extra characters",
-            Self::Break => "line low",
-            Self::Overrun => "overrun",
-            Self::Damaged => "damaged reply",
-            Self::NotRunning => "not running",
-            Self::Doubtful => "discarded after a failure",
-        })
-    }
-}
-
-/// How often each [`Failure`] happened.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FailureCounts([u64; Failure::ALL.len()]);
-
-impl FailureCounts {
-    /// How often this one happened.
-    pub fn of(&self, failure: Failure) -> u64 {
-        self.0.get(failure as usize).copied().unwrap_or(0)
-    }
-
-    /// All failures together, without the transfers discarded after them.
-    pub fn total(&self) -> u64 {
-        self.0.iter().sum::<u64>() - self.of(Failure::Doubtful)
-    }
-
-    /// Each failure with its count.
-    pub fn iter(&self) -> impl Iterator<Item = (Failure, u64)> + '_ {
-        Failure::ALL.into_iter().zip(self.0)
-    }
-
-    pub(super) fn add(&mut self, failure: Failure) {
-        if let Some(count) = self.0.get_mut(failure as usize) {
-            *count += 1;
-        }
-    }
-
-    /// A reply that was taken for lost turns out to be late.
-    fn lost_was_late(&mut self) {
-        let [no_reply, late, ..] = &mut self.0;
-        *no_reply = no_reply.saturating_sub(1);
-        *late += 1;
-    }
-}
-
-/// Why a remote is set aside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum SetAside {
-    /// Too many transfers failed in too short a time.
-    TooManyFailures(Failure),
-    /// Its channel does not run any more.
-    NotRunning(CsStatus),
-    /// Its watchdog has bitten or it lost power: it needs a START.
-    Watchdog,
-    /// It does not know its software mode any more.
-    IllegalMode,
-    /// Its field power is missing, too low or too high.
-    FieldPower(RemoteFaults),
-    /// START did not succeed; CS says how far it came.
-    DidNotStart(CsStatus),
-    /// Another device is on its channel.
-    AnotherDevice {
-        /// Interface register 1 after START: its name.
-        name: u32,
-        /// Interface register 0 after START: its unit number.
-        unit_number: u32,
-    },
-    /// The port never finished a command.
-    PortStuck,
-    /// The application switched its port off.
-    Stopped,
-    /// The application asked for a restart.
-    Requested,
-}
-
-impl fmt::Display for SetAside {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooManyFailures(failure) => {
-                write!(f, "too many failed transfers, the last: {failure}")
-            }
-            Self::NotRunning(cs) => write!(f, "its channel does not run: {cs}"),
-            Self::Watchdog => f.write_str(
-                "its watchdog has bitten or its power was off; it is restarted in its mode",
-            ),
-            Self::IllegalMode => f.write_str("it does not know its software mode any more"),
-            Self::FieldPower(faults) => write!(f, "{faults}: check its field power"),
-            Self::DidNotStart(cs) => write!(f, "it did not start: {cs}"),
-            Self::AnotherDevice { name, unit_number } => write!(
-                f,
-                "another device answers ({}, unit number {unit_number:#010X}); it is not taken \
-                 over: plug the right one in, or build the driver anew",
-                crate::discovery::RemoteName::from_register(*name)
-            ),
-            Self::PortStuck => f.write_str("the port never finished a command"),
-            Self::Stopped => f.write_str("its port is switched off"),
-            Self::Requested => f.write_str("the application asked for a restart"),
-        }
-    }
-}
+/// Good transfers after which a remote counts as healthy again.
+const HEALTHY: u64 = 1000;
 
 /// What START told about the remote: what it must tell again after a restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,6 +19,11 @@ pub(crate) struct Identity {
 }
 
 /// What a remote on a channel is doing.
+///
+/// A remote that is set aside gets no frame: neither process data nor a START, until the time of
+/// its [watchdog](super::RemoteWatchdog) and a fifth more is over since it was last talked to. By
+/// then its outputs are off, all of them, whatever it had been told and whatever fault it has. After
+/// a START that succeeds it gets safe values until it is re-armed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RemoteState {
@@ -168,9 +31,10 @@ pub enum RemoteState {
     Running,
     /// It is set aside; the driver tries to bring it back at the given time.
     SetAside {
-        /// Why.
+        /// Why: the first reason since it was re-armed last, until another device is found in its
+        /// place.
         reason: SetAside,
-        /// When it is tried next; `None`: when the application asks for it.
+        /// When it is tried next, at the earliest; `None`: when the application asks for it.
         next_attempt: Option<Instant>,
     },
     /// It is being restarted.
@@ -183,10 +47,12 @@ pub enum RemoteState {
 /// What one transfer means for a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// Its data is new and sound; the faults the remote reported with it.
-    Good(RemoteFaults),
+    /// Its data is new and sound.
+    Good,
     /// Its data must not be used.
     Failed(Failure),
+    /// The remote reports a fault: nothing of it is used any more.
+    Faulty(SetAside),
 }
 
 /// A channel with a remote.
@@ -195,16 +61,21 @@ pub(crate) struct Channel {
     pub identity: Identity,
     /// The first byte of its replies is data and no fault byte.
     pub data_only: bool,
+    pub watchdog: RemoteWatchdog,
     pub state: RemoteState,
+    /// Why it was set aside last.
+    pub cause: Option<SetAside>,
+    /// Why it was set aside first since it was re-armed.
+    pub first_fault: Option<SetAside>,
     pub failures: FailureCounts,
     pub transfers: u64,
     pub restarts: u64,
     pub cs: CsStatus,
     /// LinuxCNC's `fault-count`: rises with failures, falls with good transfers.
     pub fault_count: u32,
-    /// What the last good transfer reported.
+    /// What it reported last.
     pub faults: RemoteFaults,
-    pub backoff: Duration,
+    pub attempts: Attempts,
     /// Sticky bits as they were before the last transfer.
     known_faults: LocalFaults,
     last: Option<Failure>,
@@ -224,18 +95,26 @@ pub(crate) struct Channel {
 const DISCARD_AFTER_DOUBT: u8 = 1;
 
 impl Channel {
-    pub fn new(identity: Identity, data_only: bool, first_backoff: Duration) -> Self {
+    pub fn new(
+        identity: Identity,
+        data_only: bool,
+        watchdog: RemoteWatchdog,
+        first_backoff: Duration,
+    ) -> Self {
         Self {
             identity,
             data_only,
+            watchdog,
             state: RemoteState::Running,
+            cause: None,
+            first_fault: None,
             failures: FailureCounts::default(),
             transfers: 0,
             restarts: 0,
             cs: CsStatus::default(),
             fault_count: 0,
             faults: RemoteFaults::empty(),
-            backoff: first_backoff,
+            attempts: Attempts::new(first_backoff),
             known_faults: LocalFaults::empty(),
             last: None,
             rest_until: Instant::default(),
@@ -245,16 +124,63 @@ impl Channel {
         }
     }
 
-    /// Good transfers since it was started.
-    pub const fn good_since_restart(&self) -> u64 {
-        self.good_since_restart
+    /// It is set aside, or stays so for one more reason; the next attempt is planned.
+    pub fn set_aside(&mut self, now: Instant, reason: SetAside, policy: &FaultPolicy) {
+        // A remote whose watchdog has bitten has switched its outputs off. A START that fails may
+        // have fed it again.
+        let silence = match reason {
+            SetAside::Watchdog => Duration::ZERO,
+            _ => self.watchdog.silence(),
+        };
+        self.attempts.silent_until = now.after(silence);
+        if self.is_running() && self.good_since_restart >= HEALTHY {
+            self.attempts.pause = policy.first_backoff;
+        }
+        let wait = self.attempts.next_pause(reason, policy);
+        let next_attempt = policy
+            .automatic
+            .then(|| now.after(wait).max(self.attempts.silent_until));
+        self.show(reason, next_attempt);
     }
 
-    /// How long to wait before the next attempt; the one after waits twice as long.
-    pub fn next_backoff(&mut self, longest: Duration) -> Duration {
-        let wait = self.backoff;
-        self.backoff = wait.saturating_mul(2).min(longest);
-        wait
+    /// The application asks for a restart at once: of one that runs without a fault now, of
+    /// another one when its outputs must be off.
+    pub fn ask_for_restart(&mut self, now: Instant, policy: &FaultPolicy) {
+        self.attempts.pause = policy.first_backoff;
+        self.attempts.is_asked_for = true;
+        if self.is_running() {
+            self.attempts.silent_until = now;
+        }
+        if !matches!(self.state, RemoteState::Restarting { .. }) {
+            let next_attempt = now.max(self.attempts.silent_until);
+            self.show(SetAside::Requested, Some(next_attempt));
+        }
+    }
+
+    /// The application has switched its port off; it is tried when it is on again.
+    pub fn stop_for_good(&mut self) {
+        self.attempts.is_asked_for = true;
+        self.show(SetAside::Stopped, Some(self.attempts.silent_until));
+    }
+
+    fn show(&mut self, reason: SetAside, next_attempt: Option<Instant>) {
+        self.cause = Some(reason);
+        let first = *self.first_fault.get_or_insert(reason);
+        let reason = match reason {
+            SetAside::AnotherDevice { .. } => reason,
+            _ => first,
+        };
+        self.state = RemoteState::SetAside {
+            reason,
+            next_attempt,
+        };
+    }
+
+    /// Its outputs follow the application (again): what was before is history.
+    pub fn armed(&mut self) {
+        if self.is_running() {
+            self.first_fault = None;
+        }
     }
 
     pub fn is_running(&self) -> bool {
@@ -278,14 +204,13 @@ impl Channel {
             self.discard -= 1;
             self.last = None;
             self.failures.add(Failure::Doubtful);
-            return Verdict::Failed(Failure::Doubtful);
+            return self
+                .reported()
+                .unwrap_or(Verdict::Failed(Failure::Doubtful));
         } else {
             self.last = None;
             self.good_since_restart += 1;
-            if !self.data_only {
-                self.faults = cs.remote_faults();
-            }
-            return Verdict::Good(self.faults);
+            return self.reported().unwrap_or(Verdict::Good);
         };
         if failure == Failure::Late {
             self.failures.lost_was_late();
@@ -294,6 +219,27 @@ impl Channel {
         }
         self.last = Some(failure);
         Verdict::Failed(failure)
+    }
+
+    /// A transfer of which it is not known whether it happened: CS still tells the fault byte of
+    /// the last reply, once there was one since START (FACTS 2.5).
+    pub fn judge_doubtful(&mut self, cs: CsStatus) -> Option<Verdict> {
+        self.lose_track();
+        self.cs = cs;
+        if self.good_since_restart > 0 && transfers_data(cs) {
+            self.reported()
+        } else {
+            None
+        }
+    }
+
+    /// The faults that CS shows, where the reply has a fault byte.
+    fn reported(&mut self) -> Option<Verdict> {
+        if self.data_only {
+            return None;
+        }
+        self.faults = self.cs.remote_faults();
+        SetAside::of_faults(self.faults).map(Verdict::Faulty)
     }
 
     /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
@@ -315,21 +261,31 @@ impl Channel {
     }
 
     /// A transfer was asked for, and it is not known whether it happened.
-    pub fn lose_track(&mut self) {
+    fn lose_track(&mut self) {
         self.discard = DISCARD_AFTER_DOUBT;
         self.last = None;
     }
 
     /// A restart begins.
     pub fn restarting(&mut self) {
+        self.attempts.is_asked_for = false;
         if let RemoteState::SetAside { reason, .. } = self.state {
             self.state = RemoteState::Restarting { reason };
+        }
+    }
+
+    /// START did not succeed. What its last step read of the remote's faults is in CS (FACTS 4.1).
+    pub fn did_not_start(&mut self, cs: CsStatus) {
+        self.attempts.has_failed = true;
+        if matches!(cs.state(), ComState::CheckFaults | ComState::FaultsTried) {
+            self.faults = cs.remote_faults();
         }
     }
 
     /// The channel has been restarted and runs.
     pub fn restarted(&mut self, cs: CsStatus) {
         self.state = RemoteState::Running;
+        self.attempts.has_failed = false;
         self.restarts += 1;
         self.fault_count = 0;
         self.faults = RemoteFaults::empty();
@@ -409,14 +365,19 @@ mod tests {
             name: 0x3737_4937,
             pointers: 0x04A4_049A,
         };
-        Channel::new(identity, false, Duration::from_millis(100))
+        Channel::new(
+            identity,
+            false,
+            RemoteWatchdog::Assumed,
+            Duration::from_millis(100),
+        )
     }
 
     /// The rows of gateware transcript t10: DATA bit and CS after each DOIT, with an idle interval
     /// between them, and what must become of the data.
     #[test]
     fn recorded_wire_faults_are_told_apart() {
-        let good = Verdict::Good(RemoteFaults::empty());
+        let good = Verdict::Good;
         let failed = Verdict::Failed;
         let mut channel = channel();
         let steps = [
@@ -455,9 +416,32 @@ mod tests {
 
     /// Gateware transcript t11: DATA stays 00.
     #[test]
-    fn a_fault_byte_comes_with_good_data() {
-        let verdict = channel().judge(CsStatus::from_register(0x2042_2140), false);
-        assert_eq!(verdict, Verdict::Good(RemoteFaults::LOW_VOLTAGE));
+    fn a_fault_byte_comes_with_good_data_and_every_bit_of_it_counts() {
+        for bit in 0..8 {
+            let mut channel = channel();
+            let verdict = channel.judge(
+                CsStatus::from_register(0x0042_2140 | 1 << (24 + bit)),
+                false,
+            );
+            assert!(matches!(verdict, Verdict::Faulty(_)), "bit {bit}");
+            assert_eq!(channel.faults, RemoteFaults::from_bits_retain(1 << bit));
+        }
+    }
+
+    /// FACTS 2.4: the fault byte of the past is there until the first transfer after START.
+    #[test]
+    fn a_fault_is_seen_behind_a_transfer_in_doubt_but_not_one_from_before_start() {
+        let faulty = CsStatus::from_register(0x0842_2140);
+        let mut channel = channel();
+        assert_eq!(channel.judge_doubtful(faulty), None);
+        channel.judge(CsStatus::from_register(0x0042_0000), false);
+        channel.judge(CsStatus::from_register(0x0042_0000), false);
+        let reason = SetAside::Reported(RemoteFaults::OVER_CURRENT);
+        assert_eq!(
+            channel.judge_doubtful(faulty),
+            Some(Verdict::Faulty(reason))
+        );
+        assert_eq!(channel.judge(faulty, false), Verdict::Faulty(reason));
     }
 
     /// FACTS 5.5: DATA says 0 for a channel that was stopped.

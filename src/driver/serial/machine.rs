@@ -1,19 +1,19 @@
 //! A port in the cycle as a state machine: what COMMAND, DATA and CS mean, and which command is
 //! next. It knows neither bus nor pins, never waits, and does one step for each read and write.
 
+mod restart;
 mod words;
 
 use core::time::Duration;
 
 pub(crate) use words::{Next, Observation, Outcome, PerChannel};
 
-use super::channel::{Channel, RemoteState, SetAside, Verdict};
+use super::attempts::Cost;
+use super::channel::{Channel, RemoteState, Verdict};
 use super::statistics::PortStatistics;
-use super::{Failure, FaultPolicy};
+use super::{Failure, FaultPolicy, SetAside};
 use crate::bus::Instant;
-use crate::sslbp::{
-    Channel as Number, ChannelMask, ComState, Command, CsStatus, DataStatus, RemoteFaults,
-};
+use crate::sslbp::{Channel as Number, ChannelMask, ComState, Command, CsStatus, DataStatus};
 use words::{Asked, Pending, Restart, at};
 
 /// One port in the cycle.
@@ -33,18 +33,14 @@ pub(crate) struct Machine {
     restart: Restart,
     /// Restarts wait at least until then, so that the other channels are served meanwhile.
     no_restart_before: Instant,
+    cost: Cost,
     no_free_before: Instant,
 }
 
-/// Other remotes' watchdogs allow 50 ms without process data (FACTS 1.5); a restart takes up to
-/// 18 ms, and this much lies between two.
-const BETWEEN_RESTARTS: Duration = Duration::from_millis(60);
 /// The way out is not tried more often than this.
 const BETWEEN_FREES: Duration = Duration::from_secs(1);
 /// A busy COMMAND is stuck only after this many reads, however slow the cycle.
 const MIN_BUSY_READS: u32 = 3;
-/// Good transfers after which a remote counts as healthy again.
-const HEALTHY: u64 = 1000;
 
 impl Machine {
     /// A port whose channels have just been started and run.
@@ -61,6 +57,7 @@ impl Machine {
             chosen: None,
             restart: Restart::None,
             no_restart_before: now,
+            cost: Cost::default(),
             no_free_before: now,
         }
     }
@@ -77,6 +74,13 @@ impl Machine {
     fn mask(&self, condition: impl Fn(&Channel) -> bool) -> ChannelMask {
         let has = |number: &Number| self.channel(*number).is_some_and(&condition);
         Number::ALL.into_iter().filter(has).collect()
+    }
+
+    /// The outputs of a remote follow the application.
+    pub fn armed(&mut self, number: Number) {
+        if let Some(channel) = self.channel_mut(number) {
+            channel.armed();
+        }
     }
 
     /// Channels with a remote.
@@ -114,8 +118,8 @@ impl Machine {
     /// Whether every remote was found stopped, by nobody's order.
     pub fn appears_reset(&self) -> bool {
         self.channels.iter().flatten().all(|channel| {
-            matches!(channel.state, RemoteState::SetAside { reason: SetAside::NotRunning(cs), .. }
-                if cs.is_stopped())
+            matches!(channel.state, RemoteState::SetAside { .. })
+                && matches!(channel.cause, Some(SetAside::NotRunning(cs)) if cs.is_stopped())
         })
     }
 
@@ -128,20 +132,6 @@ impl Machine {
                 ComState::ProcessData | ComState::ProcessData7i64 | ComState::Chatter
             )
         })
-    }
-
-    /// Tries a remote again at once, whatever its backoff.
-    pub fn restart_now(&mut self, number: Number, now: Instant) {
-        let policy = self.policy;
-        if let Some(channel) = self.channel_mut(number) {
-            channel.backoff = policy.first_backoff;
-            if !matches!(channel.state, RemoteState::Restarting { .. }) {
-                channel.state = RemoteState::SetAside {
-                    reason: SetAside::Requested,
-                    next_attempt: Some(now),
-                };
-            }
-        }
     }
 
     /// Notes when a transfer was complete, where somebody polled for it.
@@ -177,12 +167,7 @@ impl Machine {
             },
             Asked::Transfer(mask) => {
                 self.statistics.unknown += 1;
-                for number in mask.iter() {
-                    if let Some(channel) = self.channel_mut(number) {
-                        channel.lose_track();
-                    }
-                }
-                Outcome::default()
+                self.judge_doubtful(now, mask, seen)
             }
             Asked::Stop(mask) => self.stopped(now, mask, seen),
             Asked::Start(mask) => self.started(now, mask, seen),
@@ -239,14 +224,12 @@ impl Machine {
             };
             let one = number.mask();
             let reason = match channel.judge(cs, data.has_failed(number)) {
-                Verdict::Good(faults) => {
+                Verdict::Good => {
                     channel.count_good(policy.fault_dec);
-                    let reason = needs_restart(faults);
-                    if reason.is_none() {
-                        outcome.good = outcome.good.union(one);
-                    }
-                    reason
+                    outcome.good = outcome.good.union(one);
+                    None
                 }
+                Verdict::Faulty(reason) => Some(reason),
                 Verdict::Failed(Failure::Doubtful) => {
                     outcome.failed = outcome.failed.union(one);
                     None
@@ -269,98 +252,18 @@ impl Machine {
         outcome
     }
 
-    /// Sets a remote aside; the first attempt to bring it back follows at once if it can help.
-    fn set_aside(&mut self, now: Instant, number: Number, reason: SetAside) {
-        let policy = self.policy;
-        let Some(channel) = self.channel_mut(number) else {
-            return;
-        };
-        if channel.good_since_restart() >= HEALTHY {
-            channel.backoff = policy.first_backoff;
-        }
-        let at_once = matches!(reason, SetAside::Watchdog | SetAside::IllegalMode)
-            && channel.backoff == policy.first_backoff;
-        let wait = if at_once {
-            Duration::ZERO
-        } else {
-            channel.next_backoff(policy.longest_backoff)
-        };
-        channel.state = RemoteState::SetAside {
-            reason,
-            next_attempt: policy.automatic.then(|| now.after(wait)),
-        };
-    }
-
-    fn set_all_aside(&mut self, now: Instant) -> Outcome {
-        self.restart = Restart::None;
-        let known = self.known();
-        for number in known.iter() {
-            self.set_aside(now, number, SetAside::PortStuck);
-        }
-        Outcome {
-            set_aside: known,
-            ..Outcome::default()
-        }
-    }
-
-    fn stopped(&mut self, now: Instant, mask: ChannelMask, seen: &Observation) -> Outcome {
-        let is_stopped =
-            |number: &Number| CsStatus::from_register(at(&seen.cs, *number)).is_stopped();
-        let stopped: ChannelMask = mask.iter().filter(is_stopped).collect();
-        for number in mask.difference(stopped).iter() {
-            let cs = CsStatus::from_register(at(&seen.cs, number));
-            self.set_aside(now, number, SetAside::DidNotStart(cs));
-        }
-        let to_start: ChannelMask = stopped
-            .iter()
-            .filter(|&n| {
-                self.channel(n)
-                    .is_some_and(|c| matches!(c.state, RemoteState::Restarting { .. }))
-            })
-            .collect();
-        self.restart = if to_start.is_empty() {
-            Restart::None
-        } else {
-            Restart::Stopped {
-                mask: to_start,
-                others_served: false,
-            }
-        };
-        Outcome::default()
-    }
-
-    fn started(&mut self, now: Instant, mask: ChannelMask, seen: &Observation) -> Outcome {
-        if self.restart == Restart::Starting {
-            self.restart = Restart::None;
-            self.no_restart_before = now.after(BETWEEN_RESTARTS);
-        }
-        let data = DataStatus::from_register(seen.data);
+    /// It is not known whether the transfer happened: no data is taken, but a fault is a fault.
+    fn judge_doubtful(&mut self, now: Instant, mask: ChannelMask, seen: &Observation) -> Outcome {
+        let mut outcome = Outcome::default();
         for number in mask.iter() {
             let cs = CsStatus::from_register(at(&seen.cs, number));
-            let [unit_number, name, pointers] = at(&seen.start, number);
-            let Some(channel) = self.channel_mut(number) else {
-                continue;
-            };
-            channel.cs = cs;
-            let identity = super::channel::Identity {
-                unit_number,
-                name,
-                pointers,
-            };
-            let runs = cs.is_ready() && cs.state() == ComState::Chatter;
-            let failed = if data.has_failed(number) || !runs {
-                Some(SetAside::DidNotStart(cs))
-            } else if identity == channel.identity {
-                channel.restarted(cs);
-                None
-            } else {
-                Some(SetAside::AnotherDevice { name, unit_number })
-            };
-            if let Some(reason) = failed {
+            let verdict = self.channel_mut(number).and_then(|c| c.judge_doubtful(cs));
+            if let Some(Verdict::Faulty(reason)) = verdict {
+                outcome.set_aside = outcome.set_aside.union(number.mask());
                 self.set_aside(now, number, reason);
             }
         }
-        Outcome::default()
+        outcome
     }
 
     /// The command for this write; [`written`](Self::written) must follow.
@@ -388,7 +291,7 @@ impl Machine {
         let running = self.running();
         let ready = self.mask(|channel| channel.is_running() && channel.rest_until <= now);
         if !self.run {
-            self.restart = Restart::None;
+            self.end_restart(now);
             // Outputs are safe already: the remotes are told before nobody talks to them any more.
             if !running.is_empty() && !core::mem::replace(&mut self.told_off, true) {
                 return Some(Asked::Transfer(running));
@@ -415,47 +318,14 @@ impl Machine {
                 self.statistics.starts += 1;
                 return Some(Asked::Start(mask));
             }
-            Restart::Starting => self.restart = Restart::None,
+            Restart::Starting => self.end_restart(now),
             Restart::None => {}
         }
         let due = self.due(now);
         if !due.is_empty() {
-            for number in due.iter() {
-                if let Some(channel) = self.channel_mut(number) {
-                    channel.restarting();
-                }
-            }
-            return Some(Asked::Stop(due));
+            return Some(self.begin_restart(now, due));
         }
         (!ready.is_empty()).then_some(Asked::Transfer(ready))
-    }
-
-    /// Channels whose time to be tried again has come.
-    fn due(&self, now: Instant) -> ChannelMask {
-        if now < self.no_restart_before {
-            return ChannelMask::NONE;
-        }
-        self.mask(|channel| match channel.state {
-            RemoteState::SetAside { next_attempt, .. } => {
-                next_attempt.is_some_and(|time| time <= now)
-            }
-            // Left over from a command that was lost.
-            RemoteState::Restarting { .. } => true,
-            RemoteState::Running => false,
-        })
-    }
-
-    /// The application has switched the port off.
-    fn stop_for_good(&mut self, running: ChannelMask) -> Option<Asked> {
-        for number in self.known().iter() {
-            if let Some(channel) = self.channel_mut(number) {
-                channel.state = RemoteState::SetAside {
-                    reason: SetAside::Stopped,
-                    next_attempt: Some(Instant::default()),
-                };
-            }
-        }
-        (!running.is_empty()).then_some(Asked::Stop(running))
     }
 
     /// The write was done, or failed so that it is not known whether the board got it.
@@ -472,23 +342,6 @@ impl Machine {
             reads_before: 0,
             measured: false,
         });
-    }
-}
-
-/// Faults with which a remote's data does not tell what the world is like. They stay set in the
-/// remote until START clears them.
-fn needs_restart(faults: RemoteFaults) -> Option<SetAside> {
-    if faults.contains(RemoteFaults::ILLEGAL_MODE) {
-        Some(SetAside::IllegalMode)
-    } else if faults.contains(RemoteFaults::WATCHDOG) {
-        // After a loss of power its software mode is another one, and with it the meaning of its
-        // data.
-        Some(SetAside::Watchdog)
-    } else if faults.intersects(RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE)) {
-        // Without field power every input is off.
-        Some(SetAside::FieldPower(faults))
-    } else {
-        None
     }
 }
 

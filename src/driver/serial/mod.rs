@@ -1,14 +1,21 @@
 //! SSLBP ports in the cycle.
 
+mod attempts;
 mod channel;
+mod failure;
 mod machine;
 mod pins;
 mod port;
+mod set_aside;
 mod statistics;
+mod watchdog;
 
-pub use channel::{Failure, FailureCounts, RemoteState, SetAside};
+pub use channel::RemoteState;
+pub use failure::{Failure, FailureCounts};
 pub use port::SerialPort;
+pub use set_aside::SetAside;
 pub use statistics::{PortStatistics, TimeHistogram};
+pub use watchdog::RemoteWatchdog;
 
 use core::time::Duration;
 
@@ -24,6 +31,28 @@ pub struct RemoteStatus<'a> {
 
 /// When a remote is set aside, and how it comes back.
 ///
+/// # What is promised
+/// - A remote that reports any fault is set aside with the reply that told it. It gets no frame of
+///   any kind from then on, so that its own [watchdog](RemoteWatchdog) bites and switches *all* its
+///   outputs off: 50 ms after that reply for a remote as it is delivered, within 60 ms at most; for
+///   one with another watchdog within that time and a fifth more. They stay off until the
+///   application re-arms the remote: through the cause of the fault going away, attempts to start
+///   it, and [`Driver::shutdown`](crate::driver::Driver::shutdown). A remote whose watchdog is
+///   switched off is started again at once instead, which switches its outputs off unless START can
+///   not clear the fault.
+/// - A remote whose transfers fail is set aside when its `fault-count` reaches `fault_lim`, with
+///   the same silence and the same end.
+/// - A START follows when the silence is over, at the earliest, and
+///   sends safe values only. If it fails, the next one follows after a pause that doubles from
+///   `first_backoff` to `longest_backoff`; it begins anew after 1000 good transfers.
+/// - Attempts take the port from the other remotes: 2 to 4 cycles if the remote is there, 17 ms if
+///   not, as the gateware does it (FACTS 5.7). So they are limited for the port as a whole,
+///   whatever its remotes do: when attempts have taken 60 ms, further ones wait until one of 20 ms
+///   for each `longest_backoff` is paid off. With the defaults that is less than 0.6 % of any
+///   minute, and no gap is longer than one attempt. A remote that comes back is found within
+///   `longest_backoff` and one attempt. An attempt that the application asks for is made at once,
+///   when the silence is over.
+///
 /// The counters are LinuxCNC's `fault-inc`, `fault-dec` and `fault-lim`, kept for each remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultPolicy {
@@ -33,14 +62,13 @@ pub struct FaultPolicy {
     pub fault_dec: u32,
     /// The `fault-count` at which it is set aside.
     pub fault_lim: u32,
-    /// Whether remotes that were set aside are tried again by themselves. An attempt takes 2 to 4
-    /// cycles if the remote is there and about 17 ms if not, during which the other remotes of
-    /// the port transfer nothing (FACTS 5.7).
+    /// Whether remotes that were set aside are tried again by themselves.
     pub automatic: bool,
-    /// Time before the first attempt. After a remote's watchdog has bitten, the first attempt
-    /// follows at once.
+    /// Time before the first attempt. The first one after a fault that START may clear (watchdog,
+    /// mode, over-current, over-temperature …) follows when the silence is over.
     pub first_backoff: Duration,
-    /// The time between attempts doubles up to this.
+    /// The time between attempts doubles up to this. It also says how often attempts may disturb
+    /// the other remotes in the long run: once in this time.
     pub longest_backoff: Duration,
     /// How long a channel is left out of transfers after a failed one, at least
     /// [`SHORTEST_REST`](Self::SHORTEST_REST). In this time a late reply shows itself as late; one

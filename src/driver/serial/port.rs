@@ -5,8 +5,8 @@ use alloc::vec::Vec;
 use super::channel::{Channel, RemoteState};
 use super::machine::{Machine, Observation, Outcome};
 use super::pins::PortPins;
-use super::{FailureCounts, PortStatistics, RemoteStatus};
-use crate::boards::RemotePins;
+use super::{FailureCounts, PortStatistics, RemoteStatus, RemoteWatchdog, SetAside};
+use crate::boards::{RemoteParameter, RemotePins};
 use crate::bus::{
     CycleImage, ImagePlan, Instant, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot,
 };
@@ -19,6 +19,10 @@ use crate::sslbp::{
 
 /// Interface registers of one direction.
 const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
+
+/// The parameter that holds a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
+/// PARAMETERS".
+const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
 /// Interface registers that hold what START told.
 const START_REGISTERS: u8 = 3;
@@ -96,17 +100,27 @@ impl Remote {
         slots.mode = Some(plan.write(WritePhase::Data, Tier::Extended, registers.cs(), 1, mode));
     }
 
-    /// Publishes the inputs of a good transfer. Every fault keeps its outputs safe.
-    fn take(&mut self, image: &CycleImage, pins: &mut Pins, faults: RemoteFaults) {
+    /// How long its outputs stay on without process data, as discovery has read it.
+    fn watchdog(&self) -> RemoteWatchdog {
+        let records = &self.descriptor.parameters;
+        let is_it = |parameter: &&RemoteParameter| {
+            let record = records.get(parameter.record);
+            record.is_some_and(|record| record.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER))
+        };
+        let known = self.pins.parameters().iter().find(is_it);
+        known
+            .and_then(RemoteParameter::known)
+            .map_or(RemoteWatchdog::Assumed, RemoteWatchdog::from_millis)
+    }
+
+    /// Publishes the inputs of a good transfer.
+    fn take(&mut self, image: &CycleImage, pins: &mut Pins) {
         let mut words = [0; REGISTERS];
         for (word, slot) in words.iter_mut().zip(self.slots.inputs) {
             *word = slot.and_then(|slot| image.word(slot)).unwrap_or(0);
         }
         self.pins.take_inputs(pins, &words);
         self.without_news = 0;
-        if !faults.is_empty() {
-            pins.disarm(self.pins.group());
-        }
     }
 
     /// Puts the outputs into the image, unless they are there already.
@@ -144,7 +158,9 @@ impl SerialPort {
             let data_only = remote.started.reply_format() == crate::sslbp::ReplyFormat::DataOnly;
             let number = usize::from(remote.started.channel.index());
             if let Some(channel) = channels.get_mut(number) {
-                *channel = Some(Channel::new(identity, data_only, policy.first_backoff));
+                let watchdog = remote.watchdog();
+                let first = policy.first_backoff;
+                *channel = Some(Channel::new(identity, data_only, watchdog, first));
             }
         }
         let sizes = remotes.iter().map(|remote| remote.started.sizes);
@@ -193,15 +209,14 @@ impl SerialPort {
         now: Instant,
         writes_lost: bool,
     ) -> Outcome {
+        self.note_armed(pins);
         let seen = self.observe(image);
         let outcome = self.machine.observe(now, &seen, writes_lost);
         let stale_after = self.machine.policy.stale_after;
         for remote in &mut self.remotes {
             let number = remote.started.channel;
-            let faults = self.machine.channel(number).map(|channel| channel.faults);
-            let faults = faults.unwrap_or_default();
             if outcome.good.contains(number) {
-                remote.take(image, pins, faults);
+                remote.take(image, pins);
                 let group = remote.pins.group();
                 pins.group_good_since(group, u64::from(outcome.reads_before), outcome.started);
             } else if outcome.set_aside.contains(number) {
@@ -264,6 +279,7 @@ impl SerialPort {
         hold: bool,
     ) {
         self.pins.fetch(pins, &mut self.machine);
+        self.note_armed(pins);
         if !self.machine.run {
             for remote in &self.remotes {
                 remote.pins.fault(pins);
@@ -307,12 +323,12 @@ impl SerialPort {
         (!self.remotes.is_empty()).then(|| self.machine.appears_reset())
     }
 
-    /// Remotes that run and still report a fault are restarted, which clears it.
-    pub(in crate::driver) fn restart_faulty(&mut self, pins: &mut Pins, now: Instant) {
-        for channel in self.machine.running().iter() {
-            let faults = self.machine.channel(channel).map(|channel| channel.faults);
-            if faults.is_some_and(|faults| !faults.is_empty()) {
-                self.restart(channel, pins, now);
+    /// What was before a remote was armed is history.
+    fn note_armed(&mut self, pins: &Pins) {
+        for remote in &self.remotes {
+            let state = pins.group_state(remote.pins.group());
+            if state.is_some_and(|state| state.armed) {
+                self.machine.armed(remote.started.channel);
             }
         }
     }
@@ -369,8 +385,8 @@ impl SerialPort {
             .find(|status| status.started().channel == channel)
     }
 
-    /// Restarts a remote in the next cycles, whatever its backoff: it clears the remote's faults.
-    /// Its outputs are safe from now on until it is re-armed.
+    /// Restarts a remote in the next cycles, whatever its pause, but not before its outputs must
+    /// be off: it clears the remote's faults. Its outputs are safe from now on until it is re-armed.
     pub(in crate::driver) fn restart(&mut self, channel: Number, pins: &mut Pins, now: Instant) {
         if let Some(remote) = self
             .remotes
@@ -410,7 +426,20 @@ impl RemoteStatus<'_> {
         self.channel.state
     }
 
-    /// What it reported with its last good transfer.
+    /// Why it was set aside first since it was re-armed last; later reasons do not replace it.
+    /// `None` while nothing has happened since.
+    pub fn first_fault(&self) -> Option<SetAside> {
+        self.channel.first_fault
+    }
+
+    /// How long its outputs stay on when nobody talks to it: its own watchdog.
+    ///
+    /// A period longer than that can not feed it.
+    pub fn watchdog(&self) -> RemoteWatchdog {
+        self.channel.watchdog
+    }
+
+    /// What it reported with its last reply, or START found when it could not clear it.
     pub fn faults(&self) -> RemoteFaults {
         self.channel.faults
     }

@@ -99,12 +99,18 @@ fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_bac
     pins.begin_cycle(at(2));
     pins.group_good(group);
     assert_eq!(pins.fetch(drive), 0.0, "running again is not armed again");
+    pins.set(drive, 8.0);
     assert_eq!(pins.rearm(group), Ok(()));
-    assert_eq!(pins.fetch(drive), 7.0);
-    assert!(
-        !pins.fetch(lamp),
-        "the command from before the fault is forgotten"
+    assert_eq!(
+        (pins.fetch(lamp), pins.fetch(drive)),
+        (false, 0.0),
+        "what was set before re-arming is forgotten, whenever it was"
     );
+    assert_eq!(pins.commanded(drive), 0.0);
+    pins.set(drive, 9.0);
+    assert_eq!(pins.fetch(drive), 9.0);
+    assert_eq!(pins.rearm(group), Ok(()), "armed already");
+    assert_eq!(pins.fetch(drive), 9.0, "which forgets nothing");
     assert_eq!(pins.group_state(group).unwrap().faults, 1);
 }
 

@@ -1,3 +1,4 @@
+use super::super::RemoteWatchdog;
 use super::super::channel::Identity;
 use super::*;
 
@@ -23,7 +24,14 @@ struct Rig {
 impl Rig {
     fn new() -> Self {
         let policy = FaultPolicy::default();
-        let channel = |n| Some(Channel::new(identity(n), false, policy.first_backoff));
+        let channel = |n| {
+            Some(Channel::new(
+                identity(n),
+                false,
+                RemoteWatchdog::Assumed,
+                policy.first_backoff,
+            ))
+        };
         let channels = [channel(0), channel(1), None, None, None, None, None, None];
         let mut rig = Self {
             machine: Machine::new(channels, policy, Instant::default()),
@@ -240,16 +248,98 @@ fn an_absent_remote_is_tried_less_and_less_often() {
 }
 
 #[test]
-fn a_bitten_watchdog_restarts_the_remote_at_once_and_other_faults_do_not() {
+fn a_bitten_watchdog_restarts_the_remote_at_once() {
     let mut rig = Rig::new();
-    rig.write();
-    rig.seen.cs[1] = 0x0842_2140;
-    assert_eq!(rig.read().good.bits(), 3, "over-current");
     rig.write();
     rig.seen.cs[1] = 0x0142_2140;
     let outcome = rig.read();
     assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
     assert_eq!(rig.write(), 0x0802);
+}
+
+/// Its outputs stay on as long as anything is sent to it; its watchdog takes 50 ms.
+#[test]
+fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
+    for bit in 1..8 {
+        let mut rig = Rig::new();
+        rig.write();
+        rig.seen.cs[1] = 0x0042_2140 | 1 << (24 + bit);
+        let outcome = rig.read();
+        assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
+        let told = rig.now;
+        assert_eq!(rig.write(), 0x1001);
+        // Whatever the application asks for.
+        rig.machine.restart_now(Number::ALL[1], rig.now);
+        assert_eq!(rig.until_not_doit(), 0x0802);
+        assert_eq!(rig.now.since(told), Duration::from_millis(60), "bit {bit}");
+    }
+}
+
+#[test]
+fn the_silence_follows_the_watchdog_of_the_remote() {
+    for (millis, silent) in [(0, 0), (20, 24), (50, 60), (200, 240), (1000, 1200)] {
+        let mut rig = Rig::new();
+        let channel = rig.machine.channel_mut(Number::ALL[1]).unwrap();
+        channel.watchdog = RemoteWatchdog::from_millis(millis);
+        rig.write();
+        rig.seen.cs[1] = 0x0842_2140;
+        rig.read();
+        let told = rig.now;
+        let word = rig.write();
+        let word = if word == 0x0802 {
+            word
+        } else {
+            rig.until_not_doit()
+        };
+        assert_eq!(word, 0x0802);
+        let waited = rig.now.since(told).as_millis();
+        assert_eq!(waited, silent, "watchdog of {millis} ms");
+    }
+}
+
+/// A remote that is faulty again as soon as it runs disturbs the others less and less.
+#[test]
+fn a_remote_that_starts_and_reports_its_fault_again_is_tried_less_and_less_often() {
+    let mut rig = Rig::new();
+    let is = identity(1);
+    rig.seen.start[1] = [is.unit_number, is.name, is.pointers];
+    let mut attempts = Vec::new();
+    rig.seen.cs[1] = 0x0842_2140;
+    while rig.now < Instant::from_nanos(60_000_000_000) {
+        match rig.cycle() {
+            0x0802 => rig.seen.cs[1] = STOPPED,
+            0x0902 => {
+                attempts.push(rig.now.as_nanos() / 1_000_000);
+                rig.seen.cs[1] = CHATTER;
+            }
+            0x1003 => rig.seen.cs[1] = 0x0842_2140,
+            _ => {}
+        }
+    }
+    assert!(attempts.len() < 20, "{attempts:?}");
+    assert_eq!(rig.machine.statistics.starts, attempts.len() as u64);
+}
+
+#[test]
+fn pauses_grow_also_for_a_remote_that_was_healthy_before() {
+    let mut rig = Rig::new();
+    for _ in 0..2000 {
+        rig.cycle();
+    }
+    rig.set_aside_channel_1();
+    let set_aside = rig.now;
+    let mut starts = 0;
+    while rig.now.since(set_aside) < Duration::from_secs(60) {
+        rig.seen.cs[1] = STOPPED;
+        if rig.cycle() == 0x0902 {
+            starts += 1;
+            rig.seen.cs[1] = 0x0001_E188;
+            rig.seen.data = 2;
+            rig.cycle();
+            rig.seen.data = 0;
+        }
+    }
+    assert!((10..18).contains(&starts), "{starts}");
 }
 
 #[test]

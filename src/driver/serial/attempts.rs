@@ -1,0 +1,137 @@
+//! When a remote that was set aside is tried again, and what that may cost its neighbours.
+
+use core::time::Duration;
+
+use super::{FaultPolicy, SetAside};
+use crate::bus::Instant;
+
+/// The attempts to bring one remote back.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Attempts {
+    /// How long to wait before the next one; it doubles with each.
+    pub pause: Duration,
+    /// Nothing is sent to the remote before: its watchdog must have bitten.
+    pub silent_until: Instant,
+    /// The application asked for the next one, so that it counts whatever it costs.
+    pub is_asked_for: bool,
+    /// The last one failed, so that the next one is likely to take long.
+    pub has_failed: bool,
+}
+
+impl Attempts {
+    pub fn new(first_pause: Duration) -> Self {
+        Self {
+            pause: first_pause,
+            silent_until: Instant::default(),
+            is_asked_for: false,
+            has_failed: false,
+        }
+    }
+
+    /// How long to wait before the next attempt. The first one after a fault that a START clears
+    /// waits for nothing but the silence.
+    pub fn next_pause(&mut self, reason: SetAside, policy: &FaultPolicy) -> Duration {
+        let pause = self.pause;
+        self.pause = pause.saturating_mul(2).min(policy.longest_backoff);
+        let clears = matches!(
+            reason,
+            SetAside::Watchdog | SetAside::IllegalMode | SetAside::Reported(_)
+        );
+        if clears && pause == policy.first_backoff {
+            Duration::ZERO
+        } else {
+            pause
+        }
+    }
+}
+
+/// What attempts have cost the other remotes of a port, and what they may.
+///
+/// An attempt that takes [`USUAL`](Self::USUAL) is paid off after the longest pause of the policy;
+/// while more than [`CREDIT`](Self::CREDIT) is owed, no further one begins. So in any minute no
+/// more than 320 ms go to attempts with the default policy, whatever happens to however many
+/// remotes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Cost {
+    owed: Duration,
+    at: Instant,
+    began: Option<Instant>,
+}
+
+impl Cost {
+    /// An attempt at a remote that does not answer, in a cycle of 1 ms (FACTS 5.7).
+    const USUAL: Duration = Duration::from_millis(20);
+    const CREDIT: Duration = Duration::from_millis(60);
+    /// What counts at most for one: an attempt that was interrupted does not end.
+    const LONGEST: Duration = Duration::from_millis(60);
+
+    /// Whether another attempt may begin.
+    pub fn allows(&self, now: Instant, policy: &FaultPolicy) -> bool {
+        self.owed_at(now, policy) <= Self::CREDIT
+    }
+
+    pub fn begin(&mut self, now: Instant) {
+        self.began.get_or_insert(now);
+    }
+
+    /// The port can transfer again.
+    pub fn end(&mut self, now: Instant, policy: &FaultPolicy) {
+        if let Some(began) = self.began.take() {
+            let took = now.since(began).min(Self::LONGEST);
+            self.owed = self.owed_at(now, policy).saturating_add(took);
+            self.at = now;
+        }
+    }
+
+    fn owed_at(&self, now: Instant, policy: &FaultPolicy) -> Duration {
+        let usual = Self::USUAL.as_nanos();
+        let longest = policy.longest_backoff.as_nanos().max(1);
+        let paid = now.since(self.at).as_nanos().saturating_mul(usual) / longest;
+        let paid = u64::try_from(paid).unwrap_or(u64::MAX);
+        self.owed.saturating_sub(Duration::from_nanos(paid))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn in_any_minute_attempts_take_less_than_six_thousandths_of_the_time() {
+        let policy = FaultPolicy::default();
+        let mut cost = Cost::default();
+        let mut taken = Vec::new();
+        let mut now = 0;
+        while now < 300_000 {
+            let at = |ms: u64| Instant::from_nanos(ms * 1_000_000);
+            if cost.allows(at(now), &policy) {
+                cost.begin(at(now));
+                cost.end(at(now + 20), &policy);
+                taken.push(now);
+                now += 19;
+            }
+            now += 1;
+        }
+        for &from in &taken {
+            let attempts = taken
+                .iter()
+                .filter(|&&t| (from..from + 60_000).contains(&t));
+            assert!(attempts.count() * 20 < 360, "from {from} ms: {taken:?}");
+        }
+        assert!(taken.windows(2).all(|two| two[1] - two[0] <= 5_020));
+    }
+
+    #[test]
+    fn without_end_is_a_pause_like_any_other() {
+        let policy = FaultPolicy {
+            longest_backoff: Duration::MAX,
+            ..FaultPolicy::default()
+        };
+        let mut cost = Cost::default();
+        for ms in [0, 100] {
+            cost.begin(Instant::from_nanos(ms * 1_000_000));
+            cost.end(Instant::from_nanos((ms + 50) * 1_000_000), &policy);
+        }
+        assert!(!cost.allows(Instant::from_nanos(u64::MAX), &policy));
+    }
+}

@@ -1,0 +1,92 @@
+//! Why the data of a transfer can not be used, and how often that happened.
+
+use core::fmt;
+
+/// Why the data of a transfer can not be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Failure {
+    /// No reply in time, or too short a one.
+    NoReply,
+    /// A reply that came after its time was over. Recognised one transfer later.
+    Late,
+    /// A reply with a wrong CRC.
+    Crc,
+    /// More characters than the reply has.
+    ExtraCharacters,
+    /// The line was held low.
+    Break,
+    /// Characters came faster than the gateware read them.
+    Overrun,
+    /// A damaged reply; the sticky bits of CS are set already, so that the kind does not show.
+    Damaged,
+    /// The channel does not run: somebody else stopped it, or the FPGA was reset.
+    NotRunning,
+    /// A good transfer after one that the bus may have lost: the reply could belong to that one.
+    Doubtful,
+}
+
+impl Failure {
+    /// All of them, in the order of [`FailureCounts`].
+    pub const ALL: [Self; 9] = [
+        Self::NoReply,
+        Self::Late,
+        Self::Crc,
+        Self::ExtraCharacters,
+        Self::Break,
+        Self::Overrun,
+        Self::Damaged,
+        Self::NotRunning,
+        Self::Doubtful,
+    ];
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::NoReply => "no reply",
+            Self::Late => "late reply",
+            Self::Crc => "wrong CRC",
+            Self::ExtraCharacters => "extra characters",
+            Self::Break => "line low",
+            Self::Overrun => "overrun",
+            Self::Damaged => "damaged reply",
+            Self::NotRunning => "not running",
+            Self::Doubtful => "discarded after a failure",
+        })
+    }
+}
+
+/// How often each [`Failure`] happened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FailureCounts([u64; Failure::ALL.len()]);
+
+impl FailureCounts {
+    /// How often this one happened.
+    pub fn of(&self, failure: Failure) -> u64 {
+        self.0.get(failure as usize).copied().unwrap_or(0)
+    }
+
+    /// All failures together, without the transfers discarded after them.
+    pub fn total(&self) -> u64 {
+        self.0.iter().sum::<u64>() - self.of(Failure::Doubtful)
+    }
+
+    /// Each failure with its count.
+    pub fn iter(&self) -> impl Iterator<Item = (Failure, u64)> + '_ {
+        Failure::ALL.into_iter().zip(self.0)
+    }
+
+    pub(super) fn add(&mut self, failure: Failure) {
+        if let Some(count) = self.0.get_mut(failure as usize) {
+            *count += 1;
+        }
+    }
+
+    /// A reply that was taken for lost turns out to be late.
+    pub(super) fn lost_was_late(&mut self) {
+        let [no_reply, late, ..] = &mut self.0;
+        *no_reply = no_reply.saturating_sub(1);
+        *late += 1;
+    }
+}
