@@ -53,7 +53,7 @@ mod stop;
 pub use build::{Builder, EncoderSetup, GpioConfig};
 pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
-pub use module::{Module, Put, SettingSlot, Take};
+pub use module::{Module, Put, SettingSlot, Take, WriteNews};
 pub use pace::{Pace, PaceError};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
@@ -102,6 +102,8 @@ pub struct Driver<B: RegisterBus> {
     read_tier: Tier,
     /// A write was lost, and with it perhaps a setting that is written only when it changes.
     settings_may_be_lost: bool,
+    /// What happened to the writes since the modules took their inputs.
+    writes: WriteNews,
     /// The set-up was written again, and it is not known yet whether it arrived.
     is_restored: bool,
     is_shut_down: bool,
@@ -152,6 +154,7 @@ impl<B: RegisterBus> Driver<B> {
     fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
         let (lost_writes, doubtful) = self.news_of_writes();
         self.settings_may_be_lost |= doubtful;
+        self.writes.is_doubtful |= doubtful;
         let slack = self.bus.slack();
         let beat = self.pacer.arrived(now, slack);
         let mut report = CycleReport {
@@ -194,6 +197,7 @@ impl<B: RegisterBus> Driver<B> {
                 pins: &mut self.pins,
                 group: self.group,
                 now,
+                writes: core::mem::take(&mut self.writes),
             };
             for module in &mut self.modules {
                 module.take(&mut cycle);
@@ -226,6 +230,7 @@ impl<B: RegisterBus> Driver<B> {
             now = self.bus.now();
         }
         let tier = self.put(now);
+        self.writes.is_repeated |= tier == Tier::Extended;
         if let Some(deadline) = self.board.new_deadline(&self.pins, self.period) {
             self.bus.set_cycle_deadline(deadline);
         }

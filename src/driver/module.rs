@@ -48,6 +48,18 @@ pub struct Take<'a> {
     pub group: GroupId,
     /// When the image was read.
     pub now: Instant,
+    /// What happened to the writes since this was called last.
+    pub writes: WriteNews,
+}
+
+/// What happened to the writes between two reads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WriteNews {
+    /// Others than the newest may have been executed, or the newest not: the network lost, delayed
+    /// or duplicated packets. See [`BusStatistics::doubts`](crate::bus::BusStatistics::doubts).
+    pub is_doubtful: bool,
+    /// All settings were written again, changed or not.
+    pub is_repeated: bool,
 }
 
 /// What a module has before a write.
@@ -81,6 +93,15 @@ impl Put<'_> {
             self.restore.change(address, word);
             self.tier = Tier::Extended;
         }
+    }
+
+    /// All settings are written again in this cycle, changed or not: one of them may not have
+    /// arrived.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn repeat(&mut self) {
+        self.tier = Tier::Extended;
     }
 }
 

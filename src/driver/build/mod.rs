@@ -305,6 +305,7 @@ impl Built {
             write_failures: 0,
             read_tier: crate::bus::Tier::Extended,
             settings_may_be_lost: false,
+            writes: super::WriteNews::default(),
             is_restored: false,
             is_shut_down: false,
         }

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use crate::boards::fpga::{EncoderBankPins, EncoderPins};
 use crate::bus::{ImagePlan, ReadSlot};
-use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
+use crate::driver::{Module, Put, SettingSlot, SetupList, Take, WriteNews};
 use crate::hal::Pins;
 use crate::hostmot2::{
     ControlWord, CountWord, Encoder, EncoderConfig, EncoderSample, Encoders, Gtag, HostMot2,
@@ -276,6 +276,11 @@ impl Module for EncoderModule {
                 timestamp: timestamp as u16,
                 at: cycle.now,
             };
+            let WriteNews {
+                is_doubtful,
+                is_repeated,
+            } = cycle.writes;
+            channel.encoder.disturbed(is_doubtful, is_repeated);
             channel.pins.take(cycle.pins, &mut channel.encoder, sample);
         }
     }
@@ -285,6 +290,9 @@ impl Module for EncoderModule {
         for channel in &mut self.channels {
             channel.pins.command(cycle.pins, &mut channel.encoder);
             cycle.change(channel.mode, channel.encoder.control().0);
+            if channel.encoder.wants_write() {
+                cycle.repeat();
+            }
         }
     }
 }

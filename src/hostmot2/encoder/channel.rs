@@ -1,6 +1,7 @@
 //! One encoder, cycle by cycle.
 
-use super::{ControlWord, CountWord, EncoderConfig, VelocityEstimator};
+use super::latch::Latch;
+use super::{ControlWord, CountWord, EncoderConfig, LatchRequest, VelocityEstimator};
 use crate::bus::Instant;
 
 /// What a cycle read of one encoder.
@@ -39,32 +40,6 @@ pub struct EncoderReading {
     pub inputs: [bool; 3],
 }
 
-/// What is to be latched, once.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum LatchRequest {
-    /// Nothing.
-    #[default]
-    None,
-    /// The count becomes 0 where the index was: `index-enable` of LinuxCNC.
-    Index,
-    /// The count is latched at the probe's edge.
-    Probe,
-}
-
-impl LatchRequest {
-    const fn bits(self) -> u32 {
-        match self {
-            Self::None => 0,
-            Self::Index => ControlWord::LATCH_ON_INDEX | ControlWord::JUST_ONCE,
-            Self::Probe => ControlWord::LATCH_ON_PROBE | ControlWord::JUST_ONCE,
-        }
-    }
-
-    const fn enable(self) -> u32 {
-        self.bits() & !ControlWord::JUST_ONCE
-    }
-}
-
 /// The state of one encoder: 64-bit counts, index and probe latch, velocity.
 ///
 /// Once per cycle: [`read`](Self::read) with what was read, then [`control`](Self::control) for
@@ -82,10 +57,7 @@ pub struct Encoder {
     last: Option<Last>,
     rawcounts: i64,
     zero: i64,
-    wanted: LatchRequest,
-    stage: Stage,
-    /// Whether the control register showed no request when it was read last.
-    clean: bool,
+    latch: Latch,
     latched: Option<i64>,
     clear_error: bool,
     /// The most counts in a second.
@@ -102,18 +74,6 @@ struct Last {
     at: Instant,
 }
 
-/// How far a latch request has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
-    /// The control register still shows an earlier request, or is not known: nothing is written
-    /// until that is gone, so that its end is not taken for the end of this one.
-    Settling,
-    /// Not in the control register yet, as far as is known.
-    Asked,
-    /// Was seen in the control register.
-    Armed,
-}
-
 impl Encoder {
     /// An encoder at 0. `tick_hz` is the rate of its time stamps.
     pub fn new(config: EncoderConfig, tick_hz: f64) -> Self {
@@ -123,9 +83,7 @@ impl Encoder {
             last: None,
             rawcounts: 0,
             zero: 0,
-            wanted: LatchRequest::None,
-            stage: Stage::Settling,
-            clean: false,
+            latch: Latch::new(),
             latched: None,
             clear_error: false,
             fastest: 0.0,
@@ -166,16 +124,25 @@ impl Encoder {
 
     /// Asks for a latch, or takes the request back.
     pub fn request(&mut self, wanted: LatchRequest) {
-        if wanted != self.wanted {
-            let fresh = self.clean && self.wanted == LatchRequest::None;
-            self.wanted = wanted;
-            self.stage = if fresh { Stage::Asked } else { Stage::Settling };
-        }
+        self.latch.request(wanted);
     }
 
     /// What is still asked for; [`LatchRequest::None`] once it has happened.
     pub const fn requested(&self) -> LatchRequest {
-        self.wanted
+        self.latch.wanted()
+    }
+
+    /// Says what happened to the writes since the last read, before the next: `is_doubtful` if
+    /// others than the newest may have been executed, as on a network that delays, duplicates or
+    /// loses packets; `is_repeated` if the control word was written again unchanged.
+    pub fn disturbed(&mut self, is_doubtful: bool, is_repeated: bool) {
+        self.latch.disturbed(is_doubtful, is_repeated);
+    }
+
+    /// Whether the control word has to be written although it has not changed: a request is not
+    /// seen in the control register.
+    pub fn wants_write(&self) -> bool {
+        self.latch.is_unsettled()
     }
 
     /// Makes the count 0 here.
@@ -189,11 +156,8 @@ impl Encoder {
     pub fn resume(&mut self) {
         self.is_unsure |= self.last.is_some();
         self.last = None;
-        self.clean = false;
+        self.latch.forget();
         self.velocity.reset();
-        if self.wanted != LatchRequest::None {
-            self.stage = Stage::Settling;
-        }
     }
 
     /// Takes a quadrature error back: it stays until then, since counts may be wrong for good.
@@ -203,12 +167,9 @@ impl Encoder {
 
     /// The control word to write in this cycle.
     pub fn control(&self) -> ControlWord {
-        let request = match self.stage {
-            Stage::Settling => 0,
-            Stage::Asked | Stage::Armed => self.wanted.bits(),
-        };
-        // Writing a 1 clears it.
-        let clear = if self.clear_error {
+        let request = self.latch.bits();
+        // Writing a 1 clears it. Not while a latch may be armed, which the write would arm again.
+        let clear = if self.clear_error && !self.latch.may_be_armed() {
             ControlWord::QUADRATURE_ERROR
         } else {
             0
@@ -219,6 +180,7 @@ impl Encoder {
     /// Takes what a cycle read. The first call after [`new`](Self::new) sets the start.
     pub fn read(&mut self, sample: EncoderSample) -> EncoderReading {
         let count = sample.count.count();
+        let from = self.last.map_or(count, |last| last.count);
         match self.last {
             None => {
                 self.last = Some(Last {
@@ -229,7 +191,7 @@ impl Encoder {
             }
             Some(last) => self.advance(last, sample),
         }
-        self.check_latch(sample);
+        self.check_latch(sample, from);
         self.clear_error &= sample.control.has(ControlWord::QUADRATURE_ERROR);
         let counts = self.rawcounts.wrapping_sub(self.zero);
         let scale = self.config.usable_scale();
@@ -277,41 +239,22 @@ impl Encoder {
         });
     }
 
-    /// The enable bit reads back 0 when the latch has happened. It is 0 before it was written as
-    /// well, and when that write was lost: then nothing may be taken for a latch. `JUST_ONCE`
-    /// tells, which no other request sets.
-    fn check_latch(&mut self, sample: EncoderSample) {
-        self.clean = !sample.control.has(ANY_REQUEST);
-        if self.wanted == LatchRequest::None {
+    /// Makes the count 0 at an index that came, and keeps where a probe did.
+    fn check_latch(&mut self, sample: EncoderSample, from: u16) {
+        let wanted = self.latch.wanted();
+        let count = sample.count.count();
+        let Some(latched) = self.latch.observe(sample.control, from, count) else {
             return;
-        }
-        if self.stage == Stage::Settling {
-            if self.clean {
-                self.stage = Stage::Asked;
-            }
-            return;
-        }
-        if sample.control.has(self.wanted.enable()) {
-            self.stage = Stage::Armed;
-            return;
-        }
-        if self.stage != Stage::Armed && !sample.control.has(ControlWord::JUST_ONCE) {
-            return;
-        }
-        let behind = sample.count.count().wrapping_sub(sample.control.latched()) as i16;
+        };
+        let behind = count.wrapping_sub(latched) as i16;
         let latched = self.rawcounts.wrapping_sub(i64::from(behind));
-        if self.wanted == LatchRequest::Index {
+        if wanted == LatchRequest::Index {
             self.zero = latched;
             self.is_unsure = false;
         }
         self.latched = Some(latched.wrapping_sub(self.zero));
-        self.wanted = LatchRequest::None;
-        self.stage = Stage::Settling;
     }
 }
-
-/// The bits of the control register that any request sets.
-const ANY_REQUEST: u32 = LatchRequest::Index.bits() | LatchRequest::Probe.bits();
 
 /// So many counts between two reads may as well be as many in the other direction.
 const AMBIGUOUS: f64 = 32_768.0;

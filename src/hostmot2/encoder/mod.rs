@@ -4,10 +4,12 @@
 //! the state machine that makes counts, positions and velocities of them, once per cycle.
 
 mod channel;
+mod latch;
 mod registers;
 mod velocity;
 
-pub use channel::{Encoder, EncoderReading, EncoderSample, LatchRequest};
+pub use channel::{Encoder, EncoderReading, EncoderSample};
+pub use latch::LatchRequest;
 pub use registers::{
     ControlWord, CountWord, EncoderConfig, Encoders, LatchTimer, MuxSkew, TickRate,
 };

@@ -258,3 +258,65 @@ fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
         "nothing to lose"
     );
 }
+
+/// An encoder whose request for its index was seen in the control register, at count 0.
+fn armed() -> (Encoder, Hardware) {
+    let (mut encoder, mut hardware) = (encoder(), Hardware::default());
+    encoder.read(hardware.sample());
+    encoder.request(LatchRequest::Index);
+    hardware.control = 0x1858;
+    encoder.read(hardware.step(10, 1_000));
+    (encoder, hardware)
+}
+
+#[test]
+fn a_late_write_without_the_request_is_no_index_and_the_request_is_made_again() {
+    let (mut encoder, mut hardware) = armed();
+    assert!(!encoder.wants_write());
+    hardware.control = 0x1808;
+    let reading = encoder.read(hardware.step(10, 1_000));
+    assert_eq!((reading.count, reading.latched), (20, None));
+    assert_eq!(encoder.requested(), LatchRequest::Index);
+    assert_eq!((encoder.control().0, encoder.wants_write()), (0x1858, true));
+    hardware.control = 0x1848 | 25 << 16;
+    assert_eq!(encoder.read(hardware.step(10, 1_000)).count, 5);
+}
+
+#[test]
+fn a_late_write_of_a_probe_request_is_no_index() {
+    for control in [0x3848, 0x3848 | 15 << 16, 0x1868, 0x1878, 0x1818] {
+        let (mut encoder, mut hardware) = armed();
+        hardware.control = control;
+        let reading = encoder.read(hardware.step(10, 1_000));
+        assert_eq!((reading.count, reading.latched), (20, None), "{control:#x}");
+        // Before the request is made again, the other one has to be gone.
+        assert_eq!((encoder.control().0, encoder.wants_write()), (0x1808, true));
+    }
+}
+
+#[test]
+fn a_latch_that_was_armed_again_after_it_was_taken_is_taken() {
+    let (mut encoder, mut hardware) = armed();
+    hardware.control = 0x1858 | 15 << 16;
+    let reading = encoder.read(hardware.step(10, 1_000));
+    assert_eq!((reading.count, reading.latched), (5, Some(0)));
+    assert_eq!(encoder.requested(), LatchRequest::None);
+}
+
+#[test]
+fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_one() {
+    for (disturbed, ended) in [(false, true), (true, false)] {
+        let (mut encoder, mut hardware) = armed();
+        hardware.control = 0x1848 | 15 << 16;
+        encoder.read(hardware.step(10, 1_000));
+        hardware.control = 0x1808 | 15 << 16;
+        encoder.read(hardware.step(10, 1_000));
+        encoder.request(LatchRequest::Index);
+        // Either this request's end, or that of a duplicate of the one before.
+        hardware.control = 0x1848 | 35 << 16;
+        encoder.disturbed(disturbed, false);
+        encoder.read(hardware.step(10, 1_000));
+        assert_eq!(encoder.requested() == LatchRequest::None, ended);
+        assert_eq!(encoder.control().0, 0x1808);
+    }
+}
