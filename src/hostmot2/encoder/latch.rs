@@ -216,9 +216,13 @@ impl Latch {
         let Some(index) = self.index.filter(|index| index.count == self.before) else {
             return false;
         };
-        let ahead = |count: u16| match index.upwards {
-            true => count.wrapping_sub(from) as i16,
-            false => from.wrapping_sub(count) as i16,
+        let ahead = |count: u16| {
+            let (near, far) = if index.upwards {
+                (from, count)
+            } else {
+                (count, from)
+            };
+            far.wrapping_sub(near) as i16
         };
         let (step, index) = (ahead(to), ahead(index.count));
         let is_asked_for = self.wanted == LatchRequest::Index && self.stage == Stage::Armed;
