@@ -7,7 +7,7 @@ mod ethernet_support;
 use std::time::Duration;
 
 use chance::Chance;
-use ethernet_support::{SimLink, WIRE};
+use ethernet_support::{Fate, SimLink, WIRE};
 use mesa_hal::boards::fpga::EncoderPins;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::Driver;
@@ -31,7 +31,7 @@ fn motor() -> MotorConfig {
 }
 
 /// What becomes of a packet: one in `n` is lost, one late, one comes twice.
-fn fates(seed: u64, n: u64) -> Box<dyn FnMut(&[u8]) -> Vec<u64>> {
+fn fates(seed: u64, n: u64) -> Fate {
     let mut chance = Chance(seed);
     Box::new(move |_| {
         let late = WIRE + chance.below(3 * PERIOD.as_nanos() as u64);
