@@ -424,11 +424,15 @@ fn pwm_of_version_1_dithers() {
 fn newer_firmware_with_inm_and_outm_behaves_alike() {
     let mut fpga = machines::i7i97_inm_outm(1);
     assert_eq!(fpga.read_register(0x8500) & 0x1F, 15);
-    assert_eq!(fpga.read_register(0x8800), 0xFFFF, "no current flows");
-    fpga.write_register(0x8500, 1 << 5);
+    assert_eq!(fpga.read_register(0x8800), 0, "no current flows");
     fpga.set_input(12, true);
-    assert_eq!(fpga.read_register(0x8800), 1 << 12);
-    assert_eq!(fpga.read_register(0x8700), 1 << 12, "no filter set");
+    // 16 inputs of 40 ns.
+    for invert in [0, 1 << 5] {
+        fpga.write_register(0x8500, invert);
+        wait(&mut fpga, 2 * 640);
+        assert_eq!(fpga.read_register(0x8800), 1 << 12, "invert {invert:x}");
+        assert_eq!(fpga.read_register(0x8700), 1 << 12, "no filter set");
+    }
     fpga.write_register(0xB000, 0b100);
     assert!(!fpga.isolated_output(2), "the pin is no output yet");
     set_up_pins(&mut fpga, &[21]);
@@ -462,26 +466,30 @@ fn a_pwm_drives_its_motor_and_the_watchdog_stops_it() {
     assert!(fpga.motor(0).expect("axis").velocity().abs() < 1e-6);
 }
 
+/// Control of an InMux with a scan of 50.56 us: 16 inputs, 4 * (78 + 1) clocks each; inverted.
+const INMUX_SCAN: u32 = 78 << 6 | 1 << 5;
+
 #[test]
 fn inmux_filters_for_the_scans_it_is_told() {
     let mut fpga = turned_by_hand();
-    // Scan: 25 MHz / 16 inputs / (divisor 78 + 1) = 19.78 kHz; 5 scans short, 50 long.
-    fpga.write_register(0x8000, 1 << 5);
-    assert_eq!(fpga.read_register(0x8200), 0);
-    fpga.write_register(0x8000, 50 << 22 | 5 << 16 | 78 << 6 | 1 << 5);
+    // 5 scans short, 50 long.
+    fpga.write_register(0x8000, 50 << 22 | 5 << 16 | INMUX_SCAN);
     assert_eq!(fpga.read_register(0x8000) & 0x1F, 15);
     fpga.write_register(0x8100, 1 << 9);
+    wait(&mut fpga, MS);
+    assert_eq!(fpga.read_register(0x8200), 0);
     fpga.set_input(8, true);
     fpga.set_input(9, true);
+    wait(&mut fpga, 60_000);
     assert_eq!(fpga.read_register(0x8300), 0x300);
+    // Raw within a scan, then counted 5 times, and seen the next time: 6 to 7 scans.
+    wait(&mut fpga, 243_000);
     assert_eq!(fpga.read_register(0x8200), 0);
-    wait(&mut fpga, 252_000);
-    assert_eq!(fpga.read_register(0x8200), 0);
-    wait(&mut fpga, 2_000);
+    wait(&mut fpga, 52_000);
     assert_eq!(fpga.read_register(0x8200), 0x100);
-    wait(&mut fpga, 2_260_000);
+    wait(&mut fpga, 2_220_000);
     assert_eq!(fpga.read_register(0x8200), 0x100);
-    wait(&mut fpga, 20_000);
+    wait(&mut fpga, 60_000);
     assert_eq!(fpga.read_register(0x8200), 0x300);
     fpga.set_input(8, false);
     wait(&mut fpga, 200_000);
@@ -493,28 +501,58 @@ fn inmux_filters_for_the_scans_it_is_told() {
         "a short pulse does not get through"
     );
     // Without global invert, the opto-isolators show.
-    fpga.write_register(0x8000, 0);
+    fpga.write_register(0x8000, 78 << 6);
+    wait(&mut fpga, 100_000);
     assert_eq!(fpga.read_register(0x8300), 0xFCFF);
+}
+
+#[test]
+fn inmux_slots_that_are_too_short_for_the_multiplexer_shift_all_inputs_by_one() {
+    for (divisor, expected) in [(7, 1 << 4), (6, 1 << 3), (5, 1 << 3)] {
+        let mut fpga = turned_by_hand();
+        fpga.write_register(0x8000, divisor << 6 | 1 << 5);
+        fpga.set_input(4, true);
+        wait(&mut fpga, MS);
+        let slot = 40 * (divisor + 1);
+        assert_eq!(fpga.read_register(0x8300), expected, "slots of {slot} ns");
+    }
+}
+
+#[test]
+fn an_input_that_chatters_adds_up_in_its_filter() {
+    let mut fpga = turned_by_hand();
+    fpga.write_register(0x8000, 8 << 16 | INMUX_SCAN);
+    wait(&mut fpga, MS);
+    // Two scans on and one off, which a filter that wants 8 in a row never lets through.
+    for n in 0..27 {
+        fpga.set_input(0, n % 3 != 2);
+        wait(&mut fpga, 50_560);
+    }
+    assert_eq!(fpga.read_register(0x8200), 1);
 }
 
 #[test]
 fn inmux_without_its_address_pins_reads_one_input_everywhere() {
     let mut fpga = turned_by_hand();
-    fpga.write_register(0x8000, 1 << 5);
+    fpga.write_register(0x8000, INMUX_SCAN);
     fpga.set_input(3, true);
+    wait(&mut fpga, 110_000);
     assert_eq!(fpga.read_register(0x8300), 0x0008);
     set_up_pins(&mut fpga, &[]);
+    wait(&mut fpga, 110_000);
     assert_eq!(fpga.read_register(0x8300), 0);
     fpga.set_input(15, true);
+    wait(&mut fpga, 110_000);
     assert_eq!(fpga.read_register(0x8300), 0xFFFF);
 }
 
 #[test]
-fn mpg_counters_count_once_or_four_times_a_cycle() {
+fn mpg_counters_count_once_or_four_times_a_cycle_and_up_when_b_leads() {
     let mut fpga = turned_by_hand();
+    fpga.write_register(0x8000, INMUX_SCAN);
     fpga.write_register(0x8400, 0x0000_0100);
     for _ in 0..10 {
-        for (a, b) in [(true, false), (true, true), (false, true), (false, false)] {
+        for (a, b) in [(false, true), (true, true), (true, false), (false, false)] {
             for pair in [0, 2] {
                 fpga.set_input(pair, a);
                 fpga.set_input(pair + 1, b);
@@ -524,13 +562,15 @@ fn mpg_counters_count_once_or_four_times_a_cycle() {
     }
     assert_eq!(fpga.read_register(0x8400), 0x0000_280A);
     for _ in 0..13 {
-        for (a, b) in [(false, true), (true, true), (true, false), (false, false)] {
+        for (a, b) in [(true, false), (true, true), (false, true), (false, false)] {
             fpga.set_input(0, a);
             fpga.set_input(1, b);
             wait(&mut fpga, MS);
         }
     }
     assert_eq!(fpga.read_register(0x8400), 0x0000_28FD, "10 - 13 is 0xFD");
+    fpga.write_register(0x8400, 0x0000_0001);
+    assert_eq!(fpga.read_register(0x8400), 0x0000_28FD, "modes keep counts");
 }
 
 #[test]
@@ -547,27 +587,61 @@ fn ssr_outputs_need_their_drive_and_their_pins() {
     assert!(!fpga.isolated_output(0), "no AC reference");
 }
 
-#[test]
-fn dpll_follows_the_cycle_of_its_host() {
+/// A DPLL set up for 1 kHz by the formulas of REGISTERS, with the limit and time constant given.
+fn dpll_at_1_khz(limit: u32, time_constant: u32) -> SimFpga {
     let mut fpga = machines::i7i97(1);
     assert_eq!(fpga.read_register(0x7300) & 0xFF, 42);
-    // 1 kHz by the formulas of REGISTERS: prescale = 2^30 * clock / (2^42 * base).
     let prescale = ((1u64 << 30) as f64 * 100e6 / (2f64.powi(42) * 1000.0)) as u32;
     let base = (1000.0 * 2f64.powi(42) * f64::from(prescale) / 100e6) as u32;
     fpga.write_register(0x7000, base);
-    fpga.write_register(0x7200, prescale << 24 | 0x0040_0000);
-    fpga.write_register(0x7300, 0xA000 << 16);
+    fpga.write_register(0x7200, prescale << 24 | limit);
+    fpga.write_register(0x7300, time_constant << 16);
     let period = fpga.dpll().expect("DPLL").period().expect("runs");
     assert!((period - 1e6).abs() < 1.0);
-    wait(&mut fpga, 10 * MS + 300_000);
-    let error = |word: u32| f64::from(word as i32) / 4_294_967_296.0;
-    let first = error(fpga.read_register(0x7600));
-    assert!((first - 0.3).abs() < 0.001, "{first}");
-    for _ in 0..20 {
+    wait(&mut fpga, MS);
+    fpga
+}
+
+fn fraction(word: u32) -> f64 {
+    f64::from(word as i32) / 4_294_967_296.0
+}
+
+#[test]
+fn dpll_follows_the_cycle_of_its_host_and_says_how_late_it_is() {
+    let mut fpga = dpll_at_1_khz(0x0040_0000, 0xA000);
+    fpga.write_register(0x7100, 0);
+    wait(&mut fpga, 10 * MS + 100_000);
+    let first = fraction(fpga.read_register(0x7600));
+    assert!((first - 0.1).abs() < 0.001, "100 us late: {first}");
+    // It rings, with two seconds a period: FACTS 12.4.
+    let mut crossed = None;
+    let mut error = first;
+    for n in 0..3_000 {
         wait(&mut fpga, MS);
-        fpga.write_register(0x7600, 0);
+        error = fraction(fpga.read_register(0x7600));
+        if error < 0.0 && crossed.is_none() {
+            crossed = Some(n);
+        }
     }
-    assert!(error(fpga.read_register(0x7100)).abs() < 0.001);
+    assert!(crossed.is_some_and(|n| (400..600).contains(&n)), "{crossed:?}");
+    assert!(error.abs() < 0.03, "{error}");
+}
+
+#[test]
+fn a_timer_rises_before_the_reference_by_its_register() {
+    // Nobody syncs, so that it runs free.
+    let mut fpga = dpll_at_1_khz(0x0040_0000, 0xA000);
+    fpga.write_register(0x7100, 0);
+    fpga.write_register(0x7400, 0xE666_1999);
+    let begin = fpga.now();
+    let edge = |timer: u8| {
+        let dpll = fpga.dpll().expect("a DPLL");
+        dpll.next_edge(begin + 5 * MS / 2, timer).expect("it runs") - begin
+    };
+    let near = |edge: u64, expected: u64| assert!(edge.abs_diff(expected) < 2_000, "{edge}");
+    near(edge(0), 3_000_000);
+    near(edge(1), 2_900_000);
+    near(edge(2), 3_100_000);
 }
 
 #[test]

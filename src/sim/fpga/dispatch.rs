@@ -130,6 +130,11 @@ impl SimFpga {
                 .out_m
                 .as_ref()
                 .is_none_or(|out| out.level(self.now, pin.pin)),
+            gtag::IN_MUX => {
+                let line = pin.pin.checked_sub(0x81);
+                let inputs = self.in_mux.as_ref().zip(line);
+                inputs.is_none_or(|(inputs, line)| inputs.address_line(self.now, line))
+            }
             // Idle serial lines stand at 1, and so does everything else between its pulses.
             _ => true,
         }

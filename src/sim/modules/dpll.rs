@@ -1,146 +1,149 @@
 //! HM2DPLL: a timer that follows the host's cycle.
 
+mod phase_loop;
+
 use crate::sim::wire::Nanos;
+use phase_loop::{DDS_SIZE, PhaseLoop};
 
 const BASE_RATE: u8 = 0;
-const PHASE_ERROR: u8 = 1;
+const PHASE: u8 = 1;
 const CONTROL_0: u8 = 2;
 const CONTROL_1: u8 = 3;
 const TIMERS_12: u8 = 4;
 const TIMERS_34: u8 = 5;
 const SYNC: u8 = 6;
 
-/// Width of the phase accumulator.
-const DDS_SIZE: u32 = 42;
+const SECOND: u128 = 1_000_000_000;
 
-/// The DPLL. REGISTERS, "DPLL".
+/// The DPLL. REGISTERS, "DPLL"; FACTS 12.4.
 ///
-/// Each access to the sync register says "now is the host's cycle": the phase error is how far
-/// from that the DPLL's own period begins, in 2^-32 of the period, positive if the host is late.
-/// Then a part of the error, at most the phase limit, is taken out.
+/// A phase accumulator turns once in a period. Each access to the sync register says "now is the
+/// host's cycle" and latches the phase: that is the phase error, positive if the host is late.
+/// From then on a part of it is taken off the rate, by way of a limit, a filter and an integrator.
+///
+/// The reference rises at phase 0. A timer adds its register to the phase, in 1/65536 of a period,
+/// so that it rises that much **before** the reference.
+///
+/// It is exact to the clock, and costs as many steps as its filter takes, not as many as clocks
+/// pass.
 #[derive(Clone, Copy, Debug)]
 pub struct Dpll {
     clock: u32,
-    base_rate: u32,
-    control_0: u32,
-    control_1: u32,
-    timers: [u32; 2],
-    /// A begin of the DPLL's period.
-    origin: f64,
-    phase_error: i32,
+    phase_loop: PhaseLoop,
 }
 
 impl Dpll {
     pub(crate) fn new(clock: u32) -> Self {
         Self {
             clock: clock.max(1),
-            base_rate: 0,
-            control_0: 0,
-            control_1: 0,
-            timers: [0; 2],
-            origin: 0.0,
-            phase_error: 0,
+            phase_loop: PhaseLoop::default(),
         }
     }
 
     pub(crate) fn read(&mut self, now: Nanos, register: u8) -> u32 {
-        let [timers_12, timers_34] = self.timers;
+        self.phase_loop.run_to(self.next_clock(now));
+        let registers = &self.phase_loop;
         match register {
-            BASE_RATE => self.base_rate,
-            PHASE_ERROR => self.phase_error as u32,
-            CONTROL_0 => self.control_0,
-            CONTROL_1 => self.control_1 | DDS_SIZE,
-            TIMERS_12 => timers_12,
-            TIMERS_34 => timers_34,
+            BASE_RATE => registers.base_rate,
+            PHASE => registers.phase(),
+            CONTROL_0 => registers.control_0(),
+            CONTROL_1 => u32::from(registers.filter_prescale) << 16 | DDS_SIZE,
+            TIMERS_12 => pair(registers.timers, 0),
+            TIMERS_34 => pair(registers.timers, 2),
             SYNC => {
+                let phase = registers.phase();
                 self.sync(now);
-                self.phase_error as u32
+                phase
             }
             _ => 0,
         }
     }
 
     pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
-        let [timers_12, timers_34] = &mut self.timers;
+        if register == SYNC {
+            return self.sync(now);
+        }
+        self.clock_edge(now);
+        let registers = &mut self.phase_loop;
+        let [one, two, three, four] = &mut registers.timers;
+        let (low, high) = (value as u16, (value >> 16) as u16);
         match register {
-            BASE_RATE => self.base_rate = value,
-            CONTROL_0 => self.control_0 = value,
-            CONTROL_1 => self.control_1 = value & 0xFFFF_0000,
-            TIMERS_12 => *timers_12 = value,
-            TIMERS_34 => *timers_34 = value,
-            SYNC => self.sync(now),
+            BASE_RATE => registers.base_rate = value,
+            PHASE => registers.set_phase(value),
+            CONTROL_0 => registers.set_control_0(value),
+            CONTROL_1 => registers.filter_prescale = high,
+            TIMERS_12 => (*one, *two) = (low, high),
+            TIMERS_34 => (*three, *four) = (low, high),
             _ => {}
         }
     }
 
-    /// The period in nanoseconds, if it runs.
+    /// The period in nanoseconds that its base rate and prescale give, if it runs. The loop's
+    /// correction makes it shorter or longer.
     pub fn period(&self) -> Option<f64> {
-        let prescale = f64::from((self.control_0 >> 24).max(1));
-        let rate = f64::from(self.base_rate) * f64::from(self.clock);
-        let span = (1u64 << DDS_SIZE) as f64;
-        (self.base_rate != 0).then(|| prescale * span / rate * 1e9)
+        let (base_rate, prescale) = (self.phase_loop.base_rate, self.phase_loop.clocks_per_step());
+        let rate = f64::from(base_rate) * f64::from(self.clock);
+        let span = libm::ldexp(prescale as f64, DDS_SIZE as i32);
+        (base_rate != 0).then(|| span / rate * 1e9)
     }
 
     /// The next rising edge after `now` of the reference (0) or of a timer (1 to 4), if the DPLL
-    /// runs. A timer's edge is its register's part of the period behind the reference.
+    /// runs and nobody touches it before.
     pub fn next_edge(&self, now: Nanos, timer: u8) -> Option<Nanos> {
-        let period = self.period()?;
-        let [timers_12, timers_34] = self.timers;
-        let offset = match timer {
-            0 => 0,
-            1 => timers_12,
-            2 => timers_12 >> 16,
-            3 => timers_34,
-            4 => timers_34 >> 16,
-            _ => return None,
-        };
-        let first = self.origin + f64::from(offset & 0xFFFF) / 65_536.0 * period;
-        let passed = libm::floor((now as f64 - first) / period);
-        let edge = libm::ceil(first + (passed + 1.0) * period) as Nanos;
-        Some(edge.max(now + 1))
+        let (at, rises) = self.next_change(now, timer)?;
+        if rises {
+            return Some(at);
+        }
+        let (at, rises) = self.next_change(at, timer)?;
+        rises.then_some(at)
+    }
+
+    /// When the reference (0) or a timer (1 to 4) changes after `now`, and whether it rises then.
+    pub fn next_change(&self, now: Nanos, timer: u8) -> Option<(Nanos, bool)> {
+        let mut ahead = self.phase_loop;
+        ahead.run_to(self.clocks_passed(now));
+        let (clock, rises) = ahead.next_change(timer)?;
+        Some((self.time_of(clock), rises))
+    }
+
+    /// The level of the reference (0) or of a timer (1 to 4) at `now`.
+    pub fn level(&self, now: Nanos, timer: u8) -> Option<bool> {
+        let mut ahead = self.phase_loop;
+        ahead.run_to(self.clocks_passed(now));
+        ahead.level(timer)
     }
 
     fn sync(&mut self, now: Nanos) {
-        let Some(period) = self.period() else {
-            self.phase_error = 0;
-            return;
-        };
-        let turns = (now as f64 - self.origin) / period;
-        let whole = libm::round(turns);
-        let error = turns - whole;
-        self.phase_error = (error * 4_294_967_296.0) as i32;
-        let time_constant = f64::from(self.control_1 >> 16) / 65_536.0;
-        let limit = f64::from(self.control_0 & 0x00FF_FFFF) / 16_777_216.0;
-        let correction = (error * (1.0 - time_constant)).clamp(-limit, limit);
-        self.origin += (whole + correction) * period;
+        self.phase_loop.run_to(self.next_clock(now));
+        let phase = self.phase_loop.phase();
+        self.clock_edge(now);
+        self.phase_loop.phase_error = phase as i32;
+    }
+
+    /// What is written at `now` shows after the clock edge that follows.
+    fn clock_edge(&mut self, now: Nanos) {
+        self.phase_loop.run_to(self.next_clock(now) + 1);
+    }
+
+    /// The number of the first clock edge that is not before `now`.
+    fn next_clock(&self, now: Nanos) -> u64 {
+        let clocks = u128::from(now) * u128::from(self.clock);
+        clocks.div_ceil(SECOND) as u64
+    }
+
+    /// How many clock edges there were up to `now`, the one at 0 included.
+    fn clocks_passed(&self, now: Nanos) -> u64 {
+        (u128::from(now) * u128::from(self.clock) / SECOND) as u64 + 1
+    }
+
+    /// When the clock edge with this number is.
+    fn time_of(&self, clock: u64) -> Nanos {
+        (u128::from(clock) * SECOND).div_ceil(u128::from(self.clock)) as Nanos
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn timers_rise_at_their_part_of_the_period_behind_the_reference() {
-        let mut dpll = Dpll::new(100_000_000);
-        assert_eq!(dpll.next_edge(0, 0), None, "stands still");
-        // 1 kHz: base rate = 1000 * 2^42 / 100 MHz.
-        dpll.write(0, CONTROL_0, 1 << 24);
-        dpll.write(0, BASE_RATE, 43_980_465);
-        dpll.write(0, TIMERS_12, 0x4000_8000);
-        dpll.write(0, TIMERS_34, 0xC000_0000);
-        let near = |timer: u8, now: Nanos, expected: Nanos| {
-            let edge = dpll.next_edge(now, timer).unwrap();
-            assert!(
-                edge > now && edge.abs_diff(expected) < 200,
-                "{timer}: {edge}"
-            );
-        };
-        near(0, 10_300_000, 11_000_000);
-        near(1, 10_300_000, 10_500_000);
-        near(2, 10_300_000, 11_250_000);
-        near(3, 10_300_000, 11_000_000);
-        near(4, 10_300_000, 10_750_000);
-        assert_eq!(dpll.next_edge(0, 5), None);
-    }
+/// The register that holds the timer `first` and the one after it.
+fn pair(timers: [u16; 4], first: usize) -> u32 {
+    let word = |timer: usize| timers.get(timer).copied().map_or(0, u32::from);
+    word(first + 1) << 16 | word(first)
 }

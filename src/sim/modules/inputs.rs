@@ -1,8 +1,11 @@
 //! Isolated inputs: InMux and InM, with their filters and MPG counters.
 
+mod scanner;
+
 use super::IoPorts;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
 use crate::sim::wire::Nanos;
+use scanner::{MAX_INPUTS, Scanner};
 
 const CONTROL: u8 = 0;
 const FILTER: u8 = 1;
@@ -10,57 +13,29 @@ const FILTERED: u8 = 2;
 const RAW: u8 = 3;
 const MPG: u8 = 4;
 
-/// The most inputs a module has.
-const MAX_INPUTS: usize = 32;
-const MAX_MPGS: usize = 4;
 const MAX_ADDRESS_LINES: usize = 5;
 
-const LAST_INPUT: u32 = 0x1F;
-const INVERT: u32 = 1 << 5;
+const SECOND: u128 = 1_000_000_000;
 
-/// One input on its way through the filter.
-#[derive(Clone, Copy, Debug, Default)]
-struct Input {
-    raw: bool,
-    since: Nanos,
-    filtered: bool,
-}
-
-impl Input {
-    /// No current flows: the line is high.
-    const IDLE: Self = Self {
-        raw: true,
-        since: 0,
-        filtered: true,
-    };
-}
-
-/// An 8-bit counter on the inputs 2k and 2k+1.
-#[derive(Clone, Copy, Debug, Default)]
-struct MpgCounter {
-    count: u8,
-    times_four: bool,
-}
-
-/// An input module. REGISTERS, "InMux / InM".
+/// An input module. REGISTERS, "InMux / InM"; FACTS 12.9.
 ///
-/// The opto-isolators in front of it invert: without the global invert bit, an input reads 1 while
-/// no current flows. That is how LinuxCNC sets it up ("fixed to true, as this matches all existing
-/// hardware").
+/// Opto-isolators in front of InMux pull its line low while current flows: without the global
+/// invert bit, an input reads 1 while none does. LinuxCNC always sets that bit. InM keeps the bit
+/// and does nothing with it, and its inputs are 1 while current flows.
 ///
-/// An input reaches the filtered register when it has been stable for as many scans as its filter
-/// asks for; the MPG counters count on filtered inputs.
+/// Inputs are taken in one after the other, the last first. What is raw reaches the filtered
+/// register when the input's filter has counted up or down to its end, and the MPG counters count
+/// on filtered inputs. After configuration everything reads 0 until its turn comes.
+///
+/// It is exact to the clock, and costs as much as inputs change.
 #[derive(Clone, Debug)]
 pub struct Inputs {
     multiplexed: bool,
     clock: u32,
-    control: u32,
-    long_filter: u32,
     count: usize,
     /// What is at the terminals.
     terminals: u32,
-    lines: [Input; MAX_INPUTS],
-    mpgs: [MpgCounter; MAX_MPGS],
+    scanner: Scanner,
     address: [Option<usize>; MAX_ADDRESS_LINES],
     /// Address bits that stand at 1 because nobody drives their lines.
     stuck_address: usize,
@@ -81,44 +56,39 @@ impl Inputs {
                 .filter(|&number| pin(number).is_some())
                 .count()
         };
-        let mut inputs = Self {
+        let count = count.clamp(1, MAX_INPUTS);
+        Self {
             multiplexed,
             clock: firmware.clock(module.clock).max(1),
-            control: 0,
-            long_filter: 0,
-            count: count.clamp(1, MAX_INPUTS),
+            count,
             terminals: 0,
-            lines: [Input::IDLE; MAX_INPUTS],
-            mpgs: [MpgCounter::default(); MAX_MPGS],
+            scanner: Scanner::new(count, multiplexed),
             address,
-            stuck_address: 0,
-        };
-        inputs.stuck_address = if multiplexed { usize::MAX } else { 0 };
-        inputs
+            stuck_address: if multiplexed { usize::MAX } else { 0 },
+        }
     }
 
     pub(crate) fn read(&mut self, now: Nanos, register: u8) -> u32 {
-        self.settle(now);
+        let clocks = self.next_clock(now);
+        self.run_to(clocks);
         match register {
-            CONTROL => self.control | (self.count as u32 - 1),
-            FILTER => self.long_filter,
-            FILTERED => self.word(|input| input.filtered),
-            RAW => self.word(|input| input.raw),
-            MPG => u32::from_le_bytes(self.mpgs.map(|mpg| mpg.count)),
+            CONTROL => self.scanner.control(),
+            FILTER => self.scanner.long_filter,
+            FILTERED => self.scanner.filtered(),
+            RAW => self.scanner.raw(),
+            MPG => u32::from_le_bytes(self.scanner.mpgs.map(|mpg| mpg.count)),
             _ => 0,
         }
     }
 
     pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
-        self.settle(now);
+        let clocks = self.next_clock(now) + 1;
+        self.run_to(clocks);
         match register {
-            CONTROL => {
-                self.control = value & !LAST_INPUT;
-                self.look(now);
-            }
-            FILTER => self.long_filter = value,
+            CONTROL => self.scanner.set_control(value),
+            FILTER => self.scanner.long_filter = value & self.all(),
             MPG => {
-                for (mpg, byte) in self.mpgs.iter_mut().zip(value.to_le_bytes()) {
+                for (mpg, byte) in self.scanner.mpgs.iter_mut().zip(value.to_le_bytes()) {
                     mpg.times_four = byte & 1 != 0;
                 }
             }
@@ -138,14 +108,20 @@ impl Inputs {
 
     /// Scans of the whole module in a second.
     pub fn scan_rate(&self) -> f64 {
-        1e9 / self.scan_nanos()
+        f64::from(self.clock) / (self.scanner.slot_clocks() as f64 * self.count as f64)
+    }
+
+    /// The level that InMux puts out on an address line, 0 to 4, at `now`.
+    pub fn address_line(&self, now: Nanos, line: u8) -> bool {
+        let passed = u128::from(now) * u128::from(self.clock) / SECOND;
+        self.scanner.address_at(passed as u64 + 1) >> (line & 7) & 1 != 0
     }
 
     pub(crate) fn set_terminal(&mut self, now: Nanos, input: usize, on: bool) {
-        if input < MAX_INPUTS {
-            self.settle(now);
-            self.terminals = self.terminals & !(1 << input) | u32::from(on) << input;
-            self.look(now);
+        if input < MAX_INPUTS && self.terminal(input) != on {
+            let clocks = self.next_clock(now);
+            self.run_to(clocks);
+            self.terminals ^= 1 << input;
         }
     }
 
@@ -154,82 +130,41 @@ impl Inputs {
         if !self.multiplexed {
             return;
         }
-        self.settle(now);
         let lines = self.address.iter().enumerate();
-        self.stuck_address = lines
+        let stuck = lines
             .filter(|(_, pin)| !io.module_drives(**pin))
             .fold(0, |stuck, (line, _)| stuck | 1 << line);
-        self.look(now);
-    }
-
-    fn word(&self, bit: impl Fn(&Input) -> bool) -> u32 {
-        let inputs = self.lines.iter().take(self.count).enumerate();
-        inputs.fold(0, |word, (n, input)| word | u32::from(bit(input)) << n)
-    }
-
-    fn scan_nanos(&self) -> f64 {
-        let divisor = (self.control >> 6 & 0x3FF) + 1;
-        // InM too takes its inputs one after the other.
-        4e9 / f64::from(self.clock) * f64::from(divisor) * self.count as f64
-    }
-
-    fn filter_nanos(&self, input: usize) -> Nanos {
-        let long = self.long_filter >> input & 1 != 0;
-        let scans = if long {
-            self.control >> 22
-        } else {
-            self.control >> 16 & 0x3F
-        };
-        (f64::from(scans) * self.scan_nanos()) as Nanos
-    }
-
-    /// Takes over the terminals into the raw inputs.
-    fn look(&mut self, now: Nanos) {
-        let invert = self.control & INVERT != 0;
-        for number in 0..self.count {
-            let selected = (number | self.stuck_address) & (self.count - 1);
-            let source = if self.multiplexed { selected } else { number };
-            // An opto-isolator pulls its line low while current flows.
-            let raw = self.terminal(source) == invert;
-            if let Some(input) = self.lines.get_mut(number)
-                && input.raw != raw
-            {
-                input.raw = raw;
-                input.since = now;
-            }
+        if stuck != self.stuck_address {
+            let clocks = self.next_clock(now);
+            self.run_to(clocks);
+            self.stuck_address = stuck;
         }
     }
 
-    /// Lets every input through that has been stable for long enough, in the order of time.
-    fn settle(&mut self, now: Nanos) {
-        for _ in 0..self.count {
-            let next = self.lines.iter().take(self.count).enumerate();
-            let next = next
-                .filter(|(_, input)| input.raw != input.filtered)
-                .map(|(number, input)| (input.since + self.filter_nanos(number), number))
-                .min();
-            let Some((due, number)) = next else { return };
-            if due > now {
-                return;
-            }
-            if let Some(input) = self.lines.get_mut(number) {
-                input.filtered = input.raw;
-            }
-            self.count_mpg(number);
-        }
+    /// Lets clocks pass until there were `clocks` in all.
+    fn run_to(&mut self, clocks: u64) {
+        let lines = self.lines();
+        self.scanner.run_to(clocks, lines);
     }
 
-    fn count_mpg(&mut self, changed: usize) {
-        let level = |number: usize| self.lines.get(number).is_some_and(|input| input.filtered);
-        let (a, b) = (level(changed & !1), level(changed | 1));
-        let a_changed = changed & 1 == 0;
-        // A leads B when the wheel turns forwards.
-        let forwards = if a_changed { a != b } else { a == b };
-        if let Some(mpg) = self.mpgs.get_mut(changed / 2)
-            && (mpg.times_four || (a_changed && !b))
-        {
-            let step = if forwards { 1 } else { -1 };
-            mpg.count = mpg.count.wrapping_add_signed(step);
+    /// The levels that the module sees when it asks for its inputs.
+    fn lines(&self) -> u32 {
+        if !self.multiplexed {
+            return self.terminals & self.all();
         }
+        let selected = |input: usize| (input | self.stuck_address) & (self.count - 1);
+        (0..self.count).fold(0, |lines, input| {
+            lines | u32::from(!self.terminal(selected(input))) << input
+        })
+    }
+
+    fn all(&self) -> u32 {
+        u32::MAX >> (MAX_INPUTS - self.count)
+    }
+
+    /// The number of the first clock edge that is not before `now`.
+    fn next_clock(&self, now: Nanos) -> u64 {
+        let clocks = u128::from(now) * u128::from(self.clock);
+        clocks.div_ceil(SECOND) as u64
     }
 }
