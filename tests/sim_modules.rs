@@ -623,7 +623,10 @@ fn dpll_follows_the_cycle_of_its_host_and_says_how_late_it_is() {
             crossed = Some(n);
         }
     }
-    assert!(crossed.is_some_and(|n| (400..600).contains(&n)), "{crossed:?}");
+    assert!(
+        crossed.is_some_and(|n| (400..600).contains(&n)),
+        "{crossed:?}"
+    );
     assert!(error.abs() < 0.03, "{error}");
 }
 

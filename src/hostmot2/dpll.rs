@@ -11,9 +11,10 @@ use thiserror::Error;
 pub struct Dpll {
     /// Phase step per clock.
     pub base_rate: u16,
-    /// The phase error (read).
-    pub phase_error: u16,
-    /// Control 0: prescale and phase limit.
+    /// The phase as it is now; a write sets it.
+    pub phase: u16,
+    /// Control 0: prescale and phase limit; reads prescale and the present correction. A write makes
+    /// the loop forget its error, filter and integrator.
     pub control_0: u16,
     /// Control 1: time constant; its low byte reads the DDS size.
     pub control_1: u16,
@@ -21,7 +22,7 @@ pub struct Dpll {
     pub timers_12: u16,
     /// Timers 4 and 3.
     pub timers_34: u16,
-    /// Any access marks the thread's read; reads the phase error then.
+    /// Any access marks the thread's read and latches the phase, which it reads: the phase error.
     pub sync: u16,
     clock_hz: u32,
 }
@@ -31,11 +32,12 @@ pub struct Dpll {
 pub struct DpllConfig {
     /// Rate of the thread in Hz.
     pub hz: f64,
-    /// How far one sync may move the phase: 24 bits.
+    /// The greatest phase error that counts, in 2^-24 of a period: at most 0x7F_FFFF, half a period.
     pub phase_limit: u32,
-    /// Time constant of the filter.
+    /// Steps of the accumulator from one step of the filter to the next, about 4200 of which make
+    /// a period. The greater, the slower.
     pub time_constant: u16,
-    /// When the timers tick, in us from the thread's read; before it is negative.
+    /// When the timers rise, in us from the thread's read; before it is negative.
     pub timers_us: [f64; 4],
 }
 
@@ -113,7 +115,7 @@ impl Dpll {
         let register = |register| module.block(register).map(|block| block.first());
         Ok(Self {
             base_rate: register(0)?,
-            phase_error: register(1)?,
+            phase: register(1)?,
             control_0: register(2)?,
             control_1: register(3)?,
             timers_12: register(4)?,
@@ -159,7 +161,8 @@ impl Dpll {
 
 impl DpllSetup {
     /// The words for a loop with this clock and a DDS of `dds_bits`:
-    /// prescale = 2^30*clock / (2^dds * Hz), at least 1; base rate = Hz * 2^dds * prescale / clock.
+    /// prescale = 2^30*clock / (2^dds * Hz), at least 1; base rate = Hz * 2^dds * prescale / clock,
+    /// both cut off as LinuxCNC does.
     ///
     /// # Errors
     /// [`DpllError::Rate`], [`DpllError::DdsSize`].
@@ -174,7 +177,7 @@ impl DpllSetup {
         let clock = f64::from(clock_hz);
         let turn = libm::ldexp(1.0, i32::from(dds_bits)) * config.hz;
         let prescale = libm::floor(libm::ldexp(clock, 30) / turn).max(1.0);
-        let base_rate = libm::round(turn * prescale / clock);
+        let base_rate = libm::floor(turn * prescale / clock);
         let fits = config.hz > 0.0
             && (1.0..=255.0).contains(&prescale)
             && (1.0..=f64::from(u32::MAX)).contains(&base_rate);
@@ -207,16 +210,17 @@ impl DpllSetup {
     }
 }
 
-/// A timer as a fraction of the period in 1/65536, negative before the read. Offsets of more than
-/// half a period become half a period; what is not a number becomes 0.
+/// A timer as a fraction of the period in 1/65536. The register says how long **before** the read
+/// the timer rises, so that its sign is the other one: -100 us of 1 ms are 0x1999 (FACTS 12.4).
+/// Offsets of more than half a period become half a period; what is not a number becomes 0.
 fn timer_of(us: f64, hz: f64) -> u16 {
-    let fraction = libm::round(us * 1e-6 * hz * 65_536.0);
+    let fraction = libm::floor(-us * hz * 65_536.0 / 1e6);
     let fraction = if fraction.is_nan() { 0.0 } else { fraction };
     fraction.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16 as u16
 }
 
-/// The phase error in us that the sync or phase error register says, for a thread of `hz`:
-/// a signed fraction of the period in 1/2^32.
+/// The phase error in us that the sync register says, for a thread of `hz`: a signed fraction of
+/// the period in 1/2^32, positive if the thread reads late.
 pub fn phase_error_us(word: u32, hz: f64) -> f64 {
     f64::from(word as i32) / 4_294_967_296.0 / hz * 1e6
 }
@@ -237,24 +241,25 @@ mod tests {
     fn a_thread_of_1_khz_at_100_mhz_with_42_bits() {
         // 2^30*1e8/(2^42*1e3) = 24.4; 1e3*2^42*24/1e8 = 1055531162.66.
         let words = setup(42, &DpllConfig::default()).unwrap();
-        assert_eq!((words.prescale, words.base_rate), (24, 1_055_531_163));
+        assert_eq!((words.prescale, words.base_rate), (24, 1_055_531_162));
         assert_eq!(words.control_0, 0x1840_0000);
         assert_eq!(words.control_1, 0xA000_0000);
-        // -100 us of 1 ms: -6553.6.
-        assert_eq!(words.timers_12, 0xE666_E666);
+        // 100 us before, of 1 ms: 6553.6.
+        assert_eq!(words.timers_12, 0x1999_1999);
         assert!((words.hz(CLOCK, 42) - 1_000.0).abs() < 1e-5);
     }
 
     #[test]
     fn each_timer_has_its_half_word() {
         let config = DpllConfig {
-            timers_us: [-100.0, 0.0, 250.0, f64::NAN],
+            timers_us: [-100.0, 100.0, 250.0, f64::NAN],
             ..DpllConfig::default()
         };
         let words = setup(42, &config).unwrap();
-        assert_eq!(words.timers_12, 0x0000_E666);
-        assert_eq!(words.timers_34, 0x0000_4000);
-        assert_eq!(timer_of(-9e9, 1_000.0), 0x8000);
+        assert_eq!(words.timers_12, 0xE666_1999);
+        assert_eq!(words.timers_34, 0x0000_C000);
+        assert_eq!(timer_of(-9e9, 1_000.0), 0x7FFF);
+        assert_eq!(timer_of(0.0, 1_000.0), 0);
     }
 
     #[test]

@@ -35,10 +35,14 @@ fn inputs_arrive_filtered_and_raw() {
     }
 }
 
-/// Turns the MPG on inputs 2k and 2k+1 by whole cycles.
-fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, steps: usize) {
-    for _ in 0..steps {
-        for (a, b) in [(true, false), (true, true), (false, true), (false, false)] {
+/// Turns the MPG on inputs 2k (A) and 2k+1 (B) by whole cycles, B ahead of A or behind it.
+fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, cycles: i32) {
+    let mut steps = [(false, true), (true, true), (true, false), (false, false)];
+    if cycles < 0 {
+        steps[..3].reverse();
+    }
+    for _ in 0..cycles.abs() {
+        for (a, b) in steps {
             machine.fpga().set_input(2 * k, a);
             machine.fpga().set_input(2 * k + 1, b);
             machine.cycles(1);
@@ -46,18 +50,21 @@ fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, steps: usize) {
     }
 }
 
+/// FACTS 12.9: B leading A counts up, so that 1X counts rising edges of A up and falling ones down.
 #[test]
-fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_and_can_be_reset() {
+fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset() {
     for mut machine in both_firmwares().map(Machine::new) {
         let inputs = machine.card.inputs.clone();
         let count = |machine: &Machine<SimFpga>, k: usize| {
-            machine.driver.pins().read(inputs.mpg_counts[k]).value.abs()
+            machine.driver.pins().read(inputs.mpg_counts[k]).value
         };
         machine.cycles(3);
         turn_mpg(&mut machine, 1, 300);
         machine.cycles(2);
-        assert_eq!(count(&machine, 1), 300);
-        assert_eq!(count(&machine, 0), 0);
+        assert_eq!((count(&machine, 0), count(&machine, 1)), (0, 300));
+        turn_mpg(&mut machine, 1, -500);
+        machine.cycles(2);
+        assert_eq!((count(&machine, 0), count(&machine, 1)), (0, -200));
         machine
             .driver
             .pins_mut()
@@ -66,14 +73,24 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_and_can_be_reset() {
         machine.cycles(1);
         turn_mpg(&mut machine, 3, 100);
         machine.cycles(2);
-        assert_eq!(count(&machine, 3), 400);
+        assert_eq!((count(&machine, 1), count(&machine, 3)), (-200, 400));
+        turn_mpg(&mut machine, 3, -1);
+        machine.cycles(2);
+        assert_eq!(count(&machine, 3), 396);
         machine.driver.pins_mut().set(inputs.mpg_resets[1], true);
         machine.cycles(1);
         assert_eq!(count(&machine, 1), 0);
         machine.driver.pins_mut().set(inputs.mpg_resets[1], false);
+        // A mode that is changed keeps the counts.
+        machine
+            .driver
+            .pins_mut()
+            .set_param(inputs.mpg_4x[3], false)
+            .expect("a switch");
         turn_mpg(&mut machine, 1, 2);
+        turn_mpg(&mut machine, 3, 2);
         machine.cycles(2);
-        assert_eq!((count(&machine, 1), count(&machine, 3)), (2, 400));
+        assert_eq!((count(&machine, 1), count(&machine, 3)), (2, 398));
     }
 }
 

@@ -76,12 +76,12 @@ impl EthernetPins {
 /// The pins of the phase-locked loop that times the board by the cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DpllPins {
-    /// Offsets of the four timers in microseconds; negative is before the read.
+    /// When the four timers rise, in microseconds from the read; negative is before it.
     pub timer_us: [Output<f64>; 4],
     /// The loop's frequency in kHz.
     pub base_freq_khz: Output<f64>,
-    /// How far the loop is off, in microseconds; 0 where the board paces the cycle, since it follows
-    /// nobody then.
+    /// How late the last read was for the loop, in microseconds; negative is early. 0 where the board
+    /// paces the cycle, since the loop follows nobody then.
     pub phase_error_us: Input<f64>,
     /// Time constant of its filter.
     pub time_const: Output<u32>,

@@ -251,7 +251,9 @@ impl PhaseLoop {
 
     fn offset(&self, output: u8) -> u16 {
         let timer = usize::from(output).checked_sub(1);
-        timer.and_then(|timer| self.timers.get(timer)).map_or(0, |&timer| timer)
+        timer
+            .and_then(|timer| self.timers.get(timer))
+            .map_or(0, |&timer| timer)
     }
 
     /// Clocks before the one with which an output changes, as long as the rate stays.

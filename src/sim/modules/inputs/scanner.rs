@@ -261,7 +261,11 @@ impl GlitchFilter {
             return;
         }
         let before = u64::from(self.count);
-        let to_end = if self.line { Self::FULL - before } else { before };
+        let to_end = if self.line {
+            Self::FULL - before
+        } else {
+            before
+        };
         // The output follows the count by a clock.
         if clocks > to_end {
             self.output = self.line;
@@ -269,6 +273,10 @@ impl GlitchFilter {
             self.output = !self.line;
         }
         let moved = clocks.min(to_end);
-        self.count = if self.line { before + moved } else { before - moved } as u8;
+        self.count = if self.line {
+            before + moved
+        } else {
+            before - moved
+        } as u8;
     }
 }
