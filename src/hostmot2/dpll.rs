@@ -212,11 +212,11 @@ impl DpllSetup {
 
 /// A timer as a fraction of the period in 1/65536. The register says how long **before** the read
 /// the timer rises, so that its sign is the other one: -100 us of 1 ms are 0x1999 (FACTS 12.4).
-/// Offsets of more than half a period become half a period; what is not a number becomes 0.
+/// Whole periods are left out; what is not a number becomes 0.
 fn timer_of(us: f64, hz: f64) -> u16 {
     let fraction = libm::floor(-us * hz * 65_536.0 / 1e6);
-    let fraction = if fraction.is_nan() { 0.0 } else { fraction };
-    fraction.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16 as u16
+    let within = fraction - 65_536.0 * libm::floor(fraction / 65_536.0);
+    if within.is_nan() { 0 } else { within as u16 }
 }
 
 /// The phase error in us that the sync register says, for a thread of `hz`: a signed fraction of
@@ -258,8 +258,13 @@ mod tests {
         let words = setup(42, &config).unwrap();
         assert_eq!(words.timers_12, 0xE666_1999);
         assert_eq!(words.timers_34, 0x0000_C000);
-        assert_eq!(timer_of(-9e9, 1_000.0), 0x7FFF);
-        assert_eq!(timer_of(0.0, 1_000.0), 0);
+        let timer = |us: f64| timer_of(us, 1_000.0);
+        assert_eq!(
+            [timer(0.0), timer(-500.0), timer(500.0)],
+            [0, 0x8000, 0x8000]
+        );
+        assert_eq!([timer(-600.0), timer(400.0)], [0x9999, 0x9999]);
+        assert_eq!([timer(-1e9), timer(f64::INFINITY)], [0, 0]);
     }
 
     #[test]
