@@ -402,3 +402,47 @@ fn without_automatic_recovery_the_application_decides() {
         .restart(0, mesa_hal::sslbp::Channel::ALL[FIELD]);
     machine.until(10, |machine| machine.is_running(FIELD));
 }
+
+/// The values of LinuxCNC 2.9 on the same simulated machine: 3 in normal operation, 0 when `run` is
+/// false, 2 for the first cycle after START, 4 on the way to the stop.
+#[test]
+fn port_state_is_3_in_normal_operation_and_0_when_switched_off_as_in_linuxcnc() {
+    let mut machine = Machine::new();
+    let state = |machine: &Machine| {
+        ["", "2", "3"].map(|n| {
+            let name = format!("hm2_7i92.0.sserial.port-0.port_state{n}");
+            let pin = machine.driver.pins().input::<u32>(&name).unwrap();
+            machine.driver.pins().read(pin).value
+        })
+    };
+    let mut seen = Vec::new();
+    let mut watch = |machine: &mut Machine, cycles: usize| {
+        seen.clear();
+        for _ in 0..cycles {
+            machine.cycles(1);
+            seen.push(state(machine));
+        }
+        seen.dedup();
+        seen.clone()
+    };
+    assert_eq!(watch(&mut machine, 10), [[2, 0, 0], [3, 0, 0]]);
+    let run = "hm2_7i92.0.sserial.port-0.run";
+    let run = machine.driver.pins().output::<bool>(run).unwrap();
+    machine.driver.pins_mut().set(run, false);
+    assert_eq!(watch(&mut machine, 10), [[3, 0, 0], [4, 0, 0], [0, 0, 0]]);
+    machine.driver.pins_mut().set(run, true);
+    let started = watch(&mut machine, 20);
+    assert_eq!(started.first(), Some(&[0, 0, 0]));
+    assert_eq!(started[started.len() - 2..], [[2, 0, 0], [3, 0, 0]]);
+    // One remote is away: the port is in operation, and starts it anew now and then.
+    machine.cable(FIELD).unplug();
+    assert_eq!(
+        watch(&mut machine, 200),
+        [[3, 0, 0], [3, 1, 0], [3, 2, 0], [3, 0, 0]]
+    );
+    for channel in [ANALOG, OUTPUTS] {
+        machine.cable(channel).unplug();
+    }
+    machine.cycles(60);
+    assert_eq!(state(&machine)[0], 0, "nobody is left");
+}

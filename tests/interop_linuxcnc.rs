@@ -76,7 +76,9 @@ fn expect_board(expected: &mut Expected) {
     expected.params("float", "RW", numbered(6, |n| encoder(n, "scale")));
     let port = |name: &str| format!("sserial.port-0.{name}");
     expected.pins("bit", "IN", [port("run")]);
-    expected.pins("u32", "OUT", ["fault-count", "port_state"].map(port));
+    let states = ["port_state", "port_state2", "port_state3"];
+    expected.pins("u32", "OUT", states.map(port));
+    expected.pins("u32", "OUT", [port("fault-count")]);
     expected.params(
         "u32",
         "RW",

@@ -16,14 +16,6 @@ const ONLY_LINUXCNC: Reasons = &[
         "how long LinuxCNC's own functions take: see DriverStatistics",
     ),
     ("*.tmax*", "how long LinuxCNC's own functions take"),
-    (
-        "sserial.port-*.port_state2",
-        "state of the other formats of a port, always there",
-    ),
-    (
-        "sserial.port-*.port_state3",
-        "state of the other formats of a port, always there",
-    ),
     ("gpio.*.in*", "level of a pin that a module uses"),
     (
         "gpio.*.out",

@@ -183,6 +183,11 @@ impl Channel {
         }
     }
 
+    /// Good transfers since it was started.
+    pub const fn good_since_restart(&self) -> u64 {
+        self.good_since_restart
+    }
+
     pub fn is_running(&self) -> bool {
         self.state == RemoteState::Running
     }

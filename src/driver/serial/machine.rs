@@ -109,6 +109,27 @@ impl Machine {
             .is_some_and(|pending| matches!(pending.asked, Asked::Transfer(_)))
     }
 
+    /// Whether a remote that runs has transferred since it was started.
+    pub fn has_transferred(&self) -> bool {
+        let has = |channel: &Channel| channel.is_running() && channel.good_since_restart() > 0;
+        !self.mask(has).is_empty()
+    }
+
+    /// Whether a STOP is in flight.
+    pub fn is_stopping(&self) -> bool {
+        self.pending
+            .is_some_and(|pending| matches!(pending.asked, Asked::Stop(_)))
+    }
+
+    /// How far a restart is: 1 STOP, 2 START, 0 none.
+    pub fn restart_step(&self) -> u32 {
+        match self.restart {
+            Restart::Starting => 2,
+            Restart::Stopped { .. } => 1,
+            Restart::None => u32::from(self.run && self.is_stopping()),
+        }
+    }
+
     /// The largest `fault-count` of its channels.
     pub fn fault_count(&self) -> u32 {
         let counts = self.channels.iter().flatten().map(|c| c.fault_count);

@@ -15,6 +15,12 @@ pub(in crate::driver) struct PortPins {
     run: Output<bool>,
     fault_count: Input<u32>,
     port_state: Input<u32>,
+    /// LinuxCNC's step within a state: 1 while remotes are being stopped for a restart, 2 while they
+    /// are being started, else 0.
+    port_state2: Input<u32>,
+    /// LinuxCNC's step within a parameter access. There are none in the cycle, so it stays 0, as
+    /// LinuxCNC's does.
+    port_state3: Input<u32>,
     transfers: Input<u64>,
     too_short: Input<u32>,
     fault_inc: Param<u32>,
@@ -22,19 +28,34 @@ pub(in crate::driver) struct PortPins {
     fault_lim: Param<u32>,
 }
 
-/// Values of `port_state`: 0 stopped, 1 all remotes transfer, 2 some are set aside, 3 none
-/// transfers.
-fn port_state(machine: &Machine) -> u32 {
-    let known = machine.known();
-    let running = machine.running();
-    if !machine.run {
-        0
-    } else if running == known {
-        1
-    } else if running.is_empty() {
-        3
-    } else {
-        2
+/// Values of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when `run`
+/// is false; the others as LinuxCNC 2.9 was seen to go through them).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+enum PortState {
+    /// Nothing is transferred: switched off, or no remote runs.
+    Idle = 0,
+    /// Remotes have been started, and none of them has transferred yet.
+    Started = 2,
+    /// Normal operation. Single remotes may be set aside: see their `running`.
+    Normal = 3,
+    /// `run` is false: the remotes are told safe values.
+    Stopping = 4,
+    /// They are being stopped.
+    Stopped = 5,
+}
+
+impl PortState {
+    fn of(machine: &Machine) -> Self {
+        let running = machine.running();
+        match (machine.run, running.is_empty()) {
+            (true, true) => Self::Idle,
+            (true, false) if machine.has_transferred() => Self::Normal,
+            (true, false) => Self::Started,
+            (false, false) => Self::Stopping,
+            (false, true) if machine.is_stopping() => Self::Stopped,
+            (false, true) => Self::Idle,
+        }
     }
 }
 
@@ -52,6 +73,8 @@ impl PortPins {
             run: pins.add_output(group, name("run"), OutputRule::switch(true))?,
             fault_count: pins.add_input(group, name("fault-count"))?,
             port_state: pins.add_input(group, name("port_state"))?,
+            port_state2: pins.add_input(group, name("port_state2"))?,
+            port_state3: pins.add_input(group, name("port_state3"))?,
             transfers: pins.add_input(group, name("transfers"))?,
             too_short: pins.add_input(group, name("too-short"))?,
             fault_inc: pins.add_setting(group, count("fault-inc"), policy.fault_inc)?,
@@ -62,7 +85,9 @@ impl PortPins {
 
     pub fn publish(&self, pins: &mut Pins, machine: &Machine) {
         pins.publish(self.fault_count, machine.fault_count());
-        pins.publish(self.port_state, port_state(machine));
+        pins.publish(self.port_state, PortState::of(machine) as u32);
+        pins.publish(self.port_state2, machine.restart_step());
+        pins.publish(self.port_state3, 0);
         pins.publish(self.transfers, machine.statistics.transfers);
         let too_short = u32::try_from(machine.statistics.too_short).unwrap_or(u32::MAX);
         pins.publish(self.too_short, too_short);
