@@ -37,6 +37,9 @@ mod board;
 mod build;
 mod config;
 mod error;
+#[doc = include_str!("../../docs/neighbours.md")]
+pub mod neighbours {}
+
 #[doc = include_str!("../../docs/faults.md")]
 pub mod faults {}
 #[cfg(feature = "log")]

@@ -49,7 +49,8 @@ pub struct RemoteStatus<'a> {
 ///   not, as the gateware does it (FACTS 5.7). So they are limited for the port as a whole,
 ///   whatever its remotes do: when attempts have taken 60 ms, further ones wait until one of 20 ms
 ///   for each `longest_backoff` is paid off. With the defaults that is less than 0.6 % of any
-///   minute, and no gap is longer than one attempt. A remote that comes back is found within
+///   minute, and no gap is longer than one attempt: measured in
+///   [`neighbours`](crate::driver::neighbours). A remote that comes back is found within
 ///   `longest_backoff` and one attempt. An attempt that the application asks for is made at once,
 ///   when the silence is over.
 ///
