@@ -49,12 +49,11 @@ impl PortState {
     fn of(machine: &Machine) -> Self {
         let running = machine.running();
         match (machine.run, running.is_empty()) {
-            (true, true) => Self::Idle,
             (true, false) if machine.has_transferred() => Self::Normal,
             (true, false) => Self::Started,
             (false, false) => Self::Stopping,
             (false, true) if machine.is_stopping() => Self::Stopped,
-            (false, true) => Self::Idle,
+            (_, true) => Self::Idle,
         }
     }
 }
