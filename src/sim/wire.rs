@@ -108,6 +108,13 @@ pub trait RemoteEnd: core::any::Any + core::fmt::Debug + Send {
         false
     }
 
+    /// When it does something by itself next: its watchdog bites, a write to its EEPROM ends. Who
+    /// lets time pass calls [`advance`](Self::advance) for that moment, whether or not anybody talks
+    /// to the remote. `None`: nothing is due.
+    fn next_event(&self) -> Option<Nanos> {
+        self.inner().and_then(RemoteEnd::next_event)
+    }
+
     /// The device behind this one, if this one only stands in between (wire faults, a recorder).
     fn inner(&self) -> Option<&dyn RemoteEnd> {
         None

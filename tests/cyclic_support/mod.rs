@@ -119,17 +119,7 @@ impl<B: Simulated> Machine<B> {
         let sim = self.driver.bus_mut().sim_mut();
         let period = time.as_nanos() as u64;
         let next = (SimFpga::now(sim) / period + 1) * period;
-        Self::advance(sim, next);
-    }
-
-    /// Lets time pass, also for remotes that nobody talks to.
-    fn advance(sim: &mut SimFpga, until: u64) {
-        sim.advance_to(until);
-        for channel in [FIELD, ANALOG, OUTPUTS] {
-            if let Some(remote) = sim.remote_mut(0, channel) {
-                remote.advance(until);
-            }
-        }
+        sim.advance_to(next);
     }
 
     /// The application does nothing for some milliseconds.
@@ -140,7 +130,7 @@ impl<B: Simulated> Machine<B> {
     pub fn pass_nanos(&mut self, nanos: u64) {
         let sim = self.driver.bus_mut().sim_mut();
         let until = SimFpga::now(sim) + nanos;
-        Self::advance(sim, until);
+        sim.advance_to(until);
     }
 
     pub fn now(&self) -> u64 {

@@ -17,6 +17,11 @@ pub trait Gateware {
     /// timers (1 to 4), but not past `limit`; returns when it came.
     fn wait_for_timer(&mut self, timer: u8, limit: Nanos) -> Option<Nanos>;
 
+    /// Whether the FPGA is without its configuration; then the board does not answer.
+    fn is_in_reset(&self) -> bool {
+        false
+    }
+
     /// The FPGA is configured again: registers as after power-up. What is plugged in stays.
     fn reconfigure(&mut self);
 }
@@ -41,6 +46,10 @@ impl Gateware for SimFpga {
         let edge = edge.filter(|&edge| edge <= limit);
         SimFpga::advance_to(self, edge.unwrap_or(limit));
         edge
+    }
+
+    fn is_in_reset(&self) -> bool {
+        SimFpga::is_in_reset(self)
     }
 
     fn reconfigure(&mut self) {

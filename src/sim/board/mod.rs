@@ -152,6 +152,9 @@ impl<G: Gateware> SimBoard<G> {
             return None;
         }
         self.advance_to(now);
+        if self.gateware.is_in_reset() {
+            return None;
+        }
         self.status.count(control_registers::RX_PACKETS);
         if request.len() > MAX_PACKET {
             count_error(&mut self.status, ErrorRegister::RECEIVE);
@@ -168,6 +171,10 @@ impl<G: Gateware> SimBoard<G> {
             match operation {
                 Ok(operation) => self.execute(&operation, reply),
                 Err(_) => count_error(&mut self.status, ErrorRegister::PARSE),
+            }
+            if self.gateware.is_in_reset() {
+                reply.clear();
+                return None;
             }
             if reply.len() > MAX_PACKET || self.reload.is_some() {
                 break;

@@ -200,32 +200,50 @@ impl SimFpga {
 
     /// Lets time pass up to `to`, before which the watchdog does not bite.
     fn run_to(&mut self, to: Nanos) {
+        self.visit_remotes(SmartSerial::is_touched);
         while self.now < to {
-            // Remotes do things by themselves (their watchdogs bite), which the motors must see.
-            let step = to.min(self.plant.due().max(self.now + 1));
-            let due = step >= self.plant.due();
-            self.run_ports(step, due);
+            let ports = self.serial.iter();
+            let remotes = ports.filter_map(SmartSerial::remotes_due).min();
+            let due = remotes.unwrap_or(Nanos::MAX).min(self.plant.due());
+            let step = to.min(due.max(self.now + 1));
+            self.run_ports(step);
             self.now = step;
-            if due {
-                self.settle();
-                self.plant.refresh_remotes(&mut self.serial);
+            if step >= due {
+                self.plant.advance(step);
+                // Remotes do things by themselves (their watchdogs bite), whoever talks to them.
+                self.visit_remotes(|port| port.remotes_due().is_some_and(|due| due <= step));
             }
         }
     }
 
-    /// Lets the ports go on where there is something to do, or all of them.
-    fn run_ports(&mut self, to: Nanos, all: bool) {
+    /// Lets the remotes of some ports notice the time, and takes over what they put out.
+    fn visit_remotes(&mut self, which: impl Fn(&SmartSerial) -> bool) {
         for (number, port) in self.serial.iter_mut().enumerate() {
-            if all || port.next_event().is_some_and(|event| event <= to) {
+            if which(port) {
+                self.plant.advance(self.now);
+                let mut watcher = PortWatcher::new(&mut self.plant, number);
+                port.visit_remotes(self.now, &self.io, &mut watcher);
+            }
+        }
+    }
+
+    /// Lets the ports go on where there is something to do.
+    fn run_ports(&mut self, to: Nanos) {
+        if self.is_in_reset() {
+            return;
+        }
+        for (number, port) in self.serial.iter_mut().enumerate() {
+            if port.next_event().is_some_and(|event| event <= to) {
                 let mut watcher = PortWatcher::new(&mut self.plant, number);
                 port.advance(to, &self.io, &mut watcher);
             }
         }
     }
 
-    /// Brings the motors up to the present.
+    /// Brings the motors up to the present, and lets them notice what was done to remotes.
     fn settle(&mut self) {
         self.plant.advance(self.now);
+        self.visit_remotes(SmartSerial::is_touched);
     }
 
     /// Tells everybody that depends on the set-up of the pins.

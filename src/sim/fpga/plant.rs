@@ -1,11 +1,11 @@
 //! What hangs on the FPGA besides the remotes: drives, motors and their encoders.
 
 use super::firmware::{Firmware, gtag};
-use crate::sim::modules::{EncoderBank, IoPorts, Pwm, SmartSerial, Watcher};
+use crate::sim::modules::{EncoderBank, IoPorts, Pwm, Watcher};
 use crate::sim::wire::{Nanos, RemoteEnd};
 use crate::sim::world::{Motor, MotorConfig};
 
-/// How often motors move and remotes age when nobody looks.
+/// How often motors move when nobody looks.
 const GRAIN: Nanos = 1_000_000;
 
 /// What a drive is told at the moment.
@@ -201,19 +201,6 @@ impl Plant {
                 if (p, c) == (port, channel))
         })
     }
-
-    /// Lets the remotes notice the time, as their watchdogs do, and takes over what they put out.
-    pub(super) fn refresh_remotes(&mut self, serial: &mut [SmartSerial]) {
-        for (port, serial) in serial.iter_mut().enumerate() {
-            for channel in 0..crate::sim::sslbp::MAX_CHANNELS {
-                let mut remote = serial.remote_mut(channel);
-                if let Some(remote) = &mut remote {
-                    remote.advance(self.now);
-                }
-                self.remote_changed(port, channel, remote.as_deref());
-            }
-        }
-    }
 }
 
 /// Keeps the motors in step with what the remotes are told.
@@ -235,7 +222,7 @@ impl Watcher for PortWatcher<'_> {
         }
     }
 
-    fn after(&mut self, channel: usize, remote: &dyn RemoteEnd) {
-        self.plant.remote_changed(self.port, channel, Some(remote));
+    fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>) {
+        self.plant.remote_changed(self.port, channel, remote);
     }
 }

@@ -80,7 +80,7 @@ impl SimFpga {
     ) -> Option<Box<dyn RemoteEnd>> {
         self.settle();
         let previous = self.serial.get_mut(port)?.plug(channel, remote);
-        self.plant.refresh_remotes(&mut self.serial);
+        self.settle();
         previous
     }
 
@@ -113,7 +113,7 @@ impl SimFpga {
     pub fn wire_axis(&mut self, wiring: AxisWiring) -> usize {
         self.settle();
         let axis = self.plant.add(wiring, &self.io);
-        self.plant.refresh_remotes(&mut self.serial);
+        self.visit_remotes(|_| true);
         self.pins_changed();
         axis
     }

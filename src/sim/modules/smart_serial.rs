@@ -25,8 +25,8 @@ struct ChannelPins {
 pub(crate) trait Watcher {
     /// Called before the remote of `channel` takes over what ends at `now`.
     fn before(&mut self, channel: usize, now: Nanos);
-    /// Called when it has.
-    fn after(&mut self, channel: usize, remote: &dyn RemoteEnd);
+    /// Called when it has, or when something else may have changed what is plugged in there.
+    fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>);
 }
 
 /// One SSLBP port with its lines and remotes.
@@ -35,6 +35,10 @@ pub struct SmartSerial {
     port: SslbpPort,
     pins: [ChannelPins; CHANNELS],
     sockets: [Option<Box<dyn RemoteEnd>>; CHANNELS],
+    /// When a remote does something by itself next.
+    remotes_due: Option<Nanos>,
+    /// Somebody may have changed a remote since the last look.
+    touched: bool,
 }
 
 impl SmartSerial {
@@ -67,6 +71,8 @@ impl SmartSerial {
             port: SslbpPort::new(config),
             pins,
             sockets: [const { None }; CHANNELS],
+            remotes_due: None,
+            touched: false,
         }
     }
 
@@ -78,6 +84,7 @@ impl SmartSerial {
     /// The FPGA is loaded again: the port starts from the beginning. Remotes stay plugged in.
     pub(crate) fn reload(&mut self) {
         self.port = SslbpPort::new(*self.port.config());
+        self.touched = true;
     }
 
     /// Plugs a remote into a channel and hands back what was there.
@@ -87,6 +94,7 @@ impl SmartSerial {
         remote: Option<Box<dyn RemoteEnd>>,
     ) -> Option<Box<dyn RemoteEnd>> {
         let socket = self.sockets.get_mut(channel)?;
+        self.touched = true;
         core::mem::replace(socket, remote)
     }
 
@@ -97,6 +105,7 @@ impl SmartSerial {
 
     /// What is plugged into a channel, to change it.
     pub fn remote_mut(&mut self, channel: usize) -> Option<&mut dyn RemoteEnd> {
+        self.touched = true;
         match self.sockets.get_mut(channel)? {
             Some(remote) => Some(remote.as_mut()),
             None => None,
@@ -116,6 +125,38 @@ impl SmartSerial {
         self.port.next_event()
     }
 
+    /// When a remote does something by itself next, whoever talks to it or not.
+    pub(crate) fn remotes_due(&self) -> Option<Nanos> {
+        self.remotes_due
+    }
+
+    /// Whether somebody may have changed a remote since the last look.
+    pub(crate) fn is_touched(&self) -> bool {
+        self.touched
+    }
+
+    /// Lets all remotes notice that it is `now`, and the port the levels of their lines. Nothing
+    /// else may have been due before.
+    pub(crate) fn visit_remotes(&mut self, now: Nanos, io: &IoPorts, watcher: &mut dyn Watcher) {
+        for (channel, socket) in self.sockets.iter_mut().enumerate() {
+            if let Some(remote) = socket {
+                remote.advance(now);
+            }
+            watcher.after(channel, socket.as_deref());
+        }
+        self.port.skip_to(now);
+        self.advance(now, io, watcher);
+        self.touched = false;
+        self.look_ahead();
+        // Who still has something to do now is not asked again before something else happens.
+        self.remotes_due = self.remotes_due.filter(|&due| due > now);
+    }
+
+    fn look_ahead(&mut self) {
+        let remotes = self.sockets.iter().flatten();
+        self.remotes_due = remotes.filter_map(|remote| remote.next_event()).min();
+    }
+
     /// Lets time pass up to `to`, over the lines that the pins allow.
     pub(crate) fn advance(&mut self, to: Nanos, io: &IoPorts, watcher: &mut dyn Watcher) {
         let mut lines = PinnedLines {
@@ -123,8 +164,12 @@ impl SmartSerial {
             sockets: &mut self.sockets,
             io,
             watcher,
+            talked: false,
         };
         self.port.advance(to, &mut lines);
+        if lines.talked {
+            self.look_ahead();
+        }
     }
 
     fn register(register: u8, channel: u8) -> Register {
@@ -143,6 +188,8 @@ struct PinnedLines<'a> {
     sockets: &'a mut [Option<Box<dyn RemoteEnd>>; CHANNELS],
     io: &'a IoPorts,
     watcher: &'a mut dyn Watcher,
+    /// A remote was told something.
+    talked: bool,
 }
 
 impl PinnedLines<'_> {
@@ -171,7 +218,8 @@ impl Lines for PinnedLines<'_> {
             self.watcher.before(channel, burst.end());
             remote.advance(burst.end());
             remote.receive(burst);
-            self.watcher.after(channel, remote.as_ref());
+            self.watcher.after(channel, Some(remote.as_ref()));
+            self.talked = true;
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::{
     Application, Eeprom, Flash, Memory, RemoteConfig, ReplyFaults,
+    buffers::{Events, Queue, RemoteEvent, Reply},
     config::{WorkingCopy, bit_of_index},
     line,
 };
@@ -12,32 +13,6 @@ use crate::{
     },
     sim::wire::{Burst, Nanos, RemoteEnd},
 };
-
-/// The most replies that are on their way at the same time.
-const QUEUE: usize = 8;
-/// The most events that are kept.
-const EVENTS: usize = 16;
-
-/// Something a remote did that is not a reply.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RemoteEvent {
-    /// The watchdog has bitten.
-    WatchdogBites,
-    /// The frame timeout dropped so many characters.
-    FrameTimeout(usize),
-    /// This reply is not sent.
-    DropsReply,
-    /// The next reply has a wrong CRC.
-    BadCrc,
-    /// The next reply has characters behind it.
-    Extra,
-    /// The next reply lacks characters.
-    Short,
-    /// The next reply is late.
-    Late,
-    /// The next reply is a break.
-    Break,
-}
 
 /// A simulated remote on its serial line.
 ///
@@ -104,82 +79,6 @@ impl State {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watchdog {
     deadline: Option<Nanos>,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Queue {
-    bursts: [Option<Burst>; QUEUE],
-}
-
-impl Queue {
-    /// A reply for which there is no room is lost, as on an overrun line.
-    fn push(&mut self, burst: Burst) {
-        if let Some(slot) = self.bursts.iter_mut().find(|slot| slot.is_none()) {
-            *slot = Some(burst);
-        }
-    }
-
-    fn pop(&mut self) -> Option<Burst> {
-        let first = self.bursts.first_mut()?.take();
-        self.bursts.rotate_left(1);
-        first
-    }
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Events {
-    ring: [Option<(Nanos, RemoteEvent)>; EVENTS],
-}
-
-impl Events {
-    /// The oldest event gives way when there are too many.
-    fn push(&mut self, at: Nanos, event: RemoteEvent) {
-        if self.ring.iter().all(Option::is_some) {
-            self.pop();
-        }
-        if let Some(slot) = self.ring.iter_mut().find(|slot| slot.is_none()) {
-            *slot = Some((at, event));
-        }
-    }
-
-    fn pop(&mut self) -> Option<(Nanos, RemoteEvent)> {
-        let first = self.ring.first_mut()?.take();
-        self.ring.rotate_left(1);
-        first
-    }
-}
-
-/// A reply's data.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Reply {
-    bytes: [u8; MAX_FRAME],
-    len: usize,
-}
-
-impl Reply {
-    pub(super) const EMPTY: Self = Self {
-        bytes: [0; MAX_FRAME],
-        len: 0,
-    };
-
-    pub(super) fn new(data: &[u8]) -> Self {
-        let mut reply = Self::EMPTY;
-        reply.extend(data);
-        reply
-    }
-
-    pub(super) fn extend(&mut self, data: &[u8]) {
-        for &byte in data {
-            if let Some(slot) = self.bytes.get_mut(self.len) {
-                *slot = byte;
-                self.len += 1;
-            }
-        }
-    }
-
-    pub(super) fn as_bytes(&self) -> &[u8] {
-        self.bytes.get(..self.len).unwrap_or(&[])
-    }
 }
 
 /// What the parser needs to know about the remote.
@@ -335,8 +234,15 @@ impl<A: Application> Remote<A> {
         self.state.faults
     }
 
-    /// Sets the fault byte, as if something had happened.
+    /// Sets the fault byte, as if something had happened: each bit stays until the host clears the
+    /// faults, and meanwhile outputs are not taken over (FACTS 1.5). The watchdog's bit switches
+    /// them off besides.
     pub fn set_faults(&mut self, faults: RemoteFaults) {
+        let news = faults - self.state.faults;
+        if news.contains(RemoteFaults::WATCHDOG) {
+            self.state.status |= LbpStatus::WATCHDOG;
+            self.application.outputs_off(&mut self.memory);
+        }
         self.state.faults = faults;
     }
 
@@ -382,20 +288,26 @@ impl<A: Application> Remote<A> {
     }
 
     fn pass_time(&mut self, now: Nanos) {
-        self.eeprom.advance(now);
-        self.application.advance(now, self.state.mode, &self.memory);
-        if let Some(deadline) = self.watchdog.deadline.filter(|&deadline| deadline <= now) {
-            self.watchdog.deadline = None;
-            // it bites once: until the host clears the fault there is nothing more to switch off
-            if !self.state.faults.contains(RemoteFaults::WATCHDOG) {
-                self.state.faults |= RemoteFaults::WATCHDOG;
-                self.state.status |= LbpStatus::WATCHDOG;
-                self.application.outputs_off(&mut self.memory);
-                self.events.push(deadline, RemoteEvent::WatchdogBites);
+        if self.powered && self.config.present {
+            self.eeprom.advance(now);
+            self.application.advance(now, self.state.mode, &self.memory);
+            if let Some(deadline) = self.watchdog.deadline.filter(|&deadline| deadline <= now) {
+                self.bite(deadline);
             }
+            self.state.faults |= self.application.faults();
         }
-        self.state.faults |= self.application.faults();
         self.now = self.now.max(now);
+    }
+
+    fn bite(&mut self, deadline: Nanos) {
+        self.watchdog.deadline = None;
+        self.application.outputs_off(&mut self.memory);
+        // Until the host clears the fault it is no news.
+        if !self.state.faults.contains(RemoteFaults::WATCHDOG) {
+            self.state.faults |= RemoteFaults::WATCHDOG;
+            self.state.status |= LbpStatus::WATCHDOG;
+            self.events.push(deadline, RemoteEvent::WatchdogBites);
+        }
     }
 
     fn character(&mut self, at: Nanos, byte: u8) {
@@ -478,10 +390,13 @@ impl<A: Application> Remote<A> {
 
 impl<A: Application> RemoteEnd for Remote<A> {
     fn advance(&mut self, now: Nanos) {
-        if self.powered && self.config.present {
-            self.pass_time(now);
-        }
-        self.now = self.now.max(now);
+        self.pass_time(now);
+    }
+
+    fn next_event(&self) -> Option<Nanos> {
+        let own = [self.watchdog.deadline, self.eeprom.busy_until()];
+        let own = own.into_iter().flatten().min();
+        own.filter(|_| self.powered && self.config.present)
     }
 
     fn receive(&mut self, burst: &Burst) {

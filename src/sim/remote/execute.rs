@@ -1,6 +1,6 @@
 //! What a remote does with a request.
 
-use super::{Application, Remote, device::Reply};
+use super::{Application, Remote, buffers::Reply};
 use crate::{
     lbp::{
         Access, Command, LbpStatus, LocalRead, LocalWrite, MemoryError, Nonvolatile, RPC_PITCH,

@@ -128,6 +128,11 @@ impl Eeprom {
         }
     }
 
+    /// When a write in progress ends.
+    pub fn busy_until(&self) -> Option<Nanos> {
+        (self.pending_len > 0).then_some(self.busy_until)
+    }
+
     /// Begins to write one byte of an access at `now`; the bytes of one access are written
     /// together. Returns when it is done.
     pub fn write(&mut self, now: Nanos, address: u16, value: u8) -> Nanos {

@@ -4,6 +4,7 @@
 //! is its [`Application`]. [`Remote::model`] is the remote of the gateware transcripts.
 
 mod application;
+mod buffers;
 mod config;
 mod device;
 mod execute;
@@ -13,8 +14,9 @@ mod memory;
 mod model;
 
 pub use application::{Application, FixedData};
+pub use buffers::RemoteEvent;
 pub use config::{MAX_MODES, RemoteConfig, ReplyFaults, WorkingCopy};
-pub use device::{Remote, RemoteEvent};
+pub use device::Remote;
 pub use faults::{Cable, CableCounts, Toward, WireFault};
 pub use memory::{Eeprom, Flash, Memory};
 pub use model::ModelError;

@@ -100,6 +100,14 @@ impl Firmware {
         }
     }
 
+    /// The same, where power-up is at `now`.
+    pub fn begun_at(mut self, now: Nanos) -> Self {
+        let power_up = self.clock.cycle_at(now);
+        self.cycle += power_up;
+        self.timer.read(power_up);
+        self
+    }
+
     /// Characters a FIFO holds: 16, and 32 where seven interface registers need more (assumed,
     /// no transcript shows that variant).
     pub fn fifo_capacity(config: PortConfig) -> usize {

@@ -19,6 +19,11 @@ pub trait Lines {
         let _ = (channel, now);
         false
     }
+
+    /// Time has passed up to `now`: also for far ends that nobody talks to.
+    fn advance(&mut self, now: Nanos) {
+        let _ = now;
+    }
 }
 
 /// Lines with nothing plugged in: every burst is lost, nothing ever answers.
@@ -53,6 +58,12 @@ impl<const N: usize> Lines for [Option<Box<dyn RemoteEnd>>; N] {
                 remote.holds_line_low()
             }
             _ => false,
+        }
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        for remote in self.iter_mut().flatten() {
+            remote.advance(now);
         }
     }
 }

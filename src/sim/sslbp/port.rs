@@ -24,6 +24,14 @@ impl SslbpPort {
         }
     }
 
+    /// The same, at power-up at the time `now`.
+    pub fn powered_up_at(config: PortConfig, now: Nanos) -> Self {
+        Self {
+            firmware: Firmware::new(config).begun_at(now),
+            now,
+        }
+    }
+
     /// The build options.
     pub fn config(&self) -> &PortConfig {
         &self.firmware.config
@@ -83,6 +91,12 @@ impl SslbpPort {
         burst.into_iter().chain(step).chain(change).min()
     }
 
+    /// Takes it that nothing happens before `now`, which [`next_event`](Self::next_event) must have
+    /// said: what the lines do from here on counts from `now`.
+    pub fn skip_to(&mut self, now: Nanos) {
+        self.now = self.now.max(now);
+    }
+
     /// Lets time pass up to `to`, both included.
     ///
     /// # Real time
@@ -102,6 +116,7 @@ impl SslbpPort {
             }
         }
         self.now = self.now.max(to);
+        lines.advance(self.now);
     }
 
     fn next_burst_end(&self) -> Option<(Nanos, usize)> {
