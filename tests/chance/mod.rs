@@ -6,6 +6,7 @@
 )]
 
 /// The state; the first is the seed.
+#[derive(Debug)]
 pub struct Chance(pub u64);
 
 impl Chance {

@@ -212,21 +212,30 @@ impl<G: Gateware> SimBoard<G> {
         let reset = self.status.get(control_registers::RESET) != 0;
         let reload = self.reload.take();
         if reload.is_some() {
-            self.gateware.reconfigure();
-            self.chip = EthernetChip::new(&self.config);
             self.reloads += 1;
-            self.silent_until = self.time + self.config.reload_time;
+            self.reset_for(self.config.reload_time);
         } else if reset {
             self.resets += 1;
             self.silent_until = self.time + self.config.reset_time;
+            self.power_up();
         }
-        if reset || reload.is_some() {
-            self.pointers = AddressPointers::new();
-            self.timers = Words::default();
-            self.status = status_after_reset(self.eeprom.led_mode());
-            self.card = control::card(&self.config);
-            self.icap = Icap::default();
-        }
+    }
+
+    /// The board loses its configuration, as by a dip of its supply: the FPGA is configured again,
+    /// and the board is silent for `time`. What is plugged in stays.
+    pub fn reset_for(&mut self, time: Nanos) {
+        self.gateware.reconfigure();
+        self.chip = EthernetChip::new(&self.config);
+        self.silent_until = self.time + time;
+        self.power_up();
+    }
+
+    fn power_up(&mut self) {
+        self.pointers = AddressPointers::new();
+        self.timers = Words::default();
+        self.status = status_after_reset(self.eeprom.led_mode());
+        self.card = control::card(&self.config);
+        self.icap = Icap::default();
     }
 
     fn execute(&mut self, operation: &Operation<'_>, reply: &mut Vec<u8>) {

@@ -96,7 +96,7 @@ mod tests {
         }
 
         fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
-            let driven = fpga.io().is_output(20);
+            let driven = fpga.is_driven(20);
             let mut notes = self.notes.lock().unwrap();
             notes.seen.push((fpga.now(), driven, cause));
         }

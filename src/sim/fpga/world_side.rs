@@ -51,6 +51,11 @@ impl SimFpga {
         self.io.driven_level(pin, &levels)
     }
 
+    /// Whether the FPGA drives an I/O pin, whatever to.
+    pub fn is_driven(&self, pin: usize) -> bool {
+        self.io.is_output(pin)
+    }
+
     /// Drives an I/O pin from outside, or lets it go.
     pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
         self.io.drive(pin, level);

@@ -1,0 +1,582 @@
+//! The application: it reads, compares what it reads with the truth, and commands something new.
+
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::{BoardState, Driver, RemoteState};
+use mesa_hal::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use mesa_hal::sslbp::Channel;
+
+use super::chance::Chance;
+use super::journal::{Level, PORTS};
+use super::machine::{ENCODER, Gpio, TURN};
+use super::oracle::{BoardCommand, Checked, Oracle, Promise, ensure};
+use super::plan::{Board, Card, MICRO, MILLI, Plan};
+use super::stage::{Stage, was};
+
+/// The pins of one remote.
+struct Remote {
+    number: usize,
+    place: (usize, Channel),
+    card: Card,
+    group: GroupId,
+    inputs: Vec<Input<bool>>,
+    outputs: Vec<Output<bool>>,
+    volts: Vec<Output<f64>>,
+    /// What it was set to since it was armed.
+    set: Level,
+}
+
+struct GpioPin {
+    pin: usize,
+    out: Output<bool>,
+    is_output: Param<bool>,
+    drives: bool,
+}
+
+struct Encoder {
+    rawcounts: Input<i32>,
+    count: Input<i32>,
+    index_enable: InOut<bool>,
+    unsure: Input<bool>,
+    filter: Param<bool>,
+    scale: Param<f64>,
+    /// Motor position at which `rawcounts` would be 0.
+    zero: Option<f64>,
+    asked: Option<u64>,
+}
+
+/// A running application with the handles of its pins.
+pub struct Application {
+    remotes: Vec<Remote>,
+    gpio: Vec<GpioPin>,
+    gpio_inputs: Vec<Input<bool>>,
+    isolated: Vec<(Input<bool>, Input<bool>)>,
+    analog: Vec<(Output<f64>, Output<bool>)>,
+    ssr: Vec<Output<bool>>,
+    encoder: Option<Encoder>,
+    watchdog: Param<u32>,
+    port_width: usize,
+    set: BoardCommand,
+    faults: u64,
+}
+
+/// How long after it has changed an isolated input shows it at the latest: five scans of 50 us, one
+/// that has begun, and the multiplexer's delay.
+const FILTER: u64 = 500 * MICRO;
+
+impl Application {
+    pub fn new<B: RegisterBus>(
+        driver: &Driver<B>,
+        plan: &Plan,
+        gpio: &Gpio,
+    ) -> Result<Self, PinError> {
+        let (pins, name) = (driver.pins(), driver.name());
+        let mut remotes = Vec::new();
+        for number in 0..plan.remotes() {
+            let (port, channel) = plan.place(number);
+            let channel = Channel::ALL[channel];
+            let status = driver
+                .ports()
+                .get(port)
+                .and_then(|port| port.remote(channel));
+            let Some(status) = status else { continue };
+            let prefix = status.pins().prefix();
+            remotes.push(Remote::new(
+                pins,
+                prefix,
+                number,
+                (port, channel),
+                plan.card(number),
+                status.group(),
+            )?);
+        }
+        let gpio_pins = gpio.outputs.iter().map(|&pin| {
+            let stem = format!("{name}.gpio.{pin:03}");
+            Ok(GpioPin {
+                pin,
+                out: pins.output(&format!("{stem}.out"))?,
+                is_output: pins.parameter(&format!("{stem}.is_output"))?,
+                drives: true,
+            })
+        });
+        let gpio_inputs = gpio.inputs.iter();
+        let gpio_inputs = gpio_inputs.map(|pin| pins.input(&format!("{name}.gpio.{pin:03}.in")));
+        let own = if plan.board == Board::I7i97 {
+            0..16
+        } else {
+            0..0
+        };
+        let isolated = own.clone().map(|n| {
+            let stem = format!("{name}.inmux.00");
+            let raw = pins.input(&format!("{stem}.raw-input-{n:02}"))?;
+            Ok((raw, pins.input(&format!("{stem}.input-{n:02}"))?))
+        });
+        let six = own.clone().take(6);
+        let analog = six.clone().map(|n| {
+            let stem = format!("{name}.pwmgen.{n:02}");
+            Ok((
+                pins.output(&format!("{stem}.value"))?,
+                pins.output(&format!("{stem}.enable"))?,
+            ))
+        });
+        let ssr = six.map(|n| pins.output(&format!("{name}.ssr.00.out-{n:02}")));
+        Ok(Self {
+            remotes,
+            gpio: gpio_pins.collect::<Result<_, _>>()?,
+            gpio_inputs: gpio_inputs.collect::<Result<_, _>>()?,
+            isolated: isolated.collect::<Result<_, _>>()?,
+            analog: analog.collect::<Result<_, PinError>>()?,
+            ssr: ssr.collect::<Result<_, _>>()?,
+            encoder: Encoder::new(pins, name).ok(),
+            watchdog: pins.parameter(&format!("{name}.watchdog.timeout_ns"))?,
+            port_width: gpio.width,
+            set: BoardCommand::default(),
+            faults: 0,
+        })
+    }
+
+    pub fn remotes(&self) -> usize {
+        self.remotes.len()
+    }
+
+    /// Compares all valid inputs with the truth. What the board itself shows was read in the
+    /// `took` before.
+    pub fn check_inputs<B: RegisterBus>(
+        &mut self,
+        driver: &Driver<B>,
+        stage: &Stage,
+        took: u64,
+    ) -> Checked {
+        let pins = driver.pins();
+        let now = pins.now().as_nanos();
+        for remote in self
+            .remotes
+            .iter()
+            .filter(|remote| !remote.inputs.is_empty())
+        {
+            let state = pins.group_state(remote.group).expect("of this driver");
+            if !state.valid {
+                continue;
+            }
+            let age = state.age.time.as_nanos() as u64;
+            let shown = remote.inputs.iter().enumerate();
+            let shown = shown.fold(0, |all, (n, pin)| {
+                all | u32::from(pins.read(*pin).value) << n
+            });
+            let from = now.saturating_sub(age + 5 * MICRO);
+            let is_true = |truth: &super::stage::Truth| {
+                was(&truth.fields[remote.number], from, now, |pattern| {
+                    pattern == shown
+                })
+            };
+            ensure(stage.with_truth(is_true), Promise::Inputs, now, || {
+                let newest = stage.with_truth(|truth| {
+                    let history = &truth.fields[remote.number];
+                    let was = history.iter().rev().find(|(_, pattern)| *pattern == shown);
+                    format!("{was:x?}, newest {:x?}", history.last())
+                });
+                format!(
+                    "remote {} shows {shown:#x} as valid and {age} ns old; it was: {newest}",
+                    remote.number
+                )
+            })?;
+        }
+        let state = pins.group_state(driver.group()).expect("of this driver");
+        if !state.armed {
+            self.forget_index();
+        }
+        if state.valid {
+            let from = now.saturating_sub(state.age.time.as_nanos() as u64 + took + 5 * MICRO);
+            self.check_board_inputs(pins, stage, (from, now))?;
+            self.check_encoder(pins, stage, (from, now))?;
+        }
+        Ok(())
+    }
+
+    fn check_board_inputs(&self, pins: &Pins, stage: &Stage, (from, now): (u64, u64)) -> Checked {
+        stage.with_truth(|truth| {
+            for (n, pin) in self.gpio_inputs.iter().enumerate() {
+                let shown = pins.read(*pin).value;
+                let is_true = was(&truth.gpio, from, now, |levels| {
+                    (levels >> n & 1 != 0) == shown
+                });
+                ensure(is_true, Promise::Inputs, now, || {
+                    format!("GPIO input {n} shows {shown} as valid, and was not so since {from}")
+                })?;
+            }
+            for (n, (raw, filtered)) in self.isolated.iter().enumerate() {
+                for (pin, slack) in [(raw, FILTER / 2), (filtered, FILTER)] {
+                    let shown = pins.read(*pin).value;
+                    let from = from.saturating_sub(slack);
+                    let is_true = was(&truth.isolated, from, now, |levels| {
+                        (levels >> n & 1 != 0) == shown
+                    });
+                    ensure(is_true, Promise::Inputs, now, || {
+                        format!(
+                            "isolated input {n} shows {shown} as valid, and was not so since {from}"
+                        )
+                    })?;
+                }
+            }
+            Ok(())
+        })
+    }
+
+    fn check_encoder(&mut self, pins: &Pins, stage: &Stage, (from, now): (u64, u64)) -> Checked {
+        let Some(encoder) = &mut self.encoder else {
+            return Ok(());
+        };
+        let raw = f64::from(pins.read(encoder.rawcounts).value);
+        let (least, most) = stage.with_truth(|truth| truth.turned(from, now));
+        if pins.read(encoder.unsure).value {
+            encoder.zero = None;
+            encoder.asked = None;
+            return Ok(());
+        }
+        let zero = *encoder.zero.get_or_insert(f64::midpoint(least, most) - raw);
+        let slack = (most - least) + 3.0;
+        ensure(
+            (least - slack..=most + slack).contains(&(zero + raw)),
+            Promise::Inputs,
+            now,
+            || {
+                format!(
+                    "encoder: rawcounts {raw} from {zero} on, but the motor was at {least} to {most}"
+                )
+            },
+        )?;
+        let Some(asked) = encoder.asked else {
+            return Ok(());
+        };
+        if pins.read(encoder.index_enable).value {
+            return Ok(());
+        }
+        encoder.asked = None;
+        let count = f64::from(pins.read(encoder.count).value);
+        let (low, high) = stage.with_truth(|truth| truth.turned(asked, now));
+        let turn = f64::from(TURN);
+        // The index pulse is as wide as a count, and either end of it may be the one.
+        let first = ((low - 2.0) / turn).ceil() as i64;
+        let last = ((high + 2.0) / turn).floor() as i64;
+        let fits = |index: i64| {
+            let zero = index as f64 * turn;
+            (least - slack - zero..=most + slack - zero).contains(&count)
+        };
+        ensure((first..=last).any(fits), Promise::Index, now, || {
+            format!(
+                "index-enable ended with count {count}, but the motor went from {low} to {high} \
+                 since it was asked for, and is at {least} to {most}"
+            )
+        })
+    }
+
+    fn forget_index(&mut self) {
+        if let Some(encoder) = &mut self.encoder {
+            encoder.asked = None;
+        }
+    }
+
+    /// Commands something else, where armed, and tells the oracle what holds from the next write on.
+    pub fn command<B: RegisterBus>(
+        &mut self,
+        driver: &mut Driver<B>,
+        chance: &mut Chance,
+        set_anew: bool,
+    ) {
+        for remote in &mut self.remotes {
+            let is_armed = is_armed(driver, remote.group);
+            // What is set while it is not armed is forgotten.
+            if set_anew {
+                let level = remote.command(driver.pins_mut(), chance);
+                if is_armed {
+                    remote.set = level;
+                }
+            }
+            if !is_armed {
+                remote.set = Level::OFF;
+            }
+        }
+        let is_armed = is_armed(driver, driver.group());
+        if set_anew {
+            let set = self.command_board(driver.pins_mut(), chance);
+            if is_armed {
+                self.set = set;
+            }
+        }
+        if !is_armed {
+            self.set = BoardCommand::default();
+        }
+    }
+
+    fn command_board(&self, pins: &mut Pins, chance: &mut Chance) -> BoardCommand {
+        let mut set = BoardCommand::default();
+        for gpio in &self.gpio {
+            let on = chance.one_in(2);
+            pins.set(gpio.out, on);
+            set.gpio[gpio.pin / self.port_width] |= u32::from(on) << (gpio.pin % self.port_width);
+        }
+        set.enabled = !self.analog.is_empty() && !chance.one_in(8);
+        for (n, (value, enable)) in self.analog.iter().enumerate() {
+            let millivolts = volts(chance);
+            pins.set(*value, f64::from(millivolts) / 1000.0);
+            pins.set(*enable, set.enabled);
+            set.millivolts[n] = millivolts;
+        }
+        for (n, out) in self.ssr.iter().enumerate() {
+            let on = chance.one_in(2);
+            pins.set(*out, on);
+            set.ssr |= u32::from(on) << n;
+        }
+        set
+    }
+
+    /// Tells the oracle what the write that follows carries.
+    pub fn announce<B: RegisterBus>(&self, driver: &Driver<B>, oracle: &mut Oracle, now: u64) {
+        for remote in &self.remotes {
+            let is_armed = is_armed(driver, remote.group);
+            oracle.command_remote(remote.number, now, remote.set, is_armed);
+        }
+        oracle.command_board(now, &self.set, is_armed(driver, driver.group()));
+    }
+
+    /// After a call that may have disarmed: what was set is forgotten.
+    pub fn notice<B: RegisterBus>(&mut self, driver: &Driver<B>) {
+        for remote in &mut self.remotes {
+            if !is_armed(driver, remote.group) {
+                remote.set = Level::OFF;
+            }
+        }
+        if !is_armed(driver, driver.group()) {
+            self.set = BoardCommand::default();
+        }
+        let faults = driver
+            .pins()
+            .group_state(driver.group())
+            .map_or(0, |state| state.faults);
+        if std::mem::replace(&mut self.faults, faults) != faults {
+            self.forget_index();
+        }
+    }
+
+    /// Outputs start from their safe values after they were armed.
+    pub fn rearmed<B: RegisterBus>(&mut self, driver: &Driver<B>, board_was_down: bool) {
+        self.notice(driver);
+        if board_was_down && let Some(encoder) = &mut self.encoder {
+            encoder.zero = None;
+            encoder.asked = None;
+        }
+    }
+
+    /// Changes a setting.
+    pub fn change_setting<B: RegisterBus>(
+        &mut self,
+        driver: &mut Driver<B>,
+        chance: &mut Chance,
+    ) -> String {
+        let pins = driver.pins_mut();
+        match (chance.below(4), &self.encoder) {
+            (0, Some(encoder)) => {
+                let filter = chance.one_in(2);
+                let done = pins.set_param(encoder.filter, filter);
+                format!("encoder filter {filter}: {done:?}")
+            }
+            (1, Some(encoder)) => {
+                let scale = f64::from(1 + chance.below(4) as u32);
+                let done = pins.set_param(encoder.scale, scale);
+                format!("encoder scale {scale}: {done:?}")
+            }
+            (2, _) => {
+                let time = chance.of(&[6, 9, 20]) * MILLI;
+                let done = pins.set_param(self.watchdog, time as u32);
+                format!("watchdog {time} ns: {done:?}")
+            }
+            _ => {
+                let count = self.gpio.len().max(1) as u64;
+                let Some(gpio) = self.gpio.get_mut(chance.below(count) as usize) else {
+                    return "nothing to change".to_owned();
+                };
+                gpio.drives = !gpio.drives;
+                let done = pins.set_param(gpio.is_output, gpio.drives);
+                format!("GPIO {} drives {}: {done:?}", gpio.pin, gpio.drives)
+            }
+        }
+    }
+
+    pub fn ask_for_index<B: RegisterBus>(&mut self, driver: &mut Driver<B>, now: u64) {
+        let is_armed = is_armed(driver, driver.group());
+        if let Some(encoder) = &mut self.encoder
+            && encoder.asked.is_none()
+            && encoder.zero.is_some()
+            && is_armed
+            && driver.board_state() == BoardState::Running
+        {
+            driver.pins_mut().set_inout(encoder.index_enable, true);
+            encoder.asked = Some(now);
+        }
+    }
+
+    /// Everything armed and valid, and why not.
+    pub fn all_is_well<B: RegisterBus>(&self, driver: &Driver<B>) -> Result<(), String> {
+        if driver.board_state() != BoardState::Running {
+            return Err(format!("the board is {:?}", driver.board_state()));
+        }
+        let state = |group| driver.pins().group_state(group).expect("of this driver");
+        let board = state(driver.group());
+        if !board.armed || !board.valid {
+            return Err(format!("the board's own pins: {board:?}"));
+        }
+        for remote in &self.remotes {
+            let group = state(remote.group);
+            if !group.armed || !group.valid {
+                let (port, channel) = remote.place;
+                let status = driver.ports()[port]
+                    .remote(channel)
+                    .map(|status| status.state());
+                return Err(format!("remote {}: {status:?}, {group:?}", remote.number));
+            }
+        }
+        Ok(())
+    }
+
+    /// Restarts what is not running, without waiting for its turn.
+    pub fn restart_all<B: RegisterBus>(&self, driver: &mut Driver<B>) {
+        for remote in &self.remotes {
+            let (port, channel) = remote.place;
+            let state = driver.ports()[port]
+                .remote(channel)
+                .map(|status| status.state());
+            if state.is_some_and(|state| state != RemoteState::Running) {
+                driver.restart(port as u8, channel);
+            }
+        }
+    }
+
+    /// Whether a remote is armed, is valid, and how old its inputs are.
+    pub fn remote_state<B: RegisterBus>(
+        &self,
+        driver: &Driver<B>,
+        number: usize,
+    ) -> Option<mesa_hal::hal::GroupState> {
+        let remote = self.remotes.iter().find(|remote| remote.number == number)?;
+        driver.pins().group_state(remote.group)
+    }
+
+    /// Re-arms one remote.
+    pub fn rearm_one<B: RegisterBus>(
+        &mut self,
+        driver: &mut Driver<B>,
+        which: usize,
+    ) -> Option<usize> {
+        let remote = self.remotes.get_mut(which)?;
+        let was_armed = driver.pins().group_state(remote.group)?.armed;
+        driver.pins_mut().rearm(remote.group).ok()?;
+        if !was_armed {
+            remote.set = Level::OFF;
+        }
+        Some(remote.number)
+    }
+
+    /// What the board must drive when everything follows.
+    pub fn expected_board(&self) -> super::journal::Parts {
+        let mut set = self.set;
+        for gpio in self.gpio.iter().filter(|gpio| !gpio.drives) {
+            set.gpio[gpio.pin / self.port_width] &= !(1 << (gpio.pin % self.port_width));
+        }
+        debug_assert!(
+            self.gpio
+                .iter()
+                .all(|gpio| gpio.pin / self.port_width < PORTS)
+        );
+        set.parts()
+    }
+}
+
+fn is_armed<B: RegisterBus>(driver: &Driver<B>, group: GroupId) -> bool {
+    driver
+        .pins()
+        .group_state(group)
+        .is_some_and(|state| state.armed)
+}
+
+/// A voltage that is not 0.
+fn volts(chance: &mut Chance) -> i32 {
+    let volts = 100 * (1 + chance.below(90) as i32);
+    if chance.one_in(2) { volts } else { -volts }
+}
+
+impl Remote {
+    fn new(
+        pins: &Pins,
+        prefix: &str,
+        number: usize,
+        place: (usize, Channel),
+        card: Card,
+        group: GroupId,
+    ) -> Result<Self, PinError> {
+        let inputs = if card == Card::Field { 0..32 } else { 0..0 };
+        let inputs = inputs.map(|n| pins.input(&format!("{prefix}.input-{n:02}")));
+        let bits = |count: usize| (0..count).map(|n| format!("{prefix}.output-{n:02}"));
+        let outputs: Vec<String> = match card {
+            Card::Field => bits(16).collect(),
+            Card::Outputs => bits(48).collect(),
+            Card::Analog => ["analogena", "spinena"]
+                .map(|name| format!("{prefix}.{name}"))
+                .into(),
+        };
+        let volts = if card == Card::Analog { 0..6 } else { 0..0 };
+        let volts = volts.map(|n| pins.output(&format!("{prefix}.analogout{n}")));
+        Ok(Self {
+            number,
+            place,
+            card,
+            group,
+            inputs: inputs.collect::<Result<_, _>>()?,
+            outputs: outputs
+                .iter()
+                .map(|name| pins.output(name))
+                .collect::<Result<_, _>>()?,
+            volts: volts.collect::<Result<_, _>>()?,
+            set: Level::OFF,
+        })
+    }
+
+    fn command(&self, pins: &mut Pins, chance: &mut Chance) -> Level {
+        if self.card == Card::Analog {
+            let mut level = Level::OFF;
+            let [ena, spin] = [self.outputs[0], self.outputs[1]];
+            pins.set(ena, true);
+            let spins = chance.one_in(2);
+            pins.set(spin, spins);
+            // The enables of 0 to 4 are one.
+            level.bits = 0x1F | u64::from(spins) << 5;
+            for (n, output) in self.volts.iter().enumerate() {
+                let millivolts = volts(chance);
+                pins.set(*output, f64::from(millivolts) / 1000.0);
+                level.millivolts[n] = if n < 5 || spins { millivolts } else { 0 };
+            }
+            return level;
+        }
+        let pattern = chance.below(1 << 31) ^ chance.below(1 << 31) << 20 | 1;
+        let mut level = Level::OFF;
+        for (n, output) in self.outputs.iter().enumerate() {
+            pins.set(*output, pattern >> n & 1 != 0);
+            level.bits |= pattern & 1 << n;
+        }
+        level
+    }
+}
+
+impl Encoder {
+    fn new(pins: &Pins, name: &str) -> Result<Self, PinError> {
+        let stem = format!("{name}.encoder.{ENCODER:02}");
+        Ok(Self {
+            rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
+            count: pins.input(&format!("{stem}.count"))?,
+            index_enable: pins.inout(&format!("{stem}.index-enable"))?,
+            unsure: pins.input(&format!("{stem}.count-unsure"))?,
+            filter: pins.parameter(&format!("{stem}.filter"))?,
+            scale: pins.parameter(&format!("{stem}.scale"))?,
+            zero: None,
+            asked: None,
+        })
+    }
+}

@@ -1,0 +1,211 @@
+//! What is true: every change of an output, every fault and every restart, at its time.
+
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use mesa_hal::sim::SimFpga;
+use mesa_hal::sim::devices::find;
+use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
+
+use super::plan::Card;
+
+/// What stands at outputs that are switched together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Level {
+    pub bits: u64,
+    pub millivolts: [i32; 6],
+}
+
+/// Two steps of the coarsest analog output.
+const CLOSE: i32 = 40;
+
+impl Level {
+    pub const OFF: Self = Self {
+        bits: 0,
+        millivolts: [0; 6],
+    };
+
+    pub fn bits(bits: u64) -> Self {
+        Self { bits, ..Self::OFF }
+    }
+
+    pub fn is_on(&self) -> bool {
+        self.bits != 0 || self.millivolts.iter().any(|volts| volts.abs() > CLOSE)
+    }
+
+    pub fn is(&self, other: &Self) -> bool {
+        let mut volts = self.millivolts.iter().zip(other.millivolts);
+        self.bits == other.bits && volts.all(|(a, b)| (a - b).abs() <= CLOSE)
+    }
+}
+
+/// What the board itself drives, by the parts that are written one after the other.
+pub const PORTS: usize = 6;
+pub const ENABLES: usize = PORTS;
+pub const SSR: usize = PORTS + 1;
+pub const VOLTS: usize = PORTS + 2;
+pub const PARTS: usize = VOLTS + 6;
+
+/// The GPIO of each port, the drive enables, the isolated outputs, and each voltage.
+pub type Parts = [Level; PARTS];
+
+#[derive(Clone, Copy, Debug)]
+pub enum What {
+    /// The outputs of a remote, by its number.
+    Remote(usize, Level),
+    /// The fault byte of a remote.
+    Faults(usize, u8),
+    /// A part of what the board drives.
+    Part(usize, Level),
+    Bite,
+    Reset,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Event {
+    pub at: Nanos,
+    pub what: What,
+}
+
+/// Events in the order of their times, almost: each remote notices the time when it is looked at.
+#[derive(Clone, Debug, Default)]
+pub struct Journal(Arc<Mutex<Vec<Event>>>);
+
+impl Journal {
+    pub fn note(&self, at: Nanos, what: What) {
+        self.lock().push(Event { at, what });
+    }
+
+    pub fn take(&self) -> Vec<Event> {
+        std::mem::take(&mut *self.lock())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Event>> {
+        self.0.lock().expect("nobody panics with it")
+    }
+}
+
+/// Which pins of the board the application drives.
+#[derive(Clone, Copy, Debug)]
+pub struct Outputs {
+    pub port_width: usize,
+    /// GPIO by port.
+    pub gpio: [u32; PORTS],
+}
+
+/// What the board drives now.
+pub fn parts(fpga: &SimFpga, outputs: &Outputs) -> Parts {
+    let mut parts = [Level::OFF; PARTS];
+    for (port, mask) in outputs.gpio.iter().enumerate() {
+        for bit in (0..outputs.port_width).filter(|bit| mask >> bit & 1 != 0) {
+            let pin = port * outputs.port_width + bit;
+            let on = fpga.is_driven(pin) && fpga.pin_level(pin);
+            parts[port].bits |= u64::from(on) << bit;
+        }
+    }
+    if fpga.pwm().is_some() {
+        for n in 0..6 {
+            let drive = fpga.analog_output(n);
+            parts[ENABLES].bits |= u64::from(drive.enabled) << n;
+            parts[VOLTS + n].millivolts[0] = (drive.volts * 1000.0).round() as i32;
+        }
+    }
+    for n in 0..6 {
+        parts[SSR].bits |= u64::from(fpga.isolated_output(n)) << n;
+    }
+    parts
+}
+
+/// Stands before a remote and notes what becomes of its outputs.
+#[derive(Debug)]
+pub struct Recorder {
+    remote: Box<dyn RemoteEnd>,
+    number: usize,
+    card: Card,
+    journal: Journal,
+    seen: Level,
+    faults: u8,
+    /// Whether the host has ever sent it anything.
+    pub spoken_to: bool,
+}
+
+impl Recorder {
+    pub fn new(remote: Box<dyn RemoteEnd>, number: usize, card: Card, journal: &Journal) -> Self {
+        Self {
+            remote,
+            number,
+            card,
+            journal: journal.clone(),
+            seen: Level::OFF,
+            faults: 1,
+            spoken_to: false,
+        }
+    }
+
+    /// Notes what has changed.
+    pub fn look(&mut self, at: Nanos) {
+        let Some(device) = find(&*self.remote) else {
+            return;
+        };
+        let (world, faults) = (device.world(), device.faults().bits());
+        let bits = |count: usize| {
+            let on = (0..count).map(|n| u64::from(world.output(n) == Some(true)) << n);
+            on.sum::<u64>()
+        };
+        let now = match self.card {
+            Card::Field => Level::bits(bits(16)),
+            Card::Outputs => Level::bits(bits(48)),
+            Card::Analog => Level {
+                bits: bits(6),
+                millivolts: std::array::from_fn(|n| {
+                    let volts = world.analog_output(n).unwrap_or(0.0);
+                    (volts * 1000.0).round() as i32
+                }),
+            },
+        };
+        if now != self.seen {
+            self.seen = now;
+            self.journal.note(at, What::Remote(self.number, now));
+        }
+        if faults != self.faults {
+            self.faults = faults;
+            self.journal.note(at, What::Faults(self.number, faults));
+        }
+    }
+}
+
+impl RemoteEnd for Recorder {
+    fn advance(&mut self, now: Nanos) {
+        self.remote.advance(now);
+        self.look(now);
+    }
+
+    fn receive(&mut self, burst: &Burst) {
+        self.spoken_to = true;
+        self.remote.receive(burst);
+        self.look(burst.end());
+    }
+
+    fn transmit(&mut self) -> Option<Burst> {
+        self.remote.transmit()
+    }
+
+    fn holds_line_low(&self) -> bool {
+        self.remote.holds_line_low()
+    }
+
+    fn inner(&self) -> Option<&dyn RemoteEnd> {
+        Some(&*self.remote)
+    }
+
+    fn inner_mut(&mut self) -> Option<&mut dyn RemoteEnd> {
+        Some(&mut *self.remote)
+    }
+}
+
+/// The recorder at `end`, or behind the cable there.
+pub fn recorder(mut end: &mut dyn RemoteEnd) -> Option<&mut Recorder> {
+    while !(end as &dyn core::any::Any).is::<Recorder>() {
+        end = end.inner_mut()?;
+    }
+    (end as &mut dyn core::any::Any).downcast_mut()
+}

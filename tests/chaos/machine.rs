@@ -1,0 +1,152 @@
+//! The simulated machines.
+
+use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48};
+use mesa_hal::sim::remote::Cable;
+use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::{
+    AxisWiring, DriveSource, Firmware, MotorConfig, OUTPUT_PIN, PinDescriptor, SimFpga, gtag,
+    machines,
+};
+
+use super::journal::{Journal, Outputs, PORTS, Recorder};
+use super::plan::{Board, Card, Plan};
+
+/// Counts from index to index.
+pub const TURN: u32 = 400;
+/// The encoder that a motor turns.
+pub const ENCODER: usize = 0;
+
+/// A machine that the plan asks for, and which of its pins are for the application.
+pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
+    let firmware = firmware(plan);
+    let gpio = Gpio::of(&firmware);
+    let mut fpga = SimFpga::new(firmware);
+    for remote in 0..plan.remotes() {
+        let (port, channel) = plan.place(remote);
+        let end = end(plan.card(remote), remote, remote, journal);
+        fpga.plug(port, channel, Some(end));
+    }
+    if fpga.encoders().is_some() {
+        fpga.wire_axis(AxisWiring {
+            source: DriveSource::Nothing,
+            encoder: ENCODER,
+            motor: MotorConfig {
+                counts_per_revolution: TURN,
+                ..MotorConfig::default()
+            },
+        });
+    }
+    (fpga, gpio)
+}
+
+/// A card at the end of a cable; `unit` makes it another one of its kind.
+pub fn end(card: Card, number: usize, unit: usize, journal: &Journal) -> Box<dyn RemoteEnd> {
+    let remote = remote(card, unit);
+    let recorder = Recorder::new(remote, number, card, journal);
+    Box::new(Cable::new(Box::new(recorder), unit as u64))
+}
+
+/// The cards of a machine differ in their unit numbers.
+fn remote(card: Card, unit: usize) -> Box<dyn RemoteEnd> {
+    let known = "known to the simulator";
+    let unit = unit as u32;
+    match card {
+        Card::Field => {
+            let mut description = FieldIo::description().expect(known);
+            description.unit += unit;
+            Box::new(Device::remote(&description, FieldIo::new(false)).expect(known))
+        }
+        Card::Analog => {
+            let mut description = Analog::description().expect(known);
+            description.unit += unit;
+            Box::new(Device::remote(&description, Analog::default()).expect(known))
+        }
+        Card::Outputs => {
+            let mut description = Outputs48::description().expect(known);
+            description.unit += unit;
+            Box::new(Device::remote(&description, Outputs48::default()).expect(known))
+        }
+    }
+}
+
+fn firmware(plan: &Plan) -> Firmware {
+    let channels: Vec<u8> = plan.ports.iter().map(|cards| cards.len() as u8).collect();
+    match (plan.board, &channels[..]) {
+        (Board::I7i92, [1..=3]) => machines::firmware_7i92_7i77(),
+        (Board::I7i92, _) => {
+            let mut firmware = machines::firmware_serial(&channels);
+            firmware.board = *b"MESA7I92";
+            firmware
+        }
+        (Board::I7i97, [only]) => machines::firmware_7i97(*only),
+        (Board::I7i97, [first, more @ ..]) => with_ports(machines::firmware_7i97(*first), more),
+        (Board::I7i97, []) => machines::firmware_7i97(1),
+    }
+}
+
+/// A firmware with more serial ports, on more pins.
+fn with_ports(mut firmware: Firmware, more: &[u8]) -> Firmware {
+    for (unit, count) in (1..).zip(more) {
+        for channel in 0..*count {
+            firmware
+                .pins
+                .push(PinDescriptor::new(gtag::SSERIAL, unit, 1 + channel));
+            let transmit = OUTPUT_PIN | (1 + channel);
+            firmware
+                .pins
+                .push(PinDescriptor::new(gtag::SSERIAL, unit, transmit));
+        }
+    }
+    let width = firmware.port_width as usize;
+    let ports = firmware.pins.len().div_ceil(width);
+    firmware.pins.resize(ports * width, PinDescriptor::gpio());
+    firmware.ports = ports as u32;
+    for module in &mut firmware.modules {
+        match module.gtag {
+            gtag::IO_PORT => module.instances = ports as u8,
+            gtag::SSERIAL => module.instances = 1 + more.len() as u8,
+            _ => {}
+        }
+    }
+    firmware
+}
+
+/// The pins that no module uses: every other one is an output.
+#[derive(Clone, Debug)]
+pub struct Gpio {
+    pub outputs: Vec<usize>,
+    pub inputs: Vec<usize>,
+    pub width: usize,
+}
+
+impl Gpio {
+    fn of(firmware: &Firmware) -> Self {
+        let pins = firmware.pins.iter().enumerate();
+        let free: Vec<_> = pins
+            .filter(|(_, pin)| pin.secondary == 0)
+            .map(|(n, _)| n)
+            .collect();
+        let half = |rest| {
+            free.iter()
+                .copied()
+                .filter(move |n| n % 2 == rest)
+                .collect()
+        };
+        Self {
+            outputs: half(0),
+            inputs: half(1),
+            width: firmware.port_width as usize,
+        }
+    }
+
+    pub fn driven(&self) -> Outputs {
+        let mut gpio = [0; PORTS];
+        for pin in &self.outputs {
+            gpio[pin / self.width] |= 1 << (pin % self.width);
+        }
+        Outputs {
+            port_width: self.width,
+            gpio,
+        }
+    }
+}

@@ -1,0 +1,347 @@
+//! What the fault contract promises of outputs, checked against what the simulator drives.
+
+use std::collections::VecDeque;
+
+use super::journal::{ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
+use super::plan::{MICRO, MILLI, Plan};
+
+/// What is promised: see `docs/faults.md`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Promise {
+    /// The value of a valid input was true within its age.
+    Inputs,
+    /// What stands at a terminal was commanded, and that not long ago.
+    Commanded,
+    /// Nothing is on after a fault until it is re-armed.
+    Safe,
+    /// An index that is reported has come.
+    Index,
+    /// Faults are detected in their time.
+    Detected,
+    /// The others stay.
+    Neighbours,
+    /// Afterwards it can be re-armed, and outputs follow.
+    ComesBack,
+    /// A machine that is whole is built, and no call panics.
+    Works,
+}
+
+#[derive(Clone, Debug)]
+pub struct Failure {
+    pub promise: Promise,
+    pub at: u64,
+    pub text: String,
+}
+
+pub type Checked = Result<(), Failure>;
+
+pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> String) -> Checked {
+    if holds {
+        return Ok(());
+    }
+    Err(Failure {
+        promise,
+        at,
+        text: text(),
+    })
+}
+
+/// A remote switches off after 50 ms; the rest is for the cycles around it.
+const OFF_AFTER: u64 = 60 * MILLI;
+/// Commands older than this are of no interest.
+const KEPT: u64 = 500 * MILLI;
+
+#[derive(Clone, Copy, Debug)]
+struct Command {
+    at: u64,
+    level: Level,
+    is_armed: bool,
+}
+
+/// Outputs that change together.
+#[derive(Debug)]
+struct Track {
+    name: String,
+    /// Bits may be missing, because their pins are inputs just then.
+    is_gpio: bool,
+    commands: VecDeque<Command>,
+    shown: Level,
+    since: u64,
+    /// When a replaced command has to be gone.
+    limit: u64,
+    /// The first fault since it was re-armed, and when all has to be off because of it.
+    fault: Option<(u64, u64, &'static str)>,
+}
+
+impl Track {
+    fn new(name: String, is_gpio: bool, limit: u64) -> Self {
+        Self {
+            name,
+            is_gpio,
+            commands: VecDeque::new(),
+            shown: Level::OFF,
+            since: 0,
+            limit,
+            fault: None,
+        }
+    }
+
+    fn command(&mut self, at: u64, level: Level, is_armed: bool) {
+        let is_news = self
+            .commands
+            .back()
+            .is_none_or(|last| (last.level, last.is_armed) != (level, is_armed));
+        if is_news {
+            self.commands.push_back(Command {
+                at,
+                level,
+                is_armed,
+            });
+        }
+        while self.commands.len() > 2 && self.commands[1].at + KEPT < at {
+            self.commands.pop_front();
+        }
+    }
+
+    fn fault(&mut self, at: u64, within: u64, what: &'static str) {
+        if self.fault.is_none() {
+            self.fault = Some((at, at + within, what));
+        }
+    }
+
+    fn show(&mut self, at: u64, level: Level) -> Checked {
+        self.check(at)?;
+        if level != self.shown {
+            self.shown = level;
+            self.since = at;
+        }
+        self.check(at)
+    }
+
+    /// What is shown up to now may be shown.
+    fn check(&self, now: u64) -> Checked {
+        if !self.shown.is_on() {
+            return Ok(());
+        }
+        if let Some((at, until, what)) = self.fault {
+            ensure(now <= until, Promise::Safe, now, || {
+                format!(
+                    "{}: {:x?} is on, {} us after {what} at {at}, and was not re-armed since",
+                    self.name,
+                    self.shown,
+                    (now - at) / MICRO
+                )
+            })?;
+        }
+        let allowed = |command: &Command| {
+            let shown = if self.is_gpio {
+                Level::bits(self.shown.bits & command.level.bits)
+            } else {
+                command.level
+            };
+            command.is_armed && command.at <= self.since && self.shown.is(&shown)
+        };
+        let replaced = self.commands.iter().skip(1).map(|next| next.at);
+        let replaced = replaced.chain([u64::MAX]);
+        let mut pairs = self
+            .commands
+            .iter()
+            .zip(replaced)
+            .collect::<Vec<_>>()
+            .into_iter()
+            .rev();
+        let found = pairs.find(|(command, _)| allowed(command));
+        ensure(
+            found.is_some_and(|(_, until)| until.saturating_add(self.limit) >= now),
+            Promise::Commanded,
+            now,
+            || match found {
+                Some((command, until)) => format!(
+                    "{}: {:x?} of {} was replaced {} us ago and still stands there",
+                    self.name,
+                    self.shown,
+                    command.at,
+                    (now - until) / MICRO
+                ),
+                None => format!(
+                    "{}: {:x?} is on since {}, which nobody commanded while it was armed; last commands: {:x?}",
+                    self.name,
+                    self.shown,
+                    self.since,
+                    self.commands.iter().rev().take(4).collect::<Vec<_>>()
+                ),
+            },
+        )
+    }
+}
+
+/// What the application commands the board's own outputs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BoardCommand {
+    pub gpio: [u32; PORTS],
+    pub enabled: bool,
+    pub ssr: u32,
+    pub millivolts: [i32; 6],
+}
+
+impl BoardCommand {
+    pub fn parts(&self) -> Parts {
+        let mut parts = [Level::OFF; PARTS];
+        for (part, gpio) in parts.iter_mut().zip(self.gpio) {
+            part.bits = gpio.into();
+        }
+        parts[SSR].bits = self.ssr.into();
+        if self.enabled {
+            parts[ENABLES].bits = 0x3F;
+            for (part, volts) in parts[VOLTS..].iter_mut().zip(self.millivolts) {
+                part.millivolts[0] = volts;
+            }
+        }
+        parts
+    }
+}
+
+/// Knows what may be on.
+#[derive(Debug)]
+pub struct Oracle {
+    remotes: Vec<Track>,
+    board: Vec<Track>,
+    lateness: u64,
+    period: u64,
+}
+
+impl Oracle {
+    pub fn new(plan: &Plan) -> Self {
+        let lateness = plan.lateness() + 2 * plan.period;
+        let part = |part| match part {
+            ENABLES => "drive enables".to_owned(),
+            SSR => "isolated outputs".to_owned(),
+            volts if volts >= VOLTS => format!("analog output {}", volts - VOLTS),
+            port => format!("GPIO of port {port}"),
+        };
+        let remote = |n| {
+            let (port, channel) = plan.place(n);
+            let name = format!("remote {n} ({:?}, {port}.{channel})", plan.card(n));
+            Track::new(name, false, OFF_AFTER + lateness)
+        };
+        let board = (0..PARTS).map(|n| Track::new(part(n), n < PORTS, OFF_AFTER + lateness));
+        // A card that was swapped in is the last: nothing is ever commanded of it.
+        let stranger = Track::new("the other card".to_owned(), false, 0);
+        Self {
+            remotes: (0..plan.remotes()).map(remote).chain([stranger]).collect(),
+            board: board.collect(),
+            lateness: plan.lateness(),
+            period: plan.period,
+        }
+    }
+
+    pub fn command_remote(&mut self, remote: usize, at: u64, level: Level, is_armed: bool) {
+        self.remotes[remote].command(at, level, is_armed);
+    }
+
+    pub fn command_board(&mut self, at: u64, command: &BoardCommand, is_armed: bool) {
+        for (track, level) in self.board.iter_mut().zip(command.parts()) {
+            track.command(at, level, is_armed);
+        }
+    }
+
+    /// The process is gone: nothing is commanded any more.
+    pub fn nobody_commands(&mut self, at: u64) {
+        for track in self.remotes.iter_mut().chain(&mut self.board) {
+            track.command(at, Level::OFF, false);
+        }
+    }
+
+    /// The application re-arms everything, or one remote.
+    pub fn rearmed(&mut self, remote: Option<usize>) {
+        match remote {
+            Some(remote) => self.remotes[remote].fault = None,
+            None => {
+                for track in self.remotes.iter_mut().chain(&mut self.board) {
+                    track.fault = None;
+                }
+            }
+        }
+    }
+
+    /// Takes what happened. `alone`: no more than one thing has gone wrong.
+    pub fn event(&mut self, event: &Event, alone: bool) -> Checked {
+        let at = event.at;
+        match event.what {
+            What::Remote(remote, level) => self.remotes[remote].show(at, level),
+            What::Part(part, level) => self.board[part].show(at, level),
+            What::Bite | What::Reset => {
+                let what = if matches!(event.what, What::Bite) {
+                    "a bite"
+                } else {
+                    "a reset"
+                };
+                for track in &mut self.board {
+                    track.fault(at, 0, what);
+                }
+                for track in &mut self.remotes {
+                    track.fault(at, OFF_AFTER + self.period, what);
+                }
+                Ok(())
+            }
+            What::Faults(_, 0) => Ok(()),
+            What::Faults(remote, _) => {
+                // From the reply that told it; with other faults the replies may be lost, until
+                // the remote goes offline.
+                let told = if alone { 3 } else { 45 } * self.period + self.lateness;
+                self.remotes[remote].fault(at, OFF_AFTER + told, "a fault of its own");
+                Ok(())
+            }
+        }
+    }
+
+    /// What stands there now may stand there.
+    pub fn check(&self, now: u64) -> Checked {
+        self.remotes
+            .iter()
+            .chain(&self.board)
+            .try_for_each(|track| track.check(now))
+    }
+
+    /// Nothing is on.
+    pub fn check_all_off(&self, now: u64, why: &str) -> Checked {
+        let mut on = self
+            .remotes
+            .iter()
+            .chain(&self.board)
+            .filter(|track| track.shown.is_on());
+        on.next().map_or(Ok(()), |track| {
+            ensure(false, Promise::Safe, now, || {
+                format!("{}: {:x?} is on {why}", track.name, track.shown)
+            })
+        })
+    }
+
+    /// Whether a remote shows its command of now.
+    pub fn follows(&self, remote: usize) -> bool {
+        let track = &self.remotes[remote];
+        let command = track
+            .commands
+            .back()
+            .map_or(Level::OFF, |command| command.level);
+        track.shown.is(&command)
+    }
+
+    pub fn board_lags(&self, parts: &Parts) -> String {
+        let lags = self
+            .board
+            .iter()
+            .zip(parts)
+            .find(|(track, level)| !track.shown.is(level));
+        lags.map_or_else(String::new, |(track, level)| {
+            format!("{}: {:x?} instead of {level:x?}", track.name, track.shown)
+        })
+    }
+
+    pub fn board_follows(&self, parts: &Parts) -> bool {
+        self.board
+            .iter()
+            .zip(parts)
+            .all(|(track, level)| track.shown.is(level))
+    }
+}

@@ -1,0 +1,265 @@
+//! What a scenario is made of. Everything follows from its seed.
+
+use mesa_hal::driver::Pace;
+use mesa_hal::sim::{FaultKind, Place};
+
+use super::chance::Chance;
+
+pub const MICRO: u64 = 1_000;
+pub const MILLI: u64 = 1_000_000;
+
+/// A card on a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Card {
+    /// The field I/O of a 7I77.
+    Field,
+    /// The analog section of a 7I77.
+    Analog,
+    /// A 7I72.
+    Outputs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Board {
+    I7i92,
+    I7i97,
+}
+
+/// When in the life of a machine something happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Moment {
+    /// Before the first remote was spoken to.
+    Start,
+    /// While the remotes are found and started.
+    Discovery,
+    /// All is well.
+    Running,
+    /// Something happened before, and not all is well again.
+    Recovery,
+}
+
+impl Moment {
+    pub const ALL: [Self; 4] = [Self::Start, Self::Discovery, Self::Running, Self::Recovery];
+}
+
+/// A fault to come.
+#[derive(Clone, Copy, Debug)]
+pub struct Planned {
+    pub kind: FaultKind,
+    /// While the driver is built, and not in the cycle.
+    pub in_build: bool,
+    /// After the beginning of the one or the other.
+    pub after: u64,
+    pub lasts: u64,
+    /// Number of the remote.
+    pub target: usize,
+    /// Decides the details.
+    pub dice: u64,
+}
+
+/// What the application is like.
+#[derive(Clone, Copy, Debug)]
+pub struct Habits {
+    /// Re-arms every so many cycles, needed or not; 0: only when something is not armed.
+    pub rearm_every: u64,
+    /// When something is not armed, it re-arms in one of so many cycles; 0: not before the end.
+    pub rearm_when_safe: u64,
+    /// Leaves its outputs as they are in one of so many cycles.
+    pub idle_one_in: u64,
+    /// Changes a setting in one of so many cycles; 0: never.
+    pub settings_one_in: u64,
+    /// Asks for an index in one of so many cycles.
+    pub index_one_in: u64,
+    /// Restarts remotes that are offline by itself at the end.
+    pub restarts: bool,
+    /// How it leaves: 0 shutdown, 1 drop, else killed.
+    pub leaves: u64,
+}
+
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub seed: u64,
+    pub board: Board,
+    pub ports: Vec<Vec<Card>>,
+    pub is_network: bool,
+    pub pace: Pace,
+    pub period: u64,
+    pub watchdog: u64,
+    pub faults: Vec<Planned>,
+    pub habits: Habits,
+    /// How long the machine runs before all faults end.
+    pub run: u64,
+    /// Counts of the motors in a second.
+    pub speed: f64,
+    /// The software mode of field I/O; after a loss of power it is 0.
+    pub field_mode: u8,
+}
+
+impl Plan {
+    pub fn new(seed: u64) -> Self {
+        let mut chance = Chance(scrambled(seed));
+        let board = chance.of(&[Board::I7i92, Board::I7i97]);
+        let ports = ports(&mut chance, board);
+        let remotes: usize = ports.iter().map(Vec::len).sum();
+        let is_network = chance.one_in(2);
+        let is_paced = is_network && board == Board::I7i97 && chance.one_in(2);
+        let period = if remotes > 8 {
+            chance.of(&[1_000, 2_000])
+        } else {
+            chance.of(&[500, 1_000, 1_000, 2_000])
+        } * MICRO;
+        let run = MILLI * (60 + chance.below(if remotes > 8 { 60 } else { 140 }));
+        let faults = faults(&mut chance, (is_network, is_paced), remotes, run);
+        Self {
+            seed,
+            board,
+            ports,
+            is_network,
+            pace: if is_paced { Pace::Board } else { Pace::Host },
+            period,
+            watchdog: if period > MILLI {
+                chance.of(&[10, 20])
+            } else {
+                chance.of(&[5, 8, 20])
+            } * MILLI,
+            faults,
+            habits: Habits {
+                rearm_every: chance.of(&[0, 0, 0, 15]),
+                rearm_when_safe: chance.of(&[0, 2, 10, 40]),
+                idle_one_in: chance.of(&[2, 5, 20]),
+                settings_one_in: chance.of(&[0, 3, 10, 30]),
+                index_one_in: 1 + chance.below(40),
+                restarts: chance.one_in(2),
+                leaves: chance.below(4),
+            },
+            run,
+            speed: chance.of(&[0.0, 20_000.0, -50_000.0, 120_000.0]),
+            field_mode: chance.of(&[0, 2]),
+        }
+    }
+
+    pub fn remotes(&self) -> usize {
+        self.ports.iter().map(Vec::len).sum()
+    }
+
+    /// The remote that all faults are of, if they are faults of one remote or its wire.
+    pub fn victim(&self) -> Option<usize> {
+        let of_remotes =
+            |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
+        let [first, ..] = &self.faults[..] else {
+            return None;
+        };
+        let alike = |fault: &Planned| fault.target == first.target && !fault.in_build;
+        let all = self
+            .faults
+            .iter()
+            .all(|fault| of_remotes(fault) && alike(fault));
+        all.then_some(first.target)
+    }
+
+    /// Port and channel of a remote by its number.
+    pub fn place(&self, remote: usize) -> (usize, usize) {
+        let mut left = remote;
+        for (port, cards) in self.ports.iter().enumerate() {
+            if left < cards.len() {
+                return (port, left);
+            }
+            left -= cards.len();
+        }
+        (0, 0)
+    }
+
+    pub fn card(&self, remote: usize) -> Card {
+        let (port, channel) = self.place(remote);
+        self.ports[port][channel]
+    }
+
+    /// How much later than sent a write may be executed.
+    pub fn lateness(&self) -> u64 {
+        if self.is_network { 2 * self.period } else { 0 }
+    }
+}
+
+/// Seeds that follow each other make plans that do not.
+pub fn scrambled(seed: u64) -> u64 {
+    let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Mostly a few remotes on one port, as machines are; sometimes many on several.
+fn ports(chance: &mut Chance, board: Board) -> Vec<Vec<Card>> {
+    const MACHINE: [Card; 3] = [Card::Field, Card::Analog, Card::Outputs];
+    const MIX: [Card; 4] = [Card::Field, Card::Outputs, Card::Analog, Card::Outputs];
+    let mixed = |count: u64| (0..count as usize).map(|n| MIX[n % 4]).collect::<Vec<_>>();
+    match chance.below(40) {
+        0 => vec![mixed(8), mixed(8), mixed(8), mixed(8)],
+        1..4 => (0..2 + chance.below(2))
+            .map(|_| mixed(1 + chance.below(4)))
+            .collect(),
+        4 if board == Board::I7i97 => vec![mixed(4 + chance.below(5))],
+        _ => vec![MACHINE[..=chance.below(3) as usize].to_vec()],
+    }
+}
+
+fn faults(
+    chance: &mut Chance,
+    (is_network, is_paced): (bool, bool),
+    remotes: usize,
+    run: u64,
+) -> Vec<Planned> {
+    let possible: Vec<FaultKind> = FaultKind::ALL
+        .iter()
+        .copied()
+        .filter(|kind| match kind.place() {
+            Place::Network => is_network,
+            Place::Bus => !is_network,
+            _ => true,
+        })
+        .collect();
+    let count = chance.of(&[1, 1, 1, 2, 2, 3]);
+    let target = chance.below(remotes as u64) as usize;
+    let mut faults: Vec<Planned> = Vec::new();
+    for n in 0..count {
+        let kind = chance.of(&possible);
+        let in_build = n == 0 && kind.place() != Place::Host && chance.one_in(4);
+        let lasts = match chance.below(4) {
+            0 => MICRO * (1 + chance.below(2_000)),
+            1 => MILLI * (1 + chance.below(60)),
+            2 => MILLI * (1 + chance.below(15)),
+            _ => MILLI * 40 + chance.below(run / 2),
+        };
+        let after = match (in_build, faults.last()) {
+            // A start takes no time, and finding all remotes some.
+            (true, _) => chance.of(&[300 * MICRO, 3 * MILLI, 20 * MILLI]),
+            // While the one before is still there, or has just ended.
+            (false, Some(before)) if !before.in_build && chance.one_in(2) => {
+                let from = before.after + if chance.one_in(2) { before.lasts } else { 0 };
+                return_within(from, run) + MILLI * 30
+            }
+            _ => 10 * MILLI + chance.below(run / 2),
+        };
+        faults.push(Planned {
+            kind,
+            in_build,
+            after: if in_build {
+                chance.below(after)
+            } else {
+                after - chance.below(10 * MILLI)
+            },
+            lasts,
+            target: if chance.one_in(2) {
+                target
+            } else {
+                chance.below(remotes as u64) as usize
+            },
+            dice: chance.below(1 << 31) | u64::from(is_paced) << 32,
+        });
+    }
+    faults
+}
+
+fn return_within(from: u64, run: u64) -> u64 {
+    from.min(run)
+}
