@@ -6,10 +6,12 @@ use std::net::Ipv4Addr;
 use std::time::Duration;
 
 use ethernet_support::{SimLink, WIRE};
+use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
+use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
-    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR,
-    Stage, UnguardedFlash,
+    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, LedMode,
+    PAGE, SECTOR, Stage, UnguardedFlash,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::sim::{BoardConfig, machines};
@@ -83,6 +85,52 @@ fn addresses_in_the_eeprom_are_written_and_read_back() {
     let identity = board.identity().expect("identity");
     assert_eq!(identity.eeprom_ip, address);
     assert_eq!(identity.eeprom_netmask, Some(netmask));
+}
+
+/// What a person sees while the driver sets one LED after the other: CR01 first.
+fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
+    let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+    let mut seen = Vec::new();
+    for n in 0..4 {
+        for (k, &led) in card.leds.leds.iter().enumerate() {
+            driver.pins_mut().set(led, k == n);
+        }
+        let _ = driver.read().expect("the board answers");
+        driver.write().expect("the board takes it");
+        driver.bus_mut().wait(Duration::from_millis(1));
+        seen.push(driver.bus_mut().link().board.lit_leds());
+    }
+    seen
+}
+
+#[test]
+fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
+    let bus = board().into_inner();
+    let mut driver = Driver::builder(bus).build().expect("a 7I97");
+    let one_by_one: Vec<_> = (0..4).map(|n| [0, 1, 2, 3].map(|k| k == n)).collect();
+    assert_ne!(running_light(&mut driver), one_by_one, "they count packets");
+    for (mode, shows) in [(LedMode::HostMot2, true), (LedMode::Debug, false)] {
+        let mut board = Board::new(driver.bus_mut());
+        board.set_led_mode(mode).expect("the register");
+        assert_eq!(board.led_mode(), Ok(mode));
+        assert_eq!(board.eeprom_led_mode(), Ok(LedMode::Debug), "as it was");
+        let seen = running_light(&mut driver);
+        assert_eq!(seen == one_by_one, shows, "{mode:?}");
+    }
+}
+
+#[test]
+fn a_restart_gives_the_leds_to_whom_the_eeprom_says() {
+    let mut board = board();
+    assert_eq!(board.led_mode(), Ok(LedMode::Debug), "as it comes");
+    for mode in [LedMode::HostMot2, LedMode::Debug] {
+        let before = board.led_mode();
+        board.set_eeprom_led_mode(mode).expect("the EEPROM");
+        assert_eq!(board.eeprom_led_mode(), Ok(mode));
+        assert_eq!(board.led_mode(), before, "only from the next start on");
+        board.reset().expect("a restart");
+        assert_eq!(board.led_mode(), Ok(mode));
+    }
 }
 
 #[test]
@@ -305,7 +353,12 @@ fn every_error_says_what_to_do_next() {
         },
     ];
     let (expected, found) = (1, 2);
-    let ethernet: [Ethernet; 3] = [
+    let ethernet: [Ethernet; 4] = [
+        Ethernet::NotTaken {
+            address: 0x14,
+            expected,
+            found,
+        },
         Ethernet::Cookie {
             space: 7,
             found,

@@ -352,15 +352,17 @@ fn check_isolated_io(machine: &mut Machine) {
     machine.set("inmux.00.enc1-reset", "true");
     machine.expect("inmux.00.enc1-count", "0");
     machine.set("inmux.00.enc1-reset", "false");
-    // Two detents forwards, slowly enough for the input filter.
+    // Two detents, B ahead of A, slowly enough for the input filter.
     for step in [
-        "2 on", "3 on", "2 off", "3 off", "2 on", "3 on", "2 off", "3 off",
+        "3 on", "2 on", "3 off", "2 off", "3 on", "2 on", "3 off", "2 off",
     ] {
         machine.board.run(&format!("input board {step}"));
         std::thread::sleep(Duration::from_millis(10));
     }
     machine.expect("inmux.00.enc1-count", "8");
     machine.set("led.CR02", "true");
+    // As boards come, these LEDs count packets.
+    machine.board.run("leds fpga");
     machine.expect_board("board", "board.led-1", |lit| lit == 1.0);
     machine.board.run("pin 50 low");
     machine.expect("gpio.050.in", "FALSE");

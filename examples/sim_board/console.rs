@@ -25,6 +25,7 @@ show [all|network|board|motors|CH]
                            outputs, motors, counters; without anything: all
 input board N on|off       let current flow into an isolated input of a 7I97
 pin N high|low|free        drive an I/O pin of the FPGA from outside
+leds fpga|packets          give the user LEDs to the FPGA, or let them count packets
 turn AXIS SPEED|free       turn a motor by hand (units a second), or let it go
 input CH N on|off          digital input of the remote on channel CH
 volts CH N VOLTS           voltage on an input of a remote
@@ -105,7 +106,8 @@ pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
         ["input", "board", input, state] => set_board_input(machine, input, state),
         ["pin", pin, level] => drive_pin(machine, pin, level),
         ["turn", axis, speed] => turn(machine, axis, speed),
-        ["quit" | "help" | "show" | "pin" | "turn", ..] => Err(wrong(words[0])),
+        ["leds", owner] => give_leds(machine, owner),
+        ["quit" | "help" | "show" | "pin" | "turn" | "leds", ..] => Err(wrong(words[0])),
         [command, channel, ref rest @ ..] => number(channel)
             .and_then(|channel| remotes::command(machine, command, channel, rest))
             .map(nothing),
@@ -172,6 +174,16 @@ fn drive_pin(machine: &mut Machine, pin: &str, level: &str) -> Result<String, St
         return Err(format!("pin {pin}: this board has {count}"));
     }
     machine.fpga().drive_pin(pin, level);
+    Ok(String::new())
+}
+
+fn give_leds(machine: &mut Machine, owner: &str) -> Result<String, String> {
+    let debug = match owner {
+        "fpga" => false,
+        "packets" => true,
+        _ => return Err(format!("`{owner}`: expected fpga or packets")),
+    };
+    machine.board.give_leds(debug);
     Ok(String::new())
 }
 
@@ -257,19 +269,14 @@ fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
 }
 
 fn show_board(text: &mut String, machine: &mut Machine) {
-    let debug = machine.board.debug_leds();
+    let leds = machine.board.lit_leds();
     let fpga = machine.fpga();
     line(
         text,
         "board.watchdog-bitten",
         u8::from(fpga.watchdog().has_bitten()),
     );
-    for led in 0..4 {
-        // CR01 is user LED 3.
-        let is_lit = match debug {
-            Some(shown) => shown >> (3 - led) & 1 != 0,
-            None => fpga.leds().is_lit(led),
-        };
+    for (led, is_lit) in leds.into_iter().enumerate() {
         line(text, &format!("board.led-{led}"), u8::from(is_lit));
     }
     let outputs = fpga.pwm().map_or(0, mesa_hal::sim::Pwm::count);

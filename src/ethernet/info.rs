@@ -261,17 +261,18 @@ impl<B: Lbp16Board> Board<B> {
     }
 
     /// The enable is cleared at the end of every packet, so it stands in front of the write.
-    fn write_eeprom(
+    pub(super) fn write_eeprom<const N: usize>(
         &mut self,
         address: u16,
-        words: [u16; 2],
+        words: [u16; N],
     ) -> Result<(), EthernetError<B::Error>> {
-        let mut reply = [[0; 2]; 2];
+        let mut reply = [[0; 2]; N];
+        let count = u8::try_from(N).unwrap_or(u8::MAX);
         run(&mut self.bus, reply.as_flattened_mut(), QUICK, |request| {
             let enable = [registers::control::ENABLE_EEPROM];
             request.write_words(Space::Control, registers::control::WRITE_ENABLE, &enable)?;
             request.write_words(Space::Eeprom, address, &words)?;
-            request.read(Space::Eeprom, address, 2).map(drop)
+            request.read(Space::Eeprom, address, count).map(drop)
         })?;
         let found = reply.map(u16::from_le_bytes);
         let places = (address..).step_by(2);

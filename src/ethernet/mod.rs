@@ -7,11 +7,13 @@
 mod bitfile;
 mod flash;
 mod info;
+mod leds;
 mod memory;
 mod packets;
 
 pub use bitfile::{Bitfile, BitfileError};
 pub use flash::{Area, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR, Stage};
 pub use info::{Board, Counters, Identity, MacAddress, Timestamps};
+pub use leds::LedMode;
 pub use memory::UnguardedFlash;
 pub use packets::{EthernetError, Lbp16Board};

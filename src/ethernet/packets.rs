@@ -81,6 +81,19 @@ pub enum EthernetError<E> {
         /// What is there.
         found: u16,
     },
+    /// A register of the board's network side does not keep what was written.
+    #[error(
+        "register 0x{address:02X} of space 6 reads 0x{found:04X} after writing 0x{expected:04X}; \
+         this firmware may not have it: update it"
+    )]
+    NotTaken {
+        /// Address of the register.
+        address: u16,
+        /// What was written.
+        expected: u16,
+        /// What is there.
+        found: u16,
+    },
 }
 
 /// How long anything but flash memory takes at most.

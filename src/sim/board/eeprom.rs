@@ -43,6 +43,8 @@ impl Eeprom {
         if config.firmware_version >= NETMASK_FIRMWARE {
             this.put_ip(NETMASK, config.netmask.octets());
         }
+        // "The green user LEDs default function is to count received Ethernet packets."
+        this.put(LED_MODE, 1);
         this
     }
 

@@ -1,5 +1,6 @@
 //! What the protocol needs of the FPGA behind it.
 
+use super::SimBoard;
 use crate::sim::{SimFpga, wire::Nanos};
 
 /// The FPGA behind the protocol: space 0, and what space 4 waits for.
@@ -54,5 +55,17 @@ impl Gateware for SimFpga {
 
     fn reconfigure(&mut self) {
         self.reload();
+    }
+}
+
+impl SimBoard<SimFpga> {
+    /// Which of the user LEDs CR01 to CR04 are lit, whoever has them. CR01 is user LED 3, the highest
+    /// bit of a debug value. Manual: 7I97, "BOARD STATUS LEDS".
+    pub fn lit_leds(&self) -> [bool; 4] {
+        let debug = self.debug_leds();
+        [0, 1, 2, 3].map(|led| match debug {
+            Some(shown) => shown >> (3 - led) & 1 != 0,
+            None => self.gateware().leds().is_lit(led),
+        })
     }
 }

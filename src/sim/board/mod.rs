@@ -127,6 +127,12 @@ impl<G: Gateware> SimBoard<G> {
         is_debug.then(|| self.status.get(shown))
     }
 
+    /// Gives the user LEDs to the network side (`debug`) or to the FPGA until the next restart, as a
+    /// host does that writes LEDMode.
+    pub fn give_leds(&mut self, debug: bool) {
+        self.status.set(control_registers::LED_MODE, debug.into());
+    }
+
     /// How often the FPGA was reloaded, and the firmware reset.
     pub fn restarts(&self) -> (u32, u32) {
         (self.reloads, self.resets)

@@ -339,24 +339,27 @@ fn a_reload_brings_the_fpga_up_again() {
 #[test]
 fn the_leds_show_a_register_of_space_6_when_they_are_told_to() {
     // Manual: 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode and DebugLEDPtr.
+    // Manual: 7I97, "BOARD STATUS LEDS": they count packets by default.
     let mut board = board();
+    assert_eq!(board.debug_leds(), Some(0), "no packets yet");
+    run(&mut board, &hex("01D91400 0000"));
     assert_eq!(board.debug_leds(), None, "they belong to HostMot2");
     run(&mut board, &hex("01D91400 0100"));
-    assert_eq!(board.debug_leds(), Some(1), "packets received");
+    assert_eq!(board.debug_leds(), Some(2), "packets received");
     run(&mut board, &hex("01D91600 1800 01D91800 3412"));
     assert_eq!(board.debug_leds(), Some(0x1234), "the scratch register");
     run(&mut board, &hex("01D91400 FEFF"));
     assert_eq!(board.debug_leds(), None, "only the lowest bit counts");
 
     // Manual: 7I97, "ETHERNET EEPROM LAYOUT", DEBUG LED Mode: what they show after power-up.
-    run(&mut board, &hex("01D91A00025A 01C928000100"));
-    assert_eq!(board.debug_leds(), None);
+    run(&mut board, &hex("01D91400 0100 01D91A00025A 01C928000000"));
+    assert!(board.debug_leds().is_some(), "not before that");
     let state = board.state();
     run(&mut board, &hex("01D91C000100"));
-    assert_eq!(board.debug_leds(), Some(0), "after a reset");
+    assert_eq!(board.debug_leds(), None, "after a reset");
     let mut restored = self::board();
     restored.restore(&state).unwrap();
-    assert_eq!(restored.debug_leds(), Some(0), "after a power cycle");
+    assert_eq!(restored.debug_leds(), None, "after a power cycle");
 }
 
 #[test]
