@@ -26,6 +26,8 @@ pub enum BusErrorKind {
     Short,
     /// The access list does not fit: too long for a packet, or outside of its buffer.
     Invalid,
+    /// Another program or host drives the device.
+    Occupied,
     /// The device itself reported an error.
     Device,
     /// Anything else; see the message.

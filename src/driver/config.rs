@@ -69,6 +69,8 @@ impl RemoteConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SerialConfig {
     channels: [Option<RemoteConfig>; MAX_CHANNELS as usize],
+    /// A channel that was configured and that no port has.
+    pub(super) beyond: Option<u8>,
 }
 
 impl Default for SerialConfig {
@@ -76,6 +78,7 @@ impl Default for SerialConfig {
     fn default() -> Self {
         Self {
             channels: [Some(RemoteConfig::in_mode(0)); MAX_CHANNELS as usize],
+            beyond: None,
         }
     }
 }
@@ -84,13 +87,15 @@ impl SerialConfig {
     /// No channel.
     pub const NONE: Self = Self {
         channels: [None; MAX_CHANNELS as usize],
+        beyond: None,
     };
 
-    /// The same with this remote on channel `channel` (0 to 7; others do not exist).
+    /// The same with this remote on channel `channel`, 0 to 7. Building the driver refuses others.
     #[must_use]
     pub fn with(mut self, channel: u8, remote: RemoteConfig) -> Self {
-        if let Some(slot) = self.channels.get_mut(usize::from(channel)) {
-            *slot = Some(remote);
+        match self.channels.get_mut(usize::from(channel)) {
+            Some(slot) => *slot = Some(remote),
+            None => self.beyond = Some(channel),
         }
         self
     }

@@ -38,6 +38,14 @@ pub enum BuildError<E: BusError> {
         /// How many there are.
         ports: u8,
     },
+    /// A channel was configured that no serial port has.
+    #[error("there is no channel {channel} on serial port {port}: channels are 0 to 7; correct it")]
+    NoSuchChannel {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+    },
     /// A serial port does not do what it is told.
     #[error(transparent)]
     Port(PortError<E>),

@@ -54,6 +54,7 @@ impl Fault {
             BusErrorKind::Lost
             | BusErrorKind::Refused
             | BusErrorKind::Unreachable
+            | BusErrorKind::Occupied
             | BusErrorKind::Invalid => Self::NotExecuted(kind),
             BusErrorKind::Late
             | BusErrorKind::Stale

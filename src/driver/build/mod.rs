@@ -40,6 +40,8 @@ struct Config {
     period: Duration,
     watchdog: Duration,
     ports: [Option<SerialConfig>; MAX_PORTS],
+    /// A port that was configured and that no board has.
+    port_beyond: Option<u8>,
     modules: ModuleChoices,
     gpio: Vec<(u16, GpioConfig)>,
     policy: FaultPolicy,
@@ -73,6 +75,7 @@ impl<B: RegisterBus> Builder<B> {
                 period: Duration::from_millis(1),
                 watchdog: Watchdog::DEFAULT_TIMEOUT,
                 ports: [None; MAX_PORTS],
+                port_beyond: None,
                 modules: ModuleChoices::default(),
                 gpio: Vec::new(),
                 policy: FaultPolicy::default(),
@@ -114,11 +117,13 @@ impl<B: RegisterBus> Builder<B> {
 
     /// Which channels of serial port `port` (0 to 3) are used, and how.
     ///
-    /// A port that is not mentioned is used with the default: whatever is there, in mode 0.
+    /// A port that is not mentioned is used with the default: whatever is there, in mode 0. One that
+    /// the firmware does not have is refused by [`build`](Self::build).
     #[must_use]
     pub fn serial_port(mut self, port: u8, config: SerialConfig) -> Self {
-        if let Some(slot) = self.config.ports.get_mut(usize::from(port)) {
-            *slot = Some(config);
+        match self.config.ports.get_mut(usize::from(port)) {
+            Some(slot) => *slot = Some(config),
+            None => self.config.port_beyond = Some(port),
         }
         self
     }

@@ -40,9 +40,15 @@ impl Parts {
         let last = (0u8..)
             .zip(&config.ports)
             .filter(|(_, config)| config.is_some())
+            .map(|(port, _)| port)
             .last();
-        if let Some((port, _)) = last.filter(|&(port, _)| port >= ports) {
+        if let Some(port) = config.port_beyond.or(last).filter(|&port| port >= ports) {
             return Err(BuildError::NoSuchPort { port, ports });
+        }
+        let beyond =
+            |(port, serial): (u8, &Option<SerialConfig>)| Some((port, serial.as_ref()?.beyond?));
+        if let Some((port, channel)) = (0u8..).zip(&config.ports).find_map(beyond) {
+            return Err(BuildError::NoSuchChannel { port, channel });
         }
         let Some(module) = module else {
             return Ok(Vec::new());

@@ -49,8 +49,8 @@ pub enum UdpError {
     },
     /// Datagrams came, but none was a reply to any request.
     #[error(
-        "request {request}: within {waited:?} came {datagrams} datagrams, and none is a reply; \
-         is this address and port that of a board, and does nobody else answer for it?"
+        "request {request}: within {waited:?} came {datagrams} datagrams, and none is a reply: \
+         something else than a board answers at this address and port; check both"
     )]
     Foreign {
         /// Number of the request.
@@ -74,6 +74,17 @@ pub enum UdpError {
         got: usize,
         /// How long was waited.
         waited: Duration,
+    },
+    /// The board receives packets that are not ours.
+    #[error(
+        "somebody else drives this board: within {within:?} it received {packets} packets that are \
+         not ours; end the other program (LinuxCNC, mesaflash, another driver), also on other hosts"
+    )]
+    OtherHost {
+        /// How many.
+        packets: u16,
+        /// Within which time.
+        within: Duration,
     },
     /// The packet could not be sent or received.
     #[error("{link} ({waited:?} after the request); check the board's IP address and its cable")]
@@ -146,6 +157,7 @@ impl BusError for UdpError {
                 LinkError::Unreachable => BusErrorKind::Unreachable,
                 LinkError::System(_) => BusErrorKind::Other,
             },
+            Self::OtherHost { .. } => BusErrorKind::Occupied,
             Self::TooLong { .. } | Self::BadAccess { .. } | Self::NotPrepared { .. } => {
                 BusErrorKind::Invalid
             }

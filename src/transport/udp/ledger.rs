@@ -178,6 +178,11 @@ impl Ledger {
         self.is_open || self.requests > 1 || self.underway() > 1
     }
 
+    /// RXUDPCount as the last account told it.
+    pub(super) fn received(&self) -> Option<u16> {
+        self.received
+    }
+
     /// Whether the newest write was executed, as far as the last account tells.
     pub(super) fn is_executed(&self) -> bool {
         self.fate(self.newest) == Fate::Executed

@@ -33,6 +33,28 @@ pub trait Link {
     fn sleep_until(&mut self, deadline: Instant);
 }
 
+impl<L: Link + ?Sized> Link for &mut L {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        (**self).send(packet)
+    }
+
+    fn receive(
+        &mut self,
+        buffer: &mut [u8],
+        deadline: Instant,
+    ) -> Result<Option<usize>, LinkError> {
+        (**self).receive(buffer, deadline)
+    }
+
+    fn now(&mut self) -> Instant {
+        (**self).now()
+    }
+
+    fn sleep_until(&mut self, deadline: Instant) {
+        (**self).sleep_until(deadline);
+    }
+}
+
 /// Why a datagram could not be sent or received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]

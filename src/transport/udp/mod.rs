@@ -29,8 +29,16 @@ use ledger::Ledger;
 use matching::Requests;
 use receiving::Wait;
 
-/// Room for the longest datagram that an Ethernet frame carries.
+/// Room for more than [`MAX_PACKET`](crate::lbp16::MAX_PACKET), so that a longer datagram shows.
 const RECEIVE_BUFFER: usize = 2048;
+
+/// How long a board is watched for packets of other hosts before anything is written to it: a cycle
+/// of 100 Hz sends ten packets in it.
+const WATCH: Duration = Duration::from_millis(50);
+/// So many packets more than ours, and more than our own can have become on the way, are others'.
+const OTHERS: u16 = 4;
+/// More than a board can receive in that time: its counts began again.
+const TOO_MANY: u16 = 0x8000;
 
 /// How long an exchange may take, and how often one of set-up is tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +50,8 @@ pub struct UdpConfig {
     pub setup_deadline: Duration,
     /// How often an exchange of set-up is tried, at least once.
     pub setup_tries: u32,
+    /// Talk to the board also while another program or host does. False: see [`UdpBus::new`].
+    pub beside_others: bool,
 }
 
 impl Default for UdpConfig {
@@ -51,6 +61,7 @@ impl Default for UdpConfig {
             cycle_deadline: Duration::from_micros(800),
             setup_deadline: Duration::from_millis(20),
             setup_tries: 10,
+            beside_others: false,
         }
     }
 }
@@ -117,7 +128,14 @@ impl UdpBus<UdpLink> {
 }
 
 impl<L: Link> UdpBus<L> {
-    /// A bus over `link`. Asks the board once, so that a bus that exists has a board behind it.
+    /// A bus over `link`. Asks the board first, so that a bus that exists has a board behind it.
+    ///
+    /// A board takes orders from everybody, and two programs that drive the same one end in
+    /// movements that neither has ordered. So the board is only watched at first: when its count of
+    /// packets (RXUDPCount; manual: 7I97, "SPACE 6") grows by more than ours within 50 ms, somebody
+    /// else drives it, and nothing is written ([`UdpError::OtherHost`]). Somebody who sends less
+    /// than about 100 packets a second, or begins later, is not noticed by that.
+    /// [`UdpConfig::beside_others`] leaves it out.
     pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError> {
         let mut bus = Self {
             link,
@@ -130,6 +148,9 @@ impl<L: Link> UdpBus<L> {
             slack: None,
             reply: Box::new([0; RECEIVE_BUFFER]),
         };
+        if !config.beside_others {
+            bus.watch_for_others()?;
+        }
         // Without this, the number that an earlier program left would look like a lost write.
         bus.with_retries(Encoding::first_contact()?, &[], &mut [])?;
         bus.statistics = BusStatistics::default();
@@ -144,6 +165,27 @@ impl<L: Link> UdpBus<L> {
     /// Sets how long exchanges may take from now on.
     pub fn set_config(&mut self, config: UdpConfig) {
         self.config = config;
+    }
+
+    /// Fails if the board receives more packets than ours. Writes nothing but a request's number.
+    fn watch_for_others(&mut self) -> Result<(), UdpError> {
+        self.with_retries(Encoding::question()?, &[], &mut [])?;
+        let (before, sent) = (self.ledger.received(), self.statistics.exchanges);
+        let start = self.link.now();
+        self.link.sleep_until(start.after(WATCH));
+        self.with_retries(Encoding::question()?, &[], &mut [])?;
+        let within = self.link.now().since(start);
+        let own = (self.statistics.exchanges - sent) as u16;
+        let (Some(before), Some(after)) = (before, self.ledger.received()) else {
+            return Ok(());
+        };
+        // Each of ours, and those of before that are late, may have come twice.
+        let packets = after.wrapping_sub(before).wrapping_sub(own);
+        let others = own.saturating_add(OTHERS)..TOO_MANY;
+        if others.contains(&packets) {
+            return Err(UdpError::OtherHost { packets, within });
+        }
+        Ok(())
     }
 
     /// An exchange of set-up, repeated until it is done or the tries are used up.

@@ -6,6 +6,7 @@ use super::encoding::Encoding;
 use super::matching::Match;
 use super::{Link, UdpBus, UdpError};
 use crate::bus::Instant;
+use crate::lbp16::MAX_PACKET;
 
 /// The reply that is waited for.
 #[derive(Clone, Copy, Debug)]
@@ -40,21 +41,22 @@ impl<L: Link> UdpBus<L> {
         let until = wait.started.after(deadline);
         let mut instead = None;
         let mut overtime = 0;
-        let foreign = self.statistics.foreign;
+        let mut strange = 0;
         loop {
             let received = self.link.receive(self.reply.as_mut_slice(), until);
             let waited = self.link.now().since(wait.started);
             match received {
                 Ok(Some(length)) => {
-                    if let Some(got) = self.sort(encoding, length, wait, waited)? {
-                        if got == request {
-                            return Ok(length);
+                    match self.sort(encoding, length, wait, waited)? {
+                        Some(got) if got == request => return Ok(length),
+                        Some(got) => {
+                            instead = Some(UdpError::Stale {
+                                request,
+                                got,
+                                waited,
+                            });
                         }
-                        instead = Some(UdpError::Stale {
-                            request,
-                            got,
-                            waited,
-                        });
+                        None => strange += 1,
                     }
                     // What came in time may still lie in the socket, but not without end.
                     overtime += u32::from(waited > deadline);
@@ -70,7 +72,7 @@ impl<L: Link> UdpBus<L> {
                 }
             }
             self.statistics.lost += 1;
-            let nothing = match self.statistics.foreign - foreign {
+            let nothing = match strange {
                 0 => UdpError::Lost { request, waited },
                 datagrams => UdpError::Foreign {
                     request,
@@ -99,6 +101,11 @@ impl<L: Link> UdpBus<L> {
             ..
         } = wait;
         let counted = &mut self.statistics;
+        if length > MAX_PACKET {
+            // No board sends that, and what is at its end may be the middle of it.
+            counted.foreign += 1;
+            return Ok(None);
+        }
         let reply = self.reply.get(..length).unwrap_or(&[]);
         let Some(number) = Encoding::number(reply) else {
             counted.short += 1;

@@ -98,7 +98,7 @@ fn a_lost_reply_is_an_error_that_says_so_and_the_words_stay() {
 fn a_flood_of_datagrams_does_not_keep_an_exchange_beyond_its_deadline() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
-    bus.link().flooded = true;
+    bus.link().flooded = Some(20);
     let started = bus.now();
     let error = bus.exchange_prepared(&cycle.read, &mut [0; 3]).unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Lost);
@@ -106,8 +106,117 @@ fn a_flood_of_datagrams_does_not_keep_an_exchange_beyond_its_deadline() {
     let deadline = UdpConfig::default().cycle_deadline;
     let waited = bus.now().since(started);
     assert!(waited <= deadline + MS / 10, "{waited:?}");
-    bus.link().flooded = false;
+    bus.link().flooded = None;
     bus.exchange_prepared(&cycle.read, &mut [0; 3]).unwrap();
+}
+
+#[test]
+fn who_answers_with_less_than_a_number_is_said_to_be_there_and_to_be_no_board() {
+    for length in [0, 1, 3, 4, 10, 64] {
+        let network = Network {
+            flooded: Some(length),
+            ..Network::default()
+        };
+        let error = UdpBus::new(network, UdpConfig::default()).unwrap_err();
+        assert!(
+            matches!(error, UdpError::Foreign { .. }),
+            "{length} bytes: {error}"
+        );
+        assert!(error.to_string().contains("something else"), "{error}");
+    }
+}
+
+#[test]
+fn a_datagram_longer_than_a_packet_is_no_reply_and_the_true_one_behind_it_is_taken() {
+    for longer in [1472, 1996, 2100, 60_000] {
+        let mut bus = bus();
+        let cycle = Cycle::new(&mut bus);
+        bus.link().replies = vec![Fate::AfterLonger(10_000, longer)];
+        let mut words = [0; 3];
+        let result = bus.exchange_prepared(&cycle.read, &mut words);
+        assert_eq!(result, Ok(()), "{longer} bytes more");
+        assert_eq!(words, [1, 2, 0]);
+        assert_eq!((bus.statistics().foreign, bus.statistics().short), (1, 0));
+    }
+}
+
+#[test]
+fn a_reply_with_more_bytes_than_were_asked_for_is_not_taken() {
+    for longer in [4, 8, 100, 1400] {
+        let mut bus = bus();
+        let cycle = Cycle::new(&mut bus);
+        bus.link().replies = vec![Fate::AfterLonger(10_000, longer)];
+        let mut words = [0; 3];
+        let error = bus.exchange_prepared(&cycle.read, &mut words).unwrap_err();
+        assert!(
+            matches!(error, UdpError::Short { expected, got, .. } if got == expected + longer),
+            "{error}"
+        );
+        assert_eq!(words, [0; 3]);
+    }
+}
+
+#[test]
+fn a_board_that_somebody_else_drives_is_left_to_him() {
+    // A cycle of 1 kHz is two packets a millisecond, one of 100 Hz one in 5 ms.
+    for every in [250_000, 500_000, 5_000_000] {
+        let network = Network {
+            other_host: Some(every),
+            ..Network::default()
+        };
+        let error = UdpBus::new(network, UdpConfig::default()).unwrap_err();
+        assert!(
+            matches!(error, UdpError::OtherHost { packets, .. } if packets > 3),
+            "every {every} ns: {error}"
+        );
+        assert!(error.to_string().contains("somebody else"), "{error}");
+    }
+}
+
+#[test]
+fn a_board_is_looked_at_before_a_register_of_it_is_changed() {
+    let mut network = Network {
+        other_host: Some(500_000),
+        ..Network::default()
+    };
+    let error = UdpBus::new(&mut network, UdpConfig::default()).unwrap_err();
+    assert!(matches!(error, UdpError::OtherHost { .. }), "{error}");
+    assert!(network.registers.is_empty());
+    // The number of a request, which every packet sets anew before it reads it back.
+    let changed: Vec<_> = network.scratch.keys().copied().collect();
+    assert_eq!(changed, [0x1C, 0x1E]);
+}
+
+#[test]
+fn lost_and_doubled_packets_are_not_taken_for_somebody_elses() {
+    let fates = [
+        vec![Fate::Doubled(10_000, 20_000); 4],
+        vec![GOOD, Fate::Lost, Fate::Doubled(10_000, 300_000), Fate::Lost],
+        vec![Fate::Lost; 4],
+    ];
+    for requests in &fates {
+        for replies in &fates {
+            let network = Network {
+                requests: requests.clone(),
+                replies: replies.clone(),
+                ..Network::default()
+            };
+            assert!(UdpBus::new(network, UdpConfig::default()).is_ok());
+        }
+    }
+}
+
+#[test]
+fn who_asks_for_it_may_talk_to_a_board_beside_somebody_else() {
+    let network = Network {
+        other_host: Some(500_000),
+        ..Network::default()
+    };
+    let config = UdpConfig {
+        beside_others: true,
+        ..UdpConfig::default()
+    };
+    assert!(UdpBus::new(network, config).is_ok());
 }
 
 #[test]
@@ -238,12 +347,13 @@ proptest! {
         let mut bus = bus();
         let cycle = Cycle::new(&mut bus);
         let cycles = requests.len() as u64;
+        let first = bus.link().newest.request.unwrap_or(0) + 1;
         bus.link().requests = requests;
         bus.link().replies = replies;
         let mut good = 0;
         for n in 0..cycles {
             let mut words = [0, 0, n as u32];
-            let number = 2 + n as u32;
+            let number = first + n as u32;
             if bus.exchange_prepared(&cycle.read, &mut words).is_ok() {
                 good += 1;
                 let answers = &bus.link().answers[&number];

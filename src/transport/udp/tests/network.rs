@@ -9,6 +9,8 @@ pub(super) enum Fate {
     Lost,
     Doubled(u64, u64),
     Cut(u64, usize),
+    /// In front of it comes one that is longer by so many bytes, and ends with the same number.
+    AfterLonger(u64, usize),
 }
 
 pub(super) const GOOD: Fate = Fate::Arrives(30_000);
@@ -54,8 +56,12 @@ pub(super) struct Network {
     pub asked: BTreeMap<u32, Option<u16>>,
     /// The execution that the newest reply at the host is of.
     pub delivered: Option<usize>,
-    /// There is always one more datagram, of somebody else.
-    pub flooded: bool,
+    /// There is always one more datagram, of somebody else, this long.
+    pub flooded: Option<usize>,
+    /// Another host sends the board a packet every so many nanoseconds.
+    pub other_host: Option<u64>,
+    /// How many of them have come.
+    pub of_others: u64,
     /// For each request number the values of its first execution and all others.
     pub answers: BTreeMap<u32, Vec<Vec<u32>>>,
 }
@@ -82,6 +88,13 @@ impl Network {
                 put(second, packet);
             }
             Fate::Cut(delay, bytes) => put(delay, &packet[..packet.len().saturating_sub(bytes)]),
+            Fate::AfterLonger(delay, bytes) => {
+                let number = packet.iter().rev().take(4).rev();
+                let filling = number.cycle().take(bytes.next_multiple_of(4));
+                let longer: Vec<u8> = packet.iter().chain(filling).copied().collect();
+                put(delay, &longer);
+                put(delay, packet);
+            }
         }
     }
 
@@ -119,7 +132,9 @@ impl Network {
         self.executed.push(packet.to_vec());
         self.executions.push(numbers(packet));
         let mut held = 0;
-        self.received = self.received.wrapping_add(1);
+        let of_others = self.other_host.map_or(0, |every| self.now / every);
+        let new = of_others - core::mem::replace(&mut self.of_others, of_others);
+        self.received = self.received.wrapping_add(1 + new as u16);
         let mut reply = Vec::new();
         let mut words = Vec::new();
         let mut rest = packet;
@@ -214,6 +229,7 @@ impl Fate {
             Self::Lost => Self::Lost,
             Self::Doubled(first, second) => Self::Doubled(first + held, second + held),
             Self::Cut(delay, bytes) => Self::Cut(delay + held, bytes),
+            Self::AfterLonger(delay, bytes) => Self::AfterLonger(delay + held, bytes),
         }
     }
 }
@@ -240,17 +256,19 @@ impl Link for Network {
         buffer: &mut [u8],
         deadline: Instant,
     ) -> Result<Option<usize>, LinkError> {
-        if self.flooded {
+        if let Some(length) = self.flooded {
             self.now += 1_000;
-            buffer[..20].fill(0xEE);
-            return Ok(Some(20));
+            buffer[..length].fill(0xEE);
+            return Ok(Some(length));
         }
         let Some((execution, packet)) = self.run(deadline.as_nanos()) else {
             return Ok(None);
         };
         self.delivered = Some(execution);
-        buffer[..packet.len()].copy_from_slice(&packet);
-        Ok(Some(packet.len()))
+        // As a socket does: what does not fit is cut off.
+        let length = packet.len().min(buffer.len());
+        buffer[..length].copy_from_slice(&packet[..length]);
+        Ok(Some(length))
     }
 
     fn now(&mut self) -> Instant {

@@ -61,7 +61,7 @@ fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_doe
     bus.link().replies = vec![Fate::Arrives(900_000)];
     let error = bus.exchange_prepared(&list, &mut words).unwrap_err();
     let late = UdpError::Late {
-        request: 3,
+        request: bus.link().newest.request.unwrap(),
         waited: MS + MS / 100 * 3,
         by: MS / 100 * 13,
     };
