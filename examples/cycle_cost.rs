@@ -4,21 +4,29 @@
 //! cargo run --release --example cycle_cost -- --addr 10.10.10.10 --seconds 10
 //! ```
 
+#[path = "support/mod.rs"]
+mod support;
+
 use std::error::Error;
+use std::fmt::Write;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{BusStatistics, RegisterBus};
 use mesa_hal::driver::{Driver, Pace};
 use mesa_hal::lbp16;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use support::{Signal, Stop, complain, say};
 
 const USAGE: &str = "\
 Runs the cycle of an Ethernet board with everything on it, and prints what a cycle costs.
 All outputs stay off.
 
-Usage: cycle_cost --addr IP[:PORT] [--seconds N] [--rate HZ] [--pace host|board]";
+Usage: cycle_cost --addr IP[:PORT] [--seconds N] [--rate HZ] [--pace host|board]
+
+SIGINT (Ctrl-C) and SIGTERM end it early: ports stopped, what was measured so far printed.
+Exits with 0, 1 if it could not be measured, 2 for bad arguments, 130 after SIGINT, 143 after SIGTERM.";
 
 #[derive(Clone, Copy, Debug)]
 struct Options {
@@ -29,21 +37,22 @@ struct Options {
 }
 
 fn main() -> ExitCode {
-    match options(lexopt::Parser::from_env()) {
-        Ok(Some(options)) => match measure(options) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                eprintln!("cycle_cost: {error}");
-                ExitCode::FAILURE
-            }
-        },
+    let options = match options(lexopt::Parser::from_env()) {
+        Ok(Some(options)) => options,
         Ok(None) => {
-            println!("{USAGE}");
-            ExitCode::SUCCESS
+            say(format_args!("{USAGE}\n"));
+            return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("cycle_cost: {error}\n\n{USAGE}");
-            ExitCode::from(2)
+            complain(format_args!("cycle_cost: {error}\n\n{USAGE}"));
+            return ExitCode::from(2);
+        }
+    };
+    match measure(options) {
+        Ok(signal) => signal.map_or(ExitCode::SUCCESS, Signal::exit_code),
+        Err(error) => {
+            complain(format_args!("cycle_cost: {error}"));
+            ExitCode::FAILURE
         }
     }
 }
@@ -80,74 +89,111 @@ fn parse_address(text: &str) -> Result<SocketAddrV4, std::net::AddrParseError> {
         .or_else(|_| text.parse())
 }
 
-fn measure(options: Options) -> Result<(), Box<dyn Error>> {
-    let Options {
-        address,
-        seconds,
-        rate,
-        pace,
-    } = options;
-    let bus = UdpBus::connect(address, UdpConfig::default())?;
-    let period = Duration::from_secs(1) / rate;
+/// What was counted while the cycle ran.
+#[derive(Debug, Default)]
+struct Measured {
+    cycles: u64,
+    good: u64,
+    busy: Duration,
+    cpu: Duration,
+    least_slack: Option<Duration>,
+}
+
+/// Runs the cycle and prints what it cost; the signal that has ended it early, if one did.
+fn measure(options: Options) -> Result<Option<Signal>, Box<dyn Error>> {
+    let stop = Stop::on_signals()?;
+    let bus = UdpBus::connect(options.address, UdpConfig::default())?;
     let mut driver = Driver::builder(bus)
-        .period(period)
-        .pace(pace)
+        .period(Duration::from_secs(1) / options.rate)
+        .pace(options.pace)
         .watchdog(Duration::from_millis(100))
         .build()?;
     let before = driver.bus().statistics();
+    let measured = run(&mut driver, options, &stop);
+    let text = report(&driver, options.pace, before, &measured)?;
+    let stopped = driver.shutdown();
+    say(text);
+    match (stop.signal(), stopped) {
+        (None, Err(error)) => Err(error.into()),
+        (signal, stopped) => {
+            if let Err(error) = stopped {
+                complain(format_args!("cycle_cost: {error}"));
+            }
+            Ok(signal)
+        }
+    }
+}
+
+fn run(driver: &mut Driver<UdpBus>, options: Options, stop: &Stop) -> Measured {
+    let mut measured = Measured::default();
     let cpu_before = cpu_time();
-    let cycles = u64::from(seconds) * u64::from(rate);
-    let (mut good, mut busy) = (0, Duration::ZERO);
-    let mut least = Duration::MAX;
     let mut next = driver.bus_mut().now();
-    for _ in 0..cycles {
+    for _ in 0..u64::from(options.seconds) * u64::from(options.rate) {
+        if stop.signal().is_some() {
+            break;
+        }
+        measured.cycles += 1;
         let start = driver.bus_mut().now();
         if let Ok(report) = driver.read() {
-            good += 1;
-            least = least.min(report.slack.unwrap_or(least));
+            measured.good += 1;
+            let least = measured.least_slack.into_iter().chain(report.slack).min();
+            measured.least_slack = least;
         }
         let _ = driver.write();
         let now = driver.bus_mut().now();
-        busy += now.since(start);
-        if pace == Pace::Host {
-            next = next.after(period);
+        measured.busy += now.since(start);
+        if options.pace == Pace::Host {
+            next = next.after(driver.period());
             // Sleeping and not spinning, so that what is measured is the cycle.
             std::thread::sleep(next.since(now));
         }
     }
-    let cpu = cpu_time().saturating_sub(cpu_before);
+    measured.cpu = cpu_time().saturating_sub(cpu_before);
+    measured
+}
+
+fn report(
+    driver: &Driver<UdpBus>,
+    pace: Pace,
+    before: BusStatistics,
+    measured: &Measured,
+) -> Result<String, std::fmt::Error> {
+    let mut out = String::new();
     let after = driver.bus().statistics();
-    let per_cycle = |total: u64| total as f64 / cycles as f64;
+    let per_cycle = |total: u64| total as f64 / measured.cycles.max(1) as f64;
     let microseconds = |total: Duration| per_cycle(total.as_nanos() as u64) / 1000.0;
-    println!("board: {}", driver.name());
-    println!("cycles: {cycles}, {good} with a good read");
-    println!(
+    writeln!(out, "board: {}", driver.name())?;
+    writeln!(
+        out,
+        "cycles: {}, {} with a good read",
+        measured.cycles, measured.good
+    )?;
+    writeln!(
+        out,
         "packets out per cycle: {:.3}",
         per_cycle(after.exchanges - before.exchanges)
-    );
-    println!(
+    )?;
+    writeln!(
+        out,
         "bytes per cycle: {:.1} out, {:.1} back",
         per_cycle(after.bytes_sent - before.bytes_sent),
         per_cycle(after.bytes_received - before.bytes_received),
-    );
-    match pace {
-        Pace::Host => println!(
-            "time per cycle: {:.1} us, board included",
-            microseconds(busy)
-        ),
-        Pace::Board => println!(
-            "time per cycle: {:.1} us; {} periods missed, the least slack {least:?}",
-            microseconds(busy),
+    )?;
+    let time = microseconds(measured.busy);
+    match (pace, measured.least_slack) {
+        (Pace::Host, _) => writeln!(out, "time per cycle: {time:.1} us, board included"),
+        (Pace::Board, least) => writeln!(
+            out,
+            "time per cycle: {time:.1} us; {} periods missed, the least slack {least:?}",
             driver.statistics().missed_periods,
         ),
-    }
-    println!("CPU per cycle: {:.1} us", microseconds(cpu));
-    println!("bus: {after:?}");
+    }?;
+    writeln!(out, "CPU per cycle: {:.1} us", microseconds(measured.cpu))?;
+    writeln!(out, "bus: {after:?}")?;
     for option in driver.bus().socket_options().refused() {
-        println!("this host does not allow {option}");
+        writeln!(out, "this host does not allow {option}")?;
     }
-    driver.shutdown()?;
-    Ok(())
+    Ok(out)
 }
 
 /// What this process has had of the CPUs so far.

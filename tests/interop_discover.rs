@@ -95,6 +95,26 @@ fn a_silent_address_is_said_to_be_silent() {
 }
 
 #[test]
+fn who_answers_and_is_no_board_is_said_to_be_there() {
+    let address = Ipv4Addr::new(127, 93, 0, 4);
+    let service = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
+    std::thread::spawn(move || {
+        let mut buffer = [0; 2048];
+        while let Ok((_, from)) = service.recv_from(&mut buffer) {
+            let _ = service.send_to(b"?", from);
+        }
+    });
+    let output = discover(&["--addr", &address.to_string()]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("no board answers, but somebody"), "{text}");
+    assert!(
+        text.contains("something else than a board answers"),
+        "{text}"
+    );
+}
+
+#[test]
 fn arguments_that_make_no_sense_are_said_and_not_ignored() {
     for (arguments, code, said) in [
         (&["--addr", "somewhere"][..], 2, "is no IPv4 address"),
@@ -105,6 +125,11 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
             &["--sim", "--mode", "0.7=1"],
             1,
             "no channel 7 on serial port 0, which has 3",
+        ),
+        (
+            &["--sim", "--mode", "0.0=77"],
+            1,
+            "port 0, channel 0: the 7I77 has no software mode 77; it has 0 (",
         ),
         (
             &["--sim", "--mode", "2.0=1"],

@@ -335,3 +335,43 @@ fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
         assert_eq!(waits(Some(set)), expected, "{set}");
     }
 }
+
+#[test]
+fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
+    let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
+    let volts = |driver: &mut EthernetDriver| {
+        let fpga = driver.bus_mut().link().board.gateware_mut();
+        fpga.device::<Remote<Device<Analog>>>(0, 1)
+            .and_then(|remote| remote.application().world().volts(0))
+            .expect("an analog output")
+    };
+    let mut good = 0;
+    for n in 0..400_u32 {
+        good += u32::from(driver.read().expect("a good network").is_good());
+        let pins = driver.pins_mut();
+        pins.set(analog.analog_out[0].pin, 5.0);
+        pins.set(analog.analogena.pin, true);
+        driver.write().expect("a good network");
+        if matches!(n, 100 | 150 | 250 | 300) {
+            // Another program's question (the packets that `UdpBus::new` sends first), at any time.
+            let question = [
+                0x82, 0xD1, 0x1C, 0x00, n as u8, 0x00, 0x00, 0x00, 0x44, 0x59, 0x0A, 0x00, 0x48,
+                0x51, 0x10, 0x00,
+            ];
+            let link = driver.bus_mut().link();
+            let now = link.board.time();
+            let reply = link.board.handle_packet(now, &question, &mut Vec::new());
+            assert!(reply.is_some(), "it is answered");
+        }
+        driver.bus_mut().wait(period);
+        if n > 20 {
+            let volts = volts(&mut driver);
+            assert!((volts - 5.0).abs() < 0.01, "cycle {n}: {volts} V");
+        }
+    }
+    assert!(good > 400 - 20 - 4 * 3, "{good} good cycles");
+    assert_eq!(driver.board_state(), mesa_hal::driver::BoardState::Running);
+}

@@ -8,11 +8,12 @@
 
 mod json;
 mod report;
+#[path = "../support/mod.rs"]
+mod support;
 mod terminals;
 mod text;
 
 use std::error::Error;
-use std::io::{self, ErrorKind, Write};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 
@@ -21,8 +22,9 @@ use mesa_hal::ethernet::Board;
 use mesa_hal::lbp16;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
 use mesa_hal::sim::machines;
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError};
 use report::{Modes, Report};
+use support::{Stop, complain, say};
 
 const USAGE: &str = "\
 Prints the inventory of a Mesa board: identity, firmware, modules, pins, serial ports and remotes.
@@ -35,72 +37,81 @@ Usage: discover (--addr IP[:PORT] | --sim) [--mode PORT.CHANNEL=MODE]... [--json
   --json                    for programs
   --help                    this text
 
-It stops the serial ports and turns all pins into inputs: not for a machine that is running.";
+It stops the serial ports and turns all pins into inputs: not for a machine that is running. A board
+that another program drives is left alone. SIGINT (Ctrl-C) and SIGTERM end it between two ports, and
+leave the ports stopped.
+
+Exits with 0 if all was found as asked for, 1 if not, 2 for bad arguments, 130 after SIGINT, 143
+after SIGTERM.";
 
 fn main() -> ExitCode {
     let options = match Options::parse(lexopt::Parser::from_env()) {
         Ok(Some(options)) => options,
         Ok(None) => {
-            println!("{USAGE}");
+            say(format_args!("{USAGE}\n"));
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("discover: {error}\n\n{USAGE}");
+            complain(format_args!("discover: {error}\n\n{USAGE}"));
             return ExitCode::from(2);
         }
     };
-    let printed = take(&options).and_then(|report| {
-        let text = if options.json {
-            format!("{:#}\n", json::of(&report))
-        } else {
-            text::of(&report)?
-        };
-        Ok(print(&text)?)
-    });
-    match printed {
-        Ok(()) => ExitCode::SUCCESS,
+    match run(&options) {
+        Ok(code) => code,
         Err(error) => {
-            eprintln!("discover: {error}");
+            complain(format_args!("discover: {error}"));
             ExitCode::FAILURE
         }
     }
 }
 
-/// A reader that has seen enough, such as `head`, is no error.
-fn print(text: &str) -> io::Result<()> {
-    let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        result => result,
+fn run(options: &Options) -> Result<ExitCode, Box<dyn Error>> {
+    let stop = Stop::on_signals()?;
+    let report = take(options, &stop)?;
+    say(if options.json {
+        format!("{:#}\n", json::of(&report))
+    } else {
+        text::of(&report)?
+    });
+    if let Some(signal) = stop.signal() {
+        complain(format_args!(
+            "discover: ended by {signal}; the inventory is not complete"
+        ));
+        return Ok(signal.exit_code());
     }
+    report.check_modes(&options.modes)?;
+    Ok(ExitCode::SUCCESS)
 }
 
-fn take(options: &Options) -> Result<Report, Box<dyn Error>> {
+fn take(options: &Options, stop: &Stop) -> Result<Report, Box<dyn Error>> {
     match options.board {
         Source::Simulated => {
             let mut fpga = machines::i7i92_7i77();
             fpga.plug(0, 0, Some(Box::new(FieldIo::i7i77()?)));
             fpga.plug(0, 1, Some(Box::new(Analog::i7i77()?)));
             fpga.plug(0, 2, Some(Box::new(Outputs48::i7i72()?)));
-            report::take(&mut fpga, None, &options.modes)
+            report::take(&mut fpga, None, &options.modes, stop)
         }
         Source::Ethernet(address) => {
-            let taken = take_from(address, &options.modes);
+            let taken = take_from(address, &options.modes, stop);
             taken.map_err(|error| format!("{address}: {error}").into())
         }
     }
 }
 
-fn take_from(address: SocketAddrV4, modes: &Modes) -> Result<Report, Box<dyn Error>> {
+fn take_from(address: SocketAddrV4, modes: &Modes, stop: &Stop) -> Result<Report, Box<dyn Error>> {
     let config = UdpConfig::default();
     let tries = config.setup_tries;
     let bus = UdpBus::connect(address, config).map_err(|error| match error.kind() {
+        _ if matches!(error, UdpError::Foreign { .. }) => {
+            format!("asked {tries} times, and no board answers, but somebody: {error}")
+        }
         BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
         _ => error.to_string(),
     })?;
     let mut board = Board::new(bus);
     let identity = board.identity()?;
-    report::take(&mut board.into_inner(), Some(identity), modes)
+    report::take(&mut board.into_inner(), Some(identity), modes, stop)
 }
 
 struct Options {

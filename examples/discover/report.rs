@@ -6,12 +6,14 @@ use std::time::Duration;
 use mesa_hal::boards::RemoteTable;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::{
-    DataRecord, DiscoveryLimits, ModeRecord, PortMemory, RemoteDescriptor, discover_port,
+    DataRecord, DiscoveryLimits, ModeRecord, ModeType, PortMemory, RemoteDescriptor, discover_port,
 };
 use mesa_hal::ethernet::Identity;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan, Watchdog};
 use mesa_hal::process_data::ParameterValue;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
+
+use crate::support::Stop;
 
 /// Everything that was found.
 pub struct Report {
@@ -51,14 +53,47 @@ impl RemoteReport {
     }
 }
 
+impl Report {
+    /// Whether every remote that was to be started in a mode runs in it, and has it.
+    pub fn check_modes(&self, modes: &Modes) -> Result<(), String> {
+        for &(port, channel, mode) in modes {
+            let ports = self.ports.iter().filter(|found| found.number == port);
+            let mut channels = ports.flat_map(|found| &found.channels);
+            let Some(found) = channels.find(|found| found.number == channel) else {
+                continue;
+            };
+            let place = format!("port {port}, channel {channel}");
+            let remote = found.remote.as_ref().map_err(|reason| {
+                format!("{place}: nothing started in software mode {mode}: {reason}")
+            })?;
+            let known: Vec<String> = remote
+                .modes()
+                .filter(|known| known.mode_type == ModeType::Software)
+                .map(|known| format!("{} ({})", known.index, known.name))
+                .collect();
+            let prefix = format!("{mode} (");
+            if !known.is_empty() && !known.iter().any(|known| known.starts_with(&prefix)) {
+                return Err(format!(
+                    "{place}: the {} has no software mode {mode}; it has {}; ask for one of these",
+                    remote.descriptor.name,
+                    known.join(", ")
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// The software modes to start remotes in: port, channel, mode.
 pub type Modes = Vec<(u8, u8, u8)>;
 
-/// Takes the inventory. Stops the serial ports and leaves all pins as inputs.
+/// Takes the inventory. Stops the serial ports and leaves all pins as inputs. When it is told to
+/// stop, the ports that are left are left out.
 pub fn take<B: RegisterBus>(
     bus: &mut B,
     identity: Option<Identity>,
     modes: &Modes,
+    stop: &Stop,
 ) -> Result<Report, Box<dyn Error>>
 where
     B::Error: Send + Sync,
@@ -67,6 +102,9 @@ where
     check_modes(&firmware, modes)?;
     let mut ports = Vec::new();
     for (gtag, number) in serial_ports(&firmware) {
+        if stop.signal().is_some() {
+            break;
+        }
         ports.push(take_port(bus, &firmware, gtag, number, modes)?);
     }
     Ok(Report {
@@ -153,6 +191,23 @@ where
     let channels = firmware.sserial_channels(gtag, number);
     let module = SslbpModule::from(firmware.require(gtag)?);
     let mut port = Port::new(Layout::new(&module, number, channels)?);
+    let taken = take_remotes(bus, &mut port, modes);
+    // Also when that has failed: nothing is left running.
+    let stopped = port.stop_all(bus);
+    let report = taken?;
+    stopped?;
+    Ok(report)
+}
+
+fn take_remotes<B: RegisterBus>(
+    bus: &mut B,
+    port: &mut Port,
+    modes: &Modes,
+) -> Result<PortReport, Box<dyn Error>>
+where
+    B::Error: Send + Sync,
+{
+    let (number, channels) = (port.layout().instance(), port.layout().channels());
     let parameters = port.reset(bus)?;
     let starts: Vec<ChannelStart> = (0..channels)
         .filter_map(Channel::new)
@@ -162,13 +217,13 @@ where
             ChannelStart::new(channel).with_software_mode(mode)
         })
         .collect();
-    let found = discover_port(&mut port, bus, &starts, DiscoveryLimits::default())?;
+    let found = discover_port(port, bus, &starts, DiscoveryLimits::default())?;
 
     let mut reports = Vec::new();
     for start in &starts {
         let remote = if let Some(found) = found.on(start.channel) {
             let descriptor = found.discovered.descriptor.clone();
-            let mut memory = PortMemory::new(&mut port, bus, start.channel);
+            let mut memory = PortMemory::new(port, bus, start.channel);
             let parameters = descriptor
                 .parameters
                 .iter()
@@ -197,7 +252,6 @@ where
             remote,
         });
     }
-    port.stop_all(bus)?;
     Ok(PortReport {
         number,
         parameters,

@@ -22,7 +22,9 @@ Usage: servo_loop [OPTIONS]
   --pins        list every pin and parameter that was found
   --help        this text
 
-Exits with 0 if all loops held, 1 if not, 2 for bad arguments.";
+SIGINT (Ctrl-C) and SIGTERM end it early: outputs off, ports stopped, summary printed.
+
+Exits with 0 if all loops held, 1 if not, 2 for bad arguments, 130 after SIGINT, 143 after SIGTERM.";
 
 /// The port that boards listen at.
 const PORT: u16 = 27181;

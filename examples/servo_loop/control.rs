@@ -12,6 +12,7 @@ use crate::args::Args;
 use crate::drives::Drives;
 use crate::found::remote;
 use crate::machine::{AXES, World};
+use crate::support::Stop;
 use crate::timed::Timed;
 
 /// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
@@ -45,6 +46,20 @@ impl Axis {
     }
 }
 
+/// How the field I/O of a 7I77 did, after the start.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FieldIo {
+    /// Cycles that count.
+    pub cycles: u64,
+    /// Of these, those in which every input was valid.
+    pub valid: u64,
+    /// Whether they were in the last one.
+    pub is_valid: bool,
+    /// Cycles in which outputs were wired back to inputs.
+    pub loop_backs: u64,
+    pub loop_back_errors: u64,
+}
+
 #[derive(Debug)]
 pub struct Control<B: World> {
     pub driver: Driver<Timed<B>>,
@@ -54,9 +69,9 @@ pub struct Control<B: World> {
     outputs: Option<I7i72>,
     /// What the field outputs were told lately, newest first.
     pattern: [u16; 3],
-    pub loop_backs: u64,
-    pub loop_back_errors: u64,
+    pub field_io: FieldIo,
     pub cycles: u64,
+    /// Of these, those in which anything failed.
     pub bad_cycles: u64,
     /// The least that was left of a period, where the board paces.
     pub least_slack: Option<Duration>,
@@ -64,7 +79,7 @@ pub struct Control<B: World> {
 }
 
 impl<B: World> Control<B> {
-    pub fn new(driver: Driver<Timed<B>>, _args: &Args) -> Result<Self, Failure> {
+    pub fn new(driver: Driver<Timed<B>>) -> Result<Self, Failure> {
         let drives = Drives::find(&driver)?;
         let pins = driver.pins();
         // A 7I97 needs no remotes; what is there is used.
@@ -80,8 +95,7 @@ impl<B: World> Control<B> {
             field,
             outputs,
             pattern: [0; 3],
-            loop_backs: 0,
-            loop_back_errors: 0,
+            field_io: FieldIo::default(),
             cycles: 0,
             bad_cycles: 0,
             least_slack: None,
@@ -102,11 +116,15 @@ impl<B: World> Control<B> {
         Ok(())
     }
 
-    pub fn run(&mut self, args: &Args) -> Result<(), Failure> {
+    /// Runs all cycles, or until it is stopped.
+    pub fn run(&mut self, args: &Args, stop: &Stop) -> Result<(), Failure> {
         let progress = progress_bar(args.cycles());
         let period = args.period();
         let mut next = self.driver.bus_mut().now();
         for cycle in 0..args.cycles() {
+            if stop.signal().is_some() {
+                break;
+            }
             let start = Instant::now();
             let below = self.driver.bus().spent();
             self.cycle(cycle, args)?;
@@ -125,35 +143,33 @@ impl<B: World> Control<B> {
 
     fn cycle(&mut self, cycle: u64, args: &Args) -> Result<(), Failure> {
         self.cycles += 1;
-        match self.driver.read() {
-            Ok(report) => {
-                self.bad_cycles += u64::from(!report.is_good());
-                let least = self.least_slack.into_iter().chain(report.slack).min();
-                self.least_slack = least;
-            }
-            Err(error) => {
-                self.bad_cycles += 1;
-                // Lost packets are survived; that the board is gone is not.
-                if !matches!(error, CycleError::Read { consecutive, .. } if consecutive < GONE) {
-                    return Err(error.into());
-                }
-            }
-        }
+        let read = self.read();
         let time = cycle as f64 / args.rate;
         self.close_loops(time);
-        self.check_loop_back(cycle);
+        self.check_field_io(cycle, time);
         self.walk(cycle);
-        if self.driver.write().is_err() {
-            self.bad_cycles += 1;
-        }
+        let is_written = self.driver.write().is_ok();
         // Only to measure the transfer: the cycle itself does not need to wait for it.
-        if self.driver.wait_transfers(TRANSFER_LIMIT).is_err() {
-            self.bad_cycles += 1;
-        }
+        let is_measured = self.driver.wait_transfers(TRANSFER_LIMIT).is_ok();
+        let is_good = matches!(read, Ok(true)) && is_written && is_measured;
+        self.bad_cycles += u64::from(!is_good);
         if self.driver.bus_mut().loop_back() {
-            self.loop_backs += 1;
+            self.field_io.loop_backs += 1;
         }
-        Ok(())
+        read.map(drop)
+    }
+
+    /// Whether all that was read is good. Lost packets are survived; that the board is gone is not.
+    fn read(&mut self) -> Result<bool, Failure> {
+        match self.driver.read() {
+            Ok(report) => {
+                let least = self.least_slack.into_iter().chain(report.slack).min();
+                self.least_slack = least;
+                Ok(report.is_good())
+            }
+            Err(CycleError::Read { consecutive, .. }) if consecutive < GONE => Ok(false),
+            Err(error) => Err(error.into()),
+        }
     }
 
     fn close_loops(&mut self, time: f64) {
@@ -198,18 +214,25 @@ impl<B: World> Control<B> {
         }
     }
 
-    /// Inputs follow the outputs of the same number, two transfers later.
-    fn check_loop_back(&mut self, cycle: u64) {
-        if self.loop_backs == 0 || cycle % STEP < 4 {
+    /// Counts the cycles with valid inputs. Where they are wired back, inputs follow the outputs of
+    /// the same number, two transfers later.
+    fn check_field_io(&mut self, cycle: u64, time: f64) {
+        let Some(field) = &self.field else { return };
+        let pins = self.driver.pins();
+        let counted = &mut self.field_io;
+        counted.is_valid = field.inputs.iter().all(|input| pins.read(input.pin).valid);
+        if time >= SETTLED {
+            counted.cycles += 1;
+            counted.valid += u64::from(counted.is_valid);
+        }
+        if counted.loop_backs == 0 || cycle % STEP < 4 {
             return;
         }
         let [newest, ..] = self.pattern;
-        let pins = self.driver.pins();
-        let inputs = self.field.iter().flat_map(|field| &field.inputs);
-        for (n, input) in inputs.take(16).enumerate() {
+        for (n, input) in field.inputs.iter().take(16).enumerate() {
             let reading = pins.read(input.pin);
             let expected = newest >> n & 1 != 0;
-            self.loop_back_errors += u64::from(!reading.valid || reading.value != expected);
+            counted.loop_back_errors += u64::from(!reading.valid || reading.value != expected);
         }
     }
 

@@ -14,6 +14,8 @@ pub struct Drives {
     volts: [Output<f64>; AXES],
     enables: Vec<Output<bool>>,
     name: &'static str,
+    /// The card whose analog outputs they are has field I/O as well.
+    pub needs_field_io: bool,
 }
 
 impl Drives {
@@ -25,6 +27,7 @@ impl Drives {
                 volts: card.analog_out.map(|output| output.value),
                 enables: own.into_iter().chain(card.enables).collect(),
                 name: "the analog outputs of the 7I97",
+                needs_field_io: false,
             });
         }
         let remote = crate::found::remote(driver, 1);
@@ -34,6 +37,7 @@ impl Drives {
             volts: analog.analog_out.map(|output| output.pin),
             enables: vec![analog.analogena.pin, analog.spinena.pin],
             name: "the analog outputs of the 7I77",
+            needs_field_io: true,
         })
     }
 

@@ -1,4 +1,6 @@
-//! Prints what was found.
+//! What was found.
+
+use std::fmt::{self, Write};
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::ModeType;
@@ -6,46 +8,59 @@ use mesa_hal::driver::{Driver, RemoteStatus};
 use mesa_hal::hal::Role;
 use mesa_hal::sslbp::Channel;
 
-pub fn print<B: RegisterBus>(driver: &Driver<B>, every_pin: bool) {
+/// The board, its remotes and what a cycle moves; with every pin if asked for.
+pub fn list<B: RegisterBus>(driver: &Driver<B>, every_pin: bool) -> String {
+    let mut text = String::new();
+    // A string takes everything.
+    let _ = write_all(&mut text, driver, every_pin);
+    text
+}
+
+fn write_all<B: RegisterBus>(out: &mut String, driver: &Driver<B>, every_pin: bool) -> fmt::Result {
     let idrom = driver.firmware().idrom();
-    println!(
+    writeln!(
+        out,
         "Board {} ({}), {} MHz, {} I/O pins; modules: {}",
         driver.name(),
         idrom.board_name,
         idrom.clock_low_hz / 1_000_000,
         idrom.io_width,
         driver.firmware().gtags()
-    );
+    )?;
     for (number, port) in driver.ports().iter().enumerate() {
         let time = port.expected_time();
-        println!(
+        writeln!(
+            out,
             "\nSerial port {number}: {} channels; a transfer takes up to {:?}, with a lost reply {:?}",
             port.layout().channels(),
             time.usual,
             time.with_timeout
-        );
+        )?;
         for remote in port.remotes() {
-            print_remote(driver, &remote);
+            write_remote(out, driver, &remote)?;
         }
     }
     for missing in driver.missing() {
-        println!(
+        writeln!(
+            out,
             "  missing: port {}, channel {}: {}",
             missing.port, missing.channel, missing.reason
-        );
+        )?;
     }
     let size = driver.image_size();
-    println!(
+    writeln!(
+        out,
         "\nA cycle reads {} registers and writes {}; over Ethernet {} bytes out and {} back, then {} out.",
         size.read_words,
         size.write_words,
         size.request_bytes(),
         size.reply_bytes(),
         size.write_bytes()
-    );
+    )?;
     if every_pin {
-        print_every_pin(driver);
+        write_every_pin(out, driver)?;
     }
+    Ok(())
 }
 
 /// The remote on a channel of the first serial port.
@@ -53,9 +68,13 @@ pub fn remote<B: RegisterBus>(driver: &Driver<B>, channel: u8) -> Option<RemoteS
     driver.ports().first()?.remote(Channel::new(channel)?)
 }
 
-fn print_remote<B: RegisterBus>(driver: &Driver<B>, remote: &RemoteStatus<'_>) {
+fn write_remote<B: RegisterBus>(
+    out: &mut String,
+    driver: &Driver<B>,
+    remote: &RemoteStatus<'_>,
+) -> fmt::Result {
     let descriptor = remote.descriptor();
-    println!("  {}", remote.started());
+    writeln!(out, "  {}", remote.started())?;
     for mode in &descriptor.modes {
         let is_software = mode.mode_type == ModeType::Software;
         let current = if is_software && mode.index == descriptor.software_mode {
@@ -63,18 +82,23 @@ fn print_remote<B: RegisterBus>(driver: &Driver<B>, remote: &RemoteStatus<'_>) {
         } else {
             ""
         };
-        println!(
+        writeln!(
+            out,
             "    mode {} {} ({:?}{current})",
             mode.index, mode.name, mode.mode_type
-        );
+        )?;
     }
-    print_terminals(driver, remote);
+    write_terminals(out, driver, remote)
 }
 
 /// The pins that are at a terminal, four to a line.
-fn print_terminals<B: RegisterBus>(driver: &Driver<B>, remote: &RemoteStatus<'_>) {
+fn write_terminals<B: RegisterBus>(
+    out: &mut String,
+    driver: &Driver<B>,
+    remote: &RemoteStatus<'_>,
+) -> fmt::Result {
     let prefix = remote.pins().prefix();
-    println!("    pins {prefix}.* with their terminals:");
+    writeln!(out, "    pins {prefix}.* with their terminals:")?;
     let pins: Vec<String> = driver
         .pins()
         .infos()
@@ -88,20 +112,23 @@ fn print_terminals<B: RegisterBus>(driver: &Driver<B>, remote: &RemoteStatus<'_>
         .collect();
     for line in pins.chunks(4) {
         let line: Vec<_> = line.iter().map(|pin| format!("{pin:<27}  ")).collect();
-        println!("      {}", line.concat().trim_end());
+        writeln!(out, "      {}", line.concat().trim_end())?;
     }
+    Ok(())
 }
 
-fn print_every_pin<B: RegisterBus>(driver: &Driver<B>) {
-    println!("\nAll pins and parameters:");
+fn write_every_pin<B: RegisterBus>(out: &mut String, driver: &Driver<B>) -> fmt::Result {
+    writeln!(out, "\nAll pins and parameters:")?;
     for pin in driver.pins().infos() {
         let kind = if pin.role.is_param() { "param" } else { "pin" };
-        println!(
+        writeln!(
+            out,
             "  {kind:<6} {:<6} {:<4} {:<44} {}",
             pin.hal_type.as_str(),
             Role::hal_direction(pin.role),
             pin.name,
             pin.terminal
-        );
+        )?;
     }
+    Ok(())
 }

@@ -10,6 +10,8 @@ mod drives;
 mod found;
 mod machine;
 mod result;
+#[path = "../support/mod.rs"]
+mod support;
 mod timed;
 
 use std::process::ExitCode;
@@ -17,6 +19,7 @@ use std::process::ExitCode;
 use args::{Args, Parsed};
 use mesa_hal::driver::Driver;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use support::{Stop, complain, say};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -24,42 +27,58 @@ fn main() -> ExitCode {
     let args = match Args::parse() {
         Ok(Parsed::Run(args)) => args,
         Ok(Parsed::Help) => {
-            println!("{}", args::HELP);
+            say(format_args!("{}\n", args::HELP));
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("servo_loop: {error}\nTry --help.");
+            complain(format_args!("servo_loop: {error}\nTry --help."));
             return ExitCode::from(2);
         }
     };
-    match run(&args) {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
+    match Stop::on_signals()
+        .map_err(Failure::from)
+        .and_then(|stop| run(&args, &stop))
+    {
+        Ok(code) => code,
         Err(error) => {
-            eprintln!("servo_loop: {error}");
+            complain(format_args!("servo_loop: {error}"));
             ExitCode::FAILURE
         }
     }
 }
 
-/// Runs the loops; whether all of them held.
-fn run(args: &Args) -> Result<bool, Failure> {
+/// Runs the loops: 0 if all of them held, 1 if not, and what a signal that came asks for.
+fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
     match args.address {
-        None => run_on(machine::simulated(args)?, args),
-        Some(address) => run_on(UdpBus::connect(address, UdpConfig::default())?, args),
+        None => run_on(machine::simulated(args)?, args, stop),
+        Some(address) => run_on(UdpBus::connect(address, UdpConfig::default())?, args, stop),
     }
 }
 
-fn run_on<B: machine::World>(bus: B, args: &Args) -> Result<bool, Failure> {
+fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
     let driver = Driver::builder(timed::Timed::new(bus))
         .period(args.period())
         .pace(args.pace)
         .watchdog(args.watchdog)
         .build()?;
-    found::print(&driver, args.pins);
-    let mut control = control::Control::new(driver, args)?;
-    control.run(args)?;
-    let held = result::print(&control, args);
-    control.stop()?;
-    Ok(held)
+    say(found::list(&driver, args.pins));
+    let mut control = control::Control::new(driver)?;
+    let ended = control.run(args, stop);
+    // Whatever ended it: the outputs first, then the words.
+    let summary = result::Summary::of(&control, args, stop.signal());
+    let stopped = control.stop();
+    say(&summary.text);
+    let result = ended.and(stopped);
+    Ok(match stop.signal() {
+        Some(signal) => {
+            if let Err(error) = result {
+                complain(format_args!("servo_loop: {error}"));
+            }
+            signal.exit_code()
+        }
+        None => {
+            result?;
+            ExitCode::from(u8::from(!summary.all_held))
+        }
+    })
 }

@@ -1,5 +1,6 @@
-//! The table at the end.
+//! What is said at the end.
 
+use std::fmt::{self, Write};
 use std::time::Duration;
 
 use mesa_hal::bus::RegisterBus;
@@ -8,54 +9,113 @@ use mesa_hal::driver::{Failure, Pace, PortStatistics, RemoteStatus, SerialPort};
 use crate::args::Args;
 use crate::control::Control;
 use crate::machine::World;
+use crate::support::Signal;
 
 /// A loop has held if it never was further away than this, in units of position.
 const HOLDS: f64 = 0.25;
 
-/// Prints the table; whether all loops held.
-pub fn print<B: World>(control: &Control<B>, args: &Args) -> bool {
-    println!(
+/// Inputs were there if they were valid in so many of the cycles.
+const FIELD_IO_HOLDS: f64 = 0.9;
+
+/// What is said at the end.
+pub struct Summary {
+    pub text: String,
+    /// Whether all loops held, and the field I/O with them.
+    pub all_held: bool,
+}
+
+impl Summary {
+    /// Of what was run, whatever ended it.
+    pub fn of<B: World>(control: &Control<B>, args: &Args, signal: Option<Signal>) -> Self {
+        let mut text = String::new();
+        // A string takes everything.
+        let all_held = write_all(&mut text, control, args, signal).unwrap_or(false);
+        Self { text, all_held }
+    }
+}
+
+fn write_all<B: World>(
+    out: &mut String,
+    control: &Control<B>,
+    args: &Args,
+    signal: Option<Signal>,
+) -> Result<bool, fmt::Error> {
+    let loops = write_axes(out, control)?;
+    for (number, port) in control.driver.ports().iter().enumerate() {
+        write_port(out, number, port, args.period())?;
+    }
+    let field_io = write_field_io(out, control)?;
+    write_cycles(out, control, args)?;
+    let until = if control.cycles < args.cycles() {
+        let by = signal
+            .map(|signal| format!(" by {signal}"))
+            .unwrap_or_default();
+        format!(
+            " Ended{by} after {} of {} cycles.",
+            control.cycles,
+            args.cycles()
+        )
+    } else {
+        String::new()
+    };
+    let verdict = match (loops, field_io) {
+        (None, _) => "Too short to say whether the loops hold.",
+        (Some(true), true) => "All loops held.",
+        (Some(true), false) => "The loops held, the field I/O did NOT.",
+        (Some(false), _) => "NOT all loops held.",
+    };
+    writeln!(out, "\n{verdict}{until}")?;
+    Ok(loops == Some(true) && field_io)
+}
+
+/// Whether all loops held; `None` if none ran long enough to say.
+fn write_axes<B: World>(
+    out: &mut String,
+    control: &Control<B>,
+) -> Result<Option<bool>, fmt::Error> {
+    writeln!(
+        out,
         "\nAxes on {}. Following error after the start, in units (held: below {HOLDS}):",
         control.drives.name()
-    );
-    println!("  axis      rms      worst");
+    )?;
+    writeln!(out, "  axis      rms      worst")?;
     let mut held = true;
     for (n, axis) in control.axes.iter().enumerate() {
         let holds = axis.samples > 0 && axis.worst < HOLDS;
         held &= holds;
-        let verdict = if holds { "" } else { "  NOT HELD" };
-        println!("  {n:>4} {:>8.4} {:>10.4}{verdict}", axis.rms(), axis.worst);
+        let verdict = match (holds, axis.samples) {
+            (true, _) => "",
+            (false, 0) => "  not judged",
+            (false, _) => "  NOT HELD",
+        };
+        writeln!(
+            out,
+            "  {n:>4} {:>8.4} {:>10.4}{verdict}",
+            axis.rms(),
+            axis.worst
+        )?;
     }
-    for (number, port) in control.driver.ports().iter().enumerate() {
-        print_port(number, port, args.period());
-    }
-    held &= print_loop_back(control);
-    print_cycles(control, args);
-    println!(
-        "\n{}",
-        if held {
-            "All loops held."
-        } else {
-            "NOT all loops held."
-        }
-    );
-    held
+    let is_judged = control.axes.iter().any(|axis| axis.samples > 0);
+    Ok(is_judged.then_some(held))
 }
 
-fn print_port(number: usize, port: &SerialPort, period: Duration) {
+fn write_port(out: &mut String, number: usize, port: &SerialPort, period: Duration) -> fmt::Result {
     let statistics = port.statistics();
-    println!(
+    writeln!(
+        out,
         "\nPort {number}: {} transfers, {}",
         statistics.transfers,
         doit(statistics, period)
-    );
-    println!(
+    )?;
+    writeln!(
+        out,
         "  busy when read {}, not known {}, freed {}, restarts {}",
         statistics.too_short, statistics.unknown, statistics.stuck, statistics.starts
-    );
+    )?;
     for remote in port.remotes() {
-        print_remote(&remote);
+        write_remote(out, &remote)?;
     }
+    Ok(())
 }
 
 fn doit(statistics: &PortStatistics, period: Duration) -> String {
@@ -73,7 +133,7 @@ fn doit(statistics: &PortStatistics, period: Duration) -> String {
     }
 }
 
-fn print_remote(remote: &RemoteStatus<'_>) {
+fn write_remote(out: &mut String, remote: &RemoteStatus<'_>) -> fmt::Result {
     let failures = remote.failures();
     let counted: Vec<String> = failures
         .iter()
@@ -85,54 +145,81 @@ fn print_remote(remote: &RemoteStatus<'_>) {
     } else {
         counted.join(", ")
     };
-    println!(
+    writeln!(
+        out,
         "  channel {} {}: {} transfers, {counted}; faults: {}",
         remote.started().channel,
         remote.started().name,
         remote.transfers(),
         remote.faults()
-    );
+    )
 }
 
-fn print_loop_back<B: World>(control: &Control<B>) -> bool {
+/// Whether the field I/O did what it has to.
+fn write_field_io<B: World>(out: &mut String, control: &Control<B>) -> Result<bool, fmt::Error> {
+    let counted = control.field_io;
     if !control.has_field() {
-        println!("\nField I/O: there is none of a 7I77.");
-        return true;
+        let is_needed = control.drives.needs_field_io;
+        let missing = if is_needed {
+            "MISSING; see above for why"
+        } else {
+            "none of a 7I77"
+        };
+        writeln!(out, "\nField I/O: {missing}.")?;
+        return Ok(!is_needed);
     }
-    if control.loop_backs == 0 {
-        println!(
-            "\nField I/O: outputs toggled; nothing is wired back, so inputs were not compared."
-        );
-        return true;
+    let share = counted.valid as f64 / counted.cycles.max(1) as f64;
+    let is_there = counted.cycles == 0 || (counted.is_valid && share >= FIELD_IO_HOLDS);
+    writeln!(
+        out,
+        "\nField I/O: inputs valid in {} of {} cycles{}.",
+        counted.valid,
+        counted.cycles,
+        if is_there {
+            ""
+        } else {
+            ", and that is NOT enough"
+        }
+    )?;
+    if counted.loop_backs == 0 {
+        writeln!(
+            out,
+            "  Outputs toggled; nothing is wired back, so what they do was not compared."
+        )?;
+        return Ok(is_there);
     }
-    println!(
-        "\nField I/O: 16 outputs wired back to inputs, {} differences in {} cycles.",
-        control.loop_back_errors, control.loop_backs
-    );
-    control.loop_back_errors == 0
+    writeln!(
+        out,
+        "  16 outputs wired back to inputs, {} differences in {} cycles.",
+        counted.loop_back_errors, counted.loop_backs
+    )?;
+    Ok(is_there && counted.loop_back_errors == 0)
 }
 
-fn print_cycles<B: World>(control: &Control<B>, args: &Args) {
+fn write_cycles<B: World>(out: &mut String, control: &Control<B>, args: &Args) -> fmt::Result {
     let cycles = control.cycles.max(1) as f64;
     let below = control.driver.bus().spent();
-    println!(
+    writeln!(
+        out,
         "Cycles: {} ({} with a failure). Host time per cycle: {:.2} us in driver and loops, {:.2} us in the bus.",
         control.cycles,
         control.bad_cycles,
         micros(control.host_time) / cycles,
         micros(below) / cycles
-    );
+    )?;
     let counted = control.driver.statistics();
-    println!(
+    writeln!(
+        out,
         "Board: {:?}; {} bites of its watchdog, {} resets, bus given up {} times.",
         control.driver.board_state(),
         counted.watchdog_bites,
         counted.resets,
         counted.bus_down
-    );
+    )?;
     let packets = control.driver.bus().statistics();
     if packets.bytes_sent > 0 {
-        println!(
+        writeln!(
+            out,
             "Packets: {} lost, {} late, {} twice, {} stale, {} short, {} foreign; \
              writes: {} lost, {} late, {} twice, {} unconfirmed.",
             packets.lost,
@@ -145,20 +232,22 @@ fn print_cycles<B: World>(control: &Control<B>, args: &Args) {
             packets.late_writes,
             packets.repeated_writes,
             packets.unconfirmed_writes,
-        );
+        )?;
     }
     if args.pace == Pace::Board {
         let missed = counted.missed_periods;
         let least = control.least_slack.map_or(0.0, micros);
-        println!(
+        writeln!(
+            out,
             "Paced by the board: {missed} periods missed, {least:.0} us left of the tightest."
-        );
+        )?;
     }
     let rejections = control.driver.pins().total_rejections();
-    println!(
+    writeln!(
+        out,
         "Values that were not used as set: {} not finite, {} out of range.",
         rejections.not_finite, rejections.out_of_range
-    );
+    )
 }
 
 fn micros(time: Duration) -> f64 {
