@@ -69,16 +69,12 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
     let stopped = control.stop();
     say(&summary.text);
     let result = ended.and(stopped);
-    Ok(match stop.signal() {
-        Some(signal) => {
-            if let Err(error) = result {
-                complain(format_args!("servo_loop: {error}"));
-            }
-            signal.exit_code()
+    if let Some(signal) = stop.signal() {
+        if let Err(error) = result {
+            complain(format_args!("servo_loop: {error}"));
         }
-        None => {
-            result?;
-            ExitCode::from(u8::from(!summary.all_held))
-        }
-    })
+        return Ok(signal.exit_code());
+    }
+    result?;
+    Ok(ExitCode::from(u8::from(!summary.all_held)))
 }
