@@ -1,48 +1,20 @@
 //! The application: it reads, compares what it reads with the truth, and commands something new.
 
+mod pins;
+
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{BoardState, Driver, RemoteState};
-use mesa_hal::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use mesa_hal::hal::{GroupId, Input, Output, Param, PinError, Pins};
 use mesa_hal::sslbp::Channel;
+
+use pins::{Encoder, GpioPin, Remote, volts};
 
 use super::chance::Chance;
 use super::journal::{Level, PORTS};
-use super::machine::{ENCODER, Gpio, TURN};
+use super::machine::{Gpio, TURN};
 use super::oracle::{BoardCommand, Checked, Oracle, Promise, ensure};
-use super::plan::{Board, Card, MICRO, MILLI, Plan};
+use super::plan::{Board, MICRO, MILLI, Plan};
 use super::stage::{Stage, was};
-
-/// The pins of one remote.
-struct Remote {
-    number: usize,
-    place: (usize, Channel),
-    card: Card,
-    group: GroupId,
-    inputs: Vec<Input<bool>>,
-    outputs: Vec<Output<bool>>,
-    volts: Vec<Output<f64>>,
-    /// What it was set to since it was armed.
-    set: Level,
-}
-
-struct GpioPin {
-    pin: usize,
-    out: Output<bool>,
-    is_output: Param<bool>,
-    drives: bool,
-}
-
-struct Encoder {
-    rawcounts: Input<i32>,
-    count: Input<i32>,
-    index_enable: InOut<bool>,
-    unsure: Input<bool>,
-    filter: Param<bool>,
-    scale: Param<f64>,
-    /// Motor position at which `rawcounts` would be 0.
-    zero: Option<f64>,
-    asked: Option<u64>,
-}
 
 /// A running application with the handles of its pins.
 pub struct Application {
@@ -495,88 +467,4 @@ fn is_armed<B: RegisterBus>(driver: &Driver<B>, group: GroupId) -> bool {
         .pins()
         .group_state(group)
         .is_some_and(|state| state.armed)
-}
-
-/// A voltage that is not 0.
-fn volts(chance: &mut Chance) -> i32 {
-    let volts = 100 * (1 + chance.below(90) as i32);
-    if chance.one_in(2) { volts } else { -volts }
-}
-
-impl Remote {
-    fn new(
-        pins: &Pins,
-        prefix: &str,
-        number: usize,
-        place: (usize, Channel),
-        card: Card,
-        group: GroupId,
-    ) -> Result<Self, PinError> {
-        let inputs = if card == Card::Field { 0..32 } else { 0..0 };
-        let inputs = inputs.map(|n| pins.input(&format!("{prefix}.input-{n:02}")));
-        let bits = |count: usize| (0..count).map(|n| format!("{prefix}.output-{n:02}"));
-        let outputs: Vec<String> = match card {
-            Card::Field => bits(16).collect(),
-            Card::Outputs => bits(48).collect(),
-            Card::Analog => ["analogena", "spinena"]
-                .map(|name| format!("{prefix}.{name}"))
-                .into(),
-        };
-        let volts = if card == Card::Analog { 0..6 } else { 0..0 };
-        let volts = volts.map(|n| pins.output(&format!("{prefix}.analogout{n}")));
-        Ok(Self {
-            number,
-            place,
-            card,
-            group,
-            inputs: inputs.collect::<Result<_, _>>()?,
-            outputs: outputs
-                .iter()
-                .map(|name| pins.output(name))
-                .collect::<Result<_, _>>()?,
-            volts: volts.collect::<Result<_, _>>()?,
-            set: Level::OFF,
-        })
-    }
-
-    fn command(&self, pins: &mut Pins, chance: &mut Chance) -> Level {
-        if self.card == Card::Analog {
-            let mut level = Level::OFF;
-            let [ena, spin] = [self.outputs[0], self.outputs[1]];
-            pins.set(ena, true);
-            let spins = chance.one_in(2);
-            pins.set(spin, spins);
-            // The enables of 0 to 4 are one.
-            level.bits = 0x1F | u64::from(spins) << 5;
-            for (n, output) in self.volts.iter().enumerate() {
-                let millivolts = volts(chance);
-                pins.set(*output, f64::from(millivolts) / 1000.0);
-                level.millivolts[n] = if n < 5 || spins { millivolts } else { 0 };
-            }
-            return level;
-        }
-        let pattern = chance.below(1 << 31) ^ chance.below(1 << 31) << 20 | 1;
-        let mut level = Level::OFF;
-        for (n, output) in self.outputs.iter().enumerate() {
-            pins.set(*output, pattern >> n & 1 != 0);
-            level.bits |= pattern & 1 << n;
-        }
-        level
-    }
-}
-
-impl Encoder {
-    fn new(pins: &Pins, name: &str) -> Result<Self, PinError> {
-        let stem = format!("{name}.encoder.{ENCODER:02}");
-        Ok(Self {
-            rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
-            count: pins.input(&format!("{stem}.count"))?,
-            index_enable: pins.inout(&format!("{stem}.index-enable"))?,
-            unsure: pins.input(&format!("{stem}.count-unsure"))?,
-            filter: pins.parameter(&format!("{stem}.filter"))?,
-            scale: pins.parameter(&format!("{stem}.scale"))?,
-            zero: None,
-            asked: None,
-        })
-    }
 }

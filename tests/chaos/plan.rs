@@ -89,6 +89,8 @@ pub struct Plan {
     pub habits: Habits,
     /// How long the machine runs before all faults end.
     pub run: u64,
+    /// One remote is absent for a minute, and attempts are as rare as they are by default.
+    pub is_minute: bool,
     /// Counts of the motors in a second.
     pub speed: f64,
     /// The software mode of field I/O; after a loss of power it is 0.
@@ -110,7 +112,7 @@ impl Plan {
         } * MICRO;
         let run = MILLI * (60 + chance.below(if remotes > 8 { 60 } else { 140 }));
         let faults = faults(&mut chance, (is_network, is_paced), remotes, run);
-        Self {
+        let mut plan = Self {
             seed,
             board,
             ports,
@@ -135,7 +137,36 @@ impl Plan {
             run,
             speed: chance.of(&[0.0, 20_000.0, -50_000.0, 120_000.0]),
             field_mode: chance.of(&[0, 2]),
+            is_minute: false,
+        };
+        if seed % MINUTE_EVERY == MINUTE_SEED {
+            plan.absent_for_a_minute();
         }
+        plan
+    }
+
+    fn absent_for_a_minute(&mut self) {
+        let target = self.faults.first().map_or(0, |fault| fault.target % 3);
+        *self = Self {
+            ports: vec![vec![Card::Field, Card::Analog, Card::Outputs]],
+            period: MILLI,
+            faults: vec![Planned {
+                kind: FaultKind::WireUnplugged,
+                in_build: false,
+                after: 100 * MILLI,
+                lasts: 60_000 * MILLI,
+                target,
+                dice: 0,
+            }],
+            habits: Habits {
+                settings_one_in: 0,
+                restarts: true,
+                ..self.habits
+            },
+            run: 60_100 * MILLI,
+            is_minute: true,
+            ..self.clone()
+        };
     }
 
     pub fn remotes(&self) -> usize {
@@ -179,6 +210,10 @@ impl Plan {
         if self.is_network { 2 * self.period } else { 0 }
     }
 }
+
+/// A minute is long: there is one in so many scenarios.
+const MINUTE_EVERY: u64 = 1_000;
+const MINUTE_SEED: u64 = 77;
 
 /// Seeds that follow each other make plans that do not.
 pub fn scrambled(seed: u64) -> u64 {

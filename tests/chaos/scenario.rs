@@ -1,29 +1,28 @@
 //! One scenario from power-up to the end.
 
+mod process;
+mod watch;
+
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
 
-use mesa_hal::driver::{
-    BoardState, Builder, Driver, FaultPolicy, GpioConfig, Pace, RemoteConfig, SerialConfig,
-};
+use mesa_hal::driver::{BoardState, Driver, Pace};
 use mesa_hal::sim::{BoardConfig, FaultKind, Place, SimBoard};
 use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 use super::application::Application;
 use super::chance::Chance;
-use super::journal::{Event, Journal, What};
+use super::journal::Journal;
 use super::machine::{Gpio, machine};
 use super::network::{Bad, ChaosLink, Direct, Host, Life, Network, Sim};
 use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
-use super::plan::{Board, Card, MICRO, MILLI, Moment, Plan, Planned};
+use super::plan::{Board, MICRO, MILLI, Plan, Planned};
 use super::stage::{Player, Stage};
 
 /// A machine that is well again is so after this time.
 const COMES_BACK_IN: u64 = 3_000 * MILLI;
-/// While a remote is restarted its port transfers nothing for so long (FACTS 5.7).
-const ATTEMPT: u64 = 18 * MILLI;
 
 /// Runs a plan. What happened is on the stage.
 pub fn run(plan: &Plan, stage: &Stage) -> Checked {
@@ -43,6 +42,8 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         watch: None,
         told: None,
         is_armed: false,
+        cycles: 0,
+        without_data: 0,
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -97,6 +98,9 @@ struct Scenario {
     told: Option<(usize, u64, u64, u32)>,
     /// All was armed once.
     is_armed: bool,
+    /// Cycles of remotes without faults of their own, and those without new data.
+    cycles: u64,
+    without_data: u64,
 }
 
 /// A process: the driver, its application, and its end.
@@ -128,6 +132,7 @@ impl Scenario {
                 process = self.killed(process, &connect)?;
             }
         }
+        self.lost_in_a_minute()?;
         self.heal(&mut process.driver);
         if process.application.remotes() < self.plan.remotes() {
             // Some were not there when the driver was built.
@@ -180,132 +185,6 @@ impl Scenario {
         self.stage.schedule(fault, at);
     }
 
-    /// A new process builds its driver. With a fault that may fail, but then everything is off;
-    /// and without it does not.
-    fn start<B: Host>(
-        &mut self,
-        connect: &impl Fn(Life) -> Result<B, String>,
-    ) -> Result<Process<B>, Failure> {
-        self.stage.set_well(None);
-        self.watch = None;
-        self.told = None;
-        for attempt in 0..2 {
-            let at = self.sim.now();
-            let active = self.stage.begun().iter().any(|begun| begun.ended.is_none());
-            let had_bus_fault = !self.host.is_empty();
-            let built = self.build(connect);
-            self.look()?;
-            let now = self.sim.now();
-            let troubled = active
-                || had_bus_fault
-                || self
-                    .stage
-                    .begun()
-                    .iter()
-                    .any(|b| b.ended.is_none_or(|ended| ended >= at));
-            match built {
-                Ok(process) => {
-                    let found = process.application.remotes();
-                    ensure(
-                        found == self.plan.remotes() || troubled,
-                        Promise::Works,
-                        now,
-                        || format!("{:?}", process.driver.missing()),
-                    )?;
-                    self.oracle
-                        .check_all_off(now, "before anything was commanded")?;
-                    // A new process starts armed, with everything off.
-                    self.oracle.rearmed(None);
-                    self.is_armed = false;
-                    self.stage.tell(now, format!("built, {found} remotes"));
-                    return Ok(process);
-                }
-                Err(error) => {
-                    self.stage.tell(now, format!("not built: {error}"));
-                    ensure(troubled && attempt == 0, Promise::Works, now, || error)?;
-                    self.oracle
-                        .check_all_off(now, "after the driver was not built")?;
-                    self.end_faults();
-                    self.sim.pass(100 * MILLI);
-                    self.look()?;
-                }
-            }
-        }
-        Err(Failure {
-            promise: Promise::Works,
-            at: self.sim.now(),
-            text: "a machine without faults is not built".to_owned(),
-        })
-    }
-
-    fn build<B: Host>(
-        &mut self,
-        connect: &impl Fn(Life) -> Result<B, String>,
-    ) -> Result<Process<B>, String> {
-        let life = Life::default();
-        let mut bus = connect(life.clone())?;
-        for (_, fault) in self.host.extract_if(.., |(at, _)| *at == 0) {
-            let skip = if fault.dice & 1 == 0 {
-                fault.dice % 15
-            } else {
-                15 + fault.dice % 1500
-            };
-            let count = 1 + fault.dice % 3;
-            bus.fail(fault.kind, skip, count);
-            let moment = if skip < 15 {
-                Moment::Start
-            } else {
-                Moment::Discovery
-            };
-            self.stage.note_fault(fault.kind, moment);
-            self.stage.tell(
-                0,
-                format!("{} at exchange {skip} of the set-up", fault.kind),
-            );
-        }
-        let driver = self.configured(Driver::builder(bus)).build();
-        let driver = driver.map_err(|error| error.to_string())?;
-        let application = Application::new(&driver, &self.plan, &self.gpio);
-        Ok(Process {
-            application: application.map_err(|error| error.to_string())?,
-            driver,
-            life,
-        })
-    }
-
-    fn configured<B: Host>(&self, builder: Builder<B>) -> Builder<B> {
-        let plan = &self.plan;
-        let mut builder = builder
-            .period(Duration::from_nanos(plan.period))
-            .watchdog(Duration::from_nanos(plan.watchdog))
-            .pace(plan.pace)
-            .fault_policy(FaultPolicy {
-                first_backoff: Duration::from_millis(20),
-                longest_backoff: Duration::from_millis(300),
-                ..FaultPolicy::default()
-            });
-        for (port, cards) in plan.ports.iter().enumerate() {
-            let mut config = SerialConfig::NONE;
-            for (channel, card) in cards.iter().enumerate() {
-                let mode = if *card == Card::Field {
-                    plan.field_mode
-                } else {
-                    0
-                };
-                config = config.with(channel as u8, RemoteConfig::in_mode(mode));
-            }
-            builder = builder.serial_port(port as u8, config);
-        }
-        for &pin in &self.gpio.outputs {
-            let config = GpioConfig {
-                output: true,
-                ..GpioConfig::default()
-            };
-            builder = builder.gpio(pin as u16, config);
-        }
-        builder
-    }
-
     /// One period of the application.
     fn cycle<B: Host>(&mut self, process: &mut Process<B>, is_wild: bool) -> Checked {
         let Process {
@@ -349,114 +228,6 @@ impl Scenario {
         let well = application.all_is_well(driver).is_ok();
         self.stage.set_well(Some(well));
         self.is_armed |= well;
-        Ok(())
-    }
-
-    /// Takes what happened since.
-    fn look(&mut self) -> Checked {
-        let events = self.journal.take();
-        if events.is_empty() {
-            return Ok(());
-        }
-        let begun = self.stage.begun();
-        let alone = begun.len() <= 1 && self.plan.faults.len() <= 1;
-        events.iter().try_for_each(|event| {
-            self.expect_detection(event, alone);
-            self.oracle.event(event, alone)
-        })
-    }
-
-    fn expect_detection(&mut self, event: &Event, alone: bool) {
-        // A read that the board holds back can be older.
-        let reads = if self.plan.pace == Pace::Board { 5 } else { 4 };
-        match event.what {
-            What::Bite => {
-                self.stage.tell(event.at, "the watchdog bites");
-                self.watch = self.watch.or(Some((event.at, reads, "a bite")));
-            }
-            What::Reset => {
-                self.stage.tell(event.at, "the FPGA is reset");
-                self.watch = self.watch.or(Some((event.at, reads, "a reset")));
-            }
-            What::Faults(remote, faults) => {
-                self.stage
-                    .tell(event.at, format!("remote {remote} has faults {faults:02x}"));
-                let is_told = |fault: &Planned| fault.kind.fault_bit().is_some();
-                if faults != 0 && alone && self.is_armed && self.plan.faults.iter().all(is_told) {
-                    self.told = self.told.or(Some((remote, event.at, u64::MAX, reads)));
-                }
-            }
-            _ => {}
-        }
-    }
-
-    /// Whether what has happened was noticed in its time.
-    fn detected<B: Host>(
-        &mut self,
-        driver: &Driver<B>,
-        application: &Application,
-        good: bool,
-    ) -> Checked {
-        let now = self.sim.now();
-        if driver.board_state() != BoardState::Running {
-            self.watch = None;
-            self.told = None;
-        }
-        if let Some((at, left, what)) = &mut self.watch
-            && good
-        {
-            *left -= 1;
-            let (left, at, what) = (*left, *at, *what);
-            ensure(left > 0, Promise::Detected, now, || {
-                format!("{what} at {at} is not noticed")
-            })?;
-        }
-        let Some((remote, at, faults, left)) = &mut self.told else {
-            return Ok(());
-        };
-        let state = application.remote_state(driver, *remote);
-        let Some(state) = state.filter(|state| state.armed && state.faults <= *faults) else {
-            self.told = None;
-            return Ok(());
-        };
-        *faults = state.faults;
-        if good {
-            *left -= 1;
-        }
-        let (left, at, remote) = (*left, *at, *remote);
-        ensure(left > 0, Promise::Detected, now, || {
-            format!("the fault of remote {remote} at {at} is not noticed")
-        })
-    }
-
-    /// While all faults are of one remote, the others lose nothing but what a restart costs.
-    fn neighbours<B: Host>(&mut self, driver: &Driver<B>, application: &Application) -> Checked {
-        let (Some(victim), true) = (self.plan.victim(), self.is_armed) else {
-            return Ok(());
-        };
-        let now = self.sim.now();
-        let (port, _) = self.plan.place(victim);
-        for other in (0..self.plan.remotes()).filter(|n| *n != victim) {
-            let Some(state) = application.remote_state(driver, other) else {
-                continue;
-            };
-            ensure(state.armed, Promise::Neighbours, now, || {
-                format!("remote {other} is not armed, though only remote {victim} has faults")
-            })?;
-            let is_near = self.plan.place(other).0 == port;
-            let longest = if is_near { ATTEMPT } else { 0 } + 4 * self.plan.period;
-            ensure(
-                state.age.time.as_nanos() <= longest.into(),
-                Promise::Neighbours,
-                now,
-                || {
-                    format!(
-                        "remote {other} has no data for {:?}, though only remote {victim} has faults",
-                        state.age.time
-                    )
-                },
-            )?;
-        }
         Ok(())
     }
 
@@ -532,24 +303,6 @@ impl Scenario {
         }
     }
 
-    fn kill_is_due(&self) -> bool {
-        let now = self.sim.now();
-        let mut host = self.host.iter();
-        host.any(|(at, fault)| fault.kind == FaultKind::HostKilled && *at <= now)
-    }
-
-    /// The process is killed, and after a while somebody starts it again.
-    fn killed<B: Host>(
-        &mut self,
-        process: Process<B>,
-        connect: &impl Fn(Life) -> Result<B, String>,
-    ) -> Result<Process<B>, Failure> {
-        self.host
-            .retain(|(_, fault)| fault.kind != FaultKind::HostKilled);
-        self.leave(process, 2)?;
-        self.start(connect)
-    }
-
     fn end_faults(&mut self) {
         let now = self.sim.now();
         self.stage.end_all(now);
@@ -571,22 +324,21 @@ impl Scenario {
     /// With all faults over, the machine is armed again, and outputs follow.
     fn comes_back<B: Host>(&mut self, process: &mut Process<B>) -> Checked {
         let until = self.sim.now() + COMES_BACK_IN;
-        let mut cycles = 0u64;
-        loop {
+        let (mut cycles, mut well) = (0u64, 0);
+        while well < 6 {
             self.cycle(process, false)?;
             let Process {
                 driver,
                 application,
                 ..
             } = process;
-            match application.all_is_well(driver) {
-                Ok(()) => break,
-                Err(why) => {
-                    let now = self.sim.now();
-                    ensure(now < until, Promise::ComesBack, now, || {
-                        format!("{} ms after all faults ended: {why}", COMES_BACK_IN / MILLI)
-                    })?;
-                }
+            well += 1;
+            if let Err(why) = application.all_is_well(driver) {
+                well = 0;
+                let now = self.sim.now();
+                ensure(now < until, Promise::ComesBack, now, || {
+                    format!("{} ms after all faults ended: {why}", COMES_BACK_IN / MILLI)
+                })?;
             }
             if self.plan.habits.restarts && cycles == 5 {
                 application.restart_all(driver);
@@ -595,9 +347,6 @@ impl Scenario {
                 self.rearm(driver, application);
             }
             cycles += 1;
-        }
-        for _ in 0..6 {
-            self.cycle(process, false)?;
         }
         let Process {
             driver,
@@ -629,43 +378,5 @@ impl Scenario {
                 format!("the board does not follow: {lags}")
             },
         )
-    }
-
-    /// The process ends: 0 in order, 1 by dropping the driver, else it is killed.
-    fn leave<B: Host>(&mut self, process: Process<B>, how: u64) -> Checked {
-        let Process {
-            mut driver, life, ..
-        } = process;
-        let now = self.sim.now();
-        if how >= 2 {
-            life.kill(now);
-            self.stage.tell(now, "the process is killed");
-            drop(driver);
-            self.oracle.nobody_commands(now);
-        } else {
-            if how == 0 {
-                let _ = driver.shutdown();
-            }
-            drop(driver);
-            self.oracle.nobody_commands(now);
-            self.sim.pass(MILLI);
-            self.look()?;
-            let is_quiet = self
-                .stage
-                .begun()
-                .iter()
-                .all(|b| b.ended.is_some_and(|end| end < now));
-            if is_quiet {
-                self.oracle
-                    .check_all_off(self.sim.now(), "after the driver was shut down")?;
-            }
-        }
-        for _ in 0..20 {
-            self.sim.pass(5 * MILLI);
-            self.look()?;
-            self.oracle.check(self.sim.now())?;
-        }
-        self.oracle
-            .check_all_off(self.sim.now(), "100 ms after the process ended")
     }
 }

@@ -1,0 +1,197 @@
+//! Processes come and go: building the driver, and the ways to end.
+
+use std::time::Duration;
+
+use mesa_hal::driver::{Builder, Driver, FaultPolicy, GpioConfig, RemoteConfig, SerialConfig};
+use mesa_hal::sim::FaultKind;
+
+use super::super::application::Application;
+use super::super::network::{Host, Life};
+use super::super::oracle::{Checked, Failure, Promise, ensure};
+use super::super::plan::{Card, MILLI, Moment};
+use super::{Process, Scenario};
+
+impl Scenario {
+    /// A new process builds its driver. With a fault that may fail, but then everything is off;
+    /// and without it does not.
+    pub(super) fn start<B: Host>(
+        &mut self,
+        connect: &impl Fn(Life) -> Result<B, String>,
+    ) -> Result<Process<B>, Failure> {
+        self.stage.set_well(None);
+        self.watch = None;
+        self.told = None;
+        for attempt in 0..2 {
+            let at = self.sim.now();
+            let active = self.stage.begun().iter().any(|begun| begun.ended.is_none());
+            let had_bus_fault = !self.host.is_empty();
+            let built = self.build(connect);
+            self.look()?;
+            let now = self.sim.now();
+            let troubled = active
+                || had_bus_fault
+                || self
+                    .stage
+                    .begun()
+                    .iter()
+                    .any(|b| b.ended.is_none_or(|ended| ended >= at));
+            match built {
+                Ok(process) => {
+                    let found = process.application.remotes();
+                    ensure(
+                        found == self.plan.remotes() || troubled,
+                        Promise::Works,
+                        now,
+                        || format!("{:?}", process.driver.missing()),
+                    )?;
+                    self.oracle
+                        .check_all_off(now, "before anything was commanded")?;
+                    // A new process starts armed, with everything off.
+                    self.oracle.rearmed(None);
+                    self.is_armed = false;
+                    self.stage.tell(now, format!("built, {found} remotes"));
+                    return Ok(process);
+                }
+                Err(error) => {
+                    self.stage.tell(now, format!("not built: {error}"));
+                    ensure(troubled && attempt == 0, Promise::Works, now, || error)?;
+                    self.oracle
+                        .check_all_off(now, "after the driver was not built")?;
+                    self.end_faults();
+                    self.sim.pass(100 * MILLI);
+                    self.look()?;
+                }
+            }
+        }
+        Err(Failure {
+            promise: Promise::Works,
+            at: self.sim.now(),
+            text: "a machine without faults is not built".to_owned(),
+        })
+    }
+
+    pub(super) fn build<B: Host>(
+        &mut self,
+        connect: &impl Fn(Life) -> Result<B, String>,
+    ) -> Result<Process<B>, String> {
+        let life = Life::default();
+        let mut bus = connect(life.clone())?;
+        for (_, fault) in self.host.extract_if(.., |(at, _)| *at == 0) {
+            let skip = if fault.dice & 1 == 0 {
+                fault.dice % 15
+            } else {
+                15 + fault.dice % 1500
+            };
+            let count = 1 + fault.dice % 3;
+            bus.fail(fault.kind, skip, count);
+            let moment = if skip < 15 {
+                Moment::Start
+            } else {
+                Moment::Discovery
+            };
+            self.stage.note_fault(fault.kind, moment);
+            self.stage.tell(
+                0,
+                format!("{} at exchange {skip} of the set-up", fault.kind),
+            );
+        }
+        let driver = self.configured(Driver::builder(bus)).build();
+        let driver = driver.map_err(|error| error.to_string())?;
+        let application = Application::new(&driver, &self.plan, &self.gpio);
+        Ok(Process {
+            application: application.map_err(|error| error.to_string())?,
+            driver,
+            life,
+        })
+    }
+
+    pub(super) fn configured<B: Host>(&self, builder: Builder<B>) -> Builder<B> {
+        let plan = &self.plan;
+        let mut policy = FaultPolicy::default();
+        if !plan.is_minute {
+            policy.first_backoff = Duration::from_millis(20);
+            policy.longest_backoff = Duration::from_millis(300);
+        }
+        let mut builder = builder
+            .period(Duration::from_nanos(plan.period))
+            .watchdog(Duration::from_nanos(plan.watchdog))
+            .pace(plan.pace)
+            .fault_policy(policy);
+        for (port, cards) in plan.ports.iter().enumerate() {
+            let mut config = SerialConfig::NONE;
+            for (channel, card) in cards.iter().enumerate() {
+                let mode = if *card == Card::Field {
+                    plan.field_mode
+                } else {
+                    0
+                };
+                config = config.with(channel as u8, RemoteConfig::in_mode(mode));
+            }
+            builder = builder.serial_port(port as u8, config);
+        }
+        for &pin in &self.gpio.outputs {
+            let config = GpioConfig {
+                output: true,
+                ..GpioConfig::default()
+            };
+            builder = builder.gpio(pin as u16, config);
+        }
+        builder
+    }
+
+    pub(super) fn kill_is_due(&self) -> bool {
+        let now = self.sim.now();
+        let mut host = self.host.iter();
+        host.any(|(at, fault)| fault.kind == FaultKind::HostKilled && *at <= now)
+    }
+
+    /// The process is killed, and after a while somebody starts it again.
+    pub(super) fn killed<B: Host>(
+        &mut self,
+        process: Process<B>,
+        connect: &impl Fn(Life) -> Result<B, String>,
+    ) -> Result<Process<B>, Failure> {
+        self.host
+            .retain(|(_, fault)| fault.kind != FaultKind::HostKilled);
+        self.leave(process, 2)?;
+        self.start(connect)
+    }
+
+    /// The process ends: 0 in order, 1 by dropping the driver, else it is killed.
+    pub(super) fn leave<B: Host>(&mut self, process: Process<B>, how: u64) -> Checked {
+        let Process {
+            mut driver, life, ..
+        } = process;
+        let now = self.sim.now();
+        if how >= 2 {
+            life.kill(now);
+            self.stage.tell(now, "the process is killed");
+            drop(driver);
+            self.oracle.nobody_commands(now);
+        } else {
+            if how == 0 {
+                let _ = driver.shutdown();
+            }
+            drop(driver);
+            self.oracle.nobody_commands(now);
+            self.sim.pass(MILLI);
+            self.look()?;
+            let is_quiet = self
+                .stage
+                .begun()
+                .iter()
+                .all(|b| b.ended.is_some_and(|end| end < now));
+            if is_quiet {
+                self.oracle
+                    .check_all_off(self.sim.now(), "after the driver was shut down")?;
+            }
+        }
+        for _ in 0..20 {
+            self.sim.pass(5 * MILLI);
+            self.look()?;
+            self.oracle.check(self.sim.now())?;
+        }
+        self.oracle
+            .check_all_off(self.sim.now(), "100 ms after the process ended")
+    }
+}

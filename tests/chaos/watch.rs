@@ -1,0 +1,142 @@
+//! What happened, whether it is noticed in its time, and what the others lose by it.
+
+use mesa_hal::driver::{BoardState, Driver, Pace};
+
+use super::super::application::Application;
+use super::super::journal::{Event, What};
+use super::super::network::Host;
+use super::super::oracle::{Checked, Promise, ensure};
+use super::super::plan::{MILLI, Planned};
+use super::Scenario;
+
+/// While a remote is restarted its port transfers nothing for so long (FACTS 5.7).
+const ATTEMPT: u64 = 18 * MILLI;
+
+impl Scenario {
+    /// Takes what happened since.
+    pub(super) fn look(&mut self) -> Checked {
+        let events = self.journal.take();
+        if events.is_empty() {
+            return Ok(());
+        }
+        let begun = self.stage.begun();
+        let alone = begun.len() <= 1 && self.plan.faults.len() <= 1;
+        events.iter().try_for_each(|event| {
+            self.expect_detection(event, alone);
+            self.oracle.event(event, alone)
+        })
+    }
+
+    pub(super) fn expect_detection(&mut self, event: &Event, alone: bool) {
+        // A read that the board holds back can be older.
+        let reads = if self.plan.pace == Pace::Board { 5 } else { 4 };
+        match event.what {
+            What::Bite => {
+                self.stage.tell(event.at, "the watchdog bites");
+                self.watch = self.watch.or(Some((event.at, reads, "a bite")));
+            }
+            What::Reset => {
+                self.stage.tell(event.at, "the FPGA is reset");
+                self.watch = self.watch.or(Some((event.at, reads, "a reset")));
+            }
+            What::Faults(remote, faults) => {
+                self.stage
+                    .tell(event.at, format!("remote {remote} has faults {faults:02x}"));
+                let is_told = |fault: &Planned| fault.kind.fault_bit().is_some();
+                if faults != 0 && alone && self.is_armed && self.plan.faults.iter().all(is_told) {
+                    self.told = self.told.or(Some((remote, event.at, u64::MAX, reads)));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether what has happened was noticed in its time.
+    pub(super) fn detected<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &Application,
+        good: bool,
+    ) -> Checked {
+        let now = self.sim.now();
+        if driver.board_state() != BoardState::Running {
+            self.watch = None;
+            self.told = None;
+        }
+        if let Some((at, left, what)) = &mut self.watch
+            && good
+        {
+            *left -= 1;
+            let (left, at, what) = (*left, *at, *what);
+            ensure(left > 0, Promise::Detected, now, || {
+                format!("{what} at {at} is not noticed")
+            })?;
+        }
+        let Some((remote, at, faults, left)) = &mut self.told else {
+            return Ok(());
+        };
+        let state = application.remote_state(driver, *remote);
+        let Some(state) = state.filter(|state| state.armed && state.faults <= *faults) else {
+            self.told = None;
+            return Ok(());
+        };
+        *faults = state.faults;
+        if good {
+            *left -= 1;
+        }
+        let (left, at, remote) = (*left, *at, *remote);
+        ensure(left > 0, Promise::Detected, now, || {
+            format!("the fault of remote {remote} at {at} is not noticed")
+        })
+    }
+
+    /// With a remote absent for a minute, the others lose less than 0.6 % of their cycles.
+    pub(super) fn lost_in_a_minute(&self) -> Checked {
+        let Self {
+            cycles,
+            without_data,
+            ..
+        } = *self;
+        let is_little = !self.plan.is_minute || without_data * 1000 < 6 * cycles;
+        ensure(is_little, Promise::Neighbours, self.sim.now(), || {
+            format!("no data in {without_data} of {cycles} cycles")
+        })
+    }
+
+    /// While all faults are of one remote, the others lose nothing but what a restart costs.
+    pub(super) fn neighbours<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &Application,
+    ) -> Checked {
+        let (Some(victim), true) = (self.plan.victim(), self.is_armed) else {
+            return Ok(());
+        };
+        let now = self.sim.now();
+        let (port, _) = self.plan.place(victim);
+        for other in (0..self.plan.remotes()).filter(|n| *n != victim) {
+            let Some(state) = application.remote_state(driver, other) else {
+                continue;
+            };
+            ensure(state.armed, Promise::Neighbours, now, || {
+                format!("remote {other} is not armed, though only remote {victim} has faults")
+            })?;
+            self.cycles += 1;
+            self.without_data += u64::from(state.age.cycles > 0);
+            let is_near = self.plan.place(other).0 == port;
+            let longest = if is_near { ATTEMPT } else { 0 } + 4 * self.plan.period;
+            ensure(
+                state.age.time.as_nanos() <= longest.into(),
+                Promise::Neighbours,
+                now,
+                || {
+                    format!(
+                        "remote {other} has no data for {:?}, though only remote {victim} has faults",
+                        state.age.time
+                    )
+                },
+            )?;
+        }
+        Ok(())
+    }
+}
