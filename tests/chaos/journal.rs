@@ -162,13 +162,13 @@ impl Recorder {
                 }),
             },
         };
-        if now != self.seen {
-            self.seen = now;
-            self.journal.note(at, What::Remote(self.number, now));
-        }
         if faults != self.faults {
             self.faults = faults;
             self.journal.note(at, What::Faults(self.number, faults));
+        }
+        if now != self.seen {
+            self.seen = now;
+            self.journal.note(at, What::Remote(self.number, now));
         }
     }
 }

@@ -48,6 +48,8 @@ pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> Str
 
 /// A remote switches off after 50 ms; the rest is for the cycles around it.
 const OFF_AFTER: u64 = 60 * MILLI;
+/// Over-temperature and over-current: the outputs concerned switch off at once.
+const TRIPS: u8 = 0x0C;
 /// Commands older than this are of no interest.
 const KEPT: u64 = 500 * MILLI;
 
@@ -62,8 +64,8 @@ struct Command {
 #[derive(Debug)]
 struct Track {
     name: String,
-    /// Bits may be missing, because their pins are inputs just then.
-    is_gpio: bool,
+    /// Bits may be missing: pins are inputs just then, or outputs have tripped by themselves.
+    has_gaps: bool,
     commands: VecDeque<Command>,
     shown: Level,
     since: u64,
@@ -74,10 +76,10 @@ struct Track {
 }
 
 impl Track {
-    fn new(name: String, is_gpio: bool, limit: u64) -> Self {
+    fn new(name: String, has_gaps: bool, limit: u64) -> Self {
         Self {
             name,
-            is_gpio,
+            has_gaps,
             commands: VecDeque::new(),
             shown: Level::OFF,
             since: 0,
@@ -134,7 +136,7 @@ impl Track {
             })?;
         }
         let allowed = |command: &Command| {
-            let shown = if self.is_gpio {
+            let shown = if self.has_gaps {
                 Level::bits(self.shown.bits & command.level.bits)
             } else {
                 command.level
@@ -284,8 +286,12 @@ impl Oracle {
                 }
                 Ok(())
             }
-            What::Faults(_, 0) => Ok(()),
-            What::Faults(remote, _) => {
+            What::Faults(remote, 0) => {
+                self.remotes[remote].has_gaps = false;
+                Ok(())
+            }
+            What::Faults(remote, faults) => {
+                self.remotes[remote].has_gaps |= faults & TRIPS != 0;
                 // From the reply that told it; with other faults the replies may be lost, until
                 // the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;
