@@ -214,7 +214,7 @@ fn a_7i64_is_recognised_by_its_name() {
             .map(|record| u32::from(record.bits))
             .sum()
     };
-    assert_eq!((bits(Flow::Input), bits(Flow::Output)), (64, 24));
+    assert_eq!((bits(Flow::Input), bits(Flow::Output)), (64, 32));
     let sizes = ProcessDataSizes { rx: 9, tx: 4 };
     let other = run(&mut image, &RemoteIdentity { sizes, ..remote });
     assert!(!other.process_data_is_sound());

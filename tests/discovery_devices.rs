@@ -141,7 +141,7 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
         .discovered
         .descriptor
         .process_data;
-    let names = ["output", "input", "pad", "analog0", "analog1"];
+    let names = ["output", "pad", "input", "pad", "analog0", "analog1"];
     assert!(records.iter().map(|record| record.name.as_str()).eq(names));
     port.stop_all(&mut fpga).unwrap();
     let starts = [ChannelStart::new(channel)];

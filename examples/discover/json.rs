@@ -98,6 +98,7 @@ fn remote(remote: &RemoteReport) -> Value {
             }
             parameter
         }).collect::<Vec<_>>(),
+        "differences": remote.differences,
         "problems": remote.problems,
         "memory_accesses": remote.accesses,
     })

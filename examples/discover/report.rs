@@ -43,6 +43,8 @@ pub struct RemoteReport {
     pub sizes: (u8, u8),
     pub parameters: Vec<(DataRecord, Result<ParameterValue, String>)>,
     pub problems: Vec<String>,
+    /// Where it differs from the table.
+    pub differences: Vec<String>,
     pub accesses: u32,
 }
 
@@ -234,8 +236,12 @@ where
                 .collect();
             let problems = found.discovered.problems.iter().map(ToString::to_string);
             let failed = found.discovered.read_error.iter().map(ToString::to_string);
+            let table = RemoteTable::for_remote(&descriptor);
+            let differences = table.map(|table| table.differences(&descriptor));
+            let differences = differences.unwrap_or_default();
             Ok(RemoteReport {
-                table: RemoteTable::for_remote(&descriptor),
+                table,
+                differences: differences.iter().map(ToString::to_string).collect(),
                 built_in: found.discovered.source == mesa_hal::discovery::Source::BuiltIn,
                 sizes: (found.remote.sizes.rx, found.remote.sizes.tx),
                 parameters,

@@ -167,6 +167,9 @@ fn print_remote(out: &mut String, channel: u8, remote: &RemoteReport) -> fmt::Re
             Err(error) => writeln!(out, "      {:<44}   {error}", describe(record)),
         }?;
     }
+    for difference in &remote.differences {
+        writeln!(out, "    Differs from the table: {difference}")?;
+    }
     for problem in &remote.problems {
         writeln!(out, "    Problem: {problem}")?;
     }

@@ -40,6 +40,9 @@ fn write_all<B: RegisterBus>(out: &mut String, driver: &Driver<B>, every_pin: bo
             write_remote(out, driver, &remote)?;
         }
     }
+    for remark in driver.remarks() {
+        println!("  note: {remark}");
+    }
     for missing in driver.missing() {
         writeln!(
             out,

@@ -1,5 +1,6 @@
 //! Why pins were not made.
 
+use super::IdentityError;
 use crate::hal::PinError;
 use crate::hostmot2::{Gtag, LocateError, Name8};
 use crate::process_data::PlanError;
@@ -50,6 +51,9 @@ pub enum BoardError {
         /// How many are in use.
         found: usize,
     },
+    /// It is another remote, or another part of the card.
+    #[error(transparent)]
+    Identity(#[from] IdentityError),
     /// A pin that belongs to this kind of board is not there, or is of another kind.
     #[error("a pin of this board: {0} (does the remote's description differ from the table?)")]
     Pin(#[from] PinError),

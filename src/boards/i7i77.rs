@@ -191,12 +191,14 @@ impl I7i77Field {
     /// The handles of a field I/O remote's pins.
     ///
     /// # Errors
+    /// [`BoardError::Identity`] if it is the card's analog part: the channels are swapped.
     /// [`BoardError::Pin`] if the remote has no such inputs or outputs.
     pub fn new(
         pins: &Pins,
         remote: &RemotePins,
         output_type: OutputType,
     ) -> Result<Self, BoardError> {
+        remote.require(&FIELD)?;
         let prefix = remote.prefix();
         let analog = |n: usize| ScaledInput::find(pins, &format!("{prefix}.analogin{n}"));
         let mpg = |n: usize| CounterHandles::find(pins, &format!("{prefix}.enc{n}"));
@@ -226,8 +228,10 @@ impl I7i77Analog {
     /// The handles of an analog remote's pins.
     ///
     /// # Errors
+    /// [`BoardError::Identity`] if it is the card's field I/O: the channels are swapped.
     /// [`BoardError::Pin`] if the remote has no such outputs.
     pub fn new(pins: &Pins, remote: &RemotePins) -> Result<Self, BoardError> {
+        remote.require(&ANALOG)?;
         let prefix = remote.prefix();
         Ok(Self {
             analog_out: handles(|n| ScaledOutput::find(pins, &format!("{prefix}.analogout{n}")))?,

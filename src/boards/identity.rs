@@ -19,7 +19,9 @@ pub enum IdentityError {
     },
     /// Another part of a card whose parts share a name, told apart by the unit number's top byte.
     #[error(
-        "{name} with unit number {actual:#010x} is another part of the card: {expected:#04x}...... was expected (are the channels swapped?)"
+        "the {name} with unit number {actual:#010x} is {}, and {} was expected here: the channels are swapped; exchange them in the configuration, or the card's cables",
+        part(*name, (*actual >> 24) as u8),
+        part(*name, *expected)
     )]
     Class {
         /// Its name.
@@ -41,6 +43,14 @@ pub enum IdentityError {
         /// The unit number it has.
         actual: u32,
     },
+}
+
+/// What a part of a card is called, by the top byte of its unit number. FACTS 8.1.
+fn part(name: RemoteName, class: u8) -> &'static str {
+    let mut tables = RemoteTable::KNOWN.into_iter();
+    tables
+        .find(|table| table.name == name.0 && table.unit_class == Some(class))
+        .map_or("another part of the card", |table| table.title)
 }
 
 /// A point in which a remote's description differs from the built-in table.
@@ -204,6 +214,43 @@ fn compare(element: &ElementTable, record: &DataRecord, found: &mut Vec<Differen
             expected,
             actual,
         });
+    }
+}
+
+impl core::fmt::Display for Difference {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Missing { element } => write!(f, "it has no {element}"),
+            Self::Unexpected { record } => {
+                write!(
+                    f,
+                    "element {record} of its process data is not in the table"
+                )
+            }
+            Self::Order {
+                element,
+                expected,
+                actual,
+            } => write!(f, "{element} is element {actual}, by the table {expected}"),
+            Self::Bits {
+                element,
+                expected,
+                actual,
+            } => write!(f, "{element} has {actual} bits, by the table {expected}"),
+            Self::Type {
+                element,
+                expected,
+                actual,
+            } => write!(f, "{element} is {actual:?}, by the table {expected:?}"),
+            Self::Limits {
+                element,
+                expected: (min, max),
+                actual: (least, most),
+            } => write!(
+                f,
+                "{element} goes from {least} to {most}, by the table from {min} to {max}"
+            ),
+        }
     }
 }
 

@@ -1,20 +1,21 @@
 //! Remotes that do not support discovery.
 //!
-//! Only what is certain is here. The 8I20 has a path of its own in the gateware as well, but its
-//! sizes and its reply format are not known for certain, so it has no table.
+//! Only what is certain is here. The 8I20 has a path of its own in the gateware as well (FACTS 11.5),
+//! but what its process data means is not known, so it is not supported.
 
-use super::{DataDirection, DataRecord, DataType, ProblemKind, RemoteIdentity};
+use super::{DataDirection, DataRecord, DataType, ProblemKind, RemoteIdentity, RemoteName};
 use crate::sslbp::{ProcessDataSizes, StartedRemote};
 use alloc::{string::String, vec::Vec};
 
 /// One element of a table: bits, type, direction, maximum, unit, name.
 type Element = (u8, DataType, DataDirection, f32, &'static str, &'static str);
 
-/// 24 inputs and 24 outputs, two analog inputs of 0 to 3.3 V. Its reply has no fault byte.
+/// 24 inputs and 24 outputs, two analog inputs of 0 to 3.3 V. Its reply has no fault byte. The
+/// gateware sends 4 bytes, of which the outputs are three. FACTS 11.10.
 ///
 /// Source: public tables of the field's clients; gateware transcript t26 for the sizes and for the
 /// place of the inputs.
-const I7I64: [Element; 5] = [
+const I7I64: [Element; 6] = [
     (
         24,
         DataType::Bits,
@@ -23,6 +24,7 @@ const I7I64: [Element; 5] = [
         "none",
         "output",
     ),
+    (8, DataType::Pad, DataDirection::Output, 0.0, "", "pad"),
     (
         24,
         DataType::Bits,
@@ -50,11 +52,17 @@ const I7I64: [Element; 5] = [
     ),
 ];
 
+/// The drive that has a path of its own in the gateware. FACTS 11.5.
+const NAME_8I20: RemoteName = RemoteName(*b"8I20");
+
 /// FACTS 4.7.
 const I7I64_SIZES: ProcessDataSizes = ProcessDataSizes { rx: 8, tx: 4 };
 
 /// The process data of a remote by its name.
 pub(super) fn process_data(identity: &RemoteIdentity) -> Result<Vec<DataRecord>, ProblemKind> {
+    if identity.name == NAME_8I20 {
+        return Err(ProblemKind::NotSupported);
+    }
     if identity.name != StartedRemote::NAME_7I64 {
         return Err(ProblemKind::NoDiscovery);
     }

@@ -26,7 +26,10 @@ impl Problem {
         matches!(self.table, Table::Process)
             && !matches!(
                 self.kind,
-                ProblemKind::UnknownDataType { .. } | ProblemKind::StringTooLong { .. }
+                ProblemKind::UnknownDataType { .. }
+                    | ProblemKind::StringTooLong { .. }
+                    // Limits say how values are scaled, and nothing of where they are.
+                    | ProblemKind::LimitsNotFinite { .. }
             )
     }
 }
@@ -86,6 +89,11 @@ pub enum ProblemKind {
         "it does not support discovery, and there is no built-in table for its name; leave the channel out"
     )]
     NoDiscovery,
+    /// A kind of remote that is known, but not what its process data means.
+    #[error(
+        "it is not supported: it has no discovery, and what its process data means is not known; leave the channel out (x)"
+    )]
+    NotSupported,
     /// A built-in table exists, but its sizes are not what the remote says.
     #[error(
         "it does not support discovery, and its sizes (RX {rx}, TX {tx}) are not those of the \
@@ -191,8 +199,11 @@ pub enum ProblemKind {
         /// What is there.
         bits: u8,
     },
-    /// Limits that are no numbers.
-    #[error("its limits {min} to {max} are not finite; 0 to 0 was taken for them")]
+    /// Limits of a scaled number that are not finite. Floating-point numbers need none: there,
+    /// infinite limits are no problem.
+    #[error(
+        "its limits {min} to {max} are not finite; its pins have a full scale of 1 instead, so check its scale"
+    )]
     LimitsNotFinite {
         /// Minimum.
         min: f32,

@@ -138,7 +138,10 @@ fn check_limits(data_type: DataType, limits: [f32; 2], notes: &mut impl Notes) -
             | DataType::NonvolFloat
     );
     if !(min.is_finite() && max.is_finite()) {
-        if scaled {
+        // FACTS 11.10: without limits.
+        let is_float = matches!(data_type, DataType::Float | DataType::NonvolFloat);
+        let is_unlimited = is_float && !min.is_nan() && !max.is_nan();
+        if scaled && !is_unlimited {
             notes.note(ProblemKind::LimitsNotFinite { min, max });
         }
         return [0.0; 2];

@@ -2,6 +2,7 @@
 
 use core::str::FromStr;
 
+use crate::boards::RemoteTable;
 use crate::discovery::RemoteName;
 use crate::sslbp::{Channel, MAX_CHANNELS};
 
@@ -15,6 +16,9 @@ pub struct RemoteConfig {
     pub required: bool,
     /// The name it must have.
     pub name: Option<RemoteName>,
+    /// The top byte that its unit number must have: it tells the parts of a card apart that share a
+    /// name, as a 7I77's field I/O (0x12) and analog part (0x11) do.
+    pub unit_class: Option<u8>,
     /// The unit number it must have: printed on the card's label.
     pub unit_number: Option<u32>,
 }
@@ -26,6 +30,7 @@ impl RemoteConfig {
             mode,
             required: false,
             name: None,
+            unit_class: None,
             unit_number: None,
         }
     }
@@ -41,6 +46,25 @@ impl RemoteConfig {
     #[must_use]
     pub const fn named(mut self, name: [u8; 4]) -> Self {
         self.name = Some(RemoteName(name));
+        self
+    }
+
+    /// It must be the remote of this table: name and part of the card. Swapped channels are then an
+    /// error that says so.
+    ///
+    /// ```
+    /// use mesa_hal::boards::i7i77;
+    /// use mesa_hal::driver::{RemoteConfig, SerialConfig};
+    ///
+    /// let port = SerialConfig::NONE
+    ///     .with(0, RemoteConfig::in_mode(2).required().kind(&i7i77::FIELD))
+    ///     .with(1, RemoteConfig::in_mode(0).required().kind(&i7i77::ANALOG));
+    /// # assert_eq!(port.channel(1).unwrap().unit_class, Some(0x11));
+    /// ```
+    #[must_use]
+    pub const fn kind(mut self, table: &RemoteTable) -> Self {
+        self.name = Some(RemoteName(table.name));
+        self.unit_class = table.unit_class;
         self
     }
 

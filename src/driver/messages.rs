@@ -20,6 +20,9 @@ pub(super) fn found<B: RegisterBus>(driver: &Driver<B>) {
             log::info!("{} port {number}: {}", driver.name(), remote.started());
         }
     }
+    for remark in driver.remarks() {
+        log::warn!("{}: {remark}", driver.name());
+    }
     for missing in driver.missing() {
         log::warn!("{}: {missing}", driver.name());
     }

@@ -48,6 +48,7 @@ mod module;
 mod modules;
 mod pace;
 mod recovery;
+mod remark;
 mod report;
 mod serial;
 mod setup_list;
@@ -58,6 +59,7 @@ pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
 pub use module::{Module, Put, SettingSlot, Take, WriteNews};
 pub use pace::{Pace, PaceError};
+pub use remark::{Remark, RemarkKind};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{
     Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, RemoteWatchdog,
@@ -94,6 +96,7 @@ pub struct Driver<B: RegisterBus> {
     restore: Restore,
     fpga_pins: FpgaPins,
     missing: Vec<MissingRemote>,
+    remarks: Vec<Remark>,
     statistics: DriverStatistics,
     pacer: Pacer,
     /// What the bus counted at the last read.
@@ -446,6 +449,12 @@ impl<B: RegisterBus> Driver<B> {
     /// Remotes that were configured and do not take part, with the reason.
     pub fn missing(&self) -> &[MissingRemote] {
         &self.missing
+    }
+
+    /// What is odd about the remotes that run: where they differ from the built-in tables of their
+    /// kind, and problems of their tables that do not keep them from running.
+    pub fn remarks(&self) -> &[Remark] {
+        &self.remarks
     }
 
     /// State of the board itself.

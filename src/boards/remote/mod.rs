@@ -12,8 +12,8 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use self::binding::Binding;
-use super::{BoardError, RemoteTable};
-use crate::discovery::RemoteDescriptor;
+use super::{BoardError, IdentityError, RemoteTable};
+use crate::discovery::{RemoteDescriptor, RemoteName};
 use crate::hal::{GroupId, Pins};
 use crate::process_data::{InterfaceRegisters, PackingPlan};
 use crate::sslbp::MAX_INTERFACE_REGISTERS;
@@ -29,6 +29,8 @@ use crate::sslbp::MAX_INTERFACE_REGISTERS;
 #[derive(Debug)]
 pub struct RemotePins {
     prefix: String,
+    name: RemoteName,
+    unit_number: u32,
     group: GroupId,
     plan: PackingPlan,
     bindings: Vec<Binding>,
@@ -73,6 +75,8 @@ impl RemotePins {
         let parameters = parameter::make(pins, group, &prefix, &descriptor.parameters)?;
         Ok(Self {
             prefix,
+            name: descriptor.name,
+            unit_number: descriptor.unit_number,
             group,
             plan,
             bindings,
@@ -84,6 +88,27 @@ impl RemotePins {
     /// What its pins' names begin with, for example `hm2_7i92.0.7i77.0.0`.
     pub fn prefix(&self) -> &str {
         &self.prefix
+    }
+
+    /// That it is not another part of the card than `table` is about. Cards of unknown unit numbers
+    /// pass: their pins decide.
+    pub(super) fn require(&self, table: &RemoteTable) -> Result<(), BoardError> {
+        let actual = self.unit_number;
+        let class = Some((actual >> 24) as u8);
+        let mut others = RemoteTable::KNOWN.into_iter();
+        let is_other = |other: &RemoteTable| other.name == table.name && other.unit_class == class;
+        match table.unit_class {
+            Some(expected)
+                if class != Some(expected) && self.name.0 == table.name && others.any(is_other) =>
+            {
+                Err(BoardError::Identity(IdentityError::Class {
+                    name: self.name,
+                    expected,
+                    actual,
+                }))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Its pins' group: for validity, age and arming.

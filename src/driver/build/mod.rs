@@ -12,8 +12,8 @@ use super::modules::{GpioModule, Making, ModuleChoices, build_modules};
 use super::pace::Pacer;
 use super::setup_list::Restore;
 use super::{
-    BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, Pace, SerialConfig,
-    SerialPort, SetupList,
+    BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, Pace, Remark,
+    SerialConfig, SerialPort, SetupList,
 };
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
@@ -64,6 +64,7 @@ struct Parts {
     made: FpgaPins,
     ports: Vec<SerialPort>,
     missing: Vec<MissingRemote>,
+    remarks: Vec<Remark>,
 }
 
 impl<B: RegisterBus> Builder<B> {
@@ -303,6 +304,7 @@ impl Built {
             restore: self.restore,
             fpga_pins: self.parts.made,
             missing: self.parts.missing,
+            remarks: self.parts.remarks,
             statistics: DriverStatistics::default(),
             seen: counted,
             pacer: Pacer::new(config.modules.pace, config.period),
@@ -336,6 +338,7 @@ impl Parts {
             made: FpgaPins::default(),
             ports: Vec::new(),
             missing: Vec::new(),
+            remarks: Vec::new(),
         })
     }
 

@@ -3,15 +3,16 @@
 use alloc::vec::Vec;
 
 use super::{Config, Parts};
-use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable, i7i72, i7i77};
+use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable};
 use crate::bus::{BusError, RegisterBus};
 use crate::discovery::{
     DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, RemoteParameters,
     discover_port,
 };
+use crate::driver::remark;
 use crate::driver::serial::{PortPins, Remote, RemoteFaultPins};
 use crate::driver::{
-    BuildError, MissingReason, MissingRemote, RemoteConfig, SerialConfig, SerialPort,
+    BuildError, MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort,
 };
 use crate::hostmot2::Gtag;
 use crate::process_data::{InterfaceRegisters, PackingPlan};
@@ -22,9 +23,6 @@ use crate::sslbp::{
 
 /// A port, and what is expected on it.
 type Located = (Port, SerialConfig);
-
-/// What the built-in tables know of remotes.
-const TABLES: [&RemoteTable; 3] = [&i7i77::FIELD, &i7i77::ANALOG, &i7i72::REMOTE];
 
 impl Parts {
     /// Finds the ports of the firmware and takes their I/O pins.
@@ -132,6 +130,10 @@ impl Parts {
                 Err(reason) => self.miss(port, serial, channel, reason)?,
             }
         }
+        let of = candidates.iter();
+        let of = of.map(|(found, _)| (found.remote.channel, &found.discovered.descriptor));
+        let instance = port.layout().instance();
+        self.remarks.extend(remark::on_order(instance, of));
         port.stop_all(bus)?;
         self.start_normal(bus, port, serial, candidates)
     }
@@ -207,8 +209,13 @@ impl Parts {
             port: port.layout().instance(),
             channel: found.remote.channel.index(),
         };
-        let table = TABLES.into_iter().find(|table| table.matches(descriptor));
-        RemotePins::new(&mut self.pins, location, descriptor, registers, table).map_err(error)
+        let table = RemoteTable::for_remote(descriptor);
+        let pins = RemotePins::new(&mut self.pins, location, descriptor, registers, table);
+        let pins = pins.map_err(error)?;
+        let (port, channel) = (location.port, found.remote.channel);
+        self.remarks
+            .extend(Remark::on(port, channel, &found.discovered, table));
+        Ok(pins)
     }
 
     /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.
@@ -286,6 +293,14 @@ fn check_identity(
         });
     }
     let actual = descriptor.unit_number;
+    let class = (actual >> 24) as u8;
+    if let Some(expected) = expected.unit_class.filter(|&expected| expected != class) {
+        return Err(IdentityError::Class {
+            name,
+            expected,
+            actual,
+        });
+    }
     match expected.unit_number {
         Some(expected) if expected != actual => Err(IdentityError::Unit {
             name,

@@ -348,7 +348,7 @@ fn number(line: usize, text: &str, max: u64) -> Result<u64, DescriptionError> {
 }
 
 fn float(line: usize, text: &str) -> Result<f32, DescriptionError> {
-    let value = text.parse::<f32>().ok().filter(|value| value.is_finite());
+    let value = text.parse::<f32>().ok().filter(|value| !value.is_nan());
     value.ok_or(DescriptionError::Number { line })
 }
 

@@ -31,6 +31,7 @@ const BITS: u8 = 0x01;
 const UNSIGNED: u8 = 0x02;
 const SIGNED: u8 = 0x03;
 const BOOLEAN: u8 = 0x07;
+const FLOAT: u8 = 0x10;
 
 /// Inputs are what they are set to, outputs are what was taken over last.
 #[derive(Clone, Debug, Default)]
@@ -118,6 +119,8 @@ impl Slot {
                 let scale = if max == 0.0 { 1.0 } else { max };
                 SignalValue::Number(raw / self.full_scale() * scale)
             }
+            FLOAT if bits == 32 => SignalValue::Number(f32::from_bits(raw as u32).into()),
+            FLOAT if bits == 64 => SignalValue::Number(f64::from_bits(raw)),
             _ => SignalValue::Count(raw),
         };
         vec![(name, value)]
