@@ -90,15 +90,12 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
         for (output, value) in &outputs {
             let pin = format!("{prefix}.{output}");
             let pins = driver.pins_mut();
-            match value {
-                SignalValue::Bool(_) => {
-                    let pin = pins.output::<bool>(&pin).expect("output");
-                    pins.set(pin, on);
-                }
-                _ => {
-                    let pin = pins.output::<f64>(&pin).expect("output");
-                    pins.set(pin, if on { 2.0 } else { 0.0 });
-                }
+            if let SignalValue::Bool(_) = value {
+                let pin = pins.output::<bool>(&pin).expect("output");
+                pins.set(pin, on);
+            } else {
+                let pin = pins.output::<f64>(&pin).expect("output");
+                pins.set(pin, if on { 2.0 } else { 0.0 });
             }
         }
         for _ in 0..5 {
