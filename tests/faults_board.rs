@@ -268,6 +268,75 @@ fn a_bus_that_is_down_makes_everything_safe_and_stops_feeding_the_watchdog() {
     assert_eq!(are_outputs_on(&machine), [true; 3]);
 }
 
+/// One cycle in which only the read fails.
+fn lose_a_read(machine: &mut Machine<Faulty<SimFpga>>) {
+    let next = machine.driver.bus_mut().exchanges();
+    let lost = Fault::Executed(BusErrorKind::Lost);
+    machine.driver.bus_mut().fail_at(next, lost);
+    assert!(!try_cycle(machine));
+}
+
+/// Manual page hm2_eth(9).
+#[test]
+fn errors_are_counted_on_from_what_the_application_sets() {
+    let mut machine = faulty();
+    let total = machine.driver.fpga_pins().ethernet.packet_error_total;
+    let count = |machine: &Machine<Faulty<SimFpga>>| machine.driver.pins().read(total).value;
+    assert_eq!(count(&machine), 0);
+    for _ in 0..3 {
+        lose_a_read(&mut machine);
+        machine.cycles(2);
+    }
+    assert_eq!(count(&machine), 3);
+    machine.driver.pins_mut().set_inout(total, 0);
+    machine.cycles(5);
+    assert_eq!(count(&machine), 0, "it stays reset");
+    lose_a_read(&mut machine);
+    assert_eq!(count(&machine), 1);
+    machine.driver.pins_mut().set_inout(total, u32::MAX);
+    lose_a_read(&mut machine);
+    machine.cycles(1);
+    assert_eq!(count(&machine), u32::MAX, "it does not wrap");
+    assert_eq!(machine.driver.statistics().read_errors, 5);
+}
+
+/// Manual page hm2_eth(9): each cycle with an error adds the increment, each without one takes the
+/// decrement off, and the level stays within 0 and the limit.
+#[test]
+fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
+    let mut machine = faulty();
+    let pins = machine.driver.fpga_pins().ethernet;
+    let level = |machine: &Machine<Faulty<SimFpga>>| {
+        let read = machine.driver.pins();
+        (
+            read.read(pins.packet_error_level).value,
+            read.read(pins.packet_error_exceeded).value,
+        )
+    };
+    assert_eq!(machine.driver.pins().param(pins.packet_error_limit), 10);
+    // Never two in a row: 2, 1, 3, 2, 4, 3 ... 10.
+    for n in 0..8 {
+        lose_a_read(&mut machine);
+        assert_eq!(level(&machine), (n + 2, false));
+        assert_eq!(machine.driver.board_state(), BoardState::Running);
+        machine.cycles(1);
+        assert_eq!(level(&machine), (n + 1, false));
+    }
+    lose_a_read(&mut machine);
+    assert_eq!(level(&machine), (10, true));
+    assert_eq!(machine.driver.board_state(), BoardState::BusDown);
+    for _ in 0..5 {
+        lose_a_read(&mut machine);
+        assert_eq!(level(&machine), (10, true), "it is full");
+    }
+    assert!(ALL.iter().all(|&c| !machine.is_armed(c)));
+
+    let limited = Driver::builder(Faulty::new(fpga(), 7)).bus_error_limit(3);
+    let driver = limited.build().unwrap();
+    let limit = driver.fpga_pins().ethernet.packet_error_limit;
+    assert_eq!(driver.pins().param(limit), 6, "three failures in a row");
+}
+
 #[test]
 fn a_board_that_lost_its_firmware_is_not_mistaken_for_one_with_all_inputs_off() {
     let mut machine = running();

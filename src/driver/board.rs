@@ -226,21 +226,29 @@ impl Board {
         self.set_time = false;
     }
 
-    /// Counts an exchange; `true` when too many of them failed in too short a time.
+    /// Counts an exchange; `true` when the error level has reached its limit. Each failure adds the
+    /// increment, each success takes the decrement off, and the level stays within 0 and the limit:
+    /// manual page hm2_eth(9).
     pub fn count_exchange(&mut self, pins: &mut Pins, failed: bool) -> bool {
         let of = &self.pins.bus;
-        if failed {
+        let limit = pins.param(of.packet_error_limit).max(1);
+        self.error_level = if failed {
             let more = pins.param(of.packet_error_increment).max(1);
-            self.error_level = self.error_level.saturating_add(more);
+            self.error_level.saturating_add(more).min(limit)
         } else {
             let less = pins.param(of.packet_error_decrement).max(0);
-            self.error_level = self.error_level.saturating_sub(less).max(0);
+            self.error_level.saturating_sub(less).clamp(0, limit)
+        };
+        if failed {
+            // From what the application may have set it to.
+            let total = pins.read(of.packet_error_total).value;
+            pins.publish_inout(of.packet_error_total, total.saturating_add(1));
         }
-        let exceeded = self.error_level >= pins.param(of.packet_error_limit).max(1);
+        let exceeded = self.error_level == limit;
         pins.publish(of.packet_error, failed);
         pins.publish(of.packet_error_level, self.error_level);
         pins.publish(of.packet_error_exceeded, exceeded);
-        exceeded
+        failed && exceeded
     }
 
     /// Whether the application has cleared the flag of what made everything safe, and with that
@@ -264,7 +272,6 @@ impl Board {
             pins.publish_inout(of.watchdog.has_bit, bitten);
             pins.publish_param(of.bus.io_error, io_error);
         }
-        pins.publish_inout(of.bus.packet_error_total, count(statistics.read_errors));
         pins.publish(of.lost_writes, count(statistics.lost_writes));
         pins.group_good(self.group);
     }

@@ -22,7 +22,8 @@
 //! - A remote reports a fault: it is set aside at once and not talked to, so that its own watchdog
 //!   switches all its outputs off, and it is started again afterwards. See [`FaultPolicy`],
 //!   [`RemoteStatus::faults`], [`RemoteStatus::first_fault`].
-//! - The bus: nothing is taken; after [`Builder::bus_error_limit`] failures everything is safe.
+//! - The bus: nothing is taken; when it fails too often, everything is safe. See
+//!   [`Builder::bus_error_limit`].
 //! - The board's watchdog bites, or the board is reset: everything is safe. See [`BoardState`].
 //!
 //! Outputs that became safe stay so until the application re-arms them: one remote with

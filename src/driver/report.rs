@@ -57,7 +57,8 @@ pub enum BoardState {
     /// The board was reset or has lost power. Everything is safe until
     /// [`Driver::rearm`](super::Driver::rearm).
     Reset,
-    /// The bus failed too often in a row. Everything is safe, and the watchdog is not fed, until
+    /// The bus failed too often in too short a time, see
+    /// [`Builder::bus_error_limit`](super::Builder::bus_error_limit). Everything is safe, and the watchdog is not fed, until
     /// [`Driver::rearm`](super::Driver::rearm).
     BusDown,
 }
@@ -84,7 +85,7 @@ pub struct DriverStatistics {
     pub watchdog_bites: u64,
     /// Times that the board was found to have been reset.
     pub resets: u64,
-    /// Times that everything was made safe because the bus failed too often in a row.
+    /// Times that everything was made safe because the bus failed too often.
     pub bus_down: u64,
 }
 

@@ -36,18 +36,18 @@ pub struct EthernetPins {
     pub io_error: Param<bool>,
     /// This cycle had an error.
     pub packet_error: Input<bool>,
-    /// Errors since the start, or since it was set to 0.
+    /// Reads and writes that failed, counted on from whatever it is set to.
     pub packet_error_total: InOut<u32>,
-    /// Rises by the increment for a cycle with an error, and falls by the decrement for one
-    /// without.
+    /// Rises by the increment for a read or write that failed, and falls by the decrement for a
+    /// read that did not, within 0 and the limit. Manual page hm2_eth(9).
     pub packet_error_level: Input<i32>,
-    /// The level has reached the limit.
+    /// The level is at the limit.
     pub packet_error_exceeded: Input<bool>,
     /// By how much the level falls. LinuxCNC 2.9 made it read-only, against its manual page.
     pub packet_error_decrement: Param<i32>,
     /// By how much the level rises.
     pub packet_error_increment: Param<i32>,
-    /// The level at which the connection counts as failed.
+    /// The level at which the connection counts as failed: everything is safe, and `io_error` set.
     pub packet_error_limit: Param<i32>,
     /// How long a reply is waited for: up to 99 in per cent of the period, otherwise in
     /// nanoseconds; 0 or less is 80 %. Until it is changed, the bus keeps its own deadline.

@@ -165,7 +165,13 @@ impl<B: RegisterBus> Builder<B> {
         self
     }
 
-    /// How many reads or writes in a row may fail before everything is made safe; 5 at first.
+    /// The `limit`-th read or write in a row that fails makes everything safe; 5 at first.
+    ///
+    /// Fewer in a row do it, too, when others failed shortly before: failures are counted as
+    /// LinuxCNC counts them, see
+    /// [`packet_error_level`](crate::boards::fpga::EthernetPins::packet_error_level). A failure adds
+    /// `packet-error-increment` (2), a read that succeeds takes `packet-error-decrement` (1) off, and
+    /// `packet-error-limit` is set to `limit` increments: 10.
     #[must_use]
     pub fn bus_error_limit(mut self, limit: u32) -> Self {
         self.config.bus_error_limit = limit.max(1);
