@@ -117,8 +117,8 @@ fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
             .set_param(encoder.scale, 1000.0)
             .expect("a scale");
     }
-    for enable in card.enables {
-        machine.driver.pins_mut().set(enable, true);
+    for output in card.analog_out {
+        machine.driver.pins_mut().set(output.enable, true);
     }
     let mut worst: f64 = 0.0;
     for n in 0..300u32 {

@@ -264,13 +264,13 @@ fn the_modules_of_a_7i97_are_set_up_in_an_exchange_each() {
     pwm.set_up(
         &mut bus,
         rate,
-        PdmRate::new(200_000_000, 48_000.0),
+        PdmRate::new(200_000_000, 6_000_000.0),
         &[scale; 6],
     )
     .unwrap();
     assert_eq!(
         [0x4014, 0x4114, 0x4200, 0x4300, 0x4400].map(|a| bus.get(a)),
-        [0x0800_0000, 0x23, 64_425, 64_425, 0]
+        [0x0800_0000, 0x23, 64_425, 1_966, 0]
     );
     Ssr::locate(&firmware, 0).unwrap().start(&mut bus).unwrap();
     assert_eq!([0x7D00, 0x7E00].map(|a| bus.get(a)), [0, 0x1030]);

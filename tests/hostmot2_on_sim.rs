@@ -154,6 +154,7 @@ fn pwm_in_offset_mode_drives_the_motor_at_the_volts_that_were_asked_for() {
     for volts in [5.0, -7.25, 0.0, -10.0, 10.0, f64::NAN] {
         let value = scale.encode(volts).word;
         machine.fpga.write(pwm.value.first(), value).unwrap();
+        machine.fpga.wait(Duration::from_micros(21));
         let expected = if volts.is_nan() { 0.0 } else { volts };
         let output = machine.fpga.analog_output(0).volts;
         assert!((output - expected).abs() < 0.006, "{volts}: {output}");

@@ -180,9 +180,8 @@ fn six_position_loops_are_closed_at_the_boards_pace() {
     let mut driver = machine(Pace::Board);
     let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
     let pins = driver.pins_mut();
-    for (output, enable) in card.analog_out.into_iter().zip(card.enables) {
+    for output in card.analog_out {
         pins.set(output.enable, true);
-        pins.set(enable, true);
     }
     for encoder in card.encoders {
         pins.set_param(encoder.scale, 1000.0).expect("a scale");

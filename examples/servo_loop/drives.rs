@@ -22,10 +22,9 @@ impl Drives {
     /// Those of the board itself if it has any, otherwise those of a 7I77 on channel 1.
     pub fn find<B: World>(driver: &Driver<Timed<B>>) -> Result<Self, Failure> {
         if let Ok(card) = I7i97::of(driver.fpga_pins(), driver.firmware()) {
-            let own = card.analog_out.map(|output| output.enable);
             return Ok(Self {
                 volts: card.analog_out.map(|output| output.value),
-                enables: own.into_iter().chain(card.enables).collect(),
+                enables: card.analog_out.map(|output| output.enable).to_vec(),
                 name: "the analog outputs of the 7I97",
                 needs_field_io: false,
             });

@@ -27,7 +27,7 @@ pub const ANALOG_TERMINALS: [&[Terminal]; 6] = [
     terminals!["TB3 pin 24" "AOUT5"],
 ];
 
-/// The terminals of the six enables. ENA0 to ENA3 switch together.
+/// The terminals of the six enable switches. ENA0 to ENA3 switch together.
 pub const ENABLE_TERMINALS: [&[Terminal]; 6] = [
     terminals!["TB3 pin 1" "ENA0-", "TB3 pin 2" "ENA0+"],
     terminals!["TB3 pin 5" "ENA1-", "TB3 pin 6" "ENA1+"],
@@ -37,7 +37,7 @@ pub const ENABLE_TERMINALS: [&[Terminal]; 6] = [
     terminals!["TB3 pin 21" "ENA5-", "TB3 pin 22" "ENA5+"],
 ];
 
-/// The terminals of the enables 0 to 3, which the board switches together.
+/// The terminals of the switches ENA0 to ENA3, which the board switches together.
 const COMMON_ENABLE: &[Terminal] = terminals![
     "TB3 pin 1" "ENA0-", "TB3 pin 2" "ENA0+", "TB3 pin 5" "ENA1-", "TB3 pin 6" "ENA1+", "TB3 pin 9" "ENA2-", "TB3 pin 10" "ENA2+", "TB3 pin 13" "ENA3-", "TB3 pin 14" "ENA3+"
 ];
@@ -128,6 +128,7 @@ pub(crate) fn analog_use(n: usize) -> PwmUse {
     PwmUse {
         output: ANALOG_TERMINALS.get(n).copied().unwrap_or(&[]),
         enable: enable_terminals(n),
+        switched_by: (1..=3).contains(&n).then_some(0),
         scale: FULL_SCALE,
         unit: "V",
         offset_mode: true,
@@ -154,10 +155,16 @@ pub struct I7i97 {
     pub encoders: [EncoderPins; 6],
     /// All analog outputs together.
     pub pwm_bank: PwmBankPins,
-    /// AOUT0 to AOUT5, in volts; their enables are [`enables`](Self::enables).
+    /// AOUT0 to AOUT5, in volts. Each has 0 V while its own `enable` is false; AOUT0 to AOUT3 also
+    /// while [`enable_0_to_3`](Self::enable_0_to_3) is.
     pub analog_out: [PwmPins; 6],
-    /// ENA0 to ENA5: the board switches ENA0 to ENA3 together.
-    pub enables: [Output<bool>; 6],
+    /// The switches ENA0 to ENA3, which are one output of the FPGA. It follows generator 0: this is
+    /// the `enable` of AOUT0. Those of AOUT1 to AOUT3 have no switch, they only make 0 V.
+    pub enable_0_to_3: Output<bool>,
+    /// The switch ENA4: the `enable` of AOUT4.
+    pub enable_4: Output<bool>,
+    /// The switch ENA5: the `enable` of AOUT5.
+    pub enable_5: Output<bool>,
     /// The 16 isolated inputs and the MPGs on IN0 to IN7, of InMux or else InM.
     pub inputs: InMuxPins,
     /// The six isolated outputs, of SSR or else OutM.
@@ -186,6 +193,7 @@ impl I7i97 {
         }
         let encoders = all_of(&made.encoders, Gtag::MUXED_ENCODER, firmware)?;
         let analog_out: [PwmPins; 6] = all_of(&made.pwm, Gtag::PWM, firmware)?;
+        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|pwm| pwm.enable);
         let (gtag, made_inputs) = match input_module(firmware) {
             Gtag::IN_M => (Gtag::IN_M, &made.in_m),
             usual => (usual, &made.in_mux),
@@ -206,7 +214,9 @@ impl I7i97 {
             encoder_bank,
             encoders,
             pwm_bank,
-            enables: analog_out.map(|pwm| pwm.enable),
+            enable_0_to_3,
+            enable_4,
+            enable_5,
             analog_out,
             inputs,
             outputs,
@@ -238,6 +248,7 @@ impl I7i97 {
         for (n, pwm) in analog_out.iter_mut().enumerate() {
             *pwm = PwmPins::new(pins, group, board, n, analog_use(n))?;
         }
+        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|pwm| pwm.enable);
         Ok(Self {
             watchdog: WatchdogPins::new(pins, group, board)?,
             ethernet: EthernetPins::new(pins, group, board)?,
@@ -245,7 +256,9 @@ impl I7i97 {
             encoder_bank: EncoderBankPins::new(pins, group, board, ENCODER_HZ, Some(4), true)?,
             encoders,
             pwm_bank: PwmBankPins::new(pins, group, board, PWM_HZ)?,
-            enables: analog_out.map(|pwm| pwm.enable),
+            enable_0_to_3,
+            enable_4,
+            enable_5,
             analog_out,
             inputs: InMuxPins::new(
                 pins,
@@ -285,10 +298,11 @@ fn all_of<T: Clone, const N: usize>(
     })
 }
 
-/// The enable of generators 0 to 3 is one pin of the FPGA.
+/// The switches of drives 0 to 3 are one pin of the FPGA, the enable of generator 0.
 fn enable_terminals(n: usize) -> &'static [Terminal] {
     match n {
-        0..=3 => COMMON_ENABLE,
+        0 => COMMON_ENABLE,
+        1..=3 => &[],
         _ => ENABLE_TERMINALS.get(n).copied().unwrap_or(&[]),
     }
 }

@@ -15,9 +15,10 @@ pub struct PwmGenerators {
     pub mode: RegisterBlock,
     /// The PWM clock, one for all: clock*n/65536.
     pub master_rate: u16,
-    /// The PDM clock, one for all: clock*n/65536.
+    /// The PDM clock, one for all: clock*n/65536. Each of its ticks is one step of 4096.
     pub pdm_rate: u16,
-    /// The enable outputs: bit n is generator n, 1 = enabled.
+    /// The enable outputs: bit n is generator n, 1 = enabled, which drives the pin low. They do
+    /// nothing else: the PWM goes on. FACTS 12.3.
     pub enables: u16,
     version: u8,
     clock_hz: u32,
@@ -73,8 +74,8 @@ impl PwmGenerators {
         PwmRate::new(self.clock_hz, hz, symmetrical)
     }
 
-    /// Sets all generators up, in one exchange: outputs off and at rest first, then rates and
-    /// modes. Instances beyond `configs` are left alone.
+    /// Sets all generators up, in one exchange: they are at rest when it is over, without waiting
+    /// for the end of a period. Instances beyond `configs` are left alone.
     ///
     /// # Real time
     /// For set-up: allocates.
@@ -89,11 +90,15 @@ impl PwmGenerators {
         list.push(self.enables, 0);
         list.push(self.master_rate, rate.rate.into());
         list.push(self.pdm_rate, pdm.rate.into());
+        // A value that is double buffered would wait for the end of a period.
         for (config, address) in configs.iter().zip(self.mode.addresses()) {
-            list.push(address, config.mode().0);
+            list.push(address, config.mode().not_buffered().0);
         }
         for (config, address) in configs.iter().zip(self.value.addresses()) {
             list.push(address, config.encode(0.0).word);
+        }
+        for (config, address) in configs.iter().zip(self.mode.addresses()) {
+            list.push(address, config.mode().0);
         }
         list.run(bus)
     }
@@ -165,7 +170,7 @@ impl PwmRate {
     }
 }
 
-/// The PDM rate register: PDM has always 12 bits.
+/// The PDM rate register: clock*n/65536. PDM has always 12 bits, and takes 4096 ticks for all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdmRate {
     /// The register.
@@ -173,18 +178,18 @@ pub struct PdmRate {
 }
 
 impl PdmRate {
-    /// The rate at which all 4096 steps have passed `hz` times a second, or the nearest that the
-    /// hardware can do.
+    /// The rate at which the PDM clock ticks `hz` times a second, or the nearest that the hardware
+    /// can do. It is LinuxCNC's `pdm_frequency`.
     pub fn new(clock_hz: u32, hz: f64) -> Self {
-        let rate = libm::round(hz * 4_096.0 * 65_536.0 / f64::from(clock_hz));
+        let rate = libm::round(hz * 65_536.0 / f64::from(clock_hz));
         Self {
             rate: to_rate(rate),
         }
     }
 
-    /// The rate in Hz.
+    /// The PDM clock in Hz.
     pub fn hz(self, clock_hz: u32) -> f64 {
-        f64::from(clock_hz) * f64::from(self.rate) / 65_536.0 / 4_096.0
+        f64::from(clock_hz) * f64::from(self.rate) / 65_536.0
     }
 }
 
@@ -226,6 +231,12 @@ impl PwmMode {
             word |= Self::DITHER;
         }
         Self(word)
+    }
+
+    /// The same, but values take effect at once.
+    #[must_use]
+    pub const fn not_buffered(self) -> Self {
+        Self(self.0 & !Self::DOUBLE_BUFFERED)
     }
 
     /// Bits of the duty.
@@ -391,9 +402,10 @@ mod tests {
         let symmetrical = PwmRate::new(CLOCK, 48_000.0, true);
         assert_eq!(symmetrical.width, PwmWidth::Bits11);
         assert!((symmetrical.hz(CLOCK) - 48_000.0).abs() < 1.0);
-        let pdm = PdmRate::new(CLOCK, 48_000.0);
-        assert_eq!(pdm.rate, 64_425);
-        assert!((pdm.hz(CLOCK) - 48_000.0).abs() < 1.0);
+        // One step of 4096 at each tick, as LinuxCNC counts.
+        let pdm = PdmRate::new(CLOCK, 6_000_000.0);
+        assert_eq!(pdm.rate, 1_966);
+        assert!((pdm.hz(CLOCK) - 6_000_000.0).abs() < 2_000.0);
     }
 
     #[test]

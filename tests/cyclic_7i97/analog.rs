@@ -6,12 +6,12 @@ use super::*;
 fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
     let mut machine = board();
     let card = machine.card.clone();
-    machine.driver.pins_mut().set(card.enables[0], true);
-    for (n, enable) in card.enables.into_iter().enumerate() {
-        machine.driver.pins_mut().set(enable, true);
-        machine.cycles(2);
-        let on = machine.fpga().analog_output(n).enabled;
-        assert!(on, "enable {n}");
+    for output in card.analog_out {
+        machine.driver.pins_mut().set(output.enable, true);
+    }
+    machine.cycles(2);
+    for n in 0..6 {
+        assert!(machine.fpga().analog_output(n).enabled, "drive {n}");
     }
     let largest = 10.0 - 20.0 / 4096.0;
     for (set, expected) in [
@@ -42,32 +42,102 @@ fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
     }
 }
 
+/// What the drives are told: volts, and whether their switch is closed.
+fn drives(machine: &mut Machine<SimFpga>) -> [(f64, bool); 6] {
+    [0, 1, 2, 3, 4, 5].map(|n| {
+        let signal = machine.fpga().analog_output(n);
+        (signal.volts, signal.enabled)
+    })
+}
+
 #[test]
 fn enables_0_to_3_switch_together_and_4_and_5_alone() {
     let mut machine = board();
     let card = machine.card.clone();
-    let enabled = |machine: &mut Machine<SimFpga>| {
-        [0, 1, 2, 3, 4, 5].map(|n| machine.fpga().analog_output(n).enabled)
-    };
     machine.cycles(2);
-    assert_eq!(enabled(&mut machine), [false; 6]);
+    assert_eq!(drives(&mut machine), [(0.0, false); 6]);
+    let enables = [card.enable_0_to_3, card.enable_4, card.enable_5];
     for (enable, expected) in [
         (0, [true, true, true, true, false, false]),
-        (4, [false, false, false, false, true, false]),
-        (5, [false, false, false, false, false, true]),
+        (1, [false, false, false, false, true, false]),
+        (2, [false, false, false, false, false, true]),
     ] {
-        for (n, pin) in card.enables.into_iter().enumerate() {
+        for (n, pin) in enables.into_iter().enumerate() {
             machine.driver.pins_mut().set(pin, n == enable);
         }
         machine.cycles(1);
-        assert_eq!(enabled(&mut machine), expected, "enable {enable}");
+        let switches = drives(&mut machine).map(|(_, on)| on);
+        assert_eq!(switches, expected, "enable {enable}");
     }
+}
+
+#[test]
+fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
+    for full_scale in [true, false] {
+        let mut machine = board();
+        let card = machine.card.clone();
+        for (n, output) in card.analog_out.into_iter().enumerate() {
+            let volts = if full_scale { 10.0 } else { n as f64 - 6.0 };
+            machine.driver.pins_mut().set(output.value, volts);
+            machine.driver.pins_mut().set(output.enable, true);
+        }
+        machine.cycles(2);
+        let before = drives(&mut machine);
+        assert!(before.iter().all(|&(volts, on)| volts != 0.0 && on));
+        for disabled in 0..6 {
+            let enable = card.analog_out[disabled].enable;
+            machine.driver.pins_mut().set(enable, false);
+            machine.cycles(1);
+            let mut expected = before;
+            // The switch of drives 0 to 3 follows generator 0.
+            let group = match disabled {
+                0 => 0..4,
+                1..=3 => 0..0,
+                _ => disabled..disabled + 1,
+            };
+            for drive in &mut expected[group] {
+                *drive = (0.0, false);
+            }
+            expected[disabled].0 = 0.0;
+            assert_eq!(drives(&mut machine), expected, "axis {disabled} disabled");
+            machine.driver.pins_mut().set(enable, true);
+            machine.cycles(1);
+            assert_eq!(drives(&mut machine), before);
+        }
+    }
+}
+
+#[test]
+fn the_pdm_frequency_is_the_rate_of_its_steps() {
+    let mut machine = board();
+    let card = machine.card.clone();
+    let [output, ..] = card.analog_out;
+    let pins = machine.driver.pins_mut();
+    pins.set_param(card.pwm_bank.pdm_frequency, 6_000_000)
+        .expect("a frequency");
+    pins.set_param(output.output_type, 3).expect("PDM");
+    pins.set(output.enable, true);
+    machine.cycles(2);
+    // Half scale: the pin is high in every other step.
+    let from = SimFpga::now(machine.fpga());
+    let mut edges = 0;
+    let mut level = machine.fpga().pin_level(0);
+    for time in (from..from + 100_000).step_by(5) {
+        machine.fpga().advance_to(time);
+        let now = machine.fpga().pin_level(0);
+        edges += u32::from(now != level);
+        level = now;
+    }
+    assert!((599..=601).contains(&edges), "{edges} steps in 100 us");
 }
 
 #[test]
 fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     let mut machine = board();
-    let hz = |machine: &mut Machine<SimFpga>| machine.fpga().pwm().expect("PWM").frequency(3);
+    let hz = |machine: &mut Machine<SimFpga>| {
+        let fpga = machine.fpga();
+        fpga.pwm().expect("PWM").frequency(3, SimFpga::now(fpga))
+    };
     assert!((hz(&mut machine) - 48_000.0).abs() < 1.0);
     let bank = machine.card.pwm_bank;
     let [output, ..] = machine.card.analog_out;

@@ -11,7 +11,9 @@ use crate::hal::{GroupId, Output, OutputRule, Param, PinError, Pins, Rejection, 
 pub struct PwmPins {
     /// The value; full scale is `scale`.
     pub value: Output<f64>,
-    /// Switches the generator's enable output.
+    /// While it is false the output is zero (half scale in offset mode), whatever `value` says, and
+    /// the generator's enable output is off, if it has one: the hardware's own enable leaves the
+    /// PWM as it is. FACTS 12.3.
     pub enable: Output<bool>,
     /// 0 is half scale on the wire: for analog outputs of both signs.
     pub offset_mode: Param<bool>,
@@ -26,8 +28,11 @@ pub struct PwmPins {
 pub struct PwmUse {
     /// The terminals of the output.
     pub output: &'static [Terminal],
-    /// The terminals of the enable.
+    /// The terminals of the enable output.
     pub enable: &'static [Terminal],
+    /// The generator whose enable output switches this one's drive, if it has none of its own:
+    /// while that generator is disabled, this one is, too.
+    pub switched_by: Option<usize>,
     /// Full scale, at first.
     pub scale: f64,
     /// The unit of the value.
@@ -86,7 +91,7 @@ impl PwmPins {
 pub struct PwmBankPins {
     /// PWM frequency in Hz.
     pub pwm_frequency: Param<u32>,
-    /// PDM frequency in Hz.
+    /// Frequency of the PDM clock in Hz, of which each tick is one step of 4096; as LinuxCNC has it.
     pub pdm_frequency: Param<u32>,
 }
 

@@ -24,6 +24,8 @@ pub(in crate::driver) struct PwmModule {
 #[derive(Debug)]
 struct Channel {
     pins: PwmPins,
+    /// Channels that must be enabled for this one to be.
+    switched_by: Option<usize>,
     /// As the generator was set up.
     initial: PwmScale,
     value: Option<WriteSlot>,
@@ -56,6 +58,7 @@ impl PwmModule {
             let usage = wiring.pwm(number);
             let pins = PwmPins::new(parts.pins, parts.group, parts.board, number, usage)?;
             channels.push(Channel {
+                switched_by: usage.switched_by,
                 initial: scale(&registers, &rates, &pins, parts.pins),
                 pins,
                 value: None,
@@ -76,6 +79,16 @@ impl PwmModule {
     }
 }
 
+impl PwmModule {
+    /// The enables register as the pins say: bit n is generator n.
+    fn enables(&self, pins: &mut Pins) -> u32 {
+        let channels = self.channels.iter().enumerate();
+        channels.fold(0, |word, (index, channel)| {
+            word | u32::from(pins.fetch(channel.pins.enable)) << (index & 31)
+        })
+    }
+}
+
 impl Rates {
     fn of(registers: &PwmGenerators, bank: &PwmBankPins, pins: &Pins) -> Self {
         let hz = (
@@ -88,6 +101,10 @@ impl Rates {
             pdm: PdmRate::new(registers.clock_hz(), f64::from(hz.1)),
         }
     }
+}
+
+const fn is_set(word: u32, bit: usize) -> bool {
+    word >> (bit & 31) & 1 != 0
 }
 
 /// From a fraction of full scale to a duty: the pins have scaled and limited the value.
@@ -157,11 +174,13 @@ impl Module for PwmModule {
             cycle.change(self.master_rate, self.rates.pwm.rate.into());
             cycle.change(self.pdm_rate, self.rates.pdm.rate.into());
         }
-        let mut enables = 0;
+        let enables = self.enables(cycle.pins);
         for (index, channel) in self.channels.iter().enumerate() {
             let scale = scale(&self.registers, &self.rates, &channel.pins, cycle.pins);
             let fraction = channel.pins.fraction(cycle.pins);
-            enables |= u32::from(cycle.pins.fetch(channel.pins.enable)) << (index & 31);
+            let switch = channel.switched_by.unwrap_or(index);
+            let enabled = is_set(enables, index) && is_set(enables, switch);
+            let fraction = if enabled { fraction } else { 0.0 };
             if let Some(value) = channel.value {
                 cycle.image.put(value, scale.encode(fraction).word);
             }

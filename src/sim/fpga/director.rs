@@ -6,7 +6,7 @@ use crate::sim::wire::Nanos;
 /// Why the FPGA may drive something else than before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cause {
-    /// The host wrote a register that outputs depend on.
+    /// The host wrote a register that outputs depend on, or what it wrote comes into effect.
     Write,
     /// The watchdog has bitten.
     Bite,

@@ -20,7 +20,7 @@ impl SimFpga {
             }
             gtag::PWM => {
                 let pwm = self.pwm.as_ref();
-                pwm.map_or(0, |pwm| pwm.read(register, instance))
+                pwm.map_or(0, |pwm| pwm.read(register))
             }
             gtag::IN_MUX => {
                 let inputs = self.in_mux.as_mut();
@@ -71,7 +71,7 @@ impl SimFpga {
             gtag::PWM => {
                 self.settle();
                 if let Some(pwm) = &mut self.pwm {
-                    pwm.write(register, instance, value);
+                    pwm.write(now, register, instance, value);
                     self.plant.pwm_changed(pwm, &self.io);
                 }
             }
@@ -120,7 +120,7 @@ impl SimFpga {
             0 => false,
             gtag::PWM => {
                 let pwm = self.pwm.as_ref();
-                pwm.is_none_or(|pwm| pwm.level(pin.unit, pin.pin))
+                pwm.is_none_or(|pwm| pwm.level(pin.unit, pin.pin, self.now))
             }
             gtag::SSR => self
                 .ssr

@@ -107,7 +107,7 @@ impl SimFpga {
             counters: AccessCounters::default(),
             io: IoPorts::new(firmware.ports, firmware.port_width),
             watchdog: Watchdog::new(clock(gtag::WATCHDOG), firmware.starts_bitten),
-            pwm: pwm.map(|module| Pwm::new(&firmware, module)),
+            pwm: pwm.map(|module| Pwm::new(&firmware, module, now)),
             in_mux: inputs(gtag::IN_MUX),
             in_m: inputs(gtag::IN_M),
             ssr: outputs(gtag::SSR),
@@ -142,8 +142,9 @@ impl SimFpga {
 
     /// Lets time pass up to `to`, up to when nobody acts.
     fn pass(&mut self, to: Nanos) {
-        while let Some(event) = self.watchdog.next_event().filter(|&event| event <= to) {
+        while let Some(event) = self.next_event().filter(|&event| event <= to) {
             self.run_to(event);
+            self.take_pwm_values();
             if self.watchdog.event(event) {
                 self.settle();
                 self.io.make_inputs();
@@ -152,6 +153,28 @@ impl SimFpga {
             }
         }
         self.run_to(to);
+    }
+
+    /// When something happens by itself to what the FPGA drives.
+    fn next_event(&self) -> Option<Nanos> {
+        let pwm = self.pwm.as_ref().and_then(Pwm::next_event);
+        [self.watchdog.next_event(), pwm]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// A PWM value that was written before comes into effect when its period has ended.
+    fn take_pwm_values(&mut self) {
+        let due = self.pwm.as_ref().and_then(Pwm::next_event);
+        if due.is_some_and(|due| due <= self.now) {
+            self.settle();
+            if let Some(pwm) = &mut self.pwm {
+                pwm.event(self.now);
+                self.plant.pwm_changed(pwm, &self.io);
+            }
+            self.show(Cause::Write);
+        }
     }
 
     /// Reads the register at a byte address, now. Takes no time.

@@ -173,7 +173,7 @@ impl Plant {
         for axis in &mut self.axes {
             if let DriveSource::Pwm { unit } = axis.source {
                 let enabled = pwm.drive_enabled(unit, io);
-                axis.motor.command(pwm.volts(unit, io), enabled);
+                axis.motor.command(pwm.volts(unit, io, self.now), enabled);
             }
         }
     }

@@ -145,7 +145,7 @@ impl SimFpga {
         self.pwm
             .as_ref()
             .map_or(DriveSignal::default(), |pwm| DriveSignal {
-                volts: pwm.volts(output, &self.io),
+                volts: pwm.volts(output, &self.io, self.now),
                 enabled: pwm.drive_enabled(output, &self.io),
             })
     }

@@ -18,6 +18,20 @@ struct Port {
     invert: u32,
 }
 
+/// What the FPGA drives a pin from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Source {
+    /// It does not drive it.
+    Nobody,
+    /// A plain output.
+    Level(bool),
+    /// The module that can use the pin.
+    Module {
+        /// Whether the port inverts it.
+        inverted: bool,
+    },
+}
+
 /// All I/O ports of the FPGA, and what the world outside does to the pins.
 #[derive(Clone, Debug)]
 pub struct IoPorts {
@@ -120,9 +134,25 @@ impl IoPorts {
 
     /// Whether a module drives a pin, and if it does, whether inverted.
     pub(crate) fn module_pin(&self, pin: Option<usize>) -> Option<bool> {
-        let (port, mask) = self.locate(pin?)?;
-        let driven = (port.direction | port.open_drain) & port.alternate & mask != 0;
-        driven.then_some(port.invert & mask != 0)
+        match self.source(pin) {
+            Source::Module { inverted } => Some(inverted),
+            Source::Nobody | Source::Level(_) => None,
+        }
+    }
+
+    /// What the FPGA drives a pin from. An open-drain pin that is 1 stands at its pull-up.
+    pub(crate) fn source(&self, pin: Option<usize>) -> Source {
+        let Some((port, mask)) = pin.and_then(|pin| self.locate(pin)) else {
+            return Source::Nobody;
+        };
+        let inverted = port.invert & mask != 0;
+        if (port.direction | port.open_drain) & mask == 0 {
+            Source::Nobody
+        } else if port.alternate & mask != 0 {
+            Source::Module { inverted }
+        } else {
+            Source::Level((port.data & mask != 0) != inverted)
+        }
     }
 
     /// Whether the FPGA drives a pin at all, be it only to one of the levels.

@@ -1,6 +1,7 @@
 //! Isolated outputs: SSR and OutM; and LEDs.
 
 use super::IoPorts;
+use super::io_ports::Source;
 use crate::sim::fpga::UNDRIVEN;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
 use crate::sim::wire::Nanos;
@@ -73,19 +74,29 @@ impl Outputs {
         f64::from(self.carrier.clock) / f64::from((self.rate & DIVISOR) + 2) / 2.0
     }
 
-    /// Whether an output conducts. An SSR needs its AC on its own pin and on the reference.
+    /// Whether an output conducts. An SSR conducts while its AC runs on the reference, and its own
+    /// pin is not in phase with it.
     pub fn is_on(&self, output: usize, io: &IoPorts) -> bool {
-        let pin = self.pins.get(output).copied().flatten();
-        let Some(inverted) = io.module_pin(pin) else {
-            return false;
-        };
+        let source = io.source(self.pins.get(output).copied().flatten());
         let wanted = self.data >> output & 1 != 0;
         if !self.driven_by_ac {
-            return wanted != inverted;
+            return match source {
+                Source::Nobody => false,
+                Source::Level(level) => level,
+                Source::Module { inverted } => wanted != inverted,
+            };
         }
-        // An inverted pin is in phase with the reference when it should not be, and the reverse.
-        let running = self.rate & RUN != 0;
-        running && io.module_pin(self.reference).is_some() && wanted != inverted
+        let Some(reference) = io
+            .module_pin(self.reference)
+            .filter(|_| self.rate & RUN != 0)
+        else {
+            return false;
+        };
+        match source {
+            Source::Nobody => false,
+            Source::Level(_) => true,
+            Source::Module { inverted } => wanted != (inverted != reference),
+        }
     }
 
     /// The level on a pin of the module. An SSR is on while its pin and the reference differ.
