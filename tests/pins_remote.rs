@@ -5,12 +5,12 @@
 mod pins_support;
 
 use mesa_hal::boards::{
-    Difference, I7i72, I7i77Analog, I7i77Field, IdentityError, OutputType, RemoteLocation,
-    RemotePins, RemoteTable, i7i77,
+    Difference, I7i72, I7i77Analog, I7i77Field, IdentityError, OutputType, ParameterValueError,
+    RemoteLocation, RemotePins, RemoteTable, i7i77,
 };
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataType, RemoteDescriptor};
-use mesa_hal::hal::{Pins, Role};
+use mesa_hal::hal::{AnyValue, PinError, Pins, Role};
 use mesa_hal::process_data::InterfaceRegisters;
 use pins_support::{analog, descriptor, field_io, outputs_48, record};
 use proptest::prelude::*;
@@ -293,7 +293,7 @@ fn identity_is_checked_and_differences_from_the_table_are_told() {
 }
 
 #[test]
-fn parameters_are_settings_or_properties_and_only_changes_are_written() {
+fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written() {
     let mut pins = Pins::new();
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let baud = pins
@@ -302,18 +302,44 @@ fn parameters_are_settings_or_properties_and_only_changes_are_written() {
     let revision = pins
         .parameter::<u32>("hm2_7i92.0.7i77.0.0.swrevision")
         .unwrap();
-    assert_eq!(pins.info(baud).unwrap().role, Role::Setting);
+    assert_eq!(pins.info(baud).unwrap().role, Role::InRemote);
+    assert_eq!(pins.info(baud).unwrap().role.hal_direction(), "RW");
     assert_eq!(pins.info(revision).unwrap().role, Role::Property);
     assert!(pins.set_param(revision, 3).is_err());
-    assert!(pins.set_param(baud, 256).is_err(), "more than 8 bits hold");
+    let refused = pins.set_param(baud, 10).unwrap_err();
+    assert_eq!(refused, PinError::InRemote);
+    let text = refused.to_string();
+    assert!(text.contains("`Builder::remote_parameter`"), "{text}");
+    assert!(text.contains("`Driver::write_remote_parameter`"), "{text}");
 
-    let mut parameter = remote.parameters()[3];
-    assert_eq!(parameter.changed(&pins), None, "not read yet");
-    parameter.publish(&mut pins, 9);
-    assert_eq!((pins.param(baud), parameter.changed(&pins)), (9, None));
-    pins.set_param(baud, 10).unwrap();
-    assert_eq!(parameter.changed(&pins), Some(10));
-    remote.parameters_mut()[3].publish(&mut pins, 10);
+    let field = field_io(0);
+    assert!(remote.parameter(&field, "NVBaudRate").is_some());
+    assert!(remote.parameter(&field, "nvbaudrat").is_none());
+    let parameter = *remote.parameter(&field, "nvbaudrate").unwrap();
+    assert_eq!((parameter.first(), parameter.known()), (None, None));
+    for (value, raw) in [
+        (AnyValue::U32(10), Some(10)),
+        (AnyValue::S32(10), Some(10)),
+        (AnyValue::Float(10.0), Some(10)),
+        (AnyValue::Float(10.5), None),
+        (AnyValue::Float(f64::NAN), None),
+        (AnyValue::S32(-1), None),
+        (AnyValue::U64(255), Some(255)),
+        (AnyValue::U64(256), None),
+    ] {
+        assert_eq!(parameter.raw(value).ok(), raw, "{value:?}");
+    }
+    let read_only = remote.parameter(&field, "swrevision").unwrap();
+    assert_eq!(
+        read_only.raw(AnyValue::U32(3)),
+        Err(ParameterValueError::ReadOnly)
+    );
+    for value in [9, 10] {
+        remote.parameters_mut()[3].publish(&mut pins, value);
+        assert_eq!(u64::from(pins.param(baud)), value);
+    }
+    let parameter = remote.parameter(&field, "nvbaudrate").unwrap();
+    assert_eq!((parameter.first(), parameter.known()), (Some(9), Some(10)));
 }
 
 #[test]

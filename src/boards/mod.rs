@@ -21,7 +21,8 @@ pub use i7i77::{I7i77Analog, I7i77Field, OutputType};
 pub use i7i97::I7i97;
 pub use identity::{Difference, IdentityError};
 pub use remote::{
-    CounterHandles, CounterPins, ParameterHandle, RemoteLocation, RemoteParameter, RemotePins,
+    CounterHandles, CounterPins, ParameterHandle, ParameterValueError, RemoteLocation,
+    RemoteParameter, RemotePins,
 };
 pub use table::{ElementTable, RemoteTable, Terminal};
 

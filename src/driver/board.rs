@@ -130,6 +130,11 @@ impl Board {
         &self.watchdog
     }
 
+    /// The watchdog's time as it was written last.
+    pub fn timeout(&self) -> Duration {
+        Duration::from_nanos(self.timeout_ns.into())
+    }
+
     pub fn state(&self) -> BoardState {
         self.state
     }

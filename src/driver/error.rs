@@ -9,6 +9,8 @@ use crate::hal::PinError;
 use crate::hostmot2::{DpllError, IdentifyError, IoPinError, LocateError};
 use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
 
+use super::RemoteParameterError;
+
 /// Why a driver was not built. Everything that was started is stopped again.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -52,6 +54,18 @@ pub enum BuildError<E: BusError> {
     /// A remote that the machine can not do without is missing.
     #[error("port {}, channel {}: {}", .0.port, .0.channel, .0.reason)]
     Missing(MissingRemote),
+    /// A parameter of a remote was not written.
+    #[error("parameter {name} on port {port}, channel {channel}: {source}")]
+    RemoteParameter {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+        /// The parameter, as it was asked for.
+        name: alloc::boxed::Box<str>,
+        /// Why.
+        source: RemoteParameterError<E>,
+    },
     /// The phase-locked loop can not follow the period.
     #[error("{0} (or `Builder::without_dpll`)")]
     Dpll(#[source] DpllError<E>),

@@ -48,6 +48,7 @@ mod messages;
 mod module;
 mod modules;
 mod pace;
+mod parameters;
 mod recovery;
 mod remark;
 mod report;
@@ -60,6 +61,7 @@ pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use error::{BuildError, CycleError, MissingReason, MissingRemote};
 pub use module::{Module, Put, SettingSlot, Take, WriteNews};
 pub use pace::{Pace, PaceError};
+pub use parameters::RemoteParameterError;
 pub use remark::{Remark, RemarkKind};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use serial::{

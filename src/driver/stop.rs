@@ -47,7 +47,7 @@ impl<B: RegisterBus> Driver<B> {
     }
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
-    fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
+    pub(super) fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
         self.make_safe();
         // COMMAND has to be seen idle, or nothing is sent.
         self.wait_transfers(LAST_TRANSFER).map_err(PortError::Bus)?;

@@ -138,6 +138,17 @@ impl Pins {
             .map(Param::new)
     }
 
+    /// A new parameter that a remote keeps: the application can only read it here.
+    pub fn add_in_remote<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Param<T>, PinError> {
+        self.insert(group, Role::InRemote, spec, initial)
+            .map(Param::new)
+    }
+
     /// Lets parameters act on an output.
     ///
     /// # Errors

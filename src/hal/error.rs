@@ -71,6 +71,11 @@ pub enum PinError {
     /// The parameter can not be written.
     #[error("the parameter is read-only: it shows a value, and can not be set")]
     ReadOnly,
+    /// The parameter is kept in a remote, which takes it in setup mode only.
+    #[error(
+        "the parameter is kept in a remote, which takes it in setup mode only: write it before with `Builder::remote_parameter`, or at run time with `Driver::write_remote_parameter`, which stops its port"
+    )]
+    InRemote,
     /// The value is no number, or outside what the parameter takes.
     #[error("the value is not finite, or outside the limits of the parameter (see its `PinInfo`)")]
     BadValue,

@@ -28,6 +28,9 @@ pub enum Role {
     Setting,
     /// A property that can not be changed: [`Param`](super::Param), HAL `RO`.
     Property,
+    /// A parameter that a remote keeps, HAL `RW`: it takes an operation of its own to change it
+    /// ([`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter)).
+    InRemote,
 }
 
 impl Role {
@@ -37,14 +40,14 @@ impl Role {
             Self::Input => "OUT",
             Self::Output => "IN",
             Self::InOut => "I/O",
-            Self::Setting => "RW",
+            Self::Setting | Self::InRemote => "RW",
             Self::Property => "RO",
         }
     }
 
     /// Whether it is a parameter and no pin.
     pub const fn is_param(self) -> bool {
-        matches!(self, Self::Setting | Self::Property)
+        matches!(self, Self::Setting | Self::Property | Self::InRemote)
     }
 }
 
@@ -56,6 +59,7 @@ impl core::fmt::Display for Role {
             Self::InOut => "a pin set by both sides",
             Self::Setting => "a parameter",
             Self::Property => "a read-only parameter",
+            Self::InRemote => "a parameter kept in a remote",
         })
     }
 }

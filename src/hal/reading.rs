@@ -95,3 +95,28 @@ pub enum AnyValue {
     /// A 64-bit number.
     U64(u64),
 }
+
+macro_rules! any_value {
+    ($($type:ty => $variant:ident),*) => {
+        $(impl From<$type> for AnyValue {
+            fn from(value: $type) -> Self {
+                Self::$variant(value)
+            }
+        })*
+    };
+}
+
+any_value!(bool => Bit, f64 => Float, i32 => S32, u32 => U32, i64 => S64, u64 => U64);
+
+impl core::fmt::Display for AnyValue {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Bit(value) => value.fmt(f),
+            Self::Float(value) => value.fmt(f),
+            Self::S32(value) => value.fmt(f),
+            Self::U32(value) => value.fmt(f),
+            Self::S64(value) => value.fmt(f),
+            Self::U64(value) => value.fmt(f),
+        }
+    }
+}

@@ -185,13 +185,15 @@ impl Pins {
     /// Changes a setting.
     ///
     /// # Errors
-    /// [`PinError::ReadOnly`], [`PinError::BadValue`], [`PinError::ForeignHandle`]. The setting then
-    /// keeps its value.
+    /// [`PinError::ReadOnly`], [`PinError::InRemote`], [`PinError::BadValue`],
+    /// [`PinError::ForeignHandle`]. The setting then keeps its value.
     pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
         let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
         let role = self.infos.get(index).map(|info| info.role);
-        if role != Some(Role::Setting) {
-            return Err(PinError::ReadOnly);
+        match role {
+            Some(Role::Setting) => {}
+            Some(Role::InRemote) => return Err(PinError::InRemote),
+            _ => return Err(PinError::ReadOnly),
         }
         let rule = self.rules.get(index).ok_or(PinError::ForeignHandle)?;
         let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);

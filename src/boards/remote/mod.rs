@@ -6,7 +6,7 @@ mod make;
 mod parameter;
 
 pub use counter::{CounterHandles, CounterPins};
-pub use parameter::{ParameterHandle, RemoteParameter};
+pub use parameter::{ParameterHandle, ParameterValueError, RemoteParameter};
 
 use alloc::string::String;
 use alloc::vec::Vec;
@@ -124,6 +124,14 @@ impl RemotePins {
     /// Its parameters, which are no process data: read and written in setup mode.
     pub fn parameters(&self) -> &[RemoteParameter] {
         &self.parameters
+    }
+
+    /// The parameter of that name, as the remote spells it or LinuxCNC does (in lower case).
+    pub fn parameter(&self, descriptor: &RemoteDescriptor, name: &str) -> Option<&RemoteParameter> {
+        self.parameters.iter().find(|parameter| {
+            let record = descriptor.parameters.get(parameter.record);
+            record.is_some_and(|record| make::lower(&record.name) == make::lower(name))
+        })
     }
 
     /// Its parameters, to publish what was read.

@@ -6,13 +6,16 @@ use alloc::vec::Vec;
 use super::make::{in_unit, lower};
 use crate::boards::BoardError;
 use crate::discovery::{DataDirection, DataRecord, DataType};
-use crate::hal::{GroupId, Param, PinError, Pins, Spec};
+use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, Pins, Spec};
 use crate::process_data::sign_extend;
 
 /// A parameter of a remote and its pin-store counterpart.
 ///
-/// The driver reads it in setup mode and [`publish`](Self::publish)es it; when the application
-/// changes it, [`changed`](Self::changed) tells the bits to write.
+/// It lives in the remote, which is reached in setup mode only: the driver reads it there and
+/// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver is
+/// built or while its port stands still:
+/// [`Builder::remote_parameter`](crate::driver::Builder::remote_parameter),
+/// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemoteParameter {
     /// The place of its record in the descriptor's `parameters`.
@@ -23,10 +26,33 @@ pub struct RemoteParameter {
     pub bits: u8,
     /// Whether it survives a power cycle, and takes effect only after one.
     pub nonvolatile: bool,
+    /// The remote says that it can be written.
+    pub writable: bool,
     /// Its handle.
     pub handle: ParameterHandle,
+    /// What the remote had when it was read first.
+    first: Option<u64>,
     /// What the remote has, as far as known.
     known: Option<u64>,
+}
+
+/// Why a value is not one that a parameter can have.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ParameterValueError {
+    /// The remote says that the parameter can only be read.
+    #[error("the remote's parameter can only be read")]
+    ReadOnly,
+    /// The value does not fit.
+    #[error("{value} does not fit: the parameter is {kind}, {bits} bits wide")]
+    DoesNotFit {
+        /// The value.
+        value: AnyValue,
+        /// What the parameter is.
+        kind: HalType,
+        /// Its width.
+        bits: u8,
+    },
 }
 
 /// The handle of a parameter, by type.
@@ -50,6 +76,7 @@ impl RemoteParameter {
     /// Takes what was read from the remote, right-justified.
     pub fn publish(&mut self, pins: &mut Pins, raw: u64) {
         let raw = raw & self.mask();
+        self.first.get_or_insert(raw);
         self.known = Some(raw);
         match self.handle {
             ParameterHandle::Bit(param) => pins.publish_param(param, raw != 0),
@@ -73,23 +100,88 @@ impl RemoteParameter {
         self.known
     }
 
-    /// The bits to write, if the application has set something else than the remote has. `None`
-    /// as well before it was read: nothing is written that was not known before.
-    pub fn changed(&self, pins: &Pins) -> Option<u64> {
+    /// What the remote had when it was read first: one that is non-volatile is used from the next
+    /// power-up on, so this may be what is in use still.
+    pub fn first(&self) -> Option<u64> {
+        self.first
+    }
+
+    /// The bits to write for a value. Whole numbers fit every kind of number that can hold them.
+    ///
+    /// # Errors
+    /// [`ParameterValueError`]: the parameter can only be read, or can not be this value.
+    pub fn raw(&self, value: AnyValue) -> Result<u64, ParameterValueError> {
+        if !self.writable {
+            return Err(ParameterValueError::ReadOnly);
+        }
+        let bits = u32::from(self.bits.clamp(1, 64));
+        let whole = whole(value);
+        let unsigned = |largest: u64| {
+            whole
+                .and_then(|n| u64::try_from(n).ok())
+                .filter(|&n| n <= largest)
+        };
         let raw = match self.handle {
-            ParameterHandle::Bit(param) => u64::from(pins.param(param)),
-            ParameterHandle::U32(param) => u64::from(pins.param(param)),
-            ParameterHandle::S32(param) => pins.param(param) as u64,
-            ParameterHandle::U64(param) => pins.param(param),
-            ParameterHandle::S64(param) => pins.param(param) as u64,
-            ParameterHandle::Float(param) if self.bits == 64 => pins.param(param).to_bits(),
-            ParameterHandle::Float(param) => u64::from((pins.param(param) as f32).to_bits()),
-        } & self.mask();
-        self.known.is_some_and(|known| known != raw).then_some(raw)
+            ParameterHandle::Bit(_) => unsigned(1),
+            ParameterHandle::U32(_) | ParameterHandle::U64(_) => unsigned(self.mask()),
+            ParameterHandle::S32(_) | ParameterHandle::S64(_) => {
+                let half = 1_i128 << (bits - 1);
+                whole
+                    .filter(|n| (-half..half).contains(n))
+                    .map(|n| n as u64 & self.mask())
+            }
+            ParameterHandle::Float(_) => real(value).and_then(|real| self.real_bits(real)),
+        };
+        raw.ok_or(ParameterValueError::DoesNotFit {
+            value,
+            kind: self.kind(),
+            bits: self.bits,
+        })
+    }
+
+    fn real_bits(&self, real: f64) -> Option<u64> {
+        if self.bits == 64 {
+            return real.is_finite().then(|| real.to_bits());
+        }
+        let short = real as f32;
+        short.is_finite().then(|| u64::from(short.to_bits()))
+    }
+
+    fn kind(&self) -> HalType {
+        match self.handle {
+            ParameterHandle::Bit(_) => HalType::Bit,
+            ParameterHandle::U32(_) => HalType::U32,
+            ParameterHandle::S32(_) => HalType::S32,
+            ParameterHandle::Float(_) => HalType::Float,
+            ParameterHandle::U64(_) => HalType::U64,
+            ParameterHandle::S64(_) => HalType::S64,
+        }
     }
 
     fn mask(&self) -> u64 {
         u64::MAX >> (64 - u32::from(self.bits.clamp(1, 64)))
+    }
+}
+
+/// A value as a whole number, if it is one.
+fn whole(value: AnyValue) -> Option<i128> {
+    match value {
+        AnyValue::Bit(value) => Some(i128::from(value)),
+        AnyValue::S32(value) => Some(i128::from(value)),
+        AnyValue::U32(value) => Some(i128::from(value)),
+        AnyValue::S64(value) => Some(i128::from(value)),
+        AnyValue::U64(value) => Some(i128::from(value)),
+        // Beyond 2^53 a real number does not say which whole one is meant.
+        AnyValue::Float(value) => (libm::trunc(value) == value
+            && libm::fabs(value) <= 9_007_199_254_740_992.0)
+            .then_some(value as i128),
+    }
+}
+
+fn real(value: AnyValue) -> Option<f64> {
+    match value {
+        AnyValue::Float(value) => Some(value),
+        other => whole(other).map(|n| n as f64),
     }
 }
 
@@ -116,7 +208,9 @@ pub(super) fn make(
             address: record.address,
             bits: record.bits,
             nonvolatile: record.data_type.is_nonvolatile(),
+            writable: record.direction != DataDirection::Input,
             handle,
+            first: None,
             known: None,
         });
     }
@@ -138,7 +232,7 @@ fn handle(
         if direction == DataDirection::Input {
             pins.add_property(group, spec, T::default())
         } else {
-            pins.add_setting(group, spec, T::default())
+            pins.add_in_remote(group, spec, T::default())
         }
     }
     let name = format!("{prefix}.{}", lower(&record.name));

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
-use crate::hal::{GroupId, Pins};
+use crate::hal::{AnyValue, GroupId, Pins};
 use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog, WatchdogTime};
 
 /// The most serial ports of a board.
@@ -45,8 +45,18 @@ struct Config {
     modules: ModuleChoices,
     gpio: Vec<(u16, GpioConfig)>,
     policy: FaultPolicy,
+    parameters: Vec<ParameterChoice>,
     bus_error_limit: u32,
     limits: ImageLimits,
+}
+
+/// What a parameter of a remote is to be.
+#[derive(Clone, Debug)]
+struct ParameterChoice {
+    port: u8,
+    channel: u8,
+    name: Box<str>,
+    value: AnyValue,
 }
 
 /// What is being built, besides the bus.
@@ -80,6 +90,7 @@ impl<B: RegisterBus> Builder<B> {
                 modules: ModuleChoices::default(),
                 gpio: Vec::new(),
                 policy: FaultPolicy::default(),
+                parameters: Vec::new(),
                 bus_error_limit: 5,
                 limits: ImageLimits::default(),
             },
@@ -126,6 +137,30 @@ impl<B: RegisterBus> Builder<B> {
             Some(slot) => *slot = Some(config),
             None => self.config.port_beyond = Some(port),
         }
+        self
+    }
+
+    /// What a parameter is to be that the remote on `channel` (0 to 7) of `port` keeps, for example
+    /// `nvwatchdogtimeout`: as the remote spells it, or as LinuxCNC does.
+    ///
+    /// It is written while the remotes are in setup mode, and read back; a non-volatile one only if
+    /// it is another than before, and the remote uses it from its next power-up on. Of a remote
+    /// that is missing and not required, nothing is written. A parameter that the remote does not
+    /// have, or a value that it can not take, makes [`build`](Self::build) fail.
+    #[must_use]
+    pub fn remote_parameter(
+        mut self,
+        port: u8,
+        channel: u8,
+        name: &str,
+        value: impl Into<AnyValue>,
+    ) -> Self {
+        self.config.parameters.push(ParameterChoice {
+            port,
+            channel,
+            name: name.into(),
+            value: value.into(),
+        });
         self
     }
 

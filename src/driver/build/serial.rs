@@ -2,13 +2,14 @@
 
 use alloc::vec::Vec;
 
-use super::{Config, Parts};
+use super::{Config, ParameterChoice, Parts};
 use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable};
 use crate::bus::{BusError, RegisterBus};
 use crate::discovery::{
     DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, RemoteParameters,
     discover_port,
 };
+use crate::driver::parameters::{ParameterWrite, RemoteParameterError};
 use crate::driver::remark;
 use crate::driver::serial::{PortPins, Remote, RemoteFaultPins};
 use crate::driver::{
@@ -40,6 +41,7 @@ impl Parts {
             .filter(|(_, config)| config.is_some())
             .map(|(port, _)| port)
             .last();
+        let last = last.max(config.parameters.iter().map(|choice| choice.port).max());
         if let Some(port) = config.port_beyond.or(last).filter(|&port| port >= ports) {
             return Err(BuildError::NoSuchPort { port, ports });
         }
@@ -80,7 +82,7 @@ impl Parts {
     ) -> Result<(), BuildError<B::Error>> {
         for (port, serial) in located {
             port.reset(bus)?;
-            let remotes = self.start_port(bus, port, serial)?;
+            let remotes = self.start_port(bus, port, serial, &config.parameters)?;
             let instance = port.layout().instance();
             let pins = PortPins::new(
                 &mut self.pins,
@@ -101,6 +103,38 @@ impl Parts {
             }
             self.ports.push(port);
         }
+        self.check_parameters(&config.parameters)
+    }
+
+    /// Whether every parameter was for a remote that there is, or that is known to be missing.
+    fn check_parameters<E: BusError>(
+        &self,
+        choices: &[ParameterChoice],
+    ) -> Result<(), BuildError<E>> {
+        for ParameterChoice {
+            port,
+            channel,
+            name,
+            ..
+        } in choices
+        {
+            let (port, channel) = (*port, *channel);
+            let found = self.ports.get(usize::from(port));
+            let is_there = Channel::new(channel)
+                .is_some_and(|channel| found.is_some_and(|port| port.remote(channel).is_some()));
+            let is_missing = self
+                .missing
+                .iter()
+                .any(|missing| (missing.port, missing.channel.index()) == (port, channel));
+            if !is_there && !is_missing {
+                return Err(BuildError::RemoteParameter {
+                    port,
+                    channel,
+                    name: name.clone(),
+                    source: RemoteParameterError::NoSuchRemote { port, channel },
+                });
+            }
+        }
         Ok(())
     }
 
@@ -110,6 +144,7 @@ impl Parts {
         bus: &mut B,
         port: &mut Port,
         serial: &SerialConfig,
+        parameters: &[ParameterChoice],
     ) -> Result<Vec<Remote>, BuildError<B::Error>> {
         let wanted = self.existing(port, serial)?;
         let inventory = discover_port(port, bus, &wanted, DiscoveryLimits::default())?;
@@ -125,6 +160,7 @@ impl Parts {
                 Ok(pins) => {
                     let mut remote = (found, pins);
                     self.read_parameters(bus, port, &mut remote)?;
+                    self.write_parameters(bus, port, &mut remote, parameters)?;
                     candidates.push(remote);
                 }
                 Err(reason) => self.miss(port, serial, channel, reason)?,
@@ -239,6 +275,38 @@ impl Parts {
                 Ok(raw) => parameter.publish(&mut self.pins, raw),
                 Err(PortError::Bus(error)) => return Err(BuildError::Bus(error)),
                 Err(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the parameters that were chosen for a remote in setup mode.
+    fn write_parameters<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        port: &mut Port,
+        (found, pins): &mut (DiscoveredRemote<PortError<B::Error>>, RemotePins),
+        choices: &[ParameterChoice],
+    ) -> Result<(), BuildError<B::Error>> {
+        let place = (port.layout().instance(), found.remote.channel);
+        let own = choices
+            .iter()
+            .filter(|choice| (choice.port, choice.channel) == (place.0, place.1.index()));
+        for choice in own {
+            let failed = |source| BuildError::RemoteParameter {
+                port: place.0,
+                channel: place.1.index(),
+                name: choice.name.clone(),
+                source,
+            };
+            let parts = (&found.discovered.descriptor, &*pins);
+            let write =
+                ParameterWrite::new(place, parts, &choice.name, choice.value).map_err(failed)?;
+            write
+                .write(bus, port, place.1)
+                .map_err(|error| failed(RemoteParameterError::Port(error)))?;
+            if let Some(parameter) = pins.parameters_mut().get_mut(write.place) {
+                parameter.publish(&mut self.pins, write.raw);
             }
         }
         Ok(())

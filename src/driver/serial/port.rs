@@ -6,11 +6,12 @@ use super::channel::{Channel, RemoteState};
 use super::machine::{Machine, Observation, Outcome};
 use super::pins::PortPins;
 use super::{FailureCounts, PortStatistics, RemoteStatus, RemoteWatchdog, SetAside};
-use crate::boards::{RemoteParameter, RemotePins};
+use crate::boards::RemotePins;
 use crate::bus::{
     CycleImage, ImagePlan, Instant, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot,
 };
 use crate::discovery::RemoteDescriptor;
+use crate::driver::parameters::ParameterWrite;
 use crate::hal::{GroupId, Pins};
 use crate::sslbp::{
     Channel as Number, ChannelRegisters, Command, DoitTime, Layout, MAX_INTERFACE_REGISTERS, Port,
@@ -100,17 +101,17 @@ impl Remote {
         slots.mode = Some(plan.write(WritePhase::Data, Tier::Extended, registers.cs(), 1, mode));
     }
 
-    /// How long its outputs stay on without process data, as discovery has read it.
+    /// How long its outputs stay on without process data, as far as its parameter tells: what it
+    /// was before counts as well, because it is in use until the next power-up.
     fn watchdog(&self) -> RemoteWatchdog {
-        let records = &self.descriptor.parameters;
-        let is_it = |parameter: &&RemoteParameter| {
-            let record = records.get(parameter.record);
-            record.is_some_and(|record| record.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER))
-        };
-        let known = self.pins.parameters().iter().find(is_it);
-        known
-            .and_then(RemoteParameter::known)
-            .map_or(RemoteWatchdog::Assumed, RemoteWatchdog::from_millis)
+        let parameter = self.pins.parameter(&self.descriptor, WATCHDOG_PARAMETER);
+        let times = parameter.map(|parameter| (parameter.first(), parameter.known()));
+        match times {
+            Some((Some(first), Some(known))) => {
+                RemoteWatchdog::from_millis(first).or_longer(RemoteWatchdog::from_millis(known))
+            }
+            _ => RemoteWatchdog::Assumed,
+        }
     }
 
     /// Publishes the inputs of a good transfer.
@@ -331,6 +332,32 @@ impl SerialPort {
                 self.machine.armed(remote.started.channel);
             }
         }
+    }
+
+    /// All remotes were stopped behind the cycle's back, and COMMAND is nobody's: they are
+    /// restarted in the next cycles.
+    pub(in crate::driver) fn taken_over(&mut self, pins: &mut Pins, now: Instant) {
+        self.machine.taken_over();
+        for channel in self.machine.known().iter() {
+            self.restart(channel, pins, now);
+        }
+    }
+
+    /// A parameter of a remote was written and read back.
+    pub(in crate::driver) fn parameter_written(
+        &mut self,
+        pins: &mut Pins,
+        channel: Number,
+        write: ParameterWrite,
+    ) {
+        let is_it = |remote: &&mut Remote| remote.started.channel == channel;
+        let Some(remote) = self.remotes.iter_mut().find(is_it) else {
+            return;
+        };
+        if let Some(parameter) = remote.pins.parameters_mut().get_mut(write.place) {
+            parameter.publish(pins, write.raw);
+        }
+        self.machine.set_watchdog(channel, remote.watchdog());
     }
 
     /// All remotes that do not run are restarted in the next cycles.

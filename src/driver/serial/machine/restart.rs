@@ -2,8 +2,9 @@
 
 use core::time::Duration;
 
-use super::super::SetAside;
+use super::super::attempts::Cost;
 use super::super::channel::{Identity, RemoteState};
+use super::super::{RemoteWatchdog, SetAside};
 use super::Machine;
 use super::words::{Asked, Observation, Outcome, Restart, at};
 use crate::bus::Instant;
@@ -19,6 +20,21 @@ impl Machine {
         let policy = self.policy;
         if let Some(channel) = self.channel_mut(number) {
             channel.ask_for_restart(now, &policy);
+        }
+    }
+
+    /// Whatever was asked of COMMAND, somebody else has used it since.
+    pub fn taken_over(&mut self) {
+        self.pending = None;
+        self.chosen = None;
+        self.idle = false;
+        self.restart = Restart::None;
+        self.cost = Cost::default();
+    }
+
+    pub fn set_watchdog(&mut self, number: Number, watchdog: RemoteWatchdog) {
+        if let Some(channel) = self.channel_mut(number) {
+            channel.watchdog = watchdog;
         }
     }
 
