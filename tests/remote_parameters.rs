@@ -194,15 +194,23 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
     machine.cycles(5);
     let driver = &mut machine.driver;
     let channel = Channel::ALL[FIELD];
-    type E<B> = RemoteParameterError<B>;
     let result = driver.write_remote_parameter(0, channel, "nothing", 1);
-    assert!(matches!(result, Err(E::NoSuchParameter { .. })));
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::NoSuchParameter { .. })
+    ));
     let result = driver.write_remote_parameter(0, channel, "nvbaudrate", -1);
-    assert!(matches!(result, Err(E::Value(_))));
+    assert!(matches!(result, Err(RemoteParameterError::Value(_))));
     let result = driver.write_remote_parameter(0, Channel::ALL[5], "nvbaudrate", 9);
-    assert!(matches!(result, Err(E::NoSuchRemote { channel: 5, .. })));
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::NoSuchRemote { channel: 5, .. })
+    ));
     let result = driver.write_remote_parameter(1, channel, "nvbaudrate", 9);
-    assert!(matches!(result, Err(E::NoSuchPort { port: 1, ports: 1 })));
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::NoSuchPort { port: 1, ports: 1 })
+    ));
     for _ in 0..5 {
         assert!(machine.cycle().is_good());
         assert!(are_on(&machine).into_iter().all(|on| on));
