@@ -1,6 +1,55 @@
 //! The analog outputs: voltages, enables, and the PWM behind them.
 
+use std::sync::{Arc, Mutex};
+
+use mesa_hal::sim::{Cause, Director};
+
 use super::*;
+
+/// Notes everything but 0 V and open switches that the drives of a 7I97 see.
+#[derive(Debug)]
+struct Onlooker(Arc<Mutex<Vec<(usize, f64, bool)>>>);
+
+impl Director for Onlooker {
+    fn due(&self) -> Option<u64> {
+        None
+    }
+
+    fn act(&mut self, _: &mut SimFpga) {}
+
+    fn drives(&mut self, fpga: &SimFpga, _: Cause) {
+        for axis in 0..6 {
+            let signal = fpga.analog_output(axis);
+            if signal.volts != 0.0 || signal.enabled {
+                let mut seen = self.0.lock().unwrap();
+                seen.push((axis, signal.volts, signal.enabled));
+            }
+        }
+    }
+}
+
+#[test]
+fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
+    // Left by a program at 9.5 V and enabled; its watchdog has bitten.
+    let mut used = machines::i7i97(1);
+    used.write_register(0x4200, 64_425);
+    for generator in 0..6 {
+        used.write_register(0x4100 + 4 * generator, 0x23);
+        used.write_register(0x4000 + 4 * generator, 0x0F80_0000);
+    }
+    used.write_register(0x4400, 0x3F);
+    used.write_register(0x1200, 0x1FF);
+    used.advance_to(1_000_000);
+    for mut fpga in [machines::i7i97(1), used] {
+        // A bus so quick that the whole set-up fits into a period of the PWM.
+        fpga.set_access_cost(20);
+        let seen = Arc::<Mutex<Vec<_>>>::default();
+        fpga.set_director(Box::new(Onlooker(Arc::clone(&seen))));
+        let mut machine = Machine::new(fpga);
+        machine.cycles(5);
+        assert_eq!(*seen.lock().unwrap(), []);
+    }
+}
 
 #[test]
 fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {

@@ -94,6 +94,27 @@ fn a_bite_that_comes_a_clock_earlier_or_later_is_found() {
 }
 
 #[test]
+fn every_edge_and_duty_of_a_pwm_that_is_altered_is_found() {
+    for name in ["pwm09_dbuf", "pwm06_rate"] {
+        let (altered, missed) = unnoticed(name, |entry| {
+            let is_edge = matches!(entry.event, Event::Pin { .. }) && entry.time > 20_000;
+            if is_edge {
+                entry.time += 5;
+            }
+            is_edge
+        });
+        assert!(altered > 15, "{name} has edges to alter");
+        assert_eq!(missed, Vec::<usize>::new(), "{name}");
+    }
+    let original = recording("pwm07_offset");
+    for index in 0..original.duties.len() {
+        let mut copy = original.clone();
+        copy.duties[index].high += 5;
+        assert!(differs(&copy), "duty {index}");
+    }
+}
+
+#[test]
 fn a_file_that_is_cut_off_in_a_line_can_not_be_read() {
     let path = own_directory().join("wd01_bite.txt");
     let text = std::fs::read_to_string(path).expect("a recording of the project");

@@ -1,5 +1,6 @@
-//! The PWM generators.
+//! The PWM generators; the driver's duties and rates.
 
+use mesa_hal::hostmot2::{PwmRate, PwmScale};
 use mesa_hal::sim::wire::Nanos;
 
 use crate::Replay;
@@ -7,23 +8,24 @@ use crate::bench::{Bench, FpgaBench};
 use crate::outcome::Outcome;
 use crate::pins::pwm_firmware;
 use crate::runner::{self, Rules, Watch};
-use crate::transcript::{Duty, Event, Level, Transcript};
+use crate::transcript::{Duty, Entry, Event, Level, Transcript};
 
 /// Edges exact, to the clock of 200 MHz; duties are counted from every clock of their windows.
 pub const REPLAY: Option<Replay> = Some(replay);
 
-/// The clock of the generators.
+/// The clock of the generators, and its period.
+const CLOCK_HZ: u32 = 200_000_000;
 const CLOCK: Nanos = 5;
+
+/// Full scale of an analog output in volts.
+const FULL_SCALE: f64 = 10.0;
 
 fn replay(transcript: &Transcript) -> Outcome {
     let mut bench = FpgaBench::new(pwm_firmware());
-    let edges_left_out = transcript
-        .comments
-        .iter()
-        .any(|text| text.contains("left out"));
+    let has = |text: &str| transcript.comments.iter().any(|line| line.contains(text));
     let rules = Rules {
         step: Some(CLOCK),
-        watch: if edges_left_out {
+        watch: if has("edges of this file are left out") {
             Watch::AtLines
         } else {
             Watch::ToLastLine
@@ -31,36 +33,180 @@ fn replay(transcript: &Transcript) -> Outcome {
         ..Rules::default()
     };
     let mut outcome = runner::replay(transcript, &mut bench, rules);
-    for duty in &transcript.duties {
-        compare_duty(transcript, duty, &mut outcome);
+    compare_duties(transcript, &mut outcome);
+    if let Some(hz) = asked_hz(transcript) {
+        compare_rate(transcript, hz, &mut outcome);
+    }
+    if has("offset mode as LinuxCNC") {
+        compare_volts(transcript, &mut outcome);
     }
     outcome
 }
 
-/// Counts the time in which a pin is high in a window, and its rising edges.
-fn compare_duty(transcript: &Transcript, duty: &Duty, outcome: &mut Outcome) {
-    let mut bench = FpgaBench::new(pwm_firmware());
-    let entries = transcript.entries.iter();
-    for entry in entries.take_while(|entry| entry.time <= duty.end - duty.of) {
-        if let Event::Write { register, value } = &entry.event {
-            bench.advance(entry.time);
-            if let Err(reason) = bench.write(*register, *value) {
-                return outcome.fail(entry.line, format!("{register:?}"), reason);
+/// Counts the time in which each pin is high in its window, and its rising edges.
+fn compare_duties(transcript: &Transcript, outcome: &mut Outcome) {
+    let windows = transcript
+        .duties
+        .chunk_by(|a, b| (a.end, a.of) == (b.end, b.of));
+    for window in windows {
+        let mut bench = FpgaBench::new(pwm_firmware());
+        let mut writes = transcript
+            .entries
+            .iter()
+            .filter(|entry| is_write(entry))
+            .peekable();
+        let mut counts = vec![Count::default(); window.len()];
+        let (end, of) = (window[0].end, window[0].of);
+        for time in (0..end).step_by(CLOCK as usize) {
+            if let Some(entry) = writes.next_if(|entry| entry.time <= time) {
+                bench.advance(time);
+                write(&mut bench, entry, outcome);
+            }
+            if time >= end - of {
+                bench.advance(time);
+                for (duty, count) in window.iter().zip(&mut counts) {
+                    count.take(bench.pin(&duty.pin) == Ok(Level::High));
+                }
             }
         }
+        for (duty, count) in window.iter().zip(counts) {
+            compare_duty(duty, &count, outcome);
+        }
     }
-    let (mut high, mut rising, mut before) = (0, 0, None);
-    for time in (duty.end - duty.of..duty.end).step_by(CLOCK as usize) {
-        bench.advance(time);
-        let level = bench.pin(&duty.pin) == Ok(Level::High);
-        high += if level { CLOCK } else { 0 };
-        rising += u64::from(level && before == Some(false));
-        before = Some(level);
+}
+
+/// What was counted of a pin.
+#[derive(Clone, Copy, Debug, Default)]
+struct Count {
+    high: Nanos,
+    rising: u64,
+    level: Option<bool>,
+}
+
+impl Count {
+    fn take(&mut self, level: bool) {
+        self.high += if level { CLOCK } else { 0 };
+        self.rising += u64::from(level && self.level == Some(false));
+        self.level = Some(level);
     }
+}
+
+fn compare_duty(duty: &Duty, count: &Count, outcome: &mut Outcome) {
     outcome.compare(
         duty.line,
-        (high, rising) == (duty.high, duty.rising),
+        (count.high, count.rising) == (duty.high, duty.rising),
         format!("{} high {} rising {}", duty.pin, duty.high, duty.rising),
-        format!("high {high} rising {rising}"),
+        format!("high {} rising {}", count.high, count.rising),
     );
+}
+
+fn is_write(entry: &Entry) -> bool {
+    matches!(entry.event, Event::Write { .. })
+}
+
+fn write(bench: &mut FpgaBench, entry: &Entry, outcome: &mut Outcome) {
+    if let Event::Write { register, value } = &entry.event
+        && let Err(reason) = bench.write(*register, *value)
+    {
+        outcome.fail(entry.line, format!("{register:?}"), reason);
+    }
+}
+
+/// The frequency that the file says its rate is for: `RATE 64425 (48 kHz of a 200 MHz clock)`, or
+/// LinuxCNC's for the 7I97.
+fn asked_hz(transcript: &Transcript) -> Option<f64> {
+    let comment = transcript.comments.first()?;
+    if comment.contains("offset mode as LinuxCNC") {
+        return Some(48_000.0);
+    }
+    let (_, rest) = comment.split_once(", RATE ")?;
+    let (_, rest) = rest.split_once(" (")?;
+    let (kilohertz, _) = rest.split_once(" kHz of a 200 MHz clock)")?;
+    kilohertz.parse::<f64>().ok().map(|value| value * 1e3)
+}
+
+/// The driver's rate and width for a frequency are those of the file, and its frequency is that
+/// of the recorded edges.
+fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
+    let rate = PwmRate::new(CLOCK_HZ, hz, false);
+    for entry in &transcript.entries {
+        let Event::Write { register, value } = &entry.event else {
+            continue;
+        };
+        let (driver, mask) = match register.kind.name {
+            "PWM_RATE" => (u32::from(rate.rate), u32::MAX),
+            "PWM_MODE" => (u32::from(rate.width.bits() - 9), 3),
+            _ => continue,
+        };
+        outcome.compare(
+            entry.line,
+            driver == value & mask,
+            format!("the driver's {} {value:#010X}", register.kind.name),
+            format!("{driver:#010X}"),
+        );
+    }
+    let edges = rising_edges(transcript, "PWM2");
+    let (Some((_, first)), Some((line, last))) = (edges.get(1), edges.last()) else {
+        return outcome.fail(1, "rising edges of PWM2".to_owned(), format!("{edges:?}"));
+    };
+    let periods = (edges.len() - 2) as f64;
+    let recorded = (last - first) as f64 / periods;
+    let driver = 1e9 / rate.hz(CLOCK_HZ);
+    outcome.compare(
+        *line,
+        periods >= 3.0 && (recorded - driver).abs() <= CLOCK as f64 / periods,
+        format!("a period of {recorded} ns"),
+        format!("{driver} ns by the driver"),
+    );
+}
+
+/// Lines and times of a pin's rising edges.
+fn rising_edges(transcript: &Transcript, name: &str) -> Vec<(usize, Nanos)> {
+    let edges = transcript.entries.iter().filter_map(|entry| {
+        let rises = matches!(&entry.event, Event::Pin { pin, level: Level::High } if pin == name);
+        rises.then_some((entry.line, entry.time))
+    });
+    edges.collect()
+}
+
+/// What the driver writes for the voltages that the recorded duties stand for is what was written.
+fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
+    let rate = PwmRate::new(CLOCK_HZ, 48_000.0, false);
+    let scale = PwmScale::volts_7i97(rate, false);
+    let mode = scale.mode().0;
+    for entry in &transcript.entries {
+        if let Event::Write { register, value } = &entry.event
+            && register.kind.name == "PWM_MODE"
+        {
+            let (expected, actual) = (format!("mode {value:#04X}"), format!("{mode:#04X}"));
+            outcome.compare(entry.line, mode == *value, expected, actual);
+        }
+    }
+    for duty in &transcript.duties {
+        let generator = duty
+            .pin
+            .strip_prefix("PWM")
+            .and_then(|n| n.parse::<usize>().ok());
+        let Some(&value) = generator.and_then(|n| duty.values.get(n)) else {
+            continue;
+        };
+        let volts = (duty.high as f64 / duty.of as f64 * 2.0 - 1.0) * FULL_SCALE;
+        let word = scale.encode(volts).word;
+        outcome.compare(
+            duty.line,
+            word == value,
+            format!("the driver's word for {volts} V {value:#010X}"),
+            format!("{word:#010X}"),
+        );
+    }
+    let ends = [
+        (-FULL_SCALE, 0),
+        (0.0, 0x0800_0000),
+        (FULL_SCALE, 0x0FFF_0000),
+    ];
+    for (volts, value) in ends {
+        let word = scale.encode(volts).word;
+        let (expected, actual) = (format!("{volts} V {value:#010X}"), format!("{word:#010X}"));
+        outcome.compare(1, word == value, expected, actual);
+    }
 }
