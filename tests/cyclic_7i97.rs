@@ -267,6 +267,8 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
             !machine.fpga().pin_level(41),
             "a setting made later is restored too"
         );
+        // The long filter takes 25 ms until it can tell anything.
+        machine.cycles(30);
         machine.fpga().set_input(2, true);
         machine.cycles(10);
         let read = |pin| machine.driver.pins().read(pin);

@@ -234,6 +234,15 @@ impl Pins {
         self.publish_key(pin.key, value);
     }
 
+    /// Takes the value of an input back: it is not valid until it is published again, whatever its
+    /// group is. For what can not be told yet.
+    pub fn withhold<T: Value>(&mut self, pin: Input<T>) {
+        match self.slot_mut(pin.key) {
+            Some(slot) => slot.bad = true,
+            None => self.count_foreign(),
+        }
+    }
+
     /// Gives a pin that both sides set its value.
     pub fn publish_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
         self.publish_shared(pin.key, value);

@@ -35,6 +35,85 @@ fn inputs_arrive_filtered_and_raw() {
     }
 }
 
+/// For so many cycles no input is valid and wrong, and no MPG has moved; then all of them are valid.
+fn inputs_become_valid_only_as_they_become_true<B: World>(
+    machine: &mut Machine<B>,
+    terminals: [bool; 16],
+    mpgs: [i32; 4],
+) {
+    let card = machine.card.inputs.clone();
+    for n in 0..60 {
+        let _ = machine.driver.read().expect("the bus does not fail");
+        let pins = machine.driver.pins();
+        for ((k, input), truth) in card.inputs.iter().enumerate().zip(terminals) {
+            for (pair, what) in [(input.raw, "raw"), (input.filtered, "filtered")] {
+                let (pin, not) = (pins.read(pair.pin), pins.read(pair.not));
+                assert_eq!(pin.valid, not.valid);
+                assert!(pin.valid || n < 40, "cycle {n}: {what} input {k}");
+                let is_true = pin.value == truth && not.value != truth;
+                assert!(!pin.valid || is_true, "cycle {n}: {what} input {k}");
+            }
+        }
+        for (&count, expected) in card.mpg_counts.iter().zip(mpgs) {
+            let count = pins.read(count);
+            assert!(count.valid || n < 40, "cycle {n}");
+            assert!(
+                !count.valid || count.value == expected,
+                "cycle {n}: {count:?}"
+            );
+        }
+        machine.finish();
+    }
+}
+
+#[test]
+fn inputs_are_not_valid_before_they_were_scanned_and_filtered_again() {
+    let terminals = core::array::from_fn(|n| n % 3 == 0);
+    for mut fpga in both_firmwares() {
+        for (n, on) in terminals.into_iter().enumerate() {
+            fpga.set_input(n, on);
+        }
+        let mut machine = Machine::new(fpga);
+        let inputs = machine.card.inputs.clone();
+        for n in [0, 3, 4] {
+            machine.driver.pins_mut().set(inputs.inputs[n].slow, true);
+        }
+        inputs_become_valid_only_as_they_become_true(&mut machine, terminals, [0; 4]);
+        // MPG 2 on inputs 4 (slow) and 5, MPG 3 on inputs 6 and 7.
+        machine.fpga().set_input(7, true);
+        machine.cycles(3);
+        machine.fpga().set_input(6, false);
+        machine.cycles(3);
+        machine.fpga().set_input(7, false);
+        machine.cycles(3);
+        machine.fpga().set_input(6, true);
+        let mpgs = [0, 0, 0, -1];
+        machine.cycles(3);
+        inputs_become_valid_only_as_they_become_true(&mut machine, terminals, mpgs);
+        for reset in [false, true] {
+            if reset {
+                machine.fpga().reload();
+                machine.cycles(2);
+            } else {
+                machine.driver.bus_mut().wait(Duration::from_millis(20));
+                let _ = machine.cycle();
+            }
+            assert_ne!(machine.driver.board_state(), BoardState::Running);
+            for _ in 0..20 {
+                let _ = machine.driver.rearm().expect("the bus does not fail");
+                if machine.driver.board_state() == BoardState::Running {
+                    break;
+                }
+                let _ = machine.cycle();
+            }
+            for n in [0, 3, 4] {
+                machine.driver.pins_mut().set(inputs.inputs[n].slow, true);
+            }
+            inputs_become_valid_only_as_they_become_true(&mut machine, terminals, mpgs);
+        }
+    }
+}
+
 /// Turns the MPG on inputs 2k (A) and 2k+1 (B) by whole cycles, B ahead of A or behind it.
 fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, cycles: i32) {
     let mut steps = [(false, true), (true, true), (true, false), (false, false)];

@@ -28,6 +28,10 @@ pub struct InMuxInput {
 }
 
 /// The pins of one instance: `hm2_7i97.0.inmux.00.input-00` and so on.
+///
+/// After the board was set up, at start and again after a bite or a reset, inputs are not valid
+/// before they have been scanned (raw), or scanned as often as their filter takes (filtered, and the
+/// MPG counts on them): 0.5 ms with the short filter, 26 ms with the long one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct InMuxPins {
     /// How often all inputs are scanned, in Hz.
@@ -112,6 +116,27 @@ impl InMuxPins {
                 let level = word >> (n & 31) & 1 != 0;
                 pins.publish(pair.pin, level);
                 pins.publish(pair.not, !level);
+            }
+        }
+    }
+
+    /// After a read of a module that has not gone on for long enough since its set-up: the filtered
+    /// inputs in `filtered`, the raw ones in `raw`, and the MPGs in `mpgs` can not be told yet.
+    ///
+    /// # Real time
+    /// Grows with the number of inputs; no allocation.
+    pub fn withhold(&self, pins: &mut Pins, filtered: u32, raw: u32, mpgs: [bool; 4]) {
+        for (n, input) in self.inputs.iter().enumerate() {
+            for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
+                if word >> (n & 31) & 1 != 0 {
+                    pins.withhold(pair.pin);
+                    pins.withhold(pair.not);
+                }
+            }
+        }
+        for (&pin, withheld) in self.mpg_counts.iter().zip(mpgs) {
+            if withheld {
+                pins.withhold(pin);
             }
         }
     }
