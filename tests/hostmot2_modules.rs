@@ -193,11 +193,14 @@ fn directions_are_set_last_and_pins_are_released_first() {
     bus.writes.clear();
     ports.apply(&mut bus, &plan).unwrap();
     let addresses: Vec<_> = bus.writes.iter().map(|&(address, _)| address).collect();
-    assert_eq!(addresses.len(), 3 + 12 + 3);
-    assert_eq!(addresses[..3], [0x1100, 0x1104, 0x1108]);
-    assert_eq!(addresses[15..], [0x1100, 0x1104, 0x1108]);
-    assert!(bus.writes[..3].iter().all(|&(_, value)| value == 0));
-    assert!(addresses[3..15].iter().all(|address| address >> 8 != 0x11));
+    // Open drain drives whatever the direction says (FACTS 12.2).
+    let gates = [0x1100, 0x1104, 0x1108, 0x1300, 0x1304, 0x1308];
+    assert_eq!(addresses.len(), 6 + 9 + 6);
+    assert_eq!(addresses[..6], gates);
+    assert_eq!(addresses[15..], gates);
+    assert!(bus.writes[..6].iter().all(|&(_, value)| value == 0));
+    let configured = &addresses[6..15];
+    assert!(configured.iter().all(|address| !gates.contains(address)));
 }
 
 #[test]
@@ -234,7 +237,7 @@ fn the_watchdog_is_armed_petted_and_let_bite() {
     assert_eq!(
         bus.writes,
         [
-            (0x0C00, 499_999),
+            (0x0C00, 499_998),
             (0x0E00, 0x5A00_0000),
             (0x0D00, 0),
             (0x0E00, 0x5A00_0000),

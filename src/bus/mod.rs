@@ -166,6 +166,9 @@ pub struct BusStatistics {
     pub bytes_received: u64,
 }
 
+/// The most accesses of one exchange that [`RegisterBus::write_some`] makes.
+const SOME: usize = 64;
+
 /// 32-bit registers at 16-bit byte addresses, and the time at which they are accessed.
 ///
 /// Implement [`exchange`](Self::exchange), [`now`](Self::now) and [`wait`](Self::wait); the rest is
@@ -202,6 +205,36 @@ pub trait RegisterBus {
         words: &mut [u32],
     ) -> Result<(), Self::Error> {
         self.exchange(prepared.accesses(), words)
+    }
+
+    /// Writes those accesses of a list that are `wanted`, in order and as one exchange of the cycle:
+    /// for lists of which another part is written each time. All of them are writes.
+    ///
+    /// A bus whose exchanges are packets does it in one packet, without waiting and without
+    /// allocation. The provided function makes one [`exchange`](Self::exchange) of up to 64
+    /// accesses each.
+    fn write_some(
+        &mut self,
+        accesses: &[Access],
+        wanted: &[bool],
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        let mut chunk = [Access::write(0, 0, 0); SOME];
+        let mut count = 0;
+        for (access, _) in accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted) {
+            if let Some(place) = chunk.get_mut(count) {
+                *place = *access;
+                count += 1;
+            }
+            if count == SOME {
+                self.exchange(&chunk, words)?;
+                count = 0;
+            }
+        }
+        match chunk.get(..count) {
+            Some([]) | None => Ok(()),
+            Some(rest) => self.exchange(rest, words),
+        }
     }
 
     /// Prepares a list that only reads, to be run at the beginning of the board's next period: the
@@ -289,6 +322,15 @@ impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
         words: &mut [u32],
     ) -> Result<(), Self::Error> {
         (**self).exchange_prepared(prepared, words)
+    }
+
+    fn write_some(
+        &mut self,
+        accesses: &[Access],
+        wanted: &[bool],
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        (**self).write_some(accesses, wanted, words)
     }
 
     fn prepare_paced(

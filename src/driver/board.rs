@@ -3,11 +3,12 @@
 use alloc::format;
 use core::time::Duration;
 
+use super::evidence::Evidence;
 use super::{BoardState, DriverStatistics};
 use crate::boards::fpga::{EthernetPins, FpgaPins, WatchdogPins};
 use crate::bus::{CycleImage, ImagePlan, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot};
 use crate::hal::{GroupId, Input, PinError, Pins, Spec};
-use crate::hostmot2::{Watchdog, WatchdogStatus, WatchdogTime};
+use crate::hostmot2::{Watchdog, WatchdogTime};
 
 /// Where every HostMot2 has its cookie, and what it is.
 const COOKIE_ADDRESS: u16 = 0x0100;
@@ -23,13 +24,8 @@ pub(super) struct Board {
     state: BoardState,
     /// What the pins show.
     is_shown: Option<BoardState>,
-    /// The watchdog's time has to be written with the next write.
-    set_time: bool,
+    pub evidence: Evidence,
     cookie: Option<ReadSlot>,
-    status: Option<ReadSlot>,
-    /// A register that reads otherwise when the board has lost its set-up, and its bits.
-    evidence: Option<(u16, u32)>,
-    evidence_slot: Option<ReadSlot>,
     pet: Option<WriteSlot>,
     time: Option<WriteSlot>,
     /// The group of the driver's own pins, which are valid whatever fails.
@@ -80,11 +76,8 @@ impl Board {
             timeout_ns,
             state: BoardState::Running,
             is_shown: None,
-            set_time: true,
+            evidence: Evidence::new(watchdog),
             cookie: None,
-            status: None,
-            evidence: None,
-            evidence_slot: None,
             pet: None,
             time: None,
             group,
@@ -98,19 +91,12 @@ impl Board {
         })
     }
 
-    /// Names bits of a register that are set by set-up and read back as set: when they do not any
-    /// more, the board has lost its set-up.
-    pub fn watch(&mut self, address: u16, bits: u32) {
-        self.evidence = Some((address, bits));
-    }
-
     pub fn claim(&mut self, plan: &mut ImagePlan) {
         self.cookie = Some(plan.read(ReadPhase::Status, Tier::Cycle, COOKIE_ADDRESS, 1));
-        self.status = Some(plan.read_data(self.watchdog.status));
-        self.evidence_slot = self
-            .evidence
-            .map(|(address, _)| plan.read(ReadPhase::Data, Tier::Extended, address, 1));
-        self.pet = Some(plan.write_data(self.watchdog.reset, Watchdog::PET));
+        self.evidence.claim(plan);
+        // First, so that a board that was reset bites before it is given a time: see `evidence`.
+        let (first, pet) = (WritePhase::First, Watchdog::PET);
+        self.pet = Some(plan.write(first, Tier::Cycle, self.watchdog.reset, 1, pet));
         self.time = Some(plan.write(
             WritePhase::Data,
             Tier::Extended,
@@ -151,29 +137,6 @@ impl Board {
         }
     }
 
-    /// Whether the watchdog has bitten.
-    pub fn has_bitten(&self, image: &CycleImage) -> bool {
-        let status = self.status.and_then(|slot| image.word(slot));
-        status.is_none_or(|word| {
-            WatchdogStatus::from_bits_retain(word).contains(WatchdogStatus::HAS_BIT)
-        })
-    }
-
-    /// Whether an extended read tells if the board is still set up.
-    pub fn has_evidence(&self) -> bool {
-        self.evidence_slot.is_some()
-    }
-
-    /// Whether the board is not set up any more: it was reset, or the set-up never arrived. Of an
-    /// extended read.
-    pub fn has_lost_set_up(&self, image: &CycleImage) -> bool {
-        let word = self.evidence_slot.and_then(|slot| image.word(slot));
-        match (self.evidence, word) {
-            (Some((_, bits)), Some(word)) => word & bits != bits,
-            _ => false,
-        }
-    }
-
     /// Leaves the running state for another; `false` if it had done so before.
     pub fn fail(&mut self, state: BoardState) -> bool {
         let news = self.is_running();
@@ -186,16 +149,7 @@ impl Board {
     /// The board has its set-up again.
     pub fn restored(&mut self) {
         self.state = BoardState::Running;
-        self.set_time = true;
         self.error_level = 0;
-    }
-
-    pub fn tier_of_write(&self) -> Tier {
-        if self.set_time {
-            Tier::Extended
-        } else {
-            Tier::Cycle
-        }
     }
 
     /// How long a reply may take, when the application has changed that.
@@ -212,23 +166,26 @@ impl Board {
         Some(deadline.max(SHORTEST_DEADLINE))
     }
 
-    /// Feeds the watchdog, unless everything has to stay safe.
-    pub fn put(&mut self, image: &mut CycleImage, pins: &Pins) {
+    /// Feeds the watchdog, unless everything has to stay safe; and gives it its time, if it has
+    /// none yet, or another one. Returns whether the write holds the time.
+    pub fn put(&mut self, image: &mut CycleImage, pins: &Pins) -> bool {
         let timeout_ns = pins.param(self.pins.watchdog.timeout_ns);
-        self.set_time |= timeout_ns != self.timeout_ns;
-        self.timeout_ns = timeout_ns;
-        let time = self
-            .watchdog
-            .time_for(Duration::from_nanos(timeout_ns.into()));
-        if let (Some(pet), Some(slot)) = (self.pet, self.time) {
-            let fed = self.is_running();
-            image.put(pet, if fed { Watchdog::PET } else { 0 });
-            image.put(slot, time.0);
+        let is_new = core::mem::replace(&mut self.timeout_ns, timeout_ns) != timeout_ns;
+        let (Some(pet), Some(slot)) = (self.pet, self.time) else {
+            return false;
+        };
+        let (is_running, has_time) = (self.is_running(), self.evidence.has_time());
+        let fed = is_running && has_time;
+        image.put(pet, if fed { Watchdog::PET } else { 0 });
+        if !is_running || (self.evidence.is_in_cycle() && !is_new) {
+            return false;
         }
-    }
-
-    pub fn written(&mut self) {
-        self.set_time = false;
+        let timeout = Duration::from_nanos(timeout_ns.into());
+        let time = self.watchdog.time_for(timeout);
+        self.evidence.give(time);
+        image.put(slot, time.0);
+        image.request_write(slot);
+        true
     }
 
     /// Counts an exchange; `true` when the error level has reached its limit. Each failure adds the

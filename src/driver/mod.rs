@@ -43,6 +43,7 @@ pub mod neighbours {}
 
 #[doc = include_str!("../../docs/faults.md")]
 pub mod faults {}
+mod evidence;
 #[cfg(feature = "log")]
 mod messages;
 mod module;
@@ -53,6 +54,7 @@ mod recovery;
 mod remark;
 mod report;
 mod serial;
+mod set_up;
 mod setup_list;
 mod stop;
 
@@ -76,10 +78,10 @@ use core::time::Duration;
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{BusStatistics, CycleImage, ImageSize, Instant, RegisterBus, Tier};
 use crate::hal::{GroupId, Pins};
-use crate::hostmot2::HostMot2;
+use crate::hostmot2::{HostMot2, IoPorts};
 use board::{Board, BoardCheck};
 use pace::{Answer, Pacer};
-use setup_list::Restore;
+use set_up::SetUp;
 
 /// A board with everything on it, in the cycle.
 ///
@@ -96,7 +98,9 @@ pub struct Driver<B: RegisterBus> {
     board: Board,
     ports: Vec<SerialPort>,
     modules: Vec<Box<dyn Module>>,
-    restore: Restore,
+    set_up: SetUp,
+    /// The I/O ports.
+    places: IoPorts,
     fpga_pins: FpgaPins,
     missing: Vec<MissingRemote>,
     remarks: Vec<Remark>,
@@ -106,15 +110,11 @@ pub struct Driver<B: RegisterBus> {
     seen: BusStatistics,
     read_failures: u32,
     write_failures: u32,
-    /// The least that the next read must hold: more, when nothing in the last one showed that the
-    /// board is still set up.
-    read_tier: Tier,
-    /// A write was lost, and with it perhaps a setting that is written only when it changes.
-    settings_may_be_lost: bool,
     /// What happened to the writes since the modules took their inputs.
     writes: WriteNews,
-    /// The set-up was written again, and it is not known yet whether it arrived.
-    is_restored: bool,
+    /// The next read holds all evidence: something happened since the last one that did which may
+    /// have blurred what every cycle reads.
+    look_closely: bool,
     is_shut_down: bool,
 }
 
@@ -162,8 +162,10 @@ impl<B: RegisterBus> Driver<B> {
     /// Everybody takes its inputs from an image that is sound, and was read at `now`.
     fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
         let (lost_writes, doubtful) = self.news_of_writes();
-        self.settings_may_be_lost |= doubtful;
         self.writes.is_doubtful |= doubtful;
+        self.image.confirm_writes(!doubtful);
+        self.set_up.confirm(!doubtful);
+        self.look_closely = doubtful || (self.look_closely && tier == Tier::Cycle);
         let slack = self.bus.slack();
         let beat = self.pacer.arrived(now, slack);
         let mut report = CycleReport {
@@ -175,6 +177,29 @@ impl<B: RegisterBus> Driver<B> {
         };
         self.statistics.missed_periods += beat.missed;
         self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
+        let was_running = self.board.is_running();
+        let evidence = &mut self.board.evidence;
+        let finding = evidence.examine(&self.image, tier, now, !doubtful);
+        self.found(finding);
+        // What was read with bad evidence is not from the board that was set up.
+        if was_running && !self.board.is_running() {
+            for port in &mut self.ports {
+                port.not_read(&mut self.pins);
+            }
+        } else {
+            self.take_ports(now, doubtful, &mut report);
+        }
+        if !self.board.is_running() {
+            self.make_safe();
+        } else {
+            self.take_modules(now);
+        }
+        self.board.publish(&mut self.pins, &self.statistics);
+        report.board = self.board.state();
+        report
+    }
+
+    fn take_ports(&mut self, now: Instant, doubtful: bool, report: &mut CycleReport) {
         for port in &mut self.ports {
             let outcome = port.take(&self.image, &mut self.pins, now, doubtful);
             report.good += outcome.good.len();
@@ -182,41 +207,23 @@ impl<B: RegisterBus> Driver<B> {
             report.set_aside += outcome.set_aside.len();
             report.too_short += u32::from(outcome.too_short);
         }
-        let is_alive = self.ports.iter().any(|port| port.shows_life(&self.image));
-        let is_known = is_alive || tier == Tier::Extended || !self.board.has_evidence();
-        self.read_tier = if is_alive || !self.board.has_evidence() {
-            Tier::Cycle
-        } else {
-            Tier::Extended
-        };
-        let was_restored = core::mem::take(&mut self.is_restored);
-        if self.board.has_bitten(&self.image) {
-            self.fail(BoardState::WatchdogBitten);
-        } else if (was_restored && lost_writes > 0)
-            || (tier == Tier::Extended && self.board.has_lost_set_up(&self.image))
-            || appears_reset(&self.ports)
-        {
+        if appears_reset(&self.ports) {
             self.fail(BoardState::Reset);
         }
-        if !self.board.is_running() {
-            self.make_safe();
-        } else if is_known {
-            let mut cycle = Take {
-                image: &self.image,
-                pins: &mut self.pins,
-                group: self.group,
-                now,
-                writes: core::mem::take(&mut self.writes),
-            };
-            for module in &mut self.modules {
-                module.take(&mut cycle);
-            }
-            self.pins.group_good_since(self.group, 0, now);
+    }
+
+    fn take_modules(&mut self, now: Instant) {
+        let mut cycle = Take {
+            image: &self.image,
+            pins: &mut self.pins,
+            group: self.group,
+            now,
+            writes: core::mem::take(&mut self.writes),
+        };
+        for module in &mut self.modules {
+            module.take(&mut cycle);
         }
-        // Else the board may have been reset just now: its modules' inputs grow older.
-        self.board.publish(&mut self.pins, &self.statistics);
-        report.board = self.board.state();
-        report
+        self.pins.group_good_since(self.group, 0, now);
     }
 
     /// Writes the outputs to the board and starts the transfers to its remotes.
@@ -238,13 +245,24 @@ impl<B: RegisterBus> Driver<B> {
         if self.board.wants_restore(&self.pins) && self.write_set_up().is_ok() {
             now = self.bus.now();
         }
-        let tier = self.put(now);
-        self.writes.is_repeated |= tier == Tier::Extended;
+        let was_running = self.board.is_running();
+        self.put(now);
+        // What fails is tried again with the next write; this one goes on without it.
+        let _ = self.open_gates();
+        self.keep_quiet();
+        if was_running && !self.board.is_running() {
+            self.give_up_write();
+            return Ok(());
+        }
+        self.writes.is_repeated |= self.image.has_requests();
         if let Some(deadline) = self.board.new_deadline(&self.pins, self.period) {
             self.bus.set_cycle_deadline(deadline);
         }
-        let result = self.image.exchange_writes(&mut self.bus, tier);
+        let result = self.image.exchange_writes(&mut self.bus);
         let done = self.bus.now();
+        if self.board.is_running() {
+            self.board.evidence.fed(done);
+        }
         for port in &mut self.ports {
             port.written(done, result.is_ok());
         }
@@ -252,14 +270,12 @@ impl<B: RegisterBus> Driver<B> {
         self.pacer.ask_ahead(&mut self.bus, &self.image, next);
         match result {
             Ok(()) => {
-                self.board.written();
-                self.settings_may_be_lost = false;
                 self.write_failures = 0;
                 Ok(())
             }
             Err(source) => {
                 self.statistics.write_errors += 1;
-                self.settings_may_be_lost = true;
+                self.look_closely = true;
                 self.write_failures = self.write_failures.saturating_add(1);
                 let consecutive = self.write_failures;
                 if self.board.count_exchange(&mut self.pins, true) {
@@ -275,16 +291,21 @@ impl<B: RegisterBus> Driver<B> {
         }
     }
 
+    /// The board was found not to be set up when its outputs were put already: nothing of them is
+    /// written.
+    fn give_up_write(&mut self) {
+        let now = self.bus.now();
+        for port in &mut self.ports {
+            port.written(now, false);
+        }
+        // Before the next write, which looks whether the application has cleared it.
+        self.board.publish(&mut self.pins, &self.statistics);
+    }
+
     /// Everybody puts its outputs into the image.
-    fn put(&mut self, now: Instant) -> Tier {
-        // A board that is not set up gets nothing of its set-up before it gets all of it: pins that
-        // have only their directions back are driven by nobody.
+    fn put(&mut self, now: Instant) {
+        // A board that is not set up gets nothing of its set-up before it gets all of it.
         let hold = !self.board.is_running();
-        // Asked before the ports go on to their next steps.
-        let modes = self
-            .ports
-            .iter()
-            .any(|port| port.tier_of_write() == Tier::Extended);
         for port in &mut self.ports {
             port.put(&mut self.image, &mut self.pins, now, hold);
         }
@@ -293,20 +314,14 @@ impl<B: RegisterBus> Driver<B> {
             pins: &mut self.pins,
             group: self.group,
             now,
-            tier: Tier::Cycle,
-            restore: &mut self.restore,
+            set_up: &mut self.set_up,
         };
         for module in &mut self.modules {
             module.put(&mut cycle);
         }
-        let changed = cycle.tier == Tier::Extended;
-        self.board.put(&mut self.image, &self.pins);
+        self.look_closely |= self.board.put(&mut self.image, &self.pins);
         if hold {
-            Tier::Cycle
-        } else if modes || changed || self.settings_may_be_lost {
-            Tier::Extended
-        } else {
-            self.board.tier_of_write()
+            self.image.forget_requests();
         }
     }
 
@@ -377,9 +392,9 @@ impl<B: RegisterBus> Driver<B> {
 
     /// What the next read must hold.
     fn tier_of_read(&self) -> Tier {
-        match self.read_tier {
-            Tier::Extended => Tier::Extended,
-            Tier::Cycle => read_tier(&self.ports),
+        match read_tier(&self.ports) {
+            Tier::Cycle if self.look_closely => Tier::Evidence,
+            tier => tier,
         }
     }
 }

@@ -3,9 +3,10 @@
 use core::fmt;
 
 use super::SetupList;
-use super::setup_list::Restore;
+use super::set_up::SetUp;
 use crate::bus::{CycleImage, ImagePlan, Instant, Tier, WritePhase, WriteSlot};
 use crate::hal::{GroupId, Pins};
+use crate::hostmot2::PortSetup;
 
 /// A part of the board in the cycle: it claims registers at start, then takes its inputs from the
 /// image after each read and puts its outputs into it before each write.
@@ -58,7 +59,7 @@ pub struct WriteNews {
     /// Others than the newest may have been executed, or the newest not: the network lost, delayed
     /// or duplicated packets. See [`BusStatistics::doubts`](crate::bus::BusStatistics::doubts).
     pub is_doubtful: bool,
-    /// All settings were written again, changed or not.
+    /// Settings were written, some of them perhaps again and unchanged.
     pub is_repeated: bool,
 }
 
@@ -73,13 +74,12 @@ pub struct Put<'a> {
     pub group: GroupId,
     /// When the write began.
     pub now: Instant,
-    pub(super) tier: Tier,
-    pub(super) restore: &'a mut Restore,
+    pub(super) set_up: &'a mut SetUp,
 }
 
 impl Put<'_> {
-    /// Puts a setting. Only if it differs from what was put before, it is written, and written
-    /// again whenever the board's set-up is.
+    /// Puts a setting. Only if it differs from what was put before, it is written, alone, and
+    /// written again whenever the board's set-up is.
     ///
     /// # Real time
     /// Constant time while nothing changes; else it grows with the registers of the set-up. No
@@ -90,24 +90,31 @@ impl Put<'_> {
         };
         if self.image.written(slot).first() != Some(&word) {
             self.image.put(slot, word);
-            self.restore.change(address, word);
-            self.tier = Tier::Extended;
+            self.set_up.change(address, word);
+            self.image.request_write(slot);
         }
     }
 
-    /// All settings are written again in this cycle, changed or not: one of them may not have
-    /// arrived.
+    /// Writes a setting again in this cycle, changed or not: it may not have arrived.
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn repeat(&mut self) {
-        self.tier = Tier::Extended;
+    pub fn repeat(&mut self, slot: Option<SettingSlot>) {
+        if let Some(SettingSlot { slot, .. }) = slot {
+            self.image.request_write(slot);
+        }
+    }
+
+    /// Puts what drives the pins of an I/O port: it is written with all that belongs to the port,
+    /// and only to a board that is seen to be set up.
+    pub(super) fn drive(&mut self, port: usize, setup: PortSetup) {
+        self.set_up.want(port, setup);
     }
 }
 
 /// A register that is written when it changes, and not in every cycle: see [`Put::change`].
 ///
-/// A change whose write was lost is written again, and so are all others then.
+/// A change whose write was perhaps lost is written again.
 #[derive(Clone, Copy, Debug)]
 pub struct SettingSlot {
     slot: WriteSlot,

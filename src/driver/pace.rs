@@ -123,9 +123,13 @@ impl Pacer {
         self.pace
     }
 
-    /// What was asked for ahead is of no use any more.
-    pub fn forget_posted(&mut self) {
-        self.posted = None;
+    /// What was asked for ahead is of no use any more. Waits for it, because the board holds back
+    /// everything that is sent meanwhile.
+    pub fn forget_posted<B: RegisterBus>(&mut self, bus: &mut B, image: &mut CycleImage) {
+        if let Some(tier) = self.posted.take() {
+            // Whatever became of it, nothing waits in the board after it.
+            let _ = image.collect_reads(bus, tier);
+        }
     }
 
     /// Reads the board: takes what was asked for ahead, or else asks for `tier`.

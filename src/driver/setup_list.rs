@@ -4,7 +4,8 @@ use alloc::vec::Vec;
 use core::convert::Infallible;
 use core::time::Duration;
 
-use crate::bus::{Access, Direction, Instant, Prepared, RegisterBus};
+use crate::bus::{Access, Direction, Instant, RegisterBus};
+use crate::hostmot2::Writes;
 
 /// A bus that only takes notes: what is written to it can be replayed on a real one.
 ///
@@ -13,9 +14,6 @@ use crate::bus::{Access, Direction, Instant, Prepared, RegisterBus};
 pub struct SetupList {
     writes: Vec<(u16, u32)>,
 }
-
-/// Writes in one exchange: far below what a packet holds.
-const CHUNK: usize = 64;
 
 impl SetupList {
     /// What was written, in order.
@@ -28,68 +26,27 @@ impl SetupList {
         self.writes.push((address, word));
     }
 
-    /// Writes all of it to `bus`, in order, acknowledged.
+    /// Writes all of it to `bus` in one exchange, in order, acknowledged.
     pub(super) fn replay<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
-        for chunk in self.writes.chunks(CHUNK) {
-            let (accesses, mut words) = packet(chunk);
-            bus.exchange(&accesses, &mut words)?;
-        }
-        Ok(())
+        let (accesses, mut words) = self.to_accesses();
+        bus.exchange(&accesses, &mut words)
     }
 
-    /// The same for the cycle.
-    pub(super) fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Restore, B::Error> {
-        let mut packets = Vec::new();
-        for chunk in self.writes.chunks(CHUNK) {
-            let (accesses, words) = packet(chunk);
-            packets.push((bus.prepare(&accesses)?, words));
-        }
-        Ok(Restore { packets })
+    pub(super) fn to_accesses(&self) -> (Vec<Access>, Vec<u32>) {
+        let accesses = (0u16..)
+            .zip(&self.writes)
+            .map(|(n, &(address, _))| Access::write(address, n, 1))
+            .collect();
+        (
+            accesses,
+            self.writes.iter().map(|&(_, word)| word).collect(),
+        )
     }
 }
 
-fn packet(chunk: &[(u16, u32)]) -> (Vec<Access>, Vec<u32>) {
-    let accesses = (0u16..)
-        .zip(chunk)
-        .map(|(n, &(address, _))| Access::write(address, n, 1))
-        .collect();
-    (accesses, chunk.iter().map(|&(_, word)| word).collect())
-}
-
-/// The set-up of a board, ready to be written again within the cycle.
-#[derive(Debug)]
-pub(super) struct Restore {
-    packets: Vec<(Prepared, Vec<u32>)>,
-}
-
-impl Restore {
-    /// Takes over a setting that was changed since: the last write of its register. Those before
-    /// it, which keep the board safe on the way, stay.
-    ///
-    /// # Real time
-    /// Grows with the number of writes; no allocation.
-    pub fn change(&mut self, address: u16, word: u32) {
-        for (prepared, words) in self.packets.iter_mut().rev() {
-            let place = prepared
-                .accesses()
-                .iter()
-                .rposition(|access| access.address == address);
-            if let Some(old) = place.and_then(|place| words.get_mut(place)) {
-                *old = word;
-                return;
-            }
-        }
-    }
-
-    /// Writes all of it, in order.
-    ///
-    /// # Real time
-    /// One exchange for each 64 registers. No allocation.
-    pub fn run<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        for (prepared, words) in &mut self.packets {
-            bus.exchange_prepared(prepared, words)?;
-        }
-        Ok(())
+impl Writes for SetupList {
+    fn push(&mut self, address: u16, word: u32) {
+        Self::push(self, address, word);
     }
 }
 

@@ -2,8 +2,9 @@
 
 use core::time::Duration;
 
-use super::{CycleError, Driver};
+use super::{CycleError, Driver, SetupList};
 use crate::bus::RegisterBus;
+use crate::hostmot2::{IoPorts, Watchdog, WatchdogTime};
 use crate::sslbp::PortError;
 
 /// How often the last transfer is tried: over a network one packet may be lost.
@@ -12,8 +13,8 @@ const LAST_TRIES: u32 = 3;
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
 impl<B: RegisterBus> Driver<B> {
-    /// Stops: safe values to all outputs, every port stopped, and the watchdog bites, so that the
-    /// board drives nothing.
+    /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
+    /// bites, so that the board drives nothing.
     ///
     /// Every step is tried, whatever became of those before; the first error is returned. A second
     /// call does nothing. Dropping the driver does the same and ignores errors.
@@ -41,8 +42,8 @@ impl<B: RegisterBus> Driver<B> {
         for port in &mut self.ports {
             keep(port.port.stop_all(&mut self.bus));
         }
-        let watchdog = *self.board.watchdog();
-        keep(watchdog.bite_now(&mut self.bus).map_err(PortError::Bus));
+        let released = release(&mut self.bus, self.board.watchdog(), &self.places);
+        keep(released.map_err(PortError::Bus));
         first
     }
 
@@ -69,6 +70,19 @@ impl<B: RegisterBus> Driver<B> {
             Err(CycleError::NotThere { .. } | CycleError::ShutDown) => Ok(()),
         }
     }
+}
+
+/// Leaves the board driving nothing: all pins are inputs, and the watchdog bites. Acknowledged, so
+/// that a lost packet is repeated.
+pub(super) fn release<B: RegisterBus>(
+    bus: &mut B,
+    watchdog: &Watchdog,
+    places: &IoPorts,
+) -> Result<(), B::Error> {
+    let mut list = SetupList::default();
+    places.make_inputs(&mut list);
+    list.push(watchdog.time, WatchdogTime::AT_ONCE.0);
+    list.replay(bus)
 }
 
 impl<B: RegisterBus> Drop for Driver<B> {

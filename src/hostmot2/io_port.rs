@@ -88,34 +88,85 @@ impl IoPorts {
     }
 
     /// Sets all ports up, in one exchange and in an order in which no pin is driven with a level
-    /// that nobody asked for: everything input, then levels, inversions and sources, then
-    /// directions.
+    /// that nobody asked for: nothing driven, then levels, inversions and sources, then directions
+    /// and open drain.
     ///
     /// # Real time
     /// For set-up: allocates.
     pub fn apply<B: RegisterBus>(&self, bus: &mut B, plan: &PortPlan) -> Result<(), B::Error> {
         let mut list = WriteList::default();
-        for address in self.direction.addresses() {
-            list.push(address, 0);
+        self.make_inputs(&mut list);
+        self.set_up(&mut list, plan);
+        list.run(bus)
+    }
+
+    /// What [`apply`](Self::apply) writes after it has made all pins inputs.
+    pub(crate) fn set_up(&self, list: &mut impl Writes, plan: &PortPlan) {
+        let ports = || (0u8..).zip(&plan.ports);
+        for (port, setup) in ports() {
+            self.route(list, port, setup);
         }
-        for (port, setup) in (0u8..).zip(&plan.ports) {
-            for (block, value) in [
+        for (port, setup) in ports() {
+            push_all(list, port, [(&self.direction, setup.direction)]);
+        }
+        for (port, setup) in ports() {
+            push_all(list, port, [(&self.open_drain, setup.open_drain)]);
+        }
+    }
+
+    /// Makes all pins inputs. Open drain is cleared as well, because a pin with open drain is driven
+    /// whatever its direction (FACTS 12.2).
+    pub(crate) fn make_inputs(&self, list: &mut impl Writes) {
+        for block in [&self.direction, &self.open_drain] {
+            for address in block.addresses() {
+                list.push(address, 0);
+            }
+        }
+    }
+
+    /// Says what the pins of a port have to drive, and drives nothing.
+    pub(crate) fn route(&self, list: &mut impl Writes, port: u8, setup: &PortSetup) {
+        push_all(
+            list,
+            port,
+            [
                 (&self.data, setup.data),
-                (&self.open_drain, setup.open_drain),
                 (&self.invert, setup.invert),
                 (&self.alternate_source, setup.alternate_source),
-            ] {
-                if let Some(address) = block.address(port) {
-                    list.push(address, value);
-                }
-            }
+            ],
+        );
+    }
+
+    /// Drives the outputs of a port; open drain comes last.
+    pub(crate) fn drive(&self, list: &mut impl Writes, port: u8, setup: &PortSetup) {
+        push_all(
+            list,
+            port,
+            [
+                (&self.direction, setup.direction),
+                (&self.open_drain, setup.open_drain),
+            ],
+        );
+    }
+}
+
+fn push_all<const N: usize>(list: &mut impl Writes, port: u8, words: [(&RegisterBlock, u32); N]) {
+    for (block, word) in words {
+        if let Some(address) = block.address(port) {
+            list.push(address, word);
         }
-        for (port, setup) in (0u8..).zip(&plan.ports) {
-            if let Some(address) = self.direction.address(port) {
-                list.push(address, setup.direction);
-            }
-        }
-        list.run(bus)
+    }
+}
+
+/// A list of writes in the making.
+pub(crate) trait Writes {
+    /// Adds a write.
+    fn push(&mut self, address: u16, word: u32);
+}
+
+impl Writes for WriteList {
+    fn push(&mut self, address: u16, word: u32) {
+        Self::push(self, address, word);
     }
 }
 
@@ -221,18 +272,6 @@ impl PortPlan {
     /// What the ports will be set to.
     pub fn ports(&self) -> &[PortSetup] {
         &self.ports
-    }
-
-    /// A direction register with outputs of modules, and their bits: after a reset of the board, or
-    /// when its watchdog has bitten, they read 0. `None` if no module drives a pin.
-    ///
-    /// Source: REGISTERS.md, "Watchdog" and "I/O port".
-    pub fn evidence(&self) -> Option<(u16, u32)> {
-        (0u8..).zip(&self.ports).find_map(|(port, setup)| {
-            let driven = setup.direction & setup.alternate_source;
-            let address = self.places.direction.address(port)?;
-            (driven != 0).then_some((address, driven))
-        })
     }
 
     /// Gives instance `unit` of a module its pins: those that it drives become outputs with the

@@ -7,9 +7,12 @@ use core::time::Duration;
 /// The registers of the watchdog.
 ///
 /// A bite clears the direction and open-drain registers: all I/O become inputs with pull-ups, and
-/// stay so until the ports are set up again.
+/// stay so until the ports are set up again. The other registers of the ports stay as they are.
 ///
-/// Source: REGISTERS.md, "Watchdog".
+/// The watchdog also bites when it is [disabled](Self::disable) while it runs, and when it is
+/// restarted before it was ever given a time. After a bite both are harmless.
+///
+/// Source: REGISTERS.md, "Watchdog", and FACTS 12.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Watchdog {
     /// Address of the time register, see [`WatchdogTime`].
@@ -50,7 +53,7 @@ impl Watchdog {
         time.timeout(self.clock_hz)
     }
 
-    /// Sets the time, restarts the watchdog and forgets an earlier bite, in one exchange. From
+    /// Sets the time, which starts the watchdog, restarts it and forgets an earlier bite, in one exchange. From
     /// here on the watchdog must be petted.
     pub fn arm<B: RegisterBus>(&self, bus: &mut B, timeout: Duration) -> Result<(), B::Error> {
         let time = self.time_for(timeout).0;
@@ -64,7 +67,8 @@ impl Watchdog {
         )
     }
 
-    /// Restarts the watchdog.
+    /// Restarts the watchdog. If it was never given a time since the board was configured, it bites
+    /// at once.
     pub fn pet<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         bus.write(self.reset, Self::PET)
     }
@@ -84,33 +88,41 @@ impl Watchdog {
         bus.write(self.time, WatchdogTime::AT_ONCE.0)
     }
 
-    /// Keeps it from biting, whatever happens. For tests on the bench only.
+    /// Keeps it from biting from here on, whatever happens. If it runs, it bites once more, two
+    /// clocks later: write this first, and [`clear`](Self::clear) the status afterwards. For
+    /// set-up, and for tests on the bench.
     pub fn disable<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         bus.write(self.time, WatchdogTime::DISABLED.0)
     }
 }
 
-/// The time register: bites after (value + 1) clocks; bit 31 disables.
+/// The time register: bites (value + 2) clocks after it was written, or the watchdog was restarted;
+/// bit 31 disables. It reads what is left: 0x8000_0000 after a reset, 0xFFFF_FFFF after a bite.
+///
+/// Source: FACTS 12.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct WatchdogTime(pub u32);
 
 impl WatchdogTime {
     /// Never bites.
     pub const DISABLED: Self = Self(0xFFFF_FFFF);
-    /// Bites after two clocks.
+    /// Bites after three clocks.
     pub const AT_ONCE: Self = Self(1);
+    /// The longest time: 21 s at 100 MHz.
+    pub const LONGEST: Self = Self(Self::DISABLE - 1);
 
     const DISABLE: u32 = 1 << 31;
-    const LONGEST: u32 = Self::DISABLE - 1;
+    /// Clocks from a write to the bite, less the value.
+    const EXTRA: u32 = 2;
 
-    /// The value for a time at a clock, rounded down, at least one clock; times that do not fit
+    /// The value for a time at a clock, rounded down, at least two clocks; times that do not fit
     /// become the longest there is (21 s at 100 MHz), never "disabled".
     pub const fn new(timeout: Duration, clock_hz: u32) -> Self {
         // 96 and 32 bits: can not overflow.
         let clocks = timeout.as_nanos().saturating_mul(clock_hz as u128) / 1_000_000_000;
-        let value = clocks.saturating_sub(1);
-        if value > Self::LONGEST as u128 {
-            Self(Self::LONGEST)
+        let value = clocks.saturating_sub(Self::EXTRA as u128);
+        if value > Self::LONGEST.0 as u128 {
+            Self::LONGEST
         } else {
             Self(value as u32)
         }
@@ -118,11 +130,19 @@ impl WatchdogTime {
 
     /// The time until it bites; `None` if it never does.
     pub const fn timeout(self, clock_hz: u32) -> Option<Duration> {
-        if self.0 & Self::DISABLE != 0 || clock_hz == 0 {
+        if !self.runs() || clock_hz == 0 {
             return None;
         }
-        let nanos = (self.0 as u64 + 1) * 1_000_000_000 / clock_hz as u64;
+        let nanos = (self.0 as u64 + Self::EXTRA as u64) * 1_000_000_000 / clock_hz as u64;
         Some(Duration::from_nanos(nanos))
+    }
+}
+
+impl WatchdogTime {
+    /// Whether the watchdog runs with this time, or has it left: it is neither disabled, nor bitten,
+    /// nor as after a reset.
+    pub const fn runs(self) -> bool {
+        self.0 & Self::DISABLE == 0
     }
 }
 
@@ -142,9 +162,9 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn five_milliseconds_at_100_mhz_are_499999() {
+    fn five_milliseconds_at_100_mhz_are_499998() {
         let time = WatchdogTime::new(Watchdog::DEFAULT_TIMEOUT, 100_000_000);
-        assert_eq!(time, WatchdogTime(499_999));
+        assert_eq!(time, WatchdogTime(499_998));
         assert_eq!(time.timeout(100_000_000), Some(Duration::from_millis(5)));
     }
 

@@ -281,6 +281,17 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         })
     }
 
+    fn write_some(
+        &mut self,
+        accesses: &[Access],
+        wanted: &[bool],
+        words: &mut [u32],
+    ) -> Result<(), Self::Error> {
+        self.run(accesses, words, |bus, words| {
+            bus.write_some(accesses, wanted, words)
+        })
+    }
+
     /// Held back by the bus inside. The request is not sent ahead, but with
     /// [`collect`](Self::collect), so that a fault concerns all of the exchange.
     fn prepare_paced(

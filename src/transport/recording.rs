@@ -216,6 +216,23 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
         result
     }
 
+    fn write_some(
+        &mut self,
+        accesses: &[Access],
+        wanted: &[bool],
+        words: &mut [u32],
+    ) -> Result<(), B::Error> {
+        let result = self.inner.write_some(accesses, wanted, words);
+        if let Err(error) = &result {
+            self.record(accesses, words, Err(error.kind()));
+            return result;
+        }
+        for (access, _) in accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted) {
+            self.record(core::slice::from_ref(access), words, Ok(()));
+        }
+        result
+    }
+
     fn prepare_paced(
         &mut self,
         accesses: &[Access],

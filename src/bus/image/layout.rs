@@ -205,6 +205,30 @@ impl Layout {
             .collect()
     }
 
+    /// Everything that is written, such that each register of the extended tier is an access of its
+    /// own; and which those are.
+    pub(super) fn separate_writes(&self) -> (Box<[Access]>, Box<[bool]>) {
+        let mut accesses: Vec<Access> = Vec::new();
+        let mut is_extended: Vec<bool> = Vec::new();
+        let mut before: Option<&Register> = None;
+        for (place, register) in self.registers.iter().enumerate() {
+            let continues = before.is_some_and(|before| {
+                (before.phase, before.tier) == (register.phase, register.tier)
+                    && register.tier == Tier::Cycle
+                    && before.address.checked_add(4) == Some(register.address)
+            });
+            before = Some(register);
+            match accesses.last_mut() {
+                Some(run) if continues => run.count += 1,
+                _ => {
+                    accesses.push(Access::write(register.address, place as u16, 1));
+                    is_extended.push(register.tier != Tier::Cycle);
+                }
+            }
+        }
+        (accesses.into(), is_extended.into())
+    }
+
     /// Number of runs and of registers that `keep` wants, bridged ones included.
     pub(super) fn extent(&self, keep: impl Fn(&Run) -> bool) -> (u32, u32) {
         let runs = self.runs(keep);

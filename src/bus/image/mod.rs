@@ -6,6 +6,7 @@
 //! construction, because they are claimed as [`WritePhase::Trigger`].
 
 mod layout;
+mod requests;
 
 use alloc::{boxed::Box, vec::Vec};
 use core::fmt;
@@ -13,6 +14,7 @@ use core::time::Duration;
 
 use super::{Prepared, RegisterBus};
 use layout::{Layout, build};
+use requests::Requests;
 
 /// When a register is read within an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -23,11 +25,16 @@ pub enum ReadPhase {
     Status,
     /// Data.
     Data,
+    /// After all data: registers that say whether the board is still the one that was set up. What
+    /// was read before them was, if they say so.
+    Evidence,
 }
 
 /// When a register is written within an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum WritePhase {
+    /// Before everything else: what must come before data that may not be executed without it.
+    First,
     /// Data.
     Data,
     /// After all data: registers that start something with it.
@@ -39,8 +46,11 @@ pub enum WritePhase {
 pub enum Tier {
     /// In every one.
     Cycle,
-    /// Only in the extended ones, which are run instead of the normal ones when a module needs
-    /// more than usual, for example while a remote comes back.
+    /// A read: in the extended ones, and in those that hold all evidence.
+    Evidence,
+    /// A read: only in the extended ones, which are run instead of the normal ones when somebody
+    /// needs more than usual, for example while a remote comes back. A write: only when it was
+    /// [asked for](CycleImage::request_write), each register by itself.
     Extended,
 }
 
@@ -261,21 +271,27 @@ impl ImagePlan {
                 .map_err(ImageError::Bus)?
                 .ok_or(ImageError::NotPaced),
         };
-        let mut lists = |layout: &Layout, direction, held| {
+        let in_every_cycle = |run: &layout::Run| run.tier == Tier::Cycle;
+        let mut lists = |held| {
+            let cycle = reads.accesses(super::Direction::Read, in_every_cycle);
+            let extended = reads.accesses(super::Direction::Read, |_| true);
+            let evidence = reads.accesses(super::Direction::Read, |run| run.tier != Tier::Extended);
             Ok(Lists {
-                cycle: prepare(
-                    &layout.accesses(direction, |run| run.tier == Tier::Cycle),
-                    held,
-                )?,
-                extended: prepare(&layout.accesses(direction, |_| true), held)?,
+                cycle: prepare(&cycle, held)?,
+                evidence: prepare(&evidence, held)?,
+                extended: prepare(&extended, held)?,
             })
         };
-        let read = lists(&reads, super::Direction::Read, None)?;
+        let read = lists(None)?;
         let held = match held {
-            Some(_) => Some(lists(&reads, super::Direction::Read, held)?),
+            Some(_) => Some(lists(held)?),
             None => None,
         };
-        let write = lists(&writes, super::Direction::Write, None)?;
+        let write = writes.accesses(super::Direction::Write, in_every_cycle);
+        let (all_writes, is_extended) = writes.separate_writes();
+        let evidence = reads.accesses(super::Direction::Read, |run| {
+            run.phase == ReadPhase::Evidence as u8
+        });
         let status = reads.accesses(super::Direction::Read, |run| {
             run.tier == Tier::Cycle && run.phase == ReadPhase::Status as u8
         });
@@ -284,9 +300,11 @@ impl ImagePlan {
                 run.tier == Tier::Cycle
             }),
             status: prepare(&status, None)?,
+            evidence: prepare(&evidence, None)?,
+            write: prepare(&write, None)?,
+            requests: Requests::new(all_writes, is_extended),
             read,
             held,
-            write,
             read_words: reads.initial_words(),
             write_words: writes.initial_words(),
             read_index: reads.into_index(),
@@ -318,7 +336,13 @@ fn check_size<E>(
     is_paced: bool,
     limit: u32,
 ) -> Result<(), ImageError<E>> {
-    let size = size(reads, writes, is_paced, |_| true);
+    let most = size(reads, writes, is_paced, |_| true);
+    // Writes that are asked for do not share an access.
+    let (all_writes, _) = writes.separate_writes();
+    let size = ImageSize {
+        write_accesses: all_writes.len() as u32,
+        ..most
+    };
     let packets = [
         ("read request", size.request_bytes()),
         ("reply", size.reply_bytes() + DETAILS),
@@ -334,6 +358,7 @@ fn check_size<E>(
 #[derive(Debug)]
 struct Lists {
     cycle: Prepared,
+    evidence: Prepared,
     extended: Prepared,
 }
 
@@ -341,6 +366,7 @@ impl Lists {
     const fn of(&self, tier: Tier) -> &Prepared {
         match tier {
             Tier::Cycle => &self.cycle,
+            Tier::Evidence => &self.evidence,
             Tier::Extended => &self.extended,
         }
     }
@@ -356,8 +382,11 @@ pub struct CycleImage {
     read: Lists,
     /// The same reads held back by the board, if it paces.
     held: Option<Lists>,
-    write: Lists,
+    write: Prepared,
+    /// Writes that are not made in every cycle.
+    requests: Requests,
     status: Prepared,
+    evidence: Prepared,
     read_words: Box<[u32]>,
     write_words: Box<[u32]>,
     /// First word of each claim.
@@ -445,13 +474,44 @@ impl CycleImage {
         bus.exchange_prepared(&self.status, &mut self.read_words)
     }
 
-    /// Writes the registers of `tier`, triggers last.
-    pub fn exchange_writes<B: RegisterBus>(
-        &mut self,
-        bus: &mut B,
-        tier: Tier,
-    ) -> Result<(), B::Error> {
-        bus.exchange_prepared(self.write.of(tier), &mut self.write_words)
+    /// Reads all registers of [`ReadPhase::Evidence`] alone; on an error no word has changed.
+    pub fn exchange_evidence<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+        bus.exchange_prepared(&self.evidence, &mut self.read_words)
+    }
+
+    /// The next write holds these registers of the extended tier. They are written again whenever
+    /// [`confirm_writes`](Self::confirm_writes) says that this may not have arrived, or may have
+    /// been undone by an older write.
+    pub fn request_write(&mut self, slot: WriteSlot) {
+        let range = range(&self.write_index, slot.index, slot.count).unwrap_or_default();
+        self.requests.add(range);
+    }
+
+    /// Writes the registers of every cycle and those that were asked for, triggers last.
+    pub fn exchange_writes<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+        if self.requests.is_empty() {
+            return bus.exchange_prepared(&self.write, &mut self.write_words);
+        }
+        let (accesses, wanted) = self.requests.list();
+        bus.write_some(accesses, wanted, &mut self.write_words)?;
+        self.requests.sent();
+        Ok(())
+    }
+
+    /// Nothing that was asked for is written any more.
+    pub fn forget_requests(&mut self) {
+        self.requests.clear();
+    }
+
+    /// Whether the next write holds more than those of every cycle.
+    pub fn has_requests(&self) -> bool {
+        !self.requests.is_empty()
+    }
+
+    /// The board was heard: whether it is certain that the newest write was the last that was
+    /// executed. If not, what was asked for lately is written again.
+    pub fn confirm_writes(&mut self, is_certain: bool) {
+        self.requests.confirm(is_certain);
     }
 
     /// The accesses of a normal read, for people who want to see them.
@@ -461,7 +521,7 @@ impl CycleImage {
 
     /// The accesses of a normal write, for people who want to see them.
     pub fn write_accesses(&self) -> &[super::Access] {
-        self.write.cycle.accesses()
+        self.write.accesses()
     }
 }
 

@@ -70,7 +70,7 @@ fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
     image.put(port.out[1], 2);
     image.put(port.out[0], 1);
     image.put(port.doit, 0x1003);
-    image.exchange_writes(&mut bus, Tier::Cycle).unwrap();
+    image.exchange_writes(&mut bus).unwrap();
     assert_eq!(
         bus.written,
         [(0x5D00, 1), (0x5D04, 2), (0x5A00, 0x1003)],
@@ -101,15 +101,70 @@ fn extended_registers_are_moved_only_in_extended_exchanges() {
     let mut bus = Memory::default();
     let mut image = plan.freeze(&mut bus, ImageLimits::default(), None).unwrap();
     image.exchange_reads(&mut bus, Tier::Cycle).unwrap();
-    image.exchange_writes(&mut bus, Tier::Cycle).unwrap();
+    image.exchange_writes(&mut bus).unwrap();
     assert_eq!((&bus.read[..], &bus.written[..]), (&[0x5D00][..], &[][..]));
     assert_eq!(image.words(more), [0, 0]);
     image.exchange_reads(&mut bus, Tier::Extended).unwrap();
-    image.exchange_writes(&mut bus, Tier::Extended).unwrap();
+    image.request_write(mode);
+    image.exchange_writes(&mut bus).unwrap();
     assert_eq!(image.words(more), [content(0x5D04), content(0x5D08)]);
     assert_eq!(image.word(usual), Some(content(0x5D00)));
     assert_eq!(image.written(mode), [7]);
     assert_eq!(bus.written, [(0x5C00, 7)]);
+}
+
+#[test]
+fn what_is_asked_for_is_written_alone_and_again_while_it_may_be_lost_or_undone() {
+    let mut plan = ImagePlan::new();
+    plan.write_data(0x4000, 1);
+    let [_, second, _] =
+        [0x4100, 0x4104, 0x4108].map(|at| plan.write(WritePhase::Data, Tier::Extended, at, 1, 9));
+    let mut bus = Memory::default();
+    let mut image = plan.freeze(&mut bus, ImageLimits::default(), None).unwrap();
+    image.put(second, 5);
+    image.request_write(second);
+    let mut writes = |image: &mut CycleImage| {
+        bus.written.clear();
+        image.exchange_writes(&mut bus).unwrap();
+        bus.written.clone()
+    };
+    let (usual, with) = ([(0x4000, 1)], [(0x4000, 1), (0x4104, 5)]);
+    assert_eq!(writes(&mut image), with);
+    assert_eq!(writes(&mut image), usual, "not heard of yet");
+    image.confirm_writes(false);
+    assert_eq!(writes(&mut image), with, "perhaps it was lost");
+    image.confirm_writes(true);
+    assert_eq!(writes(&mut image), usual);
+    image.confirm_writes(false);
+    assert_eq!(writes(&mut image), with, "an older one may have come late");
+    for _ in 0..=101 {
+        image.confirm_writes(true);
+        assert_eq!(writes(&mut image), usual);
+    }
+    image.confirm_writes(false);
+    assert_eq!(writes(&mut image), usual, "nothing so old is under way");
+}
+
+#[test]
+fn evidence_is_read_after_all_data() {
+    let mut plan = ImagePlan::new();
+    plan.read(ReadPhase::Evidence, Tier::Cycle, 0x0C00, 1);
+    plan.read(ReadPhase::Evidence, Tier::Evidence, 0x1100, 2);
+    plan.read_data(0x3500);
+    plan.read(ReadPhase::Data, Tier::Extended, 0x5D00, 1);
+    let mut bus = Memory::default();
+    let mut image = plan.freeze(&mut bus, ImageLimits::default(), None).unwrap();
+    image.exchange_reads(&mut bus, Tier::Cycle).unwrap();
+    assert_eq!(bus.read, [0x3500, 0x0C00]);
+    bus.read.clear();
+    image.exchange_reads(&mut bus, Tier::Evidence).unwrap();
+    assert_eq!(bus.read, [0x3500, 0x0C00, 0x1100, 0x1104]);
+    bus.read.clear();
+    image.exchange_reads(&mut bus, Tier::Extended).unwrap();
+    assert_eq!(bus.read, [0x3500, 0x5D00, 0x0C00, 0x1100, 0x1104]);
+    bus.read.clear();
+    image.exchange_evidence(&mut bus).unwrap();
+    assert_eq!(bus.read, [0x0C00, 0x1100, 0x1104]);
 }
 
 #[test]
@@ -247,7 +302,12 @@ proptest! {
             for &(address, .., target) in &targets {
                 image.put(target, content(address));
             }
-            image.exchange_writes(&mut bus, run).unwrap();
+            for &(_, _, extended, target) in &targets {
+                if extended && run == Tier::Extended {
+                    image.request_write(target);
+                }
+            }
+            image.exchange_writes(&mut bus).unwrap();
             let expected: BTreeMap<u16, u32> = targets
                 .iter()
                 .filter(|&&(_, _, extended, _)| !extended || run == Tier::Extended)

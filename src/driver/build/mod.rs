@@ -8,9 +8,11 @@ use core::time::Duration;
 pub use super::modules::{EncoderSetup, GpioConfig};
 
 use super::board::Board;
+use super::evidence::Directions;
 use super::modules::{GpioModule, Making, ModuleChoices, build_modules};
 use super::pace::Pacer;
-use super::setup_list::Restore;
+use super::set_up::SetUp;
+use super::stop::release;
 use super::{
     BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, Pace, Remark,
     SerialConfig, SerialPort, SetupList,
@@ -243,6 +245,7 @@ impl<B: RegisterBus> Builder<B> {
             .max(most_of_a_period);
         let firmware = HostMot2::identify(&mut self.bus)?;
         let watchdog = Watchdog::locate(&firmware)?;
+        let places = IoPorts::locate(&firmware)?;
         match self.build_on(firmware, watchdog) {
             Ok(parts) => {
                 let driver = parts.into_driver(self.bus, &self.config);
@@ -252,7 +255,7 @@ impl<B: RegisterBus> Builder<B> {
             }
             Err(error) => {
                 // The error counts; whatever can still be made safe is made safe.
-                let _ = watchdog.bite_now(&mut self.bus);
+                let _ = release(&mut self.bus, &watchdog, &places);
                 Err(error)
             }
         }
@@ -284,13 +287,9 @@ impl<B: RegisterBus> Builder<B> {
         modules.push(Box::new(gpio));
         let setup = parts.set_up(watchdog, &modules);
         setup.replay(bus).map_err(BuildError::Bus)?;
-        if let Some((address, bits)) = parts.plan.evidence() {
-            // Only what this board does read back can tell later that it is gone.
-            let word = bus.read(address).map_err(BuildError::Bus)?;
-            if word & bits == bits {
-                board.watch(address, bits);
-            }
-        }
+        board
+            .evidence
+            .watch(parts.directions(bus).map_err(BuildError::Bus)?);
         let started = parts.start_ports(bus, &mut ports, config);
         if let Err(error) = started {
             for (port, _) in &mut ports {
@@ -308,12 +307,14 @@ impl<B: RegisterBus> Builder<B> {
         }
         let held = config.modules.pace.held(config.period);
         let image = plan.freeze(bus, config.limits, held)?;
-        let restore = setup.prepare(bus).map_err(BuildError::Bus)?;
+        let ports = parts.plan.ports();
+        let set_up = SetUp::prepare(bus, &setup, &board.evidence, &places, &watchdog, ports);
+        let set_up = set_up.map_err(BuildError::Bus)?;
         Ok(Built {
             parts,
             board,
             modules,
-            restore,
+            set_up,
             image,
         })
     }
@@ -324,7 +325,7 @@ struct Built {
     parts: Parts,
     board: Board,
     modules: Vec<Box<dyn Module>>,
-    restore: Restore,
+    set_up: SetUp,
     image: crate::bus::CycleImage,
 }
 
@@ -342,7 +343,8 @@ impl Built {
             board: self.board,
             ports: self.parts.ports,
             modules: self.modules,
-            restore: self.restore,
+            set_up: self.set_up,
+            places: self.parts.places,
             fpga_pins: self.parts.made,
             missing: self.parts.missing,
             remarks: self.parts.remarks,
@@ -351,10 +353,8 @@ impl Built {
             pacer: Pacer::new(config.modules.pace, config.period),
             read_failures: 0,
             write_failures: 0,
-            read_tier: crate::bus::Tier::Extended,
-            settings_may_be_lost: false,
             writes: super::WriteNews::default(),
-            is_restored: false,
+            look_closely: true,
             is_shut_down: false,
         }
     }
@@ -395,23 +395,41 @@ impl Parts {
         }
     }
 
+    /// The directions of the ports, if this board reads them back: only then they can tell later
+    /// that they are gone.
+    fn directions<B: RegisterBus>(&self, bus: &mut B) -> Result<Vec<Directions>, B::Error> {
+        let mut all = Vec::new();
+        let mut reads_back = false;
+        for (port, setup) in (0u8..).zip(self.plan.ports()) {
+            if let Some(address) = self.places.direction.address(port) {
+                let outputs = setup.direction;
+                reads_back |= outputs != 0 && bus.read(address)? == outputs;
+                all.push(Directions::new(address, outputs));
+            }
+        }
+        if !reads_back {
+            all.clear();
+        }
+        Ok(all)
+    }
+
     /// The writes that set the board up, in an order in which nothing is driven before it is
-    /// ready.
+    /// ready: quiesce, configure, route, drive, enable.
     fn set_up(&self, watchdog: Watchdog, modules: &[Box<dyn Module>]) -> SetupList {
         let mut list = SetupList::default();
-        // It must not bite before the cycle feeds it: discovery takes seconds.
+        // It must not bite before the cycle feeds it: discovery takes seconds. If it runs, it bites
+        // now (FACTS 12.1).
         list.push(watchdog.time, WatchdogTime::DISABLED.0);
-        list.push(watchdog.status, 0);
+        self.places.make_inputs(&mut list);
         for module in modules {
             module.set_up(&mut list);
         }
-        match self.places.apply(&mut list, &self.plan) {
-            Ok(()) => {}
-            Err(never) => match never {},
-        }
+        self.places.set_up(&mut list, &self.plan);
         for module in modules {
             module.start(&mut list);
         }
+        // Older firmware starts with a bite.
+        list.push(watchdog.status, 0);
         list
     }
 }

@@ -291,7 +291,7 @@ impl Module for EncoderModule {
             channel.pins.command(cycle.pins, &mut channel.encoder);
             cycle.change(channel.mode, channel.encoder.control().0);
             if channel.encoder.wants_write() {
-                cycle.repeat();
+                cycle.repeat(channel.mode);
             }
         }
     }

@@ -38,8 +38,6 @@ struct Port {
     data: Option<WriteSlot>,
     /// The levels that were taken last.
     taken: Option<u32>,
-    direction: Option<SettingSlot>,
-    open_drain: Option<SettingSlot>,
     invert: Option<SettingSlot>,
 }
 
@@ -126,8 +124,6 @@ impl Port {
             levels: None,
             taken: None,
             data: None,
-            direction: None,
-            open_drain: None,
             invert: None,
         }
     }
@@ -148,13 +144,9 @@ impl Module for GpioModule {
                 port.levels = is_read.then(|| plan.read_data(address));
                 port.data = is_written.then(|| plan.write_data(address, port.setup.data));
             }
-            let mut claim = |address: Option<u16>, word| {
-                address.map(|address| SettingSlot::claim(plan, address, word))
-            };
-            let setup = port.setup;
-            port.direction = claim(registers.direction.address(index), setup.direction);
-            port.open_drain = claim(registers.open_drain.address(index), setup.open_drain);
-            port.invert = claim(registers.invert.address(index), setup.invert);
+            let address = registers.invert.address(index);
+            port.invert =
+                address.map(|address| SettingSlot::claim(plan, address, port.setup.invert));
         }
     }
 
@@ -187,14 +179,13 @@ impl Module for GpioModule {
                 put_pin(&mut port.wanted, *place, pin, cycle.pins);
             }
         }
-        for port in &self.ports {
+        for (index, port) in self.ports.iter().enumerate() {
             let words = port.wanted;
             if let Some(slot) = port.data {
                 cycle.image.put(slot, words.data);
             }
-            cycle.change(port.direction, words.direction);
-            cycle.change(port.open_drain, words.open_drain);
             cycle.change(port.invert, words.invert);
+            cycle.drive(index, words);
         }
     }
 }

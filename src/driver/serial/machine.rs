@@ -13,7 +13,7 @@ use super::channel::{Channel, RemoteState, Verdict};
 use super::statistics::PortStatistics;
 use super::{Failure, FaultPolicy, SetAside};
 use crate::bus::Instant;
-use crate::sslbp::{Channel as Number, ChannelMask, ComState, Command, CsStatus, DataStatus};
+use crate::sslbp::{Channel as Number, ChannelMask, Command, CsStatus, DataStatus};
 use words::{Asked, Pending, Restart, at};
 
 /// One port in the cycle.
@@ -141,17 +141,6 @@ impl Machine {
         self.channels.iter().flatten().all(|channel| {
             matches!(channel.state, RemoteState::SetAside { .. })
                 && matches!(channel.cause, Some(SetAside::NotRunning(cs)) if cs.is_stopped())
-        })
-    }
-
-    /// Whether a channel exchanges process data: the board has not been reset since it was started.
-    pub fn shows_life(&self, seen: &Observation) -> bool {
-        self.known().iter().any(|number| {
-            let state = CsStatus::from_register(at(&seen.cs, number)).state();
-            matches!(
-                state,
-                ComState::ProcessData | ComState::ProcessData7i64 | ComState::Chatter
-            )
         })
     }
 

@@ -198,10 +198,6 @@ impl SerialPort {
         tier(self.machine.needs_start_data())
     }
 
-    pub(in crate::driver) fn tier_of_write(&self) -> Tier {
-        tier(self.machine.needs_modes())
-    }
-
     /// Takes what a good read brought.
     pub(in crate::driver) fn take(
         &mut self,
@@ -234,11 +230,6 @@ impl SerialPort {
         }
         self.pins.publish(pins, &self.machine);
         outcome
-    }
-
-    /// Whether the last good read showed a channel that exchanges process data.
-    pub(in crate::driver) fn shows_life(&self, image: &CycleImage) -> bool {
-        self.machine.shows_life(&self.observe(image))
     }
 
     /// A read failed, so that nothing new is known.
@@ -286,6 +277,9 @@ impl SerialPort {
                 remote.pins.fault(pins);
             }
         }
+        if self.machine.needs_modes() {
+            self.put_modes(image);
+        }
         let next = self.machine.next(now, hold);
         if next.with_data {
             for remote in &mut self.remotes {
@@ -294,6 +288,18 @@ impl SerialPort {
         }
         if let Some(doit) = self.doit {
             image.put(doit, next.command.word());
+        }
+    }
+
+    /// The software modes of the remotes that are restarted are written with their START.
+    fn put_modes(&self, image: &mut CycleImage) {
+        let running = self.machine.running();
+        for remote in &self.remotes {
+            if let (Some(mode), false) =
+                (remote.slots.mode, running.contains(remote.started.channel))
+            {
+                image.request_write(mode);
+            }
         }
     }
 

@@ -289,6 +289,35 @@ fn tail(tail: Tail) -> Result<Vec<u8>, UdpError> {
     Ok(request.bytes().to_vec())
 }
 
+/// A packet of writes that is made for once, in `buffer`: what [`Encoding::packet`] gives for a
+/// list. Does not allocate.
+pub(super) fn write_packet<'a>(
+    buffer: &'a mut [u8],
+    accesses: impl Iterator<Item = Access>,
+    words: &[u32],
+    (number, slot): (u32, usize),
+) -> Result<&'a [u8], UdpError> {
+    let mut request = RequestBuilder::new(buffer);
+    let all = || -> Result<(), RequestError> {
+        for access in accesses {
+            let values = words.get(access.words()).unwrap_or_default();
+            let parts = values.chunks(usize::from(MAX_COUNT));
+            let stride = 4 * u16::from(MAX_COUNT);
+            for (n, part) in (0u16..).zip(parts) {
+                let address = access.address.wrapping_add(n * stride);
+                request.write_doubles(Space::HostMot2, address, part)?;
+            }
+        }
+        let number = [number as u16];
+        request.write_words(Space::Timer, SLOT + 2 * slot as u16, &number)?;
+        request.write_words(Space::Timer, LAST_WRITE, &number)?;
+        Ok(())
+    };
+    all().map_err(too_long)?;
+    let length = request.bytes().len();
+    Ok(buffer.get(..length).unwrap_or_default())
+}
+
 /// Checks that every access has its words in a buffer of this size.
 pub(super) fn check_words(accesses: &[Access], words: usize) -> Result<(), UdpError> {
     match accesses.iter().find(|a| a.words().end > words) {

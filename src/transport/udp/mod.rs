@@ -24,7 +24,8 @@ use std::net::SocketAddrV4;
 
 use crate::bus::{Access, BusStatistics, Direction, Instant, Prepared, RegisterBus};
 use crate::ethernet::Lbp16Board;
-use encoding::{Encoding, Manner, check_words};
+use crate::lbp16::MAX_PACKET;
+use encoding::{Encoding, Manner, check_words, write_packet};
 use ledger::Ledger;
 use matching::Requests;
 use receiving::Wait;
@@ -428,6 +429,30 @@ impl<L: Link> RegisterBus for UdpBus<L> {
             let length = bus.transact_held(&mut list.encoding, words, deadline, list.held)?;
             bus.take(&list.encoding, length, words);
             Ok(())
+        })
+    }
+
+    fn write_some(
+        &mut self,
+        accesses: &[Access],
+        wanted: &[bool],
+        words: &mut [u32],
+    ) -> Result<(), UdpError> {
+        check_words(accesses, words.len())?;
+        let some = accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted);
+        let (number, slot) = self.ledger.open_write(false);
+        let mut buffer = [0; MAX_PACKET];
+        let packet = write_packet(
+            &mut buffer,
+            some.map(|(access, _)| *access),
+            words,
+            (number, slot),
+        )?;
+        self.statistics.exchanges += 1;
+        self.statistics.bytes_sent += packet.len() as u64;
+        self.link.send(packet).map_err(|link| UdpError::Link {
+            link,
+            waited: Duration::ZERO,
         })
     }
 
