@@ -202,18 +202,20 @@ impl<B: RegisterBus> Driver<B> {
         let fed = self.feed_for(UNFED);
         let result = fed.and_then(|()| self.write_in_setup(port, &started, write));
         self.make_safe();
-        self.pacer.forget_posted();
+        self.pacer.forget_posted(&mut self.bus, &mut self.image);
+        self.look_closely = true;
         self.feed_for(usual)?;
         result
     }
 
-    /// Feeds the board's watchdog, once, for this time. A bite stays to be seen.
+    /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
+    /// the watchdog is restarted before it has the time.
     fn feed_for(&mut self, time: Duration) -> Result<(), RemoteParameterError<B::Error>> {
         let watchdog = *self.board.watchdog();
-        let words = &mut [watchdog.time_for(time).0, Watchdog::PET];
+        let words = &mut [Watchdog::PET, watchdog.time_for(time).0];
         let accesses = [
-            Access::write(watchdog.time, 0, 1),
-            Access::write(watchdog.reset, 1, 1),
+            Access::write(watchdog.reset, 0, 1),
+            Access::write(watchdog.time, 1, 1),
         ];
         self.bus
             .exchange(&accesses, words)
