@@ -248,11 +248,7 @@ impl<B: World> Machine<B> {
                 "{}: {drive:?}",
                 self.name
             );
-            assert!(
-                self.fpga().isolated_output(n.into()),
-                "{}: output {n}",
-                self.name
-            );
+            assert!(self.fpga().isolated_output(n), "{}: output {n}", self.name);
         }
     }
 

@@ -189,10 +189,10 @@ impl<B: RegisterBus> Driver<B> {
         } else {
             self.take_ports(now, doubtful, &mut report);
         }
-        if !self.board.is_running() {
-            self.make_safe();
-        } else {
+        if self.board.is_running() {
             self.take_modules(now);
+        } else {
+            self.make_safe();
         }
         self.board.publish(&mut self.pins, &self.statistics);
         report.board = self.board.state();
