@@ -48,8 +48,9 @@ pub struct Pwm {
     dithers: bool,
     reference: Reference,
     enables: u32,
-    /// The clock of the last event.
+    /// The clock of the last event, and the time of the next.
     seen: u64,
+    next_event: Option<Nanos>,
     generators: Vec<Generator>,
     pins: Vec<Pins>,
 }
@@ -79,6 +80,7 @@ impl Pwm {
             },
             enables: 0,
             seen: start,
+            next_event: None,
             generators: vec![Generator::new(start); count.into()],
             pins: pins.collect(),
         }
@@ -115,14 +117,13 @@ impl Pwm {
             }
             _ => {}
         }
+        self.look_ahead();
     }
 
     /// When a value or a mode that was written comes into effect: a few clocks later, or at the
     /// end of the period.
-    pub(crate) fn next_event(&self) -> Option<Nanos> {
-        let generators = self.generators.iter();
-        let changes = generators.filter_map(|one| one.next_change(self.seen, &self.reference));
-        changes.min().map(|clock| self.nanos(clock))
+    pub(crate) const fn next_event(&self) -> Option<Nanos> {
+        self.next_event
     }
 
     /// Takes over what has come into effect.
@@ -132,6 +133,13 @@ impl Pwm {
         for generator in &mut self.generators {
             generator.settle(clock, &self.reference);
         }
+        self.look_ahead();
+    }
+
+    fn look_ahead(&mut self) {
+        let generators = self.generators.iter();
+        let changes = generators.filter_map(|one| one.next_change(self.seen, &self.reference));
+        self.next_event = changes.min().map(|clock| self.nanos(clock));
     }
 
     /// Number of generators.
