@@ -309,7 +309,7 @@ fn every_error_says_what_to_do_next() {
     type Ethernet = EthernetError<BitfileError>;
     let (field, at, area) = (b'a', 13, Area::User);
     let (address, bytes, start, end) = (0x10_0000, 9, 0x10_0000, 0x16_0000);
-    let files: [BitfileError; 7] = [
+    let files: [BitfileError; 8] = [
         NoMark,
         Truncated { field, at },
         WrongField {
@@ -321,14 +321,19 @@ fn every_error_says_what_to_do_next() {
         NoSync { searched: 9 },
         WrongPart { expected: "6slx9" },
         TooLarge { bytes, room: 8 },
+        WrongInterface {
+            interface: "PCI",
+            expected: "7I97",
+        },
     ];
-    let memory: [Memory; 8] = [
+    let memory: [Memory; 9] = [
         Memory::Bitfile(NoMark),
         Memory::WrongChip {
             found: 1,
             expected: 2,
         },
         Memory::NoBootBlock { address },
+        Memory::NoUserConfiguration { address },
         Memory::NotForConfigurations { area },
         Memory::NotWhole {
             address,
@@ -404,4 +409,44 @@ fn sectors_and_pages_are_at_hand_for_who_names_the_unguarded_memory() {
     // Addresses behind the end of the chip are the chip's business.
     flash.read(u32::MAX - 3, &mut page).expect("read");
     assert_eq!(flash.into_board().identity().unwrap().card_name(), "7I97");
+}
+
+#[test]
+fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
+    let board = || {
+        let link = SimLink::new(BoardConfig::new("7I92"), machines::i7i92_7i77());
+        board_on(link)
+    };
+    let error = board()
+        .into_flash(FlashLayout::I7I97)
+        .expect_err("another board");
+    let is_it = matches!(error, FlashError::WrongBoard { found, expected: "7I97" }
+        if found.as_str() == "7I92");
+    assert!(is_it, "{error}");
+
+    let mut board = board();
+    let identity = board.identity().expect("identity");
+    let layout = *FlashLayout::for_card(identity.card_name()).expect("a known board");
+    let mut flash = board.into_flash(layout).expect("16 Mbit");
+    let boot = configuration(300);
+    flash
+        .write(Area::BootBlock, 0, &boot, |_, _| {})
+        .expect("the boot block is written when it is named");
+    let data = configuration(3000);
+    let other = Bitfile {
+        design: "seveni97.ncd",
+        ..bitfile(&data)
+    };
+    let error = flash
+        .program(&other, Area::User, |_, _| {})
+        .expect_err("a file for a 7I97");
+    let text = error.to_string();
+    assert!(text.contains("for a 7i97, and this is a 7I92"), "{text}");
+    flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .expect("it is programmed");
+    let mut bus = flash.into_board().into_inner();
+    let kept = bus.link().board.state();
+    let mut places = kept.windows(data.len());
+    assert!(places.any(|bytes| bytes == data), "it is in the chip");
 }

@@ -1,5 +1,7 @@
 //! FPGA configurations as Xilinx bitfiles.
 
+use super::CardName;
+
 /// A bitfile whose header and configuration data have been checked.
 ///
 /// The header is a list of fields: `a` design name, `b` part, `c` date, `d` time, `e`
@@ -65,6 +67,28 @@ pub enum BitfileError {
         /// The part on the board.
         expected: &'static str,
     },
+    /// Its design name is that of another board.
+    #[error(
+        "the configuration is for a {found}, and this is a {expected} with the same FPGA: its pins \
+         would drive what they must not; get the file for this board"
+    )]
+    WrongBoard {
+        /// The board that the design name has.
+        found: CardName,
+        /// The board it would go to.
+        expected: &'static str,
+    },
+    /// Its design name is that of a board with another host interface.
+    #[error(
+        "the configuration is for a board on {interface}, and a {expected} is on Ethernet: it would \
+         not answer any more; get the file for this board"
+    )]
+    WrongInterface {
+        /// What its board is on.
+        interface: &'static str,
+        /// The board it would go to.
+        expected: &'static str,
+    },
     /// It is larger than its place in the flash memory.
     #[error(
         "the configuration has {bytes} bytes, its place in the flash memory {room}; \
@@ -82,8 +106,6 @@ const MARK: [u8; 13] = [
     0x00, 0x09, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
 ];
 const SYNC: [u8; 4] = [0xAA, 0x99, 0x55, 0x66];
-/// Padding before the synchronisation word is shorter than this.
-const SYNC_WITHIN: usize = 256;
 
 impl<'a> Bitfile<'a> {
     /// Parses a whole file.
@@ -101,28 +123,122 @@ impl<'a> Bitfile<'a> {
         Ok(this)
     }
 
+    /// Padding before the synchronisation word is shorter than this.
+    pub(super) const SYNC_WITHIN: usize = 256;
+
+    /// Whether a configuration begins in these bytes.
+    pub(super) fn has_sync(head: &[u8]) -> bool {
+        head.windows(SYNC.len()).any(|window| window == SYNC)
+    }
+
     fn check_sync(&self) -> Result<(), BitfileError> {
-        let searched = self.configuration.len().min(SYNC_WITHIN);
+        let searched = self.configuration.len().min(Self::SYNC_WITHIN);
         let head = self.configuration.get(..searched).unwrap_or(&[]);
-        if head.windows(SYNC.len()).any(|window| window == SYNC) {
+        if Self::has_sync(head) {
             return Ok(());
         }
         Err(BitfileError::NoSync { searched })
     }
 
-    /// Checks that the file holds a configuration, is for the FPGA on a board, and fits into its
-    /// place.
-    pub fn check(&self, part: &'static str, room: usize) -> Result<(), BitfileError> {
+    /// Checks that the file holds a configuration, is for a board and the FPGA on it, and fits into
+    /// its place.
+    ///
+    /// Several boards have the same FPGA, so the part does not tell one from the other. The design
+    /// name does, where it tells a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface
+    /// (Mesa's top levels: `TopPCIHostMot2.ncd`). A file whose design name tells neither
+    /// (`TopEthernet16HostMot2.ncd`) can not be told from that of another Ethernet board.
+    pub fn check(
+        &self,
+        board: &'static str,
+        part: &'static str,
+        room: usize,
+    ) -> Result<(), BitfileError> {
         self.check_sync()?;
         if !self.part.eq_ignore_ascii_case(part) {
             return Err(BitfileError::WrongPart { expected: part });
         }
+        self.check_design(board)?;
         let bytes = self.configuration.len();
         if bytes > room {
             return Err(BitfileError::TooLarge { bytes, room });
         }
         Ok(())
     }
+
+    fn check_design(&self, expected: &'static str) -> Result<(), BitfileError> {
+        // The file's tools append more to it: `name.ncd;UserID=0xFFFFFFFF`.
+        let name = self.design.split(['.', ';']).next().unwrap_or("");
+        let is_expected = |card: &[u8; 4]| expected.as_bytes().eq_ignore_ascii_case(card);
+        // Names of daughter cards may stand beside the board's own.
+        if !cards(name).any(|card| is_expected(&card)) {
+            if let Some(other) = cards(name).find(|card| HOST_CARDS.contains(&card)) {
+                return Err(BitfileError::WrongBoard {
+                    found: CardName::from_bytes(&other),
+                    expected,
+                });
+            }
+        }
+        let has = |part: &[u8]| {
+            let mut windows = name.as_bytes().windows(part.len());
+            windows.any(|window| window.eq_ignore_ascii_case(part))
+        };
+        let other = INTERFACES.iter().find(|(top, _)| has(top.as_bytes()));
+        match other {
+            Some((_, interface)) => Err(BitfileError::WrongInterface {
+                interface,
+                expected,
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Mesa's boards with an FPGA, as far as their names have four characters, as design names write
+/// them.
+const HOST_CARDS: [&[u8; 4]; 28] = [
+    b"3x20", b"4i65", b"4i68", b"4i69", b"4i74", b"5i20", b"5i21", b"5i22", b"5i23", b"5i24",
+    b"5i25", b"5i26", b"6i24", b"6i25", b"7i43", b"7i60", b"7i80", b"7i90", b"7i92", b"7i93",
+    b"7i94", b"7i95", b"7i96", b"7i97", b"7i98", b"7c80", b"7c81", b"6c51",
+];
+
+/// Names of Mesa's top levels for other host interfaces: their sources are public.
+const INTERFACES: [(&str, &str); 6] = [
+    ("TopPCI", "PCI"),
+    ("Top9030", "PCI"),
+    ("Top9054", "PCI"),
+    ("TopEPP", "the parallel port"),
+    ("TopGCSPI", "SPI"),
+    ("TopUSB", "USB"),
+];
+
+/// Digits as the names of Mesa's projects spell them (`seveni92`).
+const SPELLED: [(&[u8], u8); 5] = [
+    (b"three", b'3'),
+    (b"four", b'4'),
+    (b"five", b'5'),
+    (b"six", b'6'),
+    (b"seven", b'7'),
+];
+
+/// Everything in a design name that has the form of a card's name, in lower case.
+fn cards(name: &str) -> impl Iterator<Item = [u8; 4]> + '_ {
+    let bytes = name.as_bytes();
+    (0..bytes.len()).filter_map(move |at| card(bytes.get(at..)?))
+}
+
+/// A card's name at the beginning of `text`: a digit, a letter, two digits.
+fn card(text: &[u8]) -> Option<[u8; 4]> {
+    let spelled = SPELLED.iter().find_map(|(word, digit)| {
+        let (head, rest) = text.split_at_checked(word.len())?;
+        head.eq_ignore_ascii_case(word).then_some((*digit, rest))
+    });
+    let (series, rest) = spelled.or_else(|| text.split_first().map(|(c, rest)| (*c, rest)))?;
+    let [kind, tens, ones, ..] = *rest else {
+        return None;
+    };
+    let digits = [series, tens, ones].iter().all(u8::is_ascii_digit);
+    let kind = kind.to_ascii_lowercase();
+    (digits && b"icx".contains(&kind)).then_some([series, kind, tens, ones])
 }
 
 /// What of a file is not parsed yet.
@@ -173,7 +289,7 @@ mod tests {
     fn file(configuration: &[u8]) -> Vec<u8> {
         let mut file = MARK.to_vec();
         for (field, text) in [
-            (b'a', "seven_i97.ncd\0"),
+            (b'a', "7i97_made_up.ncd\0"),
             (b'b', "6slx9tqg144\0"),
             (b'c', "2026/11/21\0"),
             (b'd', "07:30:00\0"),
@@ -203,20 +319,20 @@ mod tests {
     fn a_bitfile_says_its_design_part_date_and_configuration() {
         let bytes = file(&configuration(340_000));
         let bitfile = Bitfile::parse(&bytes).unwrap();
-        assert_eq!(bitfile.design, "seven_i97.ncd");
+        assert_eq!(bitfile.design, "7i97_made_up.ncd");
         assert_eq!(bitfile.part, "6slx9tqg144");
         assert_eq!((bitfile.date, bitfile.time), ("2026/11/21", "07:30:00"));
         assert_eq!(bitfile.configuration.len(), 340_000);
-        assert_eq!(bitfile.check("6SLX9TQG144", 0x6_0000), Ok(()));
+        assert_eq!(bitfile.check("7I97", "6SLX9TQG144", 0x6_0000), Ok(()));
     }
 
     #[test]
     fn what_would_brick_the_board_is_refused() {
         let bytes = file(&configuration(1000));
         let bitfile = Bitfile::parse(&bytes).unwrap();
-        let error = bitfile.check("6slx16ftg256", 0x6_0000).unwrap_err();
+        let error = bitfile.check("7I97", "6slx16ftg256", 0x6_0000).unwrap_err();
         assert!(matches!(error, BitfileError::WrongPart { .. }), "{error}");
-        let error = bitfile.check("6slx9tqg144", 999).unwrap_err();
+        let error = bitfile.check("7I97", "6slx9tqg144", 999).unwrap_err();
         assert_eq!(
             error,
             BitfileError::TooLarge {
@@ -228,6 +344,57 @@ mod tests {
         let error = Bitfile::parse(&bytes).unwrap_err();
         assert_eq!(error, BitfileError::NoSync { searched: 256 });
         assert_eq!(Bitfile::parse(b"PNG"), Err(BitfileError::NoMark));
+    }
+
+    #[test]
+    fn a_file_for_another_board_with_the_same_fpga_is_noticed_where_its_design_name_tells() {
+        let data = configuration(100);
+        let check = |design, board| {
+            let bitfile = Bitfile {
+                design,
+                part: bitfile_part(),
+                date: "",
+                time: "",
+                configuration: &data,
+            };
+            bitfile.check(board, bitfile_part(), 1000)
+        };
+        let own = [
+            ("7I97", "7i97_7i77.ncd"),
+            ("7I97", "SEVENI97;UserID=0xFFFFFFFF"),
+            ("7I92", "seveni92.ncd"),
+            ("7I92", "7i92_7i77_7i76x2_5i25_pins.ncd"),
+            // What these tell fits both.
+            ("7I97", "TopEthernet16HostMot2.ncd;UserID=0xFFFFFFFF"),
+            ("7I92", "TopEthernetHostMot2.ncd"),
+            ("7I92", "pins_7i77_7i72.ncd"),
+            ("7I92", ""),
+        ];
+        for (board, design) in own {
+            assert_eq!(check(design, board), Ok(()), "{design} on a {board}");
+        }
+        let others = [
+            ("7I97", "7i92_7i77.ncd", "7i92"),
+            ("7I92", "7I97.ncd", "7i97"),
+            ("7I92", "seveni97.ncd", "7i97"),
+            ("7I97", "fivei25_7i77x2.ncd", "5i25"),
+            ("7I92", "prob_rfx2_6i25.ncd;UserID=7", "6i25"),
+        ];
+        for (board, design, other) in others {
+            let error = check(design, board).expect_err(design);
+            let is_it = matches!(error, BitfileError::WrongBoard { found, expected }
+                if found.as_str() == other && expected == board);
+            assert!(is_it, "{design} on a {board}: {error}");
+        }
+        for design in [
+            "TopPCIHostMot2.ncd",
+            "topgcspihostmot2",
+            "Top9030HostMot2.ncd",
+        ] {
+            let error = check(design, "7I92").expect_err(design);
+            let is_it = matches!(error, BitfileError::WrongInterface { .. });
+            assert!(is_it, "{design}: {error}");
+        }
     }
 
     #[test]
@@ -261,8 +428,9 @@ mod tests {
             if let Ok(bitfile) = Bitfile::parse(&bytes) {
                 let text = bitfile.design.len() + bitfile.part.len();
                 prop_assert!(text + bitfile.configuration.len() < bytes.len());
-                prop_assert_eq!(bitfile.check(bitfile_part(), usize::MAX).is_ok(),
-                    bitfile.part.eq_ignore_ascii_case(bitfile_part()));
+                let is_part = bitfile.part.eq_ignore_ascii_case(bitfile_part());
+                let is_taken = bitfile.check("7I97", bitfile_part(), usize::MAX).is_ok();
+                prop_assert!(is_part || !is_taken);
             }
         }
 

@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use super::{Bitfile, BitfileError};
+use super::{Bitfile, BitfileError, CardName};
 
 /// One page: what is written at once.
 pub const PAGE: usize = 256;
@@ -29,9 +29,12 @@ pub trait FlashMemory {
 
 /// Where things are in a board's flash memory.
 ///
-/// Source: manual 7I97, "EEPROM LAYOUT".
+/// Source: manual 7I97, "EEPROM LAYOUT"; that of the 7I92, whose manual is not at hand, is what
+/// mesaflash uses for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashLayout {
+    /// The board, as it names itself.
+    pub board: &'static str,
     /// The FPGA on the board, as its bitfiles call it.
     pub part: &'static str,
     /// What the chip's identification must be.
@@ -51,6 +54,7 @@ pub struct FlashLayout {
 impl FlashLayout {
     /// The 7I97: M25P16, XC6SLX9.
     pub const I7I97: Self = Self {
+        board: "7I97",
         part: "6slx9tqg144",
         id: 0x14,
         size: 0x20_0000,
@@ -59,6 +63,20 @@ impl FlashLayout {
         user: (0x10_0000, 0x16_0000),
         application: (0x1E_0000, 0x20_0000),
     };
+
+    /// The 7I92: 16 Mbit like the 7I97, and the same FPGA.
+    pub const I7I92: Self = Self {
+        board: "7I92",
+        ..Self::I7I97
+    };
+
+    /// The layout of the board of this name, as [`Identity::card_name`](super::Identity::card_name)
+    /// has it. `None` for boards whose layout is not known: a 7I97T, for one, is no 7I97.
+    pub fn for_card(name: &str) -> Option<&'static Self> {
+        [&Self::I7I97, &Self::I7I92]
+            .into_iter()
+            .find(|layout| layout.board.eq_ignore_ascii_case(name))
+    }
 
     /// The addresses of an area.
     pub fn addresses(&self, area: Area) -> Range<u32> {
@@ -109,6 +127,17 @@ pub enum FlashError<E> {
     /// The file is not for this board.
     #[error(transparent)]
     Bitfile(BitfileError),
+    /// Another board than the layout is for.
+    #[error(
+        "this is a {found}, and the layout is that of a {expected}; use that of the board that \
+         answers (`FlashLayout::for_card`)"
+    )]
+    WrongBoard {
+        /// The board that answers.
+        found: CardName,
+        /// The board of the layout.
+        expected: &'static str,
+    },
     /// Another chip than the layout is for.
     #[error(
         "flash id 0x{found:08X}, expected 0x{expected:08X}: this layout is not for this board; \
@@ -126,6 +155,15 @@ pub enum FlashError<E> {
          write the boot block first"
     )]
     NoBootBlock {
+        /// Where it should be.
+        address: u32,
+    },
+    /// There is no user configuration, so that the fallback is all that the FPGA can load.
+    #[error(
+        "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
+         JTAG programmer helps; program User first, reload the FPGA from it, then the fallback"
+    )]
+    NoUserConfiguration {
         /// Where it should be.
         address: u32,
     },
@@ -220,7 +258,9 @@ impl<M: FlashMemory> Flash<M> {
 
     /// Writes a configuration into the user or the fallback area, and verifies it.
     ///
-    /// The file is checked before anything is erased.
+    /// The file is checked before anything is erased, also whether it is for this board
+    /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: the fallback is
+    /// refused while there is no boot block, or no user configuration.
     pub fn program(
         &mut self,
         bitfile: &Bitfile<'_>,
@@ -230,12 +270,14 @@ impl<M: FlashMemory> Flash<M> {
         if !matches!(area, Area::User | Area::Fallback) {
             return Err(FlashError::NotForConfigurations { area });
         }
+        let FlashLayout { board, part, .. } = self.layout;
         let range = self.layout.addresses(area);
         bitfile
-            .check(self.layout.part, range.len())
+            .check(board, part, range.len())
             .map_err(FlashError::Bitfile)?;
-        if area == Area::User {
-            self.need_boot_block()?;
+        self.need_boot_block()?;
+        if area == Area::Fallback {
+            self.need_user_configuration()?;
         }
         self.write(area, range.start, bitfile.configuration, progress)
     }
@@ -255,7 +297,8 @@ impl<M: FlashMemory> Flash<M> {
     /// Erases what `data` needs, writes it, and verifies it. `address` begins a sector.
     ///
     /// Sectors are erased as a whole, also behind the end of `data`. [`Area::Whole`] takes all of
-    /// the chip, and nothing less.
+    /// the chip, and nothing less. The first page is written last: a configuration that was not
+    /// written to its end has no beginning, and the FPGA does not try to load it.
     ///
     /// `progress` is told how many bytes of the stage are done.
     pub fn write(
@@ -271,18 +314,26 @@ impl<M: FlashMemory> Flash<M> {
             self.memory.erase_sector(sector)?;
             progress(Stage::Erase, (sector + SECTOR - address) as usize);
         }
-        for (at, chunk) in (address..end).step_by(PAGE).zip(data.chunks(PAGE)) {
-            let mut page = [0xFF; PAGE];
-            for (target, byte) in page.iter_mut().zip(chunk) {
-                *target = *byte;
-            }
-            // An erased page is all FF already.
-            if page != [0xFF; PAGE] {
-                self.memory.write_page(at, &page)?;
-            }
-            progress(Stage::Write, (at - address) as usize + chunk.len());
+        let mut written = 0;
+        let pages = || (address..end).step_by(PAGE).zip(data.chunks(PAGE));
+        for (at, chunk) in pages().skip(1).chain(pages().take(1)) {
+            self.write_page(at, chunk)?;
+            written += chunk.len();
+            progress(Stage::Write, written);
         }
         self.compare(address, data, &mut progress)
+    }
+
+    fn write_page(&mut self, at: u32, chunk: &[u8]) -> Result<(), FlashError<M::Error>> {
+        let mut page = [0xFF; PAGE];
+        for (target, byte) in page.iter_mut().zip(chunk) {
+            *target = *byte;
+        }
+        // An erased page is all FF already.
+        if page != [0xFF; PAGE] {
+            self.memory.write_page(at, &page)?;
+        }
+        Ok(())
     }
 
     /// Gives the memory back.
@@ -338,6 +389,18 @@ impl<M: FlashMemory> Flash<M> {
             return Err(FlashError::NoBootBlock { address });
         }
         Ok(())
+    }
+
+    /// Whether a configuration begins in the user area; see [`write`](Self::write) for why that is
+    /// enough.
+    fn need_user_configuration(&mut self) -> Result<(), FlashError<M::Error>> {
+        let address = self.layout.user.0;
+        let mut head = [0; Bitfile::SYNC_WITHIN];
+        self.memory.read(address, &mut head)?;
+        if Bitfile::has_sync(&head) {
+            return Ok(());
+        }
+        Err(FlashError::NoUserConfiguration { address })
     }
 
     fn compare(

@@ -27,12 +27,47 @@ impl fmt::Display for MacAddress {
     }
 }
 
+/// A board's name, for example `7I97`: at most 16 characters.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct CardName([u8; 16]);
+
+impl CardName {
+    /// The name in these bytes; what is past 16 is left out.
+    pub(super) fn from_bytes(bytes: &[u8]) -> Self {
+        let mut name = [0; 16];
+        for (slot, byte) in name.iter_mut().zip(bytes) {
+            *slot = *byte;
+        }
+        Self(name)
+    }
+
+    /// The name without what pads it; `?` if it is no text.
+    pub fn as_str(&self) -> &str {
+        let end = self.0.iter().position(|&c| c == 0);
+        let name = self.0.get(..end.unwrap_or(16)).unwrap_or(&[]);
+        core::str::from_utf8(name).unwrap_or("?").trim_end()
+    }
+}
+
+impl fmt::Display for CardName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl fmt::Debug for CardName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self.as_str(), f)
+    }
+}
+
 /// What a board says about itself.
 ///
 /// Source: manual 7I97, "SPACE 7: LBP READ ONLY AREA" and "ETHERNET EEPROM LAYOUT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    card_name: [u8; 16],
+    /// The card's name.
+    pub card: CardName,
     /// Version of the protocol.
     pub lbp_version: u16,
     /// Version of the firmware that answers.
@@ -50,9 +85,7 @@ pub struct Identity {
 impl Identity {
     /// The card's name, for example `7I97`.
     pub fn card_name(&self) -> &str {
-        let end = self.card_name.iter().position(|&c| c == 0);
-        let name = self.card_name.get(..end.unwrap_or(16)).unwrap_or(&[]);
-        core::str::from_utf8(name).unwrap_or("?").trim_end()
+        self.card.as_str()
     }
 }
 
@@ -119,10 +152,8 @@ impl<B: Lbp16Board> Board<B> {
         let [m0, m1, m2] = self.words(Space::Eeprom, registers::eeprom::MAC)?;
         let mut mac = [0; 6];
         mac.copy_from_slice([m2, m1, m0].map(u16::to_be_bytes).as_flattened());
-        let mut card_name = [0; 16];
-        card_name.copy_from_slice(name.as_flattened());
         Ok(Identity {
-            card_name,
+            card: CardName::from_bytes(name.as_flattened()),
             lbp_version: lbp,
             firmware_version: firmware,
             jumpers,

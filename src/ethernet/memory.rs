@@ -17,11 +17,17 @@ const BLOCK: usize = 256;
 const PACKET: usize = 4 * BLOCK;
 
 impl<B: Lbp16Board> Board<B> {
-    /// The board's flash memory, after checking that it is the chip that the layout is for.
+    /// The board's flash memory, after checking that the board and its chip are those that the
+    /// layout is for.
     pub fn into_flash(
-        self,
+        mut self,
         layout: FlashLayout,
     ) -> Result<Flash<UnguardedFlash<B>>, FlashError<EthernetError<B::Error>>> {
+        let found = self.identity()?.card;
+        if !found.as_str().eq_ignore_ascii_case(layout.board) {
+            let expected = layout.board;
+            return Err(FlashError::WrongBoard { found, expected });
+        }
         Flash::open(UnguardedFlash(self), layout)
     }
 }

@@ -13,7 +13,7 @@ mod packets;
 
 pub use bitfile::{Bitfile, BitfileError};
 pub use flash::{Area, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR, Stage};
-pub use info::{Board, Counters, Identity, MacAddress, Timestamps};
+pub use info::{Board, CardName, Counters, Identity, MacAddress, Timestamps};
 pub use leds::LedMode;
 pub use memory::UnguardedFlash;
 pub use packets::{EthernetError, Lbp16Board};

@@ -9,6 +9,8 @@ struct Chip {
     written: Vec<u32>,
     erased: Vec<u32>,
     stuck: Option<usize>,
+    /// Power fails after so many pages.
+    pages_left: usize,
 }
 
 impl Chip {
@@ -21,12 +23,18 @@ impl Chip {
             written: Vec::new(),
             erased: Vec::new(),
             stuck: None,
+            pages_left: usize::MAX,
         }
     }
 }
 
+/// The power has failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no power; switch it on")]
+struct NoPower;
+
 impl FlashMemory for &mut Chip {
-    type Error = core::convert::Infallible;
+    type Error = NoPower;
 
     fn id(&mut self) -> Result<u32, Self::Error> {
         Ok(self.id)
@@ -46,6 +54,7 @@ impl FlashMemory for &mut Chip {
 
     fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error> {
         assert!(address.is_multiple_of(PAGE as u32));
+        self.pages_left = self.pages_left.checked_sub(1).ok_or(NoPower)?;
         self.written.push(address);
         for (at, byte) in (address as usize..).zip(page) {
             self.bytes[at] &= byte;
@@ -170,12 +179,60 @@ fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
         assert_eq!(error, FlashError::NotForConfigurations { area });
         assert!(chip.erased.is_empty() && chip.written.is_empty());
     }
+}
+
+#[test]
+fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration() {
+    let data = configuration(1000);
     let mut chip = Chip::new();
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
-    flash
-        .program(&bitfile(&data), Area::Fallback, |_, _| {})
-        .unwrap();
+    let program = |chip: &mut Chip, area| {
+        let mut flash = Flash::open(chip, FlashLayout::I7I97).unwrap();
+        flash.program(&bitfile(&data), area, |_, _| {})
+    };
+    let none = FlashError::NoUserConfiguration { address: 0x10_0000 };
+    assert_eq!(program(&mut chip, Area::Fallback), Err(none));
+    chip.bytes[0x10_0000..0x10_0100].fill(0x00);
+    assert_eq!(program(&mut chip, Area::Fallback), Err(none));
+    assert!(chip.erased.is_empty() && chip.written.is_empty());
+    // Power fails while the user configuration is written, wherever.
+    for pages in 0..4 {
+        chip.pages_left = pages;
+        assert_eq!(
+            program(&mut chip, Area::User),
+            Err(FlashError::Bus(NoPower))
+        );
+        chip.pages_left = usize::MAX;
+        assert_eq!(
+            program(&mut chip, Area::Fallback),
+            Err(none),
+            "{pages} pages"
+        );
+    }
+    assert_eq!(program(&mut chip, Area::User), Ok(()));
+    let boot_block = chip.bytes[0];
+    chip.bytes[..PAGE].fill(0xFF);
+    let no_boot_block = FlashError::NoBootBlock { address: 0 };
+    assert_eq!(program(&mut chip, Area::Fallback), Err(no_boot_block));
+    chip.bytes[0] = boot_block;
+    chip.erased.clear();
+    assert_eq!(program(&mut chip, Area::Fallback), Ok(()));
     assert_eq!(chip.erased, [0x1_0000]);
+}
+
+#[test]
+fn layouts_are_those_of_the_boards_that_are_known() {
+    for (name, board) in [("7I97", "7I97"), ("7I92", "7I92"), ("7i92", "7I92")] {
+        let layout = FlashLayout::for_card(name).expect("known");
+        assert_eq!(layout.board, board);
+        // 16 Mbit, and the six sectors of an XC6SLX9 at the beginning of the upper half.
+        assert_eq!(
+            (layout.size, layout.user),
+            (0x20_0000, (0x10_0000, 0x16_0000))
+        );
+    }
+    for name in ["7I97T", "7I92T", "7I96", ""] {
+        assert_eq!(FlashLayout::for_card(name), None, "{name}");
+    }
 }
 
 #[test]
