@@ -2,7 +2,7 @@
 //! one, at 1 kHz.
 //!
 //! Needs root, for a private network: the driver wants a board with a MAC address of its own. See
-//! `interop/sandbox.sh`. What LinuxCNC created is kept under `target/interop/` (`NAME.pins`:
+//! `examples/sim_board/linuxcnc.sh`. What LinuxCNC created is kept under `target/interop/` (`NAME.pins`:
 //! type, direction and name of each pin; `NAME.params`), to compare other lists with.
 
 #[path = "interop/cost.rs"]
@@ -436,4 +436,45 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     assert_cycled(&before, &after, start.elapsed());
     assert_eq!(machine.get("io_error"), "FALSE");
     machine.stop();
+}
+
+/// What a person types into the script that the README names, and what comes back.
+#[test]
+fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
+    if skipped() {
+        return;
+    }
+    let _alone = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let script = "examples/sim_board/linuxcnc.sh";
+    assert!(include_str!("../README.md").contains(script));
+    for (options, name) in [
+        (&[][..], "hm2_7i97.0"),
+        (&["--board", "7i92-7i77"], "hm2_7i92.0"),
+    ] {
+        let mut child =
+            std::process::Command::new(format!("{}/{script}", env!("CARGO_MANIFEST_DIR")))
+                .args(options)
+                .env("SIM_BOARD", interop::sim_board())
+                .stdin(std::process::Stdio::piped())
+                .stdout(std::process::Stdio::piped())
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .expect("the script starts");
+        let mut input = child.stdin.take().expect("an input");
+        let typed = format!("show pin {name}.encoder.00.count\nshow param {name}.io_error\nexit\n");
+        std::io::Write::write_all(&mut input, typed.as_bytes()).expect("it listens");
+        drop(input);
+        let output = child.wait_with_output().expect("it ends");
+        let text = String::from_utf8_lossy(&output.stdout);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}{error}");
+        let has = |pin: &str| {
+            let mut lines = text.lines();
+            lines.any(|line| line.ends_with(&format!(" {name}.{pin}")))
+        };
+        assert!(has("encoder.00.count"), "{text}{error}");
+        assert!(has("io_error"), "{text}{error}");
+    }
 }

@@ -90,13 +90,19 @@ impl Machine {
         });
         // Open for both, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let board_command = format!("{} {board} --listen 10.97.0.2", sim_board().display());
         let mut sandbox = Command::new(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/tests/interop/sandbox.sh"
+            "/examples/sim_board/linuxcnc.sh"
         ))
-        .args(&pipes)
-        .arg(board_command)
+        .args(board.split(' '))
+        .arg("--")
+        .arg(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/interop/session.sh"
+        ))
+        .env("SIM_BOARD", sim_board())
+        .env("BOARD_IN", &pipes[0])
+        .env("BOARD_OUT", &pipes[1])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
