@@ -170,13 +170,13 @@ impl<'a> Bitfile<'a> {
         let name = self.design.split(['.', ';']).next().unwrap_or("");
         let is_expected = |card: &[u8; 4]| expected.as_bytes().eq_ignore_ascii_case(card);
         // Names of daughter cards may stand beside the board's own.
-        if !cards(name).any(|card| is_expected(&card)) {
-            if let Some(other) = cards(name).find(|card| HOST_CARDS.contains(&card)) {
-                return Err(BitfileError::WrongBoard {
-                    found: CardName::from_bytes(&other),
-                    expected,
-                });
-            }
+        let is_own = cards(name).any(|card| is_expected(&card));
+        let other = cards(name).find(|card| HOST_CARDS.contains(&card));
+        if let Some(other) = other.filter(|_| !is_own) {
+            return Err(BitfileError::WrongBoard {
+                found: CardName::from_bytes(&other),
+                expected,
+            });
         }
         let has = |part: &[u8]| {
             let mut windows = name.as_bytes().windows(part.len());
