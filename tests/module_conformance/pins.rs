@@ -1,12 +1,20 @@
-//! I/O ports, watchdog, LEDs and solid-state relays.
+//! I/O ports, watchdog, LEDs and solid-state relays; the driver's watchdog time.
 
+use core::time::Duration;
+
+use mesa_hal::hostmot2::WatchdogTime;
+use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sim::{Firmware, PinDescriptor, gtag, machines};
 
 use crate::Replay;
 use crate::bench::FpgaBench;
 use crate::outcome::Outcome;
 use crate::runner::{self, Rules};
-use crate::transcript::Transcript;
+use crate::transcript::{Event, Level, Transcript};
+
+/// ClockLow, and its period.
+const CLOCK_HZ: u32 = 100_000_000;
+const CLOCK: Nanos = 10;
 
 /// The pins of the PWM generators; the others of the I/O port files have no module.
 const PWM_PINS: usize = 9;
@@ -23,7 +31,43 @@ fn replay(transcript: &Transcript) -> Outcome {
         _ => machines::firmware_7i97(1),
     };
     let mut bench = FpgaBench::new(firmware);
-    runner::replay(transcript, &mut bench, Rules::default())
+    let mut outcome = runner::replay(transcript, &mut bench, Rules::default());
+    compare_driver(transcript, &mut outcome);
+    outcome
+}
+
+/// The driver's arithmetic of the watchdog: from each time that is written and runs out, to the
+/// bite. The pins are released a clock after it.
+fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
+    let (mut started, mut written) = (None, 0);
+    for entry in &transcript.entries {
+        match &entry.event {
+            Event::Write { register, value } if register.kind.name == "WD_TIME" => {
+                started = (value >> 31 == 0).then_some((entry.time, *value));
+                written = entry.time;
+            }
+            Event::Write { register, .. } if register.kind.name == "WD_RESET" => started = None,
+            Event::Write { .. } => written = entry.time,
+            // Pins that go at a write are released by it, and not by a bite; nor does a bite
+            // come sooner than three clocks after the time.
+            Event::Pin { level, .. } if *level == Level::Released && entry.time > written => {
+                let ended = started.take_if(|(since, _)| entry.time >= *since + 3 * CLOCK);
+                let Some((since, word)) = ended else {
+                    continue;
+                };
+                let recorded = Duration::from_nanos(entry.time - since - CLOCK);
+                let time = WatchdogTime::new(recorded, CLOCK_HZ);
+                let timeout = WatchdogTime(word).timeout(CLOCK_HZ);
+                outcome.compare(
+                    entry.line,
+                    (time.0, timeout) == (word, Some(recorded)),
+                    format!("the driver's word for {recorded:?} {word:#010X}, and back"),
+                    format!("{:#010X}, {timeout:?}", time.0),
+                );
+            }
+            _ => {}
+        }
+    }
 }
 
 /// The pins of a 7I97's PWM generators, and the second pins of four of them on IO34 to IO37.
