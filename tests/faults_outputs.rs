@@ -354,3 +354,58 @@ fn every_bit_of_the_fault_byte_has_a_name() {
             .all(|f| f.is_some())
     );
 }
+
+/// A 7I72 that has been powered up with this watchdog, and drives all its outputs.
+fn busy_machine_with_watchdog(millis: u32) -> Machine {
+    let mut machine = Machine::build(|builder| {
+        builder
+            .watchdog(std::time::Duration::from_secs(1))
+            .remote_parameter(0, 2, "nvwatchdogtimeout", millis)
+    });
+    cycle(&mut machine, |_| {});
+    let now = machine.now();
+    machine.device_mut(OUTPUTS).set_power(now, false);
+    machine.device_mut(OUTPUTS).set_power(now, true);
+    machine.until(10, |machine| !machine.is_running(OUTPUTS));
+    machine.until(7000, |machine| {
+        machine.driver.rearm().unwrap().waiting == 0 && machine.is_valid(OUTPUTS)
+    });
+    // Two restarts have 60 ms between them.
+    for _ in 0..80 {
+        cycle(&mut machine, |_| {});
+    }
+    assert_eq!(on(&machine, OUTPUTS), all_of(OUTPUTS));
+    machine
+}
+
+#[test]
+fn a_remote_with_another_watchdog_is_off_after_its_time_and_is_not_talked_to_before() {
+    for (millis, off_within) in [(20, 21), (200, 201), (600, 601)] {
+        for cause in [Cause::Hot, Cause::Short, Cause::FieldVolts(3.0)] {
+            let mut machine = busy_machine_with_watchdog(millis);
+            cause.begins(&mut machine, OUTPUTS);
+            let what = format!("watchdog of {millis} ms, {cause:?}");
+            let mut look = off_from(machine.now() + off_within * MS, OUTPUTS, what.clone());
+            for _ in 0..2 * off_within + 200 {
+                cycle(&mut machine, &mut look);
+            }
+            cause.ends(&mut machine, OUTPUTS);
+            comes_back(&mut machine, OUTPUTS, &what, &mut look);
+        }
+    }
+}
+
+/// Nothing but a START switches it off, so it gets one at once.
+#[test]
+fn a_remote_whose_watchdog_is_off_is_started_again_at_once() {
+    for cause in [Cause::Short, Cause::Bit(RemoteFaults::NO_ENABLE)] {
+        let mut machine = busy_machine_with_watchdog(0);
+        let watchdog = machine.status(OUTPUTS).watchdog();
+        assert_eq!(watchdog, mesa_hal::driver::RemoteWatchdog::Off);
+        cause.begins(&mut machine, OUTPUTS);
+        let mut look = off_from(machine.now() + 8 * MS, OUTPUTS, format!("{cause:?}"));
+        for _ in 0..200 {
+            cycle(&mut machine, &mut look);
+        }
+    }
+}

@@ -136,7 +136,12 @@ impl Channel {
         if self.is_running() && self.good_since_restart >= HEALTHY {
             self.attempts.pause = policy.first_backoff;
         }
-        let wait = self.attempts.next_pause(reason, policy);
+        let mut wait = self.attempts.next_pause(reason, policy);
+        if self.watchdog == RemoteWatchdog::Off && self.is_running() && self.first_fault.is_none() {
+            // It may have outputs on, which nothing but a START switches off.
+            self.attempts.is_asked_for = true;
+            wait = Duration::ZERO;
+        }
         let next_attempt = policy
             .automatic
             .then(|| now.after(wait).max(self.attempts.silent_until));
