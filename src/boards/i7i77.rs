@@ -17,6 +17,7 @@ use super::{
 };
 use crate::discovery::DataDirection;
 use crate::hal::{GroupId, Pins};
+use crate::hostmot2::{Gtag, HostMot2};
 
 /// How the field outputs switch.
 ///
@@ -94,6 +95,13 @@ pub const ENCODER_TERMINALS: [&[Terminal]; 6] = [
     terminals![
         "TB4 pin 17" "QA5", "TB4 pin 18" "/QA5", "TB4 pin 20" "QB5", "TB4 pin 21" "/QB5", "TB4 pin 23" "IDX5", "TB4 pin 24" "/IDX5"
     ],
+];
+
+/// The terminals of channel 2 of each card, for a remote of its own.
+///
+/// Source: manual 7I77, "RS-422 INTERFACE".
+pub const SERIAL_TERMINALS: &[Terminal] = terminals![
+    "TB6 pin 3" "RX+", "TB6 pin 4" "RX-", "TB6 pin 5" "TX+", "TB6 pin 6" "TX-"
 ];
 
 const INPUTS: &[Terminal] = terminals![
@@ -257,6 +265,56 @@ pub fn encoder_pins(
     }
     Ok(encoders)
 }
+
+/// Which encoder of its card encoder `number` of a firmware is, 0 to 5: its pins, and all others of
+/// their connector, have to be those of a 7I77.
+///
+/// Source: FACTS 8.1 and 12.7.
+pub fn encoder_of_card(firmware: &HostMot2, number: usize) -> Option<usize> {
+    let unit = u8::try_from(number / 2).ok()?;
+    let mut pins = firmware.pins_of(Gtag::MUXED_ENCODER, unit);
+    let (a, _) = pins.find(|(_, pin)| pin.secondary_pin == 1)?;
+    let width = CONNECTOR_PINS.len();
+    if firmware.idrom().port_width as usize != width {
+        return None;
+    }
+    let (connector, place) = (usize::from(a) / width, usize::from(a) % width);
+    let pins = firmware.pins().iter().skip(connector * width);
+    let is_card = pins.zip(CONNECTOR_PINS).all(|(pin, (kind, signal))| {
+        let is_kind = match kind {
+            Gtag::SSERIAL => [Gtag::SSERIAL, Gtag::SSERIAL_B].contains(&pin.secondary),
+            kind => pin.secondary == kind,
+        };
+        // The low half of a serial pin is its channel, which differs from card to card.
+        let mask = if kind == Gtag::SSERIAL { 0xF0 } else { 0xFF };
+        is_kind && pin.secondary_pin & mask == signal & mask
+    });
+    is_card.then(|| place.saturating_sub(FIRST_ENCODER_PIN) / 3 * 2 + number % 2)
+}
+
+/// Where on its connector the pins of the encoders begin.
+const FIRST_ENCODER_PIN: usize = 8;
+
+/// The modules and secondary pins of [`CONNECTOR_SIGNALS`].
+const CONNECTOR_PINS: [(Gtag, u8); 17] = [
+    (Gtag::SSERIAL, 0x90),
+    (Gtag::SSERIAL, 0x80),
+    (Gtag::SSERIAL, 0x00),
+    (Gtag::SSERIAL, 0x80),
+    (Gtag::SSERIAL, 0x00),
+    (Gtag::SSERIAL, 0x80),
+    (Gtag::SSERIAL, 0x00),
+    (Gtag::MUX_SELECT, 0x81),
+    (Gtag::MUXED_ENCODER, 1),
+    (Gtag::MUXED_ENCODER, 2),
+    (Gtag::MUXED_ENCODER, 3),
+    (Gtag::MUXED_ENCODER, 1),
+    (Gtag::MUXED_ENCODER, 2),
+    (Gtag::MUXED_ENCODER, 3),
+    (Gtag::MUXED_ENCODER, 1),
+    (Gtag::MUXED_ENCODER, 2),
+    (Gtag::MUXED_ENCODER, 3),
+];
 
 /// What is at I/O 0 to 16 of the connector that the card is plugged to.
 ///

@@ -48,6 +48,17 @@ pub enum BuildError<E: BusError> {
         /// The channel.
         channel: u8,
     },
+    /// More encoders were asked for than the firmware has.
+    #[error(
+        "{count} encoders were asked for, and this firmware has {all}; ask for at most {all} \
+         (`EncoderSetup::count`), or load a firmware that has more"
+    )]
+    TooManyEncoders {
+        /// How many were asked for.
+        count: u8,
+        /// How many there are.
+        all: u8,
+    },
     /// A serial port does not do what it is told.
     #[error(transparent)]
     Port(PortError<E>),

@@ -253,7 +253,8 @@ fn card_7i77(card: u8) -> Vec<PinDescriptor> {
         serial(RX, 1),
         serial(TX, 0),
         serial(RX, 0),
-        PinDescriptor::new(gtag::MUX_SELECT, 0, 0x81),
+        // The same signal on both cards, but another unit: FACTS 12.7.
+        PinDescriptor::new(gtag::MUX_SELECT, 6 * card, 0x81),
     ];
     for pair in 0..3 {
         pins.extend(encoder_pins(3 * card + pair));

@@ -12,7 +12,10 @@ fn what_all_encoders_have_in_common_can_be_set() {
     let timer = bank.timer_number.expect("there is a DPLL");
     let registers = |machine: &mut Machine<SimFpga>| {
         let fpga = machine.fpga();
-        [0x3700, 0x3900, 0x3A00].map(|address| fpga.read_register(address))
+        // The rate register can not be read back.
+        let rate = fpga.encoders().expect("encoders").rate();
+        let timer = fpga.read_register(0x3A00);
+        [fpga.read_register(0x3700) & 0xFFFF, rate, timer]
     };
     let turn = |machine: &mut Machine<SimFpga>, speed| {
         let motor = machine.fpga().motor(0).expect("an axis");
@@ -73,43 +76,158 @@ fn what_all_encoders_have_in_common_can_be_set() {
     assert_eq!(registers(&mut machine), [98, 14, 0]);
 }
 
-/// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
-#[test]
-fn encoders_are_followed_up_to_3_mhz_when_their_filter_is_short() {
-    let mut machine = board();
+/// Where the count goes in 100 ms at so many counts a second: its change, the velocity, and whether
+/// the speed is said to be near the greatest.
+fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, bool) {
     let encoder = machine.card.encoders[5];
-    let pins = machine.driver.pins_mut();
-    pins.set_param(encoder.filter, false).expect("a switch");
-    pins.set(encoder.quad_error_enable, true);
-    machine.cycles(2);
-    for counts_per_second in [3.0e6, -3.0e6] {
-        let motor = machine.fpga().motor(5).expect("an axis");
-        let counts = motor.config().counts_per_unit;
-        motor.turn_by_hand(Some(counts_per_second / counts));
-        machine.cycles(2);
-        let read = |machine: &Machine<SimFpga>| {
-            let pins = machine.driver.pins();
-            (
-                pins.read(encoder.rawcounts).value,
-                pins.read(encoder.velocity).value,
-            )
-        };
-        let (before, _) = read(&machine);
-        machine.cycles(100);
-        let (after, velocity) = read(&machine);
-        let moved = f64::from(after.wrapping_sub(before));
-        assert!((moved / counts_per_second - 0.1).abs() < 0.001, "{moved}");
-        assert!(
-            (velocity / counts_per_second - 1.0).abs() < 0.001,
-            "{velocity}"
-        );
-    }
-    assert!(!machine.driver.pins().read(encoder.quad_error).value);
     let motor = machine.fpga().motor(5).expect("an axis");
-    motor.turn_by_hand(Some(4_000.0));
-    machine.cycles(3);
-    assert!(
-        machine.driver.pins().read(encoder.quad_error).value,
-        "4 MHz"
+    let counts = motor.config().counts_per_unit;
+    motor.turn_by_hand(Some(counts_per_second / counts));
+    machine.cycles(2);
+    let read = |machine: &Machine<SimFpga>, pin| machine.driver.pins().read(pin).value;
+    let before = read(machine, encoder.rawcounts);
+    machine.cycles(100);
+    let moved = read(machine, encoder.rawcounts).wrapping_sub(before);
+    let pins = machine.driver.pins();
+    let result = (
+        f64::from(moved),
+        pins.read(encoder.velocity).value,
+        pins.read(encoder.near_max_count_rate).value,
     );
+    machine.fpga().motor(5).expect("an axis").turn_by_hand(None);
+    machine.cycles(20);
+    result
+}
+
+/// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE" promises 3 MHz at ClockLow/16; the gateware follows
+/// clock / (3 (n + 2)) with the short filter and clock / (15 (n + 2)) with the long one (FACTS
+/// 12.6), and says no error beyond.
+#[test]
+fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
+    let mut machine = board();
+    let (bank, encoder) = (machine.card.encoder_bank, machine.card.encoders[5]);
+    machine
+        .driver
+        .pins_mut()
+        .set(encoder.quad_error_enable, true);
+    for (filter, sample_hz, greatest) in [
+        (None, 6_250_000, 100e6 / 48.0),
+        (Some(true), 6_250_000, 100e6 / 240.0),
+        (Some(false), 10_000_000, 100e6 / 30.0),
+        (Some(true), 12_500_000, 100e6 / 120.0),
+    ] {
+        let pins = machine.driver.pins_mut();
+        if let Some(filter) = filter {
+            pins.set_param(encoder.filter, filter).expect("a switch");
+        }
+        pins.set(bank.sample_frequency, sample_hz);
+        machine.cycles(2);
+        let told = machine.driver.pins().param(encoder.max_count_rate);
+        assert!((told / greatest - 1.0).abs() < 1e-9, "{told}, {greatest}");
+        // The filters come down to their new length with the first counts.
+        let _ = turned(&mut machine, 10_000.0);
+        for speed in [0.8, -0.8, 0.98, -0.98].map(|part| part * greatest) {
+            let (moved, velocity, near) = turned(&mut machine, speed);
+            assert!((moved / speed - 0.1).abs() < 0.001, "{speed}: {moved}");
+            assert!(
+                (velocity / speed - 1.0).abs() < 0.001,
+                "{speed}: {velocity}"
+            );
+            assert_eq!(near, speed.abs() > 0.9 * greatest, "{speed} of {greatest}");
+        }
+        let (moved, ..) = turned(&mut machine, 1.4 * greatest);
+        let wrong = (moved / (0.14 * greatest) - 1.0).abs();
+        assert!(wrong > 0.2, "beyond it counts are garbage: {moved}");
+        assert!(!machine.driver.pins().read(encoder.quad_error).value);
+    }
+}
+
+#[test]
+fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
+    let mut machine = board();
+    let encoder = machine.card.encoders[2];
+    let error = |machine: &mut Machine<SimFpga>| {
+        machine.cycles(4);
+        let said = machine.driver.pins().read(encoder.quad_error).value;
+        (said, machine.fpga().read_register(0x3608) & 0x8000 != 0)
+    };
+    let disturb = |machine: &mut Machine<SimFpga>| {
+        machine.fpga().encoders().expect("encoders").disturb(2);
+    };
+    machine
+        .driver
+        .pins_mut()
+        .set(encoder.quad_error_enable, true);
+    assert_eq!(error(&mut machine), (false, false));
+    disturb(&mut machine);
+    assert_eq!(error(&mut machine), (true, true));
+    machine
+        .driver
+        .pins_mut()
+        .set(encoder.quad_error_enable, false);
+    assert_eq!(error(&mut machine), (false, false), "cleared in the board");
+    machine
+        .driver
+        .pins_mut()
+        .set(encoder.quad_error_enable, true);
+    assert_eq!(error(&mut machine), (false, false));
+    // What came while nobody watched is not told later.
+    machine
+        .driver
+        .pins_mut()
+        .set(encoder.quad_error_enable, false);
+    disturb(&mut machine);
+    machine.cycles(4);
+    machine
+        .driver
+        .pins_mut()
+        .set(encoder.quad_error_enable, true);
+    assert_eq!(error(&mut machine), (false, false));
+}
+
+#[test]
+fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_refused() {
+    let mut machine = board();
+    let encoder = machine.card.encoders[0];
+    machine
+        .fpga()
+        .motor(0)
+        .expect("an axis")
+        .turn_by_hand(Some(1.0));
+    machine.cycles(10);
+    machine.driver.pins_mut().set(encoder.probe_enable, true);
+    machine.cycles(10);
+    let pins = machine.driver.pins();
+    assert_eq!(pins.read(encoder.count_latched).value, 0);
+    assert!(pins.rejections(encoder.probe_enable).out_of_range > 0);
+    // The index still works.
+    let pins = machine.driver.pins_mut();
+    pins.set_inout(encoder.index_enable, true);
+    machine
+        .fpga()
+        .motor(0)
+        .expect("an axis")
+        .turn_by_hand(Some(50.0));
+    machine.cycles(200);
+    assert!(!machine.driver.pins().read(encoder.index_enable).value);
+}
+
+#[test]
+fn a_scale_of_0_becomes_1_and_is_counted_as_refused() {
+    let mut machine = board();
+    let encoder = machine.card.encoders[1];
+    machine
+        .fpga()
+        .motor(1)
+        .expect("an axis")
+        .turn_by_hand(Some(1.0));
+    machine.cycles(10);
+    let pins = machine.driver.pins_mut();
+    pins.set_param(encoder.scale, 0.0).expect("a setting");
+    machine.cycles(2);
+    let pins = machine.driver.pins();
+    assert!((pins.param(encoder.scale) - 1.0).abs() < f64::EPSILON);
+    assert_eq!(pins.rejections(encoder.scale).out_of_range, 1);
+    let count = f64::from(pins.read(encoder.count).value);
+    assert!((pins.read(encoder.position).value - count).abs() < f64::EPSILON);
 }

@@ -44,6 +44,14 @@ const ONLY_OURS: Reasons = &[
         "LinuxCNC does not notice a gap that hides a wrap-around",
     ),
     (
+        "encoder.*.max-count-rate",
+        "LinuxCNC does not tell which rates are followed",
+    ),
+    (
+        "encoder.*.near-max-count-rate",
+        "LinuxCNC does not notice a speed that is not followed",
+    ),
+    (
         "encoder.*.probe-enable",
         "latch on probe, made for every encoder",
     ),

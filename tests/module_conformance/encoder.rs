@@ -1,6 +1,295 @@
-//! The encoders.
+//! The encoders, plain and multiplexed, with what the bench has in front of their pins.
+
+use std::collections::BTreeMap;
+
+use mesa_hal::sim::wire::Nanos;
+use mesa_hal::sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
 
 use crate::Replay;
+use crate::bench::{Bench, FpgaBench};
+use crate::outcome::Outcome;
+use crate::register::Register;
+use crate::runner::{self, Rules, Watch};
+use crate::transcript::{Entry, Event, Level, Transcript};
 
-/// Not connected yet.
-pub const REPLAY: Option<Replay> = None;
+/// To the clock; reads that differ are right if they are so within one period of the divider.
+pub const REPLAY: Option<Replay> = Some(replay);
+
+/// The multiplexer's divider after configuration, in these sources.
+const RATE: u32 = 11;
+/// Where the recorded firmware has its encoders, with six registers.
+const BASE: u16 = 0x3600;
+/// The I/O pins of index masks and probe, where the recording has them.
+const FIRST_MASK: usize = 34;
+const PROBE: usize = 40;
+
+const CLOCK_NANOS: Nanos = 10;
+/// Lines of a pin that are not farther apart show every edge between them.
+const WINDOW: Nanos = 1_000;
+
+fn replay(transcript: &Transcript) -> Outcome {
+    let rules = Rules {
+        step: None,
+        watch: Watch::AtLines,
+        skip: if counts_are_followed(transcript) {
+            |_| false
+        } else {
+            |entry| matches!(&entry.event, Event::Read { register, .. } if is_count(*register))
+        },
+    };
+    let firmware = firmware(transcript);
+    let bench = || EncoderBench::new(&firmware);
+    let mut exact = bench();
+    let mut outcome = runner::replay(transcript, &mut exact, rules);
+    if !outcome.differences.is_empty() {
+        let period = if is_plain(transcript) { 60 } else { 260 };
+        let delays: Vec<Nanos> = (0..period).step_by(10).collect();
+        outcome = runner::replay_within(transcript, bench, &delays, rules);
+    }
+    compare_edges(transcript, &exact.edges, &mut outcome);
+    if !counts_are_followed(transcript) {
+        compare_rates(transcript, &mut bench(), &mut outcome);
+    }
+    outcome
+}
+
+fn is_plain(transcript: &Transcript) -> bool {
+    transcript.name.starts_with("qc")
+}
+
+fn is_count(register: Register) -> bool {
+    register.kind.number == 0
+}
+
+/// The firmware that a file was recorded on.
+fn firmware(transcript: &Transcript) -> Firmware {
+    let is_two_cards = transcript.name.starts_with("enc12");
+    let mut firmware = if is_two_cards {
+        machines::firmware_7i92_7i77x2()
+    } else {
+        machines::firmware_7i97(1)
+    };
+    firmware.mux_rate = RATE;
+    let is_plain = is_plain(transcript);
+    let tag = if is_plain {
+        gtag::ENCODER
+    } else {
+        gtag::MUXED_ENCODER
+    };
+    if let Some(module) = firmware.module_mut(gtag::MUXED_ENCODER) {
+        module.gtag = tag;
+        (module.base, module.registers) = (BASE, 6);
+        if is_plain {
+            (module.version, module.instances) = (3, 4);
+        }
+    }
+    let has_masks = transcript.entries.iter().any(is_mask_or_probe);
+    if is_plain || has_masks {
+        for unit in 0..6 {
+            let pin = PinDescriptor::new(tag, unit, 0x04);
+            firmware.pins[FIRST_MASK + usize::from(unit)] = pin;
+        }
+        firmware.pins[PROBE] = PinDescriptor::new(tag, 0, 0x05);
+    }
+    firmware
+}
+
+fn is_mask_or_probe(entry: &Entry) -> bool {
+    matches!(&entry.event, Event::Drive { pin, .. } if mask_or_probe(pin).is_some())
+}
+
+fn mask_or_probe(pin: &str) -> Option<usize> {
+    match pin.strip_prefix("MASK") {
+        Some(number) => number.parse().ok().map(|number: usize| FIRST_MASK + number),
+        None => (pin == "PROBE").then_some(PROBE),
+    }
+}
+
+/// An FPGA with encoders, and every edge of its select pins and of the outputs of its DPLL.
+struct EncoderBench {
+    inner: FpgaBench,
+    levels: BTreeMap<&'static str, Level>,
+    edges: BTreeMap<&'static str, Vec<(Nanos, Level)>>,
+}
+
+const PINS: [&str; 8] = [
+    "MUXSEL", "MUXSEL_A", "MUXSEL_B", "REF", "TIMER1", "TIMER2", "TIMER3", "TIMER4",
+];
+
+impl EncoderBench {
+    fn new(firmware: &Firmware) -> Self {
+        Self {
+            inner: FpgaBench::new(firmware.clone()),
+            levels: BTreeMap::new(),
+            edges: BTreeMap::new(),
+        }
+    }
+
+    fn fpga(&mut self) -> &mut SimFpga {
+        &mut self.inner.fpga
+    }
+
+    fn level(&self, pin: &str) -> Result<Level, String> {
+        let output = PINS[3..].iter().position(|&name| name == pin);
+        let Some(output) = output else {
+            let fpga = &self.inner.fpga;
+            let level = fpga.driven_level(self.inner.io_pin(pin)?);
+            return Ok(level.map_or(Level::Released, to_level));
+        };
+        let fpga = &self.inner.fpga;
+        let level = fpga
+            .dpll()
+            .and_then(|dpll| dpll.level(fpga.now(), output as u8));
+        level
+            .map(to_level)
+            .ok_or_else(|| "there is no DPLL".to_owned())
+    }
+
+    fn note_edges(&mut self) {
+        let now = self.inner.fpga.now();
+        for pin in PINS {
+            if let Ok(level) = self.level(pin)
+                && self.levels.insert(pin, level) != Some(level)
+            {
+                self.edges.entry(pin).or_default().push((now, level));
+            }
+        }
+    }
+}
+
+fn to_level(high: bool) -> Level {
+    if high { Level::High } else { Level::Low }
+}
+
+impl Bench for EncoderBench {
+    fn advance(&mut self, to: Nanos) {
+        // A write may have moved a pin at once.
+        self.note_edges();
+        loop {
+            let next = (self.fpga().now() / CLOCK_NANOS + 1) * CLOCK_NANOS;
+            if next > to {
+                break;
+            }
+            self.inner.advance(next);
+            self.note_edges();
+        }
+        self.inner.advance(to);
+    }
+
+    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
+        self.inner.write(register, value)
+    }
+
+    fn read(&mut self, register: Register) -> Result<u32, String> {
+        self.inner.read(register)
+    }
+
+    fn pin(&mut self, pin: &str) -> Result<Level, String> {
+        self.level(pin)
+    }
+
+    fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
+        let Some(number) = mask_or_probe(pin) else {
+            return self.inner.drive(pin, level);
+        };
+        let level = match level {
+            Level::Low => Some(false),
+            Level::High => Some(true),
+            Level::Released | Level::Conflict => None,
+        };
+        self.fpga().drive_pin(number, level);
+        Ok(())
+    }
+
+    fn encoder(&mut self, encoder: u8, abz: [bool; 3]) -> Result<(), String> {
+        let now = self.fpga().now();
+        let bank = self
+            .fpga()
+            .encoders()
+            .ok_or("the firmware has no encoders")?;
+        if usize::from(encoder) >= bank.encoders() {
+            return Err(format!("the firmware has no encoder {encoder}"));
+        }
+        bank.set_lines(now, encoder.into(), abz);
+        Ok(())
+    }
+}
+
+/// Where the lines of a pin follow each other closely, they are all edges that there are.
+fn compare_edges(
+    transcript: &Transcript,
+    edges: &BTreeMap<&'static str, Vec<(Nanos, Level)>>,
+    outcome: &mut Outcome,
+) {
+    let mut last: BTreeMap<&str, Nanos> = BTreeMap::new();
+    for entry in &transcript.entries {
+        let (pin, level) = match &entry.event {
+            Event::Pin { pin, level } => (pin, level),
+            // Another part of the file, where pins are shown anew.
+            Event::Note(_) => {
+                last.clear();
+                continue;
+            }
+            _ => continue,
+        };
+        let Some(before) = last.insert(pin, entry.time) else {
+            continue;
+        };
+        if before == entry.time || before + WINDOW < entry.time {
+            continue;
+        }
+        let found = edges.get(pin.as_str()).into_iter().flatten();
+        let found: Vec<_> = found
+            .filter(|(at, _)| (before + 1..=entry.time).contains(at))
+            .collect();
+        let expected = format!("{pin} {level:?} at {}, and still before", entry.time);
+        let same = found == [&(entry.time, *level)];
+        outcome.compare(entry.line, same, expected, format!("{found:?}"));
+    }
+}
+
+/// Whether the counts of a file are those of its lines: all but of those that go beyond what is
+/// followed.
+fn counts_are_followed(transcript: &Transcript) -> bool {
+    let name = &transcript.name;
+    !name.starts_with("enc04") && !name.starts_with("qc02")
+}
+
+/// The counts of a file with rates: exact where the recording has followed, and garbage where it has
+/// not.
+fn compare_rates(transcript: &Transcript, bench: &mut EncoderBench, outcome: &mut Outcome) {
+    let mut wanted = None;
+    for entry in &transcript.entries {
+        bench.inner.advance(entry.time.saturating_sub(1));
+        match &entry.event {
+            Event::Note(note) => wanted = counts_of(note).or(wanted),
+            Event::Read { register, word } if is_count(*register) => {
+                let Ok(actual) = bench.read(*register) else {
+                    continue;
+                };
+                let followed = |word: u32| Some(word & 0xFFFF) == wanted;
+                let same = followed(word.value) == followed(actual);
+                let expected = format!("{:#010X} of {wanted:?} counts", word.value);
+                outcome.compare(entry.line, same, expected, format!("{actual:#010X}"));
+            }
+            Event::Write { register, value } => {
+                bench.inner.advance(entry.time);
+                let _ = bench.write(*register, *value);
+            }
+            Event::Encoder { encoder, abz } => {
+                bench.inner.advance(entry.time);
+                let _ = bench.encoder(*encoder, *abz);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// `period 380 ns, 40 counts`.
+fn counts_of(note: &str) -> Option<u32> {
+    let words: Vec<&str> = note.split_whitespace().collect();
+    match words.as_slice() {
+        ["period", _, "ns,", counts, "counts"] => counts.parse().ok(),
+        _ => None,
+    }
+}

@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::Maker;
 use crate::boards::Terminal;
-use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection};
 use crate::hostmot2::{Encoder, EncoderConfig, EncoderReading, EncoderSample, LatchRequest};
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
@@ -30,7 +30,8 @@ pub struct EncoderPins {
     pub reset: Output<bool>,
     /// Asks for `count` to become 0 at the index; turned off when that happened.
     pub index_enable: InOut<bool>,
-    /// While on, each edge of the probe latches the count.
+    /// While on, each edge of the probe latches the count. Where the firmware has no probe, nothing
+    /// is latched, and each cycle in which it is on is counted as a refused value.
     pub probe_enable: Output<bool>,
     /// The probe's rising edge counts, and not the falling one.
     pub probe_invert: Output<bool>,
@@ -39,15 +40,18 @@ pub struct EncoderPins {
     /// The board was not heard for so long that the encoder may have turned further than its
     /// counter tells: `count` may be wrong by multiples of 65536. On until `reset` or index.
     pub count_unsure: Input<bool>,
-    /// Watches for sequence errors; turning it off clears `quad-error`.
+    /// Watches for sequence errors; turning it off clears `quad-error`, and the error in the board.
     pub quad_error_enable: Output<bool>,
+    /// The encoder turns at nine tenths or more of `max-count-rate`, beyond which counts are garbage
+    /// and no error tells.
+    pub near_max_count_rate: Input<bool>,
     /// A now.
     pub input_a: Input<bool>,
     /// B now.
     pub input_b: Input<bool>,
     /// Index now.
     pub input_index: Input<bool>,
-    /// Counts for one unit of position.
+    /// Counts for one unit of position. 0 is refused: it becomes 1, and is counted.
     pub scale: Param<f64>,
     /// The index counts at its rising edge, and not at its falling one.
     pub index_invert: Param<bool>,
@@ -57,14 +61,22 @@ pub struct EncoderPins {
     pub index_mask_invert: Param<bool>,
     /// Step and direction, and not quadrature.
     pub counter_mode: Param<bool>,
-    /// 15 clocks of filter, and not 3.
+    /// 15 samples of filter, and not 3, which costs four fifths of `max-count-rate`. The driver
+    /// switches it off at first on multiplexed encoders, whose manuals promise rates that only the
+    /// short filter comes near to; LinuxCNC has it on.
     pub filter: Param<bool>,
+    /// The most counts in a second that are followed, by sample frequency and filter. It is told and
+    /// can not be set.
+    pub max_count_rate: Param<f64>,
     /// Seconds without a count after which velocity is 0.
     pub vel_timeout: Param<f64>,
 }
 
 impl EncoderPins {
     /// Makes the pins of encoder `number`, at these terminals.
+    ///
+    /// # Errors
+    /// For names that are taken.
     pub fn new(
         pins: &mut Pins,
         group: GroupId,
@@ -90,6 +102,7 @@ impl EncoderPins {
             quad_error: make.input("quad-error")?,
             count_unsure: make.input("count-unsure")?,
             quad_error_enable: make.switch("quad-error-enable", false)?,
+            near_max_count_rate: make.input("near-max-count-rate")?,
             input_a: make.input("input-a")?,
             input_b: make.input("input-b")?,
             input_index: make.input("input-index")?,
@@ -99,6 +112,7 @@ impl EncoderPins {
             index_mask_invert: make.setting("index-mask-invert", false)?,
             counter_mode: make.setting("counter-mode", false)?,
             filter: make.setting("filter", true)?,
+            max_count_rate: make.property("max-count-rate", 0.0)?,
             vel_timeout: make.setting("vel-timeout", 0.5)?,
         })
     }
@@ -128,9 +142,14 @@ impl EncoderPins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn command(&self, pins: &mut Pins, encoder: &mut Encoder) {
+        self.refuse(pins, encoder.has_probe());
         encoder.set_config(self.config(pins));
+        pins.publish_param(self.max_count_rate, encoder.max_count_rate());
         if pins.fetch(self.reset) {
             encoder.reset();
+        }
+        if !pins.fetch(self.quad_error_enable) {
+            encoder.clear_quadrature_error();
         }
         let request = if pins.fetch_inout(self.index_enable) {
             LatchRequest::Index
@@ -140,6 +159,18 @@ impl EncoderPins {
             LatchRequest::None
         };
         encoder.request(request);
+    }
+
+    /// Counts what can not be done: a scale of 0, which becomes 1 as in LinuxCNC, and a probe that
+    /// the firmware does not have.
+    fn refuse(&self, pins: &mut Pins, has_probe: bool) {
+        if pins.param(self.scale) == 0.0 {
+            pins.count_rejection(self.scale, Rejection::OutOfRange);
+            pins.publish_param(self.scale, 1.0);
+        }
+        if !has_probe && pins.fetch(self.probe_enable) {
+            pins.count_rejection(self.probe_enable, Rejection::OutOfRange);
+        }
     }
 
     /// After a read: lets the encoder take its sample, and shows what it says. When an index that
@@ -157,8 +188,7 @@ impl EncoderPins {
     }
 
     fn publish(&self, pins: &mut Pins, reading: &EncoderReading, index_came: bool) {
-        let scale = pins.param(self.scale);
-        let scale = if scale == 0.0 { 1.0 } else { scale };
+        let scale = self.config(pins).usable_scale();
         pins.publish(self.rawcounts, reading.rawcounts as i32);
         pins.publish(self.count_unsure, reading.is_unsure);
         pins.publish(self.count, reading.count as i32);
@@ -178,6 +208,7 @@ impl EncoderPins {
             watched && (before || reading.quadrature_error),
         );
         let [a, b, index] = reading.inputs;
+        pins.publish(self.near_max_count_rate, reading.is_near_max);
         pins.publish(self.input_a, a);
         pins.publish(self.input_b, b);
         pins.publish(self.input_index, index);

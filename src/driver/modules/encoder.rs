@@ -16,7 +16,7 @@ use super::{Making, PartError, Wiring};
 /// How encoders are set up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderSetup {
-    /// How many are used; `None` for all that the firmware has.
+    /// How many are used; `None` for all that the firmware has. More than it has are refused.
     pub count: Option<u8>,
     /// Rate of the multiplexer or of the filters; `None` for what the board is made for.
     pub rate: Option<TickRate>,
@@ -78,11 +78,17 @@ impl EncoderModule {
         let group = *group;
         let kinds = [Gtag::MUXED_ENCODER, Gtag::ENCODER];
         let Some(module) = kinds.into_iter().find_map(|gtag| firmware.find(gtag)) else {
-            return Ok(None);
+            return match setup.count {
+                Some(count @ 1..) => Err(PartError::TooManyEncoders { count, all: 0 }),
+                _ => Ok(None),
+            };
         };
         let registers = Encoders::locate(firmware, module.gtag)?;
         let all = registers.instances();
-        let count = setup.count.unwrap_or(all).min(all);
+        let count = setup.count.unwrap_or(all);
+        if count > all {
+            return Err(PartError::TooManyEncoders { count, all });
+        }
         if count == 0 {
             return Ok(None);
         }
@@ -90,7 +96,7 @@ impl EncoderModule {
         let clock_hz = registers.clock_hz();
         let wiring = Wiring::of(firmware);
         let rate = setup.rate.unwrap_or_else(|| wiring.mux_rate());
-        let fastest = registers.max_count_rate(rate);
+        let fastest = count_rates(&registers, rate);
         let settings = Settings {
             sample_hz: rate.hz(clock_hz) as u32,
             rate,
@@ -99,17 +105,28 @@ impl EncoderModule {
             timer: LatchTimer::default(),
         };
         let tick_hz = settings.timestamps.hz(clock_hz);
-        let version = (module.gtag == Gtag::MUXED_ENCODER).then_some(module.version);
+        let version = registers.is_muxed().then_some(registers.version());
         let dpll = registers.timer.is_some() && firmware.find(Gtag::HM2DPLL).is_some();
         let hz = settings.sample_hz;
         let bank = EncoderBankPins::new(pins, group, board, hz, version, dpll)?;
         made.encoder_bank = Some(bank);
         let mut channels = Vec::new();
         for number in 0..usize::from(count) {
-            let terminals = wiring.encoder(number);
+            let terminals = wiring.encoder(firmware, number);
             let pins_of = EncoderPins::new(pins, group, board, number, terminals)?;
+            if registers.is_muxed() {
+                // What the manuals promise needs the short filter.
+                pins.publish_param(pins_of.filter, false);
+            }
+            let mut encoder = Encoder::new(pins_of.config(pins), tick_hz);
+            encoder.set_max_count_rates(fastest);
+            pins.publish_param(pins_of.max_count_rate, encoder.max_count_rate());
             channels.push(Channel {
-                encoder: Encoder::new(pins_of.config(pins), tick_hz).counting_up_to(fastest),
+                encoder: if registers.has_probe() {
+                    encoder
+                } else {
+                    encoder.without_probe()
+                },
                 pins: pins_of,
                 count: None,
                 control: None,
@@ -170,9 +187,9 @@ impl EncoderModule {
             }
         }
         if wanted.rate != before.rate {
-            let fastest = self.registers.max_count_rate(wanted.rate);
+            let fastest = count_rates(&self.registers, wanted.rate);
             for channel in &mut self.channels {
-                channel.encoder.set_max_count_rate(fastest);
+                channel.encoder.set_max_count_rates(fastest);
             }
         }
         let slots = self.slots;
@@ -181,6 +198,11 @@ impl EncoderModule {
         cycle.change(slots.map(|slots| slots.timestamps), wanted.timestamps.0);
         cycle.change(slots.and_then(|slots| slots.timer), wanted.timer.0);
     }
+}
+
+/// The most counts in a second with the short filter and with the long one.
+fn count_rates(registers: &Encoders, rate: TickRate) -> [f64; 2] {
+    [false, true].map(|long_filter| registers.max_count_rate(rate, long_filter))
 }
 
 fn timestamps(clock_hz: u32, fine: bool) -> TickRate {
@@ -201,7 +223,9 @@ fn take_pins(
     plan: &mut PortPlan,
 ) -> Result<(), crate::hostmot2::IoPinError> {
     let units = if gtag == Gtag::MUXED_ENCODER {
-        plan.use_module(firmware, Gtag::MUX_SELECT, 0)?;
+        for unit in select_units(firmware, count) {
+            plan.use_module(firmware, Gtag::MUX_SELECT, unit)?;
+        }
         count.div_ceil(2)
     } else {
         count
@@ -210,6 +234,23 @@ fn take_pins(
         plan.use_module(firmware, gtag, unit)?;
     }
     Ok(())
+}
+
+/// Each card has a select line of its own, which carries the same signal; its unit is the number of
+/// the card's first encoder (FACTS 12.7).
+fn select_units(firmware: &HostMot2, count: u8) -> impl Iterator<Item = u8> {
+    let mut has_unit = [false; 256];
+    for pin in firmware.pins() {
+        let is_select = pin.secondary == Gtag::MUX_SELECT;
+        if let Some(has) = has_unit.get_mut(usize::from(pin.unit)) {
+            *has |= is_select;
+        }
+    }
+    (0..count).filter(move |unit| {
+        let has = has_unit.get(usize::from(*unit)).copied();
+        // Without any, the plan says what is missing.
+        *unit == 0 || has.unwrap_or(false)
+    })
 }
 
 impl Module for EncoderModule {

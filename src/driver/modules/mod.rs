@@ -100,6 +100,8 @@ pub(super) enum PartError {
     Io(#[from] IoPinError),
     #[error(transparent)]
     Pin(#[from] PinError),
+    #[error("{count} encoders were asked for, and this firmware has {all}")]
+    TooManyEncoders { count: u8, all: u8 },
 }
 
 impl From<ModuleError> for PartError {
@@ -131,6 +133,7 @@ impl<E: BusError> From<PartError> for BuildError<E> {
             PartError::Locate(error) => error.into(),
             PartError::Io(error) => error.into(),
             PartError::Pin(error) => error.into(),
+            PartError::TooManyEncoders { count, all } => Self::TooManyEncoders { count, all },
         }
     }
 }

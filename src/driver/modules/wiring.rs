@@ -9,7 +9,7 @@ use crate::hostmot2::{Gtag, HostMot2, TickRate};
 pub(super) enum Wiring {
     /// Everything is on the board itself.
     I7i97,
-    /// A board with connectors for cards; for encoders that is a 7I77.
+    /// A board with connectors for cards.
     Connectors,
 }
 
@@ -31,12 +31,14 @@ impl Wiring {
         }
     }
 
-    pub fn encoder(self, number: usize) -> &'static [Terminal] {
-        let board = match self {
-            Self::I7i97 => &i7i97::ENCODER_TERMINALS,
-            Self::Connectors => &i7i77::ENCODER_TERMINALS,
+    /// The terminals of an encoder: those of the board, or of the card whose pins it has.
+    pub fn encoder(self, firmware: &HostMot2, number: usize) -> &'static [Terminal] {
+        let terminals = match self {
+            Self::I7i97 => i7i97::ENCODER_TERMINALS.get(number),
+            Self::Connectors => i7i77::encoder_of_card(firmware, number)
+                .and_then(|encoder| i7i77::ENCODER_TERMINALS.get(encoder)),
         };
-        board.get(number).copied().unwrap_or(&[])
+        terminals.copied().unwrap_or(&[])
     }
 
     pub fn pwm(self, number: usize) -> PwmUse {

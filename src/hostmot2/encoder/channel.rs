@@ -36,6 +36,9 @@ pub struct EncoderReading {
     /// So much time lay between two reads that the encoder may have moved 32768 counts or more:
     /// `count` may be wrong by multiples of 65536. Said until the next reset or index.
     pub is_unsure: bool,
+    /// It turns at nine tenths or more of the greatest rate that is followed: beyond that rate counts
+    /// are garbage, and no error tells (FACTS 12.6).
+    pub is_near_max: bool,
     /// The inputs now: A, B, index.
     pub inputs: [bool; 3],
 }
@@ -60,8 +63,12 @@ pub struct Encoder {
     latch: Latch,
     latched: Option<i64>,
     clear_error: bool,
-    /// The most counts in a second.
-    fastest: f64,
+    /// An error from before the first read, as the multiplexer makes when its select line begins to
+    /// be driven, is taken back and not told.
+    ignores_error: bool,
+    /// The most counts in a second that are followed, with the short filter and with the long one.
+    fastest: [f64; 2],
+    has_probe: bool,
     is_unsure: bool,
     velocity: VelocityEstimator,
 }
@@ -86,23 +93,44 @@ impl Encoder {
             latch: Latch::new(),
             latched: None,
             clear_error: false,
-            fastest: 0.0,
+            ignores_error: true,
+            fastest: [0.0; 2],
+            has_probe: true,
             is_unsure: false,
             velocity: VelocityEstimator::default(),
         }
     }
 
-    /// The same, which counts at most so many times a second: that tells how far it may have moved
-    /// unseen. Otherwise nothing is told of that.
+    /// The same, which counts at most so many times a second, whatever its filter: that tells how
+    /// far it may have moved unseen. Otherwise nothing is told of that.
     #[must_use]
     pub fn counting_up_to(mut self, hz: f64) -> Self {
-        self.set_max_count_rate(hz);
+        self.set_max_count_rates([hz; 2]);
         self
     }
 
-    /// Changes how often it counts in a second at most.
-    pub fn set_max_count_rate(&mut self, hz: f64) {
+    /// The same without a probe: a request for one is not made. In the control register it would
+    /// look as if it had happened at once (FACTS 12.5).
+    #[must_use]
+    pub fn without_probe(mut self) -> Self {
+        self.has_probe = false;
+        self
+    }
+
+    /// Changes how often it counts in a second at most, with the short filter and with the long one.
+    pub fn set_max_count_rates(&mut self, hz: [f64; 2]) {
         self.fastest = hz;
+    }
+
+    /// How often it counts in a second at most, with the filter that it has.
+    pub fn max_count_rate(&self) -> f64 {
+        let [short, long] = self.fastest;
+        if self.config.filter { long } else { short }
+    }
+
+    /// Whether there is a probe.
+    pub const fn has_probe(&self) -> bool {
+        self.has_probe
     }
 
     /// How it counts.
@@ -122,9 +150,15 @@ impl Encoder {
         self.velocity.reset();
     }
 
-    /// Asks for a latch, or takes the request back.
+    /// Asks for a latch, or takes the request back. Where there is no probe, a request for one is
+    /// none.
     pub fn request(&mut self, wanted: LatchRequest) {
-        self.latch.request(wanted);
+        let is_possible = self.has_probe || wanted != LatchRequest::Probe;
+        self.latch.request(if is_possible {
+            wanted
+        } else {
+            LatchRequest::None
+        });
     }
 
     /// What is still asked for; [`LatchRequest::None`] once it has happened.
@@ -158,6 +192,7 @@ impl Encoder {
         self.last = None;
         self.latch.forget();
         self.velocity.reset();
+        self.ignores_error = true;
     }
 
     /// Takes a quadrature error back: it stays until then, since counts may be wrong for good.
@@ -192,17 +227,21 @@ impl Encoder {
             Some(last) => self.advance(last, sample),
         }
         self.check_latch(sample, from);
-        self.clear_error &= sample.control.has(ControlWord::QUADRATURE_ERROR);
+        let error = sample.control.has(ControlWord::QUADRATURE_ERROR);
+        self.ignores_error &= error;
+        self.clear_error = (self.clear_error || self.ignores_error) && error;
         let counts = self.rawcounts.wrapping_sub(self.zero);
         let scale = self.config.usable_scale();
+        let (velocity, fastest) = (self.velocity.velocity(), self.max_count_rate());
         let input = |bit| sample.control.has(bit);
         EncoderReading {
             rawcounts: self.rawcounts,
             count: counts,
             position: counts as f64 / scale,
-            velocity: self.velocity.velocity() / scale,
+            velocity: velocity / scale,
             latched: self.latched,
-            quadrature_error: input(ControlWord::QUADRATURE_ERROR),
+            quadrature_error: error && !self.ignores_error,
+            is_near_max: fastest > 0.0 && velocity.abs() >= NEAR * fastest,
             is_unsure: self.is_unsure,
             inputs: [
                 input(ControlWord::A),
@@ -216,7 +255,7 @@ impl Encoder {
         let count = sample.count.count();
         let change = i64::from(count.wrapping_sub(last.count) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
-        self.is_unsure |= gap * self.fastest >= AMBIGUOUS;
+        self.is_unsure |= gap * self.max_count_rate() >= AMBIGUOUS;
         let ticks = extend_ticks(last, &sample, self.tick_hz);
         // A change after the time stamp counter was read would look 65535 ticks old.
         let age = sample.timestamp.wrapping_sub(sample.count.timestamp());
@@ -255,6 +294,9 @@ impl Encoder {
         self.latched = Some(latched.wrapping_sub(self.zero));
     }
 }
+
+/// The part of the greatest count rate from which on it is near.
+const NEAR: f64 = 0.9;
 
 /// So many counts between two reads may as well be as many in the other direction.
 const AMBIGUOUS: f64 = 32_768.0;

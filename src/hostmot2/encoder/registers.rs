@@ -26,10 +26,15 @@ pub struct Encoders {
     pub timer: Option<u16>,
     gtag: Gtag,
     version: u8,
+    has_probe: bool,
     clock_hz: u32,
 }
 
 impl Encoders {
+    /// Set in the version of multiplexed encoders that have a probe.
+    const WITH_PROBE: u8 = 0x80;
+    /// Secondary pin of the probe.
+    const PROBE_PIN: u8 = 0x05;
     const REGISTERS: u8 = 5;
     const MULTIPLE: u32 = 0x3;
 
@@ -37,19 +42,29 @@ impl Encoders {
     ///
     /// # Errors
     /// If the firmware has none, or none of a version that is known: 2 and 3, multiplexed ones 2
-    /// to 4.
+    /// to 4, and 0x82 to 0x84 with a probe.
     pub fn locate(firmware: &HostMot2, gtag: Gtag) -> Result<Self, LocateError> {
-        Ok(Self::new(firmware.require(gtag)?)?)
+        let module = firmware.require(gtag)?;
+        let mut pins = firmware.pins().iter();
+        let has_pin = pins.any(|pin| pin.secondary == gtag && pin.secondary_pin == Self::PROBE_PIN);
+        Ok(Self::new(module, has_pin)?)
     }
 
-    fn new(module: &ModuleDescriptor) -> Result<Self, ModuleError> {
+    fn new(module: &ModuleDescriptor, has_probe_pin: bool) -> Result<Self, ModuleError> {
         module.expect(
             &[Gtag::MUXED_ENCODER, Gtag::ENCODER],
             Self::REGISTERS,
             Self::MULTIPLE,
         )?;
-        let newest = if module.gtag == Gtag::ENCODER { 3 } else { 4 };
-        if !(2..=newest).contains(&module.version) {
+        let is_muxed = module.gtag == Gtag::MUXED_ENCODER;
+        let newest = if is_muxed { 4 } else { 3 };
+        let probe = if is_muxed {
+            module.version & Self::WITH_PROBE
+        } else {
+            0
+        };
+        let version = module.version & !probe;
+        if !(2..=newest).contains(&version) {
             return Err(ModuleError::UnknownVersion {
                 gtag: module.gtag,
                 version: module.version,
@@ -66,7 +81,8 @@ impl Encoders {
             rate,
             timer: rate.checked_add(module.register_stride),
             gtag: module.gtag,
-            version: module.version,
+            version,
+            has_probe: has_probe_pin || probe != 0,
             clock_hz: module.clock_hz,
         })
     }
@@ -97,14 +113,28 @@ impl Encoders {
         self.clock_hz
     }
 
-    /// The most counts in a second at this rate of multiplexer or filters, whatever the filter: a
-    /// level has to last for one look of the multiplexer, or for three clocks.
-    pub fn max_count_rate(&self, rate: TickRate) -> f64 {
-        if self.is_muxed() {
-            rate.max_muxed_count_rate(self.clock_hz)
+    /// Whether the firmware has a probe input. Without it nothing is ever latched on a probe, and
+    /// its bits of the control register read 0 whatever was written (FACTS 12.5).
+    pub const fn has_probe(&self) -> bool {
+        self.has_probe
+    }
+
+    /// The version without the mark of a probe.
+    pub const fn version(&self) -> u8 {
+        self.version
+    }
+
+    /// The most counts in a second that are followed at this rate of multiplexer or filters: each
+    /// level of A and B lasts for two counts, and has to last for as many samples as the filter is
+    /// long. For multiplexed encoders that is clock / (3 (n + 2)), or clock / (15 (n + 2)) with the
+    /// long filter. Beyond it counts are garbage, and no error tells (FACTS 12.6).
+    pub fn max_count_rate(&self, rate: TickRate, long_filter: bool) -> f64 {
+        let samples = if self.is_muxed() {
+            rate.muxed_sample_rate(self.clock_hz)
         } else {
-            rate.hz(self.clock_hz) / 3.0
-        }
+            rate.hz(self.clock_hz)
+        };
+        2.0 * samples / if long_filter { 15.0 } else { 3.0 }
     }
 
     /// Sets all encoders up, in one exchange: time-stamp rate, multiplexer or filter rate, and
@@ -174,10 +204,10 @@ impl TickRate {
         f64::from(clock_hz) / f64::from(divisor)
     }
 
-    /// As a multiplexer rate: the highest count rate that is resolved, in counts/s. Each of
-    /// the two encoders on a set of pins is looked at in every other tick. The filter of 15 clocks
-    /// allows less, see [`EncoderConfig::filter`].
-    pub fn max_muxed_count_rate(self, clock_hz: u32) -> f64 {
+    /// As a multiplexer rate: how often a second each encoder is sampled. Of the two on a set of
+    /// pins each is looked at in every other tick. What is followed of that tells
+    /// [`Encoders::max_count_rate`]; the manuals call this rate resolvable.
+    pub fn muxed_sample_rate(self, clock_hz: u32) -> f64 {
         self.hz(clock_hz) / 2.0
     }
 }
@@ -301,8 +331,8 @@ pub struct EncoderConfig {
     pub scale: f64,
     /// Up/down (step and direction), else quadrature.
     pub up_down: bool,
-    /// Filter inputs for 15 clocks instead of 3: the usual choice, but not for the highest count
-    /// rates. The clocks of multiplexed encoders are those of the multiplexer.
+    /// Filter inputs for 15 samples instead of 3, which costs four fifths of the greatest count
+    /// rate: [`Encoders::max_count_rate`].
     pub filter: bool,
     /// The index is active high; else low.
     pub index_high: bool,
@@ -319,7 +349,7 @@ pub struct EncoderConfig {
 }
 
 impl Default for EncoderConfig {
-    /// Quadrature, filtered, index and probe active high, scale 1, idle after 0.5 s.
+    /// Quadrature, long filter, index and probe active high, scale 1, idle after 0.5 s.
     fn default() -> Self {
         Self {
             scale: 1.0,
@@ -392,7 +422,7 @@ mod tests {
     fn the_multiplexer_rates_of_the_manuals_are_clock_8_and_clock_16() {
         let clock = 100_000_000;
         assert!((TickRate::MUX_7I77.hz(clock) - 12.5e6).abs() < 1e-6);
-        assert!((TickRate::MUX_7I97.max_muxed_count_rate(clock) - 3.125e6).abs() < 1e-6);
+        assert!((TickRate::MUX_7I97.muxed_sample_rate(clock) - 3.125e6).abs() < 1e-6);
         assert_eq!(TickRate::for_hz(clock, 12_500_000), TickRate::MUX_7I77);
         assert_eq!(TickRate::for_hz(clock, 6_250_000), TickRate::MUX_7I97);
         assert_eq!(TickRate::for_hz(clock, TickRate::TIMESTAMP_HZ).0, 98);

@@ -33,6 +33,7 @@ impl SimFpga {
             gtag::SSR => self.ssr.as_ref().map_or(0, |ssr| ssr.read(register)),
             gtag::OUT_M => self.out_m.as_ref().map_or(0, |out| out.read(register)),
             gtag::DPLL => {
+                self.settle();
                 let dpll = self.dpll.as_mut();
                 dpll.map_or(0, |dpll| dpll.read(now, register))
             }
@@ -96,6 +97,7 @@ impl SimFpga {
                 }
             }
             gtag::DPLL => {
+                self.settle();
                 if let Some(dpll) = &mut self.dpll {
                     dpll.write(now, register, value);
                 }
@@ -135,13 +137,18 @@ impl SimFpga {
                 let inputs = self.in_mux.as_ref().zip(line);
                 inputs.is_none_or(|(inputs, line)| inputs.address_line(self.now, line))
             }
+            gtag::MUX_SELECT => {
+                let mut banks = self.plant.banks.iter();
+                let bank = banks.find(|bank| bank.is_multiplexed());
+                bank.is_none_or(|bank| bank.select_level(self.now))
+            }
             // Idle serial lines stand at 1, and so does everything else between its pulses.
             _ => true,
         }
     }
 
     /// Index of the encoder module with this GTAG.
-    fn bank(&self, gtag: u8) -> Option<usize> {
+    pub(super) fn bank(&self, gtag: u8) -> Option<usize> {
         let multiplexed = gtag == gtag::MUXED_ENCODER;
         let mut banks = self.plant.banks.iter();
         banks.position(|bank| bank.is_multiplexed() == multiplexed)

@@ -98,6 +98,9 @@ impl SimFpga {
             module.map(|module| Outputs::new(&firmware, module, now))
         };
         let pwm = firmware.module(gtag::PWM);
+        let io = IoPorts::new(firmware.ports, firmware.port_width);
+        let mut plant = Plant::new(&firmware);
+        plant.pins_changed(&io);
         Self {
             map,
             rom,
@@ -105,7 +108,7 @@ impl SimFpga {
             access_cost: DEFAULT_ACCESS_COST,
             exchanges: 0,
             counters: AccessCounters::default(),
-            io: IoPorts::new(firmware.ports, firmware.port_width),
+            io,
             watchdog: Watchdog::new(clock(gtag::WATCHDOG), firmware.starts_bitten),
             pwm: pwm.map(|module| Pwm::new(&firmware, module, now)),
             in_mux: inputs(gtag::IN_MUX),
@@ -116,7 +119,7 @@ impl SimFpga {
                 .module(gtag::DPLL)
                 .map(|module| Dpll::new(firmware.clock(module.clock))),
             leds: Leds::default(),
-            plant: Plant::new(&firmware),
+            plant,
             serial,
             firmware,
             reset_until: 0,
@@ -227,12 +230,14 @@ impl SimFpga {
         while self.now < to {
             let ports = self.serial.iter();
             let remotes = ports.filter_map(SmartSerial::remotes_due).min();
-            let due = remotes.unwrap_or(Nanos::MAX).min(self.plant.due());
+            let latch = self.next_latch().map(|(_, edge)| edge);
+            let due = [remotes, latch].into_iter().flatten().min();
+            let due = due.unwrap_or(Nanos::MAX).min(self.plant.due());
             let step = to.min(due.max(self.now + 1));
             self.run_ports(step);
             self.now = step;
             if step >= due {
-                self.plant.advance(step);
+                self.advance_plant();
                 // Remotes do things by themselves (their watchdogs bite), whoever talks to them.
                 self.visit_remotes(|port| port.remotes_due().is_some_and(|due| due <= step));
             }
@@ -265,8 +270,30 @@ impl SimFpga {
 
     /// Brings the motors up to the present, and lets them notice what was done to remotes.
     fn settle(&mut self) {
-        self.plant.advance(self.now);
+        self.advance_plant();
         self.visit_remotes(SmartSerial::is_touched);
+    }
+
+    /// Brings motors and encoders up to the present, and latches on the way what a timer latches.
+    fn advance_plant(&mut self) {
+        while let Some((bank, edge)) = self.next_latch().filter(|&(_, edge)| edge <= self.now) {
+            self.plant.advance(edge);
+            if let Some(bank) = self.plant.banks.get_mut(bank) {
+                bank.latch(edge);
+            }
+        }
+        self.plant.advance(self.now);
+    }
+
+    /// When a timer latches encoders next, from where the motors are now, and of which module.
+    fn next_latch(&self) -> Option<(usize, Nanos)> {
+        let dpll = self.dpll.as_ref()?;
+        let banks = self.plant.banks.iter().enumerate();
+        let edges = banks.filter_map(|(number, bank)| {
+            let edge = dpll.next_edge(self.plant.now(), bank.latching_timer()?);
+            edge.map(|edge| (number, edge))
+        });
+        edges.min_by_key(|&(_, edge)| edge)
     }
 
     /// Tells everybody that depends on the set-up of the pins.

@@ -1,7 +1,7 @@
 //! What hangs on the FPGA besides the remotes: drives, motors and their encoders.
 
 use super::firmware::{Firmware, gtag};
-use crate::sim::modules::{EncoderBank, IoPorts, Pwm, Watcher};
+use crate::sim::modules::{EncoderBank, IoPorts, Pwm, SelectLine, Watcher};
 use crate::sim::wire::{Nanos, RemoteEnd};
 use crate::sim::world::{Motor, MotorConfig};
 
@@ -60,8 +60,6 @@ struct Axis {
     motor: Motor,
     encoder: usize,
     source: DriveSource,
-    /// Which encoder instances count its edges at the moment.
-    counted_by: [Option<usize>; 2],
 }
 
 /// Drives, motors and encoders.
@@ -91,9 +89,11 @@ impl Plant {
             motor: Motor::new(wiring.motor),
             encoder: wiring.encoder,
             source: wiring.source,
-            counted_by: [None; 2],
         });
         self.pins_changed(io);
+        if let Some(bank) = self.banks.first_mut() {
+            bank.place(wiring.encoder, 0, wiring.motor.counts_per_revolution);
+        }
         self.axes.len() - 1
     }
 
@@ -101,8 +101,8 @@ impl Plant {
         self.axes.len()
     }
 
-    pub(super) fn read_encoder(&self, bank: usize, now: Nanos, register: u8, n: u8) -> u32 {
-        let bank = self.banks.get(bank);
+    pub(super) fn read_encoder(&mut self, bank: usize, now: Nanos, register: u8, n: u8) -> u32 {
+        let bank = self.banks.get_mut(bank);
         bank.map_or(0, |bank| bank.read(now, register, n))
     }
 
@@ -117,6 +117,10 @@ impl Plant {
         if let Some(bank) = self.banks.get_mut(bank) {
             bank.write(now, register, n, value);
         }
+    }
+
+    pub(super) fn now(&self) -> Nanos {
+        self.now
     }
 
     pub(super) fn motor_mut(&mut self, axis: usize) -> Option<&mut Motor> {
@@ -141,30 +145,27 @@ impl Plant {
             return;
         };
         for axis in &mut self.axes {
-            let counted_by = axis.counted_by;
-            axis.motor.advance(to, |segment| {
-                for instance in counted_by.into_iter().flatten() {
-                    bank.turn(instance, segment);
-                }
-            });
+            let encoder = axis.encoder;
+            axis.motor
+                .advance(to, |segment| bank.turn(encoder, segment));
         }
     }
 
-    /// Works out which encoder counts what: without its select line, a multiplexer stands at the
-    /// odd encoder of each pair (the line is pulled up), and both counters see that one.
+    /// Works out which encoder each counter sees: without its select line, a multiplexer stands at
+    /// one encoder of each pair (the odd one, since the line is pulled up), and both counters see
+    /// that one.
     pub(super) fn pins_changed(&mut self, io: &IoPorts) {
-        let Some(bank) = self.banks.first() else {
-            return;
-        };
-        for axis in &mut self.axes {
-            let instance = axis.encoder;
-            let select = bank.select_pin(instance);
-            let selects = !bank.is_multiplexed() || select.is_none() || io.module_drives(select);
-            axis.counted_by = match (selects, instance % 2) {
-                (true, _) => [Some(instance), None],
-                (false, 0) => [None, None],
-                (false, _) => [Some(instance), Some(instance - 1)],
-            };
+        for bank in self.banks.iter_mut().filter(|bank| bank.is_multiplexed()) {
+            for encoder in 0..bank.encoders() {
+                let Some(pin) = bank.select_pin(encoder) else {
+                    continue;
+                };
+                let line = match io.module_pin(Some(pin)) {
+                    Some(inverted) => SelectLine::Driven { inverted },
+                    None => SelectLine::Stuck(io.level(pin, &|_| false)),
+                };
+                bank.set_select(self.now, encoder, line);
+            }
         }
     }
 

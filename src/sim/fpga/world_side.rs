@@ -1,7 +1,7 @@
 //! The FPGA seen from the world around it: pins, sockets, motors, inputs and outputs.
 
 use super::plant::{AxisWiring, DriveSignal};
-use super::{AccessCounters, Firmware, SimFpga, Target};
+use super::{AccessCounters, Firmware, SimFpga, Target, gtag};
 use crate::sim::modules::{
     Dpll, EncoderBank, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
 };
@@ -59,6 +59,17 @@ impl SimFpga {
     /// Drives an I/O pin from outside, or lets it go.
     pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
         self.io.drive(pin, level);
+        self.settle();
+        let tags = [gtag::ENCODER, gtag::MUXED_ENCODER];
+        let descriptor = self.firmware.pins.get(pin).copied();
+        if let Some(found) = descriptor.filter(|found| tags.contains(&found.secondary)) {
+            let (level, now) = (self.pin_level(pin), self.now);
+            if let Some(bank) = self.bank(found.secondary)
+                && let Some(bank) = self.plant.banks.get_mut(bank)
+            {
+                bank.set_pin(now, found.unit, found.pin, level);
+            }
+        }
     }
 
     /// The watchdog.

@@ -1,8 +1,18 @@
 //! Quadrature encoders, plain and multiplexed.
+//!
+//! REGISTERS, "Encoder / muxed encoder"; FACTS 12.5 to 12.8; recordings of the enc and qc families,
+//! which it follows to the clock. Not simulated is the skew of the multiplexer, the delay of the
+//! sample after the select edge: cables are too short for it here.
 
+mod clocks;
+mod counter;
+
+use crate::sim::fpga::UNDRIVEN;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
 use crate::sim::wire::Nanos;
 use crate::sim::world::Segment;
+use clocks::{Clock, Divider, Stamps};
+use counter::{Abz, Counter, Place, TO_SELECT};
 
 const COUNT: u8 = 0;
 const CONTROL: u8 = 1;
@@ -11,98 +21,124 @@ const STAMP_COUNTER: u8 = 3;
 const RATE: u8 = 4;
 const TIMER: u8 = 5;
 
-const QUADRATURE_ERROR: u32 = 1 << 15;
-const AB_POLARITY: u32 = 1 << 14;
-const LATCH_ON_PROBE: u32 = 1 << 13;
-const PROBE_POLARITY: u32 = 1 << 12;
-const LONG_FILTER: u32 = 1 << 11;
-const UP_DOWN: u32 = 1 << 10;
-const USE_MASK: u32 = 1 << 9;
-const MASK_POLARITY: u32 = 1 << 8;
-const GATE_WITH_AB: u32 = 1 << 7;
-const JUST_ONCE: u32 = 1 << 6;
-const CLEAR_ON_INDEX: u32 = 1 << 5;
-const LATCH_ON_INDEX: u32 = 1 << 4;
-const INDEX_POLARITY: u32 = 1 << 3;
-const LIVE: u32 = 0b111;
+/// Secondary pins of the index mask and the probe.
+const MASK_PIN: u8 = 0x04;
+const PROBE_PIN: u8 = 0x05;
+/// Set in the version of multiplexed encoders that have a probe.
+const WITH_PROBE: u8 = 0x80;
 
-/// Of the rate register: the delay of the sample after the multiplex edge, which cables are too
-/// short for here, and the divisor.
-const SKEW: u32 = 0xF << 28;
+/// The rate register of plain encoders after configuration.
+const PLAIN_RATE: u32 = 4;
 const RATE_DIVISOR: u32 = 0xFFF;
+/// Of the half of a word that no module drives.
+const HIGH_HALF: u32 = UNDRIVEN & 0xFFFF_0000;
+const LATCHED_BY_TIMER: u32 = 1 << 15;
 
-/// All encoders of one module. REGISTERS, "Encoder / muxed encoder".
+/// All encoders of one module.
 #[derive(Clone, Debug)]
 pub struct EncoderBank {
     multiplexed: bool,
-    clock: u32,
-    divider: u32,
-    /// Ticks of the time-stamp counter up to `.0`.
-    stamp_base: (Nanos, u64),
+    has_probe: bool,
+    has_mask: bool,
+    clock: Clock,
+    stamps: Stamps,
     rate: u32,
-    /// Which timer of the DPLL latches the counts. It is kept, but nothing is latched.
     timer: u32,
-    encoders: Vec<Encoder>,
+    /// What reads show while a timer of the DPLL latches them.
+    latched: Latched,
+    select: Divider,
+    counters: Vec<Counter>,
+    lines: Vec<Abz>,
+    /// For each counter the encoder that its lines come from at the moment.
+    sees: Vec<usize>,
     /// For each encoder the pin of the select line it depends on.
-    select: Vec<Option<usize>>,
+    select_pins: Vec<Option<usize>>,
+    probe: bool,
 }
 
-/// One counter with its three lines.
+/// What a timer has latched: COUNT and CONTROL of each counter.
 #[derive(Clone, Debug, Default)]
-#[expect(clippy::struct_excessive_bools, reason = "they are lines")]
-struct Encoder {
-    count: u16,
+struct Latched {
+    words: Vec<[u32; 2]>,
     stamp: u16,
-    control: u32,
-    latch: u16,
-    /// The quadrature position last sampled. The lines show its two lowest bits.
-    sampled: i64,
-    index_line: bool,
-    /// The index as the control bits condition it: an event comes when it rises.
-    index_signal: bool,
-    mask_line: bool,
-    probe_line: bool,
+}
+
+/// What stands on a select line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SelectLine {
+    /// The multiplexer's own signal, or its opposite.
+    Driven {
+        /// The pin inverts it.
+        inverted: bool,
+    },
+    /// Always the same level.
+    Stuck(bool),
 }
 
 impl EncoderBank {
     pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor) -> Self {
         let multiplexed = module.gtag == gtag::MUXED_ENCODER;
-        let selects: Vec<usize> = firmware
-            .pins
-            .iter()
-            .enumerate()
-            .filter(|(_, pin)| pin.secondary == gtag::MUX_SELECT)
-            .map(|(number, _)| number)
-            .collect();
+        let has_pin = |pin| {
+            let mut pins = firmware.pins.iter();
+            pins.any(|found| found.secondary == module.gtag && found.pin == pin)
+        };
+        let has_probe = has_pin(PROBE_PIN) || (multiplexed && module.version & WITH_PROBE != 0);
         let count = usize::from(module.instances);
-        // Each connector with six encoders has its own select line.
-        let select =
-            (0..count).map(|encoder| selects.get(encoder / 6).or(selects.first()).copied());
-        Self {
+        let mut bank = Self {
             multiplexed,
-            clock: firmware.clock(module.clock).max(1),
-            divider: 0,
-            stamp_base: (0, 0),
-            rate: power_up_rate(firmware, multiplexed),
+            has_probe,
+            has_mask: has_pin(MASK_PIN),
+            clock: Clock::new(firmware.clock(module.clock), 0),
+            stamps: Stamps::new(),
+            rate: 0,
             timer: 0,
-            select: select.collect(),
-            encoders: vec![Encoder::power_up(); count],
-        }
+            latched: Latched::default(),
+            select: Divider::new(0, 0),
+            counters: Vec::new(),
+            lines: vec![[false; 3]; count],
+            sees: (0..count).collect(),
+            select_pins: select_pins(firmware, count),
+            probe: true,
+        };
+        bank.configure(firmware, 0);
+        bank
     }
 
-    /// The FPGA is loaded again: registers as at power-up. Shafts and lines stay where they are.
+    /// The FPGA is loaded again: registers as after configuration. Shafts and lines stay where they
+    /// are.
     pub(crate) fn reload(&mut self, now: Nanos, firmware: &Firmware) {
-        self.divider = 0;
-        self.stamp_base = (now, 0);
-        self.rate = power_up_rate(firmware, self.multiplexed);
+        self.configure(firmware, now);
+    }
+
+    fn configure(&mut self, firmware: &Firmware, now: Nanos) {
+        self.clock.restart(now);
+        self.stamps = Stamps::new();
+        self.rate = if self.multiplexed {
+            firmware.mux_rate
+        } else {
+            PLAIN_RATE
+        };
         self.timer = 0;
-        for encoder in &mut self.encoders {
-            encoder.count = 0;
-            encoder.stamp = 0;
-            encoder.latch = 0;
-            encoder.control = 0;
-            encoder.index_signal = !encoder.index_line;
-        }
+        self.latched.words.clear();
+        self.latched.words.resize(self.sees.len(), [0; 2]);
+        // The dividers of plain encoders begin with a whole period.
+        let divider = Divider::new(self.rate, u64::from(self.multiplexed));
+        self.select = divider;
+        let (has_probe, mask, multiplexed) = (self.has_probe, self.has_mask, self.multiplexed);
+        let lines = &self.lines;
+        self.counters.clear();
+        self.counters
+            .extend(self.sees.iter().enumerate().map(|(number, &source)| {
+                let place = match (multiplexed, number % 2) {
+                    (false, _) => Place::Plain,
+                    (true, 0) => Place::Even,
+                    (true, _) => Place::Odd,
+                };
+                let line = lines.get(source).copied().unwrap_or_default();
+                let mut counter = Counter::new(place, divider, has_probe, mask, line);
+                counter.set_probe(self.probe);
+                counter
+            }));
     }
 
     /// Whether its encoders share their lines.
@@ -110,298 +146,284 @@ impl EncoderBank {
         self.multiplexed
     }
 
-    /// The select line an encoder depends on, if it does on one.
-    pub(crate) fn select_pin(&self, encoder: usize) -> Option<usize> {
-        self.select.get(encoder).copied().flatten()
+    /// How many encoders it has.
+    pub fn encoders(&self) -> usize {
+        self.counters.len()
     }
 
-    pub(crate) fn read(&self, now: Nanos, register: u8, instance: u8) -> u32 {
-        let encoder = self.encoders.get(usize::from(instance));
+    /// The select line an encoder depends on, if it does on one.
+    pub(crate) fn select_pin(&self, encoder: usize) -> Option<usize> {
+        if !self.multiplexed {
+            return None;
+        }
+        self.select_pins.get(encoder).copied().flatten()
+    }
+
+    /// What the module puts out on its select lines, all of which carry the same signal (FACTS
+    /// 12.7).
+    pub(crate) fn select_level(&self, now: Nanos) -> bool {
+        let clock = self.clock.passed(now);
+        let mut select = self.select;
+        let edges = clock.saturating_sub(TO_SELECT);
+        select.run_to(edges);
+        let [first, ..] = select.loaded();
+        // It rises with the first load.
+        first <= edges && select.count() % 2 == 0
+    }
+
+    /// The line from which the multiplexer in front of an encoder takes its select changes.
+    pub(crate) fn set_select(&mut self, now: Nanos, encoder: usize, line: SelectLine) {
+        let pair = encoder & !1;
+        let source = match line {
+            SelectLine::Driven { inverted } => encoder ^ usize::from(inverted),
+            SelectLine::Stuck(level) => pair | usize::from(level),
+        };
+        let Some(sees) = self.sees.get_mut(encoder) else {
+            return;
+        };
+        if core::mem::replace(sees, source) != source {
+            let abz = self.lines.get(source).copied().unwrap_or_default();
+            self.change_line(now, encoder, abz);
+        }
+    }
+
+    /// Lets everything happen that happens up to `now`.
+    pub(crate) fn advance(&mut self, now: Nanos) {
+        let clock = self.clock.passed(now);
+        for counter in &mut self.counters {
+            counter.advance(clock, &self.stamps);
+        }
+    }
+
+    pub(crate) fn read(&mut self, now: Nanos, register: u8, instance: u8) -> u32 {
+        let number = usize::from(instance);
+        let clock = self.clock.passed(now);
+        if let Some(counter) = self.counters.get_mut(number) {
+            counter.advance(clock, &self.stamps);
+        }
+        let is_latched = self.latching_timer().is_some();
+        let latched = self.latched.words.get(number).filter(|_| is_latched);
+        let counter = self.counters.get(number);
         match register {
-            COUNT => encoder.map_or(0, |e| u32::from(e.count) | u32::from(e.stamp) << 16),
-            CONTROL => encoder.map_or(0, Encoder::control_word),
-            STAMP_DIVIDER => self.divider,
-            STAMP_COUNTER => u32::from(self.stamp(now)),
-            RATE => self.rate,
+            COUNT => match latched {
+                Some([word, _]) => *word,
+                None => counter.map_or(UNDRIVEN, |counter| counter.count_word(clock)),
+            },
+            CONTROL => match latched {
+                Some([_, word]) => *word,
+                None => counter.map_or(UNDRIVEN, Counter::control_word),
+            },
+            STAMP_DIVIDER => HIGH_HALF | u32::from(self.stamps.register()),
+            STAMP_COUNTER if is_latched => HIGH_HALF | u32::from(self.latched.stamp),
+            STAMP_COUNTER => HIGH_HALF | u32::from(self.stamps.after(clock) as u16),
             TIMER => self.timer,
-            _ => 0,
+            _ => UNDRIVEN,
         }
     }
 
     pub(crate) fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
+        self.advance(now);
+        let clock = self.clock.passed(now);
+        let counter = self.counters.get_mut(usize::from(instance));
         match register {
-            STAMP_DIVIDER => {
-                self.stamp_base = (now, self.ticks(now));
-                self.divider = value;
-            }
-            RATE => self.rate = value & (SKEW | RATE_DIVISOR),
-            TIMER => self.timer = value,
-            _ => {
-                if let Some(encoder) = self.encoders.get_mut(usize::from(instance)) {
-                    encoder.write(register, value);
-                }
-            }
-        }
-    }
-
-    /// The highest count rate the lines are sampled for, in counts per second.
-    pub fn sample_rate(&self) -> f64 {
-        // Two multiplexed encoders take turns on each set of lines.
-        self.filter_clock() / if self.multiplexed { 2.0 } else { 1.0 }
-    }
-
-    /// Frequency of the multiplexer and of the filters.
-    fn filter_clock(&self) -> f64 {
-        f64::from(self.clock) / f64::from((self.rate & RATE_DIVISOR) + 2)
-    }
-
-    /// Moves the encoder's shaft.
-    pub(crate) fn turn(&mut self, instance: usize, segment: &Segment) {
-        let sample_rate = self.sample_rate();
-        let clock = self.filter_clock();
-        let stamps = Stamps {
-            base: self.stamp_base,
-            clock: self.clock,
-            divisor: divisor(self.divider),
-        };
-        if let Some(encoder) = self.encoders.get_mut(instance) {
-            encoder.turn(segment, sample_rate, clock, &stamps);
-        }
-    }
-
-    /// Makes an encoder lose track of its lines once, as a disturbance on the cable does.
-    pub fn disturb(&mut self, instance: usize) {
-        if let Some(encoder) = self.encoders.get_mut(instance) {
-            encoder.control |= QUADRATURE_ERROR;
-        }
-    }
-
-    /// Sets the probe input of all encoders.
-    pub fn set_probe(&mut self, level: bool) {
-        for encoder in &mut self.encoders {
-            encoder.set_probe(level);
-        }
-    }
-
-    /// Sets the index mask input of an encoder.
-    pub fn set_index_mask(&mut self, instance: usize, level: bool) {
-        if let Some(encoder) = self.encoders.get_mut(instance) {
-            encoder.mask_line = level;
-        }
-    }
-
-    /// Lines A, B and index of an encoder.
-    pub fn lines(&self, instance: usize) -> [bool; 3] {
-        self.encoders.get(instance).map_or([true; 3], |encoder| {
-            let (a, b) = lines(encoder.sampled);
-            [a, b, encoder.index_line]
-        })
-    }
-
-    fn ticks(&self, now: Nanos) -> u64 {
-        let stamps = Stamps {
-            base: self.stamp_base,
-            clock: self.clock,
-            divisor: divisor(self.divider),
-        };
-        stamps.ticks(now)
-    }
-
-    fn stamp(&self, now: Nanos) -> u16 {
-        self.ticks(now) as u16
-    }
-}
-
-/// The time-stamp counter, as a function of time.
-struct Stamps {
-    base: (Nanos, u64),
-    clock: u32,
-    divisor: u32,
-}
-
-impl Stamps {
-    fn ticks(&self, now: Nanos) -> u64 {
-        let (since, ticks) = self.base;
-        let clocks = u128::from(now.saturating_sub(since)) * u128::from(self.clock) / 1_000_000_000;
-        ticks.wrapping_add((clocks / u128::from(self.divisor)) as u64)
-    }
-}
-
-/// The rate register at power-up; plain encoders are filtered at about 16 MHz.
-fn power_up_rate(firmware: &Firmware, multiplexed: bool) -> u32 {
-    if multiplexed {
-        firmware.mux_rate
-    } else {
-        (firmware.clock_low / 16_000_000).saturating_sub(2)
-    }
-}
-
-/// What the time-stamp divider divides by: n + 2, or 1 with the top bit of its 16 bits set.
-fn divisor(register: u32) -> u32 {
-    if register & 0x8000 != 0 {
-        1
-    } else {
-        (register & 0x7FFF) + 2
-    }
-}
-
-/// Levels of A and B. A leads B when the position rises, and both are high at the index.
-fn lines(position: i64) -> (bool, bool) {
-    match position & 3 {
-        0 => (true, true),
-        1 => (false, true),
-        2 => (false, false),
-        _ => (true, false),
-    }
-}
-
-impl Encoder {
-    /// An encoder whose index line is low, which is active with the polarity bit at 0.
-    fn power_up() -> Self {
-        Self {
-            index_signal: true,
-            ..Self::default()
-        }
-    }
-
-    fn control_word(&self) -> u32 {
-        let (a, b) = lines(self.sampled);
-        let live = u32::from(a) | u32::from(b) << 1 | u32::from(self.index_line) << 2;
-        u32::from(self.latch) << 16 | self.control | live
-    }
-
-    fn write(&mut self, register: u8, value: u32) {
-        match register {
-            COUNT => self.count = 0,
-            CONTROL => {
-                // Writing a 1 takes back the quadrature error.
-                let error = self.control & QUADRATURE_ERROR & !value;
-                self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR) | error;
-                // Another polarity can make the index signal rise, too.
-                self.look_at_index();
-            }
+            COUNT => counter.into_iter().for_each(|counter| counter.clear(clock)),
+            CONTROL => counter
+                .into_iter()
+                .for_each(|counter| counter.set_control(value)),
+            STAMP_DIVIDER => self.stamps.write(clock, value as u16),
+            RATE => self.set_rate(now, value),
+            TIMER => self.set_timer(now, value),
             _ => {}
         }
     }
 
-    /// Samples the lines along a movement, as often as the hardware does.
-    fn turn(&mut self, segment: &Segment, sample_rate: f64, clock: f64, stamps: &Stamps) {
+    fn set_rate(&mut self, now: Nanos, value: u32) {
+        let clock = self.clock.passed(now);
+        self.rate = value;
+        // Up to here with the old rate.
+        self.select.run_to(clock);
+        self.select.write(clock, value);
+        for counter in &mut self.counters {
+            counter.set_rate(clock, value);
+        }
+    }
+
+    fn set_timer(&mut self, now: Nanos, value: u32) {
+        let was_latched = self.latching_timer().is_some();
+        self.timer = value & 0xF000;
+        if !was_latched {
+            self.latch(now);
+        }
+    }
+
+    /// The timer of the DPLL whose rising edge latches what is read, if one does.
+    pub(crate) fn latching_timer(&self) -> Option<u8> {
+        (self.timer & LATCHED_BY_TIMER != 0).then_some((self.timer >> 12 & 7) as u8)
+    }
+
+    /// The timer rises.
+    pub(crate) fn latch(&mut self, now: Nanos) {
+        self.advance(now);
+        let clock = self.clock.passed(now);
+        self.latched.stamp = self.stamps.after(clock) as u16;
+        for (counter, words) in self.counters.iter().zip(&mut self.latched.words) {
+            *words = [counter.count_word(clock), counter.control_word()];
+        }
+    }
+
+    /// What the rate register holds, which can not be read back.
+    pub fn rate(&self) -> u32 {
+        self.rate
+    }
+
+    /// How often a second each line is sampled. An encoder is followed up to two thirds of that in
+    /// counts a second with the short filter, and up to two fifteenths with the long one (FACTS
+    /// 12.6).
+    pub fn sample_rate(&self) -> f64 {
+        let clock = self.clock.hz() / f64::from((self.rate & RATE_DIVISOR) + 2);
+        // Two multiplexed encoders take turns on each set of lines.
+        clock / if self.multiplexed { 2.0 } else { 1.0 }
+    }
+
+    /// Moves an encoder's shaft.
+    pub(crate) fn turn(&mut self, encoder: usize, segment: &Segment) {
         let Segment {
             start,
             end,
             from,
             to,
-            counts_per_revolution,
+            counts_per_revolution: per_turn,
         } = *segment;
         let nanos = (end - start) as f64;
-        let rate = (to - from).abs() / nanos * 1e9;
-        // A line keeps its level for two counts; its filter wants that many clocks of it.
-        let filter = if self.control & LONG_FILTER != 0 {
-            15.0
-        } else {
-            3.0
-        };
-        if rate > 2.0 * clock / filter {
-            return;
-        }
-        if rate <= sample_rate {
-            self.follow(from, to, counts_per_revolution, |position| {
-                let part = ((position - from) / (to - from)).clamp(0.0, 1.0);
-                stamps.ticks(start + (part * nanos) as Nanos) as u16
-            });
-            return;
-        }
-        let samples = (nanos * 1e-9 * sample_rate).ceil().max(1.0);
-        for sample in 1..=samples as u32 {
-            let part = f64::from(sample) / samples;
-            let stamp = stamps.ticks(start + (part * nanos) as Nanos) as u16;
-            let position = libm::floor(from + part * (to - from)) as i64;
-            self.sample(position, counts_per_revolution, stamp);
-        }
-    }
-
-    /// Every edge of a movement that is slow enough. `stamp` dates a position.
-    fn follow(&mut self, from: f64, to: f64, per_turn: u32, stamp: impl Fn(f64) -> u16) {
         let (first, last) = (libm::floor(from) as i64, libm::floor(to) as i64);
+        let rate = (to - from).abs() / nanos * 1e9;
+        let most = 4.0 * self.sample_rate();
+        if rate > most {
+            // More edges than samples: where the shaft is at some of them will do.
+            let looks = libm::ceil(nanos * 1e-9 * most).max(1.0);
+            for look in 1..=looks as u32 {
+                let part = f64::from(look) / looks;
+                let position = libm::floor(from + part * (to - from)) as i64;
+                let at = start + (part * nanos) as Nanos;
+                self.set_position(at, encoder, position, per_turn);
+            }
+            return;
+        }
+        let mut edge = |position: i64, at: i64| {
+            let part = ((at as f64 - from) / (to - from)).clamp(0.0, 1.0);
+            let at = start + (part * nanos) as Nanos;
+            self.set_position(at, encoder, position, per_turn);
+        };
         if last > first {
-            for position in first + 1..=last {
-                self.sample(position, per_turn, stamp(position as f64));
-            }
+            (first + 1..=last).for_each(|position| edge(position, position));
         } else {
-            for position in (last..first).rev() {
-                self.sample(position, per_turn, stamp((position + 1) as f64));
+            (last..first)
+                .rev()
+                .for_each(|position| edge(position, position + 1));
+        }
+    }
+
+    fn set_position(&mut self, at: Nanos, encoder: usize, position: i64, per_turn: u32) {
+        self.set_lines(at, encoder, abz(position, per_turn));
+    }
+
+    /// Puts an encoder at a position, where it stood when the counters began to look.
+    pub(crate) fn place(&mut self, encoder: usize, position: i64, per_turn: u32) {
+        let Some(lines) = self.lines.get_mut(encoder) else {
+            return;
+        };
+        *lines = abz(position, per_turn);
+        for counter in [encoder, encoder ^ 1] {
+            if self.sees.get(counter) == Some(&encoder)
+                && let Some(counter) = self.counters.get_mut(counter)
+            {
+                counter.settle(*lines);
             }
         }
     }
 
-    /// One look at the lines.
-    fn sample(&mut self, position: i64, per_turn: u32, stamp: u16) {
-        let before = lines(self.sampled);
-        let step = position.wrapping_sub(self.sampled) & 3;
-        self.sampled = position;
-        if self.control & UP_DOWN != 0 {
-            self.count_up_down(before, lines(position), stamp);
-        } else {
-            match step {
-                1 => self.count_by(1, stamp),
-                3 => self.count_by(-1, stamp),
-                // Both lines at once: no telling which way.
-                2 => self.control |= QUADRATURE_ERROR,
-                _ => {}
+    /// Sets the lines A, B and index of an encoder, in front of the multiplexer, at `now`.
+    pub fn set_lines(&mut self, now: Nanos, encoder: usize, abz: [bool; 3]) {
+        let Some(lines) = self.lines.get_mut(encoder) else {
+            return;
+        };
+        if core::mem::replace(lines, abz) == abz {
+            return;
+        }
+        for counter in [encoder, encoder ^ 1] {
+            if self.sees.get(counter) == Some(&encoder) {
+                self.change_line(now, counter, abz);
             }
         }
-        self.index_line = per_turn != 0 && position.rem_euclid(i64::from(per_turn)) == 0;
-        self.look_at_index();
     }
 
-    /// A counts on its rising edge; up when B is high.
-    fn count_up_down(&mut self, before: (bool, bool), after: (bool, bool), stamp: u16) {
-        if !before.0 && after.0 {
-            self.count_by(if after.1 { 1 } else { -1 }, stamp);
-        }
-    }
-
-    fn count_by(&mut self, step: i16, stamp: u16) {
-        self.count = self.count.wrapping_add_signed(step);
-        self.stamp = stamp;
-    }
-
-    fn look_at_index(&mut self) {
-        let (a, b) = lines(self.sampled);
-        let polarity = self.control & AB_POLARITY != 0;
-        let gated = self.control & GATE_WITH_AB != 0;
-        let active = self.index_line == (self.control & INDEX_POLARITY != 0);
-        let signal = active && (!gated || (a == polarity && b == polarity));
-        let rises = signal && !self.index_signal;
-        self.index_signal = signal;
-        let mask_polarity = self.control & MASK_POLARITY != 0;
-        let masked = self.control & USE_MASK != 0 && self.mask_line != mask_polarity;
-        if rises && !masked {
-            self.index_event();
+    fn change_line(&mut self, now: Nanos, counter: usize, abz: Abz) {
+        let (passed, next) = (self.clock.passed(now), self.clock.next(now));
+        if let Some(counter) = self.counters.get_mut(counter) {
+            counter.advance(passed, &self.stamps);
+            counter.set_lines(next, abz);
         }
     }
 
-    fn index_event(&mut self) {
-        if self.control & LATCH_ON_INDEX != 0 {
-            self.latch = self.count;
-        }
-        if self.control & CLEAR_ON_INDEX != 0 {
-            self.count = 0;
-        }
-        if self.control & JUST_ONCE != 0 {
-            self.control &= !(LATCH_ON_INDEX | CLEAR_ON_INDEX);
+    /// Makes an encoder lose track of its lines once, as a disturbance on the cable does.
+    pub fn disturb(&mut self, instance: usize) {
+        if let Some(counter) = self.counters.get_mut(instance) {
+            counter.disturb();
         }
     }
 
-    fn set_probe(&mut self, level: bool) {
-        let edge = level != self.probe_line;
-        self.probe_line = level;
-        let active = level == (self.control & PROBE_POLARITY != 0);
-        if edge && active && self.control & LATCH_ON_PROBE != 0 {
-            self.latch = self.count;
-            if self.control & JUST_ONCE != 0 {
-                self.control &= !LATCH_ON_PROBE;
-            }
+    /// The level of one of its input pins: index mask of an encoder, or probe.
+    pub(crate) fn set_pin(&mut self, now: Nanos, unit: u8, pin: u8, level: bool) {
+        self.advance(now);
+        match pin {
+            MASK_PIN => self.set_index_mask(unit.into(), level),
+            PROBE_PIN => self.set_probe(level),
+            _ => {}
         }
+    }
+
+    /// Sets the probe input of all encoders; nothing happens where the firmware has none. Nobody
+    /// drives it at first: high.
+    pub fn set_probe(&mut self, level: bool) {
+        self.probe = level;
+        for counter in &mut self.counters {
+            counter.set_probe(level);
+        }
+    }
+
+    /// Sets the index mask input of an encoder. Firmware without the pin has it always low, and
+    /// with it nobody drives it: high.
+    pub fn set_index_mask(&mut self, instance: usize, level: bool) {
+        let counter = self.counters.get_mut(instance).filter(|_| self.has_mask);
+        if let Some(counter) = counter {
+            counter.set_mask(level);
+        }
+    }
+
+    /// Lines A, B and index of an encoder.
+    pub fn lines(&self, instance: usize) -> [bool; 3] {
+        self.lines.get(instance).copied().unwrap_or([true; 3])
+    }
+}
+
+/// For each encoder its select pin: each connector with six encoders has its own.
+fn select_pins(firmware: &Firmware, encoders: usize) -> Vec<Option<usize>> {
+    let pins = firmware.pins.iter().enumerate();
+    let selects: Vec<usize> = pins
+        .filter(|(_, pin)| pin.secondary == gtag::MUX_SELECT)
+        .map(|(number, _)| number)
+        .collect();
+    let pin = |encoder| selects.get(encoder / 6).or(selects.first()).copied();
+    (0..encoders).map(pin).collect()
+}
+
+/// A leads B when the position rises, and both are high at the index.
+fn abz(position: i64, per_turn: u32) -> Abz {
+    let index = per_turn != 0 && position.rem_euclid(i64::from(per_turn)) == 0;
+    match position & 3 {
+        0 => [true, true, index],
+        1 => [false, true, index],
+        2 => [false, false, index],
+        _ => [true, false, index],
     }
 }

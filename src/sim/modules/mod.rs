@@ -13,6 +13,7 @@ mod watchdog;
 
 pub use dpll::Dpll;
 pub use encoder::EncoderBank;
+pub(crate) use encoder::SelectLine;
 pub use inputs::Inputs;
 pub use io_ports::IoPorts;
 pub use outputs::{Leds, Outputs};
