@@ -63,9 +63,11 @@ pub struct Encoder {
     latch: Latch,
     latched: Option<i64>,
     clear_error: bool,
-    /// An error from before the first read, as the multiplexer makes when its select line begins to
-    /// be driven, is taken back and not told.
+    /// An error that is to be taken back is not told until it is gone.
     ignores_error: bool,
+    /// The first read showed an error from before it, as the multiplexer makes when its select line
+    /// begins to be driven: it is taken back.
+    had_error: bool,
     /// The most counts in a second that are followed, with the short filter and with the long one.
     fastest: [f64; 2],
     has_probe: bool,
@@ -93,7 +95,8 @@ impl Encoder {
             latch: Latch::new(),
             latched: None,
             clear_error: false,
-            ignores_error: true,
+            ignores_error: false,
+            had_error: false,
             fastest: [0.0; 2],
             has_probe: true,
             is_unsure: false,
@@ -141,6 +144,9 @@ impl Encoder {
     /// Changes how it counts; the control word follows with the next write.
     pub fn set_config(&mut self, config: EncoderConfig) {
         self.config = config;
+        if core::mem::take(&mut self.had_error) {
+            self.clear_quadrature_error();
+        }
     }
 
     /// The rate of the time stamps has changed. Velocity begins anew, since times before and after
@@ -192,12 +198,12 @@ impl Encoder {
         self.last = None;
         self.latch.forget();
         self.velocity.reset();
-        self.ignores_error = true;
     }
 
     /// Takes a quadrature error back: it stays until then, since counts may be wrong for good.
     pub fn clear_quadrature_error(&mut self) {
         self.clear_error = true;
+        self.ignores_error = true;
     }
 
     /// The control word to write in this cycle.
@@ -216,6 +222,7 @@ impl Encoder {
     pub fn read(&mut self, sample: EncoderSample) -> EncoderReading {
         let count = sample.count.count();
         let from = self.last.map_or(count, |last| last.count);
+        self.had_error |= self.last.is_none() && sample.control.has(ControlWord::QUADRATURE_ERROR);
         match self.last {
             None => {
                 self.last = Some(Last {
@@ -229,7 +236,7 @@ impl Encoder {
         self.check_latch(sample, from);
         let error = sample.control.has(ControlWord::QUADRATURE_ERROR);
         self.ignores_error &= error;
-        self.clear_error = (self.clear_error || self.ignores_error) && error;
+        self.clear_error &= error;
         let counts = self.rawcounts.wrapping_sub(self.zero);
         let scale = self.config.usable_scale();
         let (velocity, fastest) = (self.velocity.velocity(), self.max_count_rate());
@@ -240,7 +247,7 @@ impl Encoder {
             position: counts as f64 / scale,
             velocity: velocity / scale,
             latched: self.latched,
-            quadrature_error: error && !self.ignores_error,
+            quadrature_error: error && !self.ignores_error && !self.had_error,
             is_near_max: fastest > 0.0 && velocity.abs() >= NEAR * fastest,
             is_unsure: self.is_unsure,
             inputs: [
