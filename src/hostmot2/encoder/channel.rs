@@ -222,7 +222,9 @@ impl Encoder {
     pub fn read(&mut self, sample: EncoderSample) -> EncoderReading {
         let count = sample.count.count();
         let from = self.last.map_or(count, |last| last.count);
-        self.had_error |= self.last.is_none() && sample.control.has(ControlWord::QUADRATURE_ERROR);
+        let error = sample.control.has(ControlWord::QUADRATURE_ERROR);
+        let is_old_error = self.last.is_none() && error;
+        self.had_error |= is_old_error;
         match self.last {
             None => {
                 self.last = Some(Last {
@@ -234,7 +236,6 @@ impl Encoder {
             Some(last) => self.advance(last, sample),
         }
         self.check_latch(sample, from);
-        let error = sample.control.has(ControlWord::QUADRATURE_ERROR);
         self.ignores_error &= error;
         self.clear_error &= error;
         let counts = self.rawcounts.wrapping_sub(self.zero);
@@ -247,7 +248,7 @@ impl Encoder {
             position: counts as f64 / scale,
             velocity: velocity / scale,
             latched: self.latched,
-            quadrature_error: error && !self.ignores_error && !self.had_error,
+            quadrature_error: error && !self.ignores_error && !is_old_error,
             is_near_max: fastest > 0.0 && velocity.abs() >= NEAR * fastest,
             is_unsure: self.is_unsure,
             inputs: [
