@@ -119,7 +119,7 @@ impl EncoderModule {
                 pins.publish_param(pins_of.filter, false);
             }
             let mut encoder = Encoder::new(pins_of.config(pins), tick_hz);
-            encoder.set_max_count_rates(fastest);
+            encoder.set_max_count_rates(fastest, registers.sample_rate(rate));
             pins.publish_param(pins_of.max_count_rate, encoder.max_count_rate());
             channels.push(Channel {
                 encoder: if registers.has_probe() {
@@ -188,8 +188,9 @@ impl EncoderModule {
         }
         if wanted.rate != before.rate {
             let fastest = count_rates(&self.registers, wanted.rate);
+            let sampled = self.registers.sample_rate(wanted.rate);
             for channel in &mut self.channels {
-                channel.encoder.set_max_count_rates(fastest);
+                channel.encoder.set_max_count_rates(fastest, sampled);
             }
         }
         let slots = self.slots;

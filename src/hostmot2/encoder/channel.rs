@@ -54,6 +54,10 @@ pub struct EncoderReading {
 /// # Real time
 /// Constant time, no allocation.
 #[derive(Clone, Debug)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "independent conditions, each said on its own"
+)]
 pub struct Encoder {
     config: EncoderConfig,
     tick_hz: f64,
@@ -70,6 +74,8 @@ pub struct Encoder {
     had_error: bool,
     /// The most counts in a second that are followed, with the short filter and with the long one.
     fastest: [f64; 2],
+    /// The most that the counter can count in a second: once a sample.
+    sampled: f64,
     has_probe: bool,
     is_unsure: bool,
     velocity: VelocityEstimator,
@@ -98,6 +104,7 @@ impl Encoder {
             ignores_error: false,
             had_error: false,
             fastest: [0.0; 2],
+            sampled: 0.0,
             has_probe: true,
             is_unsure: false,
             velocity: VelocityEstimator::default(),
@@ -108,7 +115,7 @@ impl Encoder {
     /// far it may have moved unseen. Otherwise nothing is told of that.
     #[must_use]
     pub fn counting_up_to(mut self, hz: f64) -> Self {
-        self.set_max_count_rates([hz; 2]);
+        self.set_max_count_rates([hz; 2], hz);
         self
     }
 
@@ -120,12 +127,14 @@ impl Encoder {
         self
     }
 
-    /// Changes how often it counts in a second at most, with the short filter and with the long one.
-    pub fn set_max_count_rates(&mut self, hz: [f64; 2]) {
+    /// Changes how often it counts rightly in a second at most, with the short filter and with the
+    /// long one, and how often it is sampled: it counts at most once a sample.
+    pub fn set_max_count_rates(&mut self, hz: [f64; 2], sampled: f64) {
         self.fastest = hz;
+        self.sampled = sampled;
     }
 
-    /// How often it counts in a second at most, with the filter that it has.
+    /// How often it counts rightly in a second at most, with the filter that it has.
     pub fn max_count_rate(&self) -> f64 {
         let [short, long] = self.fastest;
         if self.config.filter { long } else { short }
@@ -263,7 +272,7 @@ impl Encoder {
         let count = sample.count.count();
         let change = i64::from(count.wrapping_sub(last.count) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
-        self.is_unsure |= gap * self.max_count_rate() >= AMBIGUOUS;
+        self.is_unsure |= gap * self.sampled >= AMBIGUOUS;
         let ticks = extend_ticks(last, &sample, self.tick_hz);
         // A change after the time stamp counter was read would look 65535 ticks old.
         let age = sample.timestamp.wrapping_sub(sample.count.timestamp());

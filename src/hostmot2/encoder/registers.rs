@@ -129,12 +129,16 @@ impl Encoders {
     /// long. For multiplexed encoders that is clock / (3 (n + 2)), or clock / (15 (n + 2)) with the
     /// long filter. Beyond it counts are garbage, and no error tells (FACTS 12.6).
     pub fn max_count_rate(&self, rate: TickRate, long_filter: bool) -> f64 {
-        let samples = if self.is_muxed() {
+        2.0 * self.sample_rate(rate) / if long_filter { 15.0 } else { 3.0 }
+    }
+
+    /// How often a second each encoder is sampled at this rate of multiplexer or filters.
+    pub fn sample_rate(&self, rate: TickRate) -> f64 {
+        if self.is_muxed() {
             rate.muxed_sample_rate(self.clock_hz)
         } else {
             rate.hz(self.clock_hz)
-        };
-        2.0 * samples / if long_filter { 15.0 } else { 3.0 }
+        }
     }
 
     /// Sets all encoders up, in one exchange: time-stamp rate, multiplexer or filter rate, and

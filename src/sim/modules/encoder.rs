@@ -36,6 +36,10 @@ const LATCHED_BY_TIMER: u32 = 1 << 15;
 
 /// All encoders of one module.
 #[derive(Clone, Debug)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "they are properties of the firmware, and a line"
+)]
 pub struct EncoderBank {
     multiplexed: bool,
     has_probe: bool,
@@ -168,7 +172,7 @@ impl EncoderBank {
         select.run_to(edges);
         let [first, ..] = select.loaded();
         // It rises with the first load.
-        first <= edges && select.count() % 2 == 0
+        first <= edges && select.count().is_multiple_of(2)
     }
 
     /// The line from which the multiplexer in front of an encoder takes its select changes.

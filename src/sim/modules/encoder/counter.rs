@@ -38,6 +38,7 @@ const WAITING: usize = 8;
 
 /// One counter.
 #[derive(Clone, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "they are lines")]
 pub(super) struct Counter {
     /// Samples of even encoders are taken while the select line is low, of odd ones while it is
     /// high; plain encoders have all of them.
@@ -236,7 +237,7 @@ impl Counter {
             let mut divider = self.divider;
             divider.step();
             // Multiplexed encoders count once in two loads, all of them at the same time.
-            if self.place != Place::Plain && divider.count() % 2 == 0 {
+            if self.place != Place::Plain && divider.count().is_multiple_of(2) {
                 divider.step();
             }
             let [load, before, second] = divider.loaded();
