@@ -305,7 +305,7 @@ fn a_7i64_is_discovered_by_its_name_and_exchanges_data() {
         (found.problems.as_slice(), found.source),
         (&[][..], Source::BuiltIn)
     );
-    assert_eq!(found.descriptor.process_data.len(), 5);
+    assert_eq!(found.descriptor.process_data.len(), 6);
     port.stop_all(&mut fpga).unwrap();
     let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
     let sizes = report.remotes().next().unwrap().sizes;

@@ -22,17 +22,47 @@ const GIVE_UP: Nanos = 400_000;
 /// came at once, and would have been swallowed (FACTS 3.4).
 const SETTLED: Nanos = 20;
 
+/// A reply that comes when nobody waits for it any more meets the frames that go on without it in
+/// some place, and a fraction of a microsecond decides which characters meet (index.txt, "Ties"): a
+/// file with such a reply agrees if it does so with one of these, in nanoseconds.
+const TIES: [i64; 7] = [0, -100, 100, -200, 200, -300, 300];
+
 /// Replays a whole transcript.
 pub fn replay(transcript: &Transcript) -> Outcome {
-    replay_with(transcript, PhaseRule::of(&transcript.name))
+    let rule = PhaseRule::of(&transcript.name);
+    let ties = if WireLog::new(transcript, 0).has_late_replies() {
+        TIES.as_slice()
+    } else {
+        &[0]
+    };
+    let mut best: Option<Outcome> = None;
+    for &tie in ties {
+        let outcome = replay_tied(transcript, rule, tie);
+        let differing = outcome.differences.len();
+        if best
+            .as_ref()
+            .is_none_or(|best| differing < best.differences.len())
+        {
+            best = Some(outcome);
+        }
+        if differing == 0 {
+            break;
+        }
+    }
+    best.expect("at least one replay")
 }
 
 /// Replays a whole transcript of which `rule` says what may differ.
 pub fn replay_with(transcript: &Transcript, rule: PhaseRule) -> Outcome {
+    replay_tied(transcript, rule, 0)
+}
+
+/// Replays a whole transcript with replies that are late by so many nanoseconds more or less.
+fn replay_tied(transcript: &Transcript, rule: PhaseRule, tie: i64) -> Outcome {
     let config = PortConfig::new(transcript.channels, transcript.clock_hz);
     let mut replay = Replay {
         port: SslbpPort::new(config),
-        wire: WireLog::new(transcript),
+        wire: WireLog::new(transcript, tie),
         rule,
         outcome: Outcome::default(),
         now: 0,

@@ -1,4 +1,4 @@
-//! The five transcripts in which some lines depend on the phase of the firmware loop.
+//! The six transcripts in which some lines depend on the phase of the firmware loop.
 //!
 //! The recorder found them by moving all latencies and pauses by a few microseconds (index.txt,
 //! "PHASE"). What may differ in them, and nothing else:
@@ -9,6 +9,7 @@
 //! | `t04c` | the state in which a channel without a remote gives up: 01 or 02 |
 //! | `t06b`, `t25` | CS sampled during chatter: the states 3A and 3B alternate |
 //! | `t09c` | how long it takes until COMMAND sticks |
+//! | `u10` | whether a character of a reply that overlaps the next frame counts as extra or as an overrun: a fraction of a microsecond decides it (index.txt, "Ties") |
 
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sim::wire::Nanos;
@@ -20,7 +21,11 @@ enum Kind {
     AbsentState,
     Chatter,
     Sticking,
+    Overlap,
 }
+
+/// The local error bits of characters that nobody waited for.
+const EXTRA_OR_OVERRUN: u32 = 0x14;
 
 /// What may differ in one file.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +44,7 @@ impl PhaseRule {
             "t04c" => Kind::AbsentState,
             "t06b" | "t25" => Kind::Chatter,
             "t09c" => Kind::Sticking,
+            "u10" => Kind::Overlap,
             _ => Kind::None,
         };
         Self {
@@ -54,7 +60,7 @@ impl PhaseRule {
         Self::of("t25")
     }
 
-    /// Whether the file is one of the five.
+    /// Whether the file is one of the six.
     pub fn is_needed(&self) -> bool {
         self.kind != Kind::None
     }
@@ -82,6 +88,10 @@ impl PhaseRule {
             (Kind::EndOfReset, Register::Command | Register::Data) => self.uncertain,
             (Kind::AbsentState, Register::Cs(_)) => only_state && both(0x01, 0x02),
             (Kind::Chatter, Register::Cs(_)) => only_state && both(0x3A, 0x3B),
+            (Kind::Overlap, Register::Cs(_)) => {
+                let seen = [expected, actual].map(|cs| cs & EXTRA_OR_OVERRUN != 0);
+                (expected ^ actual) & !EXTRA_OR_OVERRUN == 0 && seen == [true; 2]
+            }
             _ => false,
         }
     }

@@ -76,14 +76,16 @@ impl<A: Application> Remote<A> {
             self.state.faults |= self.application.faults();
         }
         self.application.sample(mode, &mut self.memory);
-        let mut reply = if self.config.no_fault_byte {
+        let rx_size = self.config.sizes(mode).rx_size;
+        // With an RX size of 0 the reply is its CRC alone. FACTS 11.5.
+        let mut reply = if self.config.no_fault_byte || rx_size == 0 {
             Reply::EMPTY
         } else {
             Reply::new(&[self.state.faults.bits()])
         };
         let mut inputs = [0; 32];
         let fault_bytes = usize::from(!self.config.no_fault_byte);
-        let size = usize::from(self.config.sizes(mode).rx_size).saturating_sub(fault_bytes);
+        let size = usize::from(rx_size).saturating_sub(fault_bytes);
         let inputs = inputs.get_mut(..size.min(31)).unwrap_or_default();
         self.application.inputs(mode, &mut self.memory, inputs);
         reply.extend(inputs);

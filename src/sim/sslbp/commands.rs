@@ -6,7 +6,7 @@ use super::timing;
 
 /// High bytes of the COMMAND register.
 const STOP: u8 = 0x08;
-const NORMAL_START: u8 = 0x09;
+pub(super) const NORMAL_START: u8 = 0x09;
 pub(super) const SETUP_START: u8 = 0x0F;
 const DOIT: u8 = 0x10;
 const REQUEST: u8 = 0x20;
@@ -39,7 +39,7 @@ impl Firmware {
         if high & DOIT != 0 {
             self.start_transfers(low);
         } else if high == NORMAL_START || high == SETUP_START {
-            self.start_channels(high, low);
+            self.start_after_division(high);
         } else if high == STOP {
             self.memory.set(global::STOP_BITS, low);
             if low == 0 {
@@ -65,8 +65,10 @@ impl Firmware {
         self.spend(timing::DOIT_COMMAND);
     }
 
-    fn start_channels(&mut self, kind: u8, mask: u8) {
-        self.spend(timing::START_DIVISION);
+    /// Goes on with a START of `kind`; COMMAND says now which channels (FACTS 11.3), and how far it
+    /// goes: what is neither setup nor normal does not get beyond the discovery reply (T:u01).
+    pub(super) fn start_channels(&mut self, kind: u8, written: u16) {
+        let [mask, start_type] = written.to_le_bytes();
         let setup = kind == SETUP_START;
         let rate = if setup {
             timing::SETUP_TICK_RATE
@@ -85,7 +87,7 @@ impl Firmware {
             self.memory
                 .set(global::START_TIMEOUT, timing::NORMAL_START_TIMEOUT);
         }
-        self.memory.set(global::START_TYPE, kind);
+        self.memory.set(global::START_TYPE, start_type);
         // Only channels that do not run yet; that a stopped channel is not ready is forgotten
         // here if it is not in the mask (FACTS 5.5).
         let new = !self.memory.get(global::START_BITS) & mask;

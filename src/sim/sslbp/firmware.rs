@@ -35,6 +35,8 @@ enum Phase {
     Tail,
     /// The look for a new command.
     Check,
+    /// A START of this kind has made its division; now it takes its mask.
+    TakeMask(u8),
     /// Nothing can happen until COMMAND is written; passes of `length` cycles go on from `since`.
     Asleep {
         since: u64,
@@ -153,6 +155,12 @@ impl Firmware {
         }
     }
 
+    /// A START goes on when its division is done; until then the host may write another mask.
+    pub fn start_after_division(&mut self, kind: u8) {
+        self.spend(timing::START_DIVISION);
+        self.phase = Phase::TakeMask(kind);
+    }
+
     /// The firmware waits for ever.
     pub fn hang(&mut self) {
         self.phase = Phase::Hung;
@@ -185,9 +193,13 @@ impl Firmware {
         match self.phase {
             Phase::Reset | Phase::Asleep { .. } | Phase::Hung => {}
             Phase::Released => {
-                let now = self.now();
-                self.host.clear_command(now);
-                self.spend(timing::RESET_MEMORY - timing::RESET_FIRST_CLEAR);
+                if self.is_idle() {
+                    let now = self.now();
+                    self.host.clear_command(now);
+                }
+                let channels = self.config.channels() as u64;
+                let memory = timing::RESET_MEMORY + timing::RESET_MEMORY_CHANNEL * channels;
+                self.spend(memory - timing::RESET_FIRST_CLEAR);
                 self.phase = Phase::MemorySetup;
             }
             Phase::MemorySetup => {
@@ -224,6 +236,11 @@ impl Firmware {
             Phase::Check => {
                 self.phase = Phase::Head;
                 self.check_for_command();
+            }
+            Phase::TakeMask(kind) => {
+                self.phase = Phase::Head;
+                let written = self.host.command(self.now());
+                self.start_channels(kind, written);
             }
         }
     }
@@ -265,10 +282,7 @@ impl Firmware {
             self.phase = Phase::Initialize;
             return;
         }
-        let work = self.memory.get(global::COMMAND_IN_WORK)
-            | self.memory.get(global::STOP_BITS)
-            | self.memory.get(global::CHATTER_BITS);
-        if work == 0 {
+        if self.is_idle() {
             if self.host.doorbell {
                 self.spend(timing::IDLE_LOOP);
                 self.phase = Phase::Check;
@@ -286,6 +300,15 @@ impl Firmware {
         self.head_cycle = self.cycle;
         self.spend(timing::PASS_HEAD);
         self.phase = Phase::Channel(0);
+    }
+
+    /// Whether there is no work for a pass over the channels. A build of fewer than eight channels
+    /// is never idle: the stop bits of those it does not have stay set.
+    fn is_idle(&self) -> bool {
+        let work = self.memory.get(global::COMMAND_IN_WORK)
+            | self.memory.get(global::STOP_BITS)
+            | self.memory.get(global::CHATTER_BITS);
+        work == 0
     }
 
     fn sleep(&mut self, length: u64, in_passes: bool) {

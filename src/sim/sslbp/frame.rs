@@ -2,9 +2,11 @@
 
 use super::firmware::Firmware;
 use super::memory::{channel, global};
+use super::start::PROCESS_DATA_RPC;
 use super::state::{self, error, status};
 use super::{timing, uart};
 use crate::lbp::crc8;
+use crate::sim::wire::Nanos;
 
 /// The longest frame: a command, 28 characters and a CRC.
 const MAX_FRAME: usize = 32;
@@ -12,17 +14,29 @@ const MAX_FRAME: usize = 32;
 impl Firmware {
     /// Sends `bytes` and their CRC, and goes to `next`; `more` is what this frame costs more
     /// than a single command.
+    ///
+    /// Characters that wait are extra and thrown away; one that comes between that look and the
+    /// next, a moment later, is an overrun (FACTS 11.8). That was seen with process data only: a
+    /// line held low gives none in START (T:t20).
     pub(super) fn send(&mut self, index: usize, bytes: &[u8], next: u8, more: u64) {
         self.wait_for_transmitter(index);
-        self.spend(timing::SEND_BEFORE);
-        let now = self.now();
-        let stray = self
-            .uarts
-            .get_mut(index)
-            .is_some_and(|uart| uart.receiver.count(now) != 0);
-        if stray {
+        let (until_look, rest) = timing::SEND_BEFORE;
+        self.spend(until_look);
+        let is_process_data = bytes.first() == Some(&PROCESS_DATA_RPC);
+        let earlier = if is_process_data {
+            timing::LOOK_EARLIER
+        } else {
+            0
+        };
+        let first_look = self.clock.nanos(self.cycle.saturating_sub(earlier));
+        if self.has_characters(index, first_look) {
             self.count_error(index, channel::EXTRA_CHARACTERS, error::EXTRA_CHARACTER);
         }
+        let now = self.now();
+        if is_process_data && self.has_characters(index, now) {
+            self.count_error(index, channel::OVERRUNS, error::OVERRUN);
+        }
+        self.spend(rest);
         let mut frame = [0; MAX_FRAME];
         let mut length = 0;
         for (slot, &byte) in frame.iter_mut().zip(bytes) {
@@ -50,6 +64,11 @@ impl Firmware {
         self.start_timer(index);
         self.spend(timing::SEND_AFTER);
         self.go_to(index, next);
+    }
+
+    fn has_characters(&mut self, index: usize, at: Nanos) -> bool {
+        let uart = self.uarts.get_mut(index);
+        uart.is_some_and(|uart| uart.receiver.count(at) != 0)
     }
 
     /// The firmware does nothing else while a FIFO is still giving characters away.

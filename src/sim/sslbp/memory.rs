@@ -73,6 +73,8 @@ pub(super) mod channel {
     pub const CRC_ERRORS: u16 = 0x14;
     /// Wrong cookies.
     pub const COOKIE_ERRORS: u16 = 0x15;
+    /// Characters that came between two looks.
+    pub const OVERRUNS: u16 = 0x16;
     /// Replies that did not come in time.
     pub const TIMEOUTS: u16 = 0x17;
     /// Characters that nobody asked for.

@@ -27,7 +27,8 @@
 //! The variant with seven interface registers is taken to be the same firmware with more data
 //! bytes (28 out, 28 in and the fault byte) and FIFOs of 32 characters. Other clocks than 100 MHz
 //! are taken to change the processor's pace and the rounding of bit and tick times, and nothing
-//! else. An 8I20 starts in setup mode only; its own normal start is not simulated.
+//! else. Of an 8I20's own normal start only the beginning is known: it does not get beyond
+//! the state 2A.
 
 mod clock;
 mod commands;

@@ -1,15 +1,16 @@
 //! The states of a START, from the cookie to the first chatter frame. FACTS 4.
 
-use super::commands::SETUP_START;
+use super::commands::{NORMAL_START, SETUP_START};
 use super::firmware::Firmware;
 use super::memory::{channel, global};
 use super::state::{
-    self, CHECK_7I64, CHECK_8I20, CHECK_FAULT, CHECK_STATUS, GET_CLEAR_7I64, GET_CLEAR_FAULTS,
-    GET_CLEAR_STATUS, GET_COOKIE, GET_DISCOVERY, GET_FAULT, GET_FAULTS_CLEARED, GET_FRAME_TIMEOUT,
-    GET_MODE, GET_OUTPUTS_OFF, GET_STATUS, GET_UNIT_NUMBER, LAST_NAME, SEND_ACCESS, SEND_CHATTER,
-    SEND_CLEAR_7I64, SEND_CLEAR_FAULTS, SEND_CLEAR_STATUS, SEND_COOKIE, SEND_DISCOVERY, SEND_FAULT,
-    SEND_FAULTS_CLEARED, SEND_FRAME_TIMEOUT, SEND_MODE, SEND_NAME, SEND_OUTPUTS_OFF, SEND_STATUS,
-    SEND_UNIT_NUMBER, START_8I20, START_TIMER, WAIT, error, status,
+    self, CHECK_7I64, CHECK_8I20, CHECK_FAULT, CHECK_STATUS, GET_CLEAR_7I64, GET_CLEAR_8I20,
+    GET_CLEAR_FAULTS, GET_CLEAR_STATUS, GET_CLEARED_8I20, GET_COOKIE, GET_DISCOVERY, GET_FAULT,
+    GET_FAULTS_CLEARED, GET_FRAME_TIMEOUT, GET_MODE, GET_OUTPUTS_OFF, GET_STATUS, GET_UNIT_NUMBER,
+    GO_ON_8I20, LAST_NAME, SEND_ACCESS, SEND_CHATTER, SEND_CLEAR_7I64, SEND_CLEAR_8I20,
+    SEND_CLEAR_FAULTS, SEND_CLEAR_STATUS, SEND_CLEARED_8I20, SEND_COOKIE, SEND_DISCOVERY,
+    SEND_FAULT, SEND_FAULTS_CLEARED, SEND_FRAME_TIMEOUT, SEND_MODE, SEND_NAME, SEND_OUTPUTS_OFF,
+    SEND_STATUS, SEND_UNIT_NUMBER, START_TIMER, WAIT, error, status,
 };
 use super::timing;
 
@@ -19,6 +20,9 @@ const FRAME_TIMEOUT: u8 = 40;
 /// Identity bytes of the two remotes with a path of their own.
 const IDENTITY_8I20: u8 = 0x80;
 pub(super) const IDENTITY_7I64: u8 = 0x74;
+/// Writes FFFF to the 8I20's address 0x0854, and reads it back. FACTS 11.5.
+const CLEAR_8I20: [u8; 5] = [0x65, 0x54, 0x08, 0xFF, 0xFF];
+const READ_8I20: [u8; 3] = [0x45, 0x54, 0x08];
 /// The watchdog bit in what is sent to a 7I64.
 const WATCHDOG_7I64: u8 = 0x08;
 
@@ -124,7 +128,37 @@ impl Firmware {
             SEND_FAULT => self.send(index, &[READ_FAULT], GET_FAULT, 0),
             GET_FAULT => self.get(index, 1, CHECK_FAULT),
             CHECK_FAULT => self.check_fault(index),
-            // START_8I20 and beyond: that drive's own start is not simulated, it stays here.
+            _ => self.start_8i20(index, code),
+        }
+    }
+
+    /// The 8I20's own way: its word at 0x0854 is written, and read until it is 0. FACTS 11.5. What
+    /// comes after that is not known.
+    fn start_8i20(&mut self, index: usize, code: u8) {
+        match code {
+            SEND_CLEAR_8I20 => {
+                let more = 4 * timing::SEND_DATA_BYTE;
+                self.send(index, &CLEAR_8I20, GET_CLEAR_8I20, more);
+            }
+            GET_CLEAR_8I20 => self.get(index, 0, SEND_CLEARED_8I20),
+            SEND_CLEARED_8I20 => {
+                let more = 2 * timing::SEND_DATA_BYTE;
+                self.send(index, &READ_8I20, GET_CLEARED_8I20, more);
+            }
+            GET_CLEARED_8I20 => {
+                if self.receive(index, 2) {
+                    self.spend(timing::STORE_FAULTS_CLEARED);
+                    let is_clear = self.received(index, 0) == 0 && self.received(index, 1) == 0;
+                    let next = if is_clear {
+                        GO_ON_8I20
+                    } else {
+                        SEND_CLEARED_8I20
+                    };
+                    self.go_to(index, next);
+                } else {
+                    self.restart_if_timed_out(index);
+                }
+            }
             _ => {}
         }
     }
@@ -218,7 +252,7 @@ impl Firmware {
         self.spend(timing::COMPARE_8I20);
         self.go_to(index, CHECK_7I64);
         if self.is_named(index, 0) {
-            self.set_identity(index, which, IDENTITY_8I20, START_8I20);
+            self.set_identity(index, which, IDENTITY_8I20, SEND_CLEAR_8I20);
         }
     }
 
@@ -270,7 +304,7 @@ impl Firmware {
             self.spend(timing::STORE_DISCOVERY);
             if self.is_setup() {
                 self.finish_setup(index, which);
-            } else {
+            } else if self.memory.get(global::START_TYPE) == NORMAL_START {
                 self.memory
                     .clear_channel_bits(index, channel::STATUS, status::NO_IDENTITY);
                 self.go_to(index, SEND_OUTPUTS_OFF);

@@ -34,8 +34,13 @@ pub(super) const GET_FAULTS_CLEARED: u8 = 0x23;
 pub(super) const SEND_FAULT: u8 = 0x24;
 pub(super) const GET_FAULT: u8 = 0x25;
 pub(super) const CHECK_FAULT: u8 = 0x26;
-/// First state of the 8I20's own start, which is not simulated further.
-pub(super) const START_8I20: u8 = 0x27;
+/// The 8I20's own start: a word is written, then read until it is 0. FACTS 11.5.
+pub(super) const SEND_CLEAR_8I20: u8 = 0x27;
+pub(super) const GET_CLEAR_8I20: u8 = 0x28;
+pub(super) const SEND_CLEARED_8I20: u8 = 0x29;
+pub(super) const GET_CLEARED_8I20: u8 = 0x2A;
+/// What follows in it, which no transcript shows: the channel stays here.
+pub(super) const GO_ON_8I20: u8 = 0x2B;
 pub(super) const SEND_CHATTER: u8 = 0x3A;
 pub(super) const GET_CHATTER: u8 = 0x3B;
 pub(super) const SEND_7I64: u8 = 0x3E;
@@ -49,6 +54,7 @@ pub(super) const GET_PROCESS_DATA: u8 = 0x43;
 pub(super) mod error {
     pub const CRC: u8 = 0x01;
     pub const COOKIE: u8 = 0x02;
+    pub const OVERRUN: u8 = 0x04;
     pub const TIMEOUT: u8 = 0x08;
     pub const EXTRA_CHARACTER: u8 = 0x10;
     pub const BREAK: u8 = 0x20;

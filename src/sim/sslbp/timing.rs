@@ -5,10 +5,14 @@
 //! named at each of them (100 MHz, so 100 cycles are one microsecond) and leave the times of all
 //! transcripts well within the allowed 15 us.
 
-/// From release of bit 14 until COMMAND is cleared for the first time. T:t01 (0.13 us).
-pub(super) const RESET_FIRST_CLEAR: u64 = 11;
-/// From release of bit 14 until memory is set up and COMMAND is cleared again. T:t01b (22.3 us).
-pub(super) const RESET_MEMORY: u64 = 2_227;
+/// From release of bit 14 until COMMAND is cleared for the first time, where the idle loop was left.
+/// T:t01 (0.13 us), u08 (0.09 us), t01c.
+pub(super) const RESET_FIRST_CLEAR: u64 = 10;
+/// From release of bit 14 until memory is set up and COMMAND is cleared, without channels. T:t01b
+/// (22.3 us with eight), t01c (21.5 us with three).
+pub(super) const RESET_MEMORY: u64 = 2_099;
+/// The same, more, for each channel. FACTS 11.1.
+pub(super) const RESET_MEMORY_CHANNEL: u64 = 16;
 /// From there until DATA reads AA. T:t01 (DATA is still old when COMMAND just became 0).
 pub(super) const RESET_DATA: u64 = 4;
 /// From there until a COMMAND write counts again. T:t01 (a write 22.31 us after release is lost).
@@ -77,10 +81,13 @@ pub(super) const COMPARE_8I20: u64 = 29;
 /// State 17. T:t03b (3.28 us a pass).
 pub(super) const COMPARE_7I64: u64 = 24;
 
-/// Sending: from the routine's begin to the write of the first character. T:t03b, t25.
-pub(super) const SEND_BEFORE: u64 = 19;
+/// Sending: from the routine's begin to the look at the characters that wait, and from there to the write
+/// of the first character. T:t03b, t25, u10.
+pub(super) const SEND_BEFORE: (u64, u64) = (8, 11);
 /// From the first character's write to the falling edge of its start bit. T:t03b.
 pub(super) const SEND_START: u64 = 5;
+/// How much earlier process data is looked at for extra characters than for an overrun. FACTS 11.8.
+pub(super) const LOOK_EARLIER: u64 = 30;
 /// Between two characters on the wire. T:t03 (two characters take 8.03 us, six 24.15 us).
 pub(super) const CHARACTER_GAP: u64 = 3;
 /// Sending: CRC and time stamp. T:t03b.

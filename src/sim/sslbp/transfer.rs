@@ -4,8 +4,8 @@ use super::firmware::Firmware;
 use super::memory::{channel, global};
 use super::start::{IDENTITY_7I64, PROCESS_DATA_RPC};
 use super::state::{
-    GET_7I64, GET_ACCESS, GET_CHATTER, GET_PROCESS_DATA, SEND_7I64, SEND_ACCESS, SEND_CHATTER,
-    SEND_PROCESS_DATA, START_8I20, error, status,
+    GET_7I64, GET_ACCESS, GET_CHATTER, GET_PROCESS_DATA, GO_ON_8I20, SEND_7I64, SEND_ACCESS,
+    SEND_CHATTER, SEND_PROCESS_DATA, error, status,
 };
 use super::{MAX_INTERFACE_REGISTERS, timing};
 
@@ -25,7 +25,7 @@ impl Firmware {
         let code = self.memory.channel(index, channel::STATE);
         let requested = self.memory.get(global::REQUEST_BITS) & which != 0;
         let waits_for_request = matches!(code, SEND_ACCESS | SEND_PROCESS_DATA | SEND_7I64);
-        if waits_for_request && !requested || code == START_8I20 {
+        if waits_for_request && !requested || code == GO_ON_8I20 {
             self.spend(timing::NO_REQUEST);
             return;
         }

@@ -45,18 +45,26 @@ pub(super) struct Transmitter {
 }
 
 impl Transmitter {
-    /// Sends characters of which the first is written at `now`; those that do not fit into the
-    /// FIFO (`capacity` characters beside the one being shifted) are lost.
+    /// Sends characters of which the first is written at `now`. A full FIFO (`capacity` characters
+    /// beside the one being shifted) loses its oldest waiting character for each one more: all are
+    /// written before the first has left. FACTS 11.4.
     /// There is a short `gap` between characters, which the burst spreads over its bits so that
     /// it ends when the last character does.
     pub fn send(&mut self, now: Nanos, rate: BitRate, gap: Nanos, bytes: &[u8], capacity: usize) {
         let free = self.queue.iter().flatten().map(Burst::end).max();
         let start = free.map_or(now, |end| end.max(now));
-        let fitting = bytes.get(..bytes.len().min(capacity + 1)).unwrap_or(bytes);
-        let length = fitting.len().max(1) as Nanos;
+        // While another character is being shifted, the first one waits as well.
+        let shifted = usize::from(start == now);
+        let lost = bytes.len().saturating_sub(capacity + shifted);
+        let head = bytes.get(..shifted).unwrap_or(bytes);
+        let tail = bytes.get(shifted + lost..).unwrap_or(&[]);
+        let length = (head.len() + tail.len()).max(1) as Nanos;
         let end = start + 10 * length * rate.bit() + (length - 1) * gap;
         let bit = (end - start) / (10 * length);
-        let burst = Burst::new(end - 10 * length * bit, bit, fitting);
+        let mut burst = Burst::new(end - 10 * length * bit, bit, head);
+        for &byte in tail {
+            burst.push(byte);
+        }
         if let Some(slot) = self.queue.iter_mut().find(|slot| slot.is_none()) {
             *slot = Some(burst);
         }
@@ -186,14 +194,16 @@ impl Receiver {
         self.flags = 0;
     }
 
+    /// A full FIFO loses its oldest character. FACTS 11.4.
     fn push(&mut self, byte: u8) {
-        if self.count < self.capacity {
-            let tail = (self.head + self.count) % MAX_FIFO;
-            if let Some(slot) = self.fifo.get_mut(tail) {
-                *slot = byte;
-            }
-            self.count += 1;
+        if self.count >= self.capacity {
+            self.pop();
         }
+        let tail = (self.head + self.count) % MAX_FIFO;
+        if let Some(slot) = self.fifo.get_mut(tail) {
+            *slot = byte;
+        }
+        self.count += 1;
     }
 
     /// Receives everything whose stop bit is sampled up to `now`.
@@ -324,12 +334,12 @@ mod tests {
     }
 
     #[test]
-    fn a_full_fifo_loses_what_comes_after() {
+    fn a_full_fifo_loses_its_oldest_character() {
         let mut receiver = receiver(2_500_000);
         let bytes: [u8; 17] = core::array::from_fn(|n| n as u8);
         receiver.expect(Burst::new(0, 400, &bytes));
         assert_eq!(receiver.count(1_000_000), 16);
-        for n in 0..16 {
+        for n in 1..17 {
             assert_eq!(receiver.pop(), n);
         }
     }
