@@ -201,5 +201,26 @@ fn the_table_of_what_neighbours_lose_is_what_is_measured() {
         std::fs::write(&path, format!("{head}{table}")).expect(PAGE);
         return;
     }
-    assert_eq!(page.get(start..), Some(&*table), "{PAGE} is out of date");
+    let written = page.get(start..).expect("a table");
+    assert!(agrees(written, &table), "{PAGE} is out of date:\n{table}");
+}
+
+/// Names are the same, and figures but for the phase in which a remote comes and goes: a change of
+/// some microseconds in the simulator moves them a little.
+fn agrees(written: &str, measured: &str) -> bool {
+    const TOLERANCES: [f64; 5] = [3.0, 0.06, 1.0, 6.0, 5.0];
+    let row = |line: &str| -> (String, Vec<f64>) {
+        let mut cells = line.trim_matches('|').split('|').map(str::trim);
+        let name = cells.next().unwrap_or_default().to_owned();
+        let number = |cell: &str| cell.split(' ').next().and_then(|n| n.parse().ok());
+        (name, cells.filter_map(number).collect())
+    };
+    let pairs = || written.lines().map(row).zip(measured.lines().map(row));
+    written.lines().count() == measured.lines().count()
+        && pairs().all(|((name, known), (other, new))| {
+            let mut near = known.iter().zip(&new).zip(TOLERANCES);
+            name == other
+                && known.len() == new.len()
+                && near.all(|((known, new), tolerance)| (known - new).abs() <= tolerance)
+        })
 }
