@@ -106,7 +106,7 @@ fn measure(options: Options) -> Result<Option<Signal>, Box<dyn Error>> {
     let mut driver = Driver::builder(bus)
         .period(Duration::from_secs(1) / options.rate)
         .pace(options.pace)
-        .watchdog(Duration::from_millis(100))
+        .watchdog((Duration::from_secs(5) / options.rate).max(Duration::from_millis(100)))
         .build()?;
     let before = driver.bus().statistics();
     let measured = run(&mut driver, options, &stop);

@@ -18,7 +18,7 @@ Usage: servo_loop [OPTIONS]
                 run on the Ethernet board there instead of the simulated one
   --pace host|board
                 who begins a cycle (host); board needs --addr, and a board with a DPLL
-  --watchdog MS the board's outputs go off after so long without a write, 1 to 1000 (5)
+  --watchdog MS the board's outputs go off after so long without a write, 1 to 1000 (5 periods, at least 5)
   --pins        list every pin and parameter that was found
   --help        this text
 
@@ -37,7 +37,7 @@ pub struct Args {
     pub address: Option<SocketAddrV4>,
     pub pins: bool,
     pub pace: Pace,
-    pub watchdog: Duration,
+    pub watchdog: Option<Duration>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +55,7 @@ impl Args {
             address: None,
             pins: false,
             pace: Pace::Host,
-            watchdog: Duration::from_millis(5),
+            watchdog: None,
         };
         let mut parser = lexopt::Parser::from_env();
         while let Some(arg) = parser.next()? {
@@ -68,7 +68,7 @@ impl Args {
                 Long("pace") => args.pace = parser.value()?.parse()?,
                 Long("watchdog") => {
                     let millis = within(&parser.value()?, "--watchdog", 1.0, 1000.0)?;
-                    args.watchdog = Duration::from_secs_f64(millis * 1e-3);
+                    args.watchdog = Some(Duration::from_secs_f64(millis * 1e-3));
                 }
                 Long("pins") => args.pins = true,
                 Long("addr") => args.address = Some(parser.value()?.parse_with(address)?),

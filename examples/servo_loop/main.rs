@@ -56,11 +56,13 @@ fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
 }
 
 fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
-    let driver = Driver::builder(timed::Timed::new(bus))
+    let mut builder = Driver::builder(timed::Timed::new(bus))
         .period(args.period())
-        .pace(args.pace)
-        .watchdog(args.watchdog)
-        .build()?;
+        .pace(args.pace);
+    if let Some(watchdog) = args.watchdog {
+        builder = builder.watchdog(watchdog);
+    }
+    let driver = builder.build()?;
     say(found::list(&driver, args.pins));
     let mut control = control::Control::new(driver)?;
     let ended = control.run(args, stop);

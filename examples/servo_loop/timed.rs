@@ -73,6 +73,15 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
         self.measured(|bus| bus.exchange_prepared(prepared, words))
     }
 
+    fn write_some(
+        &mut self,
+        accesses: &[Access],
+        wanted: &[bool],
+        words: &mut [u32],
+    ) -> Result<(), B::Error> {
+        self.measured(|bus| bus.write_some(accesses, wanted, words))
+    }
+
     fn prepare_paced(
         &mut self,
         accesses: &[Access],
@@ -95,6 +104,10 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {
         self.bus.set_cycle_deadline(deadline);
+    }
+
+    fn follow_period(&mut self, period: Duration) {
+        self.bus.follow_period(period);
     }
 
     fn statistics(&self) -> BusStatistics {

@@ -273,6 +273,9 @@ pub trait RegisterBus {
     /// late ignores it.
     fn set_cycle_deadline(&mut self, _deadline: Duration) {}
 
+    /// The cycle has this period: a deadline that nobody has set otherwise follows it.
+    fn follow_period(&mut self, _period: Duration) {}
+
     /// What was counted so far.
     fn statistics(&self) -> BusStatistics {
         BusStatistics::default()
@@ -355,6 +358,10 @@ impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {
         (**self).set_cycle_deadline(deadline);
+    }
+
+    fn follow_period(&mut self, period: Duration) {
+        (**self).follow_period(period);
     }
 
     fn statistics(&self) -> BusStatistics {

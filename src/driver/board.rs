@@ -21,6 +21,8 @@ const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
 pub(super) struct Board {
     watchdog: Watchdog,
     timeout_ns: u32,
+    /// No shorter time is taken, because the period could not feed it.
+    shortest: Duration,
     state: BoardState,
     /// What the pins show.
     is_shown: Option<BoardState>,
@@ -59,7 +61,7 @@ impl Board {
         group: GroupId,
         name: &str,
         watchdog: Watchdog,
-        timeout: Duration,
+        (timeout, period): (Duration, Duration),
         error_limit: u32,
     ) -> Result<Self, PinError> {
         let timeout_ns = u32::try_from(timeout.as_nanos()).unwrap_or(u32::MAX);
@@ -74,6 +76,7 @@ impl Board {
         Ok(Self {
             watchdog,
             timeout_ns,
+            shortest: period.saturating_mul(2),
             state: BoardState::Running,
             is_shown: None,
             evidence: Evidence::new(watchdog),
@@ -181,7 +184,7 @@ impl Board {
             return false;
         }
         let timeout = Duration::from_nanos(timeout_ns.into());
-        let time = self.watchdog.time_for(timeout);
+        let time = self.watchdog.time_for(timeout.max(self.shortest));
         self.evidence.give(time);
         image.put(slot, time.0);
         image.request_write(slot);

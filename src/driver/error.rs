@@ -92,6 +92,45 @@ pub enum BuildError<E: BusError> {
     /// The registers of a cycle can not be exchanged.
     #[error(transparent)]
     Image(#[from] ImageError<E>),
+    /// No cycle has this period.
+    #[error("a period of {period:?} can not be kept: choose one of 1 us to 800 ms")]
+    BadPeriod {
+        /// The period.
+        period: Duration,
+    },
+    /// The period can not feed the board's watchdog.
+    #[error(
+        "the board's watchdog bites after {watchdog:?}, and is fed once in a period of {period:?}; \
+         a write that is lost must not let it bite, so it needs 2 x {period:?} = {needed:?}: choose a \
+         longer watchdog (`Builder::watchdog`) or a shorter period"
+    )]
+    WatchdogTooShort {
+        /// The time that was asked for.
+        watchdog: Duration,
+        /// What it must be at least.
+        needed: Duration,
+        /// The period.
+        period: Duration,
+    },
+    /// The period can not feed a remote's watchdog.
+    #[error(
+        "port {port}, {channel}: the remote's watchdog bites after {watchdog:?}, and is fed once in \
+         a period of {period:?}; a transfer that is lost must not let it bite, so it needs \
+         2 x {period:?} = {needed:?}: choose a shorter period, or set the remote's \
+         NVWatchDogTimeout to more milliseconds"
+    )]
+    RemoteWatchdogTooShort {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: Channel,
+        /// What the remote says, or 50 ms if it says nothing.
+        watchdog: Duration,
+        /// What it must be at least.
+        needed: Duration,
+        /// The period.
+        period: Duration,
+    },
     /// A cycle is shorter than the transfers it must hold.
     #[error(
         "port {port} needs up to {needed:?} for a transfer, and the period is {period:?}: choose a \

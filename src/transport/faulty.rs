@@ -310,6 +310,10 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         self.inner.set_cycle_deadline(deadline);
     }
 
+    fn follow_period(&mut self, period: Duration) {
+        self.inner.follow_period(period);
+    }
+
     /// Those of the bus inside, and the injected faults.
     fn statistics(&self) -> BusStatistics {
         let inner = self.inner.statistics();

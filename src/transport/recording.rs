@@ -260,6 +260,10 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
         self.inner.set_cycle_deadline(deadline);
     }
 
+    fn follow_period(&mut self, period: Duration) {
+        self.inner.follow_period(period);
+    }
+
     fn statistics(&self) -> BusStatistics {
         self.inner.statistics()
     }

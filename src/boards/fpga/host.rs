@@ -11,7 +11,8 @@ use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
 pub struct WatchdogPins {
     /// It has bitten; set it to false to go on.
     pub has_bit: InOut<bool>,
-    /// After so many nanoseconds without a write it bites.
+    /// After so many nanoseconds without a write it bites. Less than two periods are taken as two
+    /// periods, because a write that is lost must not let it bite.
     pub timeout_ns: Param<u32>,
 }
 

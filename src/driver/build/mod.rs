@@ -40,7 +40,8 @@ pub struct Builder<B: RegisterBus> {
 struct Config {
     number: u8,
     period: Duration,
-    watchdog: Duration,
+    /// `None`: it follows the period.
+    watchdog: Option<Duration>,
     ports: [Option<SerialConfig>; MAX_PORTS],
     /// A port that was configured and that no board has.
     port_beyond: Option<u8>,
@@ -86,7 +87,7 @@ impl<B: RegisterBus> Builder<B> {
             config: Config {
                 number: 0,
                 period: Duration::from_millis(1),
-                watchdog: Watchdog::DEFAULT_TIMEOUT,
+                watchdog: None,
                 ports: [None; MAX_PORTS],
                 port_beyond: None,
                 modules: ModuleChoices::default(),
@@ -107,7 +108,11 @@ impl<B: RegisterBus> Builder<B> {
         self
     }
 
-    /// The period of the cycle: what the transfers must fit into. 1 ms at first.
+    /// The period of the cycle: what the transfers must fit into, and what feeds the watchdogs. 1 us
+    /// to 800 ms; 1 ms at first.
+    ///
+    /// What is not set otherwise follows it: the board's [`watchdog`](Self::watchdog), and the
+    /// deadline of a reply, which is 80 % of it.
     #[must_use]
     pub fn period(mut self, period: Duration) -> Self {
         self.config.period = period;
@@ -121,11 +126,14 @@ impl<B: RegisterBus> Builder<B> {
         self
     }
 
-    /// The time after which the board's watchdog bites without a write; 5 ms at first. It runs
-    /// from the first write on.
+    /// The time after which the board's watchdog bites without a write. If this is not called: five
+    /// periods, and at least 5 ms. It runs from the first write on.
+    ///
+    /// Less than two periods are refused by [`build`](Self::build), because one write that is lost
+    /// must not let it bite.
     #[must_use]
     pub fn watchdog(mut self, timeout: Duration) -> Self {
-        self.config.watchdog = timeout;
+        self.config.watchdog = Some(timeout);
         self
     }
 
@@ -237,12 +245,14 @@ impl<B: RegisterBus> Builder<B> {
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
     pub fn build(mut self) -> Result<Driver<B>, BuildError<B::Error>> {
+        self.config.check_times()?;
         let policy = &mut self.config.policy;
         let most_of_a_period = self.config.period * 3 / 4;
         policy.rest = policy
             .rest
             .max(FaultPolicy::SHORTEST_REST)
             .max(most_of_a_period);
+        self.bus.follow_period(self.config.period);
         let firmware = HostMot2::identify(&mut self.bus)?;
         let watchdog = Watchdog::locate(&firmware)?;
         let places = IoPorts::locate(&firmware)?;
@@ -274,7 +284,7 @@ impl<B: RegisterBus> Builder<B> {
             parts.status,
             &parts.name,
             watchdog,
-            config.watchdog,
+            (config.watchdog_time(), config.period),
             config.bus_error_limit,
         )?;
         board.tell(&mut parts.made);
@@ -317,6 +327,53 @@ impl<B: RegisterBus> Builder<B> {
             set_up,
             image,
         })
+    }
+}
+
+/// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
+const FEEDS: u32 = 2;
+
+impl Config {
+    fn watchdog_time(&self) -> Duration {
+        let follows = self.period.saturating_mul(5).max(Watchdog::DEFAULT_TIMEOUT);
+        self.watchdog.unwrap_or(follows)
+    }
+
+    /// Whether the times fit each other.
+    fn check_times<E: crate::bus::BusError>(&self) -> Result<(), BuildError<E>> {
+        let period = self.period;
+        if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
+            return Err(BuildError::BadPeriod { period });
+        }
+        let (watchdog, needed) = (self.watchdog_time(), period * FEEDS);
+        if watchdog < needed {
+            return Err(BuildError::WatchdogTooShort {
+                watchdog,
+                needed,
+                period,
+            });
+        }
+        Ok(())
+    }
+
+    /// Whether the period feeds the watchdogs of a port's remotes.
+    fn check_remotes<E: crate::bus::BusError>(
+        &self,
+        port: &SerialPort,
+    ) -> Result<(), BuildError<E>> {
+        let (period, needed) = (self.period, self.period * FEEDS);
+        for remote in port.remotes() {
+            if let Some(watchdog) = remote.watchdog().time().filter(|time| *time < needed) {
+                return Err(BuildError::RemoteWatchdogTooShort {
+                    port: port.layout().instance(),
+                    channel: remote.started().channel,
+                    watchdog,
+                    needed,
+                    period,
+                });
+            }
+        }
+        Ok(())
     }
 }
 

@@ -101,6 +101,7 @@ impl Parts {
                     period: config.period,
                 });
             }
+            config.check_remotes(&port)?;
             self.ports.push(port);
         }
         self.check_parameters(&config.parameters)

@@ -41,11 +41,14 @@ const OTHERS: u16 = 4;
 /// More than a board can receive in that time: its counts began again.
 const TOO_MANY: u16 = 0x8000;
 
+/// No deadline that follows a period is shorter.
+const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
+
 /// How long an exchange may take, and how often one of set-up is tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UdpConfig {
     /// Deadline of the exchanges of the cycle, from the moment the request is sent.
-    /// They are tried once.
+    /// They are tried once. As long as it is the default, it follows the period of the driver.
     pub cycle_deadline: Duration,
     /// Deadline of each try of the exchanges of set-up.
     pub setup_deadline: Duration,
@@ -509,6 +512,14 @@ impl<L: Link> RegisterBus for UdpBus<L> {
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {
         self.config.cycle_deadline = deadline;
+    }
+
+    /// The deadline of [`UdpConfig::default`] becomes 80 % of the period, and at least 100 us.
+    fn follow_period(&mut self, period: Duration) {
+        if self.config.cycle_deadline == UdpConfig::default().cycle_deadline {
+            let most = period.saturating_mul(4) / 5;
+            self.config.cycle_deadline = most.max(SHORTEST_DEADLINE);
+        }
     }
 
     fn statistics(&self) -> BusStatistics {
