@@ -17,8 +17,7 @@
 //! | `inputs.rs` | `im`, `in` |
 //!
 //! Its `REPLAY` builds a [`bench::Bench`] with the firmware that the file was recorded on, and lets
-//! [`runner`] apply the stimuli and compare. A family that is not connected has `None` there: its
-//! files are listed as `not compared`.
+//! [`runner`] apply the stimuli and compare. A file of no family fails.
 //!
 //! [`runner::replay`] compares every read and every pin at its nanosecond. [`runner::replay_within`]
 //! replays several times with all stimuli delayed by a part of a free-running divider's period, and
@@ -44,7 +43,6 @@ mod pwm;
 #[path = "module_conformance/register.rs"]
 mod register;
 #[path = "module_conformance/runner.rs"]
-#[allow(dead_code, reason = "for the families that are not connected yet")]
 mod runner;
 #[path = "module_conformance/transcript.rs"]
 mod transcript;
@@ -61,7 +59,7 @@ const SHOWN: usize = 12;
 pub type Replay = fn(&Transcript) -> Outcome;
 
 /// Letters that begin a file's name, and what replays it.
-type Family = (&'static str, Option<Replay>);
+type Family = (&'static str, Replay);
 
 /// All families.
 const FAMILIES: [Family; 10] = [
@@ -113,10 +111,6 @@ fn check(path: &Path) -> Result<usize, ()> {
     let Some((_, replay)) = family(name) else {
         println!("{name}: no family of modules has this name");
         return Err(());
-    };
-    let Some(replay) = replay else {
-        println!("{name}: not compared");
-        return Ok(0);
     };
     let outcome = replay(&transcript);
     println!(

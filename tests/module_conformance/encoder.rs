@@ -13,7 +13,7 @@ use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Entry, Event, Level, Transcript};
 
 /// To the clock; reads that differ are right if they are so within one period of the divider.
-pub const REPLAY: Option<Replay> = Some(replay);
+pub const REPLAY: Replay = replay;
 
 /// The multiplexer's divider after configuration, in these sources.
 const RATE: u32 = 11;
