@@ -171,7 +171,8 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
     // LinuxCNC asks no board.
     assert!(request - 4 < 80 && reply - 4 < 122 && write < 156);
     assert!(request + reply + write < 80 + 122 + 156);
-    machine.cycles(10);
+    // In its first 100 periods the phase of the DPLL is written, as by LinuxCNC.
+    machine.cycles(110);
     let before = machine.driver.bus_mut().statistics();
     machine.cycles(100);
     let after = machine.driver.bus_mut().statistics();

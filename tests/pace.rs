@@ -71,6 +71,26 @@ fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
 }
 
 #[test]
+fn a_board_that_paces_says_when_the_host_keeps_pace() {
+    let mut driver = machine(Pace::Board);
+    let _ = driver
+        .read()
+        .expect("the first waits for the clock as well");
+    let mut cycle = |work: u64| {
+        driver.bus_mut().wait(Duration::from_micros(work));
+        driver.write().expect("the board is there");
+        driver.read().expect("the board is there").locked
+    };
+    let locked: Vec<bool> = (0..150).map(|n| cycle(100 + n * 37 % 500)).collect();
+    let first = locked.iter().position(|&locked| locked);
+    assert!(first.is_some_and(|n| (118..=121).contains(&n)), "{first:?}");
+    assert!(locked[121..].iter().all(|&locked| locked));
+    assert!(!cycle(1_500), "a period was missed");
+    assert!((0..118).all(|_| !cycle(300)));
+    assert!((0..3).any(|_| cycle(300)));
+}
+
+#[test]
 fn a_paced_cycle_is_two_packets_out_and_one_back_and_smaller_than_that_of_linuxcnc() {
     let mut driver = machine(Pace::Board);
     let sync = 0x7600;

@@ -80,7 +80,7 @@ use crate::bus::{BusStatistics, CycleImage, ImageSize, Instant, RegisterBus, Tie
 use crate::hal::{GroupId, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use board::{Board, BoardCheck};
-use pace::{Answer, Pacer};
+use pace::{Answer, Beat, Pacer};
 use set_up::SetUp;
 
 /// A board with everything on it, in the cycle.
@@ -191,12 +191,22 @@ impl<B: RegisterBus> Driver<B> {
         }
         if self.board.is_running() {
             self.take_modules(now);
+            report.locked = self.is_locked(beat, slack);
         } else {
+            self.pacer.unlock();
             self.make_safe();
         }
         self.board.publish(&mut self.pins, &self.statistics);
         report.board = self.board.state();
         report
+    }
+
+    fn is_locked(&mut self, beat: Beat, slack: Option<Duration>) -> bool {
+        let Some(dpll) = self.fpga_pins.dpll else {
+            return false;
+        };
+        let error = self.pins.read(dpll.phase_error_us).value;
+        self.pacer.lock(beat, slack, error)
     }
 
     fn take_ports(&mut self, now: Instant, doubtful: bool, report: &mut CycleReport) {

@@ -8,8 +8,10 @@ use crate::bus::{CycleImage, Instant, RegisterBus, Tier};
 /// Who decides when a cycle begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Pace {
-    /// The application: it waits for its own period, then calls [`Driver::read`].
+    /// The application: it waits for its own period, then calls [`Driver::read`]. A DPLL on the board
+    /// follows these reads; when it does, [`CycleReport::locked`] says so.
     ///
+    /// [`CycleReport::locked`]: super::CycleReport::locked
     /// [`Driver::read`]: super::Driver::read
     #[default]
     Host,
@@ -25,13 +27,15 @@ pub enum Pace {
     /// A host that is late misses the beginning of a period, and gets the next:
     /// [`CycleReport::missed_periods`]. What it has left of a period is in
     /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
-    /// than the driver was built for, shows in [`CycleReport::unpaced`].
+    /// than the driver was built for, shows in [`CycleReport::unpaced`]. When the host has kept pace
+    /// for 120 periods, [`CycleReport::locked`] says so.
     ///
     /// After two reads in a row that failed, the request is not held back any more until one
     /// succeeds: what a stalled network delivers at once would stand in a row in the board.
     ///
     /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
     ///
+    /// [`CycleReport::locked`]: super::CycleReport::locked
     /// [`CycleReport::missed_periods`]: super::CycleReport::missed_periods
     /// [`CycleReport::slack`]: super::CycleReport::slack
     /// [`CycleReport::unpaced`]: super::CycleReport::unpaced
@@ -82,7 +86,26 @@ pub(super) struct Pacer {
     was_short: bool,
     /// Reads in a row that failed.
     failures: u32,
+    lock: Lock,
 }
+
+/// Whether cycle and board run together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Lock {
+    /// The mean of the last phase errors, early or late, in microseconds.
+    error_us: Option<f64>,
+    /// Reads in a row that were in step.
+    reads: u32,
+}
+
+/// So many reads in a row have to be in step: more than those in which the phase is set.
+const LOCKED: u32 = 120;
+
+/// Weight of one read in the mean of phase errors.
+const WEIGHT: f64 = 1.0 / 16.0;
+
+/// How far the mean may be off, as a part of the period.
+const TOLERANCE: f64 = 1.0 / 20.0;
 
 /// After so many failures the board is asked at once: requests that it holds back would stand in a
 /// row there, with the writes between them, and outputs would come that many periods late.
@@ -116,6 +139,7 @@ impl Pacer {
             arrived: None,
             was_short: false,
             failures: 0,
+            lock: Lock::default(),
         }
     }
 
@@ -189,6 +213,32 @@ impl Pacer {
     /// Asks for inputs ahead. If that fails, the next read asks again, and says why it fails.
     pub fn post<B: RegisterBus>(&mut self, bus: &mut B, image: &CycleImage, tier: Tier) {
         self.posted = image.post_reads(bus, tier).is_ok().then_some(tier);
+    }
+
+    /// Whether cycle and board run together, after a read that found the loop's phase at
+    /// `phase_error_us`. See [`CycleReport::locked`](super::CycleReport).
+    pub fn lock(&mut self, beat: Beat, slack: Option<Duration>, phase_error_us: f64) -> bool {
+        let is_in_step = match self.pace {
+            Pace::Board => slack.is_some() && beat == Beat::default(),
+            Pace::Host => {
+                let error = libm::fabs(phase_error_us);
+                let before = self.lock.error_us.unwrap_or(error);
+                let mean = before + (error - before) * WEIGHT;
+                self.lock.error_us = Some(mean);
+                mean <= self.period.as_secs_f64() * 1e6 * TOLERANCE
+            }
+        };
+        self.lock.reads = if is_in_step {
+            self.lock.reads.saturating_add(1)
+        } else {
+            0
+        };
+        self.lock.reads >= LOCKED
+    }
+
+    /// The board is not running.
+    pub fn unlock(&mut self) {
+        self.lock = Lock::default();
     }
 
     /// Inputs have arrived, which the board held back for `slack`.

@@ -3,9 +3,10 @@
 use core::convert::Infallible;
 use core::time::Duration;
 
+use super::phase_start::PhaseStart;
 use super::{Making, PartBuildError, PartError};
 use crate::boards::fpga::DpllPins;
-use crate::bus::{ImagePlan, ReadPhase, ReadSlot, RegisterBus, Tier};
+use crate::bus::{ImagePlan, ReadPhase, ReadSlot, RegisterBus, Tier, WritePhase, WriteSlot};
 use crate::driver::{Module, Pace, Put, SettingSlot, SetupList, Take};
 use crate::hal::{Pins, Rejection};
 use crate::hostmot2::{Dpll, DpllConfig, DpllError, DpllSetup, Gtag, phase_error_us};
@@ -20,6 +21,8 @@ pub(in crate::driver) struct DpllModule {
     setup: DpllSetup,
     pace: Pace,
     sync: Option<ReadSlot>,
+    phase: Option<WriteSlot>,
+    start: PhaseStart,
     settings: [Option<SettingSlot>; 5],
 }
 
@@ -52,6 +55,8 @@ impl DpllModule {
             setup,
             pace,
             sync: None,
+            phase: None,
+            start: PhaseStart::default(),
             settings: [None; 5],
         }))
     }
@@ -66,6 +71,22 @@ impl DpllModule {
             (at.timers_12, to.timers_12),
             (at.timers_34, to.timers_34),
         ]
+    }
+}
+
+impl DpllModule {
+    /// Sets the phase, as long as it is not followed. Writing control 0 again makes the loop forget
+    /// what it took for an error meanwhile.
+    fn put_phase(&mut self, cycle: &mut Put<'_>) {
+        let Some(slot) = self.phase else {
+            return;
+        };
+        if let Some(phase) = self.start.write() {
+            cycle.image.put(slot, phase);
+            cycle.image.request_write(slot);
+            let [_, control_0, ..] = self.settings;
+            cycle.repeat(control_0);
+        }
     }
 }
 
@@ -90,15 +111,25 @@ impl Module for DpllModule {
         for (slot, (address, word)) in self.settings.iter_mut().zip(words) {
             *slot = Some(SettingSlot::claim(plan, address, word));
         }
-        // This read is what the loop follows, so it comes first. Without it the loop runs free.
-        self.sync = (self.pace == Pace::Host)
-            .then(|| plan.read(ReadPhase::Latch, Tier::Cycle, self.registers.sync, 1));
+        // Without this read, the loop runs free.
+        if self.pace == Pace::Host {
+            let (sync, phase) = (self.registers.sync, self.registers.phase);
+            // It is what the loop follows, so it comes first.
+            self.sync = Some(plan.read(ReadPhase::Latch, Tier::Cycle, sync, 1));
+            self.phase = Some(plan.write(WritePhase::Data, Tier::Extended, phase, 1, 0));
+        }
+    }
+
+    /// The loop runs at another phase.
+    fn restarted(&mut self) {
+        self.start = PhaseStart::default();
     }
 
     fn take(&mut self, cycle: &mut Take<'_>) {
         if let Some(word) = self.sync.and_then(|slot| cycle.image.word(slot)) {
             let error = phase_error_us(word, self.config.hz);
             cycle.pins.publish(self.pins.phase_error_us, error);
+            self.start.read(word);
         }
         let prescale = u32::from(self.setup.prescale);
         cycle.pins.publish(self.pins.prescale, prescale);
@@ -107,6 +138,7 @@ impl Module for DpllModule {
 
     /// A frequency that the loop can not have is counted, and the one before stays.
     fn put(&mut self, cycle: &mut Put<'_>) {
+        self.put_phase(cycle);
         let config = config(&self.pins, cycle.pins);
         if config == self.config {
             return;
@@ -115,6 +147,9 @@ impl Module for DpllModule {
         let setup: Result<_, DpllError<Infallible>> =
             DpllSetup::new(clock_hz, self.dds_bits, &config);
         if let Ok(setup) = setup {
+            if setup.base_rate != self.setup.base_rate || setup.prescale != self.setup.prescale {
+                self.start = PhaseStart::default();
+            }
             (self.config, self.setup) = (config, setup);
         } else {
             let frequency = self.pins.base_freq_khz;

@@ -6,6 +6,7 @@ mod gpio;
 mod in_mux;
 mod led;
 mod outputs;
+mod phase_start;
 mod pwm;
 mod wiring;
 
