@@ -278,3 +278,28 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
         .expect("right");
     assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));
 }
+
+/// As in LinuxCNC: a channel with `x` leaves its RX, TX and TXEN to plain I/O.
+#[test]
+fn the_pins_of_channels_that_are_not_used_are_plain_io() {
+    let build = |modes: &str| {
+        let fpga = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
+        let modes: SerialConfig = modes.parse().expect("modes");
+        Driver::builder(fpga)
+            .serial_port(0, modes)
+            .build()
+            .expect("complete")
+    };
+    // FACTS 8.1: TXEN2, TX2 and RX2 are I/O 0 to 2, TX1 and RX1 are 3 and 4.
+    let all = build("000");
+    let two = build("00x");
+    for pin in 0..17 {
+        let name = format!("hm2_7i92.0.gpio.{pin:03}.out");
+        assert!(all.pins().output::<bool>(&name).is_err(), "{name}");
+        assert_eq!(two.pins().output::<bool>(&name).is_ok(), pin < 3, "{name}");
+    }
+    assert_eq!(two.ports()[0].remotes().count(), 2);
+    let directions = [all, two].map(|mut driver| driver.bus_mut().read_register(0x1100) & 7);
+    // TXEN2 and TX2 are driven by the channel, and by nobody until plain I/O is asked to.
+    assert_eq!(directions, [0b011, 0]);
+}

@@ -80,7 +80,7 @@ impl RemoteConfig {
 ///
 /// It can be parsed from what LinuxCNC takes for `sserial_port_0=`: a digit for each channel, its
 /// software mode, or `x` for a channel that is not used. Channels that are not named are used in
-/// mode 0.
+/// mode 0. The I/O pins of a channel that is not used (RX, TX, TXEN) are plain I/O pins.
 ///
 /// ```
 /// use mesa_hal::driver::SerialConfig;

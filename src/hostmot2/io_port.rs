@@ -284,11 +284,22 @@ impl PortPlan {
         gtag: Gtag,
         unit: u8,
     ) -> Result<(), IoPinError> {
+        self.use_some(firmware, gtag, unit, |_| true)
+    }
+
+    /// The same for those of its pins that are `wanted`; the others stay free for plain I/O.
+    pub(crate) fn use_some(
+        &mut self,
+        firmware: &HostMot2,
+        gtag: Gtag,
+        unit: u8,
+        wanted: impl Fn(super::PinDescriptor) -> bool,
+    ) -> Result<(), IoPinError> {
         let mut pins = firmware.pins_of(gtag, unit).peekable();
         if pins.peek().is_none() {
             return Err(IoPinError::NoPins { gtag, unit });
         }
-        for (pin, descriptor) in pins {
+        for (pin, descriptor) in pins.filter(|&(_, descriptor)| wanted(*descriptor)) {
             let place = self.take(pin)?;
             if descriptor.is_output()
                 && let Some(port) = self.ports.get_mut(place.port as usize)

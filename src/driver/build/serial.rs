@@ -15,7 +15,7 @@ use crate::driver::serial::{PortPins, Remote, RemoteFaultPins};
 use crate::driver::{
     BuildError, MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort,
 };
-use crate::hostmot2::Gtag;
+use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::process_data::{InterfaceRegisters, PackingPlan};
 use crate::sslbp::{
     AccessSize, Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode,
@@ -66,9 +66,16 @@ impl Parts {
         for (instance, serial) in (0..ports).zip(config.ports) {
             let channels = self.firmware.sserial_channels(module.gtag, instance);
             let layout = Layout::new(&description, instance, channels)?;
+            let serial = serial.unwrap_or_default();
+            // As in LinuxCNC, the pins of channels that are not used are plain I/O.
+            let is_used = |pin: PinDescriptor| {
+                let number = pin.secondary_pin & 0x0F;
+                let channel = number.checked_sub(1);
+                channel.is_none_or(|channel| serial.channel(channel).is_some())
+            };
             self.plan
-                .use_module(&self.firmware, module.gtag, instance)?;
-            located.push((Port::new(layout), serial.unwrap_or_default()));
+                .use_some(&self.firmware, module.gtag, instance, is_used)?;
+            located.push((Port::new(layout), serial));
         }
         Ok(located)
     }
