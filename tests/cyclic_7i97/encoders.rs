@@ -126,11 +126,12 @@ fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
         assert!((told / greatest - 1.0).abs() < 1e-9, "{told}, {greatest}");
         // The filters come down to their new length with the first counts.
         let _ = turned(&mut machine, 10_000.0);
+        // Velocity comes from stamps of a microsecond, of which a cycle has a thousand.
         for speed in [0.8, -0.8, 0.98, -0.98].map(|part| part * greatest) {
             let (moved, velocity, near) = turned(&mut machine, speed);
             assert!((moved / speed - 0.1).abs() < 0.001, "{speed}: {moved}");
             assert!(
-                (velocity / speed - 1.0).abs() < 0.001,
+                (velocity / speed - 1.0).abs() < 0.003,
                 "{speed}: {velocity}"
             );
             assert_eq!(near, speed.abs() > 0.9 * greatest, "{speed} of {greatest}");
