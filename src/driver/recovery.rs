@@ -1,5 +1,6 @@
 //! How everything becomes safe, and comes back.
 
+use super::board::BoardCheck;
 use super::evidence::Finding;
 use super::{BoardState, CycleError, Driver, Rearmed};
 use crate::bus::{RegisterBus, Tier};
@@ -18,7 +19,7 @@ impl<B: RegisterBus> Driver<B> {
     /// Those of the bus; then nothing is armed.
     ///
     /// # Real time
-    /// As `write`, and two more exchanges when the board has to be set up again, after the reply that
+    /// As `write`, and three more exchanges when the board has to be set up again, after the reply that
     /// is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
         if self.is_shut_down {
@@ -59,6 +60,12 @@ impl<B: RegisterBus> Driver<B> {
         let now = self.bus.now();
         // What was asked for before says nothing of the board as it is now.
         self.pacer.forget_posted(&mut self.bus, &mut self.image);
+        // An FPGA without its configuration could have it again in the middle of the exchange, and
+        // take the end of the set-up, which drives the pins, without its beginning.
+        self.image.exchange_status(&mut self.bus)?;
+        if let BoardCheck::NotThere(_) = self.board.check(&self.image) {
+            return Ok(());
+        }
         for (port, directions) in self.set_up.directions().enumerate() {
             if let Some(expected) = self.board.evidence.port_mut(port) {
                 expected.outputs = directions;

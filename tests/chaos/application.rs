@@ -35,6 +35,9 @@ pub struct Application {
 /// that has begun, and the multiplexer's delay.
 const FILTER: u64 = 500 * MICRO;
 
+/// Counts that the motor may turn during the read that the others are compared with.
+const NARROW: f64 = 12.0;
+
 impl Application {
     pub fn new<B: RegisterBus>(
         driver: &Driver<B>,
@@ -177,7 +180,9 @@ impl Application {
             }
             for (n, (raw, filtered)) in self.isolated.iter().enumerate() {
                 for (pin, slack) in [(raw, FILTER / 2), (filtered, FILTER)] {
-                    let shown = pins.read(*pin).value;
+                    let Some(shown) = pins.read(*pin).ok() else {
+                        continue;
+                    };
                     let from = from.saturating_sub(slack);
                     let is_true = was(&truth.isolated, from, now, |levels| {
                         (levels >> n & 1 != 0) == shown
@@ -204,7 +209,12 @@ impl Application {
             encoder.asked = None;
             return Ok(());
         }
-        let zero = *encoder.zero.get_or_insert(f64::midpoint(least, most) - raw);
+        let zero = match encoder.zero {
+            Some(zero) => zero,
+            None if most - least < NARROW => *encoder.zero.insert(f64::midpoint(least, most) - raw),
+            // A read that took long does not tell where it began.
+            None => return Ok(()),
+        };
         let slack = (most - least) + 3.0;
         ensure(
             (least - slack..=most + slack).contains(&(zero + raw)),

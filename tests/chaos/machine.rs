@@ -1,6 +1,6 @@
 //! The simulated machines.
 
-use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48};
+use mesa_hal::sim::devices::{Analog, Description, Device, FieldIo, Outputs48};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{
@@ -49,24 +49,27 @@ pub fn end(card: Card, number: usize, unit: usize, journal: &Journal) -> Box<dyn
 /// The cards of a machine differ in their unit numbers.
 fn remote(card: Card, unit: usize) -> Box<dyn RemoteEnd> {
     let known = "known to the simulator";
-    let unit = unit as u32;
+    let mut description = description(card);
+    description.unit += unit as u32;
     match card {
-        Card::Field => {
-            let mut description = FieldIo::description().expect(known);
-            description.unit += unit;
-            Box::new(Device::remote(&description, FieldIo::new(false)).expect(known))
-        }
-        Card::Analog => {
-            let mut description = Analog::description().expect(known);
-            description.unit += unit;
-            Box::new(Device::remote(&description, Analog::default()).expect(known))
-        }
-        Card::Outputs => {
-            let mut description = Outputs48::description().expect(known);
-            description.unit += unit;
-            Box::new(Device::remote(&description, Outputs48::default()).expect(known))
-        }
+        Card::Field => Box::new(Device::remote(&description, FieldIo::new(false)).expect(known)),
+        Card::Analog => Box::new(Device::remote(&description, Analog::default()).expect(known)),
+        Card::Outputs => Box::new(Device::remote(&description, Outputs48::default()).expect(known)),
     }
+}
+
+fn description(card: Card) -> Description {
+    let description = match card {
+        Card::Field => FieldIo::description(),
+        Card::Analog => Analog::description(),
+        Card::Outputs => Outputs48::description(),
+    };
+    description.expect("known to the simulator")
+}
+
+/// The unit number of the card that belongs to a remote's number.
+pub fn unit_number(card: Card, number: usize) -> u32 {
+    description(card).unit + number as u32
 }
 
 fn firmware(plan: &Plan) -> Firmware {

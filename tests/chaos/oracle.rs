@@ -66,6 +66,9 @@ struct Track {
     name: String,
     /// Bits may be missing: pins are inputs just then, or outputs have tripped by themselves.
     has_gaps: bool,
+    is_faulty: bool,
+    /// What is shown is a part of what was shown before.
+    has_fewer: bool,
     commands: VecDeque<Command>,
     shown: Level,
     since: u64,
@@ -80,6 +83,8 @@ impl Track {
         Self {
             name,
             has_gaps,
+            is_faulty: false,
+            has_fewer: false,
             commands: VecDeque::new(),
             shown: Level::OFF,
             since: 0,
@@ -113,11 +118,18 @@ impl Track {
 
     fn show(&mut self, at: u64, level: Level) -> Checked {
         self.check(at)?;
+        self.set(at, level);
+        self.check(at)
+    }
+
+    fn set(&mut self, at: u64, level: Level) {
         if level != self.shown {
+            // Before the remote says why, some have gone off.
+            let fewer = level.bits & !self.shown.bits == 0;
+            self.has_fewer = fewer && level.millivolts == self.shown.millivolts;
             self.shown = level;
             self.since = at;
         }
-        self.check(at)
     }
 
     /// What is shown up to now may be shown.
@@ -136,8 +148,11 @@ impl Track {
             })?;
         }
         let allowed = |command: &Command| {
-            let shown = if self.has_gaps {
-                Level::bits(self.shown.bits & command.level.bits)
+            let shown = if self.has_gaps || self.has_fewer {
+                Level {
+                    bits: self.shown.bits & command.level.bits,
+                    ..command.level
+                }
             } else {
                 command.level
             };
@@ -152,9 +167,12 @@ impl Track {
             .collect::<Vec<_>>()
             .into_iter()
             .rev();
+        // A remote that got a fault while nobody talked to it keeps what it has, and its watchdog is
+        // fed by the first frame that tells of it.
+        let limit = if self.is_faulty { 2 } else { 1 } * self.limit;
         let found = pairs.find(|(command, _)| allowed(command));
         ensure(
-            found.is_some_and(|(_, until)| until.saturating_add(self.limit) >= now),
+            found.is_some_and(|(_, until)| until.saturating_add(limit) >= now),
             Promise::Commanded,
             now,
             || match found {
@@ -271,6 +289,11 @@ impl Oracle {
         let at = event.at;
         match event.what {
             What::Remote(remote, level) => self.remotes[remote].show(at, level),
+            What::Part(part, level) if part >= VOLTS && !self.board[ENABLES].shown.is_on() => {
+                // A drive that is not enabled does not see what passes within an exchange.
+                self.board[part].set(at, level);
+                Ok(())
+            }
             What::Part(part, level) => self.board[part].show(at, level),
             What::Bite | What::Reset => {
                 let what = if matches!(event.what, What::Bite) {
@@ -288,10 +311,12 @@ impl Oracle {
             }
             What::Faults(remote, 0) => {
                 self.remotes[remote].has_gaps = false;
+                self.remotes[remote].is_faulty = false;
                 Ok(())
             }
             What::Faults(remote, faults) => {
                 self.remotes[remote].has_gaps |= faults & TRIPS != 0;
+                self.remotes[remote].is_faulty = true;
                 // From the reply that told it; with other faults the replies may be lost, until
                 // the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;

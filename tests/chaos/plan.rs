@@ -142,7 +142,28 @@ impl Plan {
         if seed % MINUTE_EVERY == MINUTE_SEED {
             plan.absent_for_a_minute();
         }
+        if plan.is_network && !plan.is_minute && chance.one_in(10) {
+            plan.homes(&mut chance);
+        }
         plan
+    }
+
+    /// Homing on a network that delays and duplicates, while settings are written all the time.
+    fn homes(&mut self, chance: &mut Chance) {
+        self.speed = chance.of(&[50_000.0, -50_000.0, 120_000.0]);
+        self.habits = Habits {
+            settings_one_in: 2,
+            index_one_in: 2,
+            ..self.habits
+        };
+        self.faults = vec![Planned {
+            kind: chance.of(&[FaultKind::NetworkLate, FaultKind::NetworkDuplicate]),
+            in_build: false,
+            after: 10 * MILLI,
+            lasts: self.run,
+            target: 0,
+            dice: 2,
+        }];
     }
 
     fn absent_for_a_minute(&mut self) {

@@ -47,6 +47,9 @@ impl Player {
     fn change(&mut self, fpga: &mut SimFpga) {
         let now = SimFpga::now(fpga);
         let next = now + MICRO * (200 + self.chance.below(2_500));
+        for card in self.aside.values_mut() {
+            card.advance(now);
+        }
         let stage = self.stage.clone();
         let mut agenda = stage.lock();
         agenda.push(next, Act::Change);
@@ -198,9 +201,9 @@ impl Player {
                 fpga.write_register(0x0C00, 1);
             }
             FaultKind::FpgaPortStuck => {
-                let (port, channel) = self.plan.place(target);
-                let command = 0x5A00 + 0x40 * port as u16;
-                fpga.write_register(command, 0x3000 | 1 << channel);
+                let (port, _) = self.plan.place(target);
+                // Of no channel: a transfer would feed a remote's watchdog.
+                fpga.write_register(0x5A00 + 0x40 * port as u16, 0x3000);
             }
             // The network, the bus, the host, and on Ethernet the board, do the others.
             _ => {}
@@ -308,18 +311,32 @@ impl Player {
                 let device = find_mut(self.end(fpga, target)).expect("a device");
                 device.set_power(now, true);
             }
-            kind if kind.place() == Place::Wire => {
-                let cable = self.cable(fpga, target);
-                cable.heal();
-                cable.replug();
-                cable.set_low_when_unplugged(false);
-            }
+            kind if kind.place() == Place::Wire => self.mend_cable(fpga, target),
             _ => {}
         }
         if let Some(recorder) = recorder(self.end(fpga, target)) {
             recorder.look(now);
         }
         stage.tell(now, format!("{kind} of remote {target} is over"));
+    }
+
+    fn mend_cable(&self, fpga: &mut SimFpga, target: usize) {
+        let cable = self.cable(fpga, target);
+        cable.heal();
+        cable.replug();
+        cable.set_low_when_unplugged(false);
+    }
+
+    fn repair(&self, fpga: &mut SimFpga, target: usize) {
+        let now = SimFpga::now(fpga);
+        self.mend_cable(fpga, target);
+        let device = find_mut(self.end(fpga, target)).expect("a device");
+        device.set_power(now, true);
+        let _ = device.set_field_volts(now, 24.0);
+        for n in 0..16 {
+            let _ = device.set_over_current(n, false);
+            let _ = device.set_over_temperature(n, false);
+        }
     }
 
     fn swap_back(&mut self, fpga: &mut SimFpga, target: usize) {
@@ -330,6 +347,8 @@ impl Player {
         fpga.plug(port, channel, Some(own));
         let now = SimFpga::now(fpga);
         self.end(fpga, target).advance(now);
+        // Whatever ended meanwhile ended for the card that is on the channel.
+        self.repair(fpga, target);
         if self.plan.card(target) == Card::Field {
             let stage = self.stage.clone();
             let newest = stage.lock().truth.fields[target].last().copied();

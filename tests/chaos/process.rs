@@ -6,6 +6,7 @@ use mesa_hal::driver::{Builder, Driver, FaultPolicy, GpioConfig, RemoteConfig, S
 use mesa_hal::sim::FaultKind;
 
 use super::super::application::Application;
+use super::super::machine::unit_number;
 use super::super::network::{Host, Life};
 use super::super::oracle::{Checked, Failure, Promise, ensure};
 use super::super::plan::{Card, MILLI, Moment};
@@ -49,6 +50,8 @@ impl Scenario {
                     // A new process starts armed, with everything off.
                     self.oracle.rearmed(None);
                     self.is_armed = false;
+                    self.watch = None;
+                    self.told = None;
                     self.stage.tell(now, format!("built, {found} remotes"));
                     return Ok(process);
                 }
@@ -117,6 +120,7 @@ impl Scenario {
             .watchdog(Duration::from_nanos(plan.watchdog))
             .pace(plan.pace)
             .fault_policy(policy);
+        let mut numbers = 0..;
         for (port, cards) in plan.ports.iter().enumerate() {
             let mut config = SerialConfig::NONE;
             for (channel, card) in cards.iter().enumerate() {
@@ -125,7 +129,8 @@ impl Scenario {
                 } else {
                     0
                 };
-                config = config.with(channel as u8, RemoteConfig::in_mode(mode));
+                let unit = unit_number(*card, numbers.next().unwrap_or_default());
+                config = config.with(channel as u8, RemoteConfig::in_mode(mode).unit(unit));
             }
             builder = builder.serial_port(port as u8, config);
         }
@@ -160,9 +165,12 @@ impl Scenario {
     /// The process ends: 0 in order, 1 by dropping the driver, else it is killed.
     pub(super) fn leave<B: Host>(&mut self, process: Process<B>, how: u64) -> Checked {
         let Process {
-            mut driver, life, ..
+            mut driver,
+            application,
+            life,
         } = process;
         let now = self.sim.now();
+        let was_well = application.all_is_well(&driver).is_ok();
         if how >= 2 {
             life.kill(now);
             self.stage.tell(now, "the process is killed");
@@ -176,12 +184,10 @@ impl Scenario {
             self.oracle.nobody_commands(now);
             self.sim.pass(MILLI);
             self.look()?;
-            let is_quiet = self
-                .stage
-                .begun()
-                .iter()
-                .all(|b| b.ended.is_some_and(|end| end < now));
-            if is_quiet {
+            let begun = self.stage.begun();
+            let is_quiet = begun.iter().all(|b| b.ended.is_some_and(|end| end < now));
+            // A remote with a fault only goes off by its own watchdog.
+            if is_quiet && was_well {
                 self.oracle
                     .check_all_off(self.sim.now(), "after the driver was shut down")?;
             }

@@ -205,7 +205,7 @@ impl Scenario {
         self.detected(driver, application, good)?;
         self.neighbours(driver, application)?;
         if is_wild {
-            self.habits(driver, application);
+            self.habits(driver, application)?;
         }
         let idle_one_in = self.plan.habits.idle_one_in;
         let set_anew = !is_wild || !self.chance.one_in(idle_one_in);
@@ -232,7 +232,11 @@ impl Scenario {
     }
 
     /// What the application does besides.
-    fn habits<B: Host>(&mut self, driver: &mut Driver<B>, application: &mut Application) {
+    fn habits<B: Host>(
+        &mut self,
+        driver: &mut Driver<B>,
+        application: &mut Application,
+    ) -> Checked {
         let habits = self.plan.habits;
         let is_well = application.all_is_well(driver).is_ok();
         let often = |every: u64, chance: &mut Chance| every > 0 && chance.one_in(every);
@@ -245,7 +249,7 @@ impl Scenario {
                     self.oracle.rearmed(Some(remote));
                 }
             } else {
-                self.rearm(driver, application);
+                self.rearm(driver, application)?;
             }
         }
         if often(habits.settings_one_in, &mut self.chance) {
@@ -255,19 +259,29 @@ impl Scenario {
         if often(habits.index_one_in, &mut self.chance) {
             application.ask_for_index(driver, self.sim.now());
         }
+        Ok(())
     }
 
-    fn rearm<B: Host>(&mut self, driver: &mut Driver<B>, application: &mut Application) {
+    fn rearm<B: Host>(&mut self, driver: &mut Driver<B>, application: &mut Application) -> Checked {
         let was_down = driver.board_state() != BoardState::Running;
-        // What goes wrong in it comes after it.
-        let _ = self.look();
+        self.look()?;
+        let (watch, told) = (self.watch, self.told);
         self.oracle.rearmed(None);
         let done = driver.rearm();
         application.rearmed(driver, was_down);
+        // The set-up itself lets a watchdog bite that was running (FACTS 12.1).
+        self.look()?;
+        self.oracle.rearmed(None);
+        (self.watch, self.told) = if was_down {
+            (None, None)
+        } else {
+            (watch, told)
+        };
         if was_down {
             self.stage
                 .tell(self.sim.now(), format!("re-armed: {done:?}"));
         }
+        Ok(())
     }
 
     /// The application is late or stands still, after its write or before it.
@@ -344,7 +358,7 @@ impl Scenario {
                 application.restart_all(driver);
             }
             if cycles % 20 == 3 {
-                self.rearm(driver, application);
+                self.rearm(driver, application)?;
             }
             cycles += 1;
         }

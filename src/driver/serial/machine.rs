@@ -194,6 +194,13 @@ impl Machine {
         }
     }
 
+    /// Whatever was asked for may not have happened: the board was found without its set-up.
+    pub fn doubt(&mut self) {
+        if let Some(pending) = &mut self.pending {
+            pending.sure = false;
+        }
+    }
+
     fn observe_busy(&mut self, now: Instant) -> Outcome {
         self.idle = false;
         let pending = self.pending.get_or_insert(Pending {

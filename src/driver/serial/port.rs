@@ -368,6 +368,7 @@ impl SerialPort {
 
     /// All remotes that do not run are restarted in the next cycles.
     pub(in crate::driver) fn restart_all(&mut self, pins: &mut Pins, now: Instant) {
+        self.machine.doubt();
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
