@@ -115,6 +115,8 @@ pub struct Driver<B: RegisterBus> {
     /// The next read holds all evidence: something happened since the last one that did which may
     /// have blurred what every cycle reads.
     look_closely: bool,
+    /// Remotes are told safe values for the last time: nothing is restarted instead.
+    is_last: bool,
     is_shut_down: bool,
 }
 
@@ -317,7 +319,8 @@ impl<B: RegisterBus> Driver<B> {
         // A board that is not set up gets nothing of its set-up before it gets all of it.
         let hold = !self.board.is_running();
         for port in &mut self.ports {
-            port.put(&mut self.image, &mut self.pins, now, hold);
+            let pins = &mut self.pins;
+            port.put(&mut self.image, pins, now, hold || self.is_last);
         }
         let mut cycle = Put {
             image: &mut self.image,
@@ -364,6 +367,15 @@ impl<B: RegisterBus> Driver<B> {
     /// Bounded by `limit` and one exchange, and by a number of polls on a bus whose clock stands
     /// still. No allocation.
     pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, B::Error> {
+        self.wait_ports(limit, SerialPort::poll)
+    }
+
+    /// Waits until all ports are, or `limit` is over; not where the board paces.
+    fn wait_ports(
+        &mut self,
+        limit: Duration,
+        mut are: impl FnMut(&mut SerialPort, &CycleImage, Instant) -> bool,
+    ) -> Result<bool, B::Error> {
         if self.pacer.pace() == Pace::Board {
             return Ok(false);
         }
@@ -371,11 +383,11 @@ impl<B: RegisterBus> Driver<B> {
         for _ in 0..MAX_POLLS {
             self.image.exchange_status(&mut self.bus)?;
             let now = self.bus.now();
-            let mut all_complete = true;
+            let mut all = true;
             for port in &mut self.ports {
-                all_complete &= port.poll(&self.image, now);
+                all &= are(port, &self.image, now);
             }
-            if all_complete {
+            if all {
                 return Ok(true);
             }
             if now.since(start) >= limit {

@@ -2,13 +2,18 @@
 
 use core::time::Duration;
 
-use super::{CycleError, Driver, SetupList};
+use super::{CycleError, Driver, SerialPort, SetupList};
 use crate::bus::RegisterBus;
 use crate::hostmot2::{IoPorts, Watchdog, WatchdogTime};
 use crate::sslbp::PortError;
 
 /// How often the last transfer is tried: over a network one packet may be lost.
 const LAST_TRIES: u32 = 3;
+/// How long what a port was told before may take: a START waits 17 ms for a remote that does not
+/// answer (FACTS 5.7).
+const LAST_COMMAND: Duration = Duration::from_millis(20);
+/// Ends the waiting on a bus whose clock stands still.
+const MOST_READS: u32 = 1000;
 /// How long the last transfer, with which the remotes' outputs go off, may take.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
@@ -20,7 +25,8 @@ impl<B: RegisterBus> Driver<B> {
     /// call does nothing. Dropping the driver does the same and ignores errors.
     ///
     /// # Real time
-    /// Not for the cycle. Bounded: some milliseconds for each port, or the bus's own time-outs.
+    /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
+    /// each port, or the bus's own time-outs.
     pub fn shutdown(&mut self) -> Result<(), PortError<B::Error>> {
         if self.is_shut_down {
             return Ok(());
@@ -49,26 +55,42 @@ impl<B: RegisterBus> Driver<B> {
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
     pub(super) fn last_transfer(&mut self) -> Result<(), PortError<B::Error>> {
-        self.make_safe();
-        // COMMAND has to be seen idle, or nothing is sent.
-        self.wait_transfers(LAST_TRANSFER).map_err(PortError::Bus)?;
-        let result = match self.read() {
-            Ok(_) => {
-                self.make_safe();
-                self.write()
-            }
-            Err(error) => Err(error),
-        };
+        self.is_last = true;
+        let result = self.transfer_safe_values();
+        self.is_last = false;
         match result {
-            Ok(()) => {
-                self.wait_transfers(LAST_TRANSFER).map_err(PortError::Bus)?;
-                Ok(())
-            }
+            Ok(()) | Err(CycleError::NotThere { .. } | CycleError::ShutDown) => Ok(()),
             Err(CycleError::Read { source, .. } | CycleError::Write { source, .. }) => {
                 Err(PortError::Bus(source))
             }
-            Err(CycleError::NotThere { .. } | CycleError::ShutDown) => Ok(()),
         }
+    }
+
+    fn transfer_safe_values(&mut self) -> Result<(), CycleError<B::Error>> {
+        self.make_safe();
+        self.read_idle()?;
+        self.make_safe();
+        self.write()?;
+        // What it is told then, faults above all, is known afterwards; it was sent whatever that is.
+        if self.wait_ports(LAST_TRANSFER, SerialPort::poll).is_ok() {
+            let _ = self.read();
+        }
+        Ok(())
+    }
+
+    /// Reads until COMMAND is seen idle, or nothing could be sent.
+    fn read_idle(&mut self) -> Result<(), CycleError<B::Error>> {
+        let begin = self.bus.now();
+        for _ in 0..MOST_READS {
+            // What fails here fails in the read that follows, which says so.
+            let _ = self.wait_ports(LAST_COMMAND, |port, image, _| port.is_idle(image));
+            let _ = self.read()?;
+            let all_idle = self.ports.iter().all(|port| port.is_idle(&self.image));
+            if all_idle || self.bus.now().since(begin) >= LAST_COMMAND {
+                break;
+            }
+        }
+        Ok(())
     }
 }
 

@@ -412,6 +412,7 @@ impl Built {
             write_failures: 0,
             writes: super::WriteNews::default(),
             look_closely: true,
+            is_last: false,
             is_shut_down: false,
         }
     }

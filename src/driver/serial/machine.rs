@@ -285,8 +285,8 @@ impl Machine {
 
     /// The command for this write; [`written`](Self::written) must follow.
     ///
-    /// `hold`: the board is not set up. Channels are not restarted until it is again, since that
-    /// needs writes that would set it up in part.
+    /// `hold`: channels are not restarted. The board is not set up, and that needs writes that would
+    /// set it up in part; or all that run are to be told safe values now.
     pub fn next(&mut self, now: Instant, hold: bool) -> Next {
         let asked = if self.idle {
             self.choose(now, hold)

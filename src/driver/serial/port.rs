@@ -261,8 +261,8 @@ impl SerialPort {
         seen
     }
 
-    /// Puts outputs and command into the image. `hold`: the board is not set up, so that nothing
-    /// is restarted.
+    /// Puts outputs and command into the image. `hold`: nothing is restarted, because the board is
+    /// not set up, or because safe values are to be told now.
     pub(in crate::driver) fn put(
         &mut self,
         image: &mut CycleImage,
@@ -310,11 +310,16 @@ impl SerialPort {
 
     /// Looks at COMMAND alone: whether a transfer is complete, or none is under way.
     pub(in crate::driver) fn poll(&mut self, image: &CycleImage, now: Instant) -> bool {
-        let is_complete = self.command.and_then(|slot| image.word(slot)) == Some(0);
+        let is_complete = self.is_idle(image);
         if is_complete {
             self.machine.transfer_complete(now);
         }
         is_complete || !self.machine.is_transferring()
+    }
+
+    /// Whether COMMAND was 0 when it was read last.
+    pub(in crate::driver) fn is_idle(&self, image: &CycleImage) -> bool {
+        self.command.and_then(|slot| image.word(slot)) == Some(0)
     }
 
     /// All its remotes fail together: inputs not valid, outputs safe until re-armed.

@@ -87,6 +87,8 @@ impl Port {
     /// Manual: 7I77, "STOP ALL".
     pub fn stop_all<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<(), B> {
         self.forget(PortState::Unknown);
+        // A cycle writes COMMAND as well.
+        self.idle = false;
         if let Err(error) = self.stop_all_once(bus) {
             if !matches!(error, PortError::Wait(_)) {
                 return Err(error);
