@@ -13,7 +13,7 @@ const LAST_TRIES: u32 = 3;
 /// answer (FACTS 5.7).
 const LAST_COMMAND: Duration = Duration::from_millis(20);
 /// Ends the waiting on a bus whose clock stands still.
-const MOST_READS: u32 = 1000;
+const MOST_CYCLES: u32 = 1000;
 /// How long the last transfer, with which the remotes' outputs go off, may take.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
@@ -67,29 +67,25 @@ impl<B: RegisterBus> Driver<B> {
     }
 
     fn transfer_safe_values(&mut self) -> Result<(), CycleError<B::Error>> {
-        self.make_safe();
-        self.read_idle()?;
-        self.make_safe();
-        self.write()?;
-        // What it is told then, faults above all, is known afterwards; it was sent whatever that is.
-        if self.wait_ports(LAST_TRANSFER, SerialPort::poll).is_ok() {
-            let _ = self.read();
-        }
-        Ok(())
-    }
-
-    /// Reads until COMMAND is seen idle, or nothing could be sent.
-    fn read_idle(&mut self) -> Result<(), CycleError<B::Error>> {
         let begin = self.bus.now();
-        for _ in 0..MOST_READS {
-            // What fails here fails in the read that follows, which says so.
-            let _ = self.wait_ports(LAST_COMMAND, |port, image, _| port.is_idle(image));
+        self.make_safe();
+        // What fails in a wait fails in the read that follows, which says so.
+        let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
+        for _ in 0..MOST_CYCLES {
             let _ = self.read()?;
+            // A port that is not seen idle gets nothing; the board's own outputs go off at once.
             let all_idle = self.ports.iter().all(|port| port.is_idle(&self.image));
+            self.make_safe();
+            self.write()?;
             if all_idle || self.bus.now().since(begin) >= LAST_COMMAND {
                 break;
             }
+            let pause = self.period.min(LAST_COMMAND);
+            let _ = self.wait_ports(pause, |port, image, _| port.is_idle(image));
         }
+        // Faults that the replies tell are to be known; the values were sent whatever this read says.
+        let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
+        let _ = self.read();
         Ok(())
     }
 }
