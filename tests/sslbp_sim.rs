@@ -4,7 +4,7 @@ mod fpga_support;
 mod sslbp_replay;
 
 use fpga_support::set_up_pins;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
 use mesa_hal::discovery::{
     DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
     discover_port,
@@ -93,6 +93,55 @@ fn every_machine_has_a_port_that_resets() {
         assert_eq!(parameters.clock_hz, fpga.firmware().clock(1));
         port.stop_all(&mut fpga).unwrap();
     }
+}
+
+/// A network that delivers every START twice, the second while the first is under way.
+struct StartsTwice(SimFpga);
+
+impl RegisterBus for StartsTwice {
+    type Error = <SimFpga as RegisterBus>::Error;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        let mut again = words.to_vec();
+        self.0.exchange(accesses, words)?;
+        let is_start = again
+            .last()
+            .is_some_and(|command| matches!(command >> 8, 0x0F | 0x09));
+        if is_start && accesses.iter().all(|a| a.direction == Direction::Write) {
+            self.0.wait(Duration::from_micros(300));
+            self.0.exchange(accesses, &mut again)?;
+        }
+        Ok(())
+    }
+
+    fn now(&mut self) -> Instant {
+        RegisterBus::now(&mut self.0)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.0.wait(duration);
+    }
+}
+
+#[test]
+fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
+    let (fpga, mut port) = machine();
+    let mut bus = StartsTwice(fpga);
+    for mode in [StartMode::Setup, StartMode::Normal] {
+        port.stop_all(&mut bus).unwrap();
+        let report = port.start(&mut bus, mode, &[start(ZERO, 1)]).unwrap();
+        let failures: Vec<_> = report.failures().collect();
+        assert!(failures.is_empty(), "{mode:?}: {failures:?}");
+    }
+    let report = port.stop_all(&mut bus).and_then(|()| {
+        port.start(
+            &mut bus,
+            StartMode::Normal,
+            &[start(ZERO, 0), start(ONE, 0)],
+        )
+    });
+    let absent: Vec<_> = report.unwrap().failures().map(|f| f.channel).collect();
+    assert_eq!(absent, [ONE], "what is absent still fails");
 }
 
 /// Wherever in the firmware's loop a command is written, it completes.

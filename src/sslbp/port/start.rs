@@ -5,8 +5,8 @@ use crate::{
     bus::RegisterBus,
     discovery::RemoteName,
     sslbp::{
-        Channel, ChannelMask, Command, CsStatus, DataStatus, FailedRegisters, Needed, PortState,
-        ProcessDataSizes, StartFailure, StartFailureReason, StartReport, StartedRemote,
+        Channel, ChannelMask, ComState, Command, CsStatus, DataStatus, FailedRegisters, Needed,
+        PortState, ProcessDataSizes, StartFailure, StartFailureReason, StartReport, StartedRemote,
         software_mode_word,
     },
 };
@@ -59,6 +59,15 @@ impl StartMode {
             Self::Normal => PortState::Normal,
             Self::Setup => PortState::Setup,
         }
+    }
+
+    /// Whether a channel that was stopped before has come through this START.
+    fn is_complete(self, cs: CsStatus) -> bool {
+        let has_arrived = match self {
+            Self::Normal => matches!(cs.state(), ComState::Chatter | ComState::ProcessData7i64),
+            Self::Setup => cs.state() == ComState::PassThrough,
+        };
+        has_arrived && cs.is_ready()
     }
 }
 
@@ -172,10 +181,12 @@ impl Port {
             self.await_ready(bus, channel)?;
         }
         let AfterStart { cs, interface } = self.after_start(bus, channel)?;
+        // DATA says FF of a START that the network delivered twice (FACTS 3.3); CS knows better.
+        let has_failed = data.has_failed(channel) && !mode.is_complete(cs);
         let sizes = self.process_data_sizes(bus, channel)?;
         let limit = ProcessDataSizes::largest(self.layout.interface_registers());
         let too_large = mode == StartMode::Normal && !sizes.fit(limit);
-        if data.has_failed(channel) || !cs.is_ready() || too_large {
+        if has_failed || !cs.is_ready() || too_large {
             let registers = FailedRegisters {
                 cs,
                 interface,
