@@ -55,14 +55,9 @@ impl Application {
                 .and_then(|port| port.remote(channel));
             let Some(status) = status else { continue };
             let prefix = status.pins().prefix();
-            remotes.push(Remote::new(
-                pins,
-                prefix,
-                number,
-                (port, channel),
-                plan.card(number),
-                status.group(),
-            )?);
+            let (card, place) = (plan.card(number), (port, channel));
+            let remote = Remote::new(pins, prefix, number, place, card, status.group())?;
+            remotes.push(remote);
         }
         let gpio_pins = gpio.outputs.iter().map(|&pin| {
             let stem = format!("{name}.gpio.{pin:03}");
@@ -170,7 +165,9 @@ impl Application {
     fn check_board_inputs(&self, pins: &Pins, stage: &Stage, (from, now): (u64, u64)) -> Checked {
         stage.with_truth(|truth| {
             for (n, pin) in self.gpio_inputs.iter().enumerate() {
-                let shown = pins.read(*pin).value;
+                let Some(shown) = pins.read(*pin).ok() else {
+                    continue;
+                };
                 let is_true = was(&truth.gpio, from, now, |levels| {
                     (levels >> n & 1 != 0) == shown
                 });
@@ -180,6 +177,7 @@ impl Application {
             }
             for (n, (raw, filtered)) in self.isolated.iter().enumerate() {
                 for (pin, slack) in [(raw, FILTER / 2), (filtered, FILTER)] {
+                    // Not before it was scanned since the set-up.
                     let Some(shown) = pins.read(*pin).ok() else {
                         continue;
                     };
@@ -405,6 +403,12 @@ impl Application {
         let board = state(driver.group());
         if !board.armed || !board.valid {
             return Err(format!("the board's own pins: {board:?}"));
+        }
+        let mut isolated = self.isolated.iter();
+        if let Some((raw, _)) = isolated.find(|(raw, filtered)| {
+            !driver.pins().read(*raw).valid || !driver.pins().read(*filtered).valid
+        }) {
+            return Err(format!("an isolated input is not valid: {raw:?}"));
         }
         for remote in &self.remotes {
             let group = state(remote.group);

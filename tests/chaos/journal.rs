@@ -58,6 +58,10 @@ pub enum What {
     Part(usize, Level),
     Bite,
     Reset,
+    /// A register of a module that drives pins is written.
+    Written,
+    /// A write drives the first pin, after none was driven.
+    Opened,
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -309,6 +309,7 @@ impl Oracle {
                 }
                 Ok(())
             }
+            What::Written | What::Opened => Ok(()),
             What::Faults(remote, 0) => {
                 self.remotes[remote].has_gaps = false;
                 self.remotes[remote].is_faulty = false;

@@ -25,6 +25,8 @@ pub struct Player {
     chance: Chance,
     /// What the board drove when it was looked at last.
     seen: Parts,
+    /// Whether the board drove any pin then.
+    is_open: bool,
     /// Cards that were swapped.
     aside: BTreeMap<usize, Box<dyn RemoteEnd>>,
 }
@@ -39,6 +41,7 @@ impl Player {
             journal: journal.clone(),
             chance: Chance(scrambled(plan.seed ^ 0x57A6E)),
             seen: [Level::OFF; PARTS],
+            is_open: false,
             aside: BTreeMap::new(),
         }
     }
@@ -399,8 +402,17 @@ impl Director for Player {
         match cause {
             Cause::Bite => self.journal.note(now, What::Bite),
             Cause::Reset => self.journal.note(now, What::Reset),
+            // While all is well nobody asks who wrote.
+            Cause::Write if self.stage.lock().all_is_well != Some(true) => {
+                self.journal.note(now, What::Written);
+            }
             Cause::Write => {}
         }
+        let is_open = (0..fpga.firmware().pins.len()).any(|pin| fpga.is_driven(pin));
+        if is_open && !std::mem::replace(&mut self.is_open, is_open) {
+            self.journal.note(now, What::Opened);
+        }
+        self.is_open = is_open;
         let driven = parts(fpga, &self.outputs);
         for (part, (seen, level)) in self.seen.iter_mut().zip(driven).enumerate() {
             if *seen != level {

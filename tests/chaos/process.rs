@@ -20,10 +20,12 @@ impl Scenario {
         connect: &impl Fn(Life) -> Result<B, String>,
     ) -> Result<Process<B>, Failure> {
         self.stage.set_well(None);
-        self.watch = None;
         self.told = None;
         for attempt in 0..2 {
             let at = self.sim.now();
+            // What came before, and made an attempt fail, was told by that.
+            self.look()?;
+            self.set_up_begins();
             let active = self.stage.begun().iter().any(|begun| begun.ended.is_none());
             let had_bus_fault = !self.host.is_empty();
             let built = self.build(connect);
@@ -50,8 +52,6 @@ impl Scenario {
                     // A new process starts armed, with everything off.
                     self.oracle.rearmed(None);
                     self.is_armed = false;
-                    self.watch = None;
-                    self.told = None;
                     self.stage.tell(now, format!("built, {found} remotes"));
                     return Ok(process);
                 }

@@ -40,6 +40,8 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         gpio: gpio.clone(),
         host: Vec::new(),
         watch: None,
+        is_written: false,
+        is_open: false,
         told: None,
         is_armed: false,
         cycles: 0,
@@ -93,6 +95,10 @@ struct Scenario {
     host: Vec<(u64, Planned)>,
     /// The board was found bitten or reset: since when, and how many good reads may miss it.
     watch: Option<(u64, u32, &'static str)>,
+    /// The set-up is written, as far as the simulator knows: since the driver began to build, or to
+    /// restore the board, a register was written, and then a pin was driven.
+    is_written: bool,
+    is_open: bool,
     /// A remote has told of a fault: its number, since when, its faults before, and how many good
     /// reads may miss it.
     told: Option<(usize, u64, u64, u32)>,
@@ -265,18 +271,14 @@ impl Scenario {
     fn rearm<B: Host>(&mut self, driver: &mut Driver<B>, application: &mut Application) -> Checked {
         let was_down = driver.board_state() != BoardState::Running;
         self.look()?;
-        let (watch, told) = (self.watch, self.told);
+        if was_down {
+            self.stage.set_well(Some(false));
+            self.set_up_begins();
+        }
         self.oracle.rearmed(None);
         let done = driver.rearm();
         application.rearmed(driver, was_down);
-        // The set-up itself lets a watchdog bite that was running (FACTS 12.1).
         self.look()?;
-        self.oracle.rearmed(None);
-        (self.watch, self.told) = if was_down {
-            (None, None)
-        } else {
-            (watch, told)
-        };
         if was_down {
             self.stage
                 .tell(self.sim.now(), format!("re-armed: {done:?}"));
