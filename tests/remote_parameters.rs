@@ -99,12 +99,12 @@ fn what_can_not_be_written_makes_the_build_fail_with_a_reason() {
             "parameter swrevision on port 0, channel 0: the remote's parameter can only be read",
         ),
         (
-            build(0, 9, "nvwatchdogtimeout", 1),
+            build(0, 9, "nvwatchdogtimeout", 100),
             "parameter nvwatchdogtimeout on port 0, channel 9: no remote takes part on port 0, \
              channel 9; `Driver::missing` says why, if it was configured",
         ),
         (
-            build(3, 0, "nvwatchdogtimeout", 1),
+            build(3, 0, "nvwatchdogtimeout", 100),
             "there is no serial port 3: this firmware has 1; leave its configuration out",
         ),
     ] {
@@ -253,6 +253,27 @@ fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an
         Err(RemoteParameterError::BoardNotRunning { .. })
     ));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
+}
+
+#[test]
+fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
+    let text = "a watchdog of 1ms can not be fed with a period of 1ms: a transfer that is lost must \
+                not let it bite, so it needs 2 x 1ms = 2ms; choose more milliseconds, or a shorter \
+                period";
+    let built = Driver::builder(fpga()).remote_parameter(0, 1, "NVWatchDogTimeout", 1);
+    let error = built.build().map(|_| ()).unwrap_err();
+    let place = "parameter NVWatchDogTimeout on port 0, channel 1: ";
+    assert_eq!(error.to_string(), format!("{place}{text}"));
+
+    let mut machine = Machine::new();
+    let mut write = |value: u32| {
+        let (driver, analog) = (&mut machine.driver, Channel::ALL[ANALOG]);
+        driver.write_remote_parameter(0, analog, "nvwatchdogtimeout", value)
+    };
+    assert_eq!(write(1).unwrap_err().to_string(), text);
+    write(2).unwrap();
+    write(0).unwrap();
+    assert_eq!(kept(&machine, ANALOG, "nvwatchdogtimeout"), 0);
 }
 
 #[test]

@@ -114,7 +114,7 @@ pub enum BuildError<E: BusError> {
     },
     /// The period can not feed a remote's watchdog.
     #[error(
-        "port {port}, {channel}: the remote's watchdog bites after {watchdog:?}, and is fed once in \
+        "port {port}, channel {channel}: the remote's watchdog bites after {watchdog:?}, and is fed once in \
          a period of {period:?}; a transfer that is lost must not let it bite, so it needs \
          2 x {period:?} = {needed:?}: choose a shorter period, or set the remote's \
          NVWatchDogTimeout to more milliseconds"

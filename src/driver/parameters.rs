@@ -12,6 +12,8 @@ use crate::sslbp::{
     StartedRemote,
 };
 
+use super::build::WATCHDOG_FEEDS;
+use super::serial::WATCHDOG_PARAMETER;
 use super::{BoardState, Driver};
 
 /// Why a parameter of a remote was not written.
@@ -51,6 +53,20 @@ pub enum RemoteParameterError<E: BusError> {
     /// The parameter can not have this value. Nothing was stopped.
     #[error(transparent)]
     Value(#[from] ParameterValueError),
+    /// The value is a watchdog's, and shorter than what the period feeds. Nothing was stopped.
+    #[error(
+        "a watchdog of {watchdog:?} can not be fed with a period of {period:?}: a transfer that is \
+         lost must not let it bite, so it needs 2 x {period:?} = {needed:?}; choose more \
+         milliseconds, or a shorter period"
+    )]
+    WatchdogTooShort {
+        /// What was to be written.
+        watchdog: Duration,
+        /// What it must be at least.
+        needed: Duration,
+        /// The period.
+        period: Duration,
+    },
     /// The remote did not start in setup mode.
     #[error(transparent)]
     DidNotStart(StartFailure),
@@ -91,6 +107,31 @@ pub(super) struct ParameterWrite {
     pub size: AccessSize,
     pub nonvolatile: bool,
     pub raw: u64,
+}
+
+/// Refuses a remote's watchdog that the period can not feed; 0 switches it off.
+pub(super) fn check_watchdog<E: BusError>(
+    name: &str,
+    value: AnyValue,
+    period: Duration,
+) -> Result<(), RemoteParameterError<E>> {
+    let millis = match value {
+        AnyValue::U32(value) => Some(u64::from(value)),
+        AnyValue::U64(value) => Some(value),
+        AnyValue::S32(value) => u64::try_from(value).ok(),
+        AnyValue::S64(value) => u64::try_from(value).ok(),
+        _ => None,
+    };
+    let needed = period.saturating_mul(WATCHDOG_FEEDS);
+    let watchdog = millis.map(Duration::from_millis).unwrap_or_default();
+    if !name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) || watchdog.is_zero() || watchdog >= needed {
+        return Ok(());
+    }
+    Err(RemoteParameterError::WatchdogTooShort {
+        watchdog,
+        needed,
+        period,
+    })
 }
 
 impl ParameterWrite {
@@ -190,7 +231,9 @@ impl<B: RegisterBus> Driver<B> {
             return Err(RemoteParameterError::NoSuchRemote { port, channel });
         };
         let parts = (remote.descriptor(), remote.pins());
-        let write = ParameterWrite::new((port, channel), parts, name, value.into())?;
+        let value = value.into();
+        let write = ParameterWrite::new((port, channel), parts, name, value)?;
+        check_watchdog(name, value, self.period)?;
         let started = *remote.started();
         // The remotes of other ports are not served either: all are told safe values.
         self.last_transfer().map_err(RemoteParameterError::Port)?;

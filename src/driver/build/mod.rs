@@ -11,6 +11,7 @@ use super::board::Board;
 use super::evidence::Directions;
 use super::modules::{GpioModule, Making, ModuleChoices, build_modules};
 use super::pace::Pacer;
+use super::parameters::check_watchdog;
 use super::set_up::SetUp;
 use super::stop::release;
 use super::{
@@ -331,7 +332,7 @@ impl<B: RegisterBus> Builder<B> {
 }
 
 /// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
-const FEEDS: u32 = 2;
+pub(super) const WATCHDOG_FEEDS: u32 = 2;
 
 impl Config {
     fn watchdog_time(&self) -> Duration {
@@ -345,13 +346,23 @@ impl Config {
         if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
             return Err(BuildError::BadPeriod { period });
         }
-        let (watchdog, needed) = (self.watchdog_time(), period * FEEDS);
+        let (watchdog, needed) = (self.watchdog_time(), period * WATCHDOG_FEEDS);
         if watchdog < needed {
             return Err(BuildError::WatchdogTooShort {
                 watchdog,
                 needed,
                 period,
             });
+        }
+        for choice in &self.parameters {
+            check_watchdog(&choice.name, choice.value, period).map_err(|source| {
+                BuildError::RemoteParameter {
+                    port: choice.port,
+                    channel: choice.channel,
+                    name: choice.name.clone(),
+                    source,
+                }
+            })?;
         }
         Ok(())
     }
@@ -361,7 +372,7 @@ impl Config {
         &self,
         port: &SerialPort,
     ) -> Result<(), BuildError<E>> {
-        let (period, needed) = (self.period, self.period * FEEDS);
+        let (period, needed) = (self.period, self.period * WATCHDOG_FEEDS);
         for remote in port.remotes() {
             if let Some(watchdog) = remote.watchdog().time().filter(|time| *time < needed) {
                 return Err(BuildError::RemoteWatchdogTooShort {

@@ -23,7 +23,7 @@ const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
 
 /// The parameter that holds a remote's watchdog time, in milliseconds. Manual: 7I77, "FIELD I/O
 /// PARAMETERS".
-const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
+pub(in crate::driver) const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
 /// Interface registers that hold what START told.
 const START_REGISTERS: u8 = 3;
