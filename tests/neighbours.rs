@@ -132,7 +132,10 @@ fn measure(trouble: &Trouble) -> Cost {
     let mut machine = Machine::new();
     machine.cycles(2000);
     let starts = |machine: &Machine| machine.driver.ports()[0].statistics().starts;
-    let transfers = |machine: &Machine| machine.status(ANALOG).transfers();
+    let transfers = |machine: &Machine| {
+        let status = machine.status(ANALOG);
+        status.transfers() - status.failures().total()
+    };
     let before = (starts(&machine), transfers(&machine));
     let (mut longest_gap, mut running) = (0, 0);
     for ms in 0..MINUTE {
@@ -202,13 +205,17 @@ fn the_table_of_what_neighbours_lose_is_what_is_measured() {
         return;
     }
     let written = page.get(start..).expect("a table");
-    assert!(agrees(written, &table), "{PAGE} is out of date:\n{table}");
+    assert!(
+        agrees(written, &table),
+        "{PAGE} is out of date, write it anew with UPDATE_NEIGHBOURS=1:\n{table}"
+    );
 }
 
-/// Names are the same, and figures but for the phase in which a remote comes and goes: a change of
-/// some microseconds in the simulator moves them a little.
+/// Names are the same, and figures too but for one in the last digit, or two tenths of a second
+/// until it is back: a change of some microseconds in the simulator moves the phase in which a remote
+/// comes and goes.
 fn agrees(written: &str, measured: &str) -> bool {
-    const TOLERANCES: [f64; 5] = [3.0, 0.06, 1.0, 6.0, 5.0];
+    const TOLERANCES: [f64; 5] = [0.0, 0.0101, 0.0, 1.0, 0.201];
     let row = |line: &str| -> (String, Vec<f64>) {
         let mut cells = line.trim_matches('|').split('|').map(str::trim);
         let name = cells.next().unwrap_or_default().to_owned();
