@@ -16,7 +16,9 @@ pub struct Rejections {
 pub struct Age {
     /// In cycles: 0 if the transfer that the last write started was taken by this read.
     pub cycles: u64,
-    /// In time, from the start of the transfer up to the start of this cycle.
+    /// In time, from the start of the transfer up to the start of this cycle. For what the board
+    /// itself shows, from the end of the read that brought it: it was read within the time that a
+    /// read takes before that.
     pub time: Duration,
 }
 

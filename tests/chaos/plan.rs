@@ -287,8 +287,11 @@ fn faults(
             _ => MILLI * 40 + chance.below(run / 2),
         };
         let after = match (in_build, faults.last()) {
-            // A start takes no time, and finding all remotes some.
-            (true, _) => chance.of(&[300 * MICRO, 3 * MILLI, 20 * MILLI]),
+            // A start takes no time, and finding all remotes some: more on a network.
+            (true, _) => {
+                let most = if is_network { 100 } else { 20 };
+                chance.of(&[300 * MICRO, 3 * MILLI, most * MILLI])
+            }
             // While the one before is still there, or has just ended.
             (false, Some(before)) if !before.in_build && chance.one_in(2) => {
                 let from = before.after + if chance.one_in(2) { before.lasts } else { 0 };

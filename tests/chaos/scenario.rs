@@ -40,6 +40,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         gpio: gpio.clone(),
         host: Vec::new(),
         watch: None,
+        took: 0,
         is_written: false,
         is_open: false,
         told: None,
@@ -95,6 +96,8 @@ struct Scenario {
     host: Vec<(u64, Planned)>,
     /// The board was found bitten or reset: since when, and how many good reads may miss it.
     watch: Option<(u64, u32, &'static str)>,
+    /// How long the last good read took.
+    took: u64,
     /// The set-up is written, as far as the simulator knows: since the driver began to build, or to
     /// restore the board, a register was written, and then a pin was driven.
     is_written: bool,
@@ -201,13 +204,17 @@ impl Scenario {
         let started = self.sim.now();
         self.bus_faults(driver, started);
         let good = driver.read().is_ok();
-        let took = match self.plan.pace {
-            Pace::Host => self.sim.now() - started,
-            Pace::Board => deadline(&self.plan),
-        };
+        // The age of what the board itself shows counts from the end of the read that brought it,
+        // which is not this one if this one failed.
+        if good {
+            self.took = match self.plan.pace {
+                Pace::Host => self.sim.now() - started,
+                Pace::Board => deadline(&self.plan),
+            };
+        }
         application.notice(driver);
         self.look()?;
-        application.check_inputs(driver, &self.stage, took)?;
+        application.check_inputs(driver, &self.stage, self.took)?;
         self.detected(driver, application, good)?;
         self.neighbours(driver, application)?;
         if is_wild {
