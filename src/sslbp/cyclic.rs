@@ -1,81 +1,7 @@
 //! What the cycle needs to know of a port: words, times and steps, without any waiting.
 
-use super::{Channel, ChannelMask, Command, ProcessDataSizes};
+use super::{Channel, ChannelMask, Command};
 use core::time::Duration;
-
-/// Baud rate of every channel unless it is changed.
-pub const DEFAULT_BAUD_RATE: u32 = 2_500_000;
-
-/// Time that a remote takes to answer, as recorded with well-behaved ones.
-pub const USUAL_REMOTE_LATENCY: Duration = Duration::from_micros(10);
-
-/// How long the DOIT of a port takes.
-///
-/// FACTS 5.1, 5.2.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct DoitTime {
-    /// The line alone: the slowest channel's request, the remote's own time and the reply.
-    pub line: Duration,
-    /// The most when all is well, the firmware's own time included.
-    pub usual: Duration,
-    /// The most when a reply does not come.
-    pub with_timeout: Duration,
-    /// The most for the first DOIT after START, which waits for a running chatter frame.
-    pub first: Duration,
-}
-
-/// The firmware's own time for one channel of eight, and for each further one (FACTS 5.1: 4 to
-/// 27 us in all).
-const FIRMWARE_BASE: Duration = Duration::from_micros(11);
-const FIRMWARE_PER_CHANNEL: Duration = Duration::from_micros(2);
-
-/// What a timeout adds to the duration of the last chatter exchange. FACTS 5.2.
-const TIMEOUT_MARGIN: Duration = Duration::from_micros(40);
-
-/// How late the firmware may notice a timeout: one pass for each channel.
-const TIMEOUT_NOTICED: Duration = Duration::from_micros(12);
-
-impl DoitTime {
-    /// The time that `channels` take together at `baud_rate`, with remotes that answer after
-    /// `latency`. All channels run at the same time, so the slowest one decides.
-    ///
-    /// # Real time
-    /// Bounded by the number of channels; allocates nothing.
-    pub fn expected(
-        channels: impl IntoIterator<Item = ProcessDataSizes>,
-        baud_rate: u32,
-        latency: Duration,
-    ) -> Self {
-        let mut line = Duration::ZERO;
-        let mut count = 0u32;
-        for sizes in channels {
-            line = line.max(exchange(sizes, baud_rate) + latency);
-            count += 1;
-        }
-        if count == 0 {
-            return Self::default();
-        }
-        let usual = line + FIRMWARE_BASE + FIRMWARE_PER_CHANNEL * count;
-        Self {
-            line,
-            usual,
-            with_timeout: usual + TIMEOUT_MARGIN + TIMEOUT_NOTICED,
-            first: usual + usual,
-        }
-    }
-
-    /// What is left of `period` when a reply does not come; `None` if the period is too short for
-    /// that, so that one lost reply would cost two cycles.
-    pub fn margin(&self, period: Duration) -> Option<Duration> {
-        period.checked_sub(self.with_timeout)
-    }
-}
-
-/// Characters of a request (BD, data, CRC) and of a reply (data, CRC) on the line, 8N1.
-fn exchange(sizes: ProcessDataSizes, baud_rate: u32) -> Duration {
-    let characters = u64::from(sizes.tx) + 2 + u64::from(sizes.rx) + 1;
-    Duration::from_nanos(characters * 10 * 1_000_000_000 / u64::from(baud_rate.max(1)))
-}
 
 /// What a channel's CS is written with before START: its software mode in the top byte.
 ///
@@ -142,68 +68,6 @@ pub const fn doit_of(running: ChannelMask, wanted: ChannelMask) -> Option<Comman
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
-
-    fn time(rx: u8, tx: u8, channels: usize) -> DoitTime {
-        let sizes = ProcessDataSizes { rx, tx };
-        DoitTime::expected(
-            std::iter::repeat_n(sizes, channels),
-            DEFAULT_BAUD_RATE,
-            USUAL_REMOTE_LATENCY,
-        )
-    }
-
-    fn micros(duration: Duration) -> u128 {
-        duration.as_micros()
-    }
-
-    /// FACTS 5.1; gateware transcripts t07a, t07d, t15a, t15b, t10, t26.
-    #[test]
-    fn recorded_doits_took_no_longer_than_expected_and_not_much_less() {
-        let recorded = [
-            (5, 2, 1, 57),
-            (5, 2, 8, 70),
-            (7, 6, 8, 96),
-            (13, 12, 1, 130),
-            (13, 12, 8, 147),
-            (1, 0, 1, 33),
-            (9, 2, 1, 75),
-        ];
-        for (rx, tx, channels, took) in recorded {
-            let expected = time(rx, tx, channels);
-            assert!(
-                micros(expected.usual) >= took,
-                "{rx}/{tx} on {channels}: {expected:?}"
-            );
-            assert!(
-                micros(expected.line) < took,
-                "{rx}/{tx} on {channels}: {expected:?}"
-            );
-            assert!(
-                micros(expected.usual) <= took + 12,
-                "{rx}/{tx} on {channels}"
-            );
-        }
-    }
-
-    /// Gateware transcripts t10 and t12: 97.7 and 100.3 us with a lost reply.
-    #[test]
-    fn a_lost_reply_is_within_the_longer_time() {
-        assert!(micros(time(5, 2, 1).with_timeout) >= 101);
-        assert!(micros(time(5, 2, 1).with_timeout) <= 125);
-    }
-
-    #[test]
-    fn a_period_that_is_too_short_has_no_margin() {
-        let doit = time(13, 12, 8);
-        assert_eq!(doit.margin(Duration::from_micros(150)), None);
-        assert!(doit.margin(Duration::from_millis(1)) > Some(Duration::from_micros(700)));
-    }
-
-    #[test]
-    fn no_channel_takes_no_time() {
-        assert_eq!(time(5, 2, 0), DoitTime::default());
-    }
 
     /// FACTS 5.7: 08NN, then 09NN.
     #[test]
@@ -222,18 +86,5 @@ mod tests {
             Some(Command::doit(mask(0x04)))
         );
         assert_eq!(doit_of(mask(0x01), mask(0x06)), None);
-    }
-
-    proptest! {
-        #[test]
-        fn any_sizes_and_rates_have_a_time(rx: u8, tx: u8, n in 0usize..9, baud: u32) {
-            let sizes = ProcessDataSizes { rx, tx };
-            let times = DoitTime::expected(
-                std::iter::repeat_n(sizes, n),
-                baud,
-                USUAL_REMOTE_LATENCY,
-            );
-            prop_assert!(times.line <= times.usual && times.usual <= times.with_timeout);
-        }
     }
 }

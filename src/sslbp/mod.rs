@@ -6,6 +6,7 @@ mod access;
 mod channels;
 mod command;
 mod cyclic;
+mod doit_time;
 mod error;
 mod layout;
 mod parameters;
@@ -17,9 +18,8 @@ pub use crate::lbp::RemoteFaults;
 pub use access::{AccessError, AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS};
 pub use command::{Command, LocalAddress};
-pub use cyclic::{
-    DEFAULT_BAUD_RATE, DoitTime, RecoveryStep, USUAL_REMOTE_LATENCY, doit_of, software_mode_word,
-};
+pub use cyclic::{RecoveryStep, doit_of, software_mode_word};
+pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange, Processor, USUAL_REMOTE_LATENCY};
 pub use error::{Needed, PortError, PortState, Registers, Unsupported, WaitError, WaitingFor};
 pub use layout::{ChannelRegisters, Layout, LayoutError, MAX_INTERFACE_REGISTERS, SslbpModule};
 pub use parameters::{ChannelVariable, ChannelVariables, ErrorCounters, PortParameters};

@@ -14,8 +14,8 @@ use crate::discovery::RemoteDescriptor;
 use crate::driver::parameters::ParameterWrite;
 use crate::hal::{GroupId, Pins};
 use crate::sslbp::{
-    Channel as Number, ChannelRegisters, Command, DoitTime, Layout, MAX_INTERFACE_REGISTERS, Port,
-    ProcessDataSizes, RemoteFaults, StartedRemote, software_mode_word,
+    Channel as Number, ChannelRegisters, Command, DoitTime, Exchange, Layout,
+    MAX_INTERFACE_REGISTERS, Port, RemoteFaults, StartedRemote, software_mode_word,
 };
 
 /// Interface registers of one direction.
@@ -164,8 +164,7 @@ impl SerialPort {
                 *channel = Some(Channel::new(identity, data_only, watchdog, first));
             }
         }
-        let sizes = remotes.iter().map(|remote| remote.started.sizes);
-        let expected = expected_time(sizes);
+        let expected = expected_time(&port, &remotes);
         Self {
             port,
             command: None,
@@ -507,10 +506,9 @@ fn tier(extended: bool) -> Tier {
     }
 }
 
-fn expected_time(sizes: impl IntoIterator<Item = ProcessDataSizes>) -> DoitTime {
-    DoitTime::expected(
-        sizes,
-        crate::sslbp::DEFAULT_BAUD_RATE,
-        crate::sslbp::USUAL_REMOTE_LATENCY,
-    )
+fn expected_time(port: &Port, remotes: &[Remote]) -> DoitTime {
+    let exchanges = remotes
+        .iter()
+        .map(|remote| Exchange::usual(remote.started.channel, remote.started.sizes));
+    DoitTime::expected(port.processor(), exchanges)
 }

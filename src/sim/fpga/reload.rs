@@ -9,7 +9,23 @@ impl SimFpga {
     ///
     /// Time goes on, and so does the world: remotes stay plugged in and powered, inputs and pins
     /// are driven as before, motors keep turning until their drives notice.
+    ///
+    /// The firmware of a serial port needs up to 142 us from here on until it takes commands;
+    /// COMMAND, DATA and CS read 0 meanwhile, as those of an idle port do.
     pub fn reload(&mut self) {
+        self.reload_until(self.now);
+    }
+
+    /// The FPGA loses its configuration and has it again after `time`. Until then all pins are
+    /// inputs, reads give ones, as on a bus that nobody drives, and writes go nowhere.
+    pub fn reset_for(&mut self, time: Nanos) {
+        let configured = self.now.saturating_add(time);
+        self.reload_until(configured);
+        self.reset_until = configured;
+    }
+
+    /// Everything starts from the beginning now, the serial ports' firmware at `configured`.
+    fn reload_until(&mut self, configured: Nanos) {
         self.settle();
         let fresh = Self::configured_at(self.firmware.clone(), self.now);
         self.io.reload();
@@ -23,7 +39,7 @@ impl SimFpga {
             bank.reload(self.now, &self.firmware);
         }
         for port in &mut self.serial {
-            port.reload();
+            port.reload(self.now, configured);
         }
         let now = self.now;
         for (tag, inputs) in [
@@ -43,13 +59,6 @@ impl SimFpga {
         self.show(Cause::Reset);
     }
 
-    /// The FPGA loses its configuration and has it again after `time`. Until then all pins are
-    /// inputs, reads give ones, as on a bus that nobody drives, and writes go nowhere.
-    pub fn reset_for(&mut self, time: Nanos) {
-        self.reload();
-        self.reset_until = self.now.saturating_add(time);
-    }
-
     /// Whether it has no configuration at the moment.
     pub fn is_in_reset(&self) -> bool {
         self.now < self.reset_until
@@ -59,6 +68,37 @@ impl SimFpga {
 #[cfg(test)]
 mod tests {
     use crate::sim::machines;
+    use crate::sim::wire::Nanos;
+
+    const COMMAND: u16 = 0x5A00;
+    const DATA: u16 = 0x5B00;
+    const CS: u16 = 0x5C00;
+
+    /// A port of eight channels; 7I97 addresses (FACTS 9.2). Times: FACTS 11.1, and 14.9 us for each
+    /// channel's baud rate.
+    #[test]
+    fn a_serial_port_takes_no_command_for_142_us_after_a_reload_and_reads_0() {
+        for reset in [0, 300_000] {
+            let mut fpga = machines::i7i97(8);
+            let from: Nanos = 5_000_000;
+            fpga.advance_to(from);
+            assert_eq!(fpga.read_register(DATA), 0xAA);
+            fpga.reset_for(reset);
+            let up = from + reset;
+            fpga.advance_to(up + 10_000);
+            for address in [COMMAND, DATA, CS] {
+                assert_eq!(fpga.read_register(address), 0, "{address:04X}, {reset}");
+            }
+            // A local read that is written meanwhile is done when the firmware is ready for it.
+            fpga.advance_to(up + 50_000);
+            fpga.write_register(COMMAND, 0x2003);
+            fpga.advance_to(up + 140_000);
+            assert_eq!(fpga.read_register(COMMAND), 0x2003, "{reset}");
+            fpga.advance_to(up + 145_000);
+            assert_eq!(fpga.read_register(COMMAND), 0, "{reset}");
+            assert_eq!(fpga.read_register(DATA), 43, "{reset}");
+        }
+    }
 
     #[test]
     fn registers_are_as_after_power_up_and_the_world_stays() {

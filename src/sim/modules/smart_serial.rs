@@ -81,9 +81,10 @@ impl SmartSerial {
         self.port.config()
     }
 
-    /// The FPGA is loaded again: the port starts from the beginning. Remotes stay plugged in.
-    pub(crate) fn reload(&mut self) {
-        self.port = SslbpPort::new(*self.port.config());
+    /// The FPGA is loaded again at `now`, and has its configuration at `configured`: from there on
+    /// the port's firmware starts from the beginning. Remotes stay plugged in.
+    pub(crate) fn reload(&mut self, now: Nanos, configured: Nanos) {
+        self.port = SslbpPort::configured_at(*self.port.config(), now, configured);
         self.touched = true;
     }
 

@@ -24,10 +24,11 @@ impl SslbpPort {
         }
     }
 
-    /// The same, at power-up at the time `now`.
-    pub fn powered_up_at(config: PortConfig, now: Nanos) -> Self {
+    /// The same at the time `now`, in an FPGA that has its configuration from `configured` on: not
+    /// before `now`. Until its firmware is ready, all its registers read 0.
+    pub fn configured_at(config: PortConfig, now: Nanos, configured: Nanos) -> Self {
         Self {
-            firmware: Firmware::new(config).begun_at(now),
+            firmware: Firmware::new(config).begun_at(configured.max(now)),
             now,
         }
     }

@@ -12,7 +12,7 @@ pub use transfer::{ChannelWords, PortWords, Transfer};
 
 use super::{
     Channel, ChannelMask, ChannelRegisters, Layout, MAX_CHANNELS, Needed, PortError,
-    PortParameters, PortState, ProcessDataSizes, Unsupported,
+    PortParameters, PortState, ProcessDataSizes, Processor, Unsupported,
 };
 use crate::bus::{BusError, RegisterBus};
 
@@ -65,6 +65,17 @@ impl Port {
     /// them.
     pub const fn parameters(&self) -> Option<&PortParameters> {
         self.parameters.as_ref()
+    }
+
+    /// The processor that runs it, as far as it is known: with the recorded clock of 100 MHz before
+    /// the parameters have been read.
+    pub fn processor(&self) -> Processor {
+        let usual = Processor::usual(self.layout.channels());
+        let clock_hz = self.parameters.map(|parameters| parameters.clock_hz);
+        Processor {
+            clock_hz: clock_hz.unwrap_or(usual.clock_hz),
+            ..usual
+        }
     }
 
     /// What its channels are in.

@@ -4,8 +4,8 @@ use super::{Port, PortResult, wait::Expected};
 use crate::{
     bus::{Access, RegisterBus},
     sslbp::{
-        Channel, ChannelMask, Command, CsStatus, DEFAULT_BAUD_RATE, DataStatus, DoitTime,
-        MAX_CHANNELS, MAX_INTERFACE_REGISTERS, PortState, ProcessDataSizes, USUAL_REMOTE_LATENCY,
+        Channel, ChannelMask, Command, CsStatus, DataStatus, DoitTime, Exchange, MAX_CHANNELS,
+        MAX_INTERFACE_REGISTERS, PortState, ProcessDataSizes,
     },
 };
 use alloc::{vec, vec::Vec};
@@ -179,8 +179,10 @@ impl Port {
     }
 
     fn doit_expected(&self, mask: ChannelMask) -> Expected {
-        let sizes = mask.iter().map(|channel| self.size(channel));
-        let time = DoitTime::expected(sizes, DEFAULT_BAUD_RATE, USUAL_REMOTE_LATENCY);
+        let exchanges = mask
+            .iter()
+            .map(|channel| Exchange::usual(channel, self.size(channel)));
+        let time = DoitTime::expected(self.processor(), exchanges);
         Expected {
             usual: time.usual,
             limit: LIMIT,
