@@ -8,20 +8,22 @@ const DITHER: u32 = 1 << 6;
 const NEGATIVE: u32 = 1 << 31;
 const PDM_STEPS: u32 = 4096;
 
-/// Clocks from a write to the moment at which the generator has it; and, if that is a mode without
-/// double buffer, until a value that waits is taken.
+/// Clocks from a write to the moment at which the generator has it.
 const TAKEN_AFTER: u64 = 2;
-const RELEASED_AFTER: u64 = 5;
 
 /// Clocks from the end of a period to the moment at which the generator has the value that waited
 /// for it.
 const LOADED_AFTER: u64 = 2;
 
-/// Clocks through which sign and mode, the comparison with the reference and the PDM adder go
-/// before they show on a pin.
+/// Clocks through which sign and mode, the comparison with the reference, the reference's turn and
+/// the PDM adder go before they show on a pin.
 const SIGN_DELAY: u64 = 1;
 const COMPARE_DELAY: u64 = 2;
+const TURN_DELAY: u64 = 3;
 const PDM_DELAY: u64 = 3;
+
+/// How many clocks after a tick a value may come that is still added at it.
+const ADDED_AHEAD: u64 = 1;
 
 /// Which signal a generator puts on which pin.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -60,6 +62,8 @@ pub(super) struct Stage {
     from: u64,
     value: u32,
     mode: u32,
+    /// It begins because a value was loaded that had waited.
+    is_load: bool,
     /// The PDM adder at the beginning: after so many ticks, with the carry of the last one.
     ticks: u64,
     sum: u32,
@@ -89,10 +93,15 @@ impl Generator {
 
     /// A value is written; [`settle`](Self::settle) comes first.
     pub(super) fn write_value(&mut self, now: u64, value: u32, reference: &Reference) {
-        if self.newest().mode & DOUBLE_BUFFERED != 0 {
+        let [.., newest] = &mut self.past;
+        if newest.is_load && newest.from >= now {
+            // What is just being loaded is this.
+            newest.value = value;
+            return;
+        }
+        if newest.mode & DOUBLE_BUFFERED != 0 {
             let since = self.waiting.map_or(now, |(_, since)| since);
-            let same = self.newest().value == value;
-            self.waiting = (!same).then_some((value, since));
+            self.waiting = Some((value, since));
             return;
         }
         self.waiting = None;
@@ -102,19 +111,40 @@ impl Generator {
     }
 
     /// A mode is written; [`settle`](Self::settle) comes first.
+    ///
+    /// A value that waits is loaded before it, if a period ends before it is taken; with it, if
+    /// there is no double buffer any more, or if the new mode has another idea of which half of the
+    /// period this is: that looks like the end of one. Or else at the end of the next period.
     pub(super) fn write_mode(&mut self, now: u64, mode: u32, reference: &Reference) {
-        let mut stage = self.newest().followed(now + TAKEN_AFTER, reference);
+        let before = self.newest();
+        let from = now + TAKEN_AFTER;
+        let mut stage = before.followed(from, reference);
         stage.mode = mode;
-        self.push(stage);
-        let Some((value, since)) = &mut self.waiting else {
+        let Some((value, since)) = self.waiting else {
+            self.push(stage);
             return;
         };
-        *since = now;
-        if mode & DOUBLE_BUFFERED == 0 {
-            let mut stage = stage.followed(now + RELEASED_AFTER, reference);
-            stage.value = *value;
-            self.waiting = None;
+        let changed = || {
+            let ends = mode & DOUBLE_BUFFERED == 0 || stage.seems_to_end(&before, reference);
+            ends.then_some(from + 1)
+        };
+        let end = before.period_end(since, reference);
+        let end = end.filter(|&end| end <= from).or_else(changed);
+        let Some(end) = end else {
             self.push(stage);
+            self.waiting = Some((value, from + 2));
+            return;
+        };
+        self.waiting = None;
+        let load = end + LOADED_AFTER;
+        if load < from {
+            self.push(before.loaded(load, value, reference));
+            stage = self.newest().followed(from, reference);
+            stage.mode = mode;
+            self.push(stage);
+        } else {
+            self.push(stage);
+            self.push(stage.loaded(load, value, reference));
         }
     }
 
@@ -131,14 +161,16 @@ impl Generator {
         let now = at(SIGN_DELAY);
         let compared = || {
             let ticks = reference.pwm.ticks(clock.saturating_sub(COMPARE_DELAY));
-            at(COMPARE_DELAY).compares(ticks)
+            at(COMPARE_DELAY).compares(at(TURN_DELAY).ramp(ticks))
         };
         match (now.style(), second) {
             (Style::Magnitude, false) | (Style::Swapped, true) => compared(),
             (Style::UpDown, _) => now.negative() != second && compared(),
             (Style::Pdm, false) => {
                 let clock = clock.saturating_sub(PDM_DELAY);
-                at(PDM_DELAY).adder(reference.pdm.ticks(clock)).1
+                at(PDM_DELAY - ADDED_AHEAD)
+                    .adder(reference.pdm.ticks(clock))
+                    .1
             }
             (Style::Magnitude | Style::Pdm, true) | (Style::Swapped, false) => now.negative(),
         }
@@ -159,12 +191,8 @@ impl Generator {
     fn load(&self, reference: &Reference) -> Option<Stage> {
         let (value, since) = self.waiting?;
         let newest = self.newest();
-        let period = newest.period();
-        let before = reference.pwm.ticks(since.saturating_sub(1)) / period;
-        let end = reference.pwm.reaches((before + 1) * period)?;
-        let mut stage = newest.followed(end + LOADED_AFTER, reference);
-        stage.value = value;
-        Some(stage)
+        let end = newest.period_end(since, reference)?;
+        Some(newest.loaded(end + LOADED_AFTER, value, reference))
     }
 
     fn push(&mut self, stage: Stage) {
@@ -225,17 +253,40 @@ impl Stage {
         self.value & NEGATIVE != 0
     }
 
-    /// The PWM signal: high while the value is more than the reference, which counts up, or up
-    /// and down.
-    fn compares(&self, ticks: u64) -> bool {
-        let place = ticks % self.period();
-        let steps = u64::from(self.steps());
-        let reference = if place < steps {
-            place
+    /// The clock at which the first period ends, not before `since`.
+    fn period_end(&self, since: u64, reference: &Reference) -> Option<u64> {
+        let before = reference.pwm.ticks(since.saturating_sub(1)) / self.period();
+        reference.pwm.reaches((before + 1) * self.period())
+    }
+
+    /// Which half of a symmetrical period it is after so many ticks.
+    fn is_second_half(&self, ticks: u64) -> bool {
+        ticks & u64::from(self.steps()) != 0
+    }
+
+    /// Whether the mode that comes with it looks like the end of a period.
+    fn seems_to_end(&self, before: &Self, reference: &Reference) -> bool {
+        let was = before.is_second_half(reference.pwm.ticks(self.from));
+        let is = self.is_second_half(reference.pwm.ticks(self.from + 1));
+        if self.symmetrical() {
+            was && !is
         } else {
-            2 * steps - 1 - place
-        };
-        u64::from(self.duty()) > reference
+            was != is
+        }
+    }
+
+    /// What the value is compared with after so many ticks: it counts up, or up and down.
+    fn ramp(&self, ticks: u64) -> u64 {
+        if self.symmetrical() && self.is_second_half(ticks) {
+            !ticks
+        } else {
+            ticks
+        }
+    }
+
+    /// The PWM signal: high while the value is more than the reference.
+    fn compares(&self, ramp: u64) -> bool {
+        u64::from(self.duty()) > ramp & u64::from(self.steps() - 1)
     }
 
     /// The PDM adder after so many ticks, and its carry, which is the PDM signal.
@@ -250,12 +301,22 @@ impl Stage {
         ((sum % steps) as u32, sum >= steps)
     }
 
+    /// The same with another value, that had waited.
+    fn loaded(&self, from: u64, value: u32, reference: &Reference) -> Self {
+        Self {
+            value,
+            is_load: true,
+            ..self.followed(from, reference)
+        }
+    }
+
     /// The same from a clock on, with the adder as it then is.
     fn followed(&self, from: u64, reference: &Reference) -> Self {
-        let ticks = reference.pdm.ticks(from.saturating_sub(1));
+        let ticks = reference.pdm.ticks(from.saturating_sub(1 + ADDED_AHEAD));
         let (sum, carry) = self.adder(ticks);
         Self {
             from,
+            is_load: false,
             ticks,
             sum,
             carry,

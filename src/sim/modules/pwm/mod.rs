@@ -2,6 +2,8 @@
 
 mod divider;
 mod generator;
+#[cfg(test)]
+mod stepped;
 
 use super::IoPorts;
 use super::io_ports::Source;
