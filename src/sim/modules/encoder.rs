@@ -11,7 +11,7 @@ use crate::sim::fpga::UNDRIVEN;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
 use crate::sim::wire::Nanos;
 use crate::sim::world::Segment;
-use clocks::{Clock, Divider, Stamps};
+use clocks::{Clock, Divider, Stamps, period};
 use counter::{Abz, Counter, Place, TO_SELECT};
 
 const COUNT: u8 = 0;
@@ -29,10 +29,10 @@ const WITH_PROBE: u8 = 0x80;
 
 /// The rate register of plain encoders after configuration.
 const PLAIN_RATE: u32 = 4;
-const RATE_DIVISOR: u32 = 0xFFF;
 /// Of the half of a word that no module drives.
 const HIGH_HALF: u32 = UNDRIVEN & 0xFFFF_0000;
 const LATCHED_BY_TIMER: u32 = 1 << 15;
+const TIMERS: u8 = 4;
 
 /// All encoders of one module.
 #[derive(Clone, Debug)]
@@ -262,7 +262,9 @@ impl EncoderBank {
 
     /// The timer of the DPLL whose rising edge latches what is read, if one does.
     pub(crate) fn latching_timer(&self) -> Option<u8> {
-        (self.timer & LATCHED_BY_TIMER != 0).then_some((self.timer >> 12 & 7) as u8)
+        // There are four timers; any other number is the reference.
+        let output = Some((self.timer >> 12 & 7) as u8).filter(|&timer| timer <= TIMERS);
+        (self.timer & LATCHED_BY_TIMER != 0).then_some(output.unwrap_or(0))
     }
 
     /// The timer rises.
@@ -284,7 +286,7 @@ impl EncoderBank {
     /// counts a second with the short filter, and up to two fifteenths with the long one (FACTS
     /// 12.6).
     pub fn sample_rate(&self) -> f64 {
-        let clock = self.clock.hz() / f64::from((self.rate & RATE_DIVISOR) + 2);
+        let clock = self.clock.hz() / period(self.rate) as f64;
         // Two multiplexed encoders take turns on each set of lines.
         clock / if self.multiplexed { 2.0 } else { 1.0 }
     }

@@ -130,9 +130,16 @@ impl Divider {
     }
 }
 
+/// The counter's top bit: it has run out. Loaded with it, it runs out at once.
+const RUN_OUT: u32 = 0x800;
+
 /// Clocks from load to load, of a rate register.
-fn period(register: u32) -> Clocks {
-    Clocks::from(register & 0xFFF) + 2
+pub(super) fn period(register: u32) -> Clocks {
+    if register & RUN_OUT != 0 {
+        1
+    } else {
+        Clocks::from(register & (RUN_OUT - 1)) + 2
+    }
 }
 
 /// The time-stamp counter. It is a function of time until its divider is written.
@@ -192,5 +199,25 @@ impl Stamps {
         } else {
             Clocks::from(self.register) + 2
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_with_its_top_bit_set_divides_by_one() {
+        let mut divider = Divider::new(4, 0);
+        divider.run_to(12);
+        assert_eq!(divider.loaded(), [12, 6, 0]);
+        divider.write(13, 0x800);
+        divider.run_to(21);
+        // The six clocks that had begun still pass.
+        assert_eq!(divider.loaded(), [21, 20, 19]);
+        assert_eq!(divider.count(), 2 + 4);
+        divider.write(21, 0);
+        divider.run_to(26);
+        assert_eq!(divider.loaded(), [26, 24, 22]);
     }
 }
