@@ -221,8 +221,17 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
     }
 }
 
-/// The offset behind a timer's word: it is before the read, and a thousandth of a period or many.
+/// The offset behind a timer's word, which is before the read: a thousandth of a period or many if
+/// that can be, or else the middle of those that have this word.
 fn offset_us(timer: u16, hz: f64) -> f64 {
-    let thousandths = (f64::from(timer as i16) * 1e3 / 65_536.0).round();
-    -thousandths * 1e3 / hz
+    let word = f64::from(timer as i16);
+    let thousandths = (word * 1e3 / 65_536.0).round();
+    let is_round = (thousandths * 65.536 - word).abs() < 1.0;
+    let middle = word + 0.5_f64.copysign(word);
+    let periods = if is_round {
+        thousandths / 1e3
+    } else {
+        middle / 65_536.0
+    };
+    -periods * 1e6 / hz
 }

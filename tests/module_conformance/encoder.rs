@@ -17,11 +17,14 @@ pub const REPLAY: Replay = replay;
 
 /// The multiplexer's divider after configuration, in these sources.
 const RATE: u32 = 11;
+const RATE_REGISTER: u8 = 4;
 /// Where the recorded firmware has its encoders, with six registers.
 const BASE: u16 = 0x3600;
 /// The I/O pins of index masks and probe, where the recording has them.
 const FIRST_MASK: usize = 34;
 const PROBE: usize = 40;
+/// Latch on probe, and its polarity.
+const PROBE_BITS: u32 = 0x3000;
 
 const CLOCK_NANOS: Nanos = 10;
 /// Lines of a pin that are not farther apart show every edge between them.
@@ -42,7 +45,7 @@ fn replay(transcript: &Transcript) -> Outcome {
     let mut exact = bench();
     let mut outcome = runner::replay(transcript, &mut exact, rules);
     if !outcome.differences.is_empty() {
-        let period = if is_plain(transcript) { 60 } else { 260 };
+        let period = longest_period(transcript);
         let delays: Vec<Nanos> = (0..period).step_by(10).collect();
         outcome = runner::replay_within(transcript, bench, &delays, rules);
     }
@@ -51,6 +54,27 @@ fn replay(transcript: &Transcript) -> Outcome {
         compare_rates(transcript, &mut bench(), &mut outcome);
     }
     outcome
+}
+
+/// The longest period of the divider that a file uses: of the multiplexer, which is two of them, or
+/// of the plain encoders' filter.
+fn longest_period(transcript: &Transcript) -> Nanos {
+    let written = transcript
+        .entries
+        .iter()
+        .filter_map(|entry| match entry.event {
+            Event::Write { register, value }
+                if register.kind.number == RATE_REGISTER
+                    && register.kind.name.ends_with("ENC_RATE") =>
+            {
+                Some(value & 0x7FF)
+            }
+            _ => None,
+        });
+    let is_plain = is_plain(transcript);
+    let rate = written.fold(if is_plain { 4 } else { RATE }, u32::max);
+    let divider = Nanos::from(rate + 2) * CLOCK_NANOS;
+    if is_plain { divider } else { 2 * divider }
 }
 
 fn is_plain(transcript: &Transcript) -> bool {
@@ -83,8 +107,7 @@ fn firmware(transcript: &Transcript) -> Firmware {
             (module.version, module.instances) = (3, 4);
         }
     }
-    let has_masks = transcript.entries.iter().any(is_mask_or_probe);
-    if is_plain || has_masks {
+    if is_plain || has_mask_or_probe(transcript) {
         for unit in 0..6 {
             let pin = PinDescriptor::new(tag, unit, 0x04);
             firmware.pins[FIRST_MASK + usize::from(unit)] = pin;
@@ -94,8 +117,21 @@ fn firmware(transcript: &Transcript) -> Firmware {
     firmware
 }
 
-fn is_mask_or_probe(entry: &Entry) -> bool {
-    matches!(&entry.event, Event::Drive { pin, .. } if mask_or_probe(pin).is_some())
+/// Whether a file was recorded on firmware with these pins: it says so, or drives one, or reads the
+/// bits of the probe as set, which are always 0 without it.
+fn has_mask_or_probe(transcript: &Transcript) -> bool {
+    let said = |text: &String| text.contains("with mask pins") || text.contains("with a probe pin");
+    transcript.comments.iter().any(said) || transcript.entries.iter().any(shows_mask_or_probe)
+}
+
+fn shows_mask_or_probe(entry: &Entry) -> bool {
+    match &entry.event {
+        Event::Drive { pin, .. } | Event::Pin { pin, .. } => mask_or_probe(pin).is_some(),
+        Event::Read { register, word } => {
+            register.kind.name == "MENC_CONTROL" && word.value & PROBE_BITS != 0
+        }
+        _ => false,
+    }
 }
 
 fn mask_or_probe(pin: &str) -> Option<usize> {
@@ -133,7 +169,8 @@ impl EncoderBench {
         let output = PINS[3..].iter().position(|&name| name == pin);
         let Some(output) = output else {
             let fpga = &self.inner.fpga;
-            let level = fpga.driven_level(self.inner.io_pin(pin)?);
+            let number = mask_or_probe(pin).map_or_else(|| self.inner.io_pin(pin), Ok)?;
+            let level = fpga.driven_level(number);
             return Ok(level.map_or(Level::Released, to_level));
         };
         let fpga = &self.inner.fpga;

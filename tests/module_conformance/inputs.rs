@@ -22,7 +22,11 @@ struct InputsBench {
 
 fn replay(transcript: &Transcript) -> Outcome {
     let is_in_m = transcript.entries.iter().any(|entry| {
-        matches!(entry.event, Event::Write { register, .. } if register.kind.gtag == gtag::IN_M)
+        matches!(
+            entry.event,
+            Event::Write { register, .. } | Event::Read { register, .. }
+                if register.kind.gtag == gtag::IN_M
+        )
     });
     let firmware = if is_in_m {
         machines::firmware_7i97_inm_outm(1)

@@ -47,7 +47,7 @@ fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
                 written = entry.time;
             }
             Event::Write { register, .. } if register.kind.name == "WD_RESET" => started = None,
-            Event::Write { .. } => written = entry.time,
+            Event::Write { .. } | Event::Drive { .. } => written = entry.time,
             // Pins that go at a write are released by it, and not by a bite; nor does a bite
             // come sooner than three clocks after the time.
             Event::Pin { level, .. } if *level == Level::Released && entry.time > written => {
