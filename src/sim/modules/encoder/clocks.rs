@@ -125,7 +125,13 @@ impl Divider {
             return;
         }
         let loads = (to - last) / self.period / by * by;
-        self.loaded = self.loaded.map(|load| load + loads * self.period);
+        let at = |load: u64| last + load * self.period;
+        // The times before may have been periods of another rate.
+        self.loaded = match (loads, self.loaded) {
+            (0, loaded) => loaded,
+            (1, [_, before, _]) => [at(1), last, before],
+            (loads, _) => [at(loads), at(loads - 1), at(loads - 2)],
+        };
         self.count += loads;
     }
 }
