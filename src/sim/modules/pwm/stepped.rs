@@ -35,14 +35,14 @@ impl Crossing {
 
 /// A rate, its accumulator, and whether that has just overflowed.
 #[derive(Clone, Copy, Debug, Default)]
-struct Rate {
+struct Accumulator {
     word: Crossing,
     rate: u32,
     sum: u32,
     overflown: bool,
 }
 
-impl Rate {
+impl Accumulator {
     /// One edge; whether what it drives steps at it.
     fn step(&mut self) -> bool {
         let ticks = self.overflown;
@@ -59,8 +59,8 @@ impl Rate {
 /// The generator: what it shows after each edge.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stepped {
-    pwm: Rate,
-    pdm: Rate,
+    pwm: Accumulator,
+    pdm: Accumulator,
     adds: bool,
     reference: u32,
     value_in: Crossing,
