@@ -75,7 +75,9 @@ impl Application {
         } else {
             0..0
         };
-        let isolated = own.clone().map(|n| {
+        // A late duplicate of a set-up lets the inputs be scanned anew, which nothing tells.
+        let scanned = if plan.is_homing { 0..0 } else { own.clone() };
+        let isolated = scanned.map(|n| {
             let stem = format!("{name}.inmux.00");
             let raw = pins.input(&format!("{stem}.raw-input-{n:02}"))?;
             Ok((raw, pins.input(&format!("{stem}.input-{n:02}"))?))

@@ -89,6 +89,8 @@ pub struct Plan {
     pub habits: Habits,
     /// How long the machine runs before all faults end.
     pub run: u64,
+    /// It homes all the time, on a network that delays and duplicates by several periods.
+    pub is_homing: bool,
     /// One remote is absent for a minute, and attempts are as rare as they are by default.
     pub is_minute: bool,
     /// Counts of the motors in a second.
@@ -137,6 +139,7 @@ impl Plan {
             run,
             speed: chance.of(&[0.0, 20_000.0, -50_000.0, 120_000.0]),
             field_mode: chance.of(&[0, 2]),
+            is_homing: false,
             is_minute: false,
         };
         if seed % MINUTE_EVERY == MINUTE_SEED {
@@ -150,7 +153,9 @@ impl Plan {
 
     /// Homing on a network that delays and duplicates, while settings are written all the time.
     fn homes(&mut self, chance: &mut Chance) {
-        self.speed = chance.of(&[50_000.0, -50_000.0, 120_000.0]);
+        self.is_homing = true;
+        self.pace = Pace::Host;
+        self.speed = chance.of(&[20_000.0, -20_000.0, 50_000.0]);
         self.habits = Habits {
             settings_one_in: 2,
             index_one_in: 2,
@@ -228,7 +233,12 @@ impl Plan {
 
     /// How much later than sent a write may be executed.
     pub fn lateness(&self) -> u64 {
-        if self.is_network { 2 * self.period } else { 0 }
+        let periods = match (self.is_network, self.is_homing) {
+            (true, true) => 4,
+            (true, false) => 2,
+            (false, _) => 0,
+        };
+        periods * self.period
     }
 }
 

@@ -167,6 +167,7 @@ impl Scenario {
             (Place::Network, Sim::Network(network)) => {
                 let one_in = [1, 2, 5, 20][(dice % 4) as usize];
                 let longest = match self.plan.pace {
+                    Pace::Host if self.plan.is_homing => self.plan.period * 7 / 2,
                     Pace::Host => self.plan.period * 3 / 2,
                     // Where packets also wait in the board, longer delays make a write later than
                     // it can be told.
