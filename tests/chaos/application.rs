@@ -215,7 +215,7 @@ impl Application {
             // A read that took long does not tell where it began.
             None => return Ok(()),
         };
-        let slack = (most - least) + 3.0;
+        let slack = (most - least) + 3.0 + NARROW / 2.0;
         ensure(
             (least - slack..=most + slack).contains(&(zero + raw)),
             Promise::Inputs,

@@ -227,6 +227,8 @@ pub struct Oracle {
     remotes: Vec<Track>,
     board: Vec<Track>,
     lateness: u64,
+    /// What was sent before a bite or a reset may come so much later.
+    in_flight: u64,
     period: u64,
 }
 
@@ -251,6 +253,7 @@ impl Oracle {
             remotes: (0..plan.remotes()).map(remote).chain([stranger]).collect(),
             board: board.collect(),
             lateness: plan.lateness(),
+            in_flight: if plan.is_homing { plan.lateness() } else { 0 },
             period: plan.period,
         }
     }
@@ -302,7 +305,7 @@ impl Oracle {
                     "a reset"
                 };
                 for track in &mut self.board {
-                    track.fault(at, 0, what);
+                    track.fault(at, self.in_flight, what);
                 }
                 for track in &mut self.remotes {
                     track.fault(at, OFF_AFTER + self.period, what);
