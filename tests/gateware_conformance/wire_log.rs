@@ -8,6 +8,8 @@ use crate::transcript::{Event, Transcript};
 
 /// A reply that comes so late is not waited for any more.
 const LATE: Nanos = 300_000;
+/// A DOIT meets a chatter frame that is under way, or begins or ends within one pass of the firmware.
+const MEETING: Nanos = 12_000;
 /// Two replies follow each other without a pause.
 const BACK_TO_BACK: Nanos = 20;
 
@@ -194,8 +196,8 @@ impl<'t> WireLog<'t> {
 
 impl Channel<'_> {
     /// Which recorded request a burst is: the next one, or, where chatter frames of the same
-    /// bytes follow each other, the one that is nearest in time.
-    fn find(&mut self, bytes: &[u8], at: Nanos) -> Option<usize> {
+    /// bytes follow each other, the one that is nearest in time. The host acted last at `host`.
+    fn find(&mut self, bytes: &[u8], at: Nanos, host: Nanos) -> Option<usize> {
         let fits = |index: usize| {
             self.requests
                 .get(index)
@@ -214,10 +216,11 @@ impl Channel<'_> {
         } else if self.next > 0 && fits(self.next - 1) {
             best = self.next - 1;
         } else {
-            let skipped = self
-                .requests
-                .get(self.next)
-                .is_some_and(Request::is_chatter);
+            // A tie (index.txt): the frame that a DOIT meets.
+            let skipped = self.requests.get(self.next).is_some_and(|request| {
+                let meets = request.start <= host + MEETING && host <= request.settled() + MEETING;
+                request.is_chatter() && meets
+            });
             let next = self.requests.get(self.next + 1);
             if skipped && next.is_some_and(|request| request.bytes == bytes) {
                 best = self.next + 1;
@@ -271,7 +274,7 @@ impl Lines for WireLog<'_> {
             return;
         }
         let uneven = log.uneven;
-        let Some(index) = log.find(burst.bytes(), at) else {
+        let Some(index) = log.find(burst.bytes(), at, host.0) else {
             let late = at + TOLERANCE >= end;
             self.outcome.compare(late, 0, || {
                 (
