@@ -53,8 +53,8 @@ pub struct FieldIo {
     pub cycles: u64,
     /// Of these, those in which every input was valid.
     pub valid: u64,
-    /// Whether they were in the last one.
-    pub is_valid: bool,
+    /// Cycles since the last one in which they were.
+    pub since_valid: u64,
     /// Cycles in which outputs were wired back to inputs.
     pub loop_backs: u64,
     pub loop_back_errors: u64,
@@ -220,10 +220,11 @@ impl<B: World> Control<B> {
         let Some(field) = &self.field else { return };
         let pins = self.driver.pins();
         let counted = &mut self.field_io;
-        counted.is_valid = field.inputs.iter().all(|input| pins.read(input.pin).valid);
+        let is_valid = field.inputs.iter().all(|input| pins.read(input.pin).valid);
+        counted.since_valid = if is_valid { 0 } else { counted.since_valid + 1 };
         if time >= SETTLED {
             counted.cycles += 1;
-            counted.valid += u64::from(counted.is_valid);
+            counted.valid += u64::from(is_valid);
         }
         if counted.loop_backs == 0 || cycle % STEP < 4 {
             return;
