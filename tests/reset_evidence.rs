@@ -475,8 +475,9 @@ fn a_write_that_the_network_holds_until_the_watchdog_has_bitten_drives_nothing()
 
 #[test]
 fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
-    // From the first write of the set-up on: what was lost before is set up by it.
-    for delay in (2 * DEFAULT_ACCESS_COST..40_000).step_by(1_300) {
+    // From the first write of the set-up on, which comes after a look at the cookie: what was lost
+    // before is set up by it.
+    for delay in (4 * DEFAULT_ACCESS_COST..40_000).step_by(1_300) {
         let mut machine = Machine::running(world(false), false, format!("{delay} ns"));
         let before = machine.counts();
         machine.fpga().reload();
