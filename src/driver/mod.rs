@@ -247,7 +247,9 @@ impl<B: RegisterBus> Driver<B> {
     /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
     ///
     /// # Real time
-    /// One exchange, bounded by the bus. No allocation.
+    /// One exchange, bounded by the bus. No allocation. In a cycle in which the application has
+    /// changed the direction or the open drain of an I/O pin, one exchange more that looks whether
+    /// the board is set up, and two for each port with such a pin.
     pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
         if self.is_shut_down {
             return Err(CycleError::ShutDown);
