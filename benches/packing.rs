@@ -10,7 +10,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use cycle_support::three_remotes;
 use mesa_hal::boards::{RemoteLocation, RemotePins};
 use mesa_hal::driver::Driver;
-use mesa_hal::hal::Pins;
+use mesa_hal::hal::PinStore;
 use mesa_hal::process_data::InterfaceRegisters;
 
 fn packing(criterion: &mut Criterion) {
@@ -22,7 +22,7 @@ fn packing(criterion: &mut Criterion) {
             port: 0,
             channel: remote.started().channel.index(),
         };
-        let mut pins = Pins::new();
+        let mut pins = PinStore::new();
         let registers = InterfaceRegisters::Three;
         let descriptor = remote.descriptor();
         let mut of =

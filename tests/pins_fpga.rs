@@ -4,13 +4,13 @@
 
 use mesa_hal::boards::fpga::{EncoderPins, GpioPins, PinUse};
 use mesa_hal::bus::Instant;
-use mesa_hal::hal::{GroupId, PinError, Pins};
+use mesa_hal::hal::{GroupId, PinError, PinStore};
 use mesa_hal::hostmot2::{
     ControlWord, CountWord, Encoder, EncoderConfig, EncoderSample, LatchRequest,
 };
 
 struct Machine {
-    pins: Pins,
+    pins: PinStore,
     group: GroupId,
     encoder: Encoder,
     handles: EncoderPins,
@@ -19,7 +19,7 @@ struct Machine {
 
 impl Machine {
     fn new() -> Self {
-        let mut pins = Pins::new();
+        let mut pins = PinStore::new();
         let group = pins.add_group();
         let handles = EncoderPins::new(&mut pins, group, "hm2_7i92.0", 0, &[]).unwrap();
         Self {
@@ -139,7 +139,7 @@ fn a_quadrature_error_is_kept_while_it_is_watched() {
 
 #[test]
 fn io_pins_have_what_their_use_allows() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let mut make = |n, usage| GpioPins::new(&mut pins, group, "hm2_7i92.0", n, usage, &[]).unwrap();
     let gpio = make(0, PinUse::Gpio);

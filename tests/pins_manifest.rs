@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use mesa_hal::boards::fpga::{EncoderBankPins, EthernetPins, GpioPins, WatchdogPins};
 use mesa_hal::boards::{I7i97, RemoteLocation, RemotePins, RemoteTable, i7i77};
-use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
+use mesa_hal::hal::{AnyValue, PinInfo, PinStore, Pins, Visitor};
 use mesa_hal::hostmot2::PinDescriptor;
 use mesa_hal::process_data::InterfaceRegisters;
 use pins_support::{analog, field_io, outputs_48};
@@ -101,9 +101,9 @@ fn connector_with_7i77() -> Vec<PinDescriptor> {
         .collect()
 }
 
-fn machine_7i92() -> Pins {
+fn machine_7i92() -> PinStore {
     let board = "hm2_7i92.0";
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     WatchdogPins::new(&mut pins, group, board).unwrap();
     EthernetPins::new(&mut pins, group, board).unwrap();
@@ -148,8 +148,8 @@ fn io_of_7i97() -> Vec<PinDescriptor> {
     words.into_iter().map(PinDescriptor::parse).collect()
 }
 
-fn machine_7i97() -> (Pins, I7i97) {
-    let mut pins = Pins::new();
+fn machine_7i97() -> (PinStore, I7i97) {
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let card = I7i97::new(&mut pins, group, "hm2_7i97.0", &io_of_7i97()).unwrap();
     (pins, card)

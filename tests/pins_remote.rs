@@ -10,12 +10,12 @@ use mesa_hal::boards::{
 };
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataType, RemoteDescriptor};
-use mesa_hal::hal::{AnyValue, PinError, Pins, Role};
+use mesa_hal::hal::{AnyValue, PinError, PinStore, Role};
 use mesa_hal::process_data::InterfaceRegisters;
 use pins_support::{analog, descriptor, field_io, outputs_48, record};
 use proptest::prelude::*;
 
-fn remote(pins: &mut Pins, channel: u8, descriptor: &RemoteDescriptor) -> RemotePins {
+fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> RemotePins {
     let location = RemoteLocation {
         board: "hm2_7i92.0",
         port: 0,
@@ -25,7 +25,7 @@ fn remote(pins: &mut Pins, channel: u8, descriptor: &RemoteDescriptor) -> Remote
     RemotePins::new(pins, location, descriptor, InterfaceRegisters::Three, table).unwrap()
 }
 
-fn cycle(pins: &mut Pins) {
+fn cycle(pins: &mut PinStore) {
     let now = pins.now().after(std::time::Duration::from_millis(1));
     pins.begin_cycle(now);
 }
@@ -33,7 +33,7 @@ fn cycle(pins: &mut Pins) {
 #[test]
 fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
     // Manual 7I77: INTERFACE 0 inputs TB7 31..16, TB8 15..0; outputs TB7 15..8, TB8 7..0.
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
     assert_eq!(
@@ -62,7 +62,7 @@ fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
 #[test]
 fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     for (mode, receive) in [(0, 5), (1, 9), (2, 10), (3, 12)] {
-        let mut pins = Pins::new();
+        let mut pins = PinStore::new();
         let remote = remote(&mut pins, 0, &field_io(mode));
         let field = I7i77Field::new(&pins, &remote, OutputType::Sinking).unwrap();
         assert_eq!(remote.plan().receive_size(), receive, "mode {mode}");
@@ -70,7 +70,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
         assert_eq!(field.field_voltage.is_some(), mode >= 2);
         assert_eq!(field.mpgs.is_some(), mode >= 3);
     }
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &field_io(3));
     let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
     let [mpg, _] = field.mpgs.unwrap();
@@ -104,7 +104,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
 
 #[test]
 fn analog_outputs_make_the_same_bits_as_linuxcnc() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let remote = remote(&mut pins, 1, &analog());
     let card = I7i77Analog::new(&pins, &remote).unwrap();
     assert_eq!(
@@ -140,10 +140,10 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
 
 #[test]
 fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let remote = remote(&mut pins, 1, &analog());
     let [spindle, ..] = I7i77Analog::new(&pins, &remote).unwrap().analog_out;
-    let raw = |pins: &mut Pins, value: f64| {
+    let raw = |pins: &mut PinStore, value: f64| {
         let mut words = [0; 3];
         pins.set(spindle.pin, value);
         remote.put_outputs(pins, &mut words);
@@ -170,7 +170,7 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
 
 #[test]
 fn a_failed_remote_is_safe_alone_until_rearmed() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut field = remote(&mut pins, 0, &field_io(0));
     let mut drives = remote(&mut pins, 1, &analog());
     let io = I7i77Field::new(&pins, &field, OutputType::Sourcing).unwrap();
@@ -204,7 +204,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
 
 #[test]
 fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 2, &outputs_48(1));
     let card = I7i72::new(&pins, &remote).unwrap();
     assert_eq!(
@@ -294,7 +294,7 @@ fn identity_is_checked_and_differences_from_the_table_are_told() {
 
 #[test]
 fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let baud = pins
         .parameter::<u32>("hm2_7i92.0.7i77.0.0.nvbaudrate")
@@ -352,7 +352,7 @@ fn a_bidirectional_element_is_in_both_streams() {
         record("Pad", 5, DataType::Pad, Output, 0.0, 0.0),
         record("Out", 1, DataType::Boolean, Output, 0.0, 0.0),
     ];
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
     let bit = pins.inout::<bool>("hm2_7i92.0.test.0.0.both-02").unwrap();
     let level = pins.inout::<f64>("hm2_7i92.0.test.0.0.level").unwrap();
@@ -377,7 +377,7 @@ fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
         if !high_first {
             data.reverse();
         }
-        let mut pins = Pins::new();
+        let mut pins = PinStore::new();
         let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
         let count = pins.input::<i32>("hm2_7i92.0.test.0.0.enc.count").unwrap();
         for (at, expected) in [(0x0FFE, 0), (0x1001, 3), (0x0FFF_FFFF, -4095)] {
@@ -402,7 +402,7 @@ fn real_numbers_go_both_ways_and_none_that_is_none() {
         record("Out", 64, DataType::Float, Output, -5.0, 5.0),
         record("Small", 32, DataType::Float, Output, 0.0, 0.0),
     ];
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
     let name = |pin: &str| format!("hm2_7i92.0.test.0.0.{pin}");
     let input = pins.input::<f64>(&name("in")).unwrap();
@@ -415,7 +415,7 @@ fn real_numbers_go_both_ways_and_none_that_is_none() {
     let reading = pins.read(input);
     assert_eq!((reading.value, reading.valid), (1.5, false));
 
-    let sent = |pins: &mut Pins, value: f64| {
+    let sent = |pins: &mut PinStore, value: f64| {
         pins.set(out, value);
         pins.set(small, value);
         let mut words = [0; 3];
@@ -467,7 +467,7 @@ proptest! {
         words in any::<[u32; 7]>(),
         value in any::<f64>(),
     ) {
-        let mut pins = Pins::new();
+        let mut pins = PinStore::new();
         let mut remote_descriptor = descriptor(*b"ANY1", 0, 0, data);
         remote_descriptor.parameters = parameters;
         let location = RemoteLocation { board: "hm2_7i92.0", port: 0, channel: 0 };

@@ -16,7 +16,7 @@ use super::{
     ScaledOutput, Terminal, handles,
 };
 use crate::discovery::DataDirection;
-use crate::hal::{GroupId, Pins};
+use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{Gtag, HostMot2};
 
 /// How the field outputs switch.
@@ -254,7 +254,7 @@ impl I7i77Analog {
 /// # Errors
 /// [`BoardError::Pin`] for names that are taken.
 pub fn encoder_pins(
-    pins: &mut Pins,
+    pins: &mut PinStore,
     group: GroupId,
     board: &str,
     first: usize,

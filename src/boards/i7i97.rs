@@ -14,7 +14,7 @@ use super::fpga::{
 };
 use super::table::terminals;
 use super::{BoardError, Terminal};
-use crate::hal::{GroupId, Output, Pins};
+use crate::hal::{GroupId, Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, LocateError, PinDescriptor};
 
 /// The terminals of the six analog outputs.
@@ -235,7 +235,7 @@ impl I7i97 {
     /// # Errors
     /// [`BoardError::Pin`] for names that are taken.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         descriptors: &[PinDescriptor],

@@ -7,7 +7,7 @@ use super::evidence::Evidence;
 use super::{BoardState, DriverStatistics};
 use crate::boards::fpga::{EthernetPins, FpgaPins, WatchdogPins};
 use crate::bus::{CycleImage, ImagePlan, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot};
-use crate::hal::{GroupId, Input, PinError, Pins, Spec};
+use crate::hal::{GroupId, Input, PinError, PinStore, Pins, Spec};
 use crate::hostmot2::{Watchdog, WatchdogTime};
 
 /// Where every HostMot2 has its cookie, and what it is.
@@ -57,7 +57,7 @@ pub(super) enum BoardCheck {
 
 impl Board {
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         name: &str,
         watchdog: Watchdog,
@@ -194,7 +194,7 @@ impl Board {
     /// Counts an exchange; `true` when the error level has reached its limit. Each failure adds the
     /// increment, each success takes the decrement off, and the level stays within 0 and the limit:
     /// manual page hm2_eth(9).
-    pub fn count_exchange(&mut self, pins: &mut Pins, failed: bool) -> bool {
+    pub fn count_exchange(&mut self, pins: &mut PinStore, failed: bool) -> bool {
         let of = &self.pins.bus;
         let limit = pins.param(of.packet_error_limit).max(1);
         self.error_level = if failed {
@@ -226,7 +226,7 @@ impl Board {
         }
     }
 
-    pub fn publish(&mut self, pins: &mut Pins, statistics: &DriverStatistics) {
+    pub fn publish(&mut self, pins: &mut PinStore, statistics: &DriverStatistics) {
         let bitten = self.state == BoardState::WatchdogBitten;
         let io_error = matches!(self.state, BoardState::BusDown | BoardState::Reset);
         let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);

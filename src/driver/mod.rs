@@ -77,7 +77,7 @@ use core::time::Duration;
 
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{BusStatistics, CycleImage, ImageSize, Instant, RegisterBus, Tier};
-use crate::hal::{GroupId, Pins};
+use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use board::{Board, BoardCheck};
 use pace::{Answer, Beat, Pacer};
@@ -93,7 +93,7 @@ pub struct Driver<B: RegisterBus> {
     name: String,
     period: Duration,
     image: CycleImage,
-    pins: Pins,
+    pins: PinStore,
     group: GroupId,
     board: Board,
     ports: Vec<SerialPort>,

@@ -5,7 +5,7 @@ use core::fmt;
 use super::SetupList;
 use super::set_up::SetUp;
 use crate::bus::{CycleImage, ImagePlan, Instant, Tier, WritePhase, WriteSlot};
-use crate::hal::{GroupId, Pins};
+use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::PortSetup;
 
 /// A part of the board in the cycle: it claims registers at start, then takes its inputs from the
@@ -44,7 +44,7 @@ pub struct Take<'a> {
     /// What was read.
     pub image: &'a CycleImage,
     /// Where its inputs go.
-    pub pins: &'a mut Pins,
+    pub pins: &'a mut PinStore,
     /// The group of the board's own pins.
     pub group: GroupId,
     /// When the image was read.
@@ -69,7 +69,7 @@ pub struct Put<'a> {
     /// What will be written.
     pub image: &'a mut CycleImage,
     /// Where its outputs come from.
-    pub pins: &'a mut Pins,
+    pub pins: &'a mut PinStore,
     /// The group of the board's own pins.
     pub group: GroupId,
     /// When the write began.

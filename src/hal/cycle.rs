@@ -1,229 +1,18 @@
-//! The driver's side of the store: making pins, and what happens to them in a cycle.
-//!
-//! A driver calls, in this order: [`Pins::begin_cycle`]; for each group whose transfer succeeded
-//! [`Pins::publish`] for its inputs and [`Pins::group_good`], or [`Pins::fault`] for one that
-//! failed; then, after the application had its turn, [`Pins::fetch`] for the outputs.
-
-use alloc::vec::Vec;
+//! The driver's side in the cycle.
 
 use super::handle::{Key, sealed::Keyed};
-use super::store::{Group, NONE, Rule};
-use super::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection, Role, Spec, Value};
-use super::{OutOfRange, Rejections};
+use super::rule::{NONE, Rule};
+use super::{
+    GroupId, InOut, Input, OutOfRange, Output, Param, PinStore, Rejection, Rejections, Value,
+};
 use crate::bus::Instant;
 
-/// How an output is kept safe.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OutputRule<T> {
-    /// What it is before the application sets it, while its group is not armed, and when the
-    /// application sets it to something that is not finite.
-    ///
-    /// It is a value of the pin: an `-invert` parameter turns it round like any other, because that
-    /// parameter tells how the output is wired.
-    pub safe: T,
-    /// What becomes of a value outside the limits.
-    pub out_of_range: OutOfRange,
-    /// A fault of the group does not touch it: for switches of the driver itself, such as `run`.
-    pub exempt: bool,
-}
-
-impl<T: Value> OutputRule<T> {
-    /// Safe at `safe`; limited to its limits; silenced by faults.
-    pub fn safe_at(safe: T) -> Self {
-        Self {
-            safe,
-            out_of_range: OutOfRange::Limit,
-            exempt: false,
-        }
-    }
-
-    /// A switch of the driver itself, at first at `initial`, which faults do not touch.
-    pub fn switch(initial: T) -> Self {
-        Self {
-            exempt: true,
-            ..Self::safe_at(initial)
-        }
-    }
-}
-
-/// Parameters that act on an output.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OutputModifiers {
-    /// `-invert`: turns a truth value round on its way out.
-    pub invert: Option<Param<bool>>,
-    /// `-maxlim`: no larger value goes out.
-    pub max_limit: Option<Param<f64>>,
-    /// `-minlim`: no smaller value goes out.
-    pub min_limit: Option<Param<f64>>,
-}
-
-/// Set-up. Allocates.
-impl Pins {
-    /// A new group: not valid before its first good transfer, and armed (its outputs begin with
-    /// their safe values).
-    pub fn add_group(&mut self) -> GroupId {
-        let index = self.groups.len() as u32;
-        self.groups.push(Group {
-            valid: false,
-            armed: true,
-            last_good: None,
-            faults: 0,
-            outputs: Vec::new(),
-            version: 0,
-        });
-        GroupId(self.key(index))
-    }
-
-    /// A new input.
-    pub fn add_input<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-    ) -> Result<Input<T>, PinError> {
-        // What an input can be is told and not kept: its first value may lie outside.
-        let spec = Spec {
-            enforced: false,
-            ..spec
-        };
-        let key = self.insert(group, Role::Input, spec, T::default())?;
-        Ok(Input::new(key))
-    }
-
-    /// A new output.
-    ///
-    /// # Errors
-    /// Besides those of the name, [`PinError::BadLimits`].
-    pub fn add_output<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        rule: OutputRule<T>,
-    ) -> Result<Output<T>, PinError> {
-        let key = self.insert(group, Role::Output, spec, rule.safe)?;
-        self.apply_rule(key, rule);
-        Ok(Output::new(key))
-    }
-
-    /// A new pin that both sides set.
-    pub fn add_inout<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        rule: OutputRule<T>,
-    ) -> Result<InOut<T>, PinError> {
-        let key = self.insert(group, Role::InOut, spec, rule.safe)?;
-        self.apply_rule(key, rule);
-        Ok(InOut::new(key))
-    }
-
-    /// A new setting, which the application may change within the limits of `spec`.
-    pub fn add_setting<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.insert(group, Role::Setting, spec, initial)
-            .map(Param::new)
-    }
-
-    /// A new property, which the application can only read.
-    pub fn add_property<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.insert(group, Role::Property, spec, initial)
-            .map(Param::new)
-    }
-
-    /// A new parameter that a remote keeps: the application can only read it here.
-    pub fn add_in_remote<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.insert(group, Role::InRemote, spec, initial)
-            .map(Param::new)
-    }
-
-    /// Lets parameters act on an output.
-    ///
-    /// # Errors
-    /// [`PinError::ForeignHandle`] if any of them is of another store.
-    pub fn modify<T: Value>(
-        &mut self,
-        output: Output<T>,
-        modifiers: OutputModifiers,
-    ) -> Result<(), PinError> {
-        self.modify_key(output.key, modifiers)
-    }
-
-    /// [`modify`](Self::modify) for a pin that both sides set.
-    pub fn modify_inout<T: Value>(
-        &mut self,
-        pin: InOut<T>,
-        modifiers: OutputModifiers,
-    ) -> Result<(), PinError> {
-        self.modify_key(pin.key, modifiers)
-    }
-
-    fn modify_key(&mut self, key: Key, modifiers: OutputModifiers) -> Result<(), PinError> {
-        let invert = self.modifier(modifiers.invert.map(|p| p.key))?;
-        let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
-        let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
-        self.changed(key);
-        let slot = self.slot_mut(key).ok_or(PinError::ForeignHandle)?;
-        slot.invert = invert;
-        slot.is_free &= max_limit == NONE && min_limit == NONE;
-        if let Some(rule) = self.rule_mut(key) {
-            rule.max_limit = max_limit;
-            rule.min_limit = min_limit;
-        }
-        Ok(())
-    }
-
-    fn modifier(&self, key: Option<Key>) -> Result<u32, PinError> {
-        match key {
-            None => Ok(NONE),
-            Some(key) if self.index(key).is_some() => Ok(key.index),
-            Some(_) => Err(PinError::ForeignHandle),
-        }
-    }
-
-    fn apply_rule<T: Value>(&mut self, key: Key, rule: OutputRule<T>) {
-        if let Some(slot) = self.slot_mut(key) {
-            slot.exempt = rule.exempt;
-        }
-        if let Some(kept) = self.rule_mut(key) {
-            kept.out_of_range = rule.out_of_range;
-        }
-    }
-
-    fn rule_mut(&mut self, key: Key) -> Option<&mut Rule> {
-        let index = self.index(key)?;
-        self.rules.get_mut(index)
-    }
-}
-
 /// The cycle. Constant time for each pin, no allocation, no panic.
-impl Pins {
+impl PinStore {
     /// A new cycle begins at `now`: ages grow.
     pub fn begin_cycle(&mut self, now: Instant) {
         self.cycle = self.cycle.saturating_add(1);
         self.now = now;
-    }
-
-    /// The number of the cycle; 0 before the first.
-    pub fn cycle(&self) -> u64 {
-        self.cycle
-    }
-
-    /// When the cycle began, which ages are counted to: when its inputs had been read.
-    pub fn now(&self) -> Instant {
-        self.now
     }
 
     /// Gives an input its value. It becomes valid with its group.
@@ -306,38 +95,6 @@ impl Pins {
         }
     }
 
-    /// Lets the outputs of a group follow what is set from now on.
-    pub(super) fn arm(&mut self, index: usize) {
-        if self.groups.get(index).is_some_and(|group| !group.armed) {
-            self.forget_commands(index);
-            if let Some(group) = self.groups.get_mut(index) {
-                group.armed = true;
-            }
-        }
-    }
-
-    /// Sets the outputs of a group to their safe values, but for those that faults do not touch.
-    fn forget_commands(&mut self, index: usize) {
-        let Self {
-            groups,
-            slots,
-            rules,
-            ..
-        } = self;
-        let Some(group) = groups.get_mut(index) else {
-            return;
-        };
-        group.version = group.version.wrapping_add(1);
-        for &output in &group.outputs {
-            let output = output as usize;
-            if let (Some(slot), Some(rule)) = (slots.get_mut(output), rules.get(output))
-                && !slot.exempt
-            {
-                slot.bits = rule.safe;
-            }
-        }
-    }
-
     /// Changes whenever [`fetch`](Self::fetch) of any output of the group may give something else
     /// than before, or would count a value that is not used: while it stays, nothing has to be
     /// fetched again. The parameters that [modify](Self::modify) them have to be of the group too.
@@ -346,7 +103,7 @@ impl Pins {
         self.group_ref(group).map(|group| group.version)
     }
 
-    /// What an output must be now: sanitised, limited, and turned round where asked for. The safe
+    /// What an output must be now: sanitised, limited, and inverted where asked for. The safe
     /// value if its group is not armed.
     ///
     /// Not finite: the safe value. Out of range: see [`OutOfRange`]. Both are counted, for the pin

@@ -86,7 +86,7 @@ pub struct PinInfo {
     pub group: GroupId,
 }
 
-/// What a pin or parameter is to be, for the `add_` functions of [`Pins`](super::Pins).
+/// What a pin or parameter is to be, for the `add_` functions of [`PinStore`](super::PinStore).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Spec {
     pub(super) name: String,
@@ -134,8 +134,8 @@ impl Spec {
 
     /// Between these values, both included.
     ///
-    /// On an output they are kept: a value outside becomes the limit, or the safe value
-    /// ([`OutOfRange`](super::OutOfRange)). On an input they tell what to expect.
+    /// On an output they are enforced: a value outside becomes the limit, or the safe value
+    /// ([`OutOfRange`](super::OutOfRange)). On an input they are informational.
     #[must_use]
     pub fn limits(mut self, min: f64, max: f64) -> Self {
         self.limits = Some((min, max));
@@ -143,7 +143,7 @@ impl Spec {
         self
     }
 
-    /// Usually between these values, which are told and not kept: for an output whose scale can be
+    /// Usually between these values, informational and not enforced: for an output whose scale can be
     /// set, and whose limits are parameters.
     #[must_use]
     pub fn range(mut self, min: f64, max: f64) -> Self {

@@ -1,19 +1,21 @@
 //! Typed pins and parameters, LinuxCNC names, and the visitor that lists them.
 //!
-//! [`Pins`] holds them all and belongs to the driver. An application keeps handles, in which the
-//! direction and the type of a pin are part of the Rust type:
+//! They have two sides: [`PinStore`] is the driver's, which makes pins, publishes inputs and takes
+//! outputs, and [`Pins`] the application's, which reads inputs and sets outputs. An application
+//! keeps handles, in which the direction and the type of a pin are part of the Rust type:
 //!
 //! ```
-//! use mesa_hal::hal::{OutputRule, Pins, Spec};
+//! use mesa_hal::hal::{OutputRule, PinStore, Pins, Spec};
 //! # fn main() -> Result<(), mesa_hal::hal::PinError> {
 //! // A driver does this at set-up ...
-//! let mut pins = Pins::new();
-//! let remote = pins.add_group();
-//! let switch = pins.add_input::<bool>(remote, Spec::new("limit").at("TB8 pin 3", "INPUT2"))?;
+//! let mut store = PinStore::new();
+//! let remote = store.add_group();
+//! let switch = store.add_input::<bool>(remote, Spec::new("limit").at("TB8 pin 3", "INPUT2"))?;
 //! let spec = Spec::new("drive").unit("V").limits(-10.0, 10.0);
-//! let drive = pins.add_output(remote, spec, OutputRule::safe_at(0.0))?;
+//! let drive = store.add_output(remote, spec, OutputRule::safe_at(0.0))?;
 //!
 //! // ... and an application this in the cycle.
+//! let pins: &mut Pins = &mut store;
 //! let limit = pins.read(switch);
 //! let stop = limit.value || !limit.valid;
 //! pins.set(drive, if stop { 0.0 } else { 1.5 });
@@ -26,16 +28,19 @@ mod cycle;
 mod error;
 mod handle;
 mod info;
+mod pins;
 mod reading;
+mod rule;
 mod store;
 mod value;
 mod visit;
 
-pub use cycle::{OutputModifiers, OutputRule};
 pub use error::PinError;
 pub use handle::{GroupId, InOut, Input, Output, Param, Readable};
 pub use info::{MAX_NAME, MAX_PINS, PinInfo, Role, Spec};
+pub use pins::Pins;
 pub use reading::{Age, AnyValue, GroupState, OutOfRange, Reading, Rejections};
-pub use store::Pins;
+pub use rule::{OutputModifiers, OutputRule};
+pub use store::PinStore;
 pub use value::{HalType, Rejection, Value};
 pub use visit::Visitor;

@@ -1,97 +1,63 @@
-//! The store: what the pins are and what they hold.
+//! The driver's side: making pins.
+//!
+//! A driver calls, in this order: [`PinStore::begin_cycle`]; for each group whose transfer
+//! succeeded [`PinStore::publish`] for its inputs and [`PinStore::group_good`], or
+//! [`PinStore::fault`] for one that failed; then, after the application had its turn,
+//! [`PinStore::fetch`] for the outputs.
 
 use alloc::vec::Vec;
+use core::ops::{Deref, DerefMut};
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use super::handle::{Key, sealed::Keyed};
+use super::handle::Key;
 use super::info::{MAX_PINS, check_name};
+use super::pins::Group;
+use super::rule::{NONE, Rule, make_slot};
 use super::{
-    Age, AnyValue, GroupId, GroupState, HalType, InOut, Input, OutOfRange, Output, Param, PinError,
-    PinInfo, Readable, Reading, Rejections, Role, Spec, Value,
+    GroupId, InOut, Input, Output, OutputModifiers, OutputRule, Param, PinError, PinInfo, Pins,
+    Rejections, Role, Spec, Value,
 };
 use crate::bus::Instant;
 
 /// Where the number of the next store comes from; 0 is nobody's.
 static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
 
-/// All pins and parameters of a machine.
+/// The driver's side of all pins and parameters of a machine.
 ///
-/// The driver owns it; the application keeps handles ([`Input`], [`Output`], [`InOut`], [`Param`]),
-/// which are small and `Copy`. Setting it up allocates. [`read`](Self::read), [`set`](Self::set)
-/// and everything a driver does in the cycle take constant time, never allocate and never panic.
-///
-/// Pins come in groups that work or fail together: those of a remote, or of the board. A group is
-/// *valid* while its transfers succeed, and *armed* unless a fault disarmed it: outputs of a group
-/// that is not armed have their safe values, until the application calls [`rearm`](Self::rearm).
+/// It makes them, publishes inputs and takes outputs; what an application may do as well is in
+/// [`Pins`], to which it derefs. The driver owns it and lends it to its modules; an application
+/// gets the [`Pins`] in it. Set-up allocates; everything in the cycle takes constant time for each
+/// pin, never allocates and never panics.
 #[derive(Debug)]
-pub struct Pins {
-    pub(super) id: u32,
-    pub(super) slots: Vec<Slot>,
-    /// One for each slot.
-    pub(super) rules: Vec<Rule>,
-    infos: Vec<PinInfo>,
-    /// Indices of `infos`, ordered by name.
-    by_name: Vec<u32>,
-    pub(super) groups: Vec<Group>,
-    pub(super) cycle: u64,
-    pub(super) now: Instant,
-    pub(super) totals: Rejections,
-    foreign: AtomicU32,
+pub struct PinStore {
+    pub(super) pins: Pins,
 }
 
-#[derive(Debug)]
-pub(super) struct Group {
-    pub valid: bool,
-    pub armed: bool,
-    pub last_good: Option<(u64, Instant)>,
-    pub faults: u64,
-    /// Its outputs, for resetting them.
-    pub outputs: Vec<u32>,
-    /// Rises when what its outputs must be may have changed.
-    pub version: u64,
-}
-
-/// What every cycle touches of a pin; kept small, because there are hundreds and a cycle finds
-/// them cold. Values are kept as bits: see [`Value::to_bits`].
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Slot {
-    pub bits: u64,
-    pub group: u32,
-    /// The parameter that turns it round; `NONE` where there is none.
-    pub invert: u32,
-    /// The last value published for an input was no number.
-    pub bad: bool,
-    /// An output that a fault does not silence, such as `run`.
-    pub exempt: bool,
-    /// Every value of its type is allowed: nothing has to be looked up in its [`Rule`].
-    pub is_free: bool,
-}
-
-/// What a pin may be, and what became of values that it may not.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Rule {
-    pub safe: u64,
-    pub min: u64,
-    pub max: u64,
-    pub out_of_range: OutOfRange,
-    /// Parameters that limit it; `NONE` where there is none.
-    pub max_limit: u32,
-    pub min_limit: u32,
-    pub rejections: Rejections,
-}
-
-pub(super) const NONE: u32 = u32::MAX;
-
-impl Default for Pins {
+impl Default for PinStore {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Pins {
+impl Deref for PinStore {
+    type Target = Pins;
+
+    fn deref(&self) -> &Pins {
+        &self.pins
+    }
+}
+
+impl DerefMut for PinStore {
+    fn deref_mut(&mut self) -> &mut Pins {
+        &mut self.pins
+    }
+}
+
+/// Set-up. Allocates.
+impl PinStore {
     /// A store without pins.
     pub fn new() -> Self {
-        Self {
+        let pins = Pins {
             // Wraps round after four thousand million stores, skipping nobody's number.
             id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
             slots: Vec::new(),
@@ -103,221 +69,162 @@ impl Pins {
             now: Instant::default(),
             totals: Rejections::default(),
             foreign: AtomicU32::new(0),
-        }
-    }
-
-    /// How many pins and parameters there are.
-    pub fn len(&self) -> usize {
-        self.infos.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.infos.is_empty()
-    }
-
-    /// All of them, in the order in which they were made: pins and parameters of the board first,
-    /// then remote by remote. The order is the same in every run on the same machine.
-    pub fn infos(&self) -> &[PinInfo] {
-        &self.infos
-    }
-
-    /// What is known of a pin; `None` for a handle of another store.
-    pub fn info(&self, pin: impl Keyed) -> Option<&PinInfo> {
-        self.infos.get(self.index(pin.key())?)
-    }
-
-    /// Reads a pin.
-    ///
-    /// A handle of another store gives zero, not valid, and is counted in
-    /// [`foreign_handles`](Self::foreign_handles).
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub fn read<T: Value>(&self, pin: impl Readable<T>) -> Reading<T> {
-        let Some((slot, group)) = self.slot(pin.key()) else {
-            self.count_foreign();
-            return Reading {
-                value: T::default(),
-                valid: false,
-                age: Age::NEVER,
-            };
         };
-        Reading {
-            value: T::from_bits(slot.bits),
-            valid: group.valid && !slot.bad,
-            age: self.age(group),
-        }
+        Self { pins }
     }
 
-    /// Sets an output. It takes effect with the driver's next `write`, if its group is armed.
-    ///
-    /// Values that are not finite or out of range are replaced when the driver takes them, and
-    /// counted: see [`rejections`](Self::rejections). A handle of another store sets nothing.
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub fn set<T: Value>(&mut self, pin: Output<T>, value: T) {
-        self.store(pin.key, value);
+    /// A new group: not valid before its first good transfer, and armed (its outputs begin with
+    /// their safe values).
+    pub fn add_group(&mut self) -> GroupId {
+        let index = self.groups.len() as u32;
+        self.groups.push(Group {
+            valid: false,
+            armed: true,
+            last_good: None,
+            faults: 0,
+            outputs: Vec::new(),
+            version: 0,
+        });
+        GroupId(self.key(index))
     }
 
-    /// Sets a pin that both sides set.
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub fn set_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
-        self.store(pin.key, value);
+    /// A new input.
+    pub fn add_input<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+    ) -> Result<Input<T>, PinError> {
+        // The limits of an input are informational: its first value may lie outside.
+        let spec = Spec {
+            enforced: false,
+            ..spec
+        };
+        let key = self.insert(group, Role::Input, spec, T::default())?;
+        Ok(Input::new(key))
     }
 
-    /// What the application last set an output to; after a fault, its safe value.
-    pub fn commanded<T: Value>(&self, pin: Output<T>) -> T {
-        self.bits(pin.key).map_or_else(T::default, T::from_bits)
-    }
-
-    /// The value of a parameter; zero for a handle of another store.
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub fn param<T: Value>(&self, param: Param<T>) -> T {
-        self.bits(param.key).map_or_else(T::default, T::from_bits)
-    }
-
-    /// Changes a setting.
+    /// A new output.
     ///
     /// # Errors
-    /// [`PinError::ReadOnly`], [`PinError::InRemote`], [`PinError::BadValue`],
-    /// [`PinError::ForeignHandle`]. The setting then keeps its value.
-    pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
-        let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
-        let role = self.infos.get(index).map(|info| info.role);
-        match role {
-            Some(Role::Setting) => {}
-            Some(Role::InRemote) => return Err(PinError::InRemote),
-            _ => return Err(PinError::ReadOnly),
+    /// Besides those of the name, [`PinError::BadLimits`].
+    pub fn add_output<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        rule: OutputRule<T>,
+    ) -> Result<Output<T>, PinError> {
+        let key = self.insert(group, Role::Output, spec, rule.safe)?;
+        self.apply_rule(key, rule);
+        Ok(Output::new(key))
+    }
+
+    /// A new pin that both sides set.
+    pub fn add_inout<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        rule: OutputRule<T>,
+    ) -> Result<InOut<T>, PinError> {
+        let key = self.insert(group, Role::InOut, spec, rule.safe)?;
+        self.apply_rule(key, rule);
+        Ok(InOut::new(key))
+    }
+
+    /// A new setting, which the application may change within the limits of `spec`.
+    pub fn add_setting<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Param<T>, PinError> {
+        self.insert(group, Role::Setting, spec, initial)
+            .map(Param::new)
+    }
+
+    /// A new property, which the application can only read.
+    pub fn add_property<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Param<T>, PinError> {
+        self.insert(group, Role::Property, spec, initial)
+            .map(Param::new)
+    }
+
+    /// A new parameter that a remote keeps: the application can only read it here.
+    pub fn add_in_remote<T: Value>(
+        &mut self,
+        group: GroupId,
+        spec: Spec,
+        initial: T,
+    ) -> Result<Param<T>, PinError> {
+        self.insert(group, Role::InRemote, spec, initial)
+            .map(Param::new)
+    }
+
+    /// Lets parameters act on an output.
+    ///
+    /// # Errors
+    /// [`PinError::ForeignHandle`] if any of them is of another store.
+    pub fn modify<T: Value>(
+        &mut self,
+        output: Output<T>,
+        modifiers: OutputModifiers,
+    ) -> Result<(), PinError> {
+        self.modify_key(output.key, modifiers)
+    }
+
+    /// [`modify`](Self::modify) for a pin that both sides set.
+    pub fn modify_inout<T: Value>(
+        &mut self,
+        pin: InOut<T>,
+        modifiers: OutputModifiers,
+    ) -> Result<(), PinError> {
+        self.modify_key(pin.key, modifiers)
+    }
+
+    fn modify_key(&mut self, key: Key, modifiers: OutputModifiers) -> Result<(), PinError> {
+        let invert = self.modifier(modifiers.invert.map(|p| p.key))?;
+        let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
+        let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
+        self.changed(key);
+        let slot = self.slot_mut(key).ok_or(PinError::ForeignHandle)?;
+        slot.invert = invert;
+        slot.is_free &= max_limit == NONE && min_limit == NONE;
+        if let Some(rule) = self.rule_mut(key) {
+            rule.max_limit = max_limit;
+            rule.min_limit = min_limit;
         }
-        let rule = self.rules.get(index).ok_or(PinError::ForeignHandle)?;
-        let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);
-        let slot = self.slots.get_mut(index).ok_or(PinError::ForeignHandle)?;
-        if !value.is_finite() || !within {
-            return Err(PinError::BadValue);
-        }
-        slot.bits = value.to_bits();
-        self.changed(param.key);
         Ok(())
     }
 
-    /// The state of a group; `None` for a group of another store.
-    pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
-        let group = self.group_ref(group)?;
-        Some(GroupState {
-            valid: group.valid,
-            armed: group.armed,
-            age: self.age(group),
-            faults: group.faults,
-        })
-    }
-
-    /// Lets the outputs of a group follow the application again after a fault.
-    ///
-    /// What was set before this call is forgotten, be it before the fault, while it lasted or in
-    /// the same cycle: outputs start from their safe values and follow what is set from now on.
-    /// A group that is armed already stays as it is.
-    ///
-    /// # Errors
-    /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
-    pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
-        let index = self.index(group.0).ok_or(PinError::ForeignHandle)?;
-        let state = self.groups.get(index).ok_or(PinError::ForeignHandle)?;
-        if !state.valid {
-            return Err(PinError::NotRunning);
+    fn modifier(&self, key: Option<Key>) -> Result<u32, PinError> {
+        match key {
+            None => Ok(NONE),
+            Some(key) if self.index(key).is_some() => Ok(key.index),
+            Some(_) => Err(PinError::ForeignHandle),
         }
-        self.arm(index);
-        Ok(())
     }
 
-    /// [`rearm`](Self::rearm) for every group that runs; how many were disarmed and are armed now.
-    pub fn rearm_all(&mut self) -> usize {
-        let mut count = 0;
-        for index in 0..self.groups.len() {
-            let waits = |group: &Group| group.valid && !group.armed;
-            if self.groups.get(index).is_some_and(waits) {
-                self.arm(index);
-                count += 1;
-            }
+    fn apply_rule<T: Value>(&mut self, key: Key, rule: OutputRule<T>) {
+        if let Some(slot) = self.slot_mut(key) {
+            slot.exempt = rule.exempt;
         }
-        count
+        if let Some(kept) = self.rule_mut(key) {
+            kept.out_of_range = rule.out_of_range;
+        }
     }
 
-    /// The groups, in the order in which they were made.
-    pub fn groups(&self) -> impl Iterator<Item = GroupId> + '_ {
-        (0..self.groups.len() as u32).map(|index| GroupId(self.key(index)))
-    }
-
-    /// Values that were not used as they were, all pins together.
-    pub fn total_rejections(&self) -> Rejections {
-        self.totals
-    }
-
-    /// Values of this pin that were not used as they were.
-    pub fn rejections(&self, pin: impl Keyed) -> Rejections {
-        self.index(pin.key())
-            .and_then(|index| self.rules.get(index))
-            .map_or_else(Rejections::default, |rule| rule.rejections)
-    }
-
-    /// How often a handle of another store was used. Anything but 0 is a mistake in the program.
-    pub fn foreign_handles(&self) -> u32 {
-        self.foreign.load(Ordering::Relaxed)
-    }
-
-    /// The place of a name in [`infos`](Self::infos).
-    ///
-    /// # Real time
-    /// Grows with the logarithm of the number of pins; handles are for the cycle.
-    pub fn position(&self, name: &str) -> Option<usize> {
-        self.search(name)
-            .ok()
-            .and_then(|place| self.by_name.get(place))
-            .map(|&index| index as usize)
-    }
-
-    /// The input of that name.
-    pub fn input<T: Value>(&self, name: &str) -> Result<Input<T>, PinError> {
-        self.find::<T>(name, Role::Input).map(Input::new)
-    }
-
-    /// The output of that name.
-    pub fn output<T: Value>(&self, name: &str) -> Result<Output<T>, PinError> {
-        self.find::<T>(name, Role::Output).map(Output::new)
-    }
-
-    /// The pin of that name that both sides set.
-    pub fn inout<T: Value>(&self, name: &str) -> Result<InOut<T>, PinError> {
-        self.find::<T>(name, Role::InOut).map(InOut::new)
-    }
-
-    /// The parameter of that name.
-    pub fn parameter<T: Value>(&self, name: &str) -> Result<Param<T>, PinError> {
-        self.find::<T>(name, Role::Setting).map(Param::new)
-    }
-
-    /// The value of the pin or parameter at a place of [`infos`](Self::infos), whatever its type.
-    pub fn value_at(&self, position: usize) -> Option<AnyValue> {
-        let bits = self.slots.get(position)?.bits;
-        Some(match self.infos.get(position)?.hal_type {
-            HalType::Bit => AnyValue::Bit(Value::from_bits(bits)),
-            HalType::Float => AnyValue::Float(Value::from_bits(bits)),
-            HalType::S32 => AnyValue::S32(Value::from_bits(bits)),
-            HalType::U32 => AnyValue::U32(Value::from_bits(bits)),
-            HalType::S64 => AnyValue::S64(Value::from_bits(bits)),
-            HalType::U64 => AnyValue::U64(Value::from_bits(bits)),
-        })
+    pub(super) fn rule_mut(&mut self, key: Key) -> Option<&mut Rule> {
+        let index = self.index(key)?;
+        self.rules.get_mut(index)
     }
 }
 
-/// Making pins and finding them.
-impl Pins {
-    pub(super) fn insert<T: Value>(
+/// Small steps that the functions above share.
+impl PinStore {
+    fn insert<T: Value>(
         &mut self,
         group: GroupId,
         role: Role,
@@ -358,141 +265,4 @@ impl Pins {
         }
         Ok(self.key(index))
     }
-
-    fn search(&self, name: &str) -> Result<usize, usize> {
-        self.by_name.binary_search_by(|&index| {
-            self.infos
-                .get(index as usize)
-                .map_or("", |info| info.name.as_str())
-                .cmp(name)
-        })
-    }
-
-    fn find<T: Value>(&self, name: &str, expected: Role) -> Result<Key, PinError> {
-        let index = self.position(name).ok_or(PinError::NotFound)?;
-        let info = self.infos.get(index).ok_or(PinError::NotFound)?;
-        let param = expected.is_param() && info.role.is_param();
-        if info.role != expected && !param {
-            return Err(PinError::WrongRole {
-                expected,
-                actual: info.role,
-            });
-        }
-        if info.hal_type != T::TYPE {
-            return Err(PinError::WrongType {
-                expected: T::TYPE,
-                actual: info.hal_type,
-            });
-        }
-        Ok(self.key(index as u32))
-    }
-}
-
-/// Small steps that the other functions share.
-impl Pins {
-    pub(super) fn key(&self, index: u32) -> Key {
-        Key {
-            store: self.id,
-            index,
-        }
-    }
-
-    pub(super) fn index(&self, key: Key) -> Option<usize> {
-        (key.store == self.id).then_some(key.index as usize)
-    }
-
-    pub(super) fn slot(&self, key: Key) -> Option<(&Slot, &Group)> {
-        let slot = self.slots.get(self.index(key)?)?;
-        Some((slot, self.groups.get(slot.group as usize)?))
-    }
-
-    pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut Slot> {
-        let index = self.index(key)?;
-        self.slots.get_mut(index)
-    }
-
-    pub(super) fn group_ref(&self, group: GroupId) -> Option<&Group> {
-        self.groups.get(self.index(group.0)?)
-    }
-
-    pub(super) fn group_mut(&mut self, group: GroupId) -> Option<&mut Group> {
-        let index = self.index(group.0)?;
-        self.groups.get_mut(index)
-    }
-
-    pub(super) fn count_foreign(&self) {
-        self.foreign.fetch_add(1, Ordering::Relaxed);
-    }
-
-    fn bits(&self, key: Key) -> Option<u64> {
-        let bits = self.slot(key).map(|(slot, _)| slot.bits);
-        if bits.is_none() {
-            self.count_foreign();
-        }
-        bits
-    }
-
-    fn store<T: Value>(&mut self, key: Key, value: T) {
-        let Some(slot) = self.slot_mut(key) else {
-            return self.count_foreign();
-        };
-        let bits = value.to_bits();
-        if core::mem::replace(&mut slot.bits, bits) != bits {
-            self.changed(key);
-        }
-    }
-
-    /// What outputs of a pin's group must be may have changed.
-    pub(super) fn changed(&mut self, key: Key) {
-        let group = self.slot(key).map(|(slot, _)| slot.group as usize);
-        if let Some(group) = group.and_then(|index| self.groups.get_mut(index)) {
-            group.version = group.version.wrapping_add(1);
-        }
-    }
-
-    fn age(&self, group: &Group) -> Age {
-        group.last_good.map_or(Age::NEVER, |(cycle, time)| Age {
-            cycles: self.cycle.saturating_sub(cycle),
-            time: self.now.since(time),
-        })
-    }
-}
-
-fn make_slot<T: Value>(
-    group: u32,
-    initial: T,
-    limits: Option<(f64, f64)>,
-) -> Result<(Slot, Rule), PinError> {
-    if !initial.is_finite() {
-        return Err(PinError::BadLimits);
-    }
-    let (min, max) = match limits {
-        None => T::bounds(),
-        Some((min, max)) if min.is_finite() && max.is_finite() => {
-            (T::from_f64(min), T::from_f64(max))
-        }
-        Some(_) => return Err(PinError::BadLimits),
-    };
-    if !(min <= initial && initial <= max) {
-        return Err(PinError::BadLimits);
-    }
-    let slot = Slot {
-        bits: initial.to_bits(),
-        group,
-        invert: NONE,
-        bad: false,
-        exempt: false,
-        // A real number can always be none.
-        is_free: T::TYPE != HalType::Float && (min, max) == T::bounds(),
-    };
-    let rule = Rule {
-        safe: initial.to_bits(),
-        min: min.to_bits(),
-        max: max.to_bits(),
-        out_of_range: OutOfRange::default(),
-        max_limit: NONE,
-        min_limit: NONE,
-        rejections: Rejections::default(),
-    };
-    Ok((slot, rule))
 }

@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::Maker;
 use crate::boards::Terminal;
-use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins, Rejection};
+use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, PinStore, Rejection};
 use crate::hostmot2::{Encoder, EncoderConfig, EncoderReading, EncoderSample, LatchRequest};
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
@@ -78,7 +78,7 @@ impl EncoderPins {
     /// # Errors
     /// For names that are taken.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         number: usize,
@@ -121,7 +121,7 @@ impl EncoderPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn config(&self, pins: &mut Pins) -> EncoderConfig {
+    pub fn config(&self, pins: &mut PinStore) -> EncoderConfig {
         EncoderConfig {
             scale: pins.param(self.scale),
             up_down: pins.param(self.counter_mode),
@@ -141,7 +141,7 @@ impl EncoderPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn command(&self, pins: &mut Pins, encoder: &mut Encoder) {
+    pub fn command(&self, pins: &mut PinStore, encoder: &mut Encoder) {
         self.refuse(pins, encoder.has_probe());
         encoder.set_config(self.config(pins));
         pins.publish_param(self.max_count_rate, encoder.max_count_rate());
@@ -163,7 +163,7 @@ impl EncoderPins {
 
     /// Counts what can not be done: a scale of 0, which becomes 1 as in LinuxCNC, and a probe that
     /// the firmware does not have.
-    fn refuse(&self, pins: &mut Pins, has_probe: bool) {
+    fn refuse(&self, pins: &mut PinStore, has_probe: bool) {
         if pins.param(self.scale) == 0.0 {
             pins.count_rejection(self.scale, Rejection::OutOfRange);
             pins.publish_param(self.scale, 1.0);
@@ -179,7 +179,7 @@ impl EncoderPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn take(&self, pins: &mut Pins, encoder: &mut Encoder, sample: EncoderSample) {
+    pub fn take(&self, pins: &mut PinStore, encoder: &mut Encoder, sample: EncoderSample) {
         let before = encoder.requested();
         let reading = encoder.read(sample);
         let index_came =
@@ -187,7 +187,7 @@ impl EncoderPins {
         self.publish(pins, &reading, index_came);
     }
 
-    fn publish(&self, pins: &mut Pins, reading: &EncoderReading, index_came: bool) {
+    fn publish(&self, pins: &mut PinStore, reading: &EncoderReading, index_came: bool) {
         let scale = self.config(pins).usable_scale();
         pins.publish(self.rawcounts, reading.rawcounts as i32);
         pins.publish(self.count_unsure, reading.is_unsure);
@@ -240,7 +240,7 @@ impl EncoderBankPins {
     /// Makes the pins of all encoders of a module, which samples at `sample_hz`. `muxed_version` is
     /// that of multiplexed ones.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         sample_hz: u32,

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use super::Maker;
 use crate::boards::Terminal;
-use crate::hal::{GroupId, Input, Output, Param, PinError, Pins};
+use crate::hal::{GroupId, Input, Output, Param, PinError, PinStore, Pins};
 use crate::hostmot2::{GpioSetup, PinDescriptor};
 
 /// Who uses an I/O pin.
@@ -52,7 +52,7 @@ pub struct GpioPins {
 impl GpioPins {
     /// Makes the pins of I/O pin `number`.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         number: usize,
@@ -85,7 +85,7 @@ impl GpioPins {
 
     /// Makes the pins of all I/O pins of a board, by their descriptors.
     pub fn all(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         descriptors: &[PinDescriptor],
@@ -105,7 +105,7 @@ impl GpioPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn publish(&self, pins: &mut Pins, level: bool) {
+    pub fn publish(&self, pins: &mut PinStore, level: bool) {
         if let Some((input, not)) = self.input {
             pins.publish(input, level);
             pins.publish(not, !level);
@@ -116,7 +116,7 @@ impl GpioPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn level(&self, pins: &mut Pins) -> bool {
+    pub fn level(&self, pins: &mut PinStore) -> bool {
         self.out.is_some_and(|out| pins.fetch(out))
     }
 

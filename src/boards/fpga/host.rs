@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::string::ToString;
 
 use super::Maker;
-use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use crate::hal::{GroupId, InOut, Input, Output, Param, PinError, PinStore};
 
 /// The watchdog's pins, and the board's `io_error`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -21,7 +21,7 @@ impl WatchdogPins {
     pub const DEFAULT_TIMEOUT_NS: u32 = 5_000_000;
 
     /// Makes the watchdog's pins.
-    pub fn new(pins: &mut Pins, group: GroupId, board: &str) -> Result<Self, PinError> {
+    pub fn new(pins: &mut PinStore, group: GroupId, board: &str) -> Result<Self, PinError> {
         let mut make = Maker::new(pins, group, format!("{board}.watchdog."));
         Ok(Self {
             has_bit: make.inout("has_bit")?,
@@ -58,7 +58,7 @@ pub struct EthernetPins {
 
 impl EthernetPins {
     /// Makes the pins of the connection.
-    pub fn new(pins: &mut Pins, group: GroupId, board: &str) -> Result<Self, PinError> {
+    pub fn new(pins: &mut PinStore, group: GroupId, board: &str) -> Result<Self, PinError> {
         let mut make = Maker::new(pins, group, (board.to_string()) + ".");
         Ok(Self {
             io_error: make.setting("io_error", false)?,
@@ -96,7 +96,7 @@ pub struct DpllPins {
 
 impl DpllPins {
     /// Makes the pins of the loop.
-    pub fn new(pins: &mut Pins, group: GroupId, board: &str) -> Result<Self, PinError> {
+    pub fn new(pins: &mut PinStore, group: GroupId, board: &str) -> Result<Self, PinError> {
         let mut make = Maker::new(pins, group, format!("{board}.dpll."));
         let mut timer_us = [Output::nowhere(); 4];
         for (number, timer) in (1..).zip(&mut timer_us) {

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use super::Maker;
 use crate::boards::{InputPair, Terminal};
-use crate::hal::{GroupId, Input, Output, Param, PinError, Pins};
+use crate::hal::{GroupId, Input, Output, Param, PinError, PinStore};
 
 /// Which of the two modules: they differ in names and wiring only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -56,7 +56,7 @@ impl InMuxPins {
     /// Makes the pins of instance `number` with `count` inputs, the first of which are at
     /// `terminals`.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         kind: InMuxKind,
@@ -110,7 +110,7 @@ impl InMuxPins {
     ///
     /// # Real time
     /// Grows with the number of inputs; no allocation.
-    pub fn publish(&self, pins: &mut Pins, filtered: u32, raw: u32) {
+    pub fn publish(&self, pins: &mut PinStore, filtered: u32, raw: u32) {
         for (n, input) in self.inputs.iter().enumerate() {
             for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
                 let level = word >> (n & 31) & 1 != 0;
@@ -125,7 +125,7 @@ impl InMuxPins {
     ///
     /// # Real time
     /// Grows with the number of inputs; no allocation.
-    pub fn withhold(&self, pins: &mut Pins, filtered: u32, raw: u32, mpgs: [bool; 4]) {
+    pub fn withhold(&self, pins: &mut PinStore, filtered: u32, raw: u32, mpgs: [bool; 4]) {
         for (n, input) in self.inputs.iter().enumerate() {
             for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
                 if word >> (n & 31) & 1 != 0 {
@@ -145,7 +145,7 @@ impl InMuxPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn publish_counts(&self, pins: &mut Pins, counts: [i64; 4]) {
+    pub fn publish_counts(&self, pins: &mut PinStore, counts: [i64; 4]) {
         for (&pin, count) in self.mpg_counts.iter().zip(counts) {
             pins.publish(pin, count as i32);
         }
@@ -155,7 +155,7 @@ impl InMuxPins {
     ///
     /// # Real time
     /// Grows with the number of inputs; no allocation.
-    pub fn slow(&self, pins: &mut Pins) -> u32 {
+    pub fn slow(&self, pins: &mut PinStore) -> u32 {
         self.inputs
             .iter()
             .enumerate()

@@ -22,7 +22,9 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use super::Terminal;
-use crate::hal::{GroupId, InOut, Input, Output, OutputRule, Param, PinError, Pins, Spec, Value};
+use crate::hal::{
+    GroupId, InOut, Input, Output, OutputRule, Param, PinError, PinStore, Spec, Value,
+};
 
 /// The pins of everything that a firmware has.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -57,14 +59,14 @@ pub struct FpgaPins {
 
 /// Makes pins that share the beginning of their names.
 struct Maker<'a> {
-    pins: &'a mut Pins,
+    pins: &'a mut PinStore,
     group: GroupId,
     stem: String,
     terminals: &'a [Terminal],
 }
 
 impl<'a> Maker<'a> {
-    fn new(pins: &'a mut Pins, group: GroupId, stem: String) -> Self {
+    fn new(pins: &'a mut PinStore, group: GroupId, stem: String) -> Self {
         Self {
             pins,
             group,

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use super::Maker;
 use crate::boards::Terminal;
-use crate::hal::{GroupId, Output, PinError, Pins};
+use crate::hal::{GroupId, Output, PinError, PinStore};
 
 /// Which of the two modules: they differ in names, and only SSR has a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -41,7 +41,7 @@ impl OutputPins {
     /// Makes the pins of instance `instance`: an output for each of `wired`, which are numbers
     /// below 32 and terminals.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         (kind, instance): (OutputKind, usize),
@@ -75,7 +75,7 @@ impl OutputPins {
     ///
     /// # Real time
     /// Grows with the number of outputs; no allocation.
-    pub fn data(&self, pins: &mut Pins) -> u32 {
+    pub fn data(&self, pins: &mut PinStore) -> u32 {
         self.outputs
             .iter()
             .filter(|output| output.number < 32)
@@ -102,7 +102,7 @@ pub struct LedPins {
 impl LedPins {
     /// Makes the pins of `count` LEDs.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         count: usize,
@@ -118,7 +118,7 @@ impl LedPins {
     ///
     /// # Real time
     /// Grows with the number of LEDs; no allocation.
-    pub fn word(&self, pins: &mut Pins) -> u32 {
+    pub fn word(&self, pins: &mut PinStore) -> u32 {
         self.leds
             .iter()
             .enumerate()

@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::{Maker, at_terminals};
 use crate::boards::Terminal;
-use crate::hal::{GroupId, Output, OutputRule, Param, PinError, Pins, Rejection, Spec};
+use crate::hal::{GroupId, Output, OutputRule, Param, PinError, PinStore, Rejection, Spec};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,7 +44,7 @@ pub struct PwmUse {
 impl PwmPins {
     /// Makes the pins of generator `number`.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         number: usize,
@@ -73,7 +73,7 @@ impl PwmPins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn fraction(&self, pins: &mut Pins) -> f64 {
+    pub fn fraction(&self, pins: &mut PinStore) -> f64 {
         let fraction = pins.fetch(self.value) / pins.param(self.scale);
         if !fraction.is_finite() {
             pins.count_rejection(self.value, Rejection::NotFinite);
@@ -98,7 +98,7 @@ pub struct PwmBankPins {
 impl PwmBankPins {
     /// Makes the pins of all generators of a module, at this PWM frequency.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         pwm_hz: u32,

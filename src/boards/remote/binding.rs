@@ -1,7 +1,7 @@
 //! One pin and its bits.
 
 use super::CounterPins;
-use crate::hal::{InOut, Input, Output, Param, Pins, Rejection, Value};
+use crate::hal::{InOut, Input, Output, Param, PinStore, Rejection, Value};
 use crate::process_data::{Field, Fit, Scaling};
 
 /// One pin of a remote and its bits in the interface registers.
@@ -86,7 +86,7 @@ pub(super) enum Binding {
 
 impl Binding {
     /// From the interface registers to the pin.
-    pub fn take(&mut self, pins: &mut Pins, words: &[u32]) {
+    pub fn take(&mut self, pins: &mut PinStore, words: &[u32]) {
         match self {
             Self::BitIn { field, pin, not } => {
                 let value = field.get(words) != 0;
@@ -133,7 +133,7 @@ impl Binding {
     }
 
     /// From the pin to the interface registers.
-    pub fn put(&self, pins: &mut Pins, words: &mut [u32]) {
+    pub fn put(&self, pins: &mut PinStore, words: &mut [u32]) {
         match self {
             Self::BitOut { field, pin } => field.put(words, all_or_none(pins.fetch(*pin))),
             Self::BitBoth { output, pin, .. } => {

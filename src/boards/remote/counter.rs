@@ -2,7 +2,7 @@
 
 use core::cmp::Ordering;
 
-use crate::hal::{InOut, Input, Param, Pins};
+use crate::hal::{InOut, Input, Param, PinStore};
 use crate::process_data::{CounterExtension, Field};
 
 /// A counter of a remote: its pins as LinuxCNC has them, and the count of 64 bits behind them.
@@ -51,7 +51,7 @@ impl CounterPins {
         self.extension.resynchronise();
     }
 
-    pub(super) fn take(&mut self, pins: &mut Pins, words: &[u32]) {
+    pub(super) fn take(&mut self, pins: &mut PinStore, words: &[u32]) {
         let before = self.extension.count();
         self.extension.update(self.raw(words));
         let now = self.extension.count();

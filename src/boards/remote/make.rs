@@ -10,7 +10,7 @@ use super::counter::{CounterHandles, CounterPins};
 use super::parameter::largest_below;
 use crate::boards::{BoardError, ElementTable, RemoteTable, at_terminals};
 use crate::discovery::{DataRecord, RemoteDescriptor, RemoteName};
-use crate::hal::{GroupId, OutputModifiers, OutputRule, Param, PinError, Pins, Spec};
+use crate::hal::{GroupId, OutputModifiers, OutputRule, Param, PinError, PinStore, Spec};
 use crate::process_data::{Element, ElementKind, Field, PackingPlan, Scaling};
 
 /// What the names of a remote's pins begin with.
@@ -44,7 +44,7 @@ pub(super) fn in_unit(spec: Spec, record: &str, table: &'static str) -> Spec {
 }
 
 pub(super) fn bindings(
-    pins: &mut Pins,
+    pins: &mut PinStore,
     group: GroupId,
     prefix: &str,
     plan: &PackingPlan,
@@ -76,7 +76,7 @@ pub(super) fn bindings(
 
 /// Makes the pins of one element.
 struct Maker<'a> {
-    pins: &'a mut Pins,
+    pins: &'a mut PinStore,
     group: GroupId,
     /// What the names begin with: board, card, port, channel and element.
     stem: String,

@@ -14,7 +14,7 @@ use alloc::vec::Vec;
 use self::binding::Binding;
 use super::{BoardError, IdentityError, RemoteTable};
 use crate::discovery::{RemoteDescriptor, RemoteName};
-use crate::hal::{GroupId, Pins};
+use crate::hal::{GroupId, PinStore};
 use crate::process_data::{InterfaceRegisters, PackingPlan};
 use crate::sslbp::MAX_INTERFACE_REGISTERS;
 
@@ -62,7 +62,7 @@ impl RemotePins {
     /// [`BoardError`] with the element or parameter that did not fit; pins made before it stay in
     /// the store, never valid.
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         location: RemoteLocation<'_>,
         descriptor: &RemoteDescriptor,
         registers: InterfaceRegisters,
@@ -145,7 +145,7 @@ impl RemotePins {
     /// # Real time
     /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: read as
     /// many as [`PackingPlan::input_words`].
-    pub fn take_inputs(&mut self, pins: &mut Pins, words: &[u32]) {
+    pub fn take_inputs(&mut self, pins: &mut PinStore, words: &[u32]) {
         let mut now = [0; MOST_WORDS];
         for (kept, word) in now.iter_mut().zip(words) {
             *kept = *word;
@@ -169,7 +169,7 @@ impl RemotePins {
     ///
     /// # Real time
     /// Grows with the number of pins; no allocation, no panic.
-    pub fn put_outputs(&self, pins: &mut Pins, words: &mut [u32]) {
+    pub fn put_outputs(&self, pins: &mut PinStore, words: &mut [u32]) {
         words.fill(0);
         for binding in &self.bindings {
             binding.put(pins, words);
@@ -178,7 +178,7 @@ impl RemotePins {
 
     /// The remote failed: inputs are no longer valid, outputs are safe until the application
     /// re-arms the group.
-    pub fn fault(&self, pins: &mut Pins) {
+    pub fn fault(&self, pins: &mut PinStore) {
         pins.fault(self.group);
     }
 

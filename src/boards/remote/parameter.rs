@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use super::make::{in_unit, lower};
 use crate::boards::BoardError;
 use crate::discovery::{DataDirection, DataRecord, DataType};
-use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, Pins, Spec};
+use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinStore, Spec};
 use crate::process_data::sign_extend;
 
 /// A parameter of a remote and its pin-store counterpart.
@@ -74,7 +74,7 @@ pub enum ParameterHandle {
 
 impl RemoteParameter {
     /// Takes what was read from the remote, right-justified.
-    pub fn publish(&mut self, pins: &mut Pins, raw: u64) {
+    pub fn publish(&mut self, pins: &mut PinStore, raw: u64) {
         let raw = raw & self.mask();
         self.first.get_or_insert(raw);
         self.known = Some(raw);
@@ -188,7 +188,7 @@ fn real(value: AnyValue) -> Option<f64> {
 /// Makes the parameters of a remote. Those that no parameter type can hold are left out: pads, and
 /// records wider than 64 bits.
 pub(super) fn make(
-    pins: &mut Pins,
+    pins: &mut PinStore,
     group: GroupId,
     prefix: &str,
     records: &[DataRecord],
@@ -218,13 +218,13 @@ pub(super) fn make(
 }
 
 fn handle(
-    pins: &mut Pins,
+    pins: &mut PinStore,
     group: GroupId,
     prefix: &str,
     record: &DataRecord,
 ) -> Result<ParameterHandle, PinError> {
     fn add<T: crate::hal::Value>(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         spec: Spec,
         direction: DataDirection,

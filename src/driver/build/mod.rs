@@ -20,7 +20,7 @@ use super::{
 };
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
-use crate::hal::{AnyValue, GroupId, Pins};
+use crate::hal::{AnyValue, GroupId, PinStore};
 use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog, WatchdogTime};
 
 /// The most serial ports of a board.
@@ -67,7 +67,7 @@ struct ParameterChoice {
 struct Parts {
     firmware: HostMot2,
     name: String,
-    pins: Pins,
+    pins: PinStore,
     /// The group of the board's own I/O.
     group: GroupId,
     /// The group of the driver's own pins.
@@ -434,7 +434,7 @@ impl Parts {
         let name = format!("hm2_{}.{number}", firmware.idrom().board_name.board());
         let places = IoPorts::locate(&firmware)?;
         let plan = PortPlan::new(&places);
-        let mut pins = Pins::new();
+        let mut pins = PinStore::new();
         let status = pins.add_group();
         let group = pins.add_group();
         Ok(Self {

@@ -8,7 +8,7 @@ use super::{Making, PartBuildError, PartError};
 use crate::boards::fpga::DpllPins;
 use crate::bus::{ImagePlan, ReadPhase, ReadSlot, RegisterBus, Tier, WritePhase, WriteSlot};
 use crate::driver::{Module, Pace, Put, SettingSlot, SetupList, Take};
-use crate::hal::{Pins, Rejection};
+use crate::hal::{PinStore, Rejection};
 use crate::hostmot2::{Dpll, DpllConfig, DpllError, DpllSetup, Gtag, phase_error_us};
 
 /// The phase-locked loop.
@@ -90,7 +90,7 @@ impl DpllModule {
     }
 }
 
-fn config(of: &DpllPins, pins: &mut Pins) -> DpllConfig {
+fn config(of: &DpllPins, pins: &mut PinStore) -> DpllConfig {
     DpllConfig {
         hz: pins.fetch(of.base_freq_khz) * 1e3,
         phase_limit: pins.fetch(of.plimit),

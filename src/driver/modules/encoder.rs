@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use crate::boards::fpga::{EncoderBankPins, EncoderPins};
 use crate::bus::{ImagePlan, ReadSlot};
 use crate::driver::{Module, Put, SettingSlot, SetupList, Take, WriteNews};
-use crate::hal::Pins;
+use crate::hal::PinStore;
 use crate::hostmot2::{
     ControlWord, CountWord, Encoder, EncoderConfig, EncoderSample, Encoders, Gtag, HostMot2,
     LatchTimer, MuxSkew, PortPlan, TickRate,
@@ -157,7 +157,7 @@ impl EncoderModule {
     }
 
     /// What the pins ask for now.
-    fn wanted(&self, pins: &mut Pins) -> Settings {
+    fn wanted(&self, pins: &mut PinStore) -> Settings {
         let (bank, clock_hz) = (&self.bank, self.registers.clock_hz());
         let sample_hz = pins.fetch(bank.sample_frequency);
         let skew_ns = bank.muxed_skew.map_or(0, |skew| pins.fetch(skew));

@@ -6,7 +6,7 @@ use super::{Making, PartError, Wiring};
 use crate::boards::fpga::{GpioPins, PinUse};
 use crate::bus::{ImagePlan, ReadSlot, WriteSlot};
 use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
-use crate::hal::{Param, Pins};
+use crate::hal::{Param, PinStore, Pins};
 use crate::hostmot2::{GpioSetup, IoPorts, PinPlace, PortPlan, PortSetup};
 
 /// How an I/O pin that no module uses begins. The same can be set later by its parameters.
@@ -88,7 +88,7 @@ impl GpioModule {
 
 /// Sets a pin's parameters and its place in the plan.
 fn configure(
-    store: &mut Pins,
+    store: &mut PinStore,
     pins: &[(PinPlace, GpioPins)],
     plan: &mut PortPlan,
     number: u16,
@@ -191,7 +191,7 @@ impl Module for GpioModule {
 }
 
 /// Puts what the application asks of a pin into the words of its port.
-fn put_pin(words: &mut PortSetup, place: PinPlace, pin: &GpioPins, pins: &mut Pins) {
+fn put_pin(words: &mut PortSetup, place: PinPlace, pin: &GpioPins, pins: &mut PinStore) {
     let flag = |pins: &Pins, param: Option<Param<bool>>| param.map(|param| pins.param(param));
     if let Some(output) = flag(pins, pin.is_output) {
         words.direction = place.put(words.direction, output);

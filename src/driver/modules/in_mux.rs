@@ -3,7 +3,7 @@
 use crate::boards::fpga::{InMuxKind, InMuxPins};
 use crate::bus::{ImagePlan, Instant, ReadSlot, RegisterBus};
 use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
-use crate::hal::Pins;
+use crate::hal::PinStore;
 use crate::hostmot2::{Gtag, InMux, InMuxConfig, InMuxControl, MpgCounters, MpgModes, MpgWord};
 use alloc::vec::Vec;
 use core::time::Duration;
@@ -115,7 +115,7 @@ impl InMuxModule {
     }
 }
 
-fn config(of: &InMuxPins, pins: &mut Pins) -> InMuxConfig {
+fn config(of: &InMuxPins, pins: &mut PinStore) -> InMuxConfig {
     InMuxConfig {
         scan_hz: f64::from(pins.param(of.scan_rate)),
         short_filter: pins.param(of.fast_scans).min(63) as u8,
@@ -171,7 +171,7 @@ impl InMuxModule {
     }
 
     /// Counts what the MPGs moved; those that are not settled stay where they are.
-    fn count(&mut self, pins: &mut Pins, mpg: MpgWord, unsettled: Option<Unsettled>) {
+    fn count(&mut self, pins: &mut PinStore, mpg: MpgWord, unsettled: Option<Unsettled>) {
         let totals = self.mpgs.read(mpg);
         let held = unsettled.map_or([false; 4], |unsettled| unsettled.mpgs);
         for (n, (zero, total)) in self.zeros.iter_mut().zip(totals).enumerate() {

@@ -21,7 +21,7 @@ use core::time::Duration;
 use super::{BuildError, Module, Pace};
 use crate::boards::fpga::FpgaPins;
 use crate::bus::{BusError, RegisterBus};
-use crate::hal::{GroupId, PinError, Pins};
+use crate::hal::{GroupId, PinError, PinStore};
 use crate::hostmot2::{DpllError, HostMot2, IoPinError, LocateError, ModuleError};
 use crate::hostmot2::{MissingModule, PortPlan};
 
@@ -38,7 +38,7 @@ pub(super) struct Making<'a> {
     pub firmware: &'a HostMot2,
     /// Who drives which I/O pin.
     pub plan: &'a mut PortPlan,
-    pub pins: &'a mut Pins,
+    pub pins: &'a mut PinStore,
     /// The group of the board's own I/O.
     pub group: GroupId,
     /// What names begin with.

@@ -6,7 +6,7 @@ use super::{Making, PartError, Wiring};
 use crate::boards::fpga::{PwmBankPins, PwmPins};
 use crate::bus::{ImagePlan, WriteSlot};
 use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
-use crate::hal::Pins;
+use crate::hal::{PinStore, Pins};
 use crate::hostmot2::{Gtag, PdmRate, PwmGenerators, PwmOutput, PwmRate, PwmScale, PwmWidth};
 
 /// All PWM generators.
@@ -81,7 +81,7 @@ impl PwmModule {
 
 impl PwmModule {
     /// The enables register as the pins say: bit n is generator n.
-    fn enables(&self, pins: &mut Pins) -> u32 {
+    fn enables(&self, pins: &mut PinStore) -> u32 {
         let channels = self.channels.iter().enumerate();
         channels.fold(0, |word, (index, channel)| {
             word | u32::from(pins.fetch(channel.pins.enable)) << (index & 31)

@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::channel::{Channel, RemoteState};
 use super::machine::Machine;
-use crate::hal::{GroupId, Input, Output, OutputRule, Param, PinError, Pins, Spec};
+use crate::hal::{GroupId, Input, Output, OutputRule, Param, PinError, PinStore, Spec};
 use crate::sslbp::RemoteFaults;
 
 /// What LinuxCNC shows of a port, and switches.
@@ -60,7 +60,7 @@ impl PortState {
 
 impl PortPins {
     pub fn new(
-        pins: &mut Pins,
+        pins: &mut PinStore,
         group: GroupId,
         board: &str,
         port: u8,
@@ -82,7 +82,7 @@ impl PortPins {
         })
     }
 
-    pub fn publish(&self, pins: &mut Pins, machine: &Machine) {
+    pub fn publish(&self, pins: &mut PinStore, machine: &Machine) {
         pins.publish(self.fault_count, machine.fault_count());
         pins.publish(self.port_state, PortState::of(machine) as u32);
         pins.publish(self.port_state2, machine.restart_step());
@@ -92,7 +92,7 @@ impl PortPins {
         pins.publish(self.too_short, too_short);
     }
 
-    pub fn fetch(&self, pins: &mut Pins, machine: &mut Machine) {
+    pub fn fetch(&self, pins: &mut PinStore, machine: &mut Machine) {
         machine.run = pins.fetch(self.run);
         machine.policy.fault_inc = pins.param(self.fault_inc);
         machine.policy.fault_dec = pins.param(self.fault_dec);
@@ -124,7 +124,7 @@ const FAULTS: [(RemoteFaults, &str); 8] = [
 
 impl RemoteFaultPins {
     /// `group` is that of the driver's own pins.
-    pub fn new(pins: &mut Pins, group: GroupId, prefix: &str) -> Result<Self, PinError> {
+    pub fn new(pins: &mut PinStore, group: GroupId, prefix: &str) -> Result<Self, PinError> {
         let name = |pin: &str| Spec::new(format!("{prefix}.{pin}"));
         let mut faults = [Input::nowhere(); FAULTS.len()];
         for (pin, (_, fault)) in faults.iter_mut().zip(FAULTS) {
@@ -138,7 +138,7 @@ impl RemoteFaultPins {
         })
     }
 
-    pub fn publish(&self, pins: &mut Pins, channel: Option<&Channel>) {
+    pub fn publish(&self, pins: &mut PinStore, channel: Option<&Channel>) {
         let Some(channel) = channel else { return };
         pins.publish(self.running, channel.state == RemoteState::Running);
         for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {

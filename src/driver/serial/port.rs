@@ -12,7 +12,7 @@ use crate::bus::{
 };
 use crate::discovery::RemoteDescriptor;
 use crate::driver::parameters::ParameterWrite;
-use crate::hal::{GroupId, Pins};
+use crate::hal::{GroupId, PinStore, Pins};
 use crate::sslbp::{
     Channel as Number, ChannelRegisters, Command, DoitTime, Exchange, Layout,
     MAX_INTERFACE_REGISTERS, Port, RemoteFaults, StartedRemote, software_mode_word,
@@ -115,7 +115,7 @@ impl Remote {
     }
 
     /// Publishes the inputs of a good transfer.
-    fn take(&mut self, image: &CycleImage, pins: &mut Pins) {
+    fn take(&mut self, image: &CycleImage, pins: &mut PinStore) {
         let mut words = [0; REGISTERS];
         for (word, slot) in words.iter_mut().zip(self.slots.inputs) {
             *word = slot.and_then(|slot| image.word(slot)).unwrap_or(0);
@@ -125,7 +125,7 @@ impl Remote {
     }
 
     /// Puts the outputs into the image, unless they are there already.
-    fn put(&mut self, image: &mut CycleImage, pins: &mut Pins) {
+    fn put(&mut self, image: &mut CycleImage, pins: &mut PinStore) {
         let version = pins.output_version(self.pins.group());
         if version.is_some() && version == self.put {
             return;
@@ -201,7 +201,7 @@ impl SerialPort {
     pub(in crate::driver) fn take(
         &mut self,
         image: &CycleImage,
-        pins: &mut Pins,
+        pins: &mut PinStore,
         now: Instant,
         writes_lost: bool,
     ) -> Outcome {
@@ -232,7 +232,7 @@ impl SerialPort {
     }
 
     /// A read failed, so that nothing new is known.
-    pub(in crate::driver) fn not_read(&mut self, pins: &mut Pins) {
+    pub(in crate::driver) fn not_read(&mut self, pins: &mut PinStore) {
         self.machine.not_observed();
         let stale_after = self.machine.policy.stale_after;
         for remote in &mut self.remotes {
@@ -265,7 +265,7 @@ impl SerialPort {
     pub(in crate::driver) fn put(
         &mut self,
         image: &mut CycleImage,
-        pins: &mut Pins,
+        pins: &mut PinStore,
         now: Instant,
         hold: bool,
     ) {
@@ -322,7 +322,7 @@ impl SerialPort {
     }
 
     /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
-    pub(in crate::driver) fn make_safe(&mut self, pins: &mut Pins) {
+    pub(in crate::driver) fn make_safe(&mut self, pins: &mut PinStore) {
         for remote in &self.remotes {
             remote.pins.fault(pins);
         }
@@ -346,7 +346,7 @@ impl SerialPort {
 
     /// All remotes were stopped behind the cycle's back, and COMMAND is nobody's: they are
     /// restarted in the next cycles.
-    pub(in crate::driver) fn taken_over(&mut self, pins: &mut Pins, now: Instant) {
+    pub(in crate::driver) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
         self.machine.taken_over();
         for channel in self.machine.known().iter() {
             self.restart(channel, pins, now);
@@ -356,7 +356,7 @@ impl SerialPort {
     /// A parameter of a remote was written and read back.
     pub(in crate::driver) fn parameter_written(
         &mut self,
-        pins: &mut Pins,
+        pins: &mut PinStore,
         channel: Number,
         write: ParameterWrite,
     ) {
@@ -371,7 +371,7 @@ impl SerialPort {
     }
 
     /// All remotes that do not run are restarted in the next cycles.
-    pub(in crate::driver) fn restart_all(&mut self, pins: &mut Pins, now: Instant) {
+    pub(in crate::driver) fn restart_all(&mut self, pins: &mut PinStore, now: Instant) {
         self.machine.doubt();
         for remote in &mut self.remotes {
             remote.pins.restarted();
@@ -384,7 +384,7 @@ impl SerialPort {
 }
 
 impl Remote {
-    fn no_news(&mut self, pins: &mut Pins, stale_after: u32) {
+    fn no_news(&mut self, pins: &mut PinStore, stale_after: u32) {
         self.without_news = self.without_news.saturating_add(1);
         if self.without_news >= stale_after {
             pins.invalidate(self.pins.group());
@@ -425,7 +425,12 @@ impl SerialPort {
 
     /// Restarts a remote in the next cycles, whatever its pause, but not before its outputs must
     /// be off: it clears the remote's faults. Its outputs are safe from now on until it is re-armed.
-    pub(in crate::driver) fn restart(&mut self, channel: Number, pins: &mut Pins, now: Instant) {
+    pub(in crate::driver) fn restart(
+        &mut self,
+        channel: Number,
+        pins: &mut PinStore,
+        now: Instant,
+    ) {
         if let Some(remote) = self
             .remotes
             .iter_mut()

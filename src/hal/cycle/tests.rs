@@ -2,7 +2,7 @@
 #![allow(clippy::float_cmp)]
 
 use super::*;
-use crate::hal::{Age, InOut};
+use crate::hal::{Age, InOut, OutputModifiers, OutputRule, PinError, Spec};
 use core::time::Duration;
 use proptest::prelude::*;
 
@@ -12,7 +12,7 @@ fn at(ms: u64) -> Instant {
 
 /// A remote with a switch, a lamp and a drive of +-10 V.
 struct Remote {
-    pins: Pins,
+    pins: PinStore,
     group: GroupId,
     switch: Input<bool>,
     lamp: Output<bool>,
@@ -20,7 +20,7 @@ struct Remote {
 }
 
 fn remote() -> Remote {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let switch = pins.add_input(group, Spec::new("switch")).unwrap();
     let lamp = pins
@@ -140,7 +140,7 @@ fn not_finite_becomes_safe_and_out_of_range_the_limit_and_both_are_counted() {
 
 #[test]
 fn an_output_that_asks_for_it_becomes_safe_when_out_of_range() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let rule = OutputRule {
         out_of_range: OutOfRange::Safe,
@@ -219,7 +219,7 @@ fn an_inverted_output_is_inverted_when_safe_too() {
 
 #[test]
 fn a_driver_switch_outlives_faults() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let run = pins
         .add_output(group, Spec::new("run"), OutputRule::switch(true))
@@ -232,7 +232,7 @@ fn a_driver_switch_outlives_faults() {
 
 #[test]
 fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let index: InOut<bool> = pins
         .add_inout(group, Spec::new("index-enable"), OutputRule::safe_at(false))
@@ -247,7 +247,7 @@ fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
 
 #[test]
 fn a_number_that_is_none_is_not_published() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let volts = pins.add_input::<f64>(group, Spec::new("volts")).unwrap();
     pins.begin_cycle(at(1));
@@ -300,7 +300,7 @@ fn pins_are_found_by_name_only_as_what_they_are() {
 
 #[test]
 fn names_are_checked() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let group = pins.add_group();
     let mut add = |name: &str| pins.add_input::<bool>(group, Spec::new(name)).err();
     assert_eq!(add("a"), None);
@@ -334,7 +334,7 @@ proptest! {
 
 #[test]
 fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
-    let mut pins = Pins::new();
+    let mut pins = PinStore::new();
     let (group, other) = (pins.add_group(), pins.add_group());
     let spec = |name: &str| Spec::new(name.to_owned());
     let volts = pins
@@ -349,7 +349,7 @@ fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
         .add_output(other, spec("elsewhere"), OutputRule::safe_at(false))
         .unwrap();
     let mut last = pins.output_version(group);
-    let mut has_changed = |pins: &Pins| {
+    let mut has_changed = |pins: &PinStore| {
         let now = pins.output_version(group);
         core::mem::replace(&mut last, now) != now
     };
@@ -382,7 +382,7 @@ fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
     pins.group_good(group);
     pins.rearm(group).unwrap();
     assert!(has_changed(&pins));
-    assert_eq!(Pins::new().output_version(group), None);
+    assert_eq!(PinStore::new().output_version(group), None);
 }
 
-type Step = fn(&mut Pins, Output<f64>, InOut<bool>, Param<f64>);
+type Step = fn(&mut PinStore, Output<f64>, InOut<bool>, Param<f64>);

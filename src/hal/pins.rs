@@ -1,0 +1,418 @@
+//! The application's side: what the pins are and what they hold.
+
+use alloc::vec::Vec;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use super::handle::{Key, sealed::Keyed};
+use super::rule::{Rule, Slot};
+use super::{
+    Age, AnyValue, GroupId, GroupState, HalType, InOut, Input, Output, Param, PinError, PinInfo,
+    Readable, Reading, Rejections, Role, Value,
+};
+use crate::bus::Instant;
+
+/// All pins and parameters of a machine, as an application has them.
+///
+/// The driver owns them, in a [`PinStore`](super::PinStore); the application keeps handles
+/// ([`Input`], [`Output`], [`InOut`], [`Param`]), which are small and `Copy`. [`read`](Self::read),
+/// [`set`](Self::set), [`param`](Self::param) and [`set_param`](Self::set_param) take constant
+/// time, never allocate and never panic.
+///
+/// An application can not give an input its value; that is the driver's:
+/// ```compile_fail,E0599
+/// use mesa_hal::hal::{Input, Pins};
+/// fn wrong(pins: &mut Pins, limit_switch: Input<bool>) {
+///     pins.publish(limit_switch, false);
+/// }
+/// ```
+/// and nothing leads from `Pins` to the driver's side:
+/// ```compile_fail,E0308
+/// use mesa_hal::hal::{PinStore, Pins};
+/// fn wrong(pins: &mut Pins) -> &mut PinStore {
+///     pins
+/// }
+/// ```
+///
+/// Pins come in groups that work or fail together: those of a remote, or of the board. A group is
+/// *valid* while its transfers succeed, and *armed* unless a fault disarmed it: outputs of a group
+/// that is not armed have their safe values, until the application calls [`rearm`](Self::rearm).
+#[derive(Debug)]
+pub struct Pins {
+    pub(super) id: u32,
+    pub(super) slots: Vec<Slot>,
+    /// One for each slot.
+    pub(super) rules: Vec<Rule>,
+    pub(super) infos: Vec<PinInfo>,
+    /// Indices of `infos`, ordered by name.
+    pub(super) by_name: Vec<u32>,
+    pub(super) groups: Vec<Group>,
+    pub(super) cycle: u64,
+    pub(super) now: Instant,
+    pub(super) totals: Rejections,
+    pub(super) foreign: AtomicU32,
+}
+
+#[derive(Debug)]
+pub(super) struct Group {
+    pub valid: bool,
+    pub armed: bool,
+    pub last_good: Option<(u64, Instant)>,
+    pub faults: u64,
+    /// Its outputs, for resetting them.
+    pub outputs: Vec<u32>,
+    /// Rises when what its outputs must be may have changed.
+    pub version: u64,
+}
+
+impl Pins {
+    /// How many pins and parameters there are.
+    pub fn len(&self) -> usize {
+        self.infos.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.infos.is_empty()
+    }
+
+    /// All of them, in the order in which they were made: pins and parameters of the board first,
+    /// then remote by remote. The order is the same in every run on the same machine.
+    pub fn infos(&self) -> &[PinInfo] {
+        &self.infos
+    }
+
+    /// What is known of a pin; `None` for a handle of another store.
+    pub fn info(&self, pin: impl Keyed) -> Option<&PinInfo> {
+        self.infos.get(self.index(pin.key())?)
+    }
+
+    /// Reads a pin.
+    ///
+    /// A handle of another store gives zero, not valid, and is counted in
+    /// [`foreign_handles`](Self::foreign_handles).
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn read<T: Value>(&self, pin: impl Readable<T>) -> Reading<T> {
+        let Some((slot, group)) = self.slot(pin.key()) else {
+            self.count_foreign();
+            return Reading {
+                value: T::default(),
+                valid: false,
+                age: Age::NEVER,
+            };
+        };
+        Reading {
+            value: T::from_bits(slot.bits),
+            valid: group.valid && !slot.bad,
+            age: self.age(group),
+        }
+    }
+
+    /// Sets an output. It takes effect with the driver's next `write`, if its group is armed.
+    ///
+    /// Values that are not finite or out of range are replaced when the driver takes them, and
+    /// counted: see [`rejections`](Self::rejections). A handle of another store sets nothing.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set<T: Value>(&mut self, pin: Output<T>, value: T) {
+        self.store(pin.key, value);
+    }
+
+    /// Sets a pin that both sides set.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
+        self.store(pin.key, value);
+    }
+
+    /// What the application last set an output to; after a fault, its safe value.
+    pub fn commanded<T: Value>(&self, pin: Output<T>) -> T {
+        self.bits(pin.key).map_or_else(T::default, T::from_bits)
+    }
+
+    /// The value of a parameter; zero for a handle of another store.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn param<T: Value>(&self, param: Param<T>) -> T {
+        self.bits(param.key).map_or_else(T::default, T::from_bits)
+    }
+
+    /// Changes a setting.
+    ///
+    /// # Errors
+    /// [`PinError::ReadOnly`], [`PinError::InRemote`], [`PinError::BadValue`],
+    /// [`PinError::ForeignHandle`]. The setting then keeps its value.
+    pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
+        let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
+        let role = self.infos.get(index).map(|info| info.role);
+        match role {
+            Some(Role::Setting) => {}
+            Some(Role::InRemote) => return Err(PinError::InRemote),
+            _ => return Err(PinError::ReadOnly),
+        }
+        let rule = self.rules.get(index).ok_or(PinError::ForeignHandle)?;
+        let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);
+        let slot = self.slots.get_mut(index).ok_or(PinError::ForeignHandle)?;
+        if !value.is_finite() || !within {
+            return Err(PinError::BadValue);
+        }
+        slot.bits = value.to_bits();
+        self.changed(param.key);
+        Ok(())
+    }
+
+    /// The state of a group; `None` for a group of another store.
+    pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
+        let group = self.group_ref(group)?;
+        Some(GroupState {
+            valid: group.valid,
+            armed: group.armed,
+            age: self.age(group),
+            faults: group.faults,
+        })
+    }
+
+    /// Lets the outputs of a group follow the application again after a fault.
+    ///
+    /// What was set before this call is forgotten, be it before the fault, while it lasted or in
+    /// the same cycle: outputs start from their safe values and follow what is set from now on.
+    /// A group that is armed already stays as it is.
+    ///
+    /// # Errors
+    /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
+    pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
+        let index = self.index(group.0).ok_or(PinError::ForeignHandle)?;
+        let state = self.groups.get(index).ok_or(PinError::ForeignHandle)?;
+        if !state.valid {
+            return Err(PinError::NotRunning);
+        }
+        self.arm(index);
+        Ok(())
+    }
+
+    /// [`rearm`](Self::rearm) for every group that runs; how many were disarmed and are armed now.
+    pub fn rearm_all(&mut self) -> usize {
+        let mut count = 0;
+        for index in 0..self.groups.len() {
+            let waits = |group: &Group| group.valid && !group.armed;
+            if self.groups.get(index).is_some_and(waits) {
+                self.arm(index);
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// The groups, in the order in which they were made.
+    pub fn groups(&self) -> impl Iterator<Item = GroupId> + '_ {
+        (0..self.groups.len() as u32).map(|index| GroupId(self.key(index)))
+    }
+
+    /// The number of the cycle; 0 before the first.
+    pub fn cycle(&self) -> u64 {
+        self.cycle
+    }
+
+    /// When the cycle began, which ages are counted to: when its inputs had been read.
+    pub fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Values that were not used as they were, all pins together.
+    pub fn total_rejections(&self) -> Rejections {
+        self.totals
+    }
+
+    /// Values of this pin that were not used as they were.
+    pub fn rejections(&self, pin: impl Keyed) -> Rejections {
+        self.index(pin.key())
+            .and_then(|index| self.rules.get(index))
+            .map_or_else(Rejections::default, |rule| rule.rejections)
+    }
+
+    /// How often a handle of another store was used. Anything but 0 is a mistake in the program.
+    pub fn foreign_handles(&self) -> u32 {
+        self.foreign.load(Ordering::Relaxed)
+    }
+
+    /// The place of a name in [`infos`](Self::infos).
+    ///
+    /// # Real time
+    /// Grows with the logarithm of the number of pins; handles are for the cycle.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.search(name)
+            .ok()
+            .and_then(|place| self.by_name.get(place))
+            .map(|&index| index as usize)
+    }
+
+    /// The input of that name.
+    pub fn input<T: Value>(&self, name: &str) -> Result<Input<T>, PinError> {
+        self.find::<T>(name, Role::Input).map(Input::new)
+    }
+
+    /// The output of that name.
+    pub fn output<T: Value>(&self, name: &str) -> Result<Output<T>, PinError> {
+        self.find::<T>(name, Role::Output).map(Output::new)
+    }
+
+    /// The pin of that name that both sides set.
+    pub fn inout<T: Value>(&self, name: &str) -> Result<InOut<T>, PinError> {
+        self.find::<T>(name, Role::InOut).map(InOut::new)
+    }
+
+    /// The parameter of that name.
+    pub fn parameter<T: Value>(&self, name: &str) -> Result<Param<T>, PinError> {
+        self.find::<T>(name, Role::Setting).map(Param::new)
+    }
+
+    /// The value of the pin or parameter at a place of [`infos`](Self::infos), whatever its type.
+    pub fn value_at(&self, position: usize) -> Option<AnyValue> {
+        let bits = self.slots.get(position)?.bits;
+        Some(match self.infos.get(position)?.hal_type {
+            HalType::Bit => AnyValue::Bit(Value::from_bits(bits)),
+            HalType::Float => AnyValue::Float(Value::from_bits(bits)),
+            HalType::S32 => AnyValue::S32(Value::from_bits(bits)),
+            HalType::U32 => AnyValue::U32(Value::from_bits(bits)),
+            HalType::S64 => AnyValue::S64(Value::from_bits(bits)),
+            HalType::U64 => AnyValue::U64(Value::from_bits(bits)),
+        })
+    }
+}
+
+/// Finding pins.
+impl Pins {
+    pub(super) fn search(&self, name: &str) -> Result<usize, usize> {
+        self.by_name.binary_search_by(|&index| {
+            self.infos
+                .get(index as usize)
+                .map_or("", |info| info.name.as_str())
+                .cmp(name)
+        })
+    }
+
+    fn find<T: Value>(&self, name: &str, expected: Role) -> Result<Key, PinError> {
+        let index = self.position(name).ok_or(PinError::NotFound)?;
+        let info = self.infos.get(index).ok_or(PinError::NotFound)?;
+        let param = expected.is_param() && info.role.is_param();
+        if info.role != expected && !param {
+            return Err(PinError::WrongRole {
+                expected,
+                actual: info.role,
+            });
+        }
+        if info.hal_type != T::TYPE {
+            return Err(PinError::WrongType {
+                expected: T::TYPE,
+                actual: info.hal_type,
+            });
+        }
+        Ok(self.key(index as u32))
+    }
+}
+
+/// Small steps that the other functions share.
+impl Pins {
+    pub(super) fn key(&self, index: u32) -> Key {
+        Key {
+            store: self.id,
+            index,
+        }
+    }
+
+    pub(super) fn index(&self, key: Key) -> Option<usize> {
+        (key.store == self.id).then_some(key.index as usize)
+    }
+
+    pub(super) fn slot(&self, key: Key) -> Option<(&Slot, &Group)> {
+        let slot = self.slots.get(self.index(key)?)?;
+        Some((slot, self.groups.get(slot.group as usize)?))
+    }
+
+    pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut Slot> {
+        let index = self.index(key)?;
+        self.slots.get_mut(index)
+    }
+
+    pub(super) fn group_ref(&self, group: GroupId) -> Option<&Group> {
+        self.groups.get(self.index(group.0)?)
+    }
+
+    pub(super) fn group_mut(&mut self, group: GroupId) -> Option<&mut Group> {
+        let index = self.index(group.0)?;
+        self.groups.get_mut(index)
+    }
+
+    pub(super) fn count_foreign(&self) {
+        self.foreign.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn bits(&self, key: Key) -> Option<u64> {
+        let bits = self.slot(key).map(|(slot, _)| slot.bits);
+        if bits.is_none() {
+            self.count_foreign();
+        }
+        bits
+    }
+
+    fn store<T: Value>(&mut self, key: Key, value: T) {
+        let Some(slot) = self.slot_mut(key) else {
+            return self.count_foreign();
+        };
+        let bits = value.to_bits();
+        if core::mem::replace(&mut slot.bits, bits) != bits {
+            self.changed(key);
+        }
+    }
+
+    /// Lets the outputs of a group follow what is set from now on.
+    pub(super) fn arm(&mut self, index: usize) {
+        if self.groups.get(index).is_some_and(|group| !group.armed) {
+            self.forget_commands(index);
+            if let Some(group) = self.groups.get_mut(index) {
+                group.armed = true;
+            }
+        }
+    }
+
+    /// Sets the outputs of a group to their safe values, but for those that faults do not touch.
+    pub(super) fn forget_commands(&mut self, index: usize) {
+        let Self {
+            groups,
+            slots,
+            rules,
+            ..
+        } = self;
+        let Some(group) = groups.get_mut(index) else {
+            return;
+        };
+        group.version = group.version.wrapping_add(1);
+        for &output in &group.outputs {
+            let output = output as usize;
+            if let (Some(slot), Some(rule)) = (slots.get_mut(output), rules.get(output))
+                && !slot.exempt
+            {
+                slot.bits = rule.safe;
+            }
+        }
+    }
+
+    /// What outputs of a pin's group must be may have changed.
+    pub(super) fn changed(&mut self, key: Key) {
+        let group = self.slot(key).map(|(slot, _)| slot.group as usize);
+        if let Some(group) = group.and_then(|index| self.groups.get_mut(index)) {
+            group.version = group.version.wrapping_add(1);
+        }
+    }
+
+    fn age(&self, group: &Group) -> Age {
+        group.last_good.map_or(Age::NEVER, |(cycle, time)| Age {
+            cycles: self.cycle.saturating_sub(cycle),
+            time: self.now.since(time),
+        })
+    }
+}

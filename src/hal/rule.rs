@@ -1,0 +1,119 @@
+//! What an output may be, and what becomes of values that it may not.
+
+use super::{HalType, OutOfRange, Param, PinError, Rejections, Value};
+
+/// How an output is kept safe.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OutputRule<T> {
+    /// What it is before the application sets it, while its group is not armed, and when the
+    /// application sets it to something that is not finite.
+    ///
+    /// It is a value of the pin: an `-invert` parameter inverts it like any other, because that
+    /// parameter says how the output is wired.
+    pub safe: T,
+    /// What becomes of a value outside the limits.
+    pub out_of_range: OutOfRange,
+    /// A fault of the group does not touch it: for switches of the driver itself, such as `run`.
+    pub exempt: bool,
+}
+
+impl<T: Value> OutputRule<T> {
+    /// Safe at `safe`; limited to its limits; silenced by faults.
+    pub fn safe_at(safe: T) -> Self {
+        Self {
+            safe,
+            out_of_range: OutOfRange::Limit,
+            exempt: false,
+        }
+    }
+
+    /// A switch of the driver itself, at first at `initial`, which faults do not touch.
+    pub fn switch(initial: T) -> Self {
+        Self {
+            exempt: true,
+            ..Self::safe_at(initial)
+        }
+    }
+}
+
+/// Parameters that act on an output.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OutputModifiers {
+    /// `-invert`: a truth value goes out as its opposite.
+    pub invert: Option<Param<bool>>,
+    /// `-maxlim`: no larger value goes out.
+    pub max_limit: Option<Param<f64>>,
+    /// `-minlim`: no smaller value goes out.
+    pub min_limit: Option<Param<f64>>,
+}
+
+/// What every cycle touches of a pin; kept small, because there are hundreds and a cycle finds
+/// them cold. Values are kept as bits: see [`Value::to_bits`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slot {
+    pub bits: u64,
+    pub group: u32,
+    /// The parameter that inverts it; `NONE` where there is none.
+    pub invert: u32,
+    /// The last value published for an input was no number.
+    pub bad: bool,
+    /// An output that a fault does not silence, such as `run`.
+    pub exempt: bool,
+    /// Every value of its type is allowed: nothing has to be looked up in its [`Rule`].
+    pub is_free: bool,
+}
+
+/// What a pin may be, and what became of values that it may not.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rule {
+    pub safe: u64,
+    pub min: u64,
+    pub max: u64,
+    pub out_of_range: OutOfRange,
+    /// Parameters that limit it; `NONE` where there is none.
+    pub max_limit: u32,
+    pub min_limit: u32,
+    pub rejections: Rejections,
+}
+
+pub(super) const NONE: u32 = u32::MAX;
+
+/// The slot and the rule of a new pin.
+pub(super) fn make_slot<T: Value>(
+    group: u32,
+    initial: T,
+    limits: Option<(f64, f64)>,
+) -> Result<(Slot, Rule), PinError> {
+    if !initial.is_finite() {
+        return Err(PinError::BadLimits);
+    }
+    let (min, max) = match limits {
+        None => T::bounds(),
+        Some((min, max)) if min.is_finite() && max.is_finite() => {
+            (T::from_f64(min), T::from_f64(max))
+        }
+        Some(_) => return Err(PinError::BadLimits),
+    };
+    if !(min <= initial && initial <= max) {
+        return Err(PinError::BadLimits);
+    }
+    let slot = Slot {
+        bits: initial.to_bits(),
+        group,
+        invert: NONE,
+        bad: false,
+        exempt: false,
+        // A real number can always be none.
+        is_free: T::TYPE != HalType::Float && (min, max) == T::bounds(),
+    };
+    let rule = Rule {
+        safe: initial.to_bits(),
+        min: min.to_bits(),
+        max: max.to_bits(),
+        out_of_range: OutOfRange::default(),
+        max_limit: NONE,
+        min_limit: NONE,
+        rejections: Rejections::default(),
+    };
+    Ok((slot, rule))
+}
