@@ -7,7 +7,7 @@ use std::time::Duration;
 use mesa_hal::bus::{Access, Direction, Instant, Prepared, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
-use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
 use mesa_hal::sim::{SimFpga, machines};
 
 /// A 7I92 with a 7I77 and a 7I72.
@@ -29,10 +29,65 @@ pub fn field_cards(count: usize) -> SimFpga {
     let ports = vec![8u8; count.div_ceil(8)];
     let mut fpga = SimFpga::new(machines::firmware_serial(&ports));
     for n in 0..count {
-        let card = FieldIo::i7i77().expect("7I77");
+        let card = Probe {
+            remote: Box::new(FieldIo::i7i77().expect("7I77")),
+            frame: 0,
+        };
         fpga.plug(n / 8, n % 8, Some(Box::new(card)));
     }
     fpga
+}
+
+/// Stands between the FPGA and a remote, and knows when the last frame to it began.
+#[derive(Debug)]
+struct Probe {
+    remote: Box<dyn RemoteEnd>,
+    frame: Nanos,
+}
+
+impl RemoteEnd for Probe {
+    fn advance(&mut self, now: Nanos) {
+        self.remote.advance(now);
+    }
+
+    fn receive(&mut self, burst: &Burst) {
+        self.frame = burst.start;
+        self.remote.receive(burst);
+    }
+
+    fn transmit(&mut self) -> Option<Burst> {
+        self.remote.transmit()
+    }
+
+    fn inner(&self) -> Option<&dyn RemoteEnd> {
+        Some(&*self.remote)
+    }
+
+    fn inner_mut(&mut self) -> Option<&mut dyn RemoteEnd> {
+        Some(&mut *self.remote)
+    }
+}
+
+/// What the gateware takes from the write of DOIT to the first bit of the frame to each of this
+/// many field I/O cards: the earliest and the latest of them, in nanoseconds of virtual time.
+pub fn from_doit_to_frames(count: usize) -> (Nanos, Nanos) {
+    let mut driver = Driver::builder(field_cards(count))
+        .build()
+        .expect("the machine is complete");
+    let mut written = 0;
+    for _ in 0..5 {
+        let _ = driver.read().expect("read");
+        driver.write().expect("write");
+        written = driver.bus().now();
+        driver.bus_mut().wait(Duration::from_millis(1));
+    }
+    let frames = (0..count).map(|n| {
+        let probe = driver.bus_mut().device::<Probe>(n / 8, n % 8);
+        probe.expect("it is plugged in").frame - written
+    });
+    let frames: Vec<Nanos> = frames.collect();
+    let first = frames.iter().min().copied().unwrap_or_default();
+    (first, frames.into_iter().max().unwrap_or_default())
 }
 
 /// A simulated board that, once frozen, answers every read with what it answered last: what is
@@ -101,9 +156,15 @@ impl RegisterBus for Frozen {
     }
 }
 
-/// A driver in the middle of its cycles, whose bus costs nothing any more.
+/// A driver of field I/O cards in the middle of its cycles, whose bus costs nothing any more.
 pub fn frozen_driver(count: usize) -> Driver<Frozen> {
-    let bus = Frozen::new(field_cards(count));
+    frozen(field_cards(count), count)
+}
+
+/// A driver of a board with `count` remotes in the middle of its cycles, whose bus costs nothing
+/// any more.
+pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
+    let bus = Frozen::new(board);
     let mut driver = Driver::builder(bus)
         .build()
         .expect("the machine is complete");

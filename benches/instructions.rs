@@ -1,0 +1,115 @@
+//! How many instructions the driver takes for one cycle: `read` and `write`, on a bus that answers
+//! from memory, with six analog outputs that change in every cycle where there are any.
+//!
+//! The program runs itself under callgrind, which counts only inside [`counted_cycle`]. A line for each
+//! machine: `three` is a 7I92 with a 7I77 (field I/O and analog) and a 7I72, a number is that many
+//! field I/O cards. Counts do not depend on the machine or on what else runs there.
+
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+mod cycle_support;
+
+use std::env;
+use std::process::{Command, ExitCode, Stdio};
+
+use cycle_support::{Frozen, field_cards, frozen, three_remotes};
+use mesa_hal::Output;
+use mesa_hal::driver::Driver;
+
+/// The argument with which the program runs cycles to be counted, before the name of a machine.
+const COUNTED: &str = "--cycles-of";
+const MACHINES: [&str; 4] = ["three", "1", "8", "32"];
+/// Cycles that are counted.
+const CYCLES: u64 = 200;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = env::args().collect();
+    if let Some(at) = arguments.iter().position(|argument| argument == COUNTED) {
+        run(arguments.get(at + 1).map_or("", String::as_str));
+        return ExitCode::SUCCESS;
+    }
+    let valgrind = Command::new("valgrind").arg("--version").output();
+    if !valgrind.is_ok_and(|output| output.status.success()) {
+        eprintln!(
+            "instructions are counted by valgrind, which is not installed: apt-get install valgrind"
+        );
+        return ExitCode::SUCCESS;
+    }
+    for machine in MACHINES {
+        match count(machine) {
+            Ok(instructions) => println!("{machine}: {} instructions", thousands(instructions)),
+            Err(output) => {
+                eprintln!("{machine}: callgrind counted nothing:\n{output}");
+                return ExitCode::FAILURE;
+            }
+        }
+    }
+    ExitCode::SUCCESS
+}
+
+/// Instructions of one cycle of a machine; what callgrind printed if there are none.
+fn count(machine: &str) -> Result<u64, String> {
+    let itself = env::current_exe().map_err(|error| error.to_string())?;
+    let output = Command::new("valgrind")
+        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+        .args([
+            "--collect-atstart=no",
+            "--toggle-collect=instructions::counted_cycle*",
+        ])
+        .arg(itself)
+        .args([COUNTED, machine])
+        .stdout(Stdio::null())
+        .output()
+        .map_err(|error| error.to_string())?;
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    // `==123== Collected : 3640200`
+    let collected = text
+        .lines()
+        .find_map(|line| line.split_once("Collected :"))
+        .and_then(|(_, number)| number.trim().parse::<u64>().ok());
+    match collected {
+        Some(collected) if output.status.success() && collected > 0 => Ok(collected / CYCLES),
+        _ => Err(text),
+    }
+}
+
+/// With a comma before each group of three digits.
+fn thousands(number: u64) -> String {
+    if number < 1000 {
+        return number.to_string();
+    }
+    format!("{},{:03}", thousands(number / 1000), number % 1000)
+}
+
+/// Runs a machine for as many cycles as are counted.
+fn run(machine: &str) {
+    let mut driver = match machine {
+        "three" => frozen(three_remotes(), 3),
+        count => {
+            let count = count.parse().expect("a number of field I/O cards");
+            frozen(field_cards(count), count)
+        }
+    };
+    let analog: Vec<Output<f64>> = (0..6)
+        .filter_map(|n| {
+            let name = format!("hm2_7i92.0.7i77.0.1.analogout{n}");
+            driver.pins().output(&name).ok()
+        })
+        .collect();
+    assert_eq!(analog.len(), if machine == "three" { 6 } else { 0 });
+    for round in 0..CYCLES {
+        for (n, &output) in analog.iter().enumerate() {
+            let volts = ((round + n as u64) % 20) as f64 - 9.5;
+            driver.pins_mut().set(output, volts);
+        }
+        counted_cycle(&mut driver);
+    }
+}
+
+/// What is counted.
+#[inline(never)]
+fn counted_cycle(driver: &mut Driver<Frozen>) {
+    let report = driver.read().expect("the bus always answers");
+    assert!(report.is_good(), "{report:?}");
+    driver.write().expect("the bus always answers");
+}
