@@ -12,8 +12,8 @@ use super::fpga::EncoderPins;
 use super::remote::CounterHandles;
 use super::table::terminals;
 use super::{
-    BoardError, BoolOutput, ElementTable, InputPair, RemotePins, RemoteTable, ScaledInput,
-    ScaledOutput, Terminal, handles,
+    BoardError, BoolOutput, CardTable, ElementTable, InputPair, RemotePins, RemoteTable,
+    ScaledInput, ScaledOutput, Terminal, Terminals, handles,
 };
 use crate::discovery::DataDirection;
 use crate::hal::{GroupId, PinStore, Pins};
@@ -72,6 +72,19 @@ pub const ANALOG: RemoteTable = RemoteTable {
         ElementTable::volts_out("AnalogOut5", 13, 10.0).at(AOUT5),
         ElementTable::switch("AnalogEna").at(ENABLES),
         ElementTable::switch("SpinEna").at(SPINDLE_ENABLE),
+    ],
+};
+
+/// The card and its encoders on a connector: six of them, three terminals pairs each.
+///
+/// Source: FACTS 8.1; manual 7I77, "CONNECTORS".
+pub const CARD: CardTable = CardTable {
+    name: "7I77",
+    pins: &CONNECTOR_PINS,
+    first_encoder_pin: FIRST_ENCODER_PIN,
+    encoders: &[
+        Terminals::encoders("TB3 pin ", 0),
+        Terminals::encoders("TB4 pin ", 3),
     ],
 };
 

@@ -13,9 +13,126 @@ use super::fpga::{
     LedPins, OutputKind, OutputPins, PwmBankPins, PwmPins, PwmUse, WatchdogPins,
 };
 use super::table::terminals;
-use super::{BoardError, Terminal};
+use super::{BoardError, BoardTable, FlashLayout, ModuleTerminals, PwmTable, Terminal, Terminals};
 use crate::hal::{GroupId, Output, PinStore};
-use crate::hostmot2::{Gtag, HostMot2, LocateError, PinDescriptor};
+use crate::hostmot2::{Gtag, HostMot2, LocateError, PinDescriptor, TickRate};
+
+/// The 7I97.
+pub const BOARD: BoardTable = BoardTable {
+    name: "7I97",
+    // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
+    encoder_rate: TickRate::MUX_7I97,
+    // Manual: 7I97, "SUGGESTED PWM SETUP".
+    pwm: PwmTable {
+        hz: 48_000,
+        hz_dither: 96_000,
+        full_scale: 10.0,
+        unit: "V",
+        is_offset: true,
+        outputs: ANALOG_AT,
+        enables: ENABLES_AT,
+        common_enable: &[0, 1, 2, 3],
+    },
+    terminals: &[
+        ModuleTerminals {
+            modules: &[Gtag::MUXED_ENCODER],
+            terminals: ENCODERS_AT,
+        },
+        ModuleTerminals {
+            modules: &[Gtag::IN_MUX, Gtag::IN_M],
+            terminals: INPUTS_AT,
+        },
+        ModuleTerminals {
+            modules: &[Gtag::SSR, Gtag::OUT_M],
+            terminals: OUTPUTS_AT,
+        },
+        ModuleTerminals {
+            modules: &[Gtag::IO_PORT],
+            terminals: EXPANSION_AT,
+        },
+        // Manual: 7I97, "TB4 ISOLATED INPUT + RS-422 CONNECTOR".
+        ModuleTerminals {
+            modules: &[Gtag::SSERIAL, Gtag::SSERIAL_B],
+            terminals: SERIAL_AT,
+        },
+    ],
+    cards: &[],
+    flash: Some(&FlashLayout::I7I97),
+};
+
+const ANALOG_AT: &[Terminals] = &[Terminals {
+    connector: "TB3 pin ",
+    first: 0,
+    signals: &["AOUT#"],
+    pins: &[4, 8, 12, 16, 20, 24],
+}];
+
+/// The switches of drives 0 to 3 are one pin of the FPGA, the enable of generator 0.
+const ENABLES_AT: &[Terminals] = &[
+    Terminals {
+        connector: "TB3 pin ",
+        first: 0,
+        signals: &[
+            "ENA0-", "ENA0+", "ENA1-", "ENA1+", "ENA2-", "ENA2+", "ENA3-", "ENA3+",
+        ],
+        pins: &[1, 2, 5, 6, 9, 10, 13, 14],
+    },
+    Terminals {
+        connector: "TB3 pin ",
+        first: 4,
+        signals: &["ENA#-", "ENA#+"],
+        pins: &[17, 18, 21, 22],
+    },
+];
+
+const ENCODERS_AT: &[Terminals] = &[
+    Terminals::encoders("TB1 pin ", 0),
+    Terminals::encoders("TB2 pin ", 3),
+];
+
+const INPUTS_AT: &[Terminals] = &[
+    Terminals {
+        connector: "TB4 pin ",
+        first: 0,
+        signals: &["IN#"],
+        pins: &[1, 2, 4, 5, 7, 8, 10, 11],
+    },
+    Terminals {
+        connector: "TB5 pin ",
+        first: 8,
+        signals: &["IN#"],
+        pins: &[1, 2, 4, 5, 7, 8, 10, 11],
+    },
+];
+
+const OUTPUTS_AT: &[Terminals] = &[Terminals {
+    connector: "TB5 pin ",
+    first: 0,
+    signals: &["OUT#-", "OUT#+"],
+    pins: &[13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24],
+}];
+
+const EXPANSION_AT: &[Terminals] = &[
+    Terminals {
+        connector: "P1 pin ",
+        first: 34,
+        signals: &["IO#"],
+        pins: &[1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, 15, 17, 19, 21, 23, 25],
+    },
+    Terminals {
+        connector: "DB25 pin ",
+        first: 34,
+        signals: &["IO#"],
+        pins: &[1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13],
+    },
+];
+
+const SERIAL_AT: &[Terminals] = &[Terminals {
+    connector: "TB4 pin ",
+    first: 0,
+    signals: &["RX+", "RX-", "TX+", "TX-"],
+    pins: &[15, 16, 17, 18],
+}];
 
 /// The terminals of the six analog outputs.
 pub const ANALOG_TERMINALS: [&[Terminal]; 6] = [

@@ -4,7 +4,9 @@
 //! and safe values for the boards that are known. [`i7i77`] and [`i7i72`] give their pins names in
 //! Rust.
 
+mod board_table;
 mod error;
+mod flash;
 pub mod fpga;
 mod handles;
 pub mod i7i72;
@@ -13,8 +15,11 @@ pub mod i7i97;
 mod identity;
 mod remote;
 mod table;
+mod terminals;
 
+pub use board_table::{BoardTable, CardTable, ModuleTerminals, PwmTable};
 pub use error::BoardError;
+pub use flash::FlashLayout;
 pub use handles::{BoolOutput, InputPair, ScaledInput, ScaledOutput};
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field, OutputType};
@@ -25,6 +30,7 @@ pub use remote::{
     RemoteParameter, RemotePins,
 };
 pub use table::{ElementTable, RemoteTable, Terminal};
+pub use terminals::{Place, Terminals};
 
 use fpga::at_terminals;
 use handles::handles;

@@ -3,6 +3,7 @@
 use core::ops::Range;
 
 use super::{Bitfile, BitfileError, CardName};
+use crate::boards::FlashLayout;
 
 /// One page: what is written at once.
 pub const PAGE: usize = 256;
@@ -27,57 +28,7 @@ pub trait FlashMemory {
     fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error>;
 }
 
-/// Where things are in a board's flash memory.
-///
-/// Source: manual 7I97, "EEPROM LAYOUT"; that of the 7I92, whose manual is not at hand, is what
-/// mesaflash uses for it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FlashLayout {
-    /// The board, as it names itself.
-    pub board: &'static str,
-    /// The FPGA on the board, as its bitfiles call it.
-    pub part: &'static str,
-    /// What the chip's identification must be.
-    pub id: u32,
-    /// Size of the chip.
-    pub size: u32,
-    /// What makes the FPGA load the user configuration, or the fallback when that is damaged.
-    pub boot_block: (u32, u32),
-    /// The configuration that is loaded when the user's is damaged.
-    pub fallback: (u32, u32),
-    /// The configuration in use.
-    pub user: (u32, u32),
-    /// Free for applications.
-    pub application: (u32, u32),
-}
-
 impl FlashLayout {
-    /// The 7I97: M25P16, XC6SLX9.
-    pub const I7I97: Self = Self {
-        board: "7I97",
-        part: "6slx9tqg144",
-        id: 0x14,
-        size: 0x20_0000,
-        boot_block: (0x00_0000, 0x01_0000),
-        fallback: (0x01_0000, 0x07_0000),
-        user: (0x10_0000, 0x16_0000),
-        application: (0x1E_0000, 0x20_0000),
-    };
-
-    /// The 7I92: 16 Mbit like the 7I97, and the same FPGA.
-    pub const I7I92: Self = Self {
-        board: "7I92",
-        ..Self::I7I97
-    };
-
-    /// The layout of the board of this name, as [`Identity::card_name`](super::Identity::card_name)
-    /// has it. `None` for boards whose layout is not known: a 7I97T, for one, is no 7I97.
-    pub fn for_card(name: &str) -> Option<&'static Self> {
-        [&Self::I7I97, &Self::I7I92]
-            .into_iter()
-            .find(|layout| layout.board.eq_ignore_ascii_case(name))
-    }
-
     /// The addresses of an area.
     pub fn addresses(&self, area: Area) -> Range<u32> {
         let (start, end) = match area {

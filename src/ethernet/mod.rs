@@ -11,8 +11,9 @@ mod leds;
 mod memory;
 mod packets;
 
+pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
-pub use flash::{Area, Flash, FlashError, FlashLayout, FlashMemory, PAGE, SECTOR, Stage};
+pub use flash::{Area, Flash, FlashError, FlashMemory, PAGE, SECTOR, Stage};
 pub use info::{Board, CardName, Counters, Identity, MacAddress, Timestamps};
 pub use leds::LedMode;
 pub use memory::UnguardedFlash;

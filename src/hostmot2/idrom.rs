@@ -25,6 +25,13 @@ impl Name8 {
         BoardName(self)
     }
 
+    /// Whether [`board`](Self::board) is `name`, in upper or lower case.
+    pub fn is_board(&self, name: &str) -> bool {
+        let skip = if self.0.starts_with(b"MESA") { 4 } else { 0 };
+        let own = self.printable().skip(skip).map(|c| c.to_ascii_lowercase());
+        !name.is_empty() && own.eq(name.chars().map(|c| c.to_ascii_lowercase()))
+    }
+
     fn printable(&self) -> impl Iterator<Item = char> + '_ {
         self.0
             .iter()

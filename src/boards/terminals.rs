@@ -1,0 +1,101 @@
+//! Screw terminals by ranges, as connector tables of manuals have them.
+
+use alloc::format;
+use alloc::string::{String, ToString};
+use alloc::vec::Vec;
+
+/// The terminals of things of a kind that follow each other on a connector: inputs, encoders.
+///
+/// ```
+/// use mesa_hal::boards::Terminals;
+/// const OUTPUTS: &[Terminals] = &[Terminals {
+///     connector: "TB5 pin ",
+///     first: 0,
+///     signals: &["OUT#-", "OUT#+"],
+///     pins: &[13, 14, 15, 16],
+/// }];
+/// let place = Terminals::of(OUTPUTS, 1);
+/// assert_eq!(place.terminal, "TB5 pin 15, TB5 pin 16");
+/// assert_eq!(place.signal, "OUT1-, OUT1+");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Terminals {
+    /// What is before the number of a pin: `TB4 pin `.
+    pub connector: &'static str,
+    /// The number of the first thing.
+    pub first: u16,
+    /// The manual's names of the signals of one thing; `#` stands for the thing's number.
+    pub signals: &'static [&'static str],
+    /// The pins of the connector: one for each signal of each thing.
+    pub pins: &'static [u8],
+}
+
+/// Where something is.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    /// Connector and pin, for example `TB8 pin 3`; several are separated by commas. Empty where it is
+    /// at none.
+    pub terminal: String,
+    /// The manual's name, for example `INPUT2`.
+    pub signal: String,
+}
+
+impl Terminals {
+    /// Three encoders on a block of 24 terminals, of which each third is ground or +5 V: A, B and
+    /// index of each.
+    pub const fn encoders(connector: &'static str, first: u16) -> Self {
+        Self {
+            connector,
+            first,
+            signals: &["QA#", "/QA#", "QB#", "/QB#", "IDX#", "/IDX#"],
+            pins: &[
+                1, 2, 4, 5, 7, 8, 9, 10, 12, 13, 15, 16, 17, 18, 20, 21, 23, 24,
+            ],
+        }
+    }
+
+    /// Where thing `number` is.
+    pub fn of(ranges: &[Self], number: u16) -> Place {
+        Place::join(Self::each_of(ranges, number))
+    }
+
+    /// Where all of them are.
+    pub fn all(ranges: &[Self]) -> Place {
+        Place::join(Self::each(ranges).map(|(_, place)| place))
+    }
+
+    /// The terminals of thing `number`, one by one.
+    pub fn each_of(ranges: &[Self], number: u16) -> impl Iterator<Item = Place> {
+        Self::each(ranges).filter_map(move |(n, place)| (n == number).then_some(place))
+    }
+
+    /// All terminals with the numbers of their things.
+    pub fn each(ranges: &[Self]) -> impl Iterator<Item = (u16, Place)> {
+        ranges.iter().flat_map(|range| {
+            let things = range.pins.chunks(range.signals.len().max(1));
+            (range.first..).zip(things).flat_map(move |(number, pins)| {
+                let terminals = pins.iter().zip(range.signals);
+                terminals.map(move |(pin, signal)| (number, range.place(number, *pin, signal)))
+            })
+        })
+    }
+
+    fn place(&self, number: u16, pin: u8, signal: &str) -> Place {
+        Place {
+            terminal: format!("{}{pin}", self.connector),
+            signal: signal.replace('#', &number.to_string()),
+        }
+    }
+}
+
+impl Place {
+    fn join(places: impl Iterator<Item = Self>) -> Self {
+        let (terminals, mut signals): (Vec<_>, Vec<_>) =
+            places.map(|place| (place.terminal, place.signal)).unzip();
+        signals.dedup();
+        Self {
+            terminal: terminals.join(", "),
+            signal: signals.join(", "),
+        }
+    }
+}
