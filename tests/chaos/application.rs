@@ -9,12 +9,12 @@ use mesa_hal::sslbp::Channel;
 
 use pins::{Encoder, GpioPin, Remote, volts};
 
-use super::chance::Chance;
 use super::journal::{Level, PORTS};
 use super::machine::{Gpio, TURN};
 use super::oracle::{BoardCommand, Checked, Oracle, Promise, ensure};
 use super::plan::{Board, MICRO, MILLI, Plan};
 use super::stage::{Stage, was};
+use crate::common::chance::Chance;
 
 /// A running application with the handles of its pins.
 pub struct Application {

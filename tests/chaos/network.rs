@@ -11,7 +11,7 @@ use mesa_hal::sim::{FaultKind, SimBoard, SimError, SimFpga};
 use mesa_hal::transport::udp::{Link, LinkError, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 
-use super::chance::Chance;
+use crate::common::chance::Chance;
 
 /// Time on the wire in each direction.
 pub const WIRE: u64 = 20_000;

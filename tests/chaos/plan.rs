@@ -3,7 +3,7 @@
 use mesa_hal::driver::Pace;
 use mesa_hal::sim::{FaultKind, Place};
 
-use super::chance::Chance;
+use crate::common::chance::Chance;
 
 pub const MICRO: u64 = 1_000;
 pub const MILLI: u64 = 1_000_000;

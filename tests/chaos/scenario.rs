@@ -13,13 +13,13 @@ use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 use super::application::Application;
-use super::chance::Chance;
 use super::journal::Journal;
 use super::machine::{Gpio, machine};
 use super::network::{Bad, ChaosLink, Direct, Host, Life, Network, Sim};
 use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
 use super::plan::{Board, MICRO, MILLI, Plan, Planned};
 use super::stage::{Player, Stage};
+use crate::common::chance::Chance;
 
 /// A machine that is well again is so after this time.
 const COMES_BACK_IN: u64 = 3_000 * MILLI;

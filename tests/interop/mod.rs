@@ -5,7 +5,9 @@
 //! (`cargo test --test ...`) builds it here.
 #![allow(dead_code, reason = "each test that includes this uses what it needs")]
 
+pub mod board;
 pub mod console;
+pub mod tools;
 
 use std::{
     path::{Path, PathBuf},

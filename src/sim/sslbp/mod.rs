@@ -21,7 +21,7 @@
 //! FACTS 2 to 6 and the transcripts. The order of the loop, the layout of its variables and which
 //! step counts as which error were read, for facts alone, in the firmware's published sources
 //! (revision 42); every behaviour that a transcript shows is held against it by
-//! `tests/gateware_conformance.rs`.
+//! `tests/gateware_conformance/main.rs`.
 //!
 //! # Not confirmed by a transcript
 //! The variant with seven interface registers is taken to be the same firmware with more data

@@ -1,0 +1,125 @@
+//! The pins that the application uses.
+
+use mesa_hal::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use mesa_hal::sslbp::Channel;
+
+use super::super::journal::Level;
+use super::super::machine::ENCODER;
+use super::super::plan::Card;
+use crate::common::chance::Chance;
+
+/// The pins of one remote.
+pub(super) struct Remote {
+    pub(super) number: usize,
+    pub(super) place: (usize, Channel),
+    pub(super) card: Card,
+    pub(super) group: GroupId,
+    pub(super) inputs: Vec<Input<bool>>,
+    pub(super) outputs: Vec<Output<bool>>,
+    pub(super) volts: Vec<Output<f64>>,
+    /// What it was set to since it was armed.
+    pub(super) set: Level,
+}
+
+pub(super) struct GpioPin {
+    pub(super) pin: usize,
+    pub(super) out: Output<bool>,
+    pub(super) is_output: Param<bool>,
+    pub(super) drives: bool,
+}
+
+pub(super) struct Encoder {
+    pub(super) rawcounts: Input<i32>,
+    pub(super) count: Input<i32>,
+    pub(super) index_enable: InOut<bool>,
+    pub(super) unsure: Input<bool>,
+    pub(super) filter: Param<bool>,
+    pub(super) scale: Param<f64>,
+    /// Motor position at which `rawcounts` would be 0.
+    pub(super) zero: Option<f64>,
+    pub(super) asked: Option<u64>,
+}
+
+/// A voltage that is not 0.
+pub(super) fn volts(chance: &mut Chance) -> i32 {
+    let volts = 100 * (1 + chance.below(90) as i32);
+    if chance.one_in(2) { volts } else { -volts }
+}
+
+impl Remote {
+    pub(super) fn new(
+        pins: &Pins,
+        prefix: &str,
+        number: usize,
+        place: (usize, Channel),
+        card: Card,
+        group: GroupId,
+    ) -> Result<Self, PinError> {
+        let inputs = if card == Card::Field { 0..32 } else { 0..0 };
+        let inputs = inputs.map(|n| pins.input(&format!("{prefix}.input-{n:02}")));
+        let bits = |count: usize| (0..count).map(|n| format!("{prefix}.output-{n:02}"));
+        let outputs: Vec<String> = match card {
+            Card::Field => bits(16).collect(),
+            Card::Outputs => bits(48).collect(),
+            Card::Analog => ["analogena", "spinena"]
+                .map(|name| format!("{prefix}.{name}"))
+                .into(),
+        };
+        let volts = if card == Card::Analog { 0..6 } else { 0..0 };
+        let volts = volts.map(|n| pins.output(&format!("{prefix}.analogout{n}")));
+        Ok(Self {
+            number,
+            place,
+            card,
+            group,
+            inputs: inputs.collect::<Result<_, _>>()?,
+            outputs: outputs
+                .iter()
+                .map(|name| pins.output(name))
+                .collect::<Result<_, _>>()?,
+            volts: volts.collect::<Result<_, _>>()?,
+            set: Level::OFF,
+        })
+    }
+
+    pub(super) fn command(&self, pins: &mut Pins, chance: &mut Chance) -> Level {
+        if self.card == Card::Analog {
+            let mut level = Level::OFF;
+            let [ena, spin] = [self.outputs[0], self.outputs[1]];
+            pins.set(ena, true);
+            let spins = chance.one_in(2);
+            pins.set(spin, spins);
+            // The enables of 0 to 4 are one.
+            level.bits = 0x1F | u64::from(spins) << 5;
+            for (n, output) in self.volts.iter().enumerate() {
+                let millivolts = volts(chance);
+                pins.set(*output, f64::from(millivolts) / 1000.0);
+                level.millivolts[n] = if n < 5 || spins { millivolts } else { 0 };
+            }
+            return level;
+        }
+        let pattern = chance.below(1 << 31) ^ chance.below(1 << 31) << 20 | 1;
+        let mut level = Level::OFF;
+        for (n, output) in self.outputs.iter().enumerate() {
+            pins.set(*output, pattern >> n & 1 != 0);
+            level.bits |= pattern & 1 << n;
+        }
+        level
+    }
+}
+
+impl Encoder {
+    pub(super) fn new(pins: &Pins, name: &str) -> Result<Self, PinError> {
+        let stem = format!("{name}.encoder.{ENCODER:02}");
+        Ok(Self {
+            rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
+            count: pins.input(&format!("{stem}.count"))?,
+            index_enable: pins.inout(&format!("{stem}.index-enable"))?,
+            unsure: pins.input(&format!("{stem}.count-unsure"))?,
+            filter: pins.parameter(&format!("{stem}.filter"))?,
+            scale: pins.parameter(&format!("{stem}.scale"))?,
+            zero: None,
+            asked: None,
+        })
+    }
+}

@@ -1,0 +1,102 @@
+//! The chaos machine: everything that can go wrong, at every moment, against an oracle that knows
+//! the simulator's truth.
+//!
+//! A scenario follows from its seed: a machine, a way to it, an application with its habits, and
+//! one to three faults. What must hold is `docs/faults.md`. `CHAOS_SCENARIOS` says how many,
+//! `CHAOS_SEED` the first seed; what fails is printed with its seed and its story, and
+//! `CHAOS_SEED=<that> CHAOS_SCENARIOS=1` does exactly the same again.
+
+mod application;
+#[path = "../common/mod.rs"]
+mod common;
+mod journal;
+mod machine;
+mod network;
+mod oracle;
+mod plan;
+mod report;
+mod scenario;
+mod stage;
+
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use plan::Plan;
+use report::Report;
+
+/// Without `CHAOS_SCENARIOS`: what `cargo test` has the time for.
+const FEW: u64 = 400;
+/// From so many on, every kind of fault has to occur.
+const MANY: u64 = 5_000;
+const THREADS: usize = 2;
+
+fn main() -> ExitCode {
+    if !is_asked_for() {
+        return ExitCode::SUCCESS;
+    }
+    let (first, count) = (number("CHAOS_SEED", 1), number("CHAOS_SCENARIOS", FEW));
+    println!("\nchaos: {count} scenarios from seed {first} on");
+    std::panic::set_hook(Box::new(|_| {}));
+    let report = Mutex::new(Report::default());
+    let next = AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..THREADS {
+            scope.spawn(|| {
+                loop {
+                    let n = next.fetch_add(1, Ordering::Relaxed);
+                    if n >= count {
+                        break;
+                    }
+                    let one = Report::of(&Plan::new(first.wrapping_add(n)));
+                    report.lock().expect("nobody panics with it").add(one);
+                }
+            });
+        }
+    });
+    let report = report.into_inner().expect("nobody panics with it");
+    let is_good = report.print(count >= MANY);
+    if is_good {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}
+
+fn number(name: &str, otherwise: u64) -> u64 {
+    let text = std::env::var(name).ok();
+    text.map_or(otherwise, |text| text.trim().parse().expect("a number"))
+}
+
+/// What `cargo test` asks of every test program: a list, or tests whose names have something in
+/// them. This is one test, called `chaos`.
+fn is_asked_for() -> bool {
+    let mut filters = Vec::new();
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--list" => {
+                println!("chaos: test\n\n1 test, 0 benchmarks");
+                return false;
+            }
+            "--ignored" => return false,
+            "--skip" => {
+                if arguments
+                    .next()
+                    .is_some_and(|skipped| "chaos".contains(&skipped))
+                {
+                    return false;
+                }
+            }
+            "--test-threads" | "--format" | "--color" | "--logfile" | "-Z" => {
+                arguments.next();
+            }
+            option if option.starts_with('-') => {}
+            filter => filters.push(filter.to_owned()),
+        }
+    }
+    filters.is_empty()
+        || filters
+            .iter()
+            .any(|filter| "chaos".contains(filter.as_str()))
+}

@@ -1,0 +1,424 @@
+//! Changes the inputs all the time, and carries the faults out.
+
+use std::collections::BTreeMap;
+
+use mesa_hal::lbp::RemoteFaults;
+use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World, find_cable, find_mut};
+use mesa_hal::sim::remote::{Cable, Remote, Toward, WireFault};
+use mesa_hal::sim::wire::{Nanos, RemoteEnd};
+use mesa_hal::sim::{Cause, Director, FaultKind, Place, SimFpga};
+
+use super::super::journal::{Journal, Level, Outputs, PARTS, Parts, What, parts, recorder};
+use super::super::machine::{Gpio, end};
+use super::super::plan::{Board, Card, MICRO, MILLI, Moment, Plan, Planned, scrambled};
+use super::{Act, Begun, Stage};
+use crate::common::chance::Chance;
+
+/// Plays a plan on a machine.
+#[derive(Debug)]
+pub struct Player {
+    stage: Stage,
+    plan: Plan,
+    gpio: Gpio,
+    outputs: Outputs,
+    journal: Journal,
+    chance: Chance,
+    /// What the board drove when it was looked at last.
+    seen: Parts,
+    /// Whether the board drove any pin then.
+    is_open: bool,
+    /// Cards that were swapped.
+    aside: BTreeMap<usize, Box<dyn RemoteEnd>>,
+}
+
+impl Player {
+    pub fn new(stage: &Stage, plan: &Plan, gpio: &Gpio, journal: &Journal) -> Self {
+        Self {
+            stage: stage.clone(),
+            plan: plan.clone(),
+            gpio: gpio.clone(),
+            outputs: gpio.driven(),
+            journal: journal.clone(),
+            chance: Chance(scrambled(plan.seed ^ 0x57A6E)),
+            seen: [Level::OFF; PARTS],
+            is_open: false,
+            aside: BTreeMap::new(),
+        }
+    }
+
+    /// All inputs are something else from now on.
+    fn change(&mut self, fpga: &mut SimFpga) {
+        let now = SimFpga::now(fpga);
+        let next = now + MICRO * (200 + self.chance.below(2_500));
+        for card in self.aside.values_mut() {
+            card.advance(now);
+        }
+        let stage = self.stage.clone();
+        let mut agenda = stage.lock();
+        agenda.push(next, Act::Change);
+        for remote in 0..self.plan.remotes() {
+            if self.plan.card(remote) == Card::Field {
+                let pattern = self.chance.below(1 << 32) as u32 ^ self.chance.below(1 << 32) as u32;
+                if !self.aside.contains_key(&remote) {
+                    set_field(self.end(fpga, remote), pattern);
+                }
+                agenda.truth.fields[remote].push((now, pattern));
+            }
+        }
+        let levels = self.chance.below(1 << 31) ^ self.chance.below(1 << 31) << 20;
+        for (n, pin) in self.gpio.inputs.iter().enumerate() {
+            fpga.drive_pin(*pin, Some(levels >> n & 1 != 0));
+        }
+        agenda.truth.gpio.push((now, levels));
+        if self.plan.board == Board::I7i97 {
+            let inputs = self.chance.below(1 << 16) as u32;
+            for input in 0..16 {
+                fpga.set_input(input, inputs >> input & 1 != 0);
+            }
+            agenda.truth.isolated.push((now, inputs));
+        }
+        if let Some(motor) = fpga.motor(0) {
+            let speed = if self.chance.one_in(3) { 0.5 } else { 1.0 } * self.plan.speed;
+            motor.turn_by_hand(Some(speed / motor.config().counts_per_unit));
+            agenda.truth.motor.push((now, (motor.counts(), speed)));
+        }
+    }
+
+    fn end<'a>(&self, fpga: &'a mut SimFpga, remote: usize) -> &'a mut dyn RemoteEnd {
+        let (port, channel) = self.plan.place(remote);
+        fpga.remote_mut(port, channel).expect("plugged")
+    }
+
+    fn cable<'a>(&self, fpga: &'a mut SimFpga, remote: usize) -> &'a mut Cable {
+        find_cable(self.end(fpga, remote)).expect("every card is at a cable")
+    }
+
+    fn begin(&mut self, fpga: &mut SimFpga, place: usize) {
+        let now = SimFpga::now(fpga);
+        let stage = self.stage.clone();
+        let planned = stage.lock().planned[place];
+        let moment = self.moment(fpga);
+        self.carry_out(fpga, planned);
+        let mut agenda = stage.lock();
+        agenda.begun[place] = Some(Begun {
+            planned,
+            ended: None,
+        });
+        agenda.happened.push((planned.kind, moment));
+        agenda.story.push((
+            now,
+            format!(
+                "{} of remote {} for {} us ({moment:?}, {:#x})",
+                planned.kind,
+                planned.target,
+                planned.lasts / MICRO,
+                planned.dice
+            ),
+        ));
+    }
+
+    fn moment(&self, fpga: &mut SimFpga) -> Moment {
+        let well = self.stage.lock().all_is_well;
+        match well {
+            Some(true) => Moment::Running,
+            Some(false) => Moment::Recovery,
+            None => {
+                let spoken_to = (0..self.plan.remotes())
+                    .any(|n| recorder(self.end(fpga, n)).is_some_and(|r| r.spoken_to));
+                if spoken_to {
+                    Moment::Discovery
+                } else {
+                    Moment::Start
+                }
+            }
+        }
+    }
+
+    fn carry_out(&mut self, fpga: &mut SimFpga, planned: Planned) {
+        let now = SimFpga::now(fpga);
+        let Planned {
+            kind,
+            target,
+            dice,
+            lasts,
+            ..
+        } = planned;
+        match kind {
+            FaultKind::WireLost
+            | FaultKind::WireCorrupted
+            | FaultKind::WireShort
+            | FaultKind::WireLong
+            | FaultKind::WireBreak
+            | FaultKind::WireLate => self.spoil_wire(fpga, planned),
+            FaultKind::WireUnplugged => self.cable(fpga, target).unplug(),
+            FaultKind::WireLow => {
+                let cable = self.cable(fpga, target);
+                cable.set_low_when_unplugged(true);
+                cable.unplug();
+            }
+            FaultKind::WireSwapped => self.swap(fpga, target, dice),
+            FaultKind::RemoteOverTemperature | FaultKind::RemoteOverCurrent => {
+                let n = (dice % 16) as usize;
+                let device = find_mut(self.end(fpga, target)).expect("a device");
+                let done = if kind == FaultKind::RemoteOverCurrent {
+                    device.set_over_current(n, true)
+                } else {
+                    device.set_over_temperature(n, true)
+                };
+                if done.is_err() {
+                    self.set_fault_bit(fpga, planned);
+                }
+            }
+            FaultKind::RemoteHighVoltage | FaultKind::RemoteLowVoltage => {
+                let low = [0.0, 3.0][(dice & 1) as usize];
+                let volts = if kind == FaultKind::RemoteHighVoltage {
+                    36.0
+                } else {
+                    low
+                };
+                let device = find_mut(self.end(fpga, target)).expect("a device");
+                if device.set_field_volts(now, volts).is_err() {
+                    self.set_fault_bit(fpga, planned);
+                }
+            }
+            FaultKind::RemoteWatchdog
+            | FaultKind::RemoteNoEnable
+            | FaultKind::RemoteIllegalMode
+            | FaultKind::RemoteCommunication => self.set_fault_bit(fpga, planned),
+            FaultKind::RemotePowerOff | FaultKind::RemotePowerGlitch => {
+                let device = find_mut(self.end(fpga, target)).expect("a device");
+                device.set_power(now, false);
+                if kind == FaultKind::RemotePowerGlitch {
+                    device.set_power(now, true);
+                }
+            }
+            FaultKind::FpgaReset | FaultKind::FpgaResetLong if !self.plan.is_network => {
+                if kind == FaultKind::FpgaReset {
+                    fpga.reload();
+                } else {
+                    fpga.reset_for(lasts);
+                }
+                self.drives(fpga, Cause::Reset);
+            }
+            FaultKind::FpgaWatchdog => {
+                fpga.write_register(0x0C00, 1);
+            }
+            FaultKind::FpgaPortStuck => {
+                let (port, _) = self.plan.place(target);
+                // Of no channel: a transfer would feed a remote's watchdog.
+                fpga.write_register(0x5A00 + 0x40 * port as u16, 0x3000);
+            }
+            // The network, the bus, the host, and on Ethernet the board, do the others.
+            _ => {}
+        }
+        if let Some(recorder) = recorder(self.end(fpga, target)) {
+            recorder.look(now);
+        }
+    }
+
+    fn spoil_wire(&mut self, fpga: &mut SimFpga, planned: Planned) {
+        let Planned {
+            kind,
+            target,
+            dice,
+            lasts,
+            ..
+        } = planned;
+        let mut chance = Chance(dice);
+        let period = self.plan.period;
+        let few = 1 + chance.below(3);
+        let mut single = false;
+        let fault = match kind {
+            FaultKind::WireLost => WireFault::Lost,
+            FaultKind::WireCorrupted => WireFault::Corrupted,
+            FaultKind::WireShort => WireFault::Short(few as u8),
+            FaultKind::WireLong => WireFault::Long(few as u8),
+            FaultKind::WireBreak => WireFault::Break,
+            // Several replies in a row that are late by a whole period can not be told from
+            // replies in time: nothing on the wire numbers them.
+            _ => {
+                single = chance.one_in(4);
+                let most = if single { 2 * period } else { period * 7 / 10 };
+                WireFault::Late(10 * MICRO + chance.below(most))
+            }
+        };
+        let toward = if kind != FaultKind::WireLate && chance.one_in(3) {
+            Toward::Remote
+        } else {
+            Toward::Fpga
+        };
+        let probability = chance.of(&[0.02, 0.2, 1.0]);
+        let cable = self.cable(fpga, target);
+        if single {
+            cable.inject(toward, fault, 1);
+        } else if lasts < 2 * MILLI {
+            cable.inject(toward, fault, few as u32);
+        } else {
+            cable.inject_by_chance(toward, fault, probability);
+        }
+    }
+
+    /// Another card on the channel: one of another kind, or the same with another unit number.
+    fn swap(&mut self, fpga: &mut SimFpga, target: usize, dice: u64) {
+        let (port, channel) = self.plan.place(target);
+        let card = match (self.plan.card(target), dice & 1) {
+            (card, 0) => card,
+            (Card::Field, _) => Card::Outputs,
+            (_, _) => Card::Field,
+        };
+        let stranger = end(card, self.plan.remotes(), 100 + target, &self.journal);
+        if let Some(before) = fpga.plug(port, channel, Some(stranger)) {
+            self.aside.entry(target).or_insert(before);
+        }
+    }
+
+    fn set_fault_bit(&self, fpga: &mut SimFpga, planned: Planned) {
+        let bit = planned.kind.fault_bit().unwrap_or_default();
+        let (port, channel) = self.plan.place(planned.target);
+        match self.plan.card(planned.target) {
+            Card::Field => set_bit::<FieldIo>(fpga, (port, channel), bit),
+            Card::Analog => set_bit::<Analog>(fpga, (port, channel), bit),
+            Card::Outputs => set_bit::<Outputs48>(fpga, (port, channel), bit),
+        }
+    }
+
+    fn finish(&mut self, fpga: &mut SimFpga, place: usize) {
+        let now = SimFpga::now(fpga);
+        let stage = self.stage.clone();
+        let planned = {
+            let mut agenda = stage.lock();
+            let Some(begun) = &mut agenda.begun[place] else {
+                return;
+            };
+            if begun.ended.replace(now).is_some() {
+                return;
+            }
+            begun.planned
+        };
+        let Planned {
+            kind, target, dice, ..
+        } = planned;
+        match kind {
+            FaultKind::WireSwapped => self.swap_back(fpga, target),
+            FaultKind::RemoteOverTemperature | FaultKind::RemoteOverCurrent => {
+                let n = (dice % 16) as usize;
+                let device = find_mut(self.end(fpga, target)).expect("a device");
+                let _ = device.set_over_current(n, false);
+                let _ = device.set_over_temperature(n, false);
+            }
+            FaultKind::RemoteHighVoltage | FaultKind::RemoteLowVoltage => {
+                let device = find_mut(self.end(fpga, target)).expect("a device");
+                let _ = device.set_field_volts(now, 24.0);
+            }
+            FaultKind::RemotePowerOff => {
+                let device = find_mut(self.end(fpga, target)).expect("a device");
+                device.set_power(now, true);
+            }
+            kind if kind.place() == Place::Wire => self.mend_cable(fpga, target),
+            _ => {}
+        }
+        if let Some(recorder) = recorder(self.end(fpga, target)) {
+            recorder.look(now);
+        }
+        stage.tell(now, format!("{kind} of remote {target} is over"));
+    }
+
+    fn mend_cable(&self, fpga: &mut SimFpga, target: usize) {
+        let cable = self.cable(fpga, target);
+        cable.heal();
+        cable.replug();
+        cable.set_low_when_unplugged(false);
+    }
+
+    fn repair(&self, fpga: &mut SimFpga, target: usize) {
+        let now = SimFpga::now(fpga);
+        self.mend_cable(fpga, target);
+        let device = find_mut(self.end(fpga, target)).expect("a device");
+        device.set_power(now, true);
+        let _ = device.set_field_volts(now, 24.0);
+        for n in 0..16 {
+            let _ = device.set_over_current(n, false);
+            let _ = device.set_over_temperature(n, false);
+        }
+    }
+
+    fn swap_back(&mut self, fpga: &mut SimFpga, target: usize) {
+        let (port, channel) = self.plan.place(target);
+        let Some(own) = self.aside.remove(&target) else {
+            return;
+        };
+        fpga.plug(port, channel, Some(own));
+        let now = SimFpga::now(fpga);
+        self.end(fpga, target).advance(now);
+        // Whatever ended meanwhile ended for the card that is on the channel.
+        self.repair(fpga, target);
+        if self.plan.card(target) == Card::Field {
+            let stage = self.stage.clone();
+            let newest = stage.lock().truth.fields[target].last().copied();
+            set_field(
+                self.end(fpga, target),
+                newest.map_or(0, |(_, pattern)| pattern),
+            );
+        }
+    }
+}
+
+fn set_bit<T: World>(fpga: &mut SimFpga, (port, channel): (usize, usize), bit: RemoteFaults) {
+    if let Some(remote) = fpga.device_mut::<Remote<Device<T>>>(port, channel) {
+        let faults = remote.faults() | bit;
+        remote.set_faults(faults);
+    }
+}
+
+fn set_field(end: &mut dyn RemoteEnd, pattern: u32) {
+    if let Some(device) = find_mut(end) {
+        for n in 0..32 {
+            let _ = device.set_input(n, pattern >> n & 1 != 0);
+        }
+    }
+}
+
+impl Director for Player {
+    fn due(&self) -> Option<Nanos> {
+        self.stage
+            .lock()
+            .acts
+            .first_key_value()
+            .map(|(key, _)| key.0)
+    }
+
+    fn act(&mut self, fpga: &mut SimFpga) {
+        let act = self.stage.lock().acts.pop_first();
+        match act {
+            Some((_, Act::Change)) => self.change(fpga),
+            Some((_, Act::Begin(place))) => self.begin(fpga, place),
+            Some((_, Act::End(place))) => self.finish(fpga, place),
+            None => {}
+        }
+    }
+
+    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+        let now = SimFpga::now(fpga);
+        match cause {
+            Cause::Bite => self.journal.note(now, What::Bite),
+            Cause::Reset => self.journal.note(now, What::Reset),
+            // While all is well nobody asks who wrote.
+            Cause::Write if self.stage.lock().all_is_well != Some(true) => {
+                self.journal.note(now, What::Written);
+            }
+            Cause::Write => {}
+        }
+        let is_open = (0..fpga.firmware().pins.len()).any(|pin| fpga.is_driven(pin));
+        if is_open && !std::mem::replace(&mut self.is_open, is_open) {
+            self.journal.note(now, What::Opened);
+        }
+        self.is_open = is_open;
+        let driven = parts(fpga, &self.outputs);
+        for (part, (seen, level)) in self.seen.iter_mut().zip(driven).enumerate() {
+            if *seen != level {
+                *seen = level;
+                self.journal.note(now, What::Part(part, level));
+            }
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! What tests, and the benches, share: machines, buses, networks on virtual time, recordings.
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "each program that includes this uses what it needs"
+)]
+
+pub mod chance;
+pub mod descriptors;
+pub mod ethernet;
+pub mod fpga;
+pub mod machine;
+pub mod registers;
+pub mod replay;

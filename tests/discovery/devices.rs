@@ -1,0 +1,394 @@
+//! Discovery of the simulated devices over the wire, against the manual's step list done to the
+//! letter: byte by byte, by a program that shares nothing with the driver's.
+
+use crate::common::fpga::set_up_pins;
+use mesa_hal::discovery::{
+    DataDirection, DiscoveryLimits, Inventory, PortMemory, ProblemKind, RemoteDescriptor, Source,
+    discover_port,
+};
+use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
+use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::{SimError, SimFpga, machines};
+use mesa_hal::sslbp::{
+    AccessSize, Channel, ChannelStart, Layout, LocalLocation, NonvolatileMemory, Port, PortError,
+    PortWords, ProcessDataSizes, StartMode,
+};
+
+type Found = Inventory<PortError<SimError>>;
+
+/// A 7I97 whose serial port has four channels: a 7I77's two remotes, a 7I72 and a 7I64.
+fn machine() -> (SimFpga, Port) {
+    let mut fpga = machines::i7i97(4);
+    let remotes: [Box<dyn RemoteEnd>; 4] = [
+        Box::new(FieldIo::i7i77().unwrap()),
+        Box::new(Analog::i7i77().unwrap()),
+        Box::new(Outputs48::i7i72().unwrap()),
+        Box::new(Plain::i7i64().unwrap()),
+    ];
+    for (channel, remote) in remotes.into_iter().enumerate() {
+        fpga.plug(0, channel, Some(remote));
+    }
+    set_up_pins(&mut fpga);
+    let hostmot2 = HostMot2::identify(&mut fpga).unwrap();
+    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    port.reset(&mut fpga).unwrap();
+    (fpga, port)
+}
+
+fn found(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Found {
+    let starts: Vec<ChannelStart> = Channel::ALL
+        .into_iter()
+        .zip(modes)
+        .map(|(channel, &mode)| ChannelStart::new(channel).with_software_mode(mode))
+        .collect();
+    let inventory = discover_port(port, fpga, &starts, DiscoveryLimits::default()).unwrap();
+    assert_eq!(inventory.failures, []);
+    for found in &inventory.remotes {
+        assert_eq!(found.discovered.problems, [], "{}", found.remote);
+    }
+    inventory
+}
+
+fn elements(descriptor: &RemoteDescriptor) -> Vec<(&str, u8, DataDirection)> {
+    let data = descriptor.process_data.iter();
+    data.map(|record| (record.name.as_str(), record.bits, record.direction))
+        .collect()
+}
+
+/// FACTS 8.1 to 8.4, 4.7.
+#[test]
+fn the_devices_are_what_the_facts_say() {
+    use DataDirection::{Input, Output};
+    let (mut fpga, mut port) = machine();
+    let inventory = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    let on = |n: usize| inventory.on(Channel::ALL[n]).unwrap();
+
+    let field_io = on(0);
+    assert_eq!(field_io.remote.name.to_string(), "7I77");
+    assert_eq!(field_io.remote.unit_number >> 24, 0x12);
+    assert_eq!(field_io.remote.sizes, ProcessDataSizes { rx: 5, tx: 2 });
+    assert_eq!(
+        elements(&field_io.discovered.descriptor),
+        [("Output", 16, Output), ("Input", 32, Input)]
+    );
+    for name in [
+        "SwRevision",
+        "UnitNumber",
+        "NVBaudRate",
+        "NVWatchDogTimeout",
+    ] {
+        let parameter = field_io.discovered.descriptor.parameter(name);
+        assert!(parameter.is_some(), "{name}");
+    }
+
+    let analog = on(1);
+    assert_eq!(analog.remote.unit_number >> 24, 0x11);
+    assert_eq!(analog.remote.sizes, ProcessDataSizes { rx: 1, tx: 10 });
+    let analog = elements(&analog.discovered.descriptor);
+    assert_eq!(analog[0], ("AnalogOut0", 13, Output));
+    assert_eq!(
+        analog[6..],
+        [("AnalogEna", 1, Output), ("SpinEna", 1, Output)]
+    );
+    assert_eq!(
+        analog
+            .iter()
+            .map(|(_, bits, _)| u32::from(*bits))
+            .sum::<u32>(),
+        80
+    );
+
+    let i7i72 = on(2);
+    assert_eq!(i7i72.remote.name.to_string(), "7I72");
+    assert_eq!(
+        elements(&i7i72.discovered.descriptor),
+        [("Output", 48, Output)]
+    );
+
+    assert_eq!(on(3).discovered.source, Source::BuiltIn);
+}
+
+/// A host that ends in the middle of an access to non-volatile memory leaves the remote with that
+/// memory in the place of its tables (FACTS 6.3).
+#[test]
+fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ever() {
+    let (mut fpga, mut port) = machine();
+    let before = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    for memory in [NonvolatileMemory::Eeprom, NonvolatileMemory::Flash] {
+        for channel in Channel::ALL.into_iter().take(3) {
+            let location = LocalLocation::NONVOLATILE;
+            port.remote_local_write(&mut fpga, channel, location, memory.code())
+                .unwrap();
+        }
+        let after = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+        assert_eq!(after, before, "{memory:?}");
+    }
+}
+
+/// Transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the
+/// built-in table has them.
+#[test]
+fn the_inputs_of_a_7i64_are_where_its_table_says() {
+    let (mut fpga, mut port) = machine();
+    let channel = Channel::ALL[3];
+    let inventory = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    let records = &inventory
+        .on(channel)
+        .unwrap()
+        .discovered
+        .descriptor
+        .process_data;
+    let names = ["output", "pad", "input", "pad", "analog0", "analog1"];
+    assert!(records.iter().map(|record| record.name.as_str()).eq(names));
+    port.stop_all(&mut fpga).unwrap();
+    let starts = [ChannelStart::new(channel)];
+    port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let device = find_mut(fpga.remote_mut(0, 3).unwrap()).unwrap();
+    device.set_input(0, true).unwrap();
+    device.set_input(23, true).unwrap();
+    device.set_input_volts(1, 3.3).unwrap();
+    let outputs = PortWords::default();
+    let transfer = port.transfer(&mut fpga, channel.mask(), &outputs).unwrap();
+    assert_eq!(
+        transfer.inputs.channel(channel)[..3],
+        [0x0080_0001, 0xFFFF_0000, 0]
+    );
+}
+
+/// Manual: 7I77, "REMOTE MODES": each software mode has its own process data. FACTS 8.2.
+#[test]
+fn every_software_mode_of_the_7i77_has_its_sizes() {
+    let (mut fpga, mut port) = machine();
+    for (mode, rx, count) in [(0, 5, 2), (1, 9, 6), (2, 10, 7), (3, 12, 9)] {
+        let inventory = found(&mut port, &mut fpga, &[mode]);
+        let remote = inventory.on(Channel::ALL[0]).unwrap();
+        assert_eq!(remote.remote.sizes, ProcessDataSizes { rx, tx: 2 });
+        let descriptor = &remote.discovered.descriptor;
+        assert_eq!(
+            (descriptor.software_mode, descriptor.process_data.len()),
+            (mode, count)
+        );
+        println!(
+            "7I77 field I/O, mode {mode}: {} accesses",
+            remote.discovered.accesses
+        );
+    }
+}
+
+/// The manual's "remote read", counted.
+struct ByTheManual<'a> {
+    port: &'a mut Port,
+    fpga: &'a mut SimFpga,
+    reads: u32,
+}
+
+impl ByTheManual<'_> {
+    fn read(&mut self, address: u16, size: AccessSize) -> u32 {
+        self.reads += 1;
+        let channel = Channel::ALL[0];
+        let value = self.port.remote_read(self.fpga, channel, address, size);
+        value.unwrap() as u32
+    }
+
+    /// Steps 22, 23 and 27.
+    fn string(&mut self, pointer: &mut u16) -> String {
+        let mut text = String::new();
+        loop {
+            let byte = self.read(*pointer, AccessSize::Byte) as u8;
+            *pointer += 1;
+            if byte == 0 {
+                return text;
+            }
+            text.push(char::from(byte));
+        }
+    }
+
+    /// Steps 5 to 10.
+    fn table(&mut self, mut pointer: u16) -> Vec<u16> {
+        let mut table = Vec::new();
+        loop {
+            let word = self.read(pointer, AccessSize::Word) as u16;
+            if word == 0 {
+                return table;
+            }
+            table.push(word);
+            pointer += 2;
+        }
+    }
+
+    /// Steps 12 to 28, with the offsets of FACTS 7.1; each record as one line of text.
+    fn record(&mut self, record: u16) -> String {
+        let byte = |this: &mut Self, offset| this.read(record + offset, AccessSize::Byte);
+        match byte(self, 0) {
+            0xA0 => {
+                let header = [1, 2, 3].map(|offset| byte(self, offset));
+                let limits = [4, 8]
+                    .map(|offset| f32::from_bits(self.read(record + offset, AccessSize::Long)));
+                let address = self.read(record + 12, AccessSize::Word);
+                let mut pointer = record + 14;
+                let unit = self.string(&mut pointer);
+                let name = self.string(&mut pointer);
+                format!("data {record:04X} {header:02X?} {limits:?} {address:04X} {unit} {name}")
+            }
+            0xB0 => {
+                let header = [1, 2].map(|offset| byte(self, offset));
+                let name = self.string(&mut (record + 4));
+                format!("mode {record:04X} {header:02X?} {name}")
+            }
+            other => panic!("record type {other:02X}"),
+        }
+    }
+}
+
+/// The driver's records in the same form.
+fn lines(descriptor: &RemoteDescriptor) -> Vec<String> {
+    use mesa_hal::discovery::DataType as T;
+    let code = |data_type| {
+        (0..=255)
+            .find(|&byte| T::from_byte(byte) == data_type)
+            .unwrap()
+    };
+    let direction = |direction| match direction {
+        DataDirection::Input => 0x00,
+        DataDirection::Bidirectional => 0x40,
+        DataDirection::Output => 0x80u32,
+    };
+    let data = descriptor.process_data.iter().chain(&descriptor.parameters);
+    let data = data.map(|r| {
+        let header = [
+            u32::from(r.bits),
+            u32::from(code(r.data_type)),
+            direction(r.direction),
+        ];
+        let limits = [r.min, r.max];
+        format!(
+            "data {:04X} {header:02X?} {limits:?} {:04X} {} {}",
+            r.record_address, r.address, r.unit, r.name
+        )
+    });
+    let modes = descriptor.modes.iter().map(|mode| {
+        let kind = match mode.mode_type {
+            mesa_hal::discovery::ModeType::Hardware => 0,
+            mesa_hal::discovery::ModeType::Software => 1,
+            mesa_hal::discovery::ModeType::Other(other) => other,
+        };
+        let header = [mode.index, kind];
+        format!(
+            "mode {:04X} {header:02X?} {}",
+            mode.record_address, mode.name
+        )
+    });
+    data.chain(modes).collect()
+}
+
+/// Manual: 7I77, "DISCOVERY SEQUENCE", steps 1 to 29.
+#[test]
+fn the_manuals_steps_find_the_same_with_many_more_accesses() {
+    let (mut fpga, mut port) = machine();
+    for mode in 0..4 {
+        let inventory = found(&mut port, &mut fpga, &[mode]);
+        let ours = inventory.on(Channel::ALL[0]).unwrap();
+        // 1 to 4
+        port.stop_all(&mut fpga).unwrap();
+        let start = ChannelStart::new(Channel::ALL[0]).with_software_mode(mode);
+        let report = port.start(&mut fpga, StartMode::Setup, &[start]).unwrap();
+        let remote = *report.remotes().next().unwrap();
+        let mut manual = ByTheManual {
+            port: &mut port,
+            fpga: &mut fpga,
+            reads: 0,
+        };
+        let process = manual.table(remote.ptoc);
+        let global = manual.table(remote.gtoc);
+        let mut expected: Vec<String> = process.iter().map(|&r| manual.record(r)).collect();
+        let addresses: Vec<String> = expected.iter().map(|line| data_address(line)).collect();
+        for record in global {
+            if process.contains(&record) {
+                continue;
+            }
+            let line = manual.record(record);
+            if line.starts_with("mode") || !addresses.contains(&data_address(&line)) {
+                expected.push(line);
+            }
+        }
+        let reads = manual.reads;
+        let mut found = lines(&ours.discovered.descriptor);
+        found.sort();
+        expected.sort();
+        assert_eq!(found, expected, "mode {mode}");
+        println!(
+            "mode {mode}: {} accesses, {reads} by the manual's steps",
+            ours.discovered.accesses
+        );
+        assert!(ours.discovered.accesses * 5 < reads, "mode {mode}");
+    }
+}
+
+/// The data address of a line of [`ByTheManual::record`]; modes have none.
+fn data_address(line: &str) -> String {
+    let after_limits = line.rsplit(']').next().unwrap_or_default();
+    if line.starts_with("data") {
+        after_limits
+            .split_whitespace()
+            .next()
+            .unwrap_or_default()
+            .to_owned()
+    } else {
+        String::from("none")
+    }
+}
+
+/// FACTS 6.3, 8.2.
+#[test]
+fn parameters_of_a_device_are_read_and_written_by_name() {
+    let (mut fpga, mut port) = machine();
+    let inventory = found(&mut port, &mut fpga, &[0]);
+    let descriptor = &inventory.on(Channel::ALL[0]).unwrap().discovered.descriptor;
+    let mut memory = PortMemory::new(&mut port, &mut fpga, Channel::ALL[0]);
+    let watchdog = descriptor.parameter("nvwatchdogtimeout").unwrap();
+    let value = watchdog.read_parameter(&mut memory).unwrap();
+    assert_eq!((value.raw, value.value), (50, 50.0));
+    watchdog.write_parameter(&mut memory, 100.0).unwrap();
+    assert_eq!(watchdog.read_parameter(&mut memory).unwrap().raw, 100);
+    assert!(watchdog.write_parameter(&mut memory, 1e6).is_err());
+    assert!(watchdog.write_parameter(&mut memory, f64::NAN).is_err());
+    let baud = descriptor.parameter("NVBaudRate").unwrap();
+    assert_eq!(baud.read_parameter(&mut memory).unwrap().raw, 9);
+    let unit = descriptor.parameter("UnitNumber").unwrap();
+    let value = unit.read_parameter(&mut memory).unwrap();
+    assert_eq!(
+        (value.raw, value.value),
+        (0x1200_0001, 301_989_889.0),
+        "its maximum is 2^32 - 1 rounded to a 32-bit float"
+    );
+}
+
+/// The fault is 40 in the fault byte; a setup START does not look at it.
+#[test]
+fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_started_in_another() {
+    let (mut fpga, mut port) = machine();
+    let in_mode = |mode| [ChannelStart::new(Channel::ALL[0]).with_software_mode(mode)];
+    let mut discovered = |mode| {
+        let limits = DiscoveryLimits::default();
+        let inventory = discover_port(&mut port, &mut fpga, &in_mode(mode), limits).unwrap();
+        inventory.on(Channel::ALL[0]).unwrap().discovered.clone()
+    };
+    let illegal = discovered(7);
+    let [problem] = illegal.problems[..] else {
+        panic!("{:?}", illegal.problems);
+    };
+    let known = [0, 1, 2, 3].into_iter().collect();
+    assert_eq!(
+        problem.kind,
+        ProblemKind::IllegalSoftwareMode { mode: 7, known }
+    );
+    assert!(
+        problem
+            .to_string()
+            .contains("software mode 7 is not one of this remote's modes (0, 1, 2, 3)"),
+        "{problem}"
+    );
+    assert!(!illegal.process_data_is_sound());
+    assert_eq!(discovered(3).problems, []);
+}

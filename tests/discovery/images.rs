@@ -1,0 +1,533 @@
+//! Discovery on memory images: recorded ones, damaged ones, and arbitrary ones.
+
+use crate::common::replay::{memory_of, transcript};
+use mesa_hal::discovery::{
+    DataDirection, DataType, Discovered, DiscoveryLimits, Flow, ModeType, ProblemKind,
+    RemoteIdentity, RemoteMemory, RemoteName, Source, StringField, Table, discover,
+};
+use mesa_hal::sslbp::{AccessSize, ProcessDataSizes, ReplyFormat};
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+
+/// A read that the remote does not answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no reply at {0:#06X}")]
+struct NoReply(u16);
+
+/// A remote's memory. Bytes that are not set read 0; reads that touch a missing range fail.
+#[derive(Clone, Debug, Default)]
+struct Image {
+    bytes: BTreeMap<u16, u8>,
+    missing: Option<std::ops::RangeInclusive<u16>>,
+    accesses: u32,
+    bytes_read: u32,
+}
+
+impl Image {
+    fn recorded(name: &str, remote: &str) -> Self {
+        Self {
+            bytes: memory_of(&transcript(name), remote),
+            ..Self::default()
+        }
+    }
+
+    fn put(&mut self, address: u16, bytes: &[u8]) {
+        for (n, &byte) in (0..).zip(bytes) {
+            self.bytes.insert(address.wrapping_add(n), byte);
+        }
+    }
+
+    fn put_words(&mut self, address: u16, words: &[u16]) {
+        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        self.put(address, &bytes);
+    }
+
+    fn byte(&self, address: u16) -> u8 {
+        self.bytes.get(&address).copied().unwrap_or(0)
+    }
+}
+
+impl RemoteMemory for Image {
+    type Error = NoReply;
+
+    fn read(&mut self, address: u16, size: AccessSize) -> Result<u64, NoReply> {
+        self.accesses += 1;
+        self.bytes_read += u32::from(size.bytes());
+        let mut value = 0;
+        for n in 0..size.bytes() {
+            let place = address + u16::from(n);
+            if self
+                .missing
+                .as_ref()
+                .is_some_and(|gap| gap.contains(&place))
+            {
+                return Err(NoReply(place));
+            }
+            value |= u64::from(self.byte(place)) << (8 * n);
+        }
+        Ok(value)
+    }
+}
+
+fn identity(ptoc: u16, gtoc: u16, rx: u8, tx: u8) -> RemoteIdentity {
+    RemoteIdentity {
+        name: RemoteName(*b"7I77"),
+        unit_number: 0x77AA,
+        software_mode: 0,
+        ptoc,
+        gtoc,
+        sizes: ProcessDataSizes { rx, tx },
+        register_bits: 96,
+        reply_format: ReplyFormat::FaultByteFirst,
+    }
+}
+
+fn run(image: &mut Image, identity: &RemoteIdentity) -> Discovered<NoReply> {
+    discover(image, identity, DiscoveryLimits::default())
+}
+
+fn kinds(found: &Discovered<NoReply>) -> Vec<ProblemKind> {
+    found.problems.iter().map(|problem| problem.kind).collect()
+}
+
+/// The four software modes of the recorded 7I77: tables, sizes, bytes that they span.
+const MODES: [(u16, u16, u8, u8); 4] = [
+    (0x49A, 0x4A4, 5, 2),
+    (0x5C0, 0x5D2, 9, 2),
+    (0x712, 0x726, 10, 2),
+    (0x88E, 0x8A6, 12, 2),
+];
+
+/// Manual: 7I77, "DISCOVERY SEQUENCE"; memory of transcript t03.
+#[test]
+fn the_recorded_7i77_is_found_as_it_is() {
+    let mut image = Image::recorded("t03_setup_one.txt", "remote0");
+    let found = run(&mut image, &identity(0x5C0, 0x5D2, 9, 2));
+    assert_eq!(found.problems, []);
+    assert_eq!(found.source, Source::Remote);
+    let elements: Vec<_> = found
+        .descriptor
+        .process_data
+        .iter()
+        .map(|record| {
+            (
+                record.name.as_str(),
+                record.bits,
+                record.data_type,
+                record.direction,
+            )
+        })
+        .collect();
+    let (input, output) = (DataDirection::Input, DataDirection::Output);
+    assert_eq!(
+        elements,
+        [
+            ("Output", 16, DataType::Bits, output),
+            ("Input", 32, DataType::Bits, input),
+            ("Analogin0", 8, DataType::Unsigned, input),
+            ("Analogin1", 8, DataType::Unsigned, input),
+            ("Analogin2", 8, DataType::Unsigned, input),
+            ("Analogin3", 8, DataType::Unsigned, input),
+        ]
+    );
+    let analog = &found.descriptor.process_data[2];
+    assert_eq!((analog.record_address, analog.address), (0x4D7, 0x18));
+    assert_eq!((analog.min, analog.max), (0.0, 36.3));
+    assert_eq!(analog.unit, "volts");
+    let modes: Vec<_> = found
+        .descriptor
+        .modes
+        .iter()
+        .map(|mode| (mode.index, mode.mode_type, mode.name.as_str()))
+        .collect();
+    assert_eq!(
+        modes,
+        [
+            (0, ModeType::Hardware, "Standard"),
+            (1, ModeType::Software, "I/O_Analog"),
+        ]
+    );
+    let watchdog = found.descriptor.parameter("nvwatchdogtime").unwrap();
+    assert_eq!(watchdog.data_type, DataType::NonvolUnsigned);
+    assert_eq!((watchdog.address, watchdog.bits), (0x24, 16));
+    assert_eq!((watchdog.max, watchdog.unit.as_str()), (65_535.0, "mS"));
+    assert_eq!(found.descriptor.parameters.len(), 3);
+}
+
+/// Each access is a round trip, so they are counted: one for each eight bytes that matter.
+#[test]
+fn discovery_costs_one_access_for_eight_bytes() {
+    for (mode, (ptoc, gtoc, rx, tx)) in MODES.into_iter().enumerate() {
+        let mut image = Image::recorded("t03_setup_one.txt", "remote0");
+        let found = run(&mut image, &identity(ptoc, gtoc, rx, tx));
+        assert_eq!(found.problems, [], "mode {mode}");
+        assert_eq!(found.accesses, image.accesses);
+        // From the first record to the end of the GTOC, all records are neighbours.
+        let first = found.descriptor.process_data[0].record_address;
+        let span = u32::from(gtoc + 8 - first);
+        println!(
+            "mode {mode}: {} accesses for {span} bytes, byte by byte at least {span}",
+            found.accesses
+        );
+        assert!(found.accesses <= span.div_ceil(8) + 2, "mode {mode}");
+    }
+}
+
+/// FACTS 7.2: process data, modes of all indexes and parameters are in the GTOC.
+#[test]
+fn what_the_gtoc_repeats_is_no_parameter() {
+    let mut image = Image::recorded("t03_setup_one.txt", "remote0");
+    // Output, Input, both modes, a mode of another index, and the three parameters
+    let gtoc = [0x400, 0x416, 0x42B, 0x438, 0x55C, 0x445, 0x45F, 0x47F, 0];
+    image.put_words(0x2000, &gtoc);
+    let found = run(&mut image, &identity(0x49A, 0x2000, 5, 2));
+    assert_eq!(found.problems, []);
+    assert_eq!(found.descriptor.process_data.len(), 2);
+    let names: Vec<_> = found
+        .descriptor
+        .parameters
+        .iter()
+        .map(|p| &p.name)
+        .collect();
+    assert_eq!(names, ["UnitNumber", "NVWatchDogTime", "NVBaudRate"]);
+    let modes: Vec<_> = found.descriptor.modes.iter().map(|m| m.index).collect();
+    assert_eq!(modes, [0, 0, 1]);
+}
+
+/// FACTS 4.7; transcript t26: 24 in, 24 out, two analog inputs.
+#[test]
+fn a_7i64_is_recognised_by_its_name() {
+    let mut image = Image::default();
+    let remote = RemoteIdentity {
+        name: RemoteName(*b"7I64"),
+        reply_format: ReplyFormat::DataOnly,
+        ..identity(0, 0, 8, 4)
+    };
+    let found = run(&mut image, &remote);
+    assert_eq!((found.source, found.accesses), (Source::BuiltIn, 0));
+    assert!(found.process_data_is_sound());
+    let bits = |flow: Flow| -> u32 {
+        let all = found.descriptor.process_data.iter();
+        all.filter(|record| flow.has(record.direction))
+            .map(|record| u32::from(record.bits))
+            .sum()
+    };
+    assert_eq!((bits(Flow::Input), bits(Flow::Output)), (64, 32));
+    let sizes = ProcessDataSizes { rx: 9, tx: 4 };
+    let other = run(&mut image, &RemoteIdentity { sizes, ..remote });
+    assert!(!other.process_data_is_sound());
+    let unknown = run(&mut image, &identity(0, 0, 5, 2));
+    assert_eq!(kinds(&unknown), [ProblemKind::NoDiscovery]);
+}
+
+/// A data record: bits, type, direction, limits, unit, name.
+fn data(bits: u8, kind: u8, direction: u8, limits: [f32; 2], name: &str) -> Vec<u8> {
+    let mut record = vec![0xA0, bits, kind, direction];
+    record.extend(limits.map(f32::to_le_bytes).concat());
+    record.extend([0x00, 0x10]);
+    record.extend(b"V\0");
+    record.extend(name.as_bytes());
+    record.push(0);
+    record
+}
+
+/// A remote with these records in its PTOC, in this order.
+fn with_records(records: &[Vec<u8>], rx: u8, tx: u8) -> (Image, RemoteIdentity) {
+    let mut image = Image::default();
+    let mut table = Vec::new();
+    for (record, address) in records.iter().zip((0x1000..).step_by(0x200)) {
+        image.put(address, record);
+        table.push(address);
+    }
+    table.push(0);
+    image.put_words(0x100, &table);
+    (image, identity(0x100, 0, rx, tx))
+}
+
+fn good() -> Vec<u8> {
+    data(8, 2, 0x00, [0.0, 10.0], "Good")
+}
+
+/// The damaged record has its own error, which says where; the good one behind it is found.
+fn only_problem(record: Vec<u8>) -> ProblemKind {
+    let (mut image, remote) = with_records(&[record, good()], 13, 12);
+    let found = run(&mut image, &remote);
+    let &[problem] = found.problems.as_slice() else {
+        panic!("expected one problem, got {:?}", found.problems);
+    };
+    assert_eq!((problem.table, problem.record), (Table::Process, 0x1000));
+    let text = problem.to_string();
+    assert!(
+        text.contains("7I77 (unit number 0x000077AA), PTOC record at 0x1000"),
+        "{text}"
+    );
+    let last = found.descriptor.process_data.last().unwrap();
+    assert_eq!(last.name, "Good");
+    problem.kind
+}
+
+#[test]
+fn each_kind_of_damage_has_its_own_error() {
+    let limits = [0.0, 1.0];
+    assert_eq!(
+        only_problem(vec![0xC7, 8]),
+        ProblemKind::UnknownRecordType { found: 0xC7 }
+    );
+    assert_eq!(
+        only_problem(data(8, 2, 0x20, limits, "x")),
+        ProblemKind::IllegalDirection { found: 0x20 }
+    );
+    assert_eq!(
+        only_problem(data(0, 2, 0, limits, "x")),
+        ProblemKind::NoBits
+    );
+    assert_eq!(
+        only_problem(data(65, 3, 0, limits, "x")),
+        ProblemKind::TooManyBits {
+            bits: 65,
+            limit: 64
+        }
+    );
+    assert_eq!(
+        only_problem(data(16, 0x10, 0, limits, "x")),
+        ProblemKind::FloatSize { bits: 16 }
+    );
+    assert_eq!(
+        only_problem(data(8, 0x99, 0, limits, "x")),
+        ProblemKind::UnknownDataType { found: 0x99 }
+    );
+    assert_eq!(
+        only_problem(data(8, 2, 0, [1.0, f32::INFINITY], "x")),
+        ProblemKind::LimitsNotFinite {
+            min: 1.0,
+            max: f32::INFINITY
+        }
+    );
+    assert_eq!(
+        only_problem(data(8, 2, 0, [2.0, 1.0], "x")),
+        ProblemKind::LimitsReversed { min: 2.0, max: 1.0 }
+    );
+    assert_eq!(
+        only_problem(data(8, 2, 0, limits, &"n".repeat(60))),
+        ProblemKind::StringTooLong {
+            field: StringField::Name,
+            characters: 60,
+            kept: 48
+        }
+    );
+    assert_eq!(
+        only_problem(data(8, 2, 0, limits, &"n".repeat(300))),
+        ProblemKind::StringWithoutEnd {
+            field: StringField::Name,
+            characters: 255
+        }
+    );
+}
+
+/// A remote that shows something else in the place of its tables, such as erased or zeroed memory,
+/// must not run without pins as if that were right.
+#[test]
+fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
+    let (mut image, remote) = with_records(&[], 5, 2);
+    let found = run(&mut image, &remote);
+    assert_eq!(kinds(&found), [ProblemKind::NoProcessData { rx: 4, tx: 2 }]);
+    assert!(!found.process_data_is_sound());
+    // One byte is the fault byte of a remote that has nothing to say.
+    let (mut image, remote) = with_records(&[], 1, 0);
+    assert_eq!(run(&mut image, &remote).problems, []);
+}
+
+/// Manual: 7I77, "DATA_LENGTH": up to 255 bits, but the registers have 96.
+#[test]
+fn process_data_that_does_not_fit_is_reported_for_each_direction() {
+    let wide = |direction| data(96, 1, direction, [0.0; 2], "wide");
+    let one = |direction| data(1, 1, direction, [0.0; 2], "one");
+    let (mut image, remote) = with_records(&[wide(0x00), wide(0x80)], 13, 12);
+    assert_eq!(run(&mut image, &remote).problems, []);
+
+    let (mut image, remote) = with_records(&[wide(0x40), one(0x80)], 13, 12);
+    let found = run(&mut image, &remote);
+    assert_eq!(
+        kinds(&found),
+        [ProblemKind::RegistersTooSmall {
+            direction: Flow::Output,
+            bits: 97,
+            limit: 96
+        }]
+    );
+    assert_eq!(found.problems[0].record, 0x1200);
+
+    let huge = data(255, 1, 0x00, [0.0; 2], "huge");
+    let (mut image, remote) = with_records(&[huge], 13, 12);
+    assert_eq!(
+        kinds(&run(&mut image, &remote)),
+        [ProblemKind::RegistersTooSmall {
+            direction: Flow::Input,
+            bits: 255,
+            limit: 96
+        }]
+    );
+
+    // RX 5 carries four bytes of data
+    let (mut image, remote) = with_records(&[data(33, 1, 0, [0.0; 2], "x")], 5, 0);
+    let found = run(&mut image, &remote);
+    assert_eq!(
+        kinds(&found),
+        [ProblemKind::TransferTooSmall {
+            direction: Flow::Input,
+            bits: 33,
+            limit: 32,
+            bytes: 4
+        }]
+    );
+    assert!(!found.process_data_is_sound());
+}
+
+#[test]
+fn a_table_that_loops_or_never_ends_is_cut_off() {
+    let mut image = Image::default();
+    image.put(0x1000, &good());
+    image.put_words(0x100, &[0x1000, 0x1000, 0]);
+    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    assert_eq!(kinds(&found), [ProblemKind::RepeatedEntry { entry: 1 }]);
+    assert_eq!(found.descriptor.process_data.len(), 1);
+
+    // every word points to a record of its own, for the whole memory
+    let words: Vec<u16> = (0..0x400).map(|n| 0x1000 + n).collect();
+    image.put_words(0x8000, &words);
+    let found = run(&mut image, &identity(0x8000, 0, 13, 12));
+    let without_end = ProblemKind::TableWithoutEnd { entries: 255 };
+    assert!(kinds(&found).contains(&without_end));
+
+    image.put_words(0xFFFC, &[0x1000, 0x1001]);
+    let found = run(&mut image, &identity(0xFFFC, 0, 13, 12));
+    assert!(kinds(&found).contains(&ProblemKind::TableWithoutEnd { entries: 2 }));
+}
+
+#[test]
+fn a_record_at_the_end_of_the_address_space_is_an_error() {
+    let mut image = Image::default();
+    image.put(0xFFF0, &data(8, 2, 0, [0.0, 1.0], "long name")[..16]);
+    image.put_words(0x100, &[0xFFF0, 0]);
+    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    assert_eq!(kinds(&found), [ProblemKind::PastEnd]);
+}
+
+/// A remote whose memory ends in the middle of a double is read with smaller accesses.
+#[test]
+fn the_last_bytes_of_a_memory_are_read_one_by_one() {
+    let mut image = Image::default();
+    let record = good();
+    let end = 0x1000 + record.len() as u16;
+    image.put(0x1000, &record);
+    image.put_words(0x100, &[0x1000, 0]);
+    image.missing = Some(end..=0xFFFF);
+    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    assert_eq!(found.problems, []);
+    assert_eq!(found.descriptor.process_data[0].name, "Good");
+}
+
+#[test]
+fn a_read_that_fails_costs_its_record_only() {
+    let (mut image, remote) = with_records(&[good(), good(), good()], 13, 12);
+    image.missing = Some(0x1204..=0x1205);
+    let found = run(&mut image, &remote);
+    assert_eq!(kinds(&found), [ProblemKind::ReadFailed { address: 0x1204 }]);
+    assert_eq!(found.problems[0].record, 0x1200);
+    assert_eq!(found.read_error, Some(NoReply(0x1204)));
+    assert_eq!(found.descriptor.process_data.len(), 2);
+    assert!(!found.process_data_is_sound());
+}
+
+#[test]
+fn a_remote_that_is_gone_is_given_up_soon() {
+    let mut image = Image {
+        missing: Some(0..=0xFFFF),
+        ..Image::default()
+    };
+    let found = run(&mut image, &identity(0x100, 0x200, 13, 12));
+    assert_eq!(
+        kinds(&found),
+        [
+            ProblemKind::ReadFailed { address: 0x100 },
+            ProblemKind::ReadFailed { address: 0x200 },
+        ]
+    );
+    assert!(found.accesses <= 6);
+}
+
+/// Of a hundred records none can be read: four are tried.
+#[test]
+fn giving_up_is_said_once() {
+    let mut image = Image::default();
+    let words: Vec<u16> = (0..100).map(|n| 0x2000 + 0x40 * n).collect();
+    image.put_words(0x100, &words);
+    image.put_words(0x100 + 200, &[0]);
+    image.missing = Some(0x2000..=0x6000);
+    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    let (failed, gave_up): (Vec<_>, Vec<_>) = kinds(&found)
+        .into_iter()
+        .partition(|kind| matches!(kind, ProblemKind::ReadFailed { .. }));
+    assert_eq!((failed.len(), gave_up.len()), (4, 1));
+    assert!(matches!(gave_up[0], ProblemKind::GaveUp { .. }));
+}
+
+fn any_image() -> impl Strategy<Value = Image> {
+    // Dense with record types, zeros and printable characters, so that walks get far.
+    let byte = prop_oneof![
+        2 => Just(0u8),
+        2 => Just(0xA0u8),
+        1 => Just(0xB0u8),
+        1 => Just(0x10u8),
+        3 => any::<u8>(),
+    ];
+    (
+        proptest::collection::vec(byte, 0..600),
+        0u16..0x40,
+        proptest::option::of((any::<u16>(), 0u16..64)),
+    )
+        .prop_map(|(bytes, base, gap)| {
+            let mut image = Image::default();
+            // repeated over the whole address space
+            if !bytes.is_empty() {
+                for address in 0..=u16::MAX {
+                    let n = usize::from(address.wrapping_add(base)) % bytes.len();
+                    image.bytes.insert(address, bytes[n]);
+                }
+            }
+            image.missing = gap.map(|(first, length)| first..=first.saturating_add(length));
+            image
+        })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_memory_is_walked_within_the_limits(
+        mut image in any_image(),
+        ptoc: u16,
+        gtoc: u16,
+        rx: u8,
+        tx: u8,
+    ) {
+        let limits = DiscoveryLimits::default();
+        let found = run(&mut image, &identity(ptoc, gtoc, rx, tx));
+        prop_assert!(found.accesses <= limits.accesses);
+        prop_assert_eq!(found.accesses, image.accesses);
+        prop_assert!(found.descriptor.process_data.len() <= usize::from(limits.entries));
+        for record in &found.descriptor.process_data {
+            prop_assert!(record.bits > 0);
+            prop_assert!(record.min.is_finite() && record.max.is_finite());
+            prop_assert!(record.name.chars().count() <= 48);
+        }
+        let bits: u32 = found
+            .descriptor
+            .process_data
+            .iter()
+            .filter(|record| record.direction.is_input())
+            .map(|record| u32::from(record.bits))
+            .sum();
+        prop_assert!(bits <= 96 || !found.process_data_is_sound());
+    }
+}

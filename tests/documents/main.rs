@@ -1,0 +1,6 @@
+//! What the documents say is so.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod neighbours;
+mod readme;

@@ -1,0 +1,160 @@
+//! What the README says is so: its code drives the axis, and every sentence that claims something
+//! names, in `docs/promises.md`, a test that would fail if it were not so.
+
+use std::{collections::BTreeSet, fs, path::Path};
+
+const README: &str = include_str!("../../README.md");
+const PROMISES: &str = include_str!("../../docs/promises.md");
+const TEN_LINES: &str = include_str!("ten_lines.in");
+
+#[test]
+fn the_lines_in_the_readme_are_those_that_are_run_here() {
+    let (_, block) = README.split_once("```rust\n").expect("a block of code");
+    let (block, _) = block.split_once("# Ok::").expect("its end");
+    let run = TEN_LINES.strip_prefix("{\n").expect("an expression");
+    let run = run
+        .strip_suffix("driver\n}\n")
+        .expect("that gives the driver");
+    assert_eq!(block, run);
+}
+
+#[test]
+fn the_lines_in_the_readme_move_the_axis() -> Result<(), Box<dyn std::error::Error>> {
+    let mut driver = include!("ten_lines.in");
+    // 1.5 V are 15 units a second, for a second.
+    let position = |driver: &mut mesa_hal::Driver<mesa_hal::SimFpga>, axis| {
+        let motor = driver.bus_mut().motor(axis).expect("a motor");
+        motor.position()
+    };
+    let moved = position(&mut driver, 0);
+    assert!((14.0..16.0).contains(&moved), "{moved} units");
+    for axis in 1..6 {
+        assert!(position(&mut driver, axis).abs() < 1e-9, "axis {axis}");
+    }
+    Ok(())
+}
+
+#[test]
+fn every_sentence_of_the_readme_names_its_test_or_claims_nothing() {
+    let known: BTreeSet<String> = entries().map(|entry| entry.sentence).collect();
+    let said: BTreeSet<String> = sentences(README).into_iter().collect();
+    let missing: Vec<_> = said.difference(&known).collect();
+    assert!(missing.is_empty(), "not in docs/promises.md: {missing:#?}");
+    let gone: Vec<_> = known.difference(&said).collect();
+    assert!(gone.is_empty(), "not in README.md any more: {gone:#?}");
+    assert!(said.len() > 40, "{} sentences", said.len());
+}
+
+#[test]
+fn every_promise_names_tests_that_exist() {
+    let mut promises = 0;
+    for Entry {
+        sentence,
+        evidence,
+        claims,
+    } in entries()
+    {
+        assert_eq!(!evidence.is_empty(), claims, "{sentence}: {evidence:?}");
+        promises += u32::from(claims);
+        for item in evidence {
+            assert!(
+                exists(&item),
+                "{sentence}\nnames {item}, which does not exist"
+            );
+        }
+    }
+    assert!(promises > 30, "{promises} promises");
+}
+
+/// A sentence in `docs/promises.md`, and what it names.
+struct Entry {
+    sentence: String,
+    evidence: Vec<String>,
+    /// It stands among the promises.
+    claims: bool,
+}
+
+/// A line that begins with `> ` is a sentence; those with `- ` that follow it name its tests.
+fn entries() -> impl Iterator<Item = Entry> {
+    let (promises, others) = PROMISES
+        .split_once("\n## What claims nothing")
+        .expect("both parts");
+    let part = |text: &'static str, claims| {
+        let mut list: Vec<Entry> = Vec::new();
+        for line in text.lines() {
+            if let Some(sentence) = line.strip_prefix("> ") {
+                let (sentence, evidence) = (sentence.to_owned(), Vec::new());
+                list.push(Entry {
+                    sentence,
+                    evidence,
+                    claims,
+                });
+            } else if let (Some(item), Some(entry)) = (line.strip_prefix("- "), list.last_mut()) {
+                entry.evidence.push(item.to_owned());
+            }
+        }
+        list
+    };
+    part(promises, true).into_iter().chain(part(others, false))
+}
+
+/// Whether there is a test `path::name`, or a text in a file: `path "text"`.
+fn exists(item: &str) -> bool {
+    let read = |path: &str| {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        fs::read_to_string(root.join(path)).unwrap_or_default()
+    };
+    if let Some((path, text)) = item.split_once(" \"") {
+        return text
+            .strip_suffix('"')
+            .is_some_and(|text| read(path).contains(text));
+    }
+    let Some((path, name)) = item.rsplit_once("::") else {
+        return false;
+    };
+    let source = read(path);
+    let Some((before, _)) = source.split_once(&format!("fn {name}(")) else {
+        return false;
+    };
+    before.trim_end().ends_with("#[test]")
+}
+
+/// The sentences of a page, without headings and code. A row of a table is one sentence.
+fn sentences(page: &str) -> Vec<String> {
+    let mut blocks: Vec<String> = vec![String::new()];
+    let mut is_code = false;
+    for line in page.lines() {
+        let line = line.trim_start_matches("> ").trim_end();
+        if line.starts_with("```") {
+            is_code = !is_code;
+            blocks.push(String::new());
+            continue;
+        }
+        if is_code || line.starts_with('#') || line.starts_with("|---") {
+            continue;
+        }
+        let begins = line.is_empty() || line.starts_with("- ") || line.starts_with('|');
+        if begins {
+            blocks.push(String::new());
+        }
+        if let Some(block) = blocks.last_mut() {
+            block.push_str(line.trim_start_matches("- ").trim());
+            block.push(' ');
+        }
+    }
+    let plain = |text: &str| text.replace("**", "").trim().to_owned();
+    let blocks = blocks
+        .iter()
+        .map(|block| plain(block))
+        .filter(|block| !block.is_empty());
+    blocks
+        .flat_map(|block| {
+            if block.starts_with('|') {
+                return vec![block];
+            }
+            let ends = block.replace(". ", ".\n").replace("? ", "?\n");
+            ends.lines().map(str::to_owned).collect()
+        })
+        .filter(|sentence| sentence != "| | |")
+        .collect()
+}

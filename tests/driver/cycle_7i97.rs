@@ -1,0 +1,374 @@
+//! Everything of a 7I97 in the cycle, on the simulated board and on virtual time.
+
+mod analog;
+mod digital;
+mod encoders;
+mod other_firmware;
+
+use std::cell::Cell;
+use std::collections::BTreeSet;
+use std::rc::Rc;
+use std::time::Duration;
+
+use crate::common::ethernet::{SimLink, WIRE, is_request};
+use mesa_hal::boards::I7i97;
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::{BoardState, Builder, CycleReport, Driver, GpioConfig};
+use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// A bus with a simulated FPGA at its end.
+trait World: RegisterBus {
+    fn fpga(&mut self) -> &mut SimFpga;
+}
+
+impl World for SimFpga {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self
+    }
+}
+
+impl World for UdpBus<SimLink> {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.link().board.gateware_mut()
+    }
+}
+
+struct Machine<B: World> {
+    driver: Driver<B>,
+    card: I7i97,
+}
+
+fn ethernet(fpga: SimFpga) -> UdpBus<SimLink> {
+    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
+    UdpBus::new(link, UdpConfig::default()).expect("the board answers")
+}
+
+impl<B: World> Machine<B> {
+    fn new(bus: B) -> Self {
+        Self::build(bus, |builder| builder)
+    }
+
+    fn build(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Self {
+        let builder = configure(Driver::builder(bus).period(PERIOD));
+        let driver = builder.build().expect("the board is complete");
+        let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+        let mut this = Self { driver, card };
+        // However long the set-up took, the first cycle has a whole period.
+        this.rest();
+        this
+    }
+
+    fn cycle(&mut self) -> CycleReport {
+        let report = self.driver.read().expect("the bus does not fail");
+        self.finish();
+        report
+    }
+
+    /// The write, and the rest of the period.
+    fn finish(&mut self) {
+        self.driver.write().expect("the bus does not fail");
+        self.rest();
+    }
+
+    fn rest(&mut self) {
+        let bus = self.driver.bus_mut();
+        let period = PERIOD.as_nanos() as u64;
+        let rest = period - bus.now().as_nanos() % period;
+        bus.wait(Duration::from_nanos(rest));
+    }
+
+    fn cycles(&mut self, count: usize) {
+        for _ in 0..count {
+            let _ = self.cycle();
+        }
+    }
+
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.driver.bus_mut().fpga()
+    }
+}
+
+fn board() -> Machine<SimFpga> {
+    Machine::new(machines::six_axes_7i97(MotorConfig::default()))
+}
+
+/// The usual firmware, with InMux and SSR, and a newer one with InM and OutM; motors on both.
+fn both_firmwares() -> [SimFpga; 2] {
+    let mut newer = machines::i7i97_inm_outm(1);
+    machines::wire_7i97(&mut newer, MotorConfig::default());
+    [machines::six_axes_7i97(MotorConfig::default()), newer]
+}
+
+/// Follows a sine on each axis, 0.3 s of it; gives the largest error after the start.
+fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
+    let card = machine.card.clone();
+    for encoder in card.encoders {
+        machine
+            .driver
+            .pins_mut()
+            .set_param(encoder.scale, 1000.0)
+            .expect("a scale");
+    }
+    for output in card.analog_out {
+        machine.driver.pins_mut().set(output.enable, true);
+    }
+    let mut worst: f64 = 0.0;
+    for n in 0..300u32 {
+        let report = machine.driver.read().expect("the bus does not fail");
+        assert!(report.is_good(), "cycle {n}: {report:?}");
+        let pins = machine.driver.pins_mut();
+        for (axis, (output, encoder)) in (0u32..).zip(card.analog_out.iter().zip(card.encoders)) {
+            let phase = f64::from(n) * 0.01 + f64::from(axis);
+            // A speed of 10 units/s at 1 V; the target begins where the axis stands.
+            let target = phase.sin() - f64::from(axis).sin();
+            let position = pins.read(encoder.position);
+            assert!(position.valid, "axis {axis}");
+            let error = target - position.value;
+            if n > 100 {
+                worst = worst.max(error.abs());
+            }
+            pins.set(output.value, phase.cos() + error * 5.0);
+        }
+        machine.finish();
+    }
+    worst
+}
+
+#[test]
+fn six_position_loops_are_closed_on_the_boards_own_outputs_and_encoders() {
+    let mut machine = board();
+    let worst = follow(&mut machine);
+    assert!(worst < 0.1, "{worst}");
+    for axis in 0..6 {
+        let position = machine.fpga().motor(axis).expect("an axis").position();
+        assert!(position.abs() > 0.05, "axis {axis} has moved: {position}");
+    }
+}
+
+#[test]
+fn six_position_loops_are_closed_over_ethernet() {
+    let mut machine = Machine::new(ethernet(machines::six_axes_7i97(MotorConfig::default())));
+    let worst = follow(&mut machine);
+    assert!(worst < 0.1, "{worst}");
+}
+
+#[test]
+fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
+    let mut machine = Machine::new(ethernet(machines::six_axes_7i97(MotorConfig::default())));
+    assert!(machine.driver.missing().is_empty());
+    let size = machine.driver.image_size();
+    let (request, reply, write) = (size.request_bytes(), size.reply_bytes(), size.write_bytes());
+    println!("planned: request {request}, reply {reply}, write {write} bytes ({size:?})");
+    // Of request and reply, four bytes each are the evidence that the board was not reset, for which
+    // LinuxCNC asks no board.
+    assert!(request - 4 < 80 && reply - 4 < 122 && write < 156);
+    assert!(request + reply + write < 80 + 122 + 156);
+    // In its first 100 periods the phase of the DPLL is written, as by LinuxCNC.
+    machine.cycles(110);
+    let before = machine.driver.bus_mut().statistics();
+    machine.cycles(100);
+    let after = machine.driver.bus_mut().statistics();
+    let sent = after.bytes_sent - before.bytes_sent;
+    let received = after.bytes_received - before.bytes_received;
+    println!(
+        "sent {} and received {} bytes a cycle",
+        sent / 100,
+        received / 100
+    );
+    assert_eq!(
+        after.exchanges - before.exchanges,
+        200,
+        "one read and one write"
+    );
+    assert_eq!(sent, 100 * u64::from(request + write));
+    assert_eq!(received, 100 * u64::from(reply));
+}
+
+#[test]
+fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
+    for fpga in both_firmwares() {
+        let mut machine = Machine::build(fpga, |builder| {
+            builder.gpio(
+                40,
+                GpioConfig {
+                    output: true,
+                    ..GpioConfig::default()
+                },
+            )
+        });
+        let card = machine.card.clone();
+        let (out, [analog, ..]) = (card.io[40].out.expect("an output"), card.analog_out);
+        // A setting that is not the one of the set-up.
+        let later = card.io[41];
+        let (is_output, later_out) = (later.is_output.expect("one"), later.out.expect("one"));
+        machine
+            .driver
+            .pins_mut()
+            .set_param(is_output, true)
+            .expect("a switch");
+        let command = |machine: &mut Machine<SimFpga>| {
+            let pins = machine.driver.pins_mut();
+            pins.set(analog.value, 3.0);
+            pins.set(analog.enable, true);
+            pins.set(card.outputs.outputs[1].out, true);
+            pins.set(card.outputs.outputs[4].invert, true);
+            pins.set(out, true);
+            pins.set(later_out, true);
+        };
+        let state = |machine: &mut Machine<SimFpga>| {
+            let fpga = machine.fpga();
+            let drive = fpga.analog_output(0);
+            (
+                (drive.volts * 10.0).round() as i32,
+                drive.enabled,
+                [1, 4].map(|n| fpga.isolated_output(n)),
+            )
+        };
+        command(&mut machine);
+        let slow = card.inputs.inputs[2];
+        machine.driver.pins_mut().set(slow.slow, true);
+        machine.cycles(3);
+        assert_eq!(state(&mut machine), (30, true, [true; 2]));
+        machine.driver.bus_mut().wait(Duration::from_millis(20));
+        assert!(machine.fpga().watchdog().has_bitten());
+        assert_eq!(
+            state(&mut machine),
+            (0, false, [false; 2]),
+            "the board itself"
+        );
+        assert_eq!(machine.cycle().board, BoardState::WatchdogBitten);
+        let pins = machine.driver.pins();
+        assert!(!pins.commanded(out), "what was set before is forgotten");
+        assert!(!pins.commanded(card.outputs.outputs[1].out));
+        assert!(!pins.read(card.encoders[0].count).valid);
+        assert!(!pins.read(card.inputs.inputs[0].filtered.pin).valid);
+        assert!(!pins.read(card.inputs.mpg_counts[0]).valid);
+        command(&mut machine);
+        machine.cycles(3);
+        assert_eq!(state(&mut machine), (0, false, [false; 2]), "not rearmed");
+        // Once for the set-up, and again when the board has been seen to run.
+        for _ in 0..2 {
+            let _ = machine.driver.rearm().expect("the bus does not fail");
+            let _ = machine.cycle();
+        }
+        let unset = (0, false, [false, true]);
+        assert_eq!(state(&mut machine), unset, "nothing set since, and invert");
+        command(&mut machine);
+        machine.cycles(2);
+        assert_eq!(state(&mut machine), (30, true, [true; 2]));
+        assert!(machine.fpga().pin_level(40) && machine.fpga().pin_level(41));
+        machine.driver.pins_mut().set(later_out, false);
+        machine.cycles(1);
+        assert!(
+            !machine.fpga().pin_level(41),
+            "a setting made later is restored too"
+        );
+        // The long filter takes 25 ms until it can tell anything.
+        machine.cycles(30);
+        machine.fpga().set_input(2, true);
+        machine.cycles(10);
+        let read = |pin| machine.driver.pins().read(pin);
+        let (raw, filtered) = (read(slow.raw.pin), read(slow.filtered.pin));
+        assert!(raw.valid && raw.value, "inverted again");
+        assert!(filtered.valid && !filtered.value, "slow again");
+        let rate = machine.fpga().encoders().expect("encoders").sample_rate();
+        assert!(
+            (rate - 100e6 / 32.0).abs() < 1.0,
+            "half of ClockLow/16: {rate}"
+        );
+    }
+}
+
+#[test]
+fn a_setting_whose_write_was_lost_is_written_again() {
+    let lose = Rc::new(Cell::new(false));
+    let bus = {
+        let fpga = machines::six_axes_7i97(MotorConfig::default());
+        let mut link = SimLink::new(BoardConfig::new("7I97"), fpga);
+        let lose = Rc::clone(&lose);
+        link.to_board = Box::new(move |packet| {
+            if lose.get() && !is_request(packet) {
+                vec![]
+            } else {
+                vec![WIRE]
+            }
+        });
+        UdpBus::new(link, UdpConfig::default()).expect("the board answers")
+    };
+    let mut machine = Machine::new(bus);
+    let led = machine.card.leds.leds[0];
+    machine.cycles(5);
+    machine.driver.pins_mut().set(led, true);
+    lose.set(true);
+    machine.cycles(1);
+    lose.set(false);
+    assert!(!machine.fpga().leds().is_lit(0));
+    machine.cycles(2);
+    assert!(machine.fpga().leds().is_lit(0));
+}
+
+#[test]
+fn the_dpll_locks_to_the_cycle() {
+    let mut machine = board();
+    let dpll = machine.card.dpll.expect("a DPLL");
+    machine.cycles(500);
+    let error = machine.driver.pins().read(dpll.phase_error_us);
+    assert!(error.valid && error.value.abs() < 20.0, "{error:?}");
+    let period = machine
+        .fpga()
+        .dpll()
+        .expect("a DPLL")
+        .period()
+        .expect("it runs");
+    assert!((period - 1e6).abs() < 100.0, "{period} ns");
+}
+
+#[test]
+fn another_board_or_a_lacking_module_is_named() {
+    let other = Driver::builder(machines::i7i92_7i77())
+        .build()
+        .expect("a 7I92");
+    let error = I7i97::of(other.fpga_pins(), other.firmware()).expect_err("not a 7I97");
+    assert!(error.to_string().contains("7I92"), "{error}");
+    let mut firmware = machines::firmware_7i97(1);
+    firmware.modules.retain(|module| module.gtag != 0xC3);
+    let lacking = Driver::builder(SimFpga::new(firmware))
+        .build()
+        .expect("a board");
+    let error = I7i97::of(lacking.fpga_pins(), lacking.firmware()).expect_err("no outputs");
+    let text = error.to_string();
+    assert!(
+        text.contains("SSR") && text.contains("PWM"),
+        "what is missing, and there: {text}"
+    );
+}
+
+#[test]
+fn the_driver_makes_exactly_the_pins_of_the_manifest() {
+    let driver = Driver::builder(machines::i7i97(1)).build().expect("a 7I97");
+    let manifest = include_str!("../manifests/7i97.txt");
+    let mut written: BTreeSet<(String, String, String)> = BTreeSet::new();
+    for line in manifest.lines().filter(|line| !line.starts_with('#')) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        written.insert((words[3].into(), words[1].into(), words[2].into()));
+    }
+    // What the manifest does not tell of: the serial port's pins, and the driver's diagnostics.
+    let own = |name: &str| name.contains(".sserial.") || name.ends_with(".lost-writes");
+    let made: BTreeSet<_> = driver
+        .pins()
+        .infos()
+        .iter()
+        .filter(|info| !own(&info.name))
+        .map(|info| {
+            let direction = info.role.hal_direction().to_owned();
+            (info.name.clone(), info.hal_type.to_string(), direction)
+        })
+        .collect();
+    assert_eq!(
+        made.symmetric_difference(&written).collect::<Vec<_>>(),
+        Vec::<&_>::new()
+    );
+}

@@ -1,0 +1,303 @@
+//! A driver is built with each simulated device, alone and in company: its inputs come, its outputs
+//! arrive, and nobody is missing.
+
+use crate::common::machine::Simulated;
+use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType, i7i77};
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::{BuildError, Driver, MissingReason, RemarkKind, RemoteConfig, SerialConfig};
+use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_mut};
+use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::{SimFpga, machines};
+
+/// The devices, and the software modes they have.
+const DEVICES: [(&str, u8); 6] = [
+    ("7i77", 4),
+    ("7i77d", 4),
+    ("analog", 1),
+    ("7i72", 2),
+    ("7i64", 1),
+    ("stmbl", 1),
+];
+
+/// A drive whose numbers are unlimited, as STMBL's are. FACTS 11.10.
+const STMBL: &str = "
+remote stbl
+unit 0x11223344
+mode 0 standard
+  data pos_cmd 32 float out -inf inf rad
+  data vel_cmd 32 float out -inf inf rads
+  data enable 1 boolean out
+  data pad_out 7 pad out
+  data pos_fb 32 float in -inf inf rad
+  data vel_fb 32 float in -inf inf rads
+  data fault 1 boolean in
+  data pad_in 7 pad in
+parameter scale 32 float both -inf inf
+";
+
+fn device(name: &str) -> Box<dyn RemoteEnd> {
+    match name {
+        "7i77" => Box::new(FieldIo::i7i77().expect("7I77")),
+        "7i77d" => Box::new(FieldIo::i7i77d().expect("7I77D")),
+        "analog" => Box::new(Analog::i7i77().expect("7I77")),
+        "7i72" => Box::new(Outputs48::i7i72().expect("7I72")),
+        "7i64" => Box::new(Plain::i7i64().expect("7I64")),
+        "8i20" => Box::new(
+            Plain::from_description("remote 8I20\nunit 1\nmode 0 m\nno-discovery\n").expect("8I20"),
+        ),
+        _ => Box::new(Plain::from_description(STMBL).expect("STMBL")),
+    }
+}
+
+/// The driver of a board with these devices in these modes.
+fn build(
+    devices: &[(&str, u8)],
+) -> Result<Driver<SimFpga>, BuildError<<SimFpga as RegisterBus>::Error>> {
+    let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
+    let mut modes = String::new();
+    for (channel, (name, mode)) in devices.iter().enumerate() {
+        fpga.plug(0, channel, Some(device(name)));
+        modes.push_str(&mode.to_string());
+    }
+    let modes: SerialConfig = format!("{modes:x<8}").parse().expect("modes");
+    Driver::builder(fpga).serial_port(0, modes).build()
+}
+
+/// Every digital output follows, and every digital input shows.
+fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
+    let step = |driver: &mut Driver<SimFpga>| {
+        let _ = driver.read().expect("the bus works");
+        driver.write().expect("the bus works");
+        let now = SimFpga::now(driver.bus().sim());
+        driver.bus_mut().sim_mut().advance_to(now + 1_000_000);
+    };
+    for on in [true, false] {
+        let end = driver.bus_mut().sim_mut().remote_mut(0, channel);
+        let world = find_mut(end.expect("remote")).expect("device");
+        for input in 0..world.inputs().len() {
+            // Analog inputs are no digital ones.
+            let _ = world.set_input(input, on);
+        }
+        let _ = driver.rearm().expect("the bus works");
+        let prefix = driver.ports()[0]
+            .remotes()
+            .find(|r| usize::from(r.started().channel.index()) == channel);
+        let prefix = prefix.expect("it runs").pins().prefix().to_owned();
+        let end = driver.bus().sim().remote(0, channel).expect("remote");
+        let outputs = find(end).expect("device").outputs();
+        for (output, value) in &outputs {
+            let pin = format!("{prefix}.{output}");
+            let pins = driver.pins_mut();
+            if let SignalValue::Bool(_) = value {
+                let pin = pins.output::<bool>(&pin).expect("output");
+                pins.set(pin, on);
+            } else {
+                let pin = pins.output::<f64>(&pin).expect("output");
+                pins.set(pin, if on { 2.0 } else { 0.0 });
+            }
+        }
+        for _ in 0..5 {
+            step(driver);
+        }
+        let end = driver.bus().sim().remote(0, channel).expect("remote");
+        let truth = find(end).expect("device");
+        for (output, value) in truth.outputs() {
+            let is_on = match value {
+                SignalValue::Bool(is_on) => is_on,
+                SignalValue::Volts(v) | SignalValue::Number(v) => (v - 2.0).abs() < 0.01,
+                SignalValue::Count(count) => count != 0,
+            };
+            assert_eq!(is_on, on, "{name} on channel {channel}: {output}");
+        }
+        for (input, value) in truth.inputs() {
+            if let SignalValue::Bool(is_on) = value {
+                let pin = format!("{prefix}.{input}");
+                let pin = driver.pins().input::<bool>(&pin).expect("input");
+                let shown = driver.pins().read(pin);
+                assert_eq!((shown.value, shown.valid), (is_on, true), "{name}: {input}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_driver_runs_each_device_alone_in_each_of_its_modes() {
+    for (name, modes) in DEVICES {
+        for mode in 0..modes {
+            let mut driver = build(&[(name, mode)]).expect(name);
+            assert_eq!(driver.missing(), [], "{name} in mode {mode}");
+            assert_eq!(driver.remarks(), [], "{name} in mode {mode}");
+            drive(&mut driver, 0, name);
+        }
+    }
+}
+
+#[test]
+fn a_driver_runs_all_devices_in_company_in_any_order() {
+    for first in 0..DEVICES.len() {
+        let mut devices = DEVICES.map(|(name, modes)| (name, modes - 1));
+        devices.rotate_left(first);
+        let mut driver = build(&devices).expect("all of them");
+        assert_eq!(driver.missing(), []);
+        for (channel, (name, _)) in devices.iter().enumerate() {
+            drive(&mut driver, channel, name);
+        }
+    }
+}
+
+/// FACTS 11.5: it has a start path of its own in the gateware, and no tables.
+#[test]
+fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
+    let mut driver = build(&[("7i64", 0), ("8i20", 0), ("7i72", 0)]).expect("the others");
+    let [missing] = driver.missing() else {
+        panic!("{:?}", driver.missing());
+    };
+    assert_eq!(missing.channel.index(), 1);
+    assert!(matches!(missing.reason, MissingReason::Tables { .. }));
+    let text = missing.to_string();
+    assert!(
+        text.contains("8I20") && text.contains("not supported"),
+        "{text}"
+    );
+    drive(&mut driver, 0, "7i64");
+    drive(&mut driver, 2, "7i72");
+}
+
+fn machine(ends: Vec<Box<dyn RemoteEnd>>) -> SimFpga {
+    let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
+    for (channel, end) in ends.into_iter().enumerate() {
+        fpga.plug(0, channel, Some(end));
+    }
+    fpga
+}
+
+/// The remote is believed, and what is different about it is told.
+#[test]
+fn a_remote_that_differs_from_the_table_of_its_kind_runs_and_the_differences_are_told() {
+    let text = "
+remote 7I77
+unit 0x11000007
+mode 0 analogout_enables
+  data AnalogOut0 12 signed out -5 5 volts
+  data AnalogOut1 13 signed out -10 10 volts
+  data AnalogOut2 13 signed out -10 10 volts
+  data AnalogOut3 13 signed out -10 10 volts
+  data AnalogOut4 13 signed out -10 10 volts
+  data SpinEna 1 boolean out
+  data AnalogEna 1 boolean out
+  data Extra 1 boolean out
+  data Filler 13 pad out
+";
+    let odd = Plain::from_description(text).expect("description");
+    let fpga = machine(vec![Box::new(odd)]);
+    let driver = Driver::builder(fpga).build().expect("it runs");
+    assert_eq!(driver.ports()[0].remotes().count(), 1);
+    let remarks: Vec<String> = driver.remarks().iter().map(ToString::to_string).collect();
+    let has = |text: &str| remarks.iter().any(|remark| remark.contains(text));
+    for text in [
+        "AnalogOut0 has 12 bits, by the table 13",
+        "AnalogOut0 goes from -5 to 5, by the table from -10 to 10",
+        "it has no AnalogOut5",
+        "SpinEna is element 5, by the table 7",
+        "element 7 of its process data is not in the table",
+        "port 0, channel 0: this 7I77 differs from the 7I77 analog",
+    ] {
+        assert!(has(text), "{text}: {remarks:#?}");
+    }
+}
+
+#[test]
+fn scaled_numbers_without_finite_limits_run_and_a_problem_is_told() {
+    let text = "
+remote XYZ1
+unit 5
+mode 0 m
+  data speed 16 unsigned in 0 inf hz
+  data level 16 unsigned out 0 10 volts
+";
+    let odd = Plain::from_description(text).expect("description");
+    let driver = Driver::builder(machine(vec![Box::new(odd)]))
+        .build()
+        .expect("it runs");
+    assert_eq!(driver.ports()[0].remotes().count(), 1);
+    let [remark] = driver.remarks() else {
+        panic!("{:?}", driver.remarks());
+    };
+    let text = remark.to_string();
+    assert!(text.contains("0 to inf are not finite"), "{text}");
+}
+
+/// FACTS 8.1: both parts call themselves 7I77, and differ in the top byte of the unit number.
+#[test]
+fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
+    let swapped = || machine(vec![device("analog"), device("7i77")]);
+    let driver = Driver::builder(swapped()).build().expect("both run");
+    let [remark] = driver.remarks() else {
+        panic!("{:?}", driver.remarks());
+    };
+    assert_eq!(remark.kind, RemarkKind::Swapped);
+    let remotes: Vec<_> = driver.ports()[0].remotes().collect();
+    let field = I7i77Field::new(driver.pins(), remotes[0].pins(), OutputType::Sourcing);
+    let analog = I7i77Analog::new(driver.pins(), remotes[1].pins());
+    let texts = [
+        field.expect_err("analog").to_string(),
+        analog.expect_err("field").to_string(),
+    ];
+    assert!(
+        texts[0].contains("is 7I77 analog, and 7I77 field I/O was expected"),
+        "{texts:?}"
+    );
+    assert!(
+        texts[1].contains("is 7I77 field I/O, and 7I77 analog was expected"),
+        "{texts:?}"
+    );
+    assert!(
+        texts
+            .iter()
+            .all(|text| text.contains("swapped; exchange them")),
+        "{texts:?}"
+    );
+
+    let kinds = SerialConfig::NONE
+        .with(0, RemoteConfig::in_mode(0).required().kind(&i7i77::FIELD))
+        .with(1, RemoteConfig::in_mode(0).required().kind(&i7i77::ANALOG));
+    let error = Driver::builder(swapped())
+        .serial_port(0, kinds)
+        .build()
+        .expect_err("swapped");
+    assert!(
+        error.to_string().contains("swapped; exchange them"),
+        "{error}"
+    );
+    let right = machine(vec![device("7i77"), device("analog")]);
+    let driver = Driver::builder(right)
+        .serial_port(0, kinds)
+        .build()
+        .expect("right");
+    assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));
+}
+
+/// As in LinuxCNC: a channel with `x` leaves its RX, TX and TXEN to plain I/O.
+#[test]
+fn the_pins_of_channels_that_are_not_used_are_plain_io() {
+    let build = |modes: &str| {
+        let fpga = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
+        let modes: SerialConfig = modes.parse().expect("modes");
+        Driver::builder(fpga)
+            .serial_port(0, modes)
+            .build()
+            .expect("complete")
+    };
+    // FACTS 8.1: TXEN2, TX2 and RX2 are I/O 0 to 2, TX1 and RX1 are 3 and 4.
+    let all = build("000");
+    let two = build("00x");
+    for pin in 0..17 {
+        let name = format!("hm2_7i92.0.gpio.{pin:03}.out");
+        assert!(all.pins().output::<bool>(&name).is_err(), "{name}");
+        assert_eq!(two.pins().output::<bool>(&name).is_ok(), pin < 3, "{name}");
+    }
+    assert_eq!(two.ports()[0].remotes().count(), 2);
+    let directions = [all, two].map(|mut driver| driver.bus_mut().read_register(0x1100) & 7);
+    // TXEN2 and TX2 are driven by the channel, and by nobody until plain I/O is asked to.
+    assert_eq!(directions, [0b011, 0]);
+}

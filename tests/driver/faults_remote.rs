@@ -1,0 +1,446 @@
+//! Faults of remotes and their cables: what the pins say, that the others go on, that outputs are
+//! safe, and how a remote comes back.
+
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
+use mesa_hal::driver::{Failure, RemoteConfig, RemoteState, SerialConfig, SetAside};
+use mesa_hal::sim::devices::{FieldIo, Outputs48};
+use mesa_hal::sim::remote::{Cable, Toward, WireFault};
+use mesa_hal::sslbp::RemoteFaults;
+
+/// Outputs on, volts on, inputs on.
+fn busy_machine(mode: u8) -> Machine {
+    let config = SerialConfig::default().with(0, RemoteConfig::in_mode(mode).required());
+    let mut machine = Machine::build(|builder| builder.serial_port(0, config));
+    switch_on(&mut machine);
+    machine.cycles(5);
+    assert!(are_outputs_on(&machine, FIELD));
+    assert!(are_outputs_on(&machine, ANALOG));
+    assert!(are_outputs_on(&machine, OUTPUTS));
+    machine
+}
+
+/// What an application sets in each cycle.
+fn switch_on(machine: &mut Machine) {
+    let (field, analog, outputs) = (machine.field, machine.analog, machine.outputs);
+    let pins = machine.driver.pins_mut();
+    pins.set(field.outputs[3].pin, true);
+    pins.set(outputs.outputs[7].pin, true);
+    pins.set(analog.analog_out[1].pin, 5.0);
+    pins.set(analog.analogena.pin, true);
+    machine.device_mut(FIELD).set_input(9, true).unwrap();
+}
+
+fn are_outputs_on(machine: &Machine, channel: usize) -> bool {
+    let world = machine.device(channel).world();
+    match channel {
+        FIELD => world.output(3) == Some(true),
+        OUTPUTS => world.output(7) == Some(true),
+        _ => world.analog_output(1).is_some_and(|volts| volts > 4.9),
+    }
+}
+
+/// The other two remotes transfer in every cycle of `during`.
+fn others_go_on(machine: &mut Machine, channel: usize, cycles: usize) {
+    let before: Vec<_> = transfers(machine);
+    machine.cycles(cycles);
+    for other in [FIELD, ANALOG, OUTPUTS]
+        .into_iter()
+        .filter(|&c| c != channel)
+    {
+        let done = transfers(machine)[other].0 - before[other].0;
+        assert_eq!(done, cycles as u64, "transfers of channel {other}");
+        assert_eq!(
+            transfers(machine)[other].1,
+            0,
+            "failures of channel {other}"
+        );
+        assert!(machine.is_valid(other) && are_outputs_on(machine, other));
+    }
+}
+
+fn transfers(machine: &Machine) -> Vec<(u64, u64)> {
+    let of = |channel| {
+        let status = machine.status(channel);
+        (status.transfers(), status.failures().total())
+    };
+    [FIELD, ANALOG, OUTPUTS].map(of).to_vec()
+}
+
+/// One fault of the wire, in one reply or request: what it is counted as, how many cycles the
+/// inputs are not valid, and that nothing else happens.
+fn one_wire_fault(
+    channel: usize,
+    toward: Toward,
+    fault: WireFault,
+    counted: &[Failure],
+    invalid: usize,
+) {
+    let mut machine = busy_machine(0);
+    machine.cable(channel).inject(toward, fault, 1);
+    let mut invalid_cycles = 0;
+    for _ in 0..10 {
+        others_go_on(&mut machine, channel, 1);
+        let input = machine.driver.pins().read(machine.field.inputs[9].pin);
+        assert!(input.value, "{fault:?}: the last good value is kept");
+        invalid_cycles += usize::from(!machine.is_valid(channel));
+        assert!(
+            machine.is_armed(channel),
+            "{fault:?}: one bad transfer stops no machine"
+        );
+    }
+    assert_eq!(invalid_cycles, invalid, "{toward:?} {fault:?}");
+    let failures: Vec<_> = machine
+        .status(channel)
+        .failures()
+        .iter()
+        .filter(|&(failure, count)| count > 0 && failure != Failure::Doubtful)
+        .map(|(failure, count)| {
+            assert_eq!(count, 1, "{fault:?}");
+            failure
+        })
+        .collect();
+    assert_eq!(failures, counted, "{toward:?} {fault:?}");
+    assert!(are_outputs_on(&machine, channel));
+}
+
+#[test]
+fn faults_of_one_reply_are_told_apart_and_cost_its_remote_two_cycles() {
+    use Failure::{Break, Crc, ExtraCharacters, Late, NoReply};
+    let of = |channel, fault, counted: &[Failure], invalid| {
+        one_wire_fault(channel, Toward::Fpga, fault, counted, invalid);
+    };
+    for channel in [FIELD, ANALOG, OUTPUTS] {
+        of(channel, WireFault::Lost, &[NoReply], 2);
+        of(channel, WireFault::Corrupted, &[Crc], 2);
+        of(channel, WireFault::Short(1), &[NoReply], 2);
+        of(channel, WireFault::Break, &[Break], 2);
+    }
+    // Extra characters behind the last of all replies spoil the next transfer ...
+    of(ANALOG, WireFault::Long(1), &[ExtraCharacters], 2);
+    of(ANALOG, WireFault::Long(2), &[ExtraCharacters], 2);
+    // ... and before it, none.
+    of(FIELD, WireFault::Long(1), &[], 0);
+    // It looks lost at first, and disturbs the transfer after it.
+    of(ANALOG, WireFault::Late(90_000), &[Late], 4);
+    of(ANALOG, WireFault::Late(700_000), &[Late], 4);
+}
+
+#[test]
+fn faults_of_one_request_are_survived_as_a_missing_reply() {
+    use Failure::NoReply;
+    for fault in [WireFault::Lost, WireFault::Corrupted, WireFault::Short(1)] {
+        one_wire_fault(FIELD, Toward::Remote, fault, &[NoReply], 2);
+    }
+}
+
+/// A remote's whole way: gone, set aside, back, safe, re-armed.
+fn comes_back(
+    mut machine: Machine,
+    channel: usize,
+    fail: impl FnOnce(&mut Machine),
+    repair: impl FnOnce(&mut Machine),
+) -> Machine {
+    fail(&mut machine);
+    let gone = machine.until(40, |machine| !machine.is_running(channel));
+    assert!(!machine.is_valid(channel) && !machine.is_armed(channel));
+    assert!(machine.bit(&format!("{}.running", prefix(&machine, ANALOG))));
+    // The others are served while nothing is tried.
+    others_go_on(&mut machine, channel, 60);
+    assert!(gone <= 22, "set aside after {gone} cycles");
+    repair(&mut machine);
+    machine.until(11_000, |machine| machine.is_running(channel));
+    machine.cycles(5);
+    assert!(machine.is_valid(channel), "inputs come back by themselves");
+    switch_on(&mut machine);
+    machine.cycles(5);
+    assert!(!machine.is_armed(channel));
+    assert!(!are_outputs_on(&machine, channel), "outputs stay safe");
+    let rearmed = machine.driver.rearm().unwrap();
+    assert_eq!((rearmed.armed, rearmed.waiting), (1, 0));
+    switch_on(&mut machine);
+    machine.cycles(5);
+    assert!(
+        are_outputs_on(&machine, channel),
+        "and follow again when asked to"
+    );
+    machine
+}
+
+fn prefix(machine: &Machine, channel: usize) -> String {
+    let prefix = machine.status(channel).pins().prefix().to_owned();
+    prefix.trim_start_matches("hm2_7i92.0.").to_owned()
+}
+
+#[test]
+fn a_remote_that_is_unplugged_and_plugged_in_again_comes_back_and_waits_to_be_armed() {
+    for (channel, mode) in [(FIELD, 0), (FIELD, 2), (OUTPUTS, 0)] {
+        comes_back(
+            busy_machine(mode),
+            channel,
+            |machine| machine.cable(channel).unplug(),
+            |machine| machine.cable(channel).replug(),
+        );
+    }
+}
+
+#[test]
+fn a_remote_that_loses_power_comes_back_in_its_software_mode() {
+    let machine = comes_back(
+        busy_machine(2),
+        FIELD,
+        |machine| {
+            let now = machine.now();
+            machine.device_mut(FIELD).set_power(now, false);
+        },
+        |machine| {
+            let now = machine.now();
+            machine.device_mut(FIELD).set_power(now, true);
+        },
+    );
+    assert_eq!(machine.device(FIELD).mode(), 2);
+}
+
+#[test]
+fn an_unplugged_remote_switches_off_by_itself_and_says_so_when_it_is_back() {
+    let mut machine = busy_machine(0);
+    machine.cable(FIELD).unplug();
+    machine.cycles(60);
+    assert!(!are_outputs_on(&machine, FIELD), "its own watchdog, 50 ms");
+    assert!(
+        machine
+            .device(FIELD)
+            .faults()
+            .contains(mesa_hal::lbp::RemoteFaults::WATCHDOG)
+    );
+}
+
+/// The plug is out for shorter than it takes to be set aside, and longer than the remote's
+/// watchdog allows: it answers again, with a bitten watchdog.
+#[test]
+fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
+    let mut machine =
+        Machine::build(|builder| builder.watchdog(std::time::Duration::from_millis(500)));
+    switch_on(&mut machine);
+    machine.cycles(5);
+    machine.sleep(70);
+    let mut seen = None;
+    machine.until(10, |machine| {
+        seen = match machine.status(FIELD).state() {
+            RemoteState::SetAside { reason, .. } | RemoteState::Restarting { reason } => {
+                assert!(machine.bit("7i77.0.0.fault-watchdog"));
+                Some(reason)
+            }
+            _ => None,
+        };
+        seen.is_some()
+    });
+    assert_eq!(seen, Some(SetAside::Watchdog));
+    for channel in [FIELD, ANALOG, OUTPUTS] {
+        assert!(!machine.is_armed(channel) && !machine.is_valid(channel));
+    }
+    machine.until(20, |machine| {
+        [FIELD, ANALOG, OUTPUTS]
+            .iter()
+            .all(|&c| machine.is_running(c))
+    });
+    machine.cycles(4);
+    assert_eq!(machine.driver.rearm().unwrap().armed, 3);
+    switch_on(&mut machine);
+    machine.cycles(4);
+    assert!(are_outputs_on(&machine, FIELD) && are_outputs_on(&machine, ANALOG));
+}
+
+#[test]
+fn lost_field_power_makes_inputs_invalid_and_comes_back_when_power_does() {
+    let machine = comes_back(
+        busy_machine(0),
+        FIELD,
+        |machine| {
+            let now = machine.now();
+            machine.device_mut(FIELD).set_field_volts(now, 3.0).unwrap();
+            machine.cycles(3);
+            assert!(machine.bit("7i77.0.0.fault-low-voltage"));
+            let input = machine.driver.pins().read(machine.field.inputs[9].pin);
+            assert!(!input.valid, "an input without power tells nothing");
+        },
+        |machine| {
+            let now = machine.now();
+            machine
+                .device_mut(FIELD)
+                .set_field_volts(now, 24.0)
+                .unwrap();
+        },
+    );
+    assert!(!machine.bit("7i77.0.0.fault-low-voltage"));
+}
+
+/// While it is talked to, its other outputs stay on (FACTS 1.5): so its inputs go, too.
+#[test]
+fn an_overloaded_output_sets_its_remote_aside_until_all_its_outputs_are_off() {
+    let mut machine = busy_machine(0);
+    machine.device_mut(FIELD).set_over_current(3, true).unwrap();
+    others_go_on(&mut machine, FIELD, 20);
+    assert!(machine.bit("7i77.0.0.fault-over-current"));
+    assert!(
+        machine
+            .status(FIELD)
+            .faults()
+            .contains(RemoteFaults::OVER_CURRENT)
+    );
+    assert!(!machine.is_running(FIELD) && !machine.is_valid(FIELD));
+    assert!(!machine.is_armed(FIELD) && !are_outputs_on(&machine, FIELD));
+    machine
+        .device_mut(FIELD)
+        .set_over_current(3, false)
+        .unwrap();
+    others_go_on(&mut machine, FIELD, 30);
+    // START clears what has tripped, and the inputs are back; nothing is switched on.
+    machine.until(80, |machine| machine.is_valid(FIELD));
+    assert!(!machine.bit("7i77.0.0.fault-over-current"));
+    switch_on(&mut machine);
+    machine.cycles(200);
+    assert!(!machine.is_armed(FIELD), "nobody has asked for it yet");
+    assert!(!are_outputs_on(&machine, FIELD));
+    let rearmed = machine.driver.rearm().unwrap();
+    assert_eq!((rearmed.armed, rearmed.waiting), (1, 0));
+    machine.cycles(2);
+    assert!(!are_outputs_on(&machine, FIELD), "set before it was armed");
+    switch_on(&mut machine);
+    machine.cycles(4);
+    assert!(are_outputs_on(&machine, FIELD));
+}
+
+#[test]
+fn another_device_on_the_channel_is_not_taken_over() {
+    let mut machine = busy_machine(0);
+    let other = Outputs48::i7i72().unwrap();
+    let cable = Cable::new(Box::new(other), 9);
+    let right = machine
+        .driver
+        .bus_mut()
+        .plug(0, FIELD, Some(Box::new(cable)));
+    machine.until(2000, |machine| {
+        matches!(
+            machine.status(FIELD).state(),
+            RemoteState::SetAside {
+                reason: SetAside::AnotherDevice { .. },
+                ..
+            }
+        )
+    });
+    machine.cycles(100);
+    assert!(!machine.is_valid(FIELD));
+    let world = machine.device(FIELD).world();
+    assert!(
+        (0..48).all(|n| world.output(n) != Some(true)),
+        "it gets nothing"
+    );
+    machine.driver.bus_mut().plug(0, FIELD, right);
+    machine.until(11_000, |machine| machine.is_running(FIELD));
+}
+
+#[test]
+fn a_card_of_the_same_kind_with_another_unit_number_is_not_taken_over() {
+    let mut machine = busy_machine(0);
+    let mut description = FieldIo::description().unwrap();
+    description.unit = 0x1200_0002;
+    let other = mesa_hal::sim::devices::Device::remote(&description, FieldIo::new(false)).unwrap();
+    let cable = Cable::new(Box::new(other), 9);
+    machine
+        .driver
+        .bus_mut()
+        .plug(0, FIELD, Some(Box::new(cable)));
+    machine.cycles(2000);
+    let state = machine.status(FIELD).state();
+    assert!(
+        matches!(
+            state,
+            RemoteState::SetAside {
+                reason: SetAside::AnotherDevice { unit_number, .. },
+                ..
+            } if unit_number == 0x1200_0002
+        ),
+        "{state:?}"
+    );
+}
+
+#[test]
+fn attempts_to_bring_a_remote_back_never_starve_the_others() {
+    let mut machine = busy_machine(0);
+    machine.cable(FIELD).unplug();
+    let mut longest = 0;
+    for _ in 0..3000 {
+        let _ = machine.cycle();
+        let group = machine.status(ANALOG).group();
+        let age = machine.driver.pins().group_state(group).unwrap().age;
+        longest = longest.max(age.time.as_micros());
+        assert!(machine.is_armed(ANALOG) && are_outputs_on(&machine, ANALOG));
+    }
+    assert!(machine.driver.ports()[0].statistics().starts >= 3);
+    assert!(longest < 25_000, "{longest} us, and watchdogs allow 50 ms");
+    assert!(longest > 10_000, "an attempt does take that long");
+}
+
+#[test]
+fn without_automatic_recovery_the_application_decides() {
+    let mut machine = Machine::build(|builder| {
+        builder.fault_policy(mesa_hal::driver::FaultPolicy {
+            automatic: false,
+            ..Default::default()
+        })
+    });
+    machine.cycles(5);
+    machine.cable(FIELD).unplug();
+    machine.until(40, |machine| !machine.is_running(FIELD));
+    machine.cable(FIELD).replug();
+    machine.cycles(2000);
+    assert!(!machine.is_running(FIELD));
+    machine
+        .driver
+        .restart(0, mesa_hal::sslbp::Channel::ALL[FIELD]);
+    machine.until(10, |machine| machine.is_running(FIELD));
+}
+
+/// The values of LinuxCNC 2.9 on the same simulated machine: 3 in normal operation, 0 when `run` is
+/// false, 2 for the first cycle after START, 4 on the way to the stop.
+#[test]
+fn port_state_is_3_in_normal_operation_and_0_when_switched_off_as_in_linuxcnc() {
+    let mut machine = Machine::new();
+    let state = |machine: &Machine| {
+        ["", "2", "3"].map(|n| {
+            let name = format!("hm2_7i92.0.sserial.port-0.port_state{n}");
+            let pin = machine.driver.pins().input::<u32>(&name).unwrap();
+            machine.driver.pins().read(pin).value
+        })
+    };
+    let mut seen = Vec::new();
+    let mut watch = |machine: &mut Machine, cycles: usize| {
+        seen.clear();
+        for _ in 0..cycles {
+            machine.cycles(1);
+            seen.push(state(machine));
+        }
+        seen.dedup();
+        seen.clone()
+    };
+    assert_eq!(watch(&mut machine, 10), [[2, 0, 0], [3, 0, 0]]);
+    let run = "hm2_7i92.0.sserial.port-0.run";
+    let run = machine.driver.pins().output::<bool>(run).unwrap();
+    machine.driver.pins_mut().set(run, false);
+    assert_eq!(watch(&mut machine, 10), [[3, 0, 0], [4, 0, 0], [0, 0, 0]]);
+    machine.driver.pins_mut().set(run, true);
+    let started = watch(&mut machine, 20);
+    assert_eq!(started.first(), Some(&[0, 0, 0]));
+    assert_eq!(started[started.len() - 2..], [[2, 0, 0], [3, 0, 0]]);
+    // One remote is away: the port is in operation, and starts it anew now and then.
+    machine.cable(FIELD).unplug();
+    assert_eq!(
+        watch(&mut machine, 200),
+        [[3, 0, 0], [3, 1, 0], [3, 2, 0], [3, 0, 0]]
+    );
+    for channel in [ANALOG, OUTPUTS] {
+        machine.cable(channel).unplug();
+    }
+    machine.cycles(60);
+    assert_eq!(state(&machine)[0], 0, "nobody is left");
+}

@@ -1,0 +1,228 @@
+//! `index-enable` ends by a true latch and by nothing else, whatever the network does to the writes
+//! of the control word: each zero is held against the place of the index on the simulated shaft.
+
+use std::time::Duration;
+
+use crate::common::chance::Chance;
+use crate::common::ethernet::{Fate, SimLink, WIRE};
+use mesa_hal::boards::fpga::EncoderPins;
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::Driver;
+use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+const PERIOD: Duration = Duration::from_millis(1);
+const PER_TURN: u32 = 500;
+/// What a latch may differ from the place where the index begins: its width, and a count that comes
+/// together with it.
+const WIDTH: i64 = 2;
+
+type Machine = Driver<UdpBus<SimLink>>;
+
+fn motor() -> MotorConfig {
+    MotorConfig {
+        counts_per_unit: 1.0,
+        counts_per_revolution: PER_TURN,
+        ..MotorConfig::default()
+    }
+}
+
+/// What becomes of a packet: one in `n` is lost, one late, one comes twice.
+fn fates(seed: u64, n: u64) -> Fate {
+    let mut chance = Chance(seed);
+    Box::new(move |_| {
+        let late = WIRE + chance.below(3 * PERIOD.as_nanos() as u64);
+        match chance.below(n) {
+            0 => vec![],
+            1 => vec![late],
+            2 => vec![WIRE, late],
+            _ => vec![WIRE],
+        }
+    })
+}
+
+fn machine() -> Machine {
+    let fpga = machines::six_axes_7i97(motor());
+    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
+    let config = UdpConfig {
+        cycle_deadline: PERIOD * 3 / 5,
+        ..UdpConfig::default()
+    };
+    let bus = UdpBus::new(link, config).expect("the board answers");
+    Driver::builder(bus)
+        .period(PERIOD)
+        .bus_error_limit(1000)
+        .watchdog(Duration::from_millis(500))
+        .build()
+        .expect("the machine is complete")
+}
+
+/// A shaft that somebody turns, and what its application asked for.
+struct Shaft {
+    pins: EncoderPins,
+    /// Where the shaft was when the index was asked for.
+    asked_at: Option<i64>,
+    zeroes: u32,
+}
+
+impl Shaft {
+    /// What the encoder says its zero is, in counts of the shaft.
+    fn zero(&self, driver: &Machine) -> i64 {
+        let pins = driver.pins();
+        let raw = pins.read(self.pins.rawcounts).value;
+        i64::from(raw.wrapping_sub(pins.read(self.pins.count).value))
+    }
+
+    /// After a read: whether the request has ended, its zero is one that the shaft has.
+    fn check(&mut self, driver: &Machine, shaft: i64, told: &str) {
+        let Some(asked_at) = self.asked_at else {
+            return;
+        };
+        if driver.pins().read(self.pins.index_enable).value {
+            return;
+        }
+        let zero = self.zero(driver);
+        let off = zero.rem_euclid(i64::from(PER_TURN));
+        let off = off.min(i64::from(PER_TURN) - off);
+        assert!(off <= WIDTH, "{told}: zero at {zero}, {off} from an index");
+        let passed = asked_at.min(shaft) - WIDTH..=asked_at.max(shaft) + WIDTH;
+        assert!(
+            passed.contains(&zero),
+            "{told}: zero at {zero}, which was not passed since the request, {passed:?}"
+        );
+        self.asked_at = None;
+        self.zeroes += 1;
+    }
+}
+
+fn fpga(driver: &mut Machine) -> &mut SimFpga {
+    driver.bus_mut().link().board.gateware_mut()
+}
+
+fn counts(driver: &mut Machine, axis: usize) -> i64 {
+    fpga(driver)
+        .motor(axis)
+        .map_or(0, |m| m.counts().floor() as i64)
+}
+
+/// Six shafts at different speeds, asked for their index again and again; how many zeroes.
+fn run(seed: u64, cycles: u32, n: u64) -> u32 {
+    let mut driver = machine();
+    let mut chance = Chance(seed);
+    let encoders = driver.fpga_pins().encoders.clone();
+    let mut shafts: Vec<Shaft> = encoders
+        .into_iter()
+        .map(|pins| Shaft {
+            pins,
+            asked_at: None,
+            zeroes: 0,
+        })
+        .collect();
+    let _ = driver.read().expect("the network is still good");
+    driver.write().expect("the network is still good");
+    for axis in 0..shafts.len() {
+        let speed = 4_000.0 + 7_000.0 * axis as f64;
+        let motor = fpga(&mut driver).motor(axis).expect("an axis");
+        motor.turn_by_hand(Some(if axis % 2 == 0 { speed } else { -speed }));
+    }
+    let link = driver.bus_mut().link();
+    link.to_board = fates(seed, n);
+    link.to_host = fates(seed ^ 0xABCD, n);
+    for cycle in 0..cycles {
+        let good = driver.read().is_ok();
+        for (axis, shaft) in shafts.iter_mut().enumerate() {
+            let now = counts(&mut driver, axis);
+            let told = format!("seed {seed}, cycle {cycle}, encoder {axis}");
+            if good {
+                shaft.check(&driver, now, &told);
+            }
+            match shaft.asked_at {
+                None if chance.one_in(4) => {
+                    driver.pins_mut().set_inout(shaft.pins.index_enable, true);
+                    shaft.asked_at = Some(now);
+                }
+                // Taken back, and perhaps asked for again at once.
+                Some(_) if chance.one_in(200) => {
+                    driver.pins_mut().set_inout(shaft.pins.index_enable, false);
+                    shaft.asked_at = None;
+                }
+                _ => {}
+            }
+        }
+        let _ = driver.rearm();
+        let _ = driver.write();
+        let now = driver.bus_mut().now().as_nanos();
+        let period = PERIOD.as_nanos() as u64;
+        driver
+            .bus_mut()
+            .wait(Duration::from_nanos(period - now % period));
+    }
+    shafts.iter().map(|shaft| shaft.zeroes).sum()
+}
+
+#[test]
+fn no_delayed_duplicate_or_lost_write_makes_a_false_zero() {
+    for seed in 1..=12 {
+        let zeroes = run(seed, 1_500, 6 + seed);
+        println!("seed {seed}: {zeroes} zeroes");
+        assert!(zeroes > 60, "seed {seed}: {zeroes} zeroes");
+    }
+}
+
+/// A shaft that swings over one index only, while another setting changes in every cycle, with which
+/// the control words are written again; the application works between read and write.
+#[test]
+fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
+    for work in [50, 300, 600, 900_u64] {
+        let mut driver = machine();
+        let (pins, bank) = {
+            let made = driver.fpga_pins();
+            (made.encoders[0], made.encoder_bank.expect("encoders"))
+        };
+        let _ = driver.read().expect("the board is there");
+        driver.write().expect("the board is there");
+        let mut shaft = Shaft {
+            pins,
+            asked_at: None,
+            zeroes: 0,
+        };
+        for swing in 0..80_i64 {
+            let upwards = swing % 2 == 0;
+            // The swings are not in step with the cycle.
+            driver.bus_mut().wait(Duration::from_micros(137));
+            // Always from the same side, so that the latch is at the same count again.
+            driver.pins_mut().set_inout(pins.index_enable, upwards);
+            shaft.asked_at = upwards.then(|| counts(&mut driver, 0));
+            // Back to where it came from, at another speed for each pair of swings: the index comes
+            // at every time of the period.
+            let pair = (swing + 1) / 2;
+            let speed = (25_000 + pair * 7_919 % 20_000) as f64;
+            for cycle in 0..14 {
+                let speed = match cycle {
+                    2..12 if swing == 0 => 20_000.0,
+                    2..12 if upwards => speed,
+                    2..12 => -speed,
+                    _ => 0.0,
+                };
+                let motor = fpga(&mut driver).motor(0).expect("an axis");
+                motor.turn_by_hand(Some(speed));
+                let _ = driver.read().expect("the board is there");
+                let now = counts(&mut driver, 0);
+                shaft.check(&driver, now, &format!("work {work} us, swing {swing}"));
+                driver.bus_mut().wait(Duration::from_micros(work));
+                driver.pins_mut().set(bank.hires_timestamp, cycle % 2 == 0);
+                driver.write().expect("the board is there");
+                driver
+                    .bus_mut()
+                    .wait(PERIOD.saturating_sub(Duration::from_micros(work)));
+            }
+            // The first begins at the index.
+            let is_missed = shaft.asked_at.take().is_some();
+            assert!(
+                swing == 0 || !is_missed,
+                "work {work} us, swing {swing}: missed"
+            );
+        }
+        assert!(shaft.zeroes >= 39, "{}", shaft.zeroes);
+    }
+}

@@ -1,0 +1,22 @@
+//! The driver on simulated boards: set-up, the cycle, faults, resets, the pace, the end.
+
+mod arbitrary_calls;
+#[path = "../common/mod.rs"]
+mod common;
+mod cycle;
+mod cycle_7i97;
+mod devices;
+mod dpll_lock;
+mod faults_board;
+mod faults_outputs;
+mod faults_remote;
+mod index_on_network;
+mod outputs_forgotten;
+mod pace;
+mod remote_parameters;
+mod remotes_by_chance;
+mod reset_evidence;
+mod reset_forgets;
+mod reset_in_read;
+mod set_up;
+mod two_cards;

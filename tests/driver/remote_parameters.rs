@@ -1,0 +1,319 @@
+//! Parameters that remotes keep: written before the driver is built, or at run time by an operation
+//! that says what it costs. The truth is in the simulated remotes' EEPROMs.
+
+use std::time::Duration;
+
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use mesa_hal::driver::{
+    BoardState, BuildError, Driver, RemoteConfig, RemoteParameterError, RemoteWatchdog,
+    SerialConfig,
+};
+use mesa_hal::hal::PinError;
+use mesa_hal::sslbp::Channel;
+
+const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
+
+/// What the remote's EEPROM holds.
+fn kept(machine: &Machine, channel: usize, name: &str) -> u64 {
+    let parameters = machine.device(channel).parameters();
+    let found = parameters.iter().find(|(known, _)| known == name);
+    found.expect("parameter").1
+}
+
+fn shown(machine: &Machine, name: &str) -> u32 {
+    let pins = machine.driver.pins();
+    let name = format!("hm2_7i92.0.{name}");
+    pins.param(pins.parameter::<u32>(&name).expect("parameter"))
+}
+
+#[test]
+fn set_param_of_a_parameter_in_a_remote_is_refused_and_says_how() {
+    let mut machine = Machine::new();
+    let pins = machine.driver.pins_mut();
+    let name = "hm2_7i92.0.7i77.0.0.nvwatchdogtimeout";
+    let parameter = pins.parameter::<u32>(name).unwrap();
+    let refused = pins.set_param(parameter, 100).unwrap_err();
+    assert_eq!(refused, PinError::InRemote);
+    assert!(refused.to_string().contains("write_remote_parameter"));
+    assert_eq!(pins.param(parameter), 50);
+    assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
+}
+
+#[test]
+fn a_builder_writes_parameters_in_setup_mode() {
+    let mut machine = Machine::build(|builder| {
+        builder
+            .remote_parameter(0, 0, "NVWatchDogTimeout", 100)
+            .remote_parameter(0, 2, "nvwatchdogtimeout", 0)
+            .remote_parameter(0, 2, "nvunitnumber", 0x7200_0009)
+    });
+    assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
+    assert_eq!(kept(&machine, ANALOG, "nvwatchdogtimeout"), 50);
+    assert_eq!(kept(&machine, OUTPUTS, "nvwatchdogtimeout"), 0);
+    assert_eq!(kept(&machine, OUTPUTS, "nvunitnumber"), 0x7200_0009);
+    assert_eq!(shown(&machine, "7i77.0.0.nvwatchdogtimeout"), 100);
+    assert_eq!(shown(&machine, "7i72.0.2.nvunitnumber"), 0x7200_0009);
+    let hundred = RemoteWatchdog::Known(Duration::from_millis(100));
+    assert_eq!(machine.status(FIELD).watchdog(), hundred);
+    assert_eq!(machine.status(OUTPUTS).watchdog(), RemoteWatchdog::Off);
+    let fifty = RemoteWatchdog::Known(Duration::from_millis(50));
+    assert_eq!(machine.status(ANALOG).watchdog(), fifty);
+    machine.cycles(5);
+    assert!(ALL.iter().all(|&channel| machine.is_valid(channel)));
+    // What is kept already is not written again: such memory wears out.
+    let changes = machine.device(FIELD).nonvolatile_changes();
+    let driver = machine.driver;
+    drop(driver);
+    assert!(changes > 0);
+}
+
+#[test]
+fn a_shorter_watchdog_is_not_believed_before_the_next_power_up() {
+    let machine = Machine::build(|builder| builder.remote_parameter(0, 0, "nvwatchdogtimeout", 20));
+    assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 20);
+    let fifty = RemoteWatchdog::Known(Duration::from_millis(50));
+    assert_eq!(machine.status(FIELD).watchdog(), fifty);
+}
+
+#[test]
+fn what_can_not_be_written_makes_the_build_fail_with_a_reason() {
+    let build = |port, channel, name: &str, value: u32| {
+        let builder = Driver::builder(fpga()).remote_parameter(port, channel, name, value);
+        builder.build().map(drop).unwrap_err()
+    };
+    for (error, expected) in [
+        (
+            build(0, 0, "nvwatchdog", 50),
+            "parameter nvwatchdog on port 0, channel 0: port 0, channel 0: the remote has no \
+             parameter of that name; its parameters are in `RemoteStatus::descriptor`",
+        ),
+        (
+            build(0, 0, "nvwatchdogtimeout", 65_536),
+            "parameter nvwatchdogtimeout on port 0, channel 0: 65536 does not fit: the parameter \
+             is u32, 16 bits wide",
+        ),
+        (
+            build(0, 0, "swrevision", 1),
+            "parameter swrevision on port 0, channel 0: the remote's parameter can only be read",
+        ),
+        (
+            build(0, 9, "nvwatchdogtimeout", 100),
+            "parameter nvwatchdogtimeout on port 0, channel 9: no remote takes part on port 0, \
+             channel 9; `Driver::missing` says why, if it was configured",
+        ),
+        (
+            build(3, 0, "nvwatchdogtimeout", 100),
+            "there is no serial port 3: this firmware has 1; leave its configuration out",
+        ),
+    ] {
+        assert_eq!(error.to_string(), expected);
+    }
+    // Of a remote that is missing, it says that it is missing.
+    let mut absent = fpga();
+    absent.plug(0, FIELD, None);
+    let driver = Driver::builder(absent)
+        .remote_parameter(0, 0, "nvwatchdogtimeout", 50)
+        .build()
+        .unwrap();
+    assert_eq!(driver.missing().len(), 1);
+    let mut absent = fpga();
+    absent.plug(0, FIELD, None);
+    let config = SerialConfig::default().with(0, RemoteConfig::in_mode(0).required());
+    let error = Driver::builder(absent)
+        .serial_port(0, config)
+        .remote_parameter(0, 0, "nvwatchdogtimeout", 50)
+        .build()
+        .map(drop);
+    assert!(matches!(error, Err(BuildError::Missing(_))));
+}
+
+fn switch_on(machine: &mut Machine) {
+    let (field, outputs) = (machine.field, machine.outputs);
+    let pins = machine.driver.pins_mut();
+    for output in field.outputs {
+        pins.set(output.pin, true);
+    }
+    for output in outputs.outputs {
+        pins.set(output.pin, true);
+    }
+    pins.set(machine.analog.analogena.pin, true);
+}
+
+fn are_on(machine: &Machine) -> Vec<bool> {
+    let of = |(channel, output): (usize, usize)| {
+        machine.device(channel).world().output(output) == Some(true)
+    };
+    let field = (0..16).map(|n| (FIELD, n));
+    let outputs = (0..48).map(|n| (OUTPUTS, n));
+    field.chain(outputs).chain([(ANALOG, 0)]).map(of).collect()
+}
+
+#[test]
+fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_restarted() {
+    // Also with a board's watchdog that is shorter than the call.
+    for watchdog in [5, 1000] {
+        let mut machine =
+            Machine::build(|builder| builder.watchdog(Duration::from_millis(watchdog)));
+        switch_on(&mut machine);
+        machine.cycles(5);
+        assert!(are_on(&machine).into_iter().all(|on| on));
+        let before = machine.now();
+        machine
+            .driver
+            .write_remote_parameter(0, Channel::ALL[OUTPUTS], "nvwatchdogtimeout", 200)
+            .unwrap();
+        let took = (machine.now() - before) / 1_000_000;
+        assert!(took < 50, "{took} ms");
+        assert_eq!(kept(&machine, OUTPUTS, "nvwatchdogtimeout"), 200);
+        assert_eq!(shown(&machine, "7i72.0.2.nvwatchdogtimeout"), 200);
+        let time = machine.status(OUTPUTS).watchdog().time();
+        assert_eq!(time, Some(Duration::from_millis(200)));
+        assert!(!are_on(&machine).into_iter().any(|on| on));
+        for _ in 0..20 {
+            switch_on(&mut machine);
+            machine.cycles(1);
+            assert!(!are_on(&machine).into_iter().any(|on| on), "not armed");
+        }
+        assert_eq!(machine.driver.board_state(), BoardState::Running);
+        machine.until(200, |machine| {
+            machine.driver.rearm().unwrap().waiting == 0
+                && ALL.iter().all(|&channel| machine.is_valid(channel))
+        });
+        switch_on(&mut machine);
+        machine.cycles(3);
+        assert!(are_on(&machine).into_iter().all(|on| on));
+    }
+}
+
+#[test]
+fn a_wrong_name_or_value_at_run_time_stops_nothing() {
+    let mut machine = Machine::new();
+    switch_on(&mut machine);
+    machine.cycles(5);
+    let driver = &mut machine.driver;
+    let channel = Channel::ALL[FIELD];
+    let result = driver.write_remote_parameter(0, channel, "nothing", 1);
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::NoSuchParameter { .. })
+    ));
+    let result = driver.write_remote_parameter(0, channel, "nvbaudrate", -1);
+    assert!(matches!(result, Err(RemoteParameterError::Value(_))));
+    let result = driver.write_remote_parameter(0, Channel::ALL[5], "nvbaudrate", 9);
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::NoSuchRemote { channel: 5, .. })
+    ));
+    let result = driver.write_remote_parameter(1, channel, "nvbaudrate", 9);
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::NoSuchPort { port: 1, ports: 1 })
+    ));
+    for _ in 0..5 {
+        assert!(machine.cycle().is_good());
+        assert!(are_on(&machine).into_iter().all(|on| on));
+    }
+}
+
+#[test]
+fn an_absent_remote_is_an_error_and_the_others_come_back() {
+    let mut machine = Machine::new();
+    machine.cycles(5);
+    machine.cable(FIELD).unplug();
+    machine.cycles(40);
+    let result =
+        machine
+            .driver
+            .write_remote_parameter(0, Channel::ALL[FIELD], "nvwatchdogtimeout", 100);
+    assert!(matches!(result, Err(RemoteParameterError::DidNotStart(_))));
+    assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
+    machine.until(300, |machine| {
+        let _ = machine.driver.rearm().unwrap();
+        [ANALOG, OUTPUTS].iter().all(|&n| machine.is_valid(n))
+    });
+}
+
+#[test]
+fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an_error() {
+    let mut machine = Machine::new();
+    machine.cycles(5);
+    let write = |machine: &mut Machine, value: u32| {
+        let driver = &mut machine.driver;
+        driver.write_remote_parameter(0, Channel::ALL[FIELD], "nvwatchdogtimeout", value)
+    };
+    write(&mut machine, 100).unwrap();
+    machine.pass_nanos(7_000_000);
+    let _ = machine.driver.read().unwrap();
+    assert_eq!(machine.driver.board_state(), BoardState::WatchdogBitten);
+    let result = write(&mut machine, 200);
+    assert!(matches!(
+        result,
+        Err(RemoteParameterError::BoardNotRunning { .. })
+    ));
+    assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
+}
+
+#[test]
+fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
+    let text = "a watchdog of 1ms can not be fed with a period of 1ms: a transfer that is lost must \
+                not let it bite, so it needs 2 x 1ms = 2ms; choose more milliseconds, or a shorter \
+                period";
+    let built = Driver::builder(fpga()).remote_parameter(0, 1, "NVWatchDogTimeout", 1);
+    let error = built.build().map(|_| ()).unwrap_err();
+    let place = "parameter NVWatchDogTimeout on port 0, channel 1: ";
+    assert_eq!(error.to_string(), format!("{place}{text}"));
+
+    let mut machine = Machine::new();
+    let mut write = |value: u32| {
+        let (driver, analog) = (&mut machine.driver, Channel::ALL[ANALOG]);
+        driver.write_remote_parameter(0, analog, "nvwatchdogtimeout", value)
+    };
+    assert_eq!(write(1).unwrap_err().to_string(), text);
+    write(2).unwrap();
+    write(0).unwrap();
+    assert_eq!(kept(&machine, ANALOG, "nvwatchdogtimeout"), 0);
+}
+
+#[test]
+fn a_driver_that_was_shut_down_writes_nothing() {
+    let mut machine = Machine::new();
+    machine.driver.shutdown().unwrap();
+    let result =
+        machine
+            .driver
+            .write_remote_parameter(0, Channel::ALL[FIELD], "nvwatchdogtimeout", 100);
+    assert!(matches!(result, Err(RemoteParameterError::ShutDown)));
+}
+
+#[test]
+fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power_up() {
+    let mut machine = Machine::build(|builder| builder.watchdog(Duration::from_secs(1)));
+    machine.cycles(5);
+    let driver = &mut machine.driver;
+    driver
+        .write_remote_parameter(0, Channel::ALL[OUTPUTS], "nvwatchdogtimeout", 200)
+        .unwrap();
+    machine.until(200, |machine| {
+        machine.driver.rearm().unwrap().waiting == 0 && machine.is_valid(OUTPUTS)
+    });
+    let bites_after = |machine: &mut Machine| {
+        switch_on(machine);
+        machine.cycles(3);
+        let begin = machine.now();
+        while machine.device(OUTPUTS).world().output(47) == Some(true) {
+            machine.pass_nanos(1_000_000);
+        }
+        (machine.now() - begin) / 1_000_000
+    };
+    let first = bites_after(&mut machine);
+    assert!((49..=52).contains(&first), "{first} ms");
+    let now = machine.now();
+    machine.device_mut(OUTPUTS).set_power(now, false);
+    machine.device_mut(OUTPUTS).set_power(now, true);
+    machine.until(10, |machine| !machine.is_running(OUTPUTS));
+    machine.until(7000, |machine| {
+        machine.driver.rearm().unwrap().waiting == 0 && machine.is_valid(OUTPUTS)
+    });
+    let second = bites_after(&mut machine);
+    assert!((199..=202).contains(&second), "{second} ms");
+}

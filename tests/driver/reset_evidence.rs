@@ -1,0 +1,506 @@
+//! A reset or a bite that the driver has not seen yet, at every moment of a cycle whose write holds
+//! a part of the set-up: nothing is driven before everything is re-armed, no input is shown that was
+//! read from a board that had lost its set-up, and re-arming brings everything back. The truth is
+//! what the simulated FPGA drives at every access, seen by a director.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use crate::common::ethernet::{SimLink, WIRE, is_request};
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::{BoardState, Driver, SerialConfig};
+use mesa_hal::hal::{Input, Output, Pins, Value};
+use mesa_hal::sim::{
+    BoardConfig, Cause, DEFAULT_ACCESS_COST, Director, MotorConfig, SimFpga, machines,
+};
+use mesa_hal::sslbp::Channel;
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+const BOARD: &str = "hm2_7i97.0";
+/// Pins that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
+const LOW_ENABLES: [usize; 3] = [5, 7, 8];
+const PINS: usize = 51;
+/// Writes of the whole set-up from the first direction on.
+const SET_UP_AFTER_DRIVE: usize = 9;
+
+/// What the director is told and what it has seen.
+#[derive(Debug, Default)]
+struct Stage {
+    reset_at: Option<u64>,
+    /// Since the board has lost its set-up, and until it is re-armed.
+    guards: bool,
+    /// A pin was driven meanwhile, ...
+    driven: Vec<String>,
+    /// ... or something was switched on.
+    switched_on: Vec<String>,
+}
+
+#[derive(Debug)]
+struct Watch(Arc<Mutex<Stage>>);
+
+impl Director for Watch {
+    fn due(&self) -> Option<u64> {
+        self.0.lock().expect("one thread").reset_at
+    }
+
+    fn act(&mut self, fpga: &mut SimFpga) {
+        let mut stage = self.0.lock().expect("one thread");
+        stage.reset_at = None;
+        stage.guards = true;
+        fpga.reload();
+    }
+
+    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+        let mut stage = self.0.lock().expect("one thread");
+        stage.guards |= cause == Cause::Bite;
+        if !stage.guards {
+            return;
+        }
+        let at = SimFpga::now(fpga);
+        let driven: Vec<_> = (0..PINS)
+            .filter(|&pin| fpga.driven_level(pin).is_some())
+            .collect();
+        if !driven.is_empty() {
+            stage.driven.push(format!("{at} ns, {cause:?}: {driven:?}"));
+        }
+        let low = LOW_ENABLES.map(|pin| fpga.driven_level(pin) == Some(false));
+        let drives: Vec<_> = (0..6).map(|n| fpga.analog_output(n)).collect();
+        let outputs: Vec<_> = (0..6).map(|n| fpga.isolated_output(n)).collect();
+        if low.contains(&true) || drives.iter().any(|d| d.enabled) || outputs.contains(&true) {
+            let what = format!("{at} ns, {cause:?}: {low:?} {drives:?} {outputs:?}");
+            stage.switched_on.push(what);
+        }
+    }
+}
+
+/// A part of the set-up that the next write holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Change {
+    Nothing,
+    Led,
+    Filter,
+    Sampling,
+    PwmFrequency,
+    DriveRate,
+    WatchdogTime,
+    Direction,
+    OpenDrain,
+    Inversion,
+    Restart,
+}
+
+const CHANGES: [Change; 11] = [
+    Change::Nothing,
+    Change::Led,
+    Change::Filter,
+    Change::Sampling,
+    Change::PwmFrequency,
+    Change::DriveRate,
+    Change::WatchdogTime,
+    Change::Direction,
+    Change::OpenDrain,
+    Change::Inversion,
+    Change::Restart,
+];
+
+impl Change {
+    fn make<B: RegisterBus>(self, driver: &mut Driver<B>) {
+        if self == Self::Restart {
+            driver.restart(0, Channel::ALL[0]);
+        }
+        let pins = driver.pins_mut();
+        match self {
+            Self::Nothing | Self::Restart => {}
+            Self::Led => set(pins, "led.CR01", true),
+            Self::Filter => set_param(pins, "inmux.00.fast_scans", 9_u32),
+            Self::Sampling => set(pins, "encoder.muxed-sample-frequency", 3_000_000_u32),
+            Self::PwmFrequency => set_param(pins, "pwmgen.pwm_frequency", 24_000_u32),
+            Self::DriveRate => set(pins, "ssr.00.rate", 500_000_u32),
+            Self::WatchdogTime => set_param(pins, "watchdog.timeout_ns", 6_000_000_u32),
+            Self::Direction => set_param(pins, "gpio.040.is_output", true),
+            Self::OpenDrain => set_param(pins, "gpio.041.is_opendrain", true),
+            Self::Inversion => set_param(pins, "gpio.040.invert_output", true),
+        }
+    }
+
+    /// It says what pins drive. No board can be asked not to take it when it has lost its set-up in
+    /// the microsecond before; then it must not take it for longer.
+    fn drives_pins(self) -> bool {
+        matches!(self, Self::Direction | Self::OpenDrain)
+    }
+}
+
+fn set<T: Value>(pins: &mut Pins, name: &str, value: T) {
+    let pin: Output<T> = pins.output(&format!("{BOARD}.{name}")).expect(name);
+    pins.set(pin, value);
+}
+
+fn set_param<T: Value>(pins: &mut Pins, name: &str, value: T) {
+    let param = pins.parameter(&format!("{BOARD}.{name}")).expect(name);
+    pins.set_param::<T>(param, value).expect("in range");
+}
+
+/// A bus with a simulated FPGA at its end.
+trait World: RegisterBus {
+    fn fpga(&mut self) -> &mut SimFpga;
+}
+
+impl World for SimFpga {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self
+    }
+}
+
+impl World for UdpBus<SimLink> {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.link().board.gateware_mut()
+    }
+}
+
+fn ethernet(fpga: SimFpga) -> UdpBus<SimLink> {
+    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
+    UdpBus::new(link, UdpConfig::default()).expect("the board answers")
+}
+
+fn world(remotes: bool) -> SimFpga {
+    if remotes {
+        return machines::six_axes_7i97(MotorConfig::default());
+    }
+    let mut fpga = machines::i7i97(1);
+    machines::wire_7i97(&mut fpga, MotorConfig::default());
+    fpga
+}
+
+struct Machine<B: World> {
+    driver: Driver<B>,
+    stage: Arc<Mutex<Stage>>,
+    counts: [Input<i32>; 6],
+    name: String,
+}
+
+impl<B: World> Machine<B> {
+    /// Runs and drives, with counts that are far from 0.
+    fn running(bus: B, remotes: bool, name: String) -> Self {
+        let serial = if remotes {
+            SerialConfig::default()
+        } else {
+            SerialConfig::NONE
+        };
+        let driver = Driver::builder(bus).serial_port(0, serial).build();
+        let driver = driver.expect("the board is complete");
+        let count = |n| format!("{BOARD}.encoder.{n:02}.count");
+        let counts = [0, 1, 2, 3, 4, 5].map(|n| driver.pins().input(&count(n)).expect("a pin"));
+        let mut this = Self {
+            driver,
+            stage: Arc::default(),
+            counts,
+            name,
+        };
+        this.turn(Some(30.0));
+        this.command();
+        for _ in 0..20 {
+            this.cycle();
+        }
+        this.turn(Some(0.0));
+        for _ in 0..3 {
+            this.cycle();
+        }
+        assert!(
+            this.counts()
+                .iter()
+                .all(|count| count.is_some_and(|c| c.abs() > 100))
+        );
+        this.assert_drives();
+        let watch = Box::new(Watch(Arc::clone(&this.stage)));
+        this.fpga().set_director(watch);
+        this
+    }
+
+    fn turn(&mut self, velocity: Option<f64>) {
+        for axis in 0..6 {
+            self.fpga()
+                .motor(axis)
+                .expect("an axis")
+                .turn_by_hand(velocity);
+        }
+    }
+
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.driver.bus_mut().fpga()
+    }
+
+    fn command(&mut self) {
+        let pins = self.driver.pins_mut();
+        for n in 0..6 {
+            set(pins, &format!("pwmgen.{n:02}.value"), 5.0);
+            set(pins, &format!("pwmgen.{n:02}.enable"), true);
+            set(pins, &format!("ssr.00.out-{n:02}"), true);
+        }
+    }
+
+    fn assert_drives(&mut self) {
+        for n in 0..6 {
+            let drive = self.fpga().analog_output(n);
+            assert!(
+                drive.enabled && (drive.volts - 5.0).abs() < 0.1,
+                "{}: {drive:?}",
+                self.name
+            );
+            assert!(self.fpga().isolated_output(n), "{}: output {n}", self.name);
+        }
+    }
+
+    fn counts(&self) -> [Option<i32>; 6] {
+        self.counts.map(|pin| {
+            let reading = self.driver.pins().read(pin);
+            reading.valid.then_some(reading.value)
+        })
+    }
+
+    fn rest(&mut self) {
+        let bus = self.driver.bus_mut();
+        let rest = 1_000_000 - bus.now().as_nanos() % 1_000_000;
+        bus.wait(Duration::from_nanos(rest));
+    }
+
+    fn cycle(&mut self) {
+        let _ = self.driver.read();
+        let _ = self.driver.write();
+        self.rest();
+    }
+
+    /// From now on the board has lost its set-up, or will have in the next cycle.
+    fn must_fall(mut self, before: [Option<i32>; 6], drives_pins: bool) {
+        let mut noticed = None;
+        for n in 0..100 {
+            let _ = self.driver.read();
+            for (count, before) in self.counts().into_iter().zip(before) {
+                assert!(
+                    count.is_none() || count == before,
+                    "{}, read {n}: {count:?}",
+                    self.name
+                );
+            }
+            if self.driver.board_state() != BoardState::Running {
+                noticed.get_or_insert(n);
+                assert_eq!(self.counts(), [None; 6], "{}, read {n}", self.name);
+            }
+            self.command();
+            let _ = self.driver.write();
+            self.rest();
+        }
+        assert!(
+            noticed.is_some_and(|n| n < 2),
+            "{}: noticed in read {noticed:?}",
+            self.name
+        );
+        let stage = std::mem::take(&mut *self.stage.lock().expect("one thread"));
+        assert!(
+            stage.switched_on.is_empty(),
+            "{}: {:#?}",
+            self.name,
+            stage.switched_on
+        );
+        if drives_pins {
+            assert!(
+                stage.driven.len() <= 2,
+                "{}: {:#?}",
+                self.name,
+                stage.driven
+            );
+        } else {
+            assert!(
+                stage.driven.is_empty(),
+                "{}: {:#?}",
+                self.name,
+                stage.driven
+            );
+        }
+        self.comes_back();
+    }
+
+    fn comes_back(mut self) {
+        for _ in 0..3 {
+            let _ = self.driver.rearm().expect("the bus does not fail");
+            self.cycle();
+        }
+        let drive = self.fpga().analog_output(0);
+        assert!(
+            !drive.enabled,
+            "{}: nothing set since: {drive:?}",
+            self.name
+        );
+        self.command();
+        for _ in 0..3 {
+            self.cycle();
+        }
+        assert_eq!(
+            self.driver.board_state(),
+            BoardState::Running,
+            "{}",
+            self.name
+        );
+        self.assert_drives();
+        let before = self.counts();
+        assert!(
+            before.iter().all(Option::is_some),
+            "{}: {before:?}",
+            self.name
+        );
+        self.turn(Some(30.0));
+        for _ in 0..20 {
+            self.cycle();
+        }
+        for (now, before) in self.counts().into_iter().zip(before) {
+            let moved = now.zip(before).map(|(now, before)| (now - before).abs());
+            assert!(
+                moved.is_some_and(|moved| moved > 100),
+                "{}: {moved:?}",
+                self.name
+            );
+        }
+    }
+}
+
+/// A reset so many nanoseconds after the read begins, in a cycle whose write holds `change`.
+fn reset_at<B: World>(bus: B, remotes: bool, change: Change, delay: u64, name: String) {
+    let mut machine = Machine::running(bus, remotes, name);
+    let before = machine.counts();
+    let at = machine.driver.bus_mut().now().as_nanos() + delay;
+    machine.stage.lock().expect("one thread").reset_at = Some(at);
+    let _ = machine.driver.read();
+    for (count, before) in machine.counts().into_iter().zip(before) {
+        assert!(
+            count.is_none() || count == before,
+            "{}: {count:?}",
+            machine.name
+        );
+    }
+    change.make(&mut machine.driver);
+    machine.command();
+    let _ = machine.driver.write();
+    machine.rest();
+    machine.must_fall(before, change.drives_pins());
+}
+
+#[test]
+fn a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_holds() {
+    for (n, change) in CHANGES.into_iter().enumerate() {
+        let remotes = change == Change::Restart;
+        let mut probe = Machine::running(world(remotes), remotes, "probe".into());
+        let begin = SimFpga::now(probe.fpga());
+        let _ = probe.driver.read();
+        change.make(&mut probe.driver);
+        let _ = probe.driver.write();
+        let cycle = SimFpga::now(probe.fpga()) - begin;
+        let mut delay = 30 * n as u64;
+        while delay < cycle + 1_000 {
+            let name = format!("{change:?}, reset after {delay} of {cycle} ns");
+            reset_at(world(remotes), remotes, change, delay, name);
+            delay += if remotes { 3_700 } else { 910 };
+        }
+    }
+}
+
+#[test]
+fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_holds() {
+    for (n, change) in CHANGES.into_iter().enumerate() {
+        let remotes = change == Change::Restart;
+        let mut delay = 3_000 * n as u64;
+        while delay < 300_000 {
+            let name = format!("{change:?}, reset after {delay} ns");
+            reset_at(ethernet(world(remotes)), remotes, change, delay, name);
+            delay += if remotes { 70_000 } else { 29_000 };
+        }
+    }
+}
+
+#[test]
+fn a_write_after_a_bite_that_nobody_has_seen_drives_nothing_whatever_it_holds() {
+    for change in CHANGES {
+        for over_ethernet in [false, true] {
+            let name = format!("{change:?}, over Ethernet: {over_ethernet}");
+            let remotes = change == Change::Restart;
+            if over_ethernet {
+                bitten(ethernet(world(remotes)), remotes, change, name);
+            } else {
+                bitten(world(remotes), remotes, change, name);
+            }
+        }
+    }
+}
+
+fn bitten<B: World>(bus: B, remotes: bool, change: Change, name: String) {
+    let mut machine = Machine::running(bus, remotes, name);
+    let before = machine.counts();
+    let _ = machine.driver.read();
+    machine.driver.bus_mut().wait(Duration::from_millis(20));
+    assert!(machine.fpga().watchdog().has_bitten());
+    change.make(&mut machine.driver);
+    machine.command();
+    let _ = machine.driver.write();
+    machine.rest();
+    // The board is asked before what drives pins is written.
+    machine.must_fall(before, false);
+}
+
+/// The packets of one cycle's writes arrive when the watchdog has bitten.
+#[test]
+fn a_write_that_the_network_holds_until_the_watchdog_has_bitten_drives_nothing() {
+    for change in CHANGES {
+        if change.drives_pins() {
+            // The board is asked first, and the answer is waited for.
+            continue;
+        }
+        let remotes = change == Change::Restart;
+        let name = format!("{change:?}");
+        let mut machine = Machine::running(ethernet(world(remotes)), remotes, name);
+        let before = machine.counts();
+        let _ = machine.driver.read();
+        change.make(&mut machine.driver);
+        machine.command();
+        machine.driver.bus_mut().link().to_board = Box::new(|packet| {
+            let late = if is_request(packet) { 0 } else { 10_000_000 };
+            vec![WIRE + late]
+        });
+        let _ = machine.driver.write();
+        machine.driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+        machine.driver.bus_mut().wait(Duration::from_millis(11));
+        assert!(machine.fpga().watchdog().has_bitten());
+        machine.must_fall(before, false);
+    }
+}
+
+#[test]
+fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
+    // From the first write of the set-up on, which comes after a look at the cookie: what was lost
+    // before is set up by it.
+    for delay in (4 * DEFAULT_ACCESS_COST..40_000).step_by(1_300) {
+        let mut machine = Machine::running(world(false), false, format!("{delay} ns"));
+        let before = machine.counts();
+        machine.fpga().reload();
+        machine.cycle();
+        assert_eq!(machine.driver.board_state(), BoardState::Reset, "{delay}");
+        let at = SimFpga::now(machine.fpga()) + delay;
+        machine.stage.lock().expect("one thread").reset_at = Some(at);
+        let _ = machine.driver.rearm().expect("the bus does not fail");
+        // In the middle of the set-up: what was still to come drives pins, but not for long.
+        let mut stage = machine.stage.lock().expect("one thread");
+        assert!(
+            stage.driven.len() <= SET_UP_AFTER_DRIVE,
+            "{delay}: {:#?}",
+            stage.driven
+        );
+        (stage.driven, stage.switched_on) = Default::default();
+        drop(stage);
+        let is_driven = (0..PINS).any(|pin| machine.fpga().driven_level(pin).is_some());
+        assert!(
+            !is_driven || machine.driver.board_state() == BoardState::Running,
+            "{delay}"
+        );
+        machine.command();
+        let _ = machine.driver.write();
+        machine.rest();
+        machine.must_fall(before, false);
+    }
+}

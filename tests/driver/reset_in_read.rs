@@ -1,0 +1,102 @@
+//! A reset of the FPGA between any two accesses of a read: no pin shows as valid what the board did
+//! not have.
+
+use crate::common::machine::{ANALOG, Machine, fpga};
+use mesa_hal::driver::Driver;
+use mesa_hal::sim::DEFAULT_ACCESS_COST;
+use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
+
+/// Resets the FPGA at a time.
+#[derive(Debug)]
+struct ResetAt(Option<u64>);
+
+impl Director for ResetAt {
+    fn due(&self) -> Option<u64> {
+        self.0
+    }
+
+    fn act(&mut self, fpga: &mut SimFpga) {
+        self.0 = None;
+        fpga.reload();
+    }
+
+    fn drives(&mut self, _: &SimFpga, _: Cause) {}
+}
+
+/// All inputs of the 7I77 are on and all its encoders have counted.
+fn running() -> Machine {
+    let mut fpga = fpga();
+    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, MotorConfig::default());
+    let mut machine = Machine::with(Driver::builder(fpga).build().expect("complete"));
+    for axis in 0..6 {
+        let motor = machine.driver.bus_mut().motor(axis).expect("axis");
+        motor.turn_by_hand(Some(2.0));
+    }
+    for input in 0..32 {
+        let device = machine.device_mut(crate::common::machine::FIELD);
+        device.set_input(input, true).expect("input");
+    }
+    machine.cycles(200);
+    for axis in 0..6 {
+        let motor = machine.driver.bus_mut().motor(axis).expect("axis");
+        motor.turn_by_hand(Some(0.0));
+    }
+    machine.cycles(20);
+    machine
+}
+
+#[test]
+fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not_true() {
+    let mut resets = 0;
+    for access in 0..200 {
+        let mut machine = running();
+        let field = machine.field;
+        let encoders: Vec<_> = (0..6)
+            .map(|n| {
+                let name = format!("hm2_7i92.0.encoder.{n:02}.count");
+                machine.driver.pins().input::<i32>(&name).expect("pin")
+            })
+            .collect();
+        let before: Vec<_> = encoders
+            .iter()
+            .map(|&pin| machine.driver.pins().read(pin))
+            .collect();
+        assert!(
+            before.iter().all(|count| count.valid && count.value > 50),
+            "{before:?}"
+        );
+        let at = machine.now() + access * DEFAULT_ACCESS_COST + DEFAULT_ACCESS_COST / 2;
+        let reset = ResetAt(Some(at));
+        assert!(
+            machine
+                .driver
+                .bus_mut()
+                .set_director(Box::new(reset))
+                .is_none()
+        );
+        let _ = machine.driver.read().expect("the bus works");
+        let is_reset = machine.now() > at;
+        let pins = machine.driver.pins();
+        for (n, input) in field.inputs.iter().enumerate() {
+            let [is, not] = [pins.read(input.pin), pins.read(input.not)];
+            assert!(is.value || !is.valid, "access {access}: input {n}: {is:?}");
+            assert!(
+                !not.value || !not.valid,
+                "access {access}: input {n}: {not:?}"
+            );
+        }
+        for (&pin, before) in encoders.iter().zip(&before) {
+            let now = pins.read(pin);
+            assert!(
+                !now.valid || now.value == before.value,
+                "access {access}: {before:?}, then {now:?}"
+            );
+        }
+        if !is_reset {
+            break;
+        }
+        resets += 1;
+    }
+    println!("{resets} moments of a reset");
+    assert!((20..199).contains(&resets), "{resets}");
+}

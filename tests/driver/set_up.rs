@@ -1,0 +1,271 @@
+//! Set-up and end: times that fit each other, a watchdog that bites by nothing but silence, and pins
+//! that are driven by nobody before and after.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use crate::common::ethernet::{SimLink, WIRE};
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::{BoardState, BuildError, Driver, GpioConfig, RemoteConfig, SerialConfig};
+use mesa_hal::sim::{BoardConfig, Cause, Director, MotorConfig, SimFpga, machines};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+const PINS: usize = 51;
+
+fn fpga() -> SimFpga {
+    machines::six_axes_7i97(MotorConfig::default())
+}
+
+fn millis(n: u64) -> Duration {
+    Duration::from_millis(n)
+}
+
+fn driven(fpga: &SimFpga) -> Vec<usize> {
+    let is_driven = |pin: &usize| fpga.driven_level(*pin).is_some();
+    (0..PINS).filter(is_driven).collect()
+}
+
+#[test]
+fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
+    let result = Driver::builder(fpga())
+        .watchdog(Duration::from_micros(1_900))
+        .build();
+    let Err(error @ BuildError::WatchdogTooShort { needed, .. }) = result else {
+        panic!("built");
+    };
+    assert_eq!(needed, millis(2));
+    let text = error.to_string();
+    assert!(
+        text.contains("1.9ms") && text.contains("2 x 1ms = 2ms"),
+        "{text}"
+    );
+    assert!(Driver::builder(fpga()).watchdog(millis(2)).build().is_ok());
+}
+
+#[test]
+fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
+    let built = |period| {
+        Driver::builder(fpga())
+            .without_dpll()
+            .period(millis(period))
+            .build()
+    };
+    let Err(error @ BuildError::RemoteWatchdogTooShort { watchdog, .. }) = built(26) else {
+        panic!("built");
+    };
+    assert_eq!(watchdog, millis(50));
+    let text = error.to_string();
+    assert!(
+        text.contains("NVWatchDogTimeout") && text.contains("2 x 26ms = 52ms"),
+        "{text}"
+    );
+    assert!(built(25).is_ok());
+}
+
+#[test]
+fn no_period_panics_and_what_can_not_be_kept_is_refused() {
+    for period in [
+        Duration::ZERO,
+        Duration::MAX,
+        Duration::from_secs(1),
+        Duration::from_nanos(1),
+    ] {
+        let result = Driver::builder(fpga()).period(period).build();
+        assert!(
+            matches!(result, Err(BuildError::BadPeriod { .. })),
+            "{period:?}"
+        );
+    }
+}
+
+#[test]
+fn watchdog_and_deadline_follow_the_period() {
+    for (period, watchdog, deadline) in [
+        (250, 5_000, 200),
+        (1_000, 5_000, 800),
+        (4_000, 20_000, 3_200),
+    ] {
+        let link = SimLink::new(BoardConfig::new("7I97"), fpga());
+        let bus = UdpBus::new(link, UdpConfig::default()).expect("the board answers");
+        let built = Driver::builder(bus)
+            .period(Duration::from_micros(period))
+            .build();
+        let mut driver = built.expect("the board is complete");
+        for _ in 0..3 {
+            let _ = driver.read().expect("a good network");
+            driver.write().expect("a good network");
+            driver.bus_mut().wait(Duration::from_micros(period));
+        }
+        let pins = driver.pins();
+        let time = pins
+            .parameter("hm2_7i97.0.watchdog.timeout_ns")
+            .expect("a parameter");
+        assert_eq!(pins.param::<u32>(time), watchdog * 1000, "{period} us");
+        let time = driver
+            .bus_mut()
+            .link()
+            .board
+            .gateware_mut()
+            .read_register(0x0C00);
+        assert!(
+            time < watchdog * 100 && time > watchdog * 50,
+            "{period} us: {time}"
+        );
+        driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+        let before = driver.bus_mut().now();
+        driver.read().expect_err("nothing comes");
+        let waited = driver.bus_mut().now().since(before);
+        assert_eq!(waited.as_micros(), deadline, "{period} us");
+        driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+    }
+}
+
+/// Looks at what is driven while a board is set up.
+#[derive(Debug)]
+struct Watch(Arc<Mutex<Vec<String>>>);
+
+impl Director for Watch {
+    fn due(&self) -> Option<u64> {
+        None
+    }
+
+    fn act(&mut self, _: &mut SimFpga) {}
+
+    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
+        // /ENA4, /ENA5, /ENA0 to 3: FACTS 9.2.
+        let low = [5, 7, 8].map(|pin| fpga.driven_level(pin) == Some(false));
+        let on = (0..6).any(|n| fpga.analog_output(n).enabled || fpga.isolated_output(n));
+        if low.contains(&true) || on {
+            let text = format!("{} ns, {cause:?}: {low:?} {on}", SimFpga::now(fpga));
+            self.0.lock().expect("one thread").push(text);
+        }
+    }
+}
+
+/// Another program has left everything as badly as it can.
+#[test]
+fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bite() {
+    let mut fpga = machines::i7i97(1);
+    machines::wire_7i97(&mut fpga, MotorConfig::default());
+    fpga.write_register(0x0C00, 4_000_000);
+    for port in 0..3 {
+        fpga.write_register(0x1000 + 4 * port, 0x1_FFFF);
+        fpga.write_register(0x1300 + 4 * port, 0x1_FFFF);
+        fpga.write_register(0x1400 + 4 * port, 0x1_0000);
+        fpga.write_register(0x1100 + 4 * port, 0x1_FFFF);
+    }
+    fpga.write_register(0x0D00, 1);
+    let seen = Arc::<Mutex<Vec<String>>>::default();
+    fpga.set_director(Box::new(Watch(Arc::clone(&seen))));
+    let mut driver = Driver::builder(fpga)
+        .build()
+        .expect("the board is complete");
+    for n in 0..50 {
+        let report = driver.read().expect("the bus does not fail");
+        assert_eq!(report.board, BoardState::Running, "cycle {n}");
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(millis(1));
+        assert!(!driver.bus().watchdog().has_bitten(), "cycle {n}");
+    }
+    let seen = seen.lock().expect("one thread").clone();
+    assert!(seen.is_empty(), "{seen:#?}");
+    assert_eq!(
+        driver.bus_mut().read_register(0x1108),
+        0,
+        "no GPIO is an output"
+    );
+    assert!((34..PINS).all(|pin| driver.bus().driven_level(pin).is_none()));
+}
+
+#[test]
+fn a_bite_right_after_rearming_is_seen() {
+    let mut driver = Driver::builder(fpga())
+        .build()
+        .expect("the board is complete");
+    for silence in [1, 2, 4, 6] {
+        for _ in 0..5 {
+            let _ = driver.rearm().expect("the bus does not fail");
+            let _ = driver.read().expect("the bus does not fail");
+            driver.write().expect("the bus does not fail");
+            driver.bus_mut().wait(millis(1));
+        }
+        assert_eq!(driver.board_state(), BoardState::Running);
+        driver.bus_mut().wait(millis(20));
+        let _ = driver.read().expect("the bus does not fail");
+        assert_eq!(driver.board_state(), BoardState::WatchdogBitten);
+        let _ = driver.rearm().expect("the bus does not fail");
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(millis(silence));
+        let has_bitten = driver.bus().watchdog().has_bitten();
+        assert_eq!(has_bitten, silence > 4, "after {silence} ms");
+        let report = driver.read().expect("the bus does not fail");
+        let expected = if has_bitten {
+            BoardState::WatchdogBitten
+        } else {
+            BoardState::Running
+        };
+        assert_eq!(report.board, expected, "after {silence} ms");
+    }
+}
+
+/// A GPIO with open drain is driven whatever its direction: FACTS 12.2.
+#[test]
+fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
+    let open_drain = GpioConfig {
+        output: true,
+        open_drain: true,
+        ..GpioConfig::default()
+    };
+    let mut simulated = fpga();
+    {
+        let mut driver = Driver::builder(&mut simulated)
+            .gpio(40, open_drain)
+            .gpio(41, open_drain)
+            .build()
+            .expect("the board is complete");
+        for _ in 0..5 {
+            let _ = driver.read().expect("the bus does not fail");
+            driver.write().expect("the bus does not fail");
+            driver.bus_mut().wait(millis(1));
+        }
+        assert!(!driven(driver.bus()).is_empty());
+    }
+    simulated.wait(millis(1));
+    assert!(simulated.watchdog().has_bitten());
+    assert_eq!(driven(&simulated), []);
+    let missing =
+        SerialConfig::default().with(0, RemoteConfig::in_mode(0).named(*b"NONE").required());
+    let built = Driver::builder(&mut simulated)
+        .gpio(40, open_drain)
+        .serial_port(0, missing)
+        .build();
+    assert!(matches!(built, Err(BuildError::Missing(_))));
+    drop(built);
+    simulated.wait(millis(1));
+    assert_eq!(driven(&simulated), [], "the driver was not built");
+}
+
+#[test]
+fn the_end_survives_lost_packets() {
+    let link = SimLink::new(BoardConfig::new("7I97"), fpga());
+    let bus = UdpBus::new(link, UdpConfig::default()).expect("the board answers");
+    let mut driver = Driver::builder(bus).build().expect("the board is complete");
+    for _ in 0..5 {
+        let _ = driver.read().expect("a good network");
+        driver.write().expect("a good network");
+        driver.bus_mut().wait(millis(1));
+    }
+    let mut n = 0;
+    driver.bus_mut().link().to_board = Box::new(move |_| {
+        n += 1;
+        if n % 3 == 0 { vec![WIRE] } else { vec![] }
+    });
+    let before = driver.bus_mut().now();
+    let _ = driver.shutdown();
+    let took = driver.bus_mut().now().since(before);
+    driver.bus_mut().wait(millis(1));
+    let gateware = driver.bus_mut().link().board.gateware_mut();
+    assert!(gateware.watchdog().has_bitten());
+    assert_eq!(driven(gateware), []);
+    assert!(took < Duration::from_secs(5), "{took:?}");
+}

@@ -1,0 +1,374 @@
+//! The driver on an Ethernet board behind a bad network, on virtual time: packets of every kind
+//! that are lost, doubled, late and behind later ones are each counted, and no pin ever shows what
+//! was not true at its time.
+
+mod truth;
+
+use std::cell::Cell;
+use std::rc::Rc;
+use std::time::Duration;
+
+use crate::common::chance::Chance;
+use crate::common::ethernet::{SimLink, WIRE};
+use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::{Driver, FaultPolicy, Pace};
+use mesa_hal::hal::{Input, Output};
+use mesa_hal::sim::devices::{Analog, Device, find_mut};
+use mesa_hal::sim::remote::Remote;
+use mesa_hal::sim::{BoardConfig, MotorConfig, machines};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use truth::Truth;
+
+type EthernetDriver = Driver<UdpBus<SimLink>>;
+
+/// What becomes of a packet: 2 % are lost, 2 % come late by up to `spread` and thereby behind later
+/// ones, 2 % come twice, at once or so much later.
+fn fate(chance: &mut Chance, spread: u64) -> Vec<u64> {
+    let late = WIRE + chance.below(spread);
+    match chance.below(200) {
+        0..4 => vec![],
+        4..8 => vec![late],
+        8..10 => vec![WIRE, WIRE + 3_000],
+        10..12 => vec![WIRE, late],
+        _ => vec![WIRE],
+    }
+}
+
+/// A machine behind a network that is bad while the flag is set.
+fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<bool>>) {
+    let mut link = link(pace);
+    let is_bad = Rc::new(Cell::new(false));
+    let fates = |seed, spread: Duration| {
+        let (mut chance, is_bad) = (Chance(seed), Rc::clone(&is_bad));
+        Box::new(move |_: &[u8]| {
+            if is_bad.get() {
+                fate(&mut chance, spread.as_nanos() as u64)
+            } else {
+                vec![WIRE]
+            }
+        })
+    };
+    // Where packets also wait in the board, longer delays make a write later than it can be told.
+    let spread = match pace {
+        Pace::Host => period * 3 / 2,
+        Pace::Board => period / 2,
+    };
+    link.to_board = fates(seed, spread);
+    link.to_host = fates(seed ^ 0xABCD, period * 3 / 2);
+    (link, is_bad)
+}
+
+/// A board that can pace has a phase-locked loop, which a 7I97 has.
+fn link(pace: Pace) -> SimLink {
+    let motor = MotorConfig::default();
+    match pace {
+        Pace::Host => SimLink::new(BoardConfig::new("7I92"), machines::six_axes_7i92(motor)),
+        Pace::Board => SimLink::new(BoardConfig::new("7I97"), machines::six_axes_7i97(motor)),
+    }
+}
+
+fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> EthernetDriver {
+    let config = UdpConfig {
+        cycle_deadline: deadline,
+        ..UdpConfig::default()
+    };
+    let bus = UdpBus::new(link, config).expect("the board answers");
+    // Set aside late: this test is about the network, not about remotes.
+    let policy = FaultPolicy {
+        fault_lim: 10_000,
+        ..FaultPolicy::default()
+    };
+    Driver::builder(bus)
+        .period(period)
+        .pace(pace)
+        .bus_error_limit(50)
+        .watchdog(Duration::from_millis(50))
+        .fault_policy(policy)
+        .build()
+        .expect("the machine is complete")
+}
+
+fn field(driver: &EthernetDriver) -> I7i77Field {
+    let remote = driver.ports()[0].remotes().next().expect("channel 0");
+    I7i77Field::new(driver.pins(), remote.pins(), OutputType::Sourcing).expect("field I/O")
+}
+
+fn set_inputs(driver: &mut EthernetDriver, pattern: u32) {
+    let fpga = driver.bus_mut().link().board.gateware_mut();
+    let end = fpga.remote_mut(0, 0).expect("plugged");
+    let device = find_mut(end).expect("a device");
+    for n in 0..32 {
+        device
+            .set_input(n, pattern >> n & 1 != 0)
+            .expect("an input");
+    }
+}
+
+/// The inputs as one number, and how many cycles ago they were like that; `None` if not valid.
+fn read_pattern(driver: &EthernetDriver, inputs: &[Input<bool>; 32]) -> Option<(u32, u32)> {
+    let first = driver.pins().read(inputs[0]).age;
+    let pattern = inputs
+        .iter()
+        .enumerate()
+        .try_fold(0, |pattern, (n, input)| {
+            let reading = driver.pins().read(*input);
+            assert_eq!(reading.age, first, "inputs of one transfer");
+            reading
+                .valid
+                .then_some(pattern | u32::from(reading.value) << n)
+        })?;
+    Some((
+        pattern,
+        u32::try_from(first.cycles).expect("valid is young"),
+    ))
+}
+
+/// Runs the machine for some cycles; returns how many cycles had new inputs.
+fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
+    let period = Duration::from_secs(1) / rate;
+    let deadline = period * 3 / 5;
+    let (link, is_bad) = bad_network(seed, period, pace);
+    let mut driver = driver(link, deadline, period, pace);
+    let inputs = field(&driver).inputs.map(|pair| pair.pin);
+    let before = driver.bus().statistics();
+    let mut truth = Truth::from(driver.bus_mut().link());
+    is_bad.set(true);
+    let mut good = 0;
+    for n in 1..=cycles {
+        let started = driver.bus_mut().now();
+        let doubts = driver.bus().statistics().doubts;
+        let result = driver.read();
+        let said = driver.bus().statistics().doubts > doubts;
+        if result.is_ok() {
+            let is_certain = truth.heard(driver.bus_mut().link());
+            assert!(is_certain || said, "seed {seed}, cycle {n}: nothing said");
+        }
+        if let Some((pattern, age)) = read_pattern(&driver, &inputs) {
+            // A write that comes late has its inputs taken later than the driver can know.
+            assert!(
+                (n - 1 - age..n).contains(&pattern),
+                "seed {seed}, cycle {n}: {pattern} is older than {age} cycles"
+            );
+            good += u32::from(age == 0);
+        }
+        set_inputs(&mut driver, n);
+        if n == cycles {
+            is_bad.set(false);
+        }
+        let _ = driver.write();
+        if pace == Pace::Host {
+            let end = started.after(period);
+            let left = end.since(driver.bus_mut().now());
+            driver.bus_mut().wait(left);
+        }
+    }
+    // What is still under way comes, and is counted.
+    driver.bus_mut().wait(period * 4);
+    for _ in 0..3 {
+        if driver.read().is_ok() {
+            truth.heard(driver.bus_mut().link());
+        }
+        driver.bus_mut().wait(period * 4);
+    }
+    let counted = driver.bus().statistics();
+    println!("seed {seed}, {rate} Hz, {cycles} cycles, {good} with new inputs: {counted:?}");
+    truth.check(driver.bus_mut().link(), before, counted, seed);
+    good
+}
+
+#[test]
+fn at_1_khz_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wrong() {
+    for seed in [1, 97, 2026] {
+        assert!(run(seed, 1000, 2000, Pace::Host) > 1300, "seed {seed}");
+    }
+}
+
+#[test]
+fn at_4_khz_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wrong() {
+    for seed in [4, 7] {
+        assert!(run(seed, 4000, 4000, Pace::Host) > 2500, "seed {seed}");
+    }
+}
+
+#[test]
+fn paced_by_the_board_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wrong() {
+    for (seed, rate) in [(3, 1000), (11, 1000), (12, 4000)] {
+        assert!(run(seed, rate, 3000, Pace::Board) > 1800, "seed {seed}");
+    }
+}
+
+#[test]
+fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let before = driver.bus().statistics();
+    for _ in 0..1000 {
+        assert!(driver.read().expect("a good network").lost_writes == 0);
+        driver.write().expect("a good network");
+        driver.bus_mut().wait(period);
+    }
+    let after = driver.bus().statistics();
+    assert_eq!(after.exchanges - before.exchanges, 2000);
+    assert_eq!(
+        (after.lost, after.late, after.lost_writes),
+        (before.lost, before.late, 0)
+    );
+    println!(
+        "{} bytes out, {} bytes in each cycle",
+        (after.bytes_sent - before.bytes_sent) / 1000,
+        (after.bytes_received - before.bytes_received) / 1000,
+    );
+}
+
+#[test]
+fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
+    let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
+    let drive: Output<f64> = analog.analog_out[0].pin;
+    let cycle = |driver: &mut EthernetDriver, n: u32| {
+        let mut good = 0;
+        for _ in 0..n {
+            good += u32::from(driver.read().is_ok_and(|report| report.is_good()));
+            driver.pins_mut().set(drive, 5.0);
+            driver.pins_mut().set(analog.analogena.pin, true);
+            let _ = driver.write();
+            driver.bus_mut().wait(period);
+        }
+        good
+    };
+    let volts = |driver: &mut EthernetDriver| {
+        let fpga = driver.bus_mut().link().board.gateware_mut();
+        fpga.device::<Remote<Device<Analog>>>(0, 1)
+            .and_then(|remote| remote.application().world().volts(0))
+            .expect("an analog output")
+    };
+    let _ = driver.rearm();
+    cycle(&mut driver, 20);
+    let _ = driver.rearm();
+    assert_eq!(cycle(&mut driver, 20), 20);
+    assert!(
+        (volts(&mut driver) - 5.0).abs() < 0.01,
+        "{}",
+        volts(&mut driver)
+    );
+
+    driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+    assert_eq!(cycle(&mut driver, 120), 0, "nothing comes back");
+    assert_eq!(volts(&mut driver), 0.0, "the remote's own watchdog");
+
+    driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+    cycle(&mut driver, 200);
+    assert_eq!(volts(&mut driver), 0.0, "not before it is re-armed");
+    for _ in 0..20 {
+        let _ = driver.rearm();
+        cycle(&mut driver, 50);
+    }
+    assert!(
+        (volts(&mut driver) - 5.0).abs() < 0.01,
+        "{}",
+        volts(&mut driver)
+    );
+}
+
+#[test]
+fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let unsure = driver.pins().input("hm2_7i92.0.encoder.02.count-unsure");
+    let unsure: Input<bool> = unsure.expect("a pin");
+    let reset = driver.pins().output("hm2_7i92.0.encoder.02.reset");
+    let reset: Output<bool> = reset.expect("a pin");
+    let run = |driver: &mut EthernetDriver, cycles: u32, is_cut: bool| {
+        driver.bus_mut().link().is_unreachable = is_cut;
+        for _ in 0..cycles {
+            assert_eq!(driver.read().is_err(), is_cut);
+            assert_eq!(driver.write().is_err(), is_cut);
+            driver.bus_mut().wait(period);
+        }
+        driver.pins().read(unsure)
+    };
+    assert!(!run(&mut driver, 10, false).value);
+    // 32768 counts take 5.2 ms at 6.25 million a second: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
+    let _ = run(&mut driver, 3, true);
+    assert!(!run(&mut driver, 10, false).value);
+    let _ = run(&mut driver, 6, true);
+    let said = run(&mut driver, 10, false);
+    assert!(said.valid && said.value);
+    driver.pins_mut().set(reset, true);
+    assert!(!run(&mut driver, 3, false).value, "zeroed, and known again");
+}
+
+#[test]
+fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let timeout = driver.pins().parameter("hm2_7i92.0.packet-read-timeout");
+    let timeout = timeout.expect("a parameter");
+    let mut waits = |set: Option<i32>| {
+        if let Some(set) = set {
+            let pins = driver.pins_mut();
+            pins.set_param::<i32>(timeout, set).expect("a number");
+        }
+        let _ = driver.write();
+        driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+        let before = driver.bus_mut().now();
+        driver.read().expect_err("nothing comes");
+        let waited = driver.bus_mut().now().since(before);
+        driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+        waited.as_micros()
+    };
+    assert_eq!(waits(None), 500, "that of the bus");
+    for (set, expected) in [
+        (60, 600),
+        (0, 800),
+        (-5, 800),
+        (1, 100),
+        (250_000, 250),
+        (99, 990),
+    ] {
+        assert_eq!(waits(Some(set)), expected, "{set}");
+    }
+}
+
+#[test]
+fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free() {
+    let period = Duration::from_millis(1);
+    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
+    let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
+    let volts = |driver: &mut EthernetDriver| {
+        let fpga = driver.bus_mut().link().board.gateware_mut();
+        fpga.device::<Remote<Device<Analog>>>(0, 1)
+            .and_then(|remote| remote.application().world().volts(0))
+            .expect("an analog output")
+    };
+    let mut good = 0;
+    for n in 0..400_u32 {
+        good += u32::from(driver.read().expect("a good network").is_good());
+        let pins = driver.pins_mut();
+        pins.set(analog.analog_out[0].pin, 5.0);
+        pins.set(analog.analogena.pin, true);
+        driver.write().expect("a good network");
+        if matches!(n, 100 | 150 | 250 | 300) {
+            // Another program's question (the packets that `UdpBus::new` sends first), at any time.
+            let question = [
+                0x82, 0xD1, 0x1C, 0x00, n as u8, 0x00, 0x00, 0x00, 0x44, 0x59, 0x0A, 0x00, 0x48,
+                0x51, 0x10, 0x00,
+            ];
+            let link = driver.bus_mut().link();
+            let now = link.board.time();
+            let reply = link.board.handle_packet(now, &question, &mut Vec::new());
+            assert!(reply.is_some(), "it is answered");
+        }
+        driver.bus_mut().wait(period);
+        if n > 20 {
+            let volts = volts(&mut driver);
+            assert!((volts - 5.0).abs() < 0.01, "cycle {n}: {volts} V");
+        }
+    }
+    assert!(good > 400 - 20 - 4 * 3, "{good} good cycles");
+    assert_eq!(driver.board_state(), mesa_hal::driver::BoardState::Running);
+}

@@ -1,0 +1,107 @@
+//! What really became of the packets, by the simulator's own record.
+
+use std::collections::BTreeSet;
+
+use mesa_hal::bus::BusStatistics;
+
+use crate::common::ethernet::{Sent, SimLink};
+
+/// What the driver can know of the writes, and when: by the replies it has taken.
+pub struct Truth {
+    /// The first packet that counts.
+    first: usize,
+    /// When the board executed the request whose reply was taken last.
+    heard: u64,
+    /// Writes that a reply has shown missing.
+    missing: BTreeSet<usize>,
+    late: u64,
+}
+
+impl Truth {
+    pub fn from(link: &SimLink) -> Self {
+        Self {
+            first: link.journal.len(),
+            heard: link.board.time(),
+            missing: BTreeSet::new(),
+            late: 0,
+        }
+    }
+
+    fn writes<'a>(&self, link: &'a SimLink) -> impl Iterator<Item = (usize, &'a Sent)> {
+        let packets = link.journal.iter().enumerate().skip(self.first);
+        packets.filter(|(_, sent)| !sent.is_request)
+    }
+
+    /// The reply to the newest request was taken. Whether the board had executed, since the reply
+    /// before, exactly the writes that were sent since, in their order.
+    pub fn heard(&mut self, link: &SimLink) -> bool {
+        let newest = link.journal.iter().rposition(|sent| sent.is_request);
+        let newest = newest.expect("a request was sent");
+        let request = &link.journal[newest];
+        let (_, now) = request.replies.first().expect("its reply was taken");
+        let (before, now) = (self.heard, *now);
+        self.heard = now;
+        let mut order: Vec<(u64, usize)> = self
+            .writes(link)
+            .flat_map(|(n, sent)| sent.executed.iter().map(move |&at| (at, n)))
+            .filter(|(at, _)| *at <= now)
+            .collect();
+        order.sort_unstable();
+        let since: Vec<usize> = order
+            .iter()
+            .filter(|(at, _)| *at > before)
+            .map(|(_, n)| *n)
+            .collect();
+        let due: Vec<usize> = self
+            .writes(link)
+            .take_while(|(n, _)| *n < newest)
+            .filter(|(_, sent)| sent.executed.iter().all(|at| *at > before))
+            .map(|(n, _)| n)
+            .filter(|n| !self.missing.contains(n))
+            .collect();
+        for n in &since {
+            self.late += u64::from(self.missing.remove(n));
+        }
+        let executed: BTreeSet<usize> = order.iter().map(|(_, n)| *n).collect();
+        self.missing
+            .extend(due.iter().filter(|n| !executed.contains(n)));
+        // The last one came for the first time, and behind a newer one.
+        let last = order.last().map(|(_, n)| *n);
+        let is_behind = last
+            .is_some_and(|last| due.contains(&last) && executed.iter().any(|other| *other > last));
+        self.late += u64::from(is_behind);
+        since == due
+    }
+
+    /// Compares everything with what the driver has counted.
+    pub fn check(&self, link: &SimLink, before: BusStatistics, after: BusStatistics, seed: u64) {
+        let packets = &link.journal[self.first..];
+        let requests = packets.iter().filter(|sent| sent.is_request);
+        let (mut lost, mut doubled) = (0, 0);
+        for request in requests.clone() {
+            lost += u64::from(request.replies.is_empty());
+            doubled += request.replies.len().saturating_sub(1) as u64;
+        }
+        let (mut lost_writes, mut repeated) = (0, 0);
+        for (_, write) in self.writes(link) {
+            lost_writes += u64::from(write.executed.is_empty());
+            repeated += write.executed.len().saturating_sub(1) as u64;
+        }
+        let answered = after.exchanges - before.exchanges;
+        assert_eq!(answered, packets.len() as u64, "seed {seed}: packets");
+        assert_eq!(after.lost - before.lost, lost, "seed {seed}: lost");
+        assert_eq!(after.duplicate, doubled, "seed {seed}: doubled replies");
+        assert_eq!(after.lost_writes, lost_writes, "seed {seed}: lost writes");
+        assert_eq!(after.late_writes, self.late, "seed {seed}: late writes");
+        assert_eq!(after.repeated_writes, repeated, "seed {seed}: repeated");
+        let nothing = (
+            after.unconfirmed_writes,
+            after.foreign,
+            after.short,
+            after.stale,
+        );
+        assert_eq!(nothing, (0, 0, 0, 0), "seed {seed}");
+        let each = [lost, after.late, doubled, lost_writes, self.late, repeated];
+        assert!(each.iter().all(|n| *n > 5), "seed {seed}: {each:?}");
+    }
+}

@@ -1,0 +1,450 @@
+//! An Ethernet board beside its registers: identity, EEPROM, flash memory, reset and reload.
+
+use std::net::Ipv4Addr;
+use std::time::Duration;
+
+use crate::common::ethernet::{SimLink, WIRE};
+use mesa_hal::boards::I7i97;
+use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
+use mesa_hal::driver::Driver;
+use mesa_hal::ethernet::{
+    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, LedMode,
+    PAGE, SECTOR, Stage, UnguardedFlash,
+};
+use mesa_hal::lbp16::{ErrorRegister, Space};
+use mesa_hal::sim::{BoardConfig, machines};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+fn link() -> SimLink {
+    SimLink::new(BoardConfig::new("7I97"), machines::i7i97(1))
+}
+
+fn board_on(link: SimLink) -> Board<UdpBus<SimLink>> {
+    Board::new(UdpBus::new(link, UdpConfig::default()).expect("the board answers"))
+}
+
+fn board() -> Board<UdpBus<SimLink>> {
+    board_on(link())
+}
+
+/// A made-up configuration for the 7I97's FPGA.
+fn configuration(len: usize) -> Vec<u8> {
+    let mut data = vec![0xFF; 16];
+    data.extend([0xAA, 0x99, 0x55, 0x66]);
+    data.extend((data.len()..len).map(|n| (n * 31 + n / 256) as u8));
+    data
+}
+
+fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
+    Bitfile {
+        design: "made_up",
+        part: FlashLayout::I7I97.part,
+        date: "2026/01/01",
+        time: "00:00:00",
+        configuration,
+    }
+}
+
+/// Something in the boot block, without which nothing is written to the user area.
+fn with_boot_block(board: Board<UdpBus<SimLink>>) -> Flash<UnguardedFlash<UdpBus<SimLink>>> {
+    let mut flash = board.into_flash(FlashLayout::I7I97).expect("an M25P16");
+    let boot = configuration(300);
+    flash
+        .write(Area::BootBlock, 0, &boot, |_, _| {})
+        .expect("the boot block is written when it is named");
+    flash
+}
+
+#[test]
+fn a_board_says_who_it_is() {
+    let mut board = board();
+    let identity = board.identity().expect("identity");
+    assert_eq!(identity.card_name(), "7I97");
+    assert_eq!(identity.firmware_version, 16);
+    assert_eq!(identity.mac.to_string(), "00:60:0e:1b:00:97");
+    assert_eq!(identity.eeprom_ip, Ipv4Addr::new(10, 10, 10, 10));
+    let netmask = Ipv4Addr::new(255, 255, 255, 0);
+    assert_eq!(identity.eeprom_netmask, Some(netmask));
+    for space in Space::ALL {
+        let info = board.space_info(space);
+        assert_eq!(info.is_ok(), space != Space::Unused, "{space:?}: {info:?}");
+    }
+}
+
+#[test]
+fn addresses_in_the_eeprom_are_written_and_read_back() {
+    let mut board = board();
+    let address = Ipv4Addr::new(192, 168, 7, 97);
+    let netmask = Ipv4Addr::new(255, 255, 0, 0);
+    board
+        .set_eeprom_ip(address)
+        .expect("the address is written");
+    board.set_eeprom_netmask(netmask).expect("the netmask too");
+    let identity = board.identity().expect("identity");
+    assert_eq!(identity.eeprom_ip, address);
+    assert_eq!(identity.eeprom_netmask, Some(netmask));
+}
+
+/// What a person sees while the driver sets one LED after the other: CR01 first.
+fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
+    let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+    let mut seen = Vec::new();
+    for n in 0..4 {
+        for (k, &led) in card.leds.leds.iter().enumerate() {
+            driver.pins_mut().set(led, k == n);
+        }
+        let _ = driver.read().expect("the board answers");
+        driver.write().expect("the board takes it");
+        driver.bus_mut().wait(Duration::from_millis(1));
+        seen.push(driver.bus_mut().link().board.lit_leds());
+    }
+    seen
+}
+
+#[test]
+fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
+    let bus = board().into_inner();
+    let mut driver = Driver::builder(bus).build().expect("a 7I97");
+    let one_by_one: Vec<_> = (0..4).map(|n| [0, 1, 2, 3].map(|k| k == n)).collect();
+    assert_ne!(running_light(&mut driver), one_by_one, "they count packets");
+    for (mode, shows) in [(LedMode::HostMot2, true), (LedMode::Debug, false)] {
+        let mut board = Board::new(driver.bus_mut());
+        board.set_led_mode(mode).expect("the register");
+        assert_eq!(board.led_mode(), Ok(mode));
+        assert_eq!(board.eeprom_led_mode(), Ok(LedMode::Debug), "as it was");
+        let seen = running_light(&mut driver);
+        assert_eq!(seen == one_by_one, shows, "{mode:?}");
+    }
+}
+
+#[test]
+fn a_restart_gives_the_leds_to_whom_the_eeprom_says() {
+    let mut board = board();
+    assert_eq!(board.led_mode(), Ok(LedMode::Debug), "as it comes");
+    for mode in [LedMode::HostMot2, LedMode::Debug] {
+        let before = board.led_mode();
+        board.set_eeprom_led_mode(mode).expect("the EEPROM");
+        assert_eq!(board.eeprom_led_mode(), Ok(mode));
+        assert_eq!(board.led_mode(), before, "only from the next start on");
+        board.reset().expect("a restart");
+        assert_eq!(board.led_mode(), Ok(mode));
+    }
+}
+
+#[test]
+fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
+    let mut config = BoardConfig::new("7I97");
+    config.firmware_version = 14;
+    let mut board = board_on(SimLink::new(config, machines::i7i97(1)));
+    assert_eq!(board.identity().expect("identity").eeprom_netmask, None);
+    let error = board.set_eeprom_netmask(Ipv4Addr::BROADCAST);
+    let needs = |needed| Err(EthernetError::Firmware { needed, found: 14 });
+    assert_eq!(error, needs(16));
+    let layout = FlashLayout::I7I97;
+    assert_eq!(board.reload(layout.user.0, layout.fallback.0), needs(15));
+}
+
+#[test]
+fn a_board_counts_what_it_could_not_do() {
+    let mut board = board();
+    let before = board.counters().expect("counters");
+    assert_eq!(before.errors, ErrorRegister::empty());
+    let mut bus = board.into_inner();
+    // A command for no element, and a write to read-only space 7.
+    let commands = [0x00, 0x42, 0x00, 0x01];
+    mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
+    let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
+    mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
+    bus.wait(Duration::from_millis(1));
+    let after = Board::new(bus).counters().expect("counters");
+    assert!(after.errors.contains(ErrorRegister::PARSE), "{after:?}");
+    assert_eq!(after.parse_errors, before.parse_errors + 1);
+    assert_eq!(after.write_errors, before.write_errors + 1);
+    assert_eq!(after.received_udp, before.received_udp + 3);
+}
+
+#[test]
+fn errors_are_cleared_and_packets_go_on_being_counted() {
+    let mut bus = board().into_inner();
+    let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
+    mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
+    bus.wait(Duration::from_millis(1));
+    let mut board = Board::new(bus);
+    let before = board.counters().expect("counters");
+    assert_eq!(
+        (before.errors, before.write_errors),
+        (ErrorRegister::WRITE, 1)
+    );
+    board.clear_errors().expect("cleared");
+    let after = board.counters().expect("counters");
+    assert_eq!(after.errors, ErrorRegister::empty());
+    let errors = [after.parse_errors, after.memory_errors, after.write_errors];
+    assert_eq!(errors, [0; 3]);
+    assert_eq!((after.received_bad, after.sent_bad), (0, 0));
+    assert_eq!(after.received_udp, before.received_udp + 2);
+    let mut bus = board.into_inner();
+    assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
+}
+
+#[test]
+fn its_clock_tells_when_packets_came_and_went() {
+    let mut board = board();
+    let first = board.timestamps().expect("timestamps");
+    let mut bus = board.into_inner();
+    bus.wait(Duration::from_millis(10));
+    let second = Board::new(bus).timestamps().expect("timestamps");
+    let microseconds = second.receive_done.wrapping_sub(first.receive_done);
+    assert!((10_000..10_200).contains(&microseconds), "{microseconds}");
+    assert!(second.send_start.wrapping_sub(first.receive_done) < 100);
+}
+
+#[test]
+fn a_configuration_is_programmed_and_verified_over_the_network() {
+    let mut flash = with_boot_block(board());
+    let data = configuration(200_001);
+    let mut verified = 0;
+    let progress = |stage, bytes| {
+        if stage == Stage::Verify {
+            verified = bytes;
+        }
+    };
+    flash
+        .program(&bitfile(&data), Area::User, progress)
+        .expect("it is programmed");
+    assert_eq!(verified, data.len());
+    let other = configuration(200_000);
+    flash
+        .verify(&bitfile(&other), Area::User, |_, _| {})
+        .expect("a prefix is the same");
+    let mut changed = data.clone();
+    changed[100_000] ^= 0x10;
+    let error = flash
+        .verify(&bitfile(&changed), Area::User, |_, _| {})
+        .expect_err("it differs");
+    let address = FlashLayout::I7I97.user.0 + 100_000;
+    assert!(
+        matches!(error, FlashError::Differs { address: a, .. } if a == address),
+        "{error}"
+    );
+    // Reading need not begin or end on a register's border.
+    let mut bytes = [0; 7];
+    flash
+        .read(FlashLayout::I7I97.user.0 + 15, &mut bytes)
+        .expect("it is read");
+    assert_eq!(bytes[..], data[15..22]);
+}
+
+#[test]
+fn without_a_boot_block_nothing_is_erased() {
+    let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");
+    let data = configuration(1000);
+    let error = flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .expect_err("no boot block");
+    assert!(
+        matches!(error, FlashError::NoBootBlock { address: 0 }),
+        "{error}"
+    );
+}
+
+#[test]
+fn lost_packets_only_take_longer() {
+    let seed = 0x97_u64;
+    let lossy = |mut state: u64| {
+        move |_: &[u8]| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            if state >> 60 == 0 { vec![] } else { vec![WIRE] }
+        }
+    };
+    let mut link = link();
+    link.to_board = Box::new(lossy(seed));
+    link.to_host = Box::new(lossy(seed + 1));
+    let mut flash = with_boot_block(board_on(link));
+    let data = configuration(70_000);
+    flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .unwrap_or_else(|error| {
+            panic!("seed {seed:#x}: {error}");
+        });
+    let bus = flash.into_board().into_inner();
+    assert!(bus.statistics().lost > 10, "{:?}", bus.statistics());
+}
+
+#[test]
+fn after_reset_and_reload_the_board_answers_again() {
+    let mut board = board();
+    board.reset().expect("reset");
+    board.identity().expect("it answers again");
+    let layout = FlashLayout::I7I97;
+    board
+        .reload(layout.user.0, layout.fallback.0)
+        .expect("reload");
+    board.identity().expect("it answers again");
+    let mut bus = board.into_inner();
+    assert_eq!(bus.link().board.restarts(), (1, 1));
+    assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
+}
+
+#[test]
+fn a_board_that_never_answers_is_said_with_a_hint() {
+    let mut link = link();
+    link.to_board = Box::new(|_| vec![]);
+    let error = UdpBus::new(link, UdpConfig::default()).expect_err("nobody answers");
+    assert_eq!(error.kind(), BusErrorKind::Lost);
+    assert!(
+        error.to_string().contains("check the board's power"),
+        "{error}"
+    );
+}
+
+/// A hint stands behind a semicolon, or is a question.
+#[test]
+fn every_error_says_what_to_do_next() {
+    use mesa_hal::ethernet::BitfileError::{self, *};
+    type Memory = FlashError<BitfileError>;
+    type Ethernet = EthernetError<BitfileError>;
+    let (field, at, area) = (b'a', 13, Area::User);
+    let (address, bytes, start, end) = (0x10_0000, 9, 0x10_0000, 0x16_0000);
+    let files: [BitfileError; 8] = [
+        NoMark,
+        Truncated { field, at },
+        WrongField {
+            expected: field,
+            found: 0,
+            at,
+        },
+        NotText { field },
+        NoSync { searched: 9 },
+        WrongPart { expected: "6slx9" },
+        TooLarge { bytes, room: 8 },
+        WrongInterface {
+            interface: "PCI",
+            expected: "7I97",
+        },
+    ];
+    let memory: [Memory; 9] = [
+        Memory::Bitfile(NoMark),
+        Memory::WrongChip {
+            found: 1,
+            expected: 2,
+        },
+        Memory::NoBootBlock { address },
+        Memory::NoUserConfiguration { address },
+        Memory::NotForConfigurations { area },
+        Memory::NotWhole {
+            address,
+            bytes,
+            size: 10,
+        },
+        Memory::NotASector {
+            address,
+            sector: address,
+        },
+        Memory::OutsideArea {
+            address,
+            bytes,
+            area,
+            start,
+            end,
+        },
+        Memory::Differs {
+            address,
+            expected: 1,
+            found: 2,
+        },
+    ];
+    let (expected, found) = (1, 2);
+    let ethernet: [Ethernet; 4] = [
+        Ethernet::NotTaken {
+            address: 0x14,
+            expected,
+            found,
+        },
+        Ethernet::Cookie {
+            space: 7,
+            found,
+            expected,
+        },
+        Ethernet::Firmware { needed: 16, found },
+        Ethernet::NotWritten {
+            address: 0x20,
+            expected,
+            found,
+        },
+    ];
+    let files = files.iter().map(ToString::to_string);
+    let memory = memory.iter().map(ToString::to_string);
+    let ethernet = ethernet.iter().map(ToString::to_string);
+    for text in files.chain(memory).chain(ethernet) {
+        let is_told = text.contains(';') || text.contains('?');
+        assert!(is_told, "{text}");
+    }
+}
+
+#[test]
+fn the_flash_id_is_that_of_the_layout() {
+    let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");
+    assert_eq!(flash.id(), Ok(FlashLayout::I7I97.id));
+}
+
+#[test]
+fn sectors_and_pages_are_at_hand_for_who_names_the_unguarded_memory() {
+    let mut flash = UnguardedFlash::new(board());
+    let address = FlashLayout::I7I97.application.0;
+    let mut page = [0; PAGE];
+    for value in [0x5A, 0xA5] {
+        flash.erase_sector(address).expect("erased");
+        flash
+            .write_page(address + SECTOR - 0x100, &[value; PAGE])
+            .expect("written");
+        flash
+            .read(address + SECTOR - 0x100, &mut page)
+            .expect("read");
+        assert_eq!(page, [value; PAGE]);
+    }
+    // Addresses behind the end of the chip are the chip's business.
+    flash.read(u32::MAX - 3, &mut page).expect("read");
+    assert_eq!(flash.into_board().identity().unwrap().card_name(), "7I97");
+}
+
+#[test]
+fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
+    let board = || {
+        let link = SimLink::new(BoardConfig::new("7I92"), machines::i7i92_7i77());
+        board_on(link)
+    };
+    let error = board()
+        .into_flash(FlashLayout::I7I97)
+        .expect_err("another board");
+    let is_it = matches!(error, FlashError::WrongBoard { found, expected: "7I97" }
+        if found.as_str() == "7I92");
+    assert!(is_it, "{error}");
+
+    let mut board = board();
+    let identity = board.identity().expect("identity");
+    let layout = *FlashLayout::for_card(identity.card_name()).expect("a known board");
+    let mut flash = board.into_flash(layout).expect("16 Mbit");
+    let boot = configuration(300);
+    flash
+        .write(Area::BootBlock, 0, &boot, |_, _| {})
+        .expect("the boot block is written when it is named");
+    let data = configuration(3000);
+    let other = Bitfile {
+        design: "seveni97.ncd",
+        ..bitfile(&data)
+    };
+    let error = flash
+        .program(&other, Area::User, |_, _| {})
+        .expect_err("a file for a 7I97");
+    let text = error.to_string();
+    assert!(text.contains("for a 7i97, and this is a 7I92"), "{text}");
+    flash
+        .program(&bitfile(&data), Area::User, |_, _| {})
+        .expect("it is programmed");
+    let mut bus = flash.into_board().into_inner();
+    let kept = bus.link().board.state();
+    let mut places = kept.windows(data.len());
+    assert!(places.any(|bytes| bytes == data), "it is in the chip");
+}

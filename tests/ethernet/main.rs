@@ -1,0 +1,6 @@
+//! Ethernet boards: the driver behind a bad network, and what a board is beside its registers.
+
+mod bad_network;
+mod board;
+#[path = "../common/mod.rs"]
+mod common;

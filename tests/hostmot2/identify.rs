@@ -1,0 +1,223 @@
+//! Reading a firmware's description of itself: FACTS 9.1, 9.2, 9.3, 9.5.
+
+use crate::common::registers::{I7I92_PINS, MapBus, i7i92_with_7i77, i7i97};
+use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError, IdromPart, Warning};
+use proptest::prelude::*;
+
+fn identify(bus: &mut MapBus) -> Result<HostMot2, IdentifyError<core::convert::Infallible>> {
+    HostMot2::identify(bus)
+}
+
+#[test]
+fn a_7i97_is_found_with_all_its_modules_and_pins() {
+    let firmware = identify(&mut i7i97()).unwrap();
+    assert_eq!(firmware.idrom().board_name.board().to_string(), "7i97");
+    assert_eq!(
+        firmware.gtags().to_string(),
+        "HM2DPLL (1A) x1, Watchdog (02) x1, IOPort (03) x3, MuxedEncoder (0C) x6, MuxSelect (0D) \
+         x1, PWM (06) x6, InMux (1E) x1, SSR (C3) x1, SSerial (C1) x1, LED (80) x1"
+    );
+    assert_eq!(firmware.pins().len(), 51);
+    assert_eq!(firmware.pins()[5].to_string(), "PWM 4 /Enable");
+    assert_eq!(firmware.pins()[32].to_string(), "SSerial 0 TX0");
+    assert_eq!(firmware.pins()[50].to_string(), "I/O");
+    assert_eq!(firmware.sserial_channels(Gtag::SSERIAL, 0), 1);
+    assert_eq!(firmware.sserial_channels(Gtag::SSERIAL, 1), 0);
+    let pwm = firmware.require(Gtag::PWM).unwrap();
+    assert_eq!(pwm.clock_hz, 200_000_000);
+    assert_eq!(firmware.warnings(), &[]);
+}
+
+#[test]
+fn a_7i92_with_two_7i77_is_found_with_three_channels_for_each() {
+    let firmware = identify(&mut i7i92_with_7i77()).unwrap();
+    assert_eq!(firmware.pins().len(), I7I92_PINS);
+    assert_eq!(firmware.sserial_channels(Gtag::SSERIAL, 0), 3);
+    assert_eq!(firmware.pins()[0].to_string(), "SSerial 0 TXEN2");
+    assert_eq!(firmware.pins()[7].to_string(), "MuxSelect 0 Select0");
+    assert_eq!(firmware.pins()[10].to_string(), "MuxedEncoder 0 Index");
+    assert_eq!(firmware.warnings(), &[]);
+}
+
+#[test]
+fn identification_takes_four_exchanges() {
+    for mut bus in [i7i97(), i7i92_with_7i77()] {
+        identify(&mut bus).unwrap();
+        assert_eq!(bus.exchanges, 4);
+    }
+}
+
+#[test]
+fn a_missing_module_is_named_beside_what_is_there() {
+    let firmware = identify(&mut i7i92_with_7i77()).unwrap();
+    let missing = firmware.require(Gtag::PWM).unwrap_err();
+    assert_eq!(
+        missing.to_string(),
+        "this firmware has no PWM (06); it has Watchdog (02) x1, IOPort (03) x2, MuxedEncoder (0C) \
+         x6, MuxSelect (0D) x1, SSerial (C1) x1, LED (80) x1; load a firmware for the boards that \
+         are connected"
+    );
+}
+
+#[test]
+fn a_wrong_cookie_says_what_was_read_and_what_to_check() {
+    let mut bus = i7i97();
+    bus.set(0x0100, 0xFFFF_FFFF);
+    assert_eq!(
+        identify(&mut bus).unwrap_err().to_string(),
+        "no HostMot2 cookie at 0x0100: read 0xFFFFFFFF, expected 0x55AACAFE; is this the right \
+         address, and the right board?"
+    );
+}
+
+#[test]
+fn each_wrong_word_gets_its_own_error() {
+    type Check = fn(&IdentifyError<core::convert::Infallible>) -> bool;
+    let cases: &[(u16, u32, Check)] = &[
+        (0x0104, 0x5453_4F48 ^ 1, |e| {
+            matches!(e, IdentifyError::WrongName { .. })
+        }),
+        (0x010C, 0xFFF0, |e| {
+            matches!(
+                e,
+                IdentifyError::OutsideAddressSpace {
+                    part: IdromPart::Header,
+                    address: 0xFFF0,
+                    ..
+                }
+            )
+        }),
+        (0x010C, 0x402, |e| {
+            matches!(e, IdentifyError::OutsideAddressSpace { .. })
+        }),
+        (0x0400, 4, |e| {
+            matches!(e, IdentifyError::UnknownIdromType { found: 4 })
+        }),
+        (0x0404, u32::MAX, |e| {
+            matches!(
+                e,
+                IdentifyError::OutsideAddressSpace {
+                    part: IdromPart::Modules,
+                    ..
+                }
+            )
+        }),
+        (0x0408, 0xFC00, |e| {
+            matches!(
+                e,
+                IdentifyError::OutsideAddressSpace {
+                    part: IdromPart::Pins,
+                    ..
+                }
+            )
+        }),
+        (0x0424, 24, |e| {
+            matches!(
+                e,
+                IdentifyError::Widths {
+                    port_width: 24,
+                    io_width: 51,
+                    ..
+                }
+            )
+        }),
+        (0x0428, 33_333, |e| {
+            matches!(
+                e,
+                IdentifyError::Clock {
+                    low: true,
+                    hz: 33_333
+                }
+            )
+        }),
+        (0x0430, 0x10_0000, |e| {
+            matches!(e, IdentifyError::Stride { found: 0x10_0000 })
+        }),
+        (0x0440, 0x0103_001A, |e| {
+            matches!(
+                e,
+                IdentifyError::ClockTag {
+                    index: 0,
+                    gtag: Gtag::HM2DPLL,
+                    found: 3
+                }
+            )
+        }),
+        (0x0444, 0x3007_7000, |e| {
+            matches!(e, IdentifyError::StrideChoice { instance: 3, .. })
+        }),
+        (0x0444, 0x0007_FA00, |e| {
+            matches!(
+                e,
+                IdentifyError::ModuleOutsideAddressSpace { base: 0xFA00, .. }
+            )
+        }),
+    ];
+    for &(address, value, check) in cases {
+        let mut bus = i7i97();
+        bus.set(address, value);
+        let error = identify(&mut bus).unwrap_err();
+        assert!(check(&error), "{address:#06X}: {error}");
+        assert!(error.to_string().len() > 40, "{error}");
+    }
+}
+
+#[test]
+fn what_is_merely_odd_is_a_warning() {
+    let mut bus = i7i97();
+    bus.set(0x0448 + 12 + 12 - 8, 0x0201_0003); // I/O port descriptor: two instances
+    bus.set(0x0600 + 4 * 50, 0); // last pin: no primary tag
+    bus.set(0x0440 + 12 * 3, 0x0601_020C); // muxed encoder, version 2
+    bus.set(0x0600 + 4 * 49, 0x0300_1801); // a BISS pin without BISS
+    let firmware = identify(&mut bus).unwrap();
+    assert_eq!(
+        firmware.warnings(),
+        [
+            Warning::PortInstances {
+                ports: 3,
+                instances: 2
+            },
+            Warning::Version {
+                gtag: Gtag::MUXED_ENCODER,
+                version: 2
+            },
+            Warning::PinWithoutModule {
+                pin: 49,
+                gtag: Gtag::BISS
+            },
+            Warning::PrimaryTag {
+                pin: 50,
+                found: Gtag::NONE
+            },
+        ]
+    );
+    for warning in firmware.warnings() {
+        assert!(!warning.to_string().is_empty());
+    }
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_words_are_identified_or_refused_in_four_exchanges(
+        words in prop::collection::vec(any::<u32>(), 256),
+        keep in prop::collection::vec(any::<bool>(), 256),
+    ) {
+        let mut bus = i7i97();
+        for (index, (word, keep)) in words.into_iter().zip(keep).enumerate().skip(5) {
+            if !keep {
+                bus.set(0x0400 + 4 * index as u16, word);
+            }
+        }
+        let result = identify(&mut bus);
+        prop_assert!(bus.exchanges <= 4);
+        if let Ok(firmware) = result {
+            for module in firmware.modules() {
+                for register in 0..module.registers {
+                    for instance in 0..module.instances {
+                        prop_assert!(module.address(register, instance).is_some());
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,397 @@
+//! A session of LinuxCNC with a simulated board, in a private network.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File, OpenOptions},
+    io::{BufRead, BufReader, Write},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, Command, Stdio},
+    sync::{
+        Mutex,
+        mpsc::{Receiver, channel},
+    },
+    time::{Duration, Instant},
+};
+
+use crate::{
+    interop::tools::{has_program, skip},
+    interop::{
+        console::{Console, Values, values},
+        sim_board,
+    },
+};
+
+/// How long a command of LinuxCNC may take.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Its init never retries, and one late reply fails it: so often it is tried again (FACTS 10.3).
+const LOADS: usize = 12;
+
+/// How long something set on one side may take to arrive at the other on a busy machine.
+pub const SETTLE: Duration = Duration::from_secs(5);
+
+/// One LinuxCNC at a time: the machine has few cores, and each is meant to run at 1 kHz.
+pub static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// LinuxCNC and a simulated board in a private network.
+pub struct Machine {
+    sandbox: Child,
+    commands: Option<ChildStdin>,
+    lines: Receiver<String>,
+    pub board: Console,
+    /// `hm2_7i97.0`
+    prefix: &'static str,
+    pipes: [PathBuf; 2],
+}
+
+impl Machine {
+    /// Loads LinuxCNC's driver for a board, or tries again. A packet that comes late during
+    /// discovery makes it fail, or go on without a parameter, or without a remote.
+    pub fn load(prefix: &'static str, name: &str, board: &str, expected: &Expected) -> Self {
+        let mut missing = Vec::new();
+        for attempt in 1..=LOADS {
+            let mut machine = Self::start(prefix, board);
+            let driver = "loadrt hm2_eth board_ip=10.97.0.2 config=sserial_port_0=000xxxxx";
+            let mut load = || {
+                machine
+                    .try_hal("loadrt hostmot2")
+                    .and(machine.try_hal(driver))
+            };
+            missing = match load() {
+                Ok(_) => {
+                    let (pins, params) = (machine.list("pin"), machine.list("param"));
+                    keep(&format!("{name}.pins"), &pins);
+                    keep(&format!("{name}.params"), &params);
+                    expected.missing(&pins, &params)
+                }
+                Err(messages) => messages,
+            };
+            if missing.is_empty() {
+                println!("LinuxCNC loaded at attempt {attempt}");
+                return machine;
+            }
+            println!(
+                "attempt {attempt}: LinuxCNC did not load all: {:?}",
+                missing.last()
+            );
+            machine.stop();
+        }
+        panic!("LinuxCNC did not load in {LOADS} attempts: {missing:#?}");
+    }
+
+    fn start(prefix: &'static str, board: &str) -> Self {
+        let pipes = ["to-board", "from-board"].map(|name| {
+            let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
+            let path = directory.join(format!("{}-{name}", std::process::id()));
+            let _ = fs::remove_file(&path);
+            let made = Command::new("mkfifo").arg(&path).status().unwrap();
+            assert!(made.success());
+            path
+        });
+        // Open for both, so that neither end waits for the other.
+        let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
+        let mut sandbox = Command::new(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/examples/sim_board/linuxcnc.sh"
+        ))
+        .args(board.split(' '))
+        .arg("--")
+        .arg(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/interop/session.sh"
+        ))
+        .env("SIM_BOARD", sim_board())
+        .env("BOARD_IN", &pipes[0])
+        .env("BOARD_OUT", &pipes[1])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the sandbox starts");
+        let output = sandbox.stdout.take().unwrap();
+        let (sender, lines) = channel();
+        std::thread::spawn(move || {
+            for line in BufReader::new(output).lines().map_while(Result::ok) {
+                if sender.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        let board = Console::new(to_board, from_board);
+        board.wait_for("help");
+        Self {
+            commands: sandbox.stdin.take(),
+            sandbox,
+            lines,
+            board,
+            prefix,
+            pipes,
+        }
+    }
+
+    /// A command of halcmd; names that begin with `.` get the board's prefix.
+    fn try_hal(&mut self, command: &str) -> Result<Vec<String>, Vec<String>> {
+        let command = command.replace(" .", &format!(" {}.", self.prefix));
+        let commands = self.commands.as_mut().expect("not stopped");
+        if writeln!(commands, "{command}").is_err() {
+            return Err(vec!["LinuxCNC is gone".to_owned()]);
+        }
+        let mut answer = Vec::new();
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let left = end.saturating_duration_since(Instant::now());
+            let Ok(line) = self.lines.recv_timeout(left) else {
+                answer.push("no answer".to_owned());
+                return Err(answer);
+            };
+            match line.strip_prefix("= ") {
+                Some("0") => return Ok(answer),
+                Some(_) => return Err(answer),
+                None => answer.push(line),
+            }
+        }
+    }
+
+    fn hal(&mut self, command: &str) -> Vec<String> {
+        match self.try_hal(command) {
+            Ok(answer) => answer,
+            Err(answer) => panic!("halcmd {command}: {answer:?}"),
+        }
+    }
+
+    pub fn set(&mut self, name: &str, value: &str) {
+        self.hal(&format!("setp .{name} {value}"));
+    }
+
+    pub fn get(&mut self, name: &str) -> String {
+        let answer = self.hal(&format!("getp .{name}"));
+        let values: Vec<_> = answer
+            .iter()
+            .filter(|line| !line.starts_with('!'))
+            .collect();
+        assert_eq!(values.len(), 1, "{name}: {answer:?}");
+        values[0].trim().to_owned()
+    }
+
+    pub fn number(&mut self, name: &str) -> f64 {
+        let value = self.get(name);
+        value.parse().unwrap_or_else(|_| panic!("{name} = {value}"))
+    }
+
+    /// Waits until a pin or parameter has a value.
+    pub fn expect(&mut self, name: &str, expected: &str) {
+        let start = Instant::now();
+        loop {
+            let value = self.get(name);
+            if value == expected {
+                return;
+            }
+            let in_time = start.elapsed() < SETTLE;
+            assert!(
+                in_time,
+                "{name} is {value}, not {expected}: {}",
+                self.diagnosis()
+            );
+        }
+    }
+
+    /// Waits until the board shows a value.
+    pub fn expect_board(&mut self, what: &str, name: &str, fits: impl Fn(f64) -> bool) {
+        let start = Instant::now();
+        loop {
+            let all = self.board.show(what);
+            let value = all.get(name).unwrap_or_else(|| panic!("{name}: {all:?}"));
+            if fits(value.parse().unwrap()) {
+                return;
+            }
+            let in_time = start.elapsed() < SETTLE;
+            assert!(in_time, "{name} is {value}: {}", self.diagnosis());
+        }
+    }
+
+    /// Puts read and write into a thread of 1 kHz and starts it.
+    ///
+    /// This machine is not a realtime one: late packets and pauses are counted, not forbidden, and
+    /// the watchdogs of board and remotes get more patience, as far as their parameters allow it.
+    pub fn run(&mut self, remotes: &[&str]) {
+        self.hal("loadrt threads name1=servo period1=1000000");
+        self.set("packet-error-limit", "100000");
+        self.set("watchdog.timeout_ns", "1000000000");
+        // Two cycles at once, after a pause, find the transfer still running.
+        self.set("sserial.port-0.fault-lim", "1000000");
+        for remote in remotes {
+            self.set(&format!("{remote}.nvwatchdogtimeout"), "1000");
+        }
+        self.hal("addf .read servo");
+        self.hal("addf .write servo");
+        self.hal("start");
+        // Parameters are written to the remotes when the port starts, and hold when a remote
+        // powers up again.
+        self.start_port();
+        self.set("sserial.port-0.run", "false");
+        for remote in remotes {
+            let channel = remote.rsplit('.').next().unwrap_or_default();
+            let name = format!("remote.{channel}.parameter.nvwatchdogtimeout");
+            self.expect_board(channel, &name, |time| time == 1000.0);
+            self.board.run(&format!("power {channel} off"));
+            self.board.run(&format!("power {channel} on"));
+        }
+        std::thread::sleep(Duration::from_millis(200));
+        self.start_port();
+    }
+
+    /// Starts the serial port until all remotes run: a late packet can spoil a start.
+    pub fn start_port(&mut self) {
+        for _ in 0..5 {
+            self.set("sserial.port-0.run", "true");
+            let start = Instant::now();
+            while start.elapsed() < SETTLE {
+                let all = self.board.show("all");
+                let mut faults = all.iter().filter(|(name, _)| name.ends_with(".faults"));
+                if faults.all(|(_, faults)| faults == "00") {
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            println!("the serial port did not start: {}", self.diagnosis());
+            self.set("sserial.port-0.run", "false");
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        panic!("the serial port does not start");
+    }
+
+    /// What says why something does not arrive.
+    fn diagnosis(&mut self) -> String {
+        let names = [
+            "sserial.port-0.run",
+            "sserial.port-0.port_state",
+            "sserial.port-0.fault-count",
+            "packet-error-total",
+            "watchdog.has_bit",
+            "io_error",
+        ];
+        let all = names.map(|name| format!("{name} {}", self.get(name)));
+        let board = self.board.show("all");
+        let remotes = board.iter().filter(|(name, _)| {
+            name.starts_with("remote.") && !name.contains("put-") && !name.contains("parameter")
+        });
+        format!("{}; {:?}", all.join(", "), remotes.collect::<Vec<_>>())
+    }
+
+    /// Pins or parameters: type and direction by name without the board's prefix.
+    pub fn list(&mut self, what: &str) -> List {
+        let lines = self.hal(&format!("show {what}"));
+        let prefix = format!("{}.", self.prefix);
+        let parsed = lines.iter().filter_map(|line| {
+            let words: Vec<_> = line.split_whitespace().collect();
+            let [_, kind, direction, .., _] = words[..] else {
+                return None;
+            };
+            let name = words.iter().find_map(|word| word.strip_prefix(&prefix))?;
+            Some((name.to_owned(), (kind.to_owned(), direction.to_owned())))
+        });
+        parsed.collect()
+    }
+
+    /// Ends LinuxCNC and the board, and returns the board's summary.
+    pub fn stop(mut self) -> Values {
+        self.commands = None;
+        let end = Instant::now() + PATIENCE;
+        while self.sandbox.try_wait().unwrap().is_none() {
+            assert!(Instant::now() < end, "the sandbox ends");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        self.board.wait_for("summary");
+        values(self.board.answer().unwrap())
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        self.commands = None;
+        let end = Instant::now() + Duration::from_secs(10);
+        while Instant::now() < end && matches!(self.sandbox.try_wait(), Ok(None)) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let _ = self.sandbox.kill();
+        let _ = self.sandbox.wait();
+        for pipe in &self.pipes {
+            let _ = fs::remove_file(pipe);
+        }
+    }
+}
+
+fn both_ends(pipe: &Path) -> File {
+    let file = OpenOptions::new().read(true).write(true).open(pipe);
+    file.expect("the pipe opens")
+}
+
+/// `true` if the test can not run here.
+pub fn skipped() -> bool {
+    for program in ["halrun", "unshare", "nsenter", "ip", "iptables", "mkfifo"] {
+        if !has_program(program) {
+            skip(&format!("`{program}` is not installed"));
+            return true;
+        }
+    }
+    let allowed = Command::new("unshare")
+        .args(["--net", "--ipc", "--mount", "--pid", "--fork", "true"])
+        .stderr(Stdio::null())
+        .status();
+    if !allowed.is_ok_and(|status| status.success()) {
+        skip("no right to make a private network (root or CAP_SYS_ADMIN)");
+        return true;
+    }
+    false
+}
+
+/// Keeps the list of pins or parameters for other tests.
+fn keep(name: &str, list: &List) {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .parent()
+        .unwrap()
+        .join("interop");
+    fs::create_dir_all(&directory).unwrap();
+    let line = |(pin, (kind, direction)): (&String, &(String, String))| {
+        format!("{kind} {direction} {pin}\n")
+    };
+    let text: String = list.iter().map(line).collect();
+    fs::write(directory.join(name), text).unwrap();
+}
+
+/// Type and direction by name.
+pub type List = BTreeMap<String, (String, String)>;
+
+/// Pins and parameters that LinuxCNC must create.
+#[derive(Default)]
+pub struct Expected {
+    pins: List,
+    params: List,
+}
+
+impl Expected {
+    pub fn pins(&mut self, kind: &str, direction: &str, names: impl IntoIterator<Item = String>) {
+        let entry = (kind.to_owned(), direction.to_owned());
+        self.pins
+            .extend(names.into_iter().map(|name| (name, entry.clone())));
+    }
+
+    pub fn params(&mut self, kind: &str, direction: &str, names: impl IntoIterator<Item = String>) {
+        let entry = (kind.to_owned(), direction.to_owned());
+        self.params
+            .extend(names.into_iter().map(|name| (name, entry.clone())));
+    }
+
+    /// What is not there, or not as expected.
+    fn missing(&self, pins: &List, params: &List) -> Vec<String> {
+        let missing = |expected: &List, found: &List| -> Vec<String> {
+            let differs =
+                |(name, entry): &(&String, &(String, String))| found.get(*name) != Some(*entry);
+            let told = |(name, entry): (&String, &(String, String))| {
+                format!("{name}: {entry:?}, found {:?}", found.get(name))
+            };
+            expected.iter().filter(differs).map(told).collect()
+        };
+        [missing(&self.pins, pins), missing(&self.params, params)].concat()
+    }
+}

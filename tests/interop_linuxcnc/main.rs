@@ -1,0 +1,476 @@
+//! LinuxCNC (Debian package `linuxcnc-uspace`, driver hm2_eth) takes the simulated board for a real
+//! one, at 1 kHz.
+//!
+//! Needs root, for a private network: the driver wants a board with a MAC address of its own. See
+//! `examples/sim_board/linuxcnc.sh`. What LinuxCNC created is kept under `target/interop/` (`NAME.pins`:
+//! type, direction and name of each pin; `NAME.params`), to compare other lists with.
+
+mod cost;
+#[path = "../interop/mod.rs"]
+mod interop;
+mod linuxcnc;
+mod names;
+
+use std::time::{Duration, Instant};
+
+use crate::interop::console::Values;
+use linuxcnc::{Expected, Machine, ONE_AT_A_TIME, SETTLE, skipped};
+use mesa_hal::driver::Driver;
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+
+fn numbered(count: usize, name: impl Fn(usize) -> String) -> impl Iterator<Item = String> {
+    (0..count).map(name)
+}
+
+/// Pins and parameters of a 7I77 on channels 0 and 1. FACTS 8.6.
+fn expect_7i77(expected: &mut Expected) {
+    let io = |name: &str| format!("7i77.0.0.{name}");
+    let analog = |name: &str| format!("7i77.0.1.{name}");
+    expected.pins("bit", "OUT", numbered(32, |n| io(&format!("input-{n:02}"))));
+    expected.pins(
+        "bit",
+        "OUT",
+        numbered(32, |n| io(&format!("input-{n:02}-not"))),
+    );
+    expected.pins("bit", "IN", numbered(16, |n| io(&format!("output-{n:02}"))));
+    expected.params(
+        "bit",
+        "RW",
+        numbered(16, |n| io(&format!("output-{n:02}-invert"))),
+    );
+    expected.pins(
+        "float",
+        "IN",
+        numbered(6, |n| analog(&format!("analogout{n}"))),
+    );
+    for limit in ["scalemax", "maxlim", "minlim"] {
+        let names = numbered(6, |n| analog(&format!("analogout{n}-{limit}")));
+        expected.params("float", "RW", names);
+    }
+    expected.pins("bit", "IN", ["analogena", "spinena"].map(analog));
+    let inverts = ["analogena-invert", "spinena-invert"].map(analog);
+    expected.params("bit", "RW", inverts);
+    let parameters = [
+        "nvencmode0",
+        "nvencmode1",
+        "nvunitnumber",
+        "nvwatchdogtimeout",
+        "nvbaudrate",
+    ];
+    expected.params("u32", "RW", parameters.map(io));
+    expected.params("u32", "RO", ["swrevision", "hwrevision"].map(io));
+}
+
+/// Pins and parameters of the board and its serial port. FACTS 8.6.
+fn expect_board(expected: &mut Expected) {
+    let encoder = |n: usize, name: &str| format!("encoder.{n:02}.{name}");
+    expected.pins("s32", "OUT", numbered(6, |n| encoder(n, "count")));
+    expected.pins("s32", "OUT", numbered(6, |n| encoder(n, "rawcounts")));
+    expected.pins("float", "OUT", numbered(6, |n| encoder(n, "position")));
+    expected.pins("float", "OUT", numbered(6, |n| encoder(n, "velocity")));
+    expected.pins("bit", "I/O", numbered(6, |n| encoder(n, "index-enable")));
+    expected.params("float", "RW", numbered(6, |n| encoder(n, "scale")));
+    let port = |name: &str| format!("sserial.port-0.{name}");
+    expected.pins("bit", "IN", [port("run")]);
+    let states = ["port_state", "port_state2", "port_state3"];
+    expected.pins("u32", "OUT", states.map(port));
+    expected.pins("u32", "OUT", [port("fault-count")]);
+    expected.params(
+        "u32",
+        "RW",
+        ["fault-inc", "fault-dec", "fault-lim"].map(port),
+    );
+    expected.pins("bit", "I/O", ["watchdog.has_bit".to_owned()]);
+    expected.params("u32", "RW", ["watchdog.timeout_ns".to_owned()]);
+    expected.params("bit", "RW", ["io_error".to_owned()]);
+    expected.pins("bit", "OUT", ["packet-error".to_owned()]);
+}
+
+/// Digital outputs, analog volts and booleans from HAL to the 7I77 and back.
+fn check_7i77(machine: &mut Machine) {
+    machine.set("7i77.0.0.output-03", "true");
+    machine.set("7i77.0.0.output-15", "true");
+    machine.set("7i77.0.0.output-07-invert", "true");
+    for n in 0..16 {
+        let on = [3, 7, 15].contains(&n);
+        let name = format!("remote.0.output-{n:02}");
+        machine.expect_board("0", &name, |value| value == f64::from(u8::from(on)));
+    }
+    machine.set("7i77.0.1.analogena", "true");
+    for (n, volts) in ["5", "-10", "10", "-2.5", "0.01", "7"]
+        .into_iter()
+        .enumerate()
+    {
+        machine.set(&format!("7i77.0.1.analogout{n}-scalemax"), "10");
+        machine.set(&format!("7i77.0.1.analogout{n}"), volts);
+    }
+    // 13 bits over 20 V; output 5 stays at 0 V until it has its own enable.
+    for (n, volts) in [5.0, -10.0, 10.0, -2.5, 0.01, 0.0].into_iter().enumerate() {
+        let near = move |value: f64| (value - volts).abs() < 0.005;
+        machine.expect_board("1", &format!("remote.1.analogout{n}"), near);
+    }
+    machine.set("7i77.0.1.spinena", "true");
+    machine.expect_board("1", "remote.1.analogout5", |volts| {
+        (volts - 7.0).abs() < 0.005
+    });
+    machine.expect_board("1", "remote.1.spinena", |on| on == 1.0);
+
+    for input in [0, 7, 31] {
+        let name = format!("7i77.0.0.input-{input:02}");
+        machine.expect(&name, "FALSE");
+        machine.board.run(&format!("input 0 {input} on"));
+        machine.expect(&name, "TRUE");
+        machine.expect(&format!("{name}-not"), "FALSE");
+        machine.board.run(&format!("input 0 {input} off"));
+        machine.expect(&name, "FALSE");
+    }
+}
+
+/// Turns a motor by hand and stops it: LinuxCNC must count what the encoder made.
+fn check_encoders(machine: &mut Machine) {
+    for axis in 0..6 {
+        machine.set(&format!("encoder.{axis:02}.scale"), "1000");
+        let speed = if axis % 2 == 0 { 20 } else { -20 };
+        machine.board.run(&format!("turn {axis} {speed}"));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    for axis in 0..6 {
+        let velocity = machine.number(&format!("encoder.{axis:02}.velocity"));
+        let speed = if axis % 2 == 0 { 20.0 } else { -20.0 };
+        assert!(
+            (velocity - speed).abs() < 2.0,
+            "axis {axis}: {velocity} for {speed}"
+        );
+        machine.board.run(&format!("turn {axis} 0"));
+    }
+    std::thread::sleep(Duration::from_millis(100));
+    let motors = machine.board.show("motors");
+    for axis in 0..6 {
+        let counts: f64 = motors[&format!("motor.{axis}.counts")].parse().unwrap();
+        let count = machine.number(&format!("encoder.{axis:02}.count"));
+        assert!(counts.abs() > 5_000.0, "axis {axis} moved by {counts}");
+        assert!(
+            (count - counts).abs() <= 1.0,
+            "axis {axis}: {count} of {counts}"
+        );
+        machine.board.run(&format!("turn {axis} free"));
+    }
+}
+
+/// Stops the serial port, which makes the remotes safe, and starts it again.
+fn check_run_and_stop(machine: &mut Machine) {
+    machine.expect_board("0", "remote.0.output-03", |on| on == 1.0);
+    machine.set("sserial.port-0.run", "false");
+    machine.expect_board("0", "remote.0.output-03", |on| on == 0.0);
+    machine.expect_board("1", "remote.1.analogout0", |volts| volts == 0.0);
+    machine.start_port();
+    machine.expect_board("0", "remote.0.output-03", |on| on == 1.0);
+    machine.expect_board("1", "remote.1.analogout0", |volts| {
+        (volts - 5.0).abs() < 0.005
+    });
+}
+
+/// Pulls a remote: LinuxCNC counts faults, in every cycle, and stops the port at the limit. Puts it
+/// back and starts again.
+fn check_unplugging(machine: &mut Machine, channel: usize) {
+    machine.set("sserial.port-0.fault-lim", "5000");
+    let before = machine.number("sserial.port-0.fault-count");
+    assert!(before < 1000.0, "{before} before anything is unplugged");
+    machine.board.run(&format!("unplug {channel}"));
+    let start = Instant::now();
+    while machine.number("sserial.port-0.fault-count") < 4000.0 {
+        assert!(start.elapsed() < SETTLE, "no faults are counted");
+    }
+    // The stopped port makes all its remotes safe.
+    machine.expect_board("0", "remote.0.output-03", |on| on == 0.0);
+    machine.board.run(&format!("plug {channel}"));
+    machine.set("sserial.port-0.fault-lim", "1000000");
+    machine.set("sserial.port-0.run", "false");
+    std::thread::sleep(Duration::from_millis(200));
+    machine.start_port();
+    machine.expect_board("0", "remote.0.output-03", |on| on == 1.0);
+    let after = machine.number("sserial.port-0.fault-count");
+    assert!(
+        after < 1000.0,
+        "{after} after everything is plugged in again"
+    );
+}
+
+/// There was a cycle each millisecond of `time`, by the board's counters, and no error.
+fn assert_cycled(before: &Values, after: &Values, time: Duration) {
+    let rate = cycles(before, after) / time.as_secs_f64();
+    println!("{rate:.0} cycles a second");
+    // Not realtime: cycles whose reply was late are left out by LinuxCNC.
+    assert!((800.0..1100.0).contains(&rate), "{rate} cycles a second");
+    for error in ["parse", "memory", "write"] {
+        assert_eq!(after[&format!("board.errors.{error}")], "0");
+    }
+}
+
+/// How many cycles there were: two packets each.
+fn cycles(before: &Values, after: &Values) -> f64 {
+    let packets = |values: &Values| -> f64 { values["network.received.packets"].parse().unwrap() };
+    (packets(after) - packets(before)) / 2.0
+}
+
+/// Our driver, built for the same machine, has the same pins and parameters.
+fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
+    let driver = Driver::builder(ours)
+        .build()
+        .expect("the machine is complete");
+    let (pins, params) = (machine.list("pin"), machine.list("param"));
+    names::compare(prefix, &pins, &params, driver.pins());
+}
+
+#[test]
+fn a_7i97_with_three_remotes_runs_at_1_khz() {
+    if skipped() {
+        return;
+    }
+    let _alone = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let remotes = "--remote 0=7i77-io --remote 1=7i77-analog --remote 2=7i72";
+    let mut expected = Expected::default();
+    expect_7i77(&mut expected);
+    expect_board(&mut expected);
+    expect_7i97(&mut expected);
+    let board = format!("--board 7i97 {remotes}");
+    let mut machine = Machine::load("hm2_7i97.0", "7i97", &board, &expected);
+    let ours = machines::six_axes_7i97(MotorConfig::default());
+    compare_names(&mut machine, "hm2_7i97.0", ours);
+
+    // LinuxCNC writes parameters to the remotes' non-volatile memory when it starts the port.
+    machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 0.0);
+    machine.set("7i77.0.0.nvencmode0", "1");
+    machine.run(&["7i77.0.0", "7i77.0.1", "7i72.0.2"]);
+    let (start, before) = (Instant::now(), machine.board.show("network"));
+    machine.expect_board("0", "remote.0.parameter.nvencmode0", |mode| mode == 1.0);
+    check_7i77(&mut machine);
+    check_7i72(&mut machine);
+    check_isolated_io(&mut machine);
+    check_encoders(&mut machine);
+    check_analog_outputs(&mut machine);
+    check_run_and_stop(&mut machine);
+    check_unplugging(&mut machine, 2);
+    std::thread::sleep(Duration::from_secs(20).saturating_sub(start.elapsed()));
+    let after = machine.board.show("network");
+    assert_cycled(&before, &after, start.elapsed());
+    assert_eq!(machine.get("io_error"), "FALSE");
+    assert_eq!(machine.get("watchdog.has_bit"), "FALSE");
+    print_costs(&mut machine, &board);
+    println!("packet errors: {}", machine.get("packet-error-total"));
+    let summary = machine.stop();
+    // LinuxCNC lets the watchdog bite when it goes.
+    assert_eq!(summary["remote.0.output-03"], "0");
+    assert_eq!(summary["board.output-02"], "0");
+}
+
+/// Prints what a cycle costs LinuxCNC, and this crate beside it.
+fn print_costs(machine: &mut Machine, board: &str) {
+    let (before, cpu) = (machine.board.show("network"), cost::linuxcnc_cpu());
+    let ours = cost::run_beside(board);
+    let spent = cost::linuxcnc_cpu().saturating_sub(cpu);
+    let cycles = cycles(&before, &machine.board.show("network"));
+    cost::print(spent.div_f64(cycles), &ours);
+}
+
+fn expect_7i97(expected: &mut Expected) {
+    expected.pins(
+        "bit",
+        "IN",
+        numbered(48, |n| format!("7i72.0.2.output-{n:02}")),
+    );
+    expected.params(
+        "bit",
+        "RW",
+        numbered(48, |n| format!("7i72.0.2.output-{n:02}-invert")),
+    );
+    expected.pins(
+        "bit",
+        "OUT",
+        numbered(16, |n| format!("inmux.00.input-{n:02}")),
+    );
+    expected.pins(
+        "bit",
+        "OUT",
+        numbered(16, |n| format!("inmux.00.input-{n:02}-not")),
+    );
+    expected.pins(
+        "s32",
+        "OUT",
+        numbered(4, |n| format!("inmux.00.enc{n}-count")),
+    );
+    expected.pins("bit", "IN", numbered(6, |n| format!("ssr.00.out-{n:02}")));
+    expected.pins(
+        "float",
+        "IN",
+        numbered(6, |n| format!("pwmgen.{n:02}.value")),
+    );
+    expected.pins(
+        "bit",
+        "IN",
+        numbered(6, |n| format!("pwmgen.{n:02}.enable")),
+    );
+    expected.pins("bit", "IN", numbered(4, |n| format!("led.CR{:02}", n + 1)));
+    expected.pins("bit", "OUT", numbered(51, |n| format!("gpio.{n:03}.in")));
+    expected.pins("float", "OUT", ["dpll.phase-error-us".to_owned()]);
+}
+
+fn check_7i72(machine: &mut Machine) {
+    for n in [0, 17, 47] {
+        machine.set(&format!("7i72.0.2.output-{n:02}"), "true");
+    }
+    for n in 0..48 {
+        let on = [0, 17, 47].contains(&n);
+        let name = format!("remote.2.output-{n:02}");
+        machine.expect_board("2", &name, |value| value == f64::from(u8::from(on)));
+    }
+}
+
+/// Isolated inputs through InMux, isolated outputs through SSR, an MPG on inputs 2 and 3, LEDs, and
+/// a pin of P1 both ways.
+fn check_isolated_io(machine: &mut Machine) {
+    machine.set("ssr.00.out-02", "true");
+    for n in 0..6 {
+        let name = format!("board.output-{n:02}");
+        machine.expect_board("board", &name, |on| on == f64::from(u8::from(n == 2)));
+    }
+    for n in [0, 9, 15] {
+        let name = format!("inmux.00.input-{n:02}");
+        machine.expect(&name, "FALSE");
+        machine.board.run(&format!("input board {n} on"));
+        machine.expect(&name, "TRUE");
+        machine.expect(&format!("{name}-not"), "FALSE");
+        machine.board.run(&format!("input board {n} off"));
+    }
+    machine.set("inmux.00.enc1_4xmode", "true");
+    machine.set("inmux.00.enc1-reset", "true");
+    machine.expect("inmux.00.enc1-count", "0");
+    machine.set("inmux.00.enc1-reset", "false");
+    // Two detents, B ahead of A, slowly enough for the input filter.
+    for step in [
+        "3 on", "2 on", "3 off", "2 off", "3 on", "2 on", "3 off", "2 off",
+    ] {
+        machine.board.run(&format!("input board {step}"));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    machine.expect("inmux.00.enc1-count", "8");
+    machine.set("led.CR02", "true");
+    // As boards come, these LEDs count packets.
+    machine.board.run("leds fpga");
+    machine.expect_board("board", "board.led-1", |lit| lit == 1.0);
+    machine.board.run("pin 50 low");
+    machine.expect("gpio.050.in", "FALSE");
+    machine.board.run("pin 50 free");
+    machine.expect("gpio.050.in", "TRUE");
+    machine.set("gpio.049.is_output", "true");
+    machine.set("gpio.049.out", "false");
+    machine.expect_board("board", "board.pin-049", |level| level == 0.0);
+    machine.set("gpio.049.out", "true");
+    machine.expect_board("board", "board.pin-049", |level| level == 1.0);
+}
+
+/// PWM in offset mode is volts on the 7I97's analog outputs, which turn motors.
+fn check_analog_outputs(machine: &mut Machine) {
+    for (n, volts) in ["2.5", "-2.5", "1", "-1", "9", "-9"]
+        .into_iter()
+        .enumerate()
+    {
+        machine.set(&format!("pwmgen.{n:02}.offset-mode"), "true");
+        machine.set(&format!("pwmgen.{n:02}.scale"), "10");
+        machine.set(&format!("pwmgen.{n:02}.value"), volts);
+        machine.set(&format!("pwmgen.{n:02}.enable"), "true");
+    }
+    for (n, volts) in [2.5, -2.5, 1.0, -1.0, 9.0, -9.0].into_iter().enumerate() {
+        let near = move |value: f64| (value - volts).abs() < 0.03;
+        machine.expect_board("board", &format!("board.analogout{n}"), near);
+        machine.expect_board("board", &format!("board.enable{n}"), |on| on == 1.0);
+        // 100 units a second at 10 V.
+        let name = format!("motor.{n}.velocity");
+        let follows = move |velocity: f64| (velocity - 10.0 * volts).abs() < 0.5;
+        machine.expect_board("motors", &name, follows);
+    }
+    let velocity = machine.number("encoder.00.velocity");
+    assert!((velocity - 25.0).abs() < 2.0, "{velocity}");
+    for n in 0..6 {
+        machine.set(&format!("pwmgen.{n:02}.enable"), "false");
+        machine.expect_board("board", &format!("board.enable{n}"), |on| on == 0.0);
+        machine.expect_board("motors", &format!("motor.{n}.velocity"), |v| v.abs() < 0.01);
+    }
+}
+
+#[test]
+fn a_7i92_with_a_7i77_runs_at_1_khz() {
+    if skipped() {
+        return;
+    }
+    let _alone = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut expected = Expected::default();
+    expect_7i77(&mut expected);
+    expect_board(&mut expected);
+    let board = "--board 7i92-7i77";
+    let mut machine = Machine::load("hm2_7i92.0", "7i92-7i77", board, &expected);
+    let mut ours = machines::i7i92_7i77();
+    machines::plug_7i77(&mut ours, 0, 0);
+    compare_names(&mut machine, "hm2_7i92.0", ours);
+
+    machine.run(&["7i77.0.0", "7i77.0.1"]);
+    let (start, before) = (Instant::now(), machine.board.show("network"));
+    check_encoders(&mut machine);
+    check_7i77(&mut machine);
+    // Channel 0 of the analog outputs stands at 5 V: 50 units a second.
+    machine.expect_board("motors", "motor.0.velocity", |v| (v - 50.0).abs() < 0.5);
+    let velocity = machine.number("encoder.00.velocity");
+    assert!((velocity - 50.0).abs() < 2.0, "{velocity}");
+    check_run_and_stop(&mut machine);
+    check_unplugging(&mut machine, 1);
+    std::thread::sleep(Duration::from_secs(20).saturating_sub(start.elapsed()));
+    let after = machine.board.show("network");
+    assert_cycled(&before, &after, start.elapsed());
+    assert_eq!(machine.get("io_error"), "FALSE");
+    machine.stop();
+}
+
+/// What a person types into the script that the README names, and what comes back.
+#[test]
+fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
+    if skipped() {
+        return;
+    }
+    let _alone = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let script = "examples/sim_board/linuxcnc.sh";
+    assert!(include_str!("../../README.md").contains(script));
+    for (options, name) in [
+        (&[][..], "hm2_7i97.0"),
+        (&["--board", "7i92-7i77"], "hm2_7i92.0"),
+    ] {
+        let mut child =
+            std::process::Command::new(format!("{}/{script}", env!("CARGO_MANIFEST_DIR")))
+                .args(options)
+                .env("SIM_BOARD", interop::sim_board())
+                .stdin(std::process::Stdio::piped())
+                .stdout(std::process::Stdio::piped())
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .expect("the script starts");
+        let mut input = child.stdin.take().expect("an input");
+        let typed = format!("show pin {name}.encoder.00.count\nshow param {name}.io_error\nexit\n");
+        std::io::Write::write_all(&mut input, typed.as_bytes()).expect("it listens");
+        drop(input);
+        let output = child.wait_with_output().expect("it ends");
+        let text = String::from_utf8_lossy(&output.stdout);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}{error}");
+        let has = |pin: &str| {
+            let mut lines = text.lines();
+            lines.any(|line| line.ends_with(&format!(" {name}.{pin}")))
+        };
+        assert!(has("encoder.00.count"), "{text}{error}");
+        assert!(has("io_error"), "{text}{error}");
+    }
+}

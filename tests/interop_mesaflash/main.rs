@@ -1,0 +1,548 @@
+//! mesaflash (Debian package `mesaflash`) takes the simulated board for a real one.
+//!
+//! Works on loopback and without root; each board has an address of its own in 127/8, because
+//! mesaflash always talks to port 27181.
+
+#[path = "../interop/mod.rs"]
+mod interop;
+
+use std::{
+    fs,
+    net::{Ipv4Addr, SocketAddrV4},
+    path::PathBuf,
+    process::{Child, Command, Stdio},
+    sync::atomic::{AtomicU8, Ordering},
+    time::Duration,
+};
+
+use crate::interop::tools::{has_program, skip};
+use crate::interop::{
+    console::{Console, Values, values},
+    sim_board,
+};
+
+use mesa_hal::ethernet::{self, Area, Bitfile, FlashLayout};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+/// A simulated board that runs until it is dropped.
+struct Board {
+    child: Child,
+    console: Console,
+    address: Ipv4Addr,
+    device: &'static str,
+}
+
+impl Board {
+    /// A 7I97 at an address that no other test uses.
+    fn i7i97(arguments: &[&str]) -> Self {
+        Self::start("7i97", "7i97", arguments)
+    }
+
+    fn start(device: &'static str, board: &str, arguments: &[&str]) -> Self {
+        static NEXT: AtomicU8 = AtomicU8::new(1);
+        let [_, _, high, low] = std::process::id().to_be_bytes();
+        let last = NEXT.fetch_add(1, Ordering::Relaxed);
+        let address = Ipv4Addr::new(127, 1 + (high & 0x7F), low, last);
+        let mut child = Command::new(sim_board())
+            .args(["--board", board, "--listen", &address.to_string()])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("sim_board starts");
+        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        let console = Console::new(input, output);
+        console.wait_for("listening");
+        console.wait_for("help");
+        Self {
+            child,
+            console,
+            address,
+            device,
+        }
+    }
+
+    /// Runs mesaflash and returns its exit status and what it printed.
+    fn try_mesaflash(&self, arguments: &[&str]) -> (bool, String) {
+        let output = Command::new("mesaflash")
+            .args(["--device", self.device, "--addr", &self.address.to_string()])
+            .args(arguments)
+            .output()
+            .expect("mesaflash runs");
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        (output.status.success(), text)
+    }
+
+    /// Runs mesaflash, which must succeed. Its first question is given up after 2 ms, so that on a
+    /// busy machine it may need another try.
+    fn mesaflash(&self, arguments: &[&str]) -> String {
+        let mut last = String::new();
+        for _ in 0..20 {
+            let (good, text) = self.try_mesaflash(arguments);
+            if good && !text.contains("No 7I9") {
+                return text;
+            }
+            last = text;
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        panic!("mesaflash {arguments:?} fails:\n{last}");
+    }
+
+    /// Ends the board with SIGTERM and returns its summary.
+    fn stop(mut self) -> Values {
+        let kill = format!("kill -TERM {}", self.child.id());
+        let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
+        assert!(killed.success());
+        let status = self.child.wait().unwrap();
+        assert!(status.success(), "{status}");
+        self.console.wait_for("summary");
+        values(self.console.answer().unwrap())
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// `true` if the test can not run here.
+fn skipped() -> bool {
+    let missing = !has_program("mesaflash");
+    if missing {
+        skip("mesaflash is not installed");
+    }
+    missing
+}
+
+/// A file that is removed at the end.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str) -> Self {
+        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+        let path = directory.join(format!("{}-{name}", std::process::id()));
+        let _ = fs::remove_file(&path);
+        Self(path)
+    }
+
+    fn path(&self) -> &str {
+        self.0.to_str().unwrap()
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// A Xilinx bitfile with made-up contents: header fields a to d, then the data.
+fn bitfile(part: &str, data: &[u8]) -> Vec<u8> {
+    let mut file = vec![0x00, 0x09];
+    file.extend([
+        0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
+    ]);
+    let fields = [
+        (b'a', "made_up.ncd"),
+        (b'b', part),
+        (b'c', "2026/01/02"),
+        (b'd', "03:04:05"),
+    ];
+    for (key, text) in fields {
+        file.push(key);
+        file.extend((text.len() as u16 + 1).to_be_bytes());
+        file.extend(text.bytes());
+        file.push(0);
+    }
+    file.push(b'e');
+    file.extend((data.len() as u32).to_be_bytes());
+    file.extend(data);
+    file
+}
+
+fn made_up_data(len: u32) -> Vec<u8> {
+    (0..len)
+        .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)
+        .collect()
+}
+
+/// A module as mesaflash prints it.
+fn module(name: &str, count: u32, version: u32, registers: u32, base: u32, clock: u32) -> String {
+    format!(
+        "  Module: {name}\n  There are {count} of {name} in configuration\n  Version: {version}\n  \
+         Registers: {registers}\n  BaseAddress: {base:04X}\n  ClockFrequency: {clock}.000 MHz\n"
+    )
+}
+
+#[test]
+fn readhmid_prints_the_firmware_of_a_7i97() {
+    if skipped() {
+        return;
+    }
+    let text = Board::i7i97(&[]).mesaflash(&["--readhmid"]);
+    for line in [
+        "BoardName : MESA7I97",
+        "FPGA Size: 9 KGates",
+        "FPGA Pins: 144",
+        "Number of IO Ports: 3",
+        "Width of one I/O port: 17",
+        "Clock Low frequency: 100.0000 MHz",
+        "Clock High frequency: 200.0000 MHz",
+        "IDROM Type: 3",
+    ] {
+        assert!(text.contains(line), "{line}\n{text}");
+    }
+    // FACTS 9.2.
+    for expected in [
+        module("DPLL", 1, 0, 7, 0x7000, 100),
+        module("WatchDog", 1, 0, 3, 0x0C00, 100),
+        module("IOPort", 3, 0, 5, 0x1000, 100),
+        module("MuxedQCount", 6, 4, 5, 0x3500, 100),
+        module("MuxedQCountSel", 1, 0, 0, 0x0000, 100),
+        module("PWM", 6, 0, 5, 0x4000, 200),
+        module("InMux", 1, 0, 5, 0x8000, 100),
+        module("SSR", 1, 0, 2, 0x7D00, 100),
+        module("SSerial", 1, 0, 6, 0x5A00, 100),
+        module("LED", 1, 0, 1, 0x0200, 100),
+    ] {
+        assert!(text.contains(&expected), "{expected}\n{text}");
+    }
+    // The terminals are mesaflash's own; they only fit if every pin has its right function.
+    let pins: Vec<Vec<&str>> = text
+        .lines()
+        .map(|line| line.split_whitespace().collect())
+        .collect();
+    for expected in [
+        "TB3-4 0 IOPort PWM 0 PWM (Out)",
+        "TB3-24 7 IOPort PWM 5 /Enable (Out)",
+        "TB3-4,8,12,16 8 IOPort PWM 0 /Enable (Out)",
+        "TB1-1,2,9,10 9 IOPort MuxedQCount 0 MuxQ-A (In)",
+        "TB2-15,16,23,24 17 IOPort MuxedQCount 2 MuxQ-IDX (In)",
+        "Internal-EncMux 18 IOPort MuxedQCountSel 0 MuxSel0 (Out)",
+        "TB5-23,24 24 IOPort SSR 0 Out-05 (Out)",
+        "TB4-15,16 31 IOPort SSerial 0 RXData0 (In)",
+        "TB4-17,18 32 IOPort SSerial 0 TXData0 (Out)",
+        "P1-25/DB25-13 50 IOPort None",
+    ] {
+        let expected: Vec<&str> = expected.split(' ').collect();
+        assert!(pins.contains(&expected), "{expected:?}\n{text}");
+    }
+}
+
+#[test]
+fn readhmid_knows_the_pins_of_a_7i77_behind_a_7i92() {
+    if skipped() {
+        return;
+    }
+    let board = Board::start("7i92", "7i92-7i77", &[]);
+    let text = board.mesaflash(&["--dbname1", "7I77", "--readhmid"]);
+    let pins: Vec<Vec<&str>> = text
+        .lines()
+        .map(|line| line.split_whitespace().collect())
+        .collect();
+    // FACTS 8.1; the terminals are mesaflash's, for a 7I77 on the connector.
+    let functions = [
+        "TXEn2", "TXData2", "RXData2", "TXData1", "RXData1", "TXData0", "RXData0", "MuxSel0",
+        "MuxQ-A", "MuxQ-B", "MuxQ-IDX", "MuxQ-A", "MuxQ-B", "MuxQ-IDX", "MuxQ-A", "MuxQ-B",
+        "MuxQ-IDX",
+    ];
+    for (pin, function) in functions.into_iter().enumerate() {
+        let number = pin.to_string();
+        let found = pins.iter().any(|words| {
+            words.contains(&number.as_str())
+                && words.contains(&"IOPort")
+                && words.contains(&function)
+        });
+        assert!(found, "pin {pin}: {function}\n{text}");
+    }
+    assert!(text.contains("BoardName : MESA7I92"), "{text}");
+}
+
+#[test]
+fn print_pd_and_xml_list_all_51_pins() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let text = board.mesaflash(&["--print-pd"]);
+    assert!(text.contains("51 HM2 Pin Descriptors"), "{text}");
+    assert_eq!(text.matches("Primary Tag: 0x03 (IOPort)").count(), 51);
+    assert_eq!(text.matches("Secondary Tag: 0x06 (PWM)").count(), 9);
+    assert_eq!(text.matches("Secondary Tag: 0x0C (MuxedQCount)").count(), 9);
+    assert_eq!(text.matches("Secondary Tag: 0xC1 (SSerial)").count(), 3);
+    let xml = board.mesaflash(&["--readhmid", "--xml"]);
+    assert!(xml.contains("<boardname>MESA7I97</boardname>"), "{xml}");
+    assert_eq!(xml.matches("<tagname>").count(), 10, "{xml}");
+}
+
+#[test]
+fn verbose_information_of_all_spaces_is_right() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let text = board.mesaflash(&["--verbose"]);
+    let address = board.address;
+    for line in [
+        &format!("ip address: {address}"),
+        "mac address: 00:60:0E:1B:00:97",
+        "protocol: LBP16 version 3",
+        "0: HostMot2 (registers, RW, 32-bit) [size=64K]",
+        "1: KSZ8851R (registers, RW, 16-bit) [size=256]",
+        "2: EtherEEP (EEPROM, RW, 16-bit) [size=128]",
+        "3: FPGAFlsh (flash, RW, 32-bit) [size=2M], page size: 256, erase size: 65536",
+        "4: Timers (memory, RW, 16-bit) [size=32]",
+        "6: LBP16RW (memory, RW, 16-bit) [size=32]",
+        "7: LBP16RO (memory, RO, 16-bit) [size=32]",
+        "flash size: 16Mb (id: 0x14)",
+        "parse errors: 0, mem errors 0, write errors 0",
+        "error flags: 0x0000",
+        "board firmware version 16",
+        "IP address jumpers at boot: fixed from EEPROM",
+    ] {
+        assert!(text.contains(line), "{line}\n{text}");
+    }
+}
+
+#[test]
+fn sserial_lists_every_remote_with_its_parameters_and_modes() {
+    if skipped() {
+        return;
+    }
+    // On a 7I92, because mesaflash enables the serial pins of the first two I/O ports only, and
+    // the channels that are added to a 7I97 are on its third.
+    let mut board = Board::start("7i92", "7i92-7i77", &["--remote", "2=7i72"]);
+    let text = board.mesaflash(&["--sserial"]);
+    for line in [
+        "SSLBP Version: 1.43",
+        "SSLBP Channels: 3",
+        "SSLBP Baud Rate: 2500000",
+        "sserial device at channel 0: 7I77 GPIO (unit 0x12",
+        "sserial device at channel 1: 7I77 ANALOG (unit 0x11",
+        "sserial device at channel 2: 7I72 (unit 0x",
+        "NVBaudRate = 2.5Mb",
+        "NVWatchDogTimeout = 50ms",
+        "SOFTWARE MODE input_output [index 00]",
+        "SOFTWARE MODE io_analog [index 01]",
+        "SOFTWARE MODE io_analog_fieldvoltage [index 02]",
+        "SOFTWARE MODE io_encoder_analog_fieldvoltage [index 03]",
+        "SOFTWARE MODE analogout_enables [index 00]",
+    ] {
+        assert!(text.contains(line), "{line}\n{text}");
+    }
+    board.console.run("unplug 1");
+    let text = board.mesaflash(&["--sserial"]);
+    assert!(text.contains("channel 0: 7I77 GPIO"), "{text}");
+    assert!(!text.contains("channel 1"), "{text}");
+    board.console.run("plug 1");
+    assert_eq!(board.console.show("1")["remote.1.plugged"], "1");
+    let text = board.mesaflash(&["--sserial"]);
+    assert!(text.contains("channel 1: 7I77 ANALOG"), "{text}");
+
+    let board = Board::i7i97(&["--remote", "0=7i77-analog"]);
+    let text = board.mesaflash(&["--sserial"]);
+    assert!(text.contains("SSLBP Channels: 1"), "{text}");
+    assert!(text.contains("channel 0: 7I77 ANALOG"), "{text}");
+}
+
+#[test]
+fn registers_are_read_and_written() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    assert_eq!(board.mesaflash(&["--rpo", "0x100"]).trim(), "55AACAFE");
+    // Direction of the third port, 17 pins.
+    assert_eq!(board.mesaflash(&["--rpo", "0x1108"]).trim(), "00000000");
+    board.mesaflash(&["--wpo", "0x1108=0x12345"]);
+    assert_eq!(board.mesaflash(&["--rpo", "0x1108"]).trim(), "00012345");
+}
+
+#[test]
+fn a_bitfile_is_written_verified_and_backed_up() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let (file, backup) = (Scratch::new("made-up.bit"), Scratch::new("backup.bin"));
+    let data = made_up_data(70_000);
+    fs::write(&file.0, bitfile("6slx9tqg144", &data)).unwrap();
+
+    let (good, text) = board.try_mesaflash(&["--write", file.path()]);
+    assert!(!good && text.contains("BootSector is invalid"), "{text}");
+    let text = board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+    assert!(text.contains("BootBlock installed"), "{text}");
+    assert!(
+        text.contains("FLASH memory sectors to write: 2, max sectors in area: 16"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Board configuration updated successfully"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+    let text = board.mesaflash(&["--verify", file.path()]);
+    assert!(text.contains("Boot sector OK"), "{text}");
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+
+    let text = board.mesaflash(&["--backup-flash", backup.path()]);
+    assert!(text.contains("created successfully"), "{text}");
+    let flash = fs::read(&backup.0).unwrap();
+    let _ = fs::remove_file(format!("{}.sha256", backup.path()));
+    assert_eq!(flash.len(), 2 << 20);
+    assert_eq!(
+        flash[10..14],
+        [0xAA, 0x99, 0x55, 0x66],
+        "sync word of the boot block"
+    );
+    let written = &flash[0x10_0000..0x10_0000 + data.len()];
+    assert!(
+        written == data,
+        "the data of the bitfile, without its header"
+    );
+    let erased = |range: std::ops::Range<usize>| flash[range].iter().all(|&byte| byte == 0xFF);
+    assert!(
+        erased(0x1_0000..0x10_0000),
+        "the fallback area is left alone"
+    );
+    assert!(
+        erased(0x12_0000..0x20_0000),
+        "and what is behind the user area"
+    );
+
+    let other = bitfile("6slx9tqg144", &made_up_data(70_001));
+    fs::write(&file.0, other).unwrap();
+    let (good, text) = board.try_mesaflash(&["--verify", file.path()]);
+    // The byte behind the data: 70000 is 0x11170.
+    assert!(!good && text.contains("Error at 0x111170"), "{text}");
+    fs::write(&file.0, bitfile("6slx25ftg256", &[0; 1000])).unwrap();
+    let (good, text) = board.try_mesaflash(&["--write", file.path()]);
+    assert!(!good && text.contains("wrong"), "{text}");
+}
+
+#[test]
+fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let file = Scratch::new("both-ways.bit");
+    let synchronised = |len| {
+        let mut data = made_up_data(len);
+        data[16..20].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
+        bitfile("6slx9tqg144", &data)
+    };
+    let bytes = synchronised(70_000);
+    fs::write(&file.0, &bytes).unwrap();
+    board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+
+    let address = SocketAddrV4::new(board.address, mesa_hal::lbp16::PORT);
+    let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let mut flash = ethernet::Board::new(bus)
+        .into_flash(FlashLayout::I7I97)
+        .unwrap();
+    let written = Bitfile::parse(&bytes).unwrap();
+    flash.verify(&written, Area::User, |_, _| {}).unwrap();
+
+    // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
+    let bytes = synchronised(508 * 256);
+    fs::write(&file.0, &bytes).unwrap();
+    let ours = Bitfile::parse(&bytes).unwrap();
+    flash.program(&ours, Area::User, |_, _| {}).unwrap();
+    let text = board.mesaflash(&["--verify", file.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+
+    let mut board_itself = flash.into_board();
+    let layout = FlashLayout::I7I97;
+    board_itself
+        .reload(layout.user.0, layout.fallback.0)
+        .unwrap();
+    assert_eq!(board_itself.identity().unwrap().card_name(), "7I97");
+    assert_eq!(board.stop()["board.reloads"], "1");
+}
+
+#[test]
+fn the_fallback_area_is_written_when_it_is_asked_for() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let file = Scratch::new("fallback.bit");
+    fs::write(&file.0, bitfile("6slx9tqg144", &made_up_data(3_000))).unwrap();
+    let arguments = ["--fix-boot-block", "--fallback", "--write", file.path()];
+    let text = board.mesaflash(&arguments);
+    assert!(text.contains("starting from 0x10000..."), "{text}");
+    let text = board.mesaflash(&["--fallback", "--verify", file.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+}
+
+#[test]
+fn an_ip_address_is_set_and_stays_in_the_state_file() {
+    if skipped() {
+        return;
+    }
+    let state = Scratch::new("state");
+    let board = Board::i7i97(&["--state", state.path()]);
+    let text = board.mesaflash(&["--set", "ip=10.97.0.55"]);
+    assert!(text.contains("Board IP updated successfully"), "{text}");
+    let text = board.mesaflash(&["--verbose"]);
+    assert!(text.contains("    ip address: 10.97.0.55"), "{text}");
+    board.stop();
+    let board = Board::i7i97(&["--state", state.path()]);
+    let text = board.mesaflash(&["--verbose"]);
+    assert!(text.contains("    ip address: 10.97.0.55"), "{text}");
+    drop(board);
+    // The state of a 7I97 is none of a 7I92: refused, with a reason.
+    let output = Command::new(sim_board())
+        .args([
+            "--board",
+            "7i92-7i77",
+            "--listen",
+            "127.0.0.1",
+            "--port",
+            "0",
+        ])
+        .args(["--state", state.path()])
+        .output()
+        .unwrap();
+    assert!(!output.status.success());
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(error.contains("another board"), "{error}");
+}
+
+#[test]
+fn reset_and_reload_are_survived() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    board.mesaflash(&["--wpo", "0x1108=0x12345"]);
+    board.mesaflash(&["--reset"]);
+    let direction = board.mesaflash(&["--rpo", "0x1108"]);
+    assert_eq!(
+        direction.trim(),
+        "00012345",
+        "a reset leaves the FPGA alone"
+    );
+    board.mesaflash(&["--reload"]);
+    assert_eq!(board.mesaflash(&["--rpo", "0x1108"]).trim(), "00000000");
+    let summary = board.stop();
+    assert_eq!(
+        (&summary["board.resets"][..], &summary["board.reloads"][..]),
+        ("1", "1")
+    );
+}

@@ -1,0 +1,159 @@
+//! The inventory of a board, as a person or a program asks for it.
+
+use std::{
+    net::Ipv4Addr,
+    process::{Command, Output, Stdio},
+};
+
+use crate::interop::{console::Console, example, sim_board};
+use serde_json::Value;
+
+fn discover(arguments: &[&str]) -> Output {
+    Command::new(example("discover"))
+        .args(arguments)
+        .output()
+        .expect("discover starts")
+}
+
+/// What `discover --json` says.
+fn json(arguments: &[&str]) -> Value {
+    let output = discover(&[arguments, &["--json"]].concat());
+    assert!(output.status.success(), "{output:?}");
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+#[test]
+fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
+    let output = discover(&["--sim"]);
+    assert!(output.status.success(), "{output:?}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    for line in [
+        "HostMot2 firmware for MESA7I92",
+        "Channel 0: 7I77 (7I77 field I/O), unit number 0x12000001, software mode 0",
+        "TB8 pin 3 INPUT2",
+        "software mode 0: output_only (current)",
+        "= 301989889 (raw 0x12000001)",
+    ] {
+        assert!(text.contains(line), "{line}:\n{text}");
+    }
+}
+
+#[test]
+fn an_ethernet_board_is_listed_for_programs() {
+    let address = Ipv4Addr::new(127, 93, 0, 1).to_string();
+    let mut board = Command::new(sim_board())
+        .args(["--board", "7i97", "--listen", &address])
+        .args(["--remote", "0=7i77-io:2"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("sim_board starts");
+    let (input, output) = (board.stdin.take().unwrap(), board.stdout.take().unwrap());
+    Console::new(input, output).wait_for("help");
+    let inventory = json(&["--addr", &address, "--mode", "0.0=2"]);
+    let _ = board.kill();
+    let _ = board.wait();
+
+    assert_eq!(inventory["ethernet"]["card"], "7I97");
+    assert_eq!(inventory["ethernet"]["mac"], "00:60:0e:1b:00:97");
+    let pins = inventory["firmware"]["pins"].as_array().expect("pins");
+    assert_eq!(pins.len(), 51);
+    assert_eq!(pins[0]["terminals"], "TB3 pin 4 AOUT0");
+    let remote = &inventory["serial_ports"][0]["channels"][0]["remote"];
+    assert_eq!(remote["software_mode"], 2);
+    let data = remote["process_data"].as_array().expect("process data");
+    let names: Vec<_> = data
+        .iter()
+        .filter_map(|record| record["name"].as_str())
+        .collect();
+    assert_eq!(names.last(), Some(&"FieldVoltage"), "{names:?}");
+    assert_eq!(remote["problems"].as_array().map(Vec::len), Some(0));
+}
+
+#[test]
+fn where_nothing_answers_it_says_so_and_what_to_do() {
+    let output = discover(&["--addr", "127.93.0.2"]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("127.93.0.2:27181: nobody listens"), "{text}");
+    assert!(text.contains("check the board's IP address"), "{text}");
+}
+
+#[test]
+fn a_silent_address_is_said_to_be_silent() {
+    let address = Ipv4Addr::new(127, 93, 0, 3);
+    let _silent = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
+    let output = discover(&["--addr", &address.to_string()]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    let said = "127.93.0.3:27181: no board answers, asked 10 times: ";
+    assert!(text.contains(said), "{text}");
+    assert!(text.contains("check the board's power"), "{text}");
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn who_answers_and_is_no_board_is_said_to_be_there() {
+    let address = Ipv4Addr::new(127, 93, 0, 4);
+    let service = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
+    std::thread::spawn(move || {
+        let mut buffer = [0; 2048];
+        while let Ok((_, from)) = service.recv_from(&mut buffer) {
+            let _ = service.send_to(b"?", from);
+        }
+    });
+    let output = discover(&["--addr", &address.to_string()]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("no board answers, but somebody"), "{text}");
+    assert!(
+        text.contains("something else than a board answers"),
+        "{text}"
+    );
+}
+
+#[test]
+fn arguments_that_make_no_sense_are_said_and_not_ignored() {
+    for (arguments, code, said) in [
+        (&["--addr", "somewhere"][..], 2, "is no IPv4 address"),
+        (&[], 2, "say which board"),
+        (&["--sim", "--addr", "127.93.0.2"], 2, "one board"),
+        (&["--sim", "--mode", "0.1"], 2, "PORT.CHANNEL=MODE"),
+        (
+            &["--sim", "--mode", "0.7=1"],
+            1,
+            "no channel 7 on serial port 0, which has 3",
+        ),
+        (
+            &["--sim", "--mode", "0.0=77"],
+            1,
+            "port 0, channel 0: the 7I77 has no software mode 77; it has 0 (",
+        ),
+        (
+            &["--sim", "--mode", "2.0=1"],
+            1,
+            "no serial port 2, the firmware has 1",
+        ),
+    ] {
+        let output = discover(arguments);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+        assert!(text.contains(said), "{arguments:?}: {text}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_error() {
+    for arguments in [&["--sim"][..], &["--sim", "--json"]] {
+        let mut child = Command::new(example("discover"))
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("discover starts");
+        drop(child.stdout.take());
+        let output = child.wait_with_output().expect("it ends");
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), &*text), (Some(0), ""));
+    }
+}

@@ -1,0 +1,327 @@
+//! How programs that drive a board end: by a signal, with nobody reading, with half the board
+//! missing. What the outputs do is what the simulated board says of itself, not what was ordered.
+
+use std::{
+    net::Ipv4Addr,
+    process::{Child, Command, Output, Stdio},
+    time::{Duration, Instant},
+};
+
+use crate::interop::board::Board;
+use crate::interop::{console::Values, example};
+
+/// How long anything may take on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+const I7I92: [&str; 4] = ["--board", "7i92-7i77", "--remote", "2=7i72"];
+const I7I97: [&str; 6] = [
+    "--board",
+    "7i97",
+    "--remote",
+    "0=7i77-io",
+    "--remote",
+    "2=7i72",
+];
+
+/// The board's own watchdog is set so late that it is not what makes the outputs safe.
+const LONG: [&str; 4] = ["--seconds", "600", "--watchdog", "1000"];
+
+/// A program that does not outlive its test.
+struct Program(Option<Child>);
+
+impl Program {
+    fn signal(&self, name: &str) {
+        let id = self.0.as_ref().expect("it runs").id();
+        let kill = format!("kill -{name} {id}");
+        let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
+        assert!(killed.success());
+    }
+
+    /// Closes the end that it prints to.
+    fn stop_reading(&mut self) {
+        drop(self.0.as_mut().expect("it runs").stdout.take());
+    }
+
+    /// Waits for its end.
+    fn output(mut self) -> Output {
+        let child = self.0.take().expect("it runs");
+        child.wait_with_output().unwrap()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.0.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn start(name: &str, address: Option<Ipv4Addr>, arguments: &[&str]) -> Program {
+    let mut command = Command::new(example(name));
+    if let Some(address) = address {
+        command.args(["--addr", &address.to_string()]);
+    }
+    command
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    Program(Some(command.spawn().expect("it starts")))
+}
+
+fn texts(output: &Output) -> (String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr))
+}
+
+/// Everything that the board and its remotes put out: what is on, by name.
+fn outputs_on(values: &Values) -> Vec<String> {
+    let is_output = |name: &str| {
+        let what = name.rsplit('.').next().unwrap_or("");
+        ["output-", "analogout", "analogena", "spinena", "enable"]
+            .iter()
+            .any(|kind| what.starts_with(kind))
+    };
+    let is_on = |value: &str| value.parse::<f64>().is_ok_and(|value| value.abs() > 0.01);
+    let on = values
+        .iter()
+        .filter(|(name, value)| is_output(name) && is_on(value));
+    on.map(|(name, value)| format!("{name} {value}")).collect()
+}
+
+/// Waits until the board puts out all of these.
+fn wait_until_on(board: &mut Board, wanted: &[&str]) {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        let on = outputs_on(&board.console.show("all"));
+        if wanted
+            .iter()
+            .all(|name| on.iter().any(|is| is.starts_with(name)))
+        {
+            return;
+        }
+        assert!(Instant::now() < end, "{wanted:?} of {on:?}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Requests that were sent to the remotes so far.
+fn requests(values: &Values) -> Vec<&String> {
+    let sent = values
+        .iter()
+        .filter(|(name, _)| name.ends_with("requests.sent"));
+    sent.map(|(_, count)| count).collect()
+}
+
+fn assert_safe_and_stopped(board: &mut Board) {
+    let after = board.console.show("all");
+    assert_eq!(outputs_on(&after), [""; 0]);
+    std::thread::sleep(Duration::from_millis(100));
+    let later = board.console.show("all");
+    assert_eq!(requests(&after), requests(&later), "a port still transfers");
+    assert!(!requests(&later).is_empty());
+}
+
+#[test]
+fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary() {
+    let boards: [(&[&str], &[&str]); 2] = [
+        (
+            &I7I97,
+            &[
+                "board.analogout3",
+                "board.enable0",
+                "board.enable5",
+                "remote.0.output",
+                "remote.2.output",
+            ],
+        ),
+        (
+            &I7I92,
+            &[
+                "remote.1.analogout2",
+                "remote.1.analogena",
+                "remote.1.spinena",
+                "remote.0.output",
+                "remote.2.output",
+            ],
+        ),
+    ];
+    let ends = [("INT", 130), ("TERM", 143)];
+    for (n, (arguments, wanted)) in (1..).zip(boards) {
+        let address = Ipv4Addr::new(127, 94, 0, n);
+        let mut board = Board::start(address, arguments);
+        for (name, code) in ends {
+            let child = start("servo_loop", Some(address), &LONG);
+            wait_until_on(&mut board, wanted);
+            child.signal(name);
+            let output = child.output();
+            assert_safe_and_stopped(&mut board);
+            let (out, err) = texts(&output);
+            assert_eq!(output.status.code(), Some(code), "{out}{err}");
+            for said in [
+                "Following error",
+                "Cycles: ",
+                &format!("Ended by SIG{name} after "),
+            ] {
+                assert!(out.contains(said), "{said}: {out}{err}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_signal_ends_the_loop_on_the_embedded_machine_with_a_summary() {
+    let child = start("servo_loop", None, &["--seconds", "600", "--realtime"]);
+    std::thread::sleep(Duration::from_millis(1500));
+    child.signal("INT");
+    let output = child.output();
+    let (out, err) = texts(&output);
+    assert_eq!(output.status.code(), Some(130), "{out}{err}");
+    assert!(out.contains("Ended by SIGINT after "), "{out}{err}");
+}
+
+#[test]
+fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found() {
+    let address = Ipv4Addr::new(127, 94, 0, 11);
+    let mut board = Board::start(address, &I7I97);
+    let received = |board: &mut Board| {
+        let values = board.console.show("network");
+        values["network.received.packets"].parse::<u64>().unwrap()
+    };
+    let tools: [(&str, &[&str], &str, u64); 2] = [
+        ("cycle_cost", &["--seconds", "600"], "CPU per cycle: ", 3000),
+        ("discover", &[], "HostMot2 firmware for MESA7I97", 1),
+    ];
+    for (name, arguments, said, packets) in tools {
+        let before = received(&mut board);
+        let child = start(name, Some(address), arguments);
+        let end = Instant::now() + PATIENCE;
+        while received(&mut board) < before + packets {
+            assert!(Instant::now() < end, "{name} does nothing");
+        }
+        child.signal("INT");
+        let output = child.output();
+        let (out, err) = texts(&output);
+        assert_eq!(output.status.code(), Some(130), "{name}: {out}{err}");
+        assert!(out.contains(said), "{name}: {out}{err}");
+        assert_safe_and_stopped(&mut board);
+    }
+}
+
+#[test]
+fn nobody_who_reads_is_no_reason_to_panic_or_to_stop() {
+    let address = Ipv4Addr::new(127, 94, 0, 12);
+    let _board = Board::start(address, &I7I97);
+    let on_board: [(&str, &[&str]); 3] = [
+        ("servo_loop", &["--seconds", "0.5", "--watchdog", "1000"]),
+        ("cycle_cost", &["--seconds", "1"]),
+        ("discover", &[]),
+    ];
+    let alone: [(&str, &[&str]); 6] = [
+        ("servo_loop", &["--seconds", "0.5", "--pins"]),
+        ("servo_loop", &["--help"]),
+        ("cycle_cost", &["--help"]),
+        ("discover", &["--sim"]),
+        ("discover", &["--help"]),
+        ("sim_board", &["--help"]),
+    ];
+    let on_board = on_board.map(|(name, arguments)| (name, Some(address), arguments));
+    let alone = alone.map(|(name, arguments)| (name, None, arguments));
+    for (name, address, arguments) in on_board.into_iter().chain(alone) {
+        let mut child = start(name, address, arguments);
+        child.stop_reading();
+        let output = child.output();
+        let (_, err) = texts(&output);
+        // Loops that do not hold on a busy machine end with 1; a panic is 101.
+        assert!(
+            matches!(output.status.code(), Some(0 | 1)),
+            "{name} {arguments:?}: {output:?}"
+        );
+        assert_eq!(err, "", "{name} {arguments:?}");
+    }
+}
+
+/// Cycles, and those of them with a failure.
+fn cycles(printed: &str) -> (u64, u64) {
+    let line = printed
+        .lines()
+        .find_map(|line| line.strip_prefix("Cycles: "));
+    let (all, rest) = line.and_then(|line| line.split_once(" (")).expect("cycles");
+    let bad = rest.split(' ').next().expect("failures");
+    (all.parse().unwrap(), bad.parse().unwrap())
+}
+
+#[test]
+fn with_its_field_io_missing_a_7i77_does_not_hold_whatever_its_axes_do() {
+    let address = Ipv4Addr::new(127, 94, 0, 13);
+    let mut board = Board::start(address, &I7I92);
+    let run = ["--seconds", "2", "--watchdog", "1000"];
+    // Away from the beginning, and pulled in the middle.
+    for is_away_at_start in [true, false] {
+        board.console.run(if is_away_at_start {
+            "unplug 0"
+        } else {
+            "plug 0"
+        });
+        let child = start("servo_loop", Some(address), &run);
+        if !is_away_at_start {
+            wait_until_on(&mut board, &["remote.0.output"]);
+            board.console.run("unplug 0");
+        }
+        let output = child.output();
+        let (out, err) = texts(&output);
+        assert_eq!(output.status.code(), Some(1), "{out}{err}");
+        assert!(!out.contains("All loops held"), "{out}");
+        let said = if is_away_at_start {
+            "Field I/O: MISSING"
+        } else {
+            "that is NOT enough"
+        };
+        assert!(out.contains(said), "{said}: {out}");
+        let (all, bad) = cycles(&out);
+        assert!(bad <= all && all <= 2000, "{bad} bad of {all}: {out}");
+    }
+}
+
+#[test]
+fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_cycles() {
+    let address = Ipv4Addr::new(127, 94, 0, 14);
+    let mut board = Board::start(address, &I7I97);
+    let child = start("servo_loop", Some(address), &LONG);
+    wait_until_on(&mut board, &["board.enable0"]);
+    drop(board);
+    let output = child.output();
+    let (out, err) = texts(&output);
+    assert_eq!(output.status.code(), Some(1), "{out}{err}");
+    let (all, bad) = cycles(&out);
+    assert!(
+        bad > 0 && bad <= all && all < 600_000,
+        "{bad} bad of {all}: {out}"
+    );
+    assert!(err.contains("servo_loop: "), "{err}");
+}
+
+/// That who drives is not disturbed either is held on virtual time in `udp_driver.rs`.
+#[test]
+fn a_board_that_somebody_drives_is_left_to_him() {
+    let address = Ipv4Addr::new(127, 94, 0, 15);
+    let mut board = Board::start(address, &I7I97);
+    let first = start("servo_loop", Some(address), &LONG);
+    wait_until_on(&mut board, &["board.enable0", "remote.0.output"]);
+    let others = [
+        ("servo_loop", &LONG[..]),
+        ("discover", &[]),
+        ("cycle_cost", &[]),
+    ];
+    for (name, arguments) in others {
+        let output = start(name, Some(address), arguments).output();
+        let (out, err) = texts(&output);
+        assert_eq!(output.status.code(), Some(1), "{name}: {out}{err}");
+        let said = "somebody else drives this board";
+        assert!(err.contains(said), "{name}: {err}");
+    }
+    first.signal("INT");
+    let (out, err) = texts(&first.output());
+    assert!(out.contains(" 0 resets"), "{out}{err}");
+}

@@ -1,0 +1,8 @@
+//! The programs of this crate as a person runs them: processes, real sockets, signals, the clock.
+
+mod discover;
+mod ending;
+#[path = "../interop/mod.rs"]
+mod interop;
+mod servo_loop;
+mod sim_board;

@@ -1,0 +1,113 @@
+//! The servo loop over Ethernet, as a person runs it: two programs, real sockets, the clock. On both
+//! boards, at the host's pace and at the board's.
+//!
+//! Nothing here is realtime, so the loops get another try on a busy machine. That
+//! every mishap is counted and none reaches a pin is held on virtual time in `udp_driver.rs`.
+
+use std::{
+    net::Ipv4Addr,
+    process::{Child, Command, Stdio},
+};
+
+use crate::interop::{console::Console, example, sim_board};
+
+/// Loops that did not hold, because the machine was busy, are run again.
+const TRIES: usize = 5;
+
+struct Board(Child);
+
+impl Board {
+    fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
+        let mut child = Command::new(sim_board())
+            .args(["--listen", &address.to_string()])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("sim_board starts");
+        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        Console::new(input, output).wait_for("help");
+        Self(child)
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+const I7I92: [&str; 4] = ["--board", "7i92-7i77", "--remote", "2=7i72"];
+const I7I97: [&str; 2] = ["--board", "7i97"];
+
+/// Runs the loops on the board that the first arguments make, with the second, until they hold.
+fn holds(address: Ipv4Addr, board: &[&str], arguments: &[&str]) -> String {
+    let program = example("servo_loop");
+    let mut printed = String::new();
+    for _ in 0..TRIES {
+        let board = Board::start(address, board);
+        let output = Command::new(&program)
+            .args(["--addr", &address.to_string()])
+            .args(["--seconds", "3", "--rate", "1000", "--watchdog", "50"])
+            .args(arguments)
+            .output()
+            .expect("servo_loop starts");
+        drop(board);
+        printed = String::from_utf8_lossy(&output.stdout).into_owned();
+        if output.status.success() {
+            assert!(printed.contains("All loops held."), "{printed}");
+            return printed;
+        }
+    }
+    panic!("the loops did not hold in {TRIES} tries; the last:\n{printed}");
+}
+
+/// The number in front of `what` in the line of packets.
+fn count(printed: &str, what: &str) -> u32 {
+    let line = printed.lines().find(|line| line.starts_with("Packets:"));
+    let before = line.and_then(|line| line.split_once(what)).expect(what).0;
+    let number = before.split_whitespace().last().expect("a number");
+    number.parse().expect("a number")
+}
+
+#[test]
+fn six_loops_hold_over_ethernet() {
+    let printed = holds(Ipv4Addr::new(127, 92, 0, 1), &I7I92, &[]);
+    assert!(
+        printed.contains("7I72, unit number 0x72000001"),
+        "{printed}"
+    );
+    assert_eq!(count(&printed, " foreign"), 0, "{printed}");
+}
+
+#[test]
+fn six_loops_hold_while_packets_are_lost_late_and_doubled() {
+    let mishaps = [
+        "--loss", "0.01", "--late", "0.01", "--dup", "0.02", "--seed", "77",
+    ];
+    let board: Vec<&str> = I7I92.into_iter().chain(mishaps).collect();
+    let printed = holds(Ipv4Addr::new(127, 92, 0, 2), &board, &[]);
+    for what in [" lost", " late", " twice"] {
+        assert!(count(&printed, what) > 0, "{what}: {printed}");
+    }
+}
+
+#[test]
+fn six_loops_hold_on_a_7i97_alone_and_with_remotes_whoever_paces_them() {
+    let address = Ipv4Addr::new(127, 97, 0, 4);
+    let printed = holds(address, &I7I97, &[]);
+    assert!(printed.contains("analog outputs of the 7I97"), "{printed}");
+    let remotes = [
+        "--remote",
+        "0=7i77-io",
+        "--remote",
+        "1=7i77-analog",
+        "--remote",
+        "2=7i72",
+    ];
+    let board: Vec<&str> = I7I97.into_iter().chain(remotes).collect();
+    let printed = holds(address, &board, &["--pace", "board"]);
+    assert!(printed.contains("Paced by the board:"), "{printed}");
+    assert!(printed.contains("channel 2 7I72: "), "{printed}");
+}

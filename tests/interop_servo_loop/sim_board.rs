@@ -1,0 +1,408 @@
+//! The simulated board as a program: its command line, its console, its end.
+
+use std::{
+    fs,
+    io::Write,
+    net::{Ipv4Addr, SocketAddr, UdpSocket},
+    path::PathBuf,
+    process::{Child, Command, Output, Stdio},
+    time::Duration,
+};
+
+use crate::interop::{
+    console::{Console, values},
+    sim_board,
+};
+
+use mesa_hal::{
+    bus::RegisterBus,
+    discovery::{DiscoveryLimits, PortMemory, discover_port},
+    hostmot2::HostMot2,
+    sslbp::{Channel, ChannelStart, Layout, Port},
+    transport::udp::{UdpBus, UdpConfig},
+};
+
+const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
+const COOKIE: [u8; 4] = [0xFE, 0xCA, 0xAA, 0x55];
+
+/// A board on a free port of loopback.
+struct Board {
+    child: Child,
+    console: Console,
+    client: UdpSocket,
+}
+
+impl Board {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(sim_board())
+            .args(["--listen", "127.0.0.1", "--port", "0"])
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("sim_board starts");
+        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        let console = Console::new(input, output);
+        let line = console.wait_for("listening on ");
+        console.wait_for("help");
+        let address: SocketAddr = line.rsplit(' ').next().unwrap().parse().unwrap();
+        let client = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        client.connect(address).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_secs(5)))
+            .unwrap();
+        Self {
+            child,
+            console,
+            client,
+        }
+    }
+
+    fn ask(&self, request: &[u8]) -> Vec<u8> {
+        self.client.send(request).unwrap();
+        let mut buffer = [0; 2048];
+        let len = self.client.recv(&mut buffer).expect("the board answers");
+        buffer[..len].to_vec()
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn run(arguments: &[&str]) -> Output {
+    let mut command = Command::new(sim_board());
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn help_names_every_option() {
+    let output = run(&["--help"]);
+    assert!(output.status.success());
+    let text = String::from_utf8(output.stdout).unwrap();
+    for option in [
+        "--board",
+        "--listen",
+        "--port",
+        "--remote",
+        "--state",
+        "--loss",
+        "--late",
+        "--dup",
+        "--seed",
+        "7i97",
+        "7i92-7i77",
+        "7i77-io",
+        "7i77-analog",
+        "7i72",
+        "7i64",
+    ] {
+        assert!(text.contains(option), "{option}");
+    }
+}
+
+#[test]
+fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
+    let board = ["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"];
+    let cases: [(&[&str], &str); 17] = [
+        (&["--nonsense"], "nonsense"),
+        (&["--board", "7i43"], "7i92-7i77"),
+        (&["--listen", "nowhere"], "IPv4"),
+        (&["--remote", "7i72"], "CH=DEVICE"),
+        (&["--remote", "8=7i72"], "channels 0 to 7"),
+        (&["--remote", "0=7i72", "--remote", "0=7i64"], "two remotes"),
+        (&["--remote", "0=7i72:9"], "no mode 9"),
+        (&["--remote", "0=/nowhere"], "/nowhere"),
+        (&["--loss", "2"], "probability"),
+        (&["--seed", "-"], "-"),
+        (&["--state", "/nowhere/at/all"], "/nowhere/at/all"),
+        (&["--state", "/proc/state"], "could not be written"),
+        (&["--state", "/dev/zero"], "no state of a simulated board"),
+        (&["--state", "/dev/null"], "no state of a simulated board"),
+        (&["--state", ""], "no name of a file"),
+        (&["--remote", "0=7i99"], "7i77-analog"),
+        (&["--remote", "0=/dev/zero"], "too long"),
+    ];
+    for (arguments, reason) in cases {
+        let mut all = board.to_vec();
+        all.extend(arguments);
+        let output = run(&all);
+        assert!(!output.status.success(), "{arguments:?}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains(reason), "{arguments:?}: {error}");
+    }
+    let output = run(&["--listen", "127.0.0.1"]);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(error.contains("--board is missing"), "{error}");
+}
+
+/// A state that is removed at the end.
+struct StateFile(PathBuf);
+
+impl StateFile {
+    fn new(name: &str) -> Self {
+        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+        let path = directory.join(format!("{}-{name}", std::process::id()));
+        let _ = fs::remove_file(&path);
+        Self(path)
+    }
+
+    /// Waits until the file is there and holds something else than `before`.
+    fn changed(&self, before: &[u8]) -> Vec<u8> {
+        for _ in 0..2000 {
+            match fs::read(&self.0) {
+                Ok(state) if state != before => return state,
+                _ => std::thread::sleep(Duration::from_millis(10)),
+            }
+        }
+        panic!("nothing is written");
+    }
+}
+
+impl Drop for StateFile {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// Sets a non-volatile parameter of the remote on channel 0, over the network.
+fn set_parameter(address: SocketAddr, name: &str, value: f64) {
+    let SocketAddr::V4(address) = address else {
+        panic!("{address} is no IPv4 address");
+    };
+    let mut bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let hostmot2 = HostMot2::identify(&mut bus).unwrap();
+    // TX and TXEN of TB4.
+    for register in [0x1204, 0x1104] {
+        bus.write(register, 0x1_8000).unwrap();
+    }
+    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    port.reset(&mut bus).unwrap();
+    let [first, ..] = Channel::ALL;
+    let start = [ChannelStart::new(first)];
+    let limits = DiscoveryLimits::default();
+    let inventory = discover_port(&mut port, &mut bus, &start, limits).unwrap();
+    let found = inventory.on(first).unwrap();
+    let parameter = found.discovered.descriptor.parameter(name).unwrap();
+    let mut memory = PortMemory::new(&mut port, &mut bus, first);
+    parameter.write_parameter(&mut memory, value).unwrap();
+}
+
+#[test]
+fn what_was_written_is_kept_even_when_the_board_is_killed() {
+    let file = StateFile::new("killed");
+    let arguments = [
+        "--board",
+        "7i97",
+        "--remote",
+        "0=7i77-io",
+        "--state",
+        file.0.to_str().unwrap(),
+    ];
+    let mut board = Board::start(&arguments);
+    // Manual: 7I97, "ETHERNET EEPROM CHIP ACCESS", with a read to wait for the write.
+    let set_address = [
+        0x01, 0xD9, 0x1A, 0x00, 0x02, 0x5A, 0x82, 0xC9, 0x20, 0x00, 0x20, 0x00, 0xA8, 0xC0, 0x82,
+        0x49, 0x20, 0x00,
+    ];
+    assert_eq!(board.ask(&set_address), [0x20, 0x00, 0xA8, 0xC0]);
+    let state = file.changed(&[]);
+    set_parameter(
+        board.client.peer_addr().unwrap(),
+        "NVWatchDogTimeout",
+        120.0,
+    );
+    let state = file.changed(&state);
+    board.child.kill().unwrap();
+    board.child.wait().unwrap();
+
+    // What a power cut in the middle of a write leaves.
+    let mut half = file.0.as_os_str().to_owned();
+    half.push(".new");
+    fs::write(&half, &state[..state.len() / 2]).unwrap();
+
+    let mut board = Board::start(&arguments);
+    assert!(!fs::exists(&half).unwrap(), "it is cleared away");
+    let ask_address = [0x82, 0x49, 0x20, 0x00];
+    assert_eq!(board.ask(&ask_address), [0x20, 0x00, 0xA8, 0xC0]);
+    let remote = board.console.show("0");
+    assert_eq!(remote["remote.0.parameter.nvwatchdogtimeout"], "120");
+    drop(board);
+
+    for damaged in [&state[..100], &state[..state.len() - 1], b"nonsense", b""] {
+        fs::write(&file.0, damaged).unwrap();
+        let mut all = vec!["--listen", "127.0.0.1", "--port", "0"];
+        all.extend(arguments);
+        let output = run(&all);
+        assert!(!output.status.success());
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(error.contains("file"), "it says what to do: {error}");
+        assert_eq!(fs::read(&file.0).unwrap(), damaged, "and leaves it alone");
+    }
+}
+
+#[test]
+fn the_console_answers_everything_and_survives_any_bytes() {
+    let mut board = Board::start(&[
+        "--board",
+        "7i97",
+        "--remote",
+        "0=7i77-io:2",
+        "--remote",
+        "1=7i77-analog",
+        "--remote",
+        "2=7i64",
+    ]);
+    let console = &mut board.console;
+    assert!(console.command("help").unwrap().len() > 10);
+    for good in [
+        "",
+        "input board 3 on",
+        "pin 40 low",
+        "pin 40 free",
+        "turn 0 5",
+        "turn 0 free",
+        "input 0 31 on",
+        "volts 0 1 12.5",
+        "field 0 0",
+        "field 0 24",
+        "power 2 off",
+        "power 2 on",
+        "shorted 0 3 on",
+        "hot 0 3 on",
+        "unplug 1",
+        "plug 1",
+        "wire 0 fpga lost 3",
+        "wire 0 remote corrupted 1",
+        "wire 0 fpga late=100 1",
+        "wire 0 fpga short=2 chance 0.1",
+        "wire 0 heal",
+    ] {
+        assert!(console.command(good).is_ok(), "{good}");
+    }
+    for bad in [
+        "nonsense",
+        "input",
+        "input board 99 on",
+        "input board 1 maybe",
+        "pin 400 low",
+        "turn 9 1",
+        "turn 0 nan",
+        "turn 0 inf",
+        "turn 0 1e308",
+        "input 7 0 on",
+        "volts 0 0 NaN",
+        "unplug 5",
+        "wire 0 fpga melted 1",
+        "wire 0 up lost 1",
+        "wire 0 fpga lost chance nan",
+        "wire 0 fpga lost chance 1.5",
+        "wire 0 fpga lost chance -1",
+        "shorted 1 0 on",
+        "quit now",
+        "show nothing",
+    ] {
+        let refused = console.command(bad).unwrap_err();
+        assert!(!refused.is_empty(), "{bad}");
+    }
+    let remote = console.show("0");
+    assert_eq!(remote["remote.0.mode"], "2");
+    assert_eq!(remote["remote.0.input-31"], "1");
+    assert_eq!(remote["remote.0.analogin1"], "12.5000");
+    let weird: Vec<u8> = (0..=255)
+        .filter(|&byte| byte != b'\n')
+        .cycle()
+        .take(5000)
+        .collect();
+    console.raw(&weird);
+    assert!(
+        console.command("").is_err(),
+        "the rest of a line of nonsense"
+    );
+    assert!(console.command("").is_ok());
+    assert_eq!(board.ask(&ASK_COOKIE), COOKIE);
+    board.console.run("quit");
+    board.console.wait_for("summary");
+    let summary = values(board.console.answer().unwrap());
+    assert_eq!(summary["network.received.packets"], "1");
+    assert!(board.child.wait().unwrap().success());
+}
+
+#[test]
+fn any_datagram_is_survived() {
+    let mut board = Board::start(&["--board", "7i92-7i77"]);
+    let mut state = 0x1234_5678_u32;
+    for len in (0..300).chain([1472, 1473, 2000]) {
+        let mut bytes = Vec::new();
+        for _ in 0..len {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            bytes.push((state >> 24) as u8);
+        }
+        // Waits, erases and resets are obeyed, so that it may be silent for a while.
+        board.client.send(&bytes).unwrap();
+    }
+    board
+        .client
+        .set_read_timeout(Some(Duration::from_millis(50)))
+        .unwrap();
+    let mut buffer = [0; 2048];
+    let answered = (0..2000).any(|_| {
+        while board.client.recv(&mut buffer).is_ok() {}
+        board.client.send(&ASK_COOKIE).unwrap();
+        board
+            .client
+            .recv(&mut buffer)
+            .is_ok_and(|len| buffer[..len] == COOKIE)
+    });
+    assert!(answered);
+    // A wait for a timer that stands still, as long as there is one, many times over; then the
+    // console and the signal as at any other time.
+    let mut waits = vec![0x01, 0xD1, 0x04, 0x00, 0xFF, 0xFF];
+    for _ in 0..200 {
+        waits.extend([0x01, 0x51, 0x06, 0x00]);
+    }
+    board.client.send(&waits).unwrap();
+    assert!(!board.console.show("board").is_empty());
+    board.console.run("unplug 0");
+    let kill = format!("kill -INT {}", board.child.id());
+    let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
+    assert!(killed.success());
+    board.console.wait_for("summary");
+    assert!(board.child.wait().unwrap().success());
+}
+
+#[test]
+fn a_closed_standard_input_does_not_end_it() {
+    let mut child = Command::new(sim_board())
+        .args(["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    input.write_all(b"show network").unwrap();
+    drop(input);
+    let console = Console::new(std::io::sink(), child.stdout.take().unwrap());
+    console.wait_for("help");
+    // The last line counts, with or without its end.
+    assert!(console.answer().is_ok());
+    std::thread::sleep(Duration::from_millis(100));
+    assert!(child.try_wait().unwrap().is_none(), "it still runs");
+    let kill = format!("kill -TERM {}", child.id());
+    assert!(
+        Command::new("sh")
+            .args(["-c", &kill])
+            .status()
+            .unwrap()
+            .success()
+    );
+    console.wait_for("summary");
+    assert!(child.wait().unwrap().success());
+}

@@ -1,0 +1,158 @@
+//! Nothing in the cycle allocates: a counting allocator watches 100,000 cycles with faults.
+
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use allocation_counter::{AllocationInfo, measure};
+use mesa_hal::bus::{BusErrorKind, RegisterBus};
+use mesa_hal::driver::{Driver, RemoteState};
+use mesa_hal::sim::SimFpga;
+use mesa_hal::sim::remote::{Toward, WireFault};
+use mesa_hal::transport::{Fault, Faulty};
+
+const CYCLES: u32 = 100_000;
+
+/// What the cycle itself allocated, all calls of `read`, `write` and the rest together.
+#[derive(Debug, Default)]
+struct Count {
+    allocations: u64,
+    calls: u64,
+}
+
+impl Count {
+    fn of(&mut self, work: impl FnOnce()) {
+        let info: AllocationInfo = measure(work);
+        self.allocations += info.count_total;
+        self.calls += 1;
+    }
+}
+
+#[test]
+fn the_counter_counts() {
+    let mut count = Count::default();
+    count.of(|| drop(std::hint::black_box(vec![1u8])));
+    assert_eq!(count.allocations, 1);
+}
+
+#[test]
+fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
+    let bus = Faulty::new(fpga(), 0x5EED);
+    let driver = Driver::builder(bus)
+        .build()
+        .expect("the machine is complete");
+    let mut machine = Machine::with(driver);
+    let mut count = Count::default();
+    for n in 0..CYCLES {
+        if n % 10 == 0 {
+            disturb(&mut machine, n / 10);
+        }
+        let pins = machine.driver.pins_mut();
+        pins.set(machine.analog.analog_out[n as usize % 6].pin, value(n));
+        pins.set(machine.field.outputs[n as usize % 16].pin, n % 3 == 0);
+        count.of(|| {
+            let _ = std::hint::black_box(machine.driver.read());
+        });
+        if n % 16 == 0 {
+            count.of(|| {
+                let _ = std::hint::black_box(machine.driver.rearm());
+            });
+        }
+        count.of(|| {
+            let _ = std::hint::black_box(machine.driver.write());
+        });
+        if n % 8 == 0 {
+            let limit = std::time::Duration::from_micros(200);
+            count.of(|| {
+                let _ = std::hint::black_box(machine.driver.wait_transfers(limit));
+            });
+        }
+        machine.pass(machine.period);
+    }
+    assert!(count.calls > 200_000);
+    assert_eq!(count.allocations, 0, "in {} calls", count.calls);
+    assert_has_lived(&machine);
+}
+
+/// Everything the cycle must survive, one thing after the other.
+fn disturb(machine: &mut Machine<Faulty<SimFpga>>, step: u32) {
+    let channel = [FIELD, ANALOG, OUTPUTS][step as usize % 3];
+    let toward = if step.is_multiple_of(2) {
+        Toward::Fpga
+    } else {
+        Toward::Remote
+    };
+    let faults = [
+        WireFault::Lost,
+        WireFault::Corrupted,
+        WireFault::Short(1),
+        WireFault::Long(2),
+        WireFault::Late(90_000),
+        WireFault::Break,
+    ];
+    match step % 97 {
+        10 => machine.cable(channel).unplug(),
+        30 => machine.cable(channel).heal(),
+        31 => [FIELD, ANALOG, OUTPUTS]
+            .into_iter()
+            .for_each(|c| machine.cable(c).replug()),
+        50 => machine.sleep(20),
+        60 => {
+            let next = machine.driver.bus_mut().exchanges();
+            let bus = machine.driver.bus_mut();
+            bus.fail_at(next, Fault::Executed(BusErrorKind::Late));
+            bus.fail_at(next + 1, Fault::SilentWrite);
+            bus.fail_at(next + 3, Fault::NotExecuted(BusErrorKind::Lost));
+        }
+        70 => machine
+            .device_mut(FIELD)
+            .set_over_current(3, true)
+            .expect("output"),
+        75 => machine
+            .device_mut(FIELD)
+            .set_over_current(3, false)
+            .expect("output"),
+        _ => {
+            let fault = faults[step as usize % faults.len()];
+            machine.cable(channel).inject(toward, fault, 1 + step % 3);
+        }
+    }
+}
+
+/// Sometimes no number, sometimes out of range.
+fn value(n: u32) -> f64 {
+    match n % 50 {
+        0 => f64::NAN,
+        1 => f64::INFINITY,
+        2 => 1e9,
+        other => f64::from(other) / 5.0 - 5.0,
+    }
+}
+
+/// The test means something only if all that happened.
+fn assert_has_lived(machine: &Machine<Faulty<SimFpga>>) {
+    let statistics = machine.driver.statistics();
+    assert!(statistics.watchdog_bites > 10, "{statistics:?}");
+    assert!(
+        statistics.read_errors > 10 && statistics.lost_writes > 10,
+        "{statistics:?}"
+    );
+    let port = &machine.driver.ports()[0];
+    assert!(port.statistics().starts > 100, "{:?}", port.statistics());
+    for remote in port.remotes() {
+        assert!(remote.failures().total() > 1000, "{:?}", remote.failures());
+        assert!(remote.restarts() > 10);
+        assert!(remote.transfers() > 10_000);
+        assert!(!matches!(
+            remote.state(),
+            RemoteState::SetAside {
+                next_attempt: None,
+                ..
+            }
+        ));
+    }
+    let rejections = machine.driver.pins().total_rejections();
+    assert!(
+        rejections.not_finite > 100 && rejections.out_of_range > 100,
+        "{rejections:?}"
+    );
+    assert!(machine.driver.bus().statistics().exchanges > 200_000);
+    assert!(machine.now() > 100_000_000_000);
+}

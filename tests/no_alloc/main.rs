@@ -1,0 +1,6 @@
+//! Nothing in the cycle allocates: a counting allocator watches.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod embedded;
+mod udp;

@@ -1,0 +1,8 @@
+//! Pins and parameters: their names, and what they make of registers.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod fpga;
+mod manifest;
+mod packing_plan;
+mod remote;

@@ -1,0 +1,266 @@
+//! Packing plans: where each element is, against a packing done bit by bit.
+
+use crate::common::descriptors::{analog, field_io, outputs_48, record};
+use mesa_hal::discovery::{DataDirection, DataRecord, DataType};
+use mesa_hal::process_data::{ElementKind, InterfaceRegisters, PackingPlan, PlanError};
+use proptest::prelude::*;
+
+const THREE: InterfaceRegisters = InterfaceRegisters::Three;
+const SEVEN: InterfaceRegisters = InterfaceRegisters::Seven;
+
+fn numbers(widths: &[u8], direction: DataDirection) -> Vec<DataRecord> {
+    widths
+        .iter()
+        .enumerate()
+        .map(|(n, &bits)| {
+            record(
+                &format!("N{n}"),
+                bits,
+                DataType::Stream,
+                direction,
+                0.0,
+                0.0,
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn sizes_are_those_of_the_manuals() {
+    // Manual 7I77, "PROCESS DATA"; FACTS 8.2 to 8.4: bytes of reply (with fault byte) and request.
+    for (descriptor, receive, transmit) in [
+        (field_io(0), 5, 2),
+        (field_io(1), 9, 2),
+        (field_io(2), 10, 2),
+        (field_io(3), 12, 2),
+        (analog(), 1, 10),
+        (outputs_48(0), 1, 6),
+        (outputs_48(1), 3, 6),
+    ] {
+        let plan = PackingPlan::new(&descriptor, THREE).unwrap();
+        assert_eq!(
+            (plan.receive_size(), plan.transmit_size()),
+            (receive, transmit)
+        );
+    }
+}
+
+#[test]
+fn inputs_and_outputs_are_two_streams_and_pads_take_room() {
+    use DataDirection::{Bidirectional, Input, Output};
+    let records = [
+        record("A", 7, DataType::Stream, Input, 0.0, 0.0),
+        record("B", 5, DataType::Stream, Output, 0.0, 0.0),
+        record("P", 3, DataType::Pad, Input, 0.0, 0.0),
+        record("C", 30, DataType::Stream, Bidirectional, 0.0, 0.0),
+        record("D", 1, DataType::Boolean, Output, 0.0, 0.0),
+    ];
+    let plan = PackingPlan::from_records(&records, THREE).unwrap();
+    let places: Vec<_> = plan
+        .elements()
+        .iter()
+        .map(|e| (e.input, e.output))
+        .collect();
+    assert_eq!(
+        places,
+        [
+            (Some(0), None),
+            (None, Some(0)),
+            (Some(7), None),
+            (Some(10), Some(5)),
+            (None, Some(35)),
+        ]
+    );
+    assert_eq!((plan.input_words(), plan.output_words()), (2, 2));
+}
+
+#[test]
+fn what_does_not_fit_is_refused_with_its_size() {
+    let inputs = numbers(&[64, 32, 1], DataDirection::Input);
+    assert_eq!(
+        PackingPlan::from_records(&inputs, THREE),
+        Err(PlanError::TooManyInputs {
+            bits: 97,
+            capacity: 96
+        })
+    );
+    assert!(PackingPlan::from_records(&inputs, SEVEN).is_ok());
+    let outputs = numbers(&[64, 64, 64, 33], DataDirection::Output);
+    assert_eq!(
+        PackingPlan::from_records(&outputs, SEVEN),
+        Err(PlanError::TooManyOutputs {
+            bits: 225,
+            capacity: 224
+        })
+    );
+    // More than any stream can number.
+    let many = numbers(&[64; 2000], DataDirection::Bidirectional);
+    assert!(PackingPlan::from_records(&many, SEVEN).is_err());
+    assert_eq!(
+        InterfaceRegisters::from_count(4),
+        Err(PlanError::Registers { registers: 4 })
+    );
+}
+
+#[test]
+fn damaged_records_are_refused_by_place() {
+    let bad = |bits, data_type, max| {
+        let records = [
+            record("Good", 8, DataType::Bits, DataDirection::Input, 0.0, 0.0),
+            record("Bad", bits, data_type, DataDirection::Input, 0.0, max),
+        ];
+        PackingPlan::from_records(&records, THREE)
+            .map(|_| ())
+            .unwrap_err()
+    };
+    assert!(matches!(
+        bad(0, DataType::Bits, 0.0),
+        PlanError::NoBits {
+            element: 1,
+            record: 0x100
+        }
+    ));
+    assert!(matches!(
+        bad(65, DataType::Unsigned, 1.0),
+        PlanError::Width {
+            element: 1,
+            bits: 65,
+            ..
+        }
+    ));
+    assert!(matches!(
+        bad(16, DataType::Float, 1.0),
+        PlanError::Width { bits: 16, .. }
+    ));
+    assert!(matches!(
+        bad(8, DataType::Signed, f32::NAN),
+        PlanError::Limits { element: 1, .. }
+    ));
+    assert!(matches!(
+        bad(8, DataType::EncoderHigh, 1.0),
+        PlanError::HalfCount { element: 1, .. }
+    ));
+    let wide = [record(
+        "Wide",
+        96,
+        DataType::Bits,
+        DataDirection::Input,
+        0.0,
+        0.0,
+    )];
+    assert!(
+        PackingPlan::from_records(&wide, THREE).is_ok(),
+        "bits go up to the whole width"
+    );
+}
+
+#[test]
+fn two_parts_of_a_count_are_one_element() {
+    let low = record(
+        "Enc",
+        16,
+        DataType::EncoderLow,
+        DataDirection::Input,
+        0.0,
+        1.0,
+    );
+    let high = record(
+        "Enc",
+        24,
+        DataType::EncoderHigh,
+        DataDirection::Input,
+        0.0,
+        1.0,
+    );
+    let plan = PackingPlan::from_records(&[low.clone(), high.clone()], THREE).unwrap();
+    assert_eq!(plan.elements().len(), 1);
+    assert_eq!(plan.elements()[0].kind, ElementKind::Counter);
+    assert_eq!(plan.elements()[0].bits, 40);
+    let plan = PackingPlan::from_records(&[high, low], THREE).unwrap();
+    assert_eq!(
+        plan.elements()[0].kind,
+        ElementKind::SplitCounter { high_bits: 24 }
+    );
+}
+
+/// The bits of a list of values, one by one: what packing is.
+fn bit_by_bit(values: &[(u8, u64)]) -> Vec<bool> {
+    values
+        .iter()
+        .flat_map(|&(bits, value)| (0..bits).map(move |bit| value >> bit & 1 != 0))
+        .collect()
+}
+
+fn to_words(bits: &[bool]) -> [u32; 7] {
+    let mut words = [0; 7];
+    for (place, _) in bits.iter().enumerate().filter(|(_, bit)| **bit) {
+        words[place / 32] |= 1 << (place % 32);
+    }
+    words
+}
+
+proptest! {
+    #[test]
+    fn packing_is_the_same_as_bit_by_bit_and_comes_back(
+        elements in prop::collection::vec((1..=64_u8, any::<u64>()), 1..12),
+        background in any::<u32>(),
+    ) {
+        let mut used = 0_u32;
+        let elements: Vec<_> = elements
+            .into_iter()
+            .take_while(|&(bits, _)| { used += u32::from(bits); used <= 224 })
+            .collect();
+        let widths: Vec<_> = elements.iter().map(|&(bits, _)| bits).collect();
+        let records = numbers(&widths, DataDirection::Bidirectional);
+        let plan = PackingPlan::from_records(&records, SEVEN).unwrap();
+        let expected = to_words(&bit_by_bit(&elements));
+
+        let mut words = [0; 7];
+        for (element, &(_, value)) in plan.elements().iter().zip(&elements) {
+            element.output_field().unwrap().put(&mut words, value);
+        }
+        prop_assert_eq!(words, expected);
+        for (element, &(bits, value)) in plan.elements().iter().zip(&elements) {
+            let field = element.input_field().unwrap();
+            prop_assert_eq!(field.get(&words), value & field.mask());
+            prop_assert_eq!(field.bits(), bits);
+        }
+        // In any order and over anything: no neighbour is disturbed.
+        let mut words = [background; 7];
+        for (element, &(_, value)) in plan.elements().iter().zip(&elements).rev() {
+            element.output_field().unwrap().put(&mut words, value);
+        }
+        let total = plan.output_bits() as usize;
+        for bit in 0..224 {
+            let word = words[bit / 32] >> (bit % 32) & 1;
+            let from = if bit < total { expected[bit / 32] } else { background };
+            prop_assert_eq!(word, from >> (bit % 32) & 1);
+        }
+    }
+
+    #[test]
+    fn any_list_of_records_makes_a_plan_that_fits_or_an_error(
+        raw in prop::collection::vec(
+            (any::<u8>(), any::<u8>(), 0..3_u8, any::<f32>(), any::<f32>()), 0..300,
+        ),
+        seven in any::<bool>(),
+    ) {
+        let registers = if seven { SEVEN } else { THREE };
+        let records: Vec<_> = raw
+            .into_iter()
+            .map(|(bits, code, direction, min, max)| {
+                let direction = DataDirection::from_byte(direction * 0x40).unwrap();
+                record("R", bits, DataType::from_byte(code), direction, min, max)
+            })
+            .collect();
+        if let Ok(plan) = PackingPlan::from_records(&records, registers) {
+            prop_assert!(plan.input_bits() <= registers.bits());
+            prop_assert!(plan.output_bits() <= registers.bits());
+            for element in plan.elements() {
+                let end = |first: Option<u16>| first.map_or(0, |f| u32::from(f) + u32::from(element.bits));
+                prop_assert!(end(element.input) <= plan.input_bits());
+                prop_assert!(end(element.output) <= plan.output_bits());
+            }
+        }
+    }
+}

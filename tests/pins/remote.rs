@@ -1,0 +1,493 @@
+//! The pins of remotes: from interface registers to typed values and back.
+// Exact values are exact here: nothing else would show a rounding mistake.
+use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
+use mesa_hal::boards::{
+    Difference, I7i72, I7i77Analog, I7i77Field, IdentityError, OutputType, ParameterValueError,
+    RemoteLocation, RemotePins, RemoteTable, i7i77,
+};
+use mesa_hal::bus::Instant;
+use mesa_hal::discovery::{DataDirection, DataType, RemoteDescriptor};
+use mesa_hal::hal::{AnyValue, PinError, PinStore, Role};
+use mesa_hal::process_data::InterfaceRegisters;
+use proptest::prelude::*;
+
+fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> RemotePins {
+    let location = RemoteLocation {
+        board: "hm2_7i92.0",
+        port: 0,
+        channel,
+    };
+    let table = RemoteTable::for_remote(descriptor);
+    RemotePins::new(pins, location, descriptor, InterfaceRegisters::Three, table).unwrap()
+}
+
+fn cycle(pins: &mut PinStore) {
+    let now = pins.now().after(std::time::Duration::from_millis(1));
+    pins.begin_cycle(now);
+}
+
+#[test]
+fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
+    // Manual 7I77: INTERFACE 0 inputs TB7 31..16, TB8 15..0; outputs TB7 15..8, TB8 7..0.
+    let mut pins = PinStore::new();
+    let mut remote = remote(&mut pins, 0, &field_io(0));
+    let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
+    assert_eq!(
+        (remote.plan().receive_size(), remote.plan().transmit_size()),
+        (5, 2)
+    );
+    cycle(&mut pins);
+    remote.take_inputs(&mut pins, &[0x8000_0004, 0, 0]);
+    for (n, input) in field.inputs.iter().enumerate() {
+        let expected = n == 2 || n == 31;
+        assert_eq!(pins.read(input.pin).ok(), Some(expected), "input {n}");
+        assert_eq!(pins.read(input.not).ok(), Some(!expected), "input {n} not");
+    }
+    pins.set(field.outputs[0].pin, true);
+    pins.set(field.outputs[15].pin, true);
+    let mut words = [u32::MAX; 3];
+    remote.put_outputs(&mut pins, &mut words);
+    assert_eq!(words, [0x8001, 0, 0]);
+
+    let info = pins.info(field.inputs[2].pin).unwrap();
+    assert_eq!((&*info.terminal, &*info.signal), ("TB8 pin 3", "INPUT2"));
+    let info = pins.info(field.outputs[8].pin).unwrap();
+    assert_eq!((&*info.terminal, &*info.signal), ("TB7 pin 17", "OUTPUT8"));
+}
+
+#[test]
+fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
+    for (mode, receive) in [(0, 5), (1, 9), (2, 10), (3, 12)] {
+        let mut pins = PinStore::new();
+        let remote = remote(&mut pins, 0, &field_io(mode));
+        let field = I7i77Field::new(&pins, &remote, OutputType::Sinking).unwrap();
+        assert_eq!(remote.plan().receive_size(), receive, "mode {mode}");
+        assert_eq!(field.analog_in.is_some(), mode >= 1);
+        assert_eq!(field.field_voltage.is_some(), mode >= 2);
+        assert_eq!(field.mpgs.is_some(), mode >= 3);
+    }
+    let mut pins = PinStore::new();
+    let mut remote = remote(&mut pins, 0, &field_io(3));
+    let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
+    let [mpg, _] = field.mpgs.unwrap();
+    pins.set_param(mpg.scale, 4.0).unwrap();
+    // bytes: 4 inputs, 4 voltages, field voltage, two counters
+    for (counter, count) in [(250, 0), (2, 8), (0x7F, 133), (0xFE, 260)] {
+        cycle(&mut pins);
+        remote.take_inputs(&mut pins, &[0, 0x0000_00FF, 0x0000_00A9 | counter << 8]);
+        assert_eq!(pins.read(mpg.count).ok(), Some(count));
+        assert_eq!(pins.read(mpg.position).ok(), Some(f64::from(count) / 4.0));
+    }
+    let [volts, ..] = field.analog_in.unwrap();
+    assert_eq!(pins.read(volts.pin).ok(), Some(f64::from(36.3_f32)));
+    let volts = pins.read(field.field_voltage.unwrap().pin).value;
+    assert!((volts - 169.0 * 36.3 / 255.0).abs() < 1e-5, "{volts}");
+
+    // A restarted remote counts from anywhere: no jump.
+    remote.restarted();
+    remote.take_inputs(&mut pins, &[0, 0, 0x0000_0300]);
+    assert_eq!(pins.read(mpg.rawcounts).ok(), Some(260));
+    // At the next full revolution (512), the count becomes zero there.
+    pins.set_param(mpg.counts_per_rev, 256).unwrap();
+    pins.set_inout(mpg.index_enable, true);
+    for step in 1..=3_u32 {
+        remote.take_inputs(&mut pins, &[0, 0, ((3 + 100 * step) & 0xFF) << 8]);
+    }
+    assert_eq!(pins.read(mpg.index_enable).ok(), Some(false));
+    assert_eq!(pins.read(mpg.rawcounts).ok(), Some(560));
+    assert_eq!(pins.read(mpg.count).ok(), Some(560 - 512));
+}
+
+#[test]
+fn analog_outputs_make_the_same_bits_as_linuxcnc() {
+    let mut pins = PinStore::new();
+    let remote = remote(&mut pins, 1, &analog());
+    let card = I7i77Analog::new(&pins, &remote).unwrap();
+    assert_eq!(
+        (remote.plan().receive_size(), remote.plan().transmit_size()),
+        (1, 10)
+    );
+    for (output, volts) in card
+        .analog_out
+        .iter()
+        .zip([5.0, -10.0, 0.0, 10.0, -5.0, 1.0])
+    {
+        pins.set(output.pin, volts);
+    }
+    pins.set(card.spinena.pin, true);
+    let mut words = [0; 3];
+    remote.put_outputs(&mut pins, &mut words);
+    let stream = u128::from(words[0]) | u128::from(words[1]) << 32 | u128::from(words[2]) << 64;
+    let raw: Vec<_> = (0..6)
+        .map(|n| (stream >> (13 * n)) as u32 & 0x1FFF)
+        .collect();
+    assert_eq!(raw, [2047, 0x1000, 0, 4095, 0x1800, 409]);
+    assert_eq!(stream >> 78, 0b10, "AnalogEna off, SpinEna on");
+    let info = pins.info(card.analog_out[5].pin).unwrap();
+    assert_eq!(
+        (&*info.terminal, &*info.signal, &*info.unit),
+        ("TB5 pin 24", "AOUT5", "volts")
+    );
+    assert_eq!(
+        pins.total_rejections(),
+        mesa_hal::hal::Rejections::default()
+    );
+}
+
+#[test]
+fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
+    let mut pins = PinStore::new();
+    let remote = remote(&mut pins, 1, &analog());
+    let [spindle, ..] = I7i77Analog::new(&pins, &remote).unwrap().analog_out;
+    let raw = |pins: &mut PinStore, value: f64| {
+        let mut words = [0; 3];
+        pins.set(spindle.pin, value);
+        remote.put_outputs(pins, &mut words);
+        words[0] & 0x1FFF
+    };
+    // 10 V at 3000 turns a minute
+    pins.set_param(spindle.scalemax, 3000.0).unwrap();
+    pins.set_param(spindle.maxlim, 3000.0).unwrap();
+    assert_eq!(raw(&mut pins, 3000.0), 4095);
+    assert_eq!(raw(&mut pins, 1500.0), 2047);
+    pins.set_param(spindle.maxlim, 1500.0).unwrap();
+    assert_eq!(raw(&mut pins, 3000.0), 2047, "limited");
+    assert_eq!(pins.rejections(spindle.pin).out_of_range, 1);
+    // a limit beyond full scale does not let anything wrap round
+    pins.set_param(spindle.maxlim, 1e9).unwrap();
+    assert_eq!(raw(&mut pins, 1e8), 4095);
+    assert_eq!(pins.rejections(spindle.pin).out_of_range, 2);
+    // a scale of zero means nothing: safe
+    pins.set_param(spindle.scalemax, 0.0).unwrap();
+    assert_eq!(raw(&mut pins, 100.0), 0);
+    assert_eq!(raw(&mut pins, f64::NAN), 0);
+    assert_eq!(pins.rejections(spindle.pin).not_finite, 3);
+}
+
+#[test]
+fn a_failed_remote_is_safe_alone_until_rearmed() {
+    let mut pins = PinStore::new();
+    let mut field = remote(&mut pins, 0, &field_io(0));
+    let mut drives = remote(&mut pins, 1, &analog());
+    let io = I7i77Field::new(&pins, &field, OutputType::Sourcing).unwrap();
+    let card = I7i77Analog::new(&pins, &drives).unwrap();
+    cycle(&mut pins);
+    field.take_inputs(&mut pins, &[1]);
+    drives.take_inputs(&mut pins, &[]);
+    pins.set(io.outputs[3].pin, true);
+    pins.set(card.analog_out[0].pin, 5.0);
+    pins.set(card.analogena.pin, true);
+
+    cycle(&mut pins);
+    field.take_inputs(&mut pins, &[1]);
+    drives.fault(&mut pins);
+    let mut words = [0; 3];
+    drives.put_outputs(&mut pins, &mut words);
+    assert_eq!(words, [0; 3]);
+    field.put_outputs(&mut pins, &mut words);
+    assert_eq!(words, [1 << 3, 0, 0], "the other remote goes on");
+    assert!(pins.read(io.inputs[0].pin).valid);
+
+    cycle(&mut pins);
+    drives.take_inputs(&mut pins, &[]);
+    pins.rearm(drives.group()).unwrap();
+    drives.put_outputs(&mut pins, &mut words);
+    assert_eq!(words, [0; 3], "nothing of before the fault comes back");
+    pins.set(card.analog_out[0].pin, -10.0);
+    drives.put_outputs(&mut pins, &mut words);
+    assert_eq!(words, [0x1000, 0, 0]);
+}
+
+#[test]
+fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
+    let mut pins = PinStore::new();
+    let mut remote = remote(&mut pins, 2, &outputs_48(1));
+    let card = I7i72::new(&pins, &remote).unwrap();
+    assert_eq!(
+        (remote.plan().receive_size(), remote.plan().transmit_size()),
+        (3, 6)
+    );
+    for (n, output) in card.outputs.iter().enumerate() {
+        pins.set(output.pin, true);
+        let mut words = [0; 3];
+        remote.put_outputs(&mut pins, &mut words);
+        let stream = u64::from(words[0]) | u64::from(words[1]) << 32;
+        assert_eq!((stream, words[2]), (1 << n, 0));
+        pins.set(output.pin, false);
+    }
+    cycle(&mut pins);
+    remote.take_inputs(&mut pins, &[0xFFFF]);
+    let volts = card.field_voltage.unwrap();
+    assert_eq!(pins.read(volts.pin).ok(), Some(f64::from(36.3_f32)));
+    let terminal = |n: usize| pins.info(card.outputs[n].pin).unwrap().terminal.clone();
+    assert_eq!((&*terminal(1), &*terminal(47)), ("TB3 pin 2", "TB2 pin 24"));
+}
+
+#[test]
+fn identity_is_checked_and_differences_from_the_table_are_told() {
+    let field = field_io(2);
+    assert_eq!(i7i77::FIELD.identify(&field, None), Ok(()));
+    assert_eq!(i7i77::FIELD.identify(&field, Some(0x1200_0123)), Ok(()));
+    assert!(matches!(
+        i7i77::FIELD.identify(&field, Some(0x1200_0124)),
+        Err(IdentityError::Unit { .. })
+    ));
+    assert!(matches!(
+        i7i77::FIELD.identify(&analog(), None),
+        Err(IdentityError::Class { expected: 0x12, .. })
+    ));
+    assert!(matches!(
+        i7i77::FIELD.identify(&outputs_48(0), None),
+        Err(IdentityError::Name { .. })
+    ));
+    for mode in 0..4 {
+        assert_eq!(i7i77::FIELD.differences(&field_io(mode)), []);
+    }
+    assert_eq!(i7i77::ANALOG.differences(&analog()), []);
+
+    let mut changed = analog();
+    changed.process_data[2].bits = 12;
+    changed.process_data[3].max = 5.0;
+    changed.process_data.swap(0, 1);
+    changed.process_data.pop();
+    changed.process_data.push(record(
+        "Brake",
+        1,
+        DataType::Boolean,
+        DataDirection::Output,
+        0.0,
+        0.0,
+    ));
+    let found = i7i77::ANALOG.differences(&changed);
+    assert_eq!(
+        found,
+        [
+            Difference::Order {
+                element: "AnalogOut0",
+                expected: 0,
+                actual: 1
+            },
+            Difference::Order {
+                element: "AnalogOut1",
+                expected: 1,
+                actual: 0
+            },
+            Difference::Bits {
+                element: "AnalogOut2",
+                expected: 13,
+                actual: 12
+            },
+            Difference::Limits {
+                element: "AnalogOut3",
+                expected: (-10.0, 10.0),
+                actual: (-10.0, 5.0)
+            },
+            Difference::Missing { element: "SpinEna" },
+            Difference::Unexpected { record: 7 },
+        ]
+    );
+}
+
+#[test]
+fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written() {
+    let mut pins = PinStore::new();
+    let mut remote = remote(&mut pins, 0, &field_io(0));
+    let baud = pins
+        .parameter::<u32>("hm2_7i92.0.7i77.0.0.nvbaudrate")
+        .unwrap();
+    let revision = pins
+        .parameter::<u32>("hm2_7i92.0.7i77.0.0.swrevision")
+        .unwrap();
+    assert_eq!(pins.info(baud).unwrap().role, Role::InRemote);
+    assert_eq!(pins.info(baud).unwrap().role.hal_direction(), "RW");
+    assert_eq!(pins.info(revision).unwrap().role, Role::Property);
+    assert!(pins.set_param(revision, 3).is_err());
+    let refused = pins.set_param(baud, 10).unwrap_err();
+    assert_eq!(refused, PinError::InRemote);
+    let text = refused.to_string();
+    assert!(text.contains("`Builder::remote_parameter`"), "{text}");
+    assert!(text.contains("`Driver::write_remote_parameter`"), "{text}");
+
+    let field = field_io(0);
+    assert!(remote.parameter(&field, "NVBaudRate").is_some());
+    assert!(remote.parameter(&field, "nvbaudrat").is_none());
+    let parameter = *remote.parameter(&field, "nvbaudrate").unwrap();
+    assert_eq!((parameter.first(), parameter.known()), (None, None));
+    for (value, raw) in [
+        (AnyValue::U32(10), Some(10)),
+        (AnyValue::S32(10), Some(10)),
+        (AnyValue::Float(10.0), Some(10)),
+        (AnyValue::Float(10.5), None),
+        (AnyValue::Float(f64::NAN), None),
+        (AnyValue::S32(-1), None),
+        (AnyValue::U64(255), Some(255)),
+        (AnyValue::U64(256), None),
+    ] {
+        assert_eq!(parameter.raw(value).ok(), raw, "{value:?}");
+    }
+    let read_only = remote.parameter(&field, "swrevision").unwrap();
+    assert_eq!(
+        read_only.raw(AnyValue::U32(3)),
+        Err(ParameterValueError::ReadOnly)
+    );
+    for value in [9, 10] {
+        remote.parameters_mut()[3].publish(&mut pins, value);
+        assert_eq!(u64::from(pins.param(baud)), value);
+    }
+    let parameter = remote.parameter(&field, "nvbaudrate").unwrap();
+    assert_eq!((parameter.first(), parameter.known()), (Some(9), Some(10)));
+}
+
+#[test]
+fn a_bidirectional_element_is_in_both_streams() {
+    use DataDirection::{Bidirectional, Input, Output};
+    let data = vec![
+        record("In", 3, DataType::Unsigned, Input, 0.0, 7.0),
+        record("Both", 4, DataType::Bits, Bidirectional, 0.0, 0.0),
+        record("Level", 8, DataType::Unsigned, Bidirectional, 0.0, 255.0),
+        record("Pad", 5, DataType::Pad, Output, 0.0, 0.0),
+        record("Out", 1, DataType::Boolean, Output, 0.0, 0.0),
+    ];
+    let mut pins = PinStore::new();
+    let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
+    let bit = pins.inout::<bool>("hm2_7i92.0.test.0.0.both-02").unwrap();
+    let level = pins.inout::<f64>("hm2_7i92.0.test.0.0.level").unwrap();
+    let out = pins.output::<bool>("hm2_7i92.0.test.0.0.out").unwrap();
+    cycle(&mut pins);
+    remote.take_inputs(&mut pins, &[0xAB << 7 | 0b0100 << 3 | 5]);
+    assert_eq!(pins.read(bit).ok(), Some(true));
+    assert_eq!(pins.read(level).ok(), Some(171.0));
+    pins.set_inout(level, 85.0);
+    pins.set(out, true);
+    let mut words = [0];
+    remote.put_outputs(&mut pins, &mut words);
+    assert_eq!(words, [1 << 17 | 85 << 4 | 0b0100]);
+}
+
+#[test]
+fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
+    use DataType::{EncoderHigh, EncoderLow};
+    let part = |data_type, bits| record("Enc", bits, data_type, DataDirection::Input, 0.0, 1.0);
+    for high_first in [true, false] {
+        let mut data = vec![part(EncoderHigh, 16), part(EncoderLow, 12)];
+        if !high_first {
+            data.reverse();
+        }
+        let mut pins = PinStore::new();
+        let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
+        let count = pins.input::<i32>("hm2_7i92.0.test.0.0.enc.count").unwrap();
+        for (at, expected) in [(0x0FFE, 0), (0x1001, 3), (0x0FFF_FFFF, -4095)] {
+            let (high, low) = (at >> 12, at & 0xFFF);
+            let word = if high_first {
+                low << 16 | high
+            } else {
+                high << 12 | low
+            };
+            cycle(&mut pins);
+            remote.take_inputs(&mut pins, &[word]);
+            assert_eq!(pins.read(count).ok(), Some(expected), "{at:x}");
+        }
+    }
+}
+
+#[test]
+fn real_numbers_go_both_ways_and_none_that_is_none() {
+    use DataDirection::{Input, Output};
+    let data = vec![
+        record("In", 32, DataType::Float, Input, 0.0, 0.0),
+        record("Out", 64, DataType::Float, Output, -5.0, 5.0),
+        record("Small", 32, DataType::Float, Output, 0.0, 0.0),
+    ];
+    let mut pins = PinStore::new();
+    let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
+    let name = |pin: &str| format!("hm2_7i92.0.test.0.0.{pin}");
+    let input = pins.input::<f64>(&name("in")).unwrap();
+    let out = pins.output::<f64>(&name("out")).unwrap();
+    let small = pins.output::<f64>(&name("small")).unwrap();
+    cycle(&mut pins);
+    remote.take_inputs(&mut pins, &[1.5_f32.to_bits()]);
+    assert_eq!(pins.read(input).ok(), Some(1.5));
+    remote.take_inputs(&mut pins, &[f32::NAN.to_bits()]);
+    let reading = pins.read(input);
+    assert_eq!((reading.value, reading.valid), (1.5, false));
+
+    let sent = |pins: &mut PinStore, value: f64| {
+        pins.set(out, value);
+        pins.set(small, value);
+        let mut words = [0; 3];
+        remote.put_outputs(pins, &mut words);
+        let wide = u64::from(words[0]) | u64::from(words[1]) << 32;
+        (f64::from_bits(wide), f32::from_bits(words[2]))
+    };
+    assert_eq!(sent(&mut pins, 2.25), (2.25, 2.25));
+    assert_eq!(sent(&mut pins, 1e300), (5.0, f32::MAX));
+    assert_eq!(sent(&mut pins, f64::NEG_INFINITY), (0.0, 0.0));
+}
+
+fn any_record() -> impl Strategy<Value = mesa_hal::discovery::DataRecord> {
+    let direction = prop_oneof![
+        Just(DataDirection::Input),
+        Just(DataDirection::Output),
+        Just(DataDirection::Bidirectional)
+    ];
+    let data_type = prop_oneof![
+        0..9_u8,
+        Just(0x10),
+        Just(0x11),
+        Just(0x18),
+        Just(0x28),
+        any::<u8>()
+    ];
+    let bits = prop_oneof![9 => 1..=40_u8, 1 => any::<u8>()];
+    let limit = || prop_oneof![9 => -100.0..100.0_f32, 1 => Just(0.0), 1 => any::<f32>()];
+    let name = prop_oneof![9 => "[A-Za-z][A-Za-z0-9]{0,6}", 1 => "\\PC{0,48}"];
+    (name, bits, data_type, direction, limit(), limit()).prop_map(
+        |(name, bits, data_type, direction, min, max)| {
+            record(
+                &name,
+                bits,
+                DataType::from_byte(data_type),
+                direction,
+                min,
+                max,
+            )
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn any_descriptor_gives_pins_or_an_error_and_never_a_value_that_is_none(
+        data in prop::collection::vec(any_record(), 0..7),
+        parameters in prop::collection::vec(any_record(), 0..12),
+        words in any::<[u32; 7]>(),
+        value in any::<f64>(),
+    ) {
+        let mut pins = PinStore::new();
+        let mut remote_descriptor = descriptor(*b"ANY1", 0, 0, data);
+        remote_descriptor.parameters = parameters;
+        let location = RemoteLocation { board: "hm2_7i92.0", port: 0, channel: 0 };
+        let made = RemotePins::new(
+            &mut pins, location, &remote_descriptor, InterfaceRegisters::Seven, None,
+        );
+        if let Ok(mut remote) = made {
+            pins.begin_cycle(Instant::from_nanos(1));
+            remote.take_inputs(&mut pins, &words);
+            for info in pins.infos().to_vec() {
+                if let Ok(pin) = pins.output::<f64>(&info.name) {
+                    pins.set(pin, value);
+                }
+                if let Ok(pin) = pins.input::<f64>(&info.name) {
+                    prop_assert!(pins.read(pin).value.is_finite());
+                }
+            }
+            let mut out = [0; 7];
+            remote.put_outputs(&mut pins, &mut out);
+            let used = remote.plan().output_bits();
+            for bit in used..224 {
+                prop_assert_eq!(out[bit as usize / 32] >> (bit % 32) & 1, 0);
+            }
+            prop_assert_eq!(pins.foreign_handles(), 0);
+        }
+    }
+}

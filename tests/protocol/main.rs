@@ -1,0 +1,11 @@
+//! The wire formats and the smart-serial port: LBP and LBP16 against their manuals, SSLBP against what
+//! Mesa's gateware was recorded to do, on the simulated FPGA, and on registers that read anything.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod lbp;
+mod lbp16;
+mod sslbp_cards;
+mod sslbp_hostile;
+mod sslbp_recorded;
+mod sslbp_simulated;

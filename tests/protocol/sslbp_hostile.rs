@@ -1,0 +1,129 @@
+//! The driver on a bus that answers anything at all: every operation ends.
+
+use crate::common::replay::{MODULE, NeverFails};
+use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
+use mesa_hal::discovery::{DiscoveryLimits, discover_port};
+use mesa_hal::sslbp::{
+    AccessSize, Channel, ChannelMask, ChannelStart, Layout, NonvolatileMemory, Port, PortWords,
+    StartMode,
+};
+use proptest::prelude::*;
+use std::time::Duration;
+
+/// Registers that read what a seed makes of them.
+struct Hostile {
+    state: u64,
+    /// COMMAND reads 0 once in so many times.
+    idle_every: u64,
+    /// The clock of the bus stands still.
+    frozen: bool,
+    now: u64,
+    exchanges: u64,
+}
+
+impl Hostile {
+    fn next(&mut self) -> u32 {
+        // Knuth's multiplier; the high half is good enough here.
+        self.state = self
+            .state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.state >> 32) as u32
+    }
+}
+
+impl RegisterBus for Hostile {
+    type Error = NeverFails;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
+        self.exchanges += 1;
+        self.now += 1_000;
+        for access in accesses {
+            for (address, index) in (access.address..).step_by(4).zip(access.words()) {
+                if access.direction == Direction::Read {
+                    let word = self.next();
+                    let idle = address == MODULE.base
+                        && self.idle_every != 0
+                        && u64::from(self.next()).is_multiple_of(self.idle_every);
+                    // CS of a channel that is fine, every other time, so that operations get on.
+                    let fine = address >> 8 == 0x5C && word & 1 == 0;
+                    words[index] = match (idle, fine) {
+                        (true, _) => 0,
+                        (_, true) => [0x0000_C100, 0x0040_0000][(word >> 1 & 1) as usize],
+                        _ => word,
+                    };
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(if self.frozen { 0 } else { self.now })
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.now += duration.as_nanos() as u64;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    #[test]
+    fn every_operation_ends_whatever_the_registers_read(
+        seed: u64,
+        idle_every in 0u64..4,
+        frozen: bool,
+    ) {
+        let mut bus = Hostile { state: seed, idle_every, frozen, now: 0, exchanges: 0 };
+        let bus = &mut bus;
+        let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
+        let zero = Channel::ALL[0];
+        let starts = Channel::ALL.map(ChannelStart::new);
+        let _ = port.reset(bus);
+        let _ = port.stop_all(bus);
+        let _ = port.start(bus, StartMode::Normal, &starts);
+        let _ = port.transfer(bus, ChannelMask::first(8), &PortWords::default());
+        let _ = port.stop(bus, zero.mask());
+        let limits = DiscoveryLimits { accesses: 64, ..DiscoveryLimits::default() };
+        let _ = discover_port(&mut port, bus, &starts, limits);
+        let _ = port.remote_read(bus, zero, 0x100, AccessSize::Double);
+        let memory = NonvolatileMemory::Eeprom;
+        let _ = port.nonvolatile_write(bus, zero, memory, 0x24, AccessSize::Word, 50);
+        let _ = port.set_baud_rate(bus, zero, 115_200);
+        let _ = port.channel_variables(bus, zero);
+        // 20,000 polls end each wait; there are at most some dozens of them.
+        prop_assert!(bus.exchanges < 2_000_000, "{} exchanges", bus.exchanges);
+    }
+}
+
+/// Once identified, a port whose registers read at random still ends every operation.
+#[test]
+fn an_identified_port_that_goes_mad_is_survived() {
+    use crate::common::replay::Replay;
+    for seed in 0..64 {
+        let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
+        port.identify(&mut Replay::new(Vec::new())).unwrap();
+        let mut bus = Hostile {
+            state: seed,
+            idle_every: 1,
+            frozen: false,
+            now: 0,
+            exchanges: 0,
+        };
+        let starts = [ChannelStart::new(Channel::ALL[0])];
+        let limits = DiscoveryLimits {
+            accesses: 64,
+            ..DiscoveryLimits::default()
+        };
+        for _ in 0..20 {
+            let _ = discover_port(&mut port, &mut bus, &starts, limits);
+        }
+        assert!(
+            bus.exchanges < 200_000,
+            "seed {seed}: {} exchanges",
+            bus.exchanges
+        );
+    }
+}

@@ -1,0 +1,536 @@
+//! The driver against recorded gateware, at register level: the manual's step lists, every recorded
+//! failure of START, and the way out of a port that is stuck.
+
+use crate::common::replay::{MODULE, Reg, Replay, Segment, size_replies, transcript};
+use mesa_hal::sslbp::{
+    AccessSize, Channel, ChannelMask, ChannelStart, ComState, Layout, LocalFaults, LocalLocation,
+    NonvolatileMemory, Port, PortError, PortParameters, PortState, PortWords, ProcessDataSizes,
+    RemoteAccess, RemoteFaults, StartFailureReason, StartMode, WaitingFor,
+};
+
+const ZERO: Channel = Channel::ALL[0];
+
+fn port() -> Port {
+    Port::new(Layout::new(&MODULE, 0, 8).unwrap())
+}
+
+fn identified(bus: &mut Replay) -> Port {
+    let mut port = port();
+    port.identify(bus).unwrap();
+    port
+}
+
+fn start_zero(mode: u8) -> [ChannelStart; 1] {
+    [ChannelStart::new(ZERO).with_software_mode(mode)]
+}
+
+fn outputs(words: &[u32]) -> PortWords {
+    let mut outputs = PortWords::default();
+    outputs.set(ZERO, words);
+    outputs
+}
+
+/// COMMAND is written only while it is 0; a reset is the exception.
+fn never_busy(bus: &Replay) {
+    for &(command, busy) in bus.commands.iter().filter(|(word, _)| *word != 1) {
+        assert!(!busy, "COMMAND {command:04X} was written while it was busy");
+    }
+}
+
+/// FACTS 2.3, 2.5; transcript t01.
+#[test]
+fn reset_waits_for_the_initialisation_and_reads_the_parameters() {
+    let mut bus = Replay::of("t01_reset_local.txt");
+    let mut port = port();
+    let parameters = port.reset(&mut bus).unwrap();
+    assert_eq!(
+        parameters,
+        PortParameters {
+            interface_type: 0x12,
+            interface_width: 8,
+            major: 1,
+            minor: 43,
+            variables_start: 0x70,
+            variables_stride: 0x32,
+            processor: 0xD8,
+            channels: 8,
+            clock_hz: 100_000_000,
+        }
+    );
+    assert_eq!(port.state(), PortState::Stopped);
+    never_busy(&bus);
+}
+
+#[test]
+fn a_port_with_other_channels_than_its_pins_is_refused() {
+    let mut bus = Replay::new(Vec::new());
+    bus.local.insert(7, 3);
+    assert_eq!(
+        port().identify(&mut bus),
+        Err(PortError::ChannelCount {
+            port: 0,
+            pins: 8,
+            gateware: 3
+        })
+    );
+}
+
+/// Manual: 7I77, "NORMAL MODE OPERATION", steps 1 to 11 in the poll form; transcript t06.
+#[test]
+fn normal_mode_operation_step_by_step() {
+    let mut bus = Replay::of("t06_normal_mode1.txt");
+    bus.set_sizes(0, 9, 2);
+    let mut port = identified(&mut bus);
+    // 1: STOPALL
+    port.stop_all(&mut bus).unwrap();
+    // 2, 3, 4: START, wait, DATA
+    let report = port
+        .start(&mut bus, StartMode::Normal, &start_zero(1))
+        .unwrap();
+    // 5: unit number
+    let remote = *report.remotes().next().unwrap();
+    assert_eq!(remote.unit_number, 0x77AA);
+    assert_eq!(remote.name.to_string(), "7I77");
+    assert_eq!((remote.ptoc, remote.gtoc), (0x5C0, 0x5D2));
+    assert_eq!(remote.sizes, ProcessDataSizes { rx: 9, tx: 2 });
+    assert_eq!(remote.cs.state(), ComState::Chatter);
+    // 6 to 10, and the data of this DOIT
+    let words = [0xFFFF_1234];
+    let transfer = port
+        .transfer(&mut bus, ZERO.mask(), &outputs(&words))
+        .unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..3],
+        [0x4433_2211, 0xA3A2_A1A0, 0]
+    );
+    assert_eq!(transfer.status(ZERO).word(), 0x0042_0000);
+    for word in [0x100, 0x101, 0x102] {
+        let transfer = port
+            .transfer(&mut bus, ZERO.mask(), &outputs(&[word]))
+            .unwrap();
+        assert_eq!(transfer.inputs.channel(ZERO)[0], 0x4433_2211);
+    }
+    never_busy(&bus);
+}
+
+/// Manual: 7I77, "NORMAL MODE OPERATION", steps 6 to 11, write before read; transcript t06.
+#[test]
+fn write_before_read_gives_the_inputs_of_the_doit_before() {
+    let mut bus = Replay::of("t06_normal_mode1.txt");
+    bus.set_sizes(0, 9, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    port.start(&mut bus, StartMode::Normal, &start_zero(1))
+        .unwrap();
+    let mask = ZERO.mask();
+    let first = port
+        .transfer_cyclic(&mut bus, ChannelMask::NONE, mask, &outputs(&[0xFFFF_1234]))
+        .unwrap();
+    assert_eq!(first, None);
+    let second = port
+        .transfer_cyclic(&mut bus, mask, mask, &outputs(&[0x100]))
+        .unwrap()
+        .unwrap();
+    assert_eq!(second.inputs.channel(ZERO)[..2], [0x4433_2211, 0xA3A2_A1A0]);
+    let last = port
+        .transfer_cyclic(&mut bus, mask, ChannelMask::NONE, &outputs(&[]))
+        .unwrap()
+        .unwrap();
+    assert_eq!(last.failed, ChannelMask::NONE);
+    never_busy(&bus);
+}
+
+/// The access that a recorded CS word stands for, if the driver makes it.
+fn recorded_access(segment: &Segment) -> Option<RemoteAccess> {
+    let written = |register| {
+        let write = segment.writes.iter().rev().find(|(r, _)| *r == register);
+        write.map(|&(_, value)| u64::from(value))
+    };
+    let word = written(Reg::Cs(0))? as u32;
+    let (command, address) = ((word >> 24) as u8, word as u16);
+    let sizes = [
+        AccessSize::Byte,
+        AccessSize::Word,
+        AccessSize::Long,
+        AccessSize::Double,
+    ];
+    let size = sizes[usize::from(command & 3)];
+    let value = written(Reg::Interface(0, 0)).unwrap_or(0)
+        | written(Reg::Interface(0, 1)).unwrap_or(0) << 32;
+    match command {
+        0x44..=0x47 => Some(RemoteAccess::Read { address, size }),
+        0x64..=0x67 => Some(RemoteAccess::Write {
+            address,
+            size,
+            value,
+        }),
+        0xC0..=0xDF => LocalLocation::new(command & 0x1F).map(RemoteAccess::ReadLocal),
+        0xE0..=0xFF => {
+            let location = LocalLocation::new(command & 0x1F)?;
+            Some(RemoteAccess::WriteLocal(location, value as u8))
+        }
+        _ => None,
+    }
+}
+
+/// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; transcript t05, all accesses that
+/// the driver makes, the lost reply included.
+#[test]
+fn every_recorded_pass_through_access_gives_the_recorded_value() {
+    let mut bus = Replay::of("t05_passthrough.txt").without(|segment| {
+        segment.command == 0x2000 || segment.command == 0x1001 && recorded_access(segment).is_none()
+    });
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    // steps 1 to 4
+    port.stop_all(&mut bus).unwrap();
+    let report = port
+        .start(&mut bus, StartMode::Setup, &start_zero(0))
+        .unwrap();
+    assert_eq!(report.started(), ZERO.mask());
+    let mut compared = 0;
+    while let Some(segment) = bus.upcoming().cloned() {
+        // steps 5 to 9
+        let access = recorded_access(&segment).unwrap();
+        let value = port.remote_access(&mut bus, ZERO, access).unwrap();
+        if matches!(
+            access,
+            RemoteAccess::Read { .. } | RemoteAccess::ReadLocal(_)
+        ) {
+            let lost = segment.last(Reg::Data) != Some(0);
+            let words = [0, 1].map(|n| segment.last(Reg::Interface(0, n)).unwrap());
+            let recorded = if lost { 0xBEEF } else { access.value(words) };
+            assert_eq!(value, recorded, "{access}");
+            compared += 1;
+        }
+    }
+    assert_eq!(
+        compared, 20,
+        "reads in the transcript, the repeated one once"
+    );
+    never_busy(&bus);
+}
+
+/// FACTS 6.3; transcript t05: EC 01, read, write, read back, EC 00, and then a read of the other
+/// memory.
+#[test]
+fn nonvolatile_access_is_confirmed_and_switched_off_again() {
+    let mut bus = Replay::of("t05_passthrough.txt").without(|segment| {
+        let in_sequence = matches!(
+            recorded_access(segment),
+            Some(
+                RemoteAccess::WriteLocal(..)
+                    | RemoteAccess::Write { address: 0x24, .. }
+                    | RemoteAccess::Read { address: 0x24, .. }
+            )
+        );
+        segment.command != 0x0800 && segment.command != 0x0F01 && !in_sequence
+    });
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    port.start(&mut bus, StartMode::Setup, &start_zero(0))
+        .unwrap();
+    let (memory, size) = (NonvolatileMemory::Eeprom, AccessSize::Word);
+    port.nonvolatile_write(&mut bus, ZERO, memory, 0x24, size, 0x64)
+        .unwrap();
+    assert_eq!(port.remote_read(&mut bus, ZERO, 0x24, size), Ok(0x32));
+    assert!(bus.upcoming().is_none(), "the whole sequence was played");
+    never_busy(&bus);
+}
+
+fn reason_of(name: &str, mode: StartMode, software_mode: u8) -> StartFailureReason {
+    let mut bus = Replay::of(name);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    if let Some(&(rx, tx)) = size_replies(&transcript(name)).first() {
+        bus.set_sizes(0, rx, tx);
+    }
+    let report = port
+        .start(&mut bus, mode, &start_zero(software_mode))
+        .unwrap();
+    assert_eq!(report.started(), ChannelMask::NONE);
+    assert_eq!(port.running(), ChannelMask::NONE);
+    never_busy(&bus);
+    report.failures().next().unwrap().reason
+}
+
+/// FACTS 4.5, 5.6; transcripts t06d, t15d, t15f, t20.
+#[test]
+fn recorded_failures_of_start_are_told_apart() {
+    assert_eq!(
+        reason_of("t06d_badmode.txt", StartMode::Normal, 5),
+        StartFailureReason::IllegalMode
+    );
+    assert_eq!(
+        reason_of("t20_rxlow.txt", StartMode::Normal, 0),
+        StartFailureReason::LineLow
+    );
+    let limit = ProcessDataSizes { rx: 13, tx: 12 };
+    for (name, rx, tx) in [("t15d_14_13.txt", 14, 13), ("t15f_16_2.txt", 16, 2)] {
+        assert_eq!(
+            reason_of(name, StartMode::Normal, 0),
+            StartFailureReason::SizesTooLarge {
+                sizes: ProcessDataSizes { rx, tx },
+                limit
+            }
+        );
+    }
+}
+
+/// Transcript t16: wrong cookie, bad CRC, and missing BC and BB in both modes.
+#[test]
+fn recorded_errors_during_start_end_as_recorded() {
+    let mut bus = Replay::of("t16_start_errors.txt");
+    let mut port = identified(&mut bus);
+    let mut run = |mode| {
+        port.stop_all(&mut bus).unwrap();
+        port.start(&mut bus, mode, &start_zero(0)).unwrap()
+    };
+    let reason = |report: &mesa_hal::sslbp::StartReport| report.failures().next().unwrap().reason;
+
+    let wrong_cookie = run(StartMode::Setup);
+    assert_eq!(reason(&wrong_cookie), StartFailureReason::WrongCookie);
+    let bad_crc = run(StartMode::Setup);
+    assert_eq!(bad_crc.remotes().next().unwrap().unit_number, 0x77AA);
+    let no_unit = run(StartMode::Setup);
+    assert_eq!(no_unit.remotes().next().unwrap().unit_number, 0);
+    let no_sizes = run(StartMode::Setup);
+    assert_eq!(no_sizes.remotes().next().unwrap().ptoc, 0);
+    let no_sizes = run(StartMode::Normal);
+    assert_eq!(reason(&no_sizes), StartFailureReason::NoSizes);
+    let no_unit = run(StartMode::Normal);
+    assert_eq!(reason(&no_unit), StartFailureReason::NoUnitNumber);
+    never_busy(&bus);
+}
+
+/// FACTS 4.3; transcript t04: one remote, seven absent.
+#[test]
+fn absent_channels_do_not_fail_the_others() {
+    let mut bus = Replay::of("t04_setup_absent8.txt").without(|segment| segment.command == 0x1003);
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    let all = Channel::ALL.map(ChannelStart::new);
+    let report = port.start(&mut bus, StartMode::Setup, &all).unwrap();
+    assert_eq!(report.started().bits(), 0x01);
+    assert_eq!(report.failed().bits(), 0xFE);
+    assert!(
+        report
+            .failures()
+            .all(|failure| failure.reason == StartFailureReason::NoReply)
+    );
+    // the counters at B6..BC, as the transcript reads them
+    let counters = port.error_counters(&mut bus, Channel::ALL[1]).unwrap();
+    assert_eq!((counters.timeout, counters.total()), (20, 20));
+    never_busy(&bus);
+}
+
+/// FACTS 3.1; transcript t09c: STOPALL written while a DOIT ran, so that COMMAND stays 0800.
+#[test]
+fn a_port_that_is_stuck_is_freed_and_then_stopped() {
+    let mut bus = Replay::of("t09c_stopall_doit.txt")
+        .without(|segment| segment.command == 0x1001 || segment.command == 0x0901);
+    bus.begin_inside();
+    let mut port = port();
+    port.stop_all(&mut bus).unwrap();
+    assert_eq!(bus.commands, [(0x08FF, true), (0x0800, false)]);
+    assert_eq!(port.state(), PortState::Stopped);
+}
+
+/// Every wait is bounded, and says what it waited for.
+#[test]
+fn a_command_that_never_completes_is_an_error_with_the_registers() {
+    let stuck = Segment {
+        command: 0x0901,
+        ..Segment::default()
+    };
+    let stop = Segment {
+        command: 0x0800,
+        cleared: Some(120.0),
+        ..Segment::default()
+    };
+    let mut bus = Replay::new(vec![stop, stuck]);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    let error = port
+        .start(&mut bus, StartMode::Normal, &start_zero(0))
+        .unwrap_err();
+    let PortError::Wait(wait) = error else {
+        panic!("expected a wait that ended, got {error}");
+    };
+    assert!(matches!(wait.waiting_for, WaitingFor::Completion(_)));
+    assert_eq!(wait.registers.command, 0x0901);
+    assert!(wait.waited.as_millis() >= 500 && wait.waited.as_millis() < 600);
+    let text = error.to_string();
+    assert!(text.contains("START of channels 0 (0901)"), "{text}");
+    assert!(text.contains("COMMAND 0901, DATA"), "{text}");
+}
+
+/// Transcript t08: one channel is stopped, the other goes on; then it is started again.
+#[test]
+fn one_channel_can_be_stopped_and_started_while_the_other_runs() {
+    let mut doits = 0;
+    let mut bus = Replay::of("t08_stops.txt").without(|segment| {
+        // The third DOIT of both has the stopped channel in its mask; the driver refuses that.
+        doits += u32::from(segment.command == 0x1003);
+        segment.command == 0x1003 && doits == 3
+    });
+    let (both, one) = (ChannelMask::from_bits(3), Channel::ALL[1]);
+    bus.set_sizes(0, 5, 2);
+    bus.set_sizes(1, 7, 6);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    let starts = [ChannelStart::new(ZERO), ChannelStart::new(one)];
+    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    let none = PortWords::default();
+    for _ in 0..2 {
+        port.transfer(&mut bus, both, &none).unwrap();
+    }
+    port.stop(&mut bus, one.mask()).unwrap();
+    assert_eq!(port.running(), ZERO.mask());
+    port.transfer(&mut bus, ZERO.mask(), &none).unwrap();
+    // A stopped channel is never put into the mask (FACTS 5.5).
+    assert!(matches!(
+        port.transfer(&mut bus, both, &none),
+        Err(PortError::WrongState { .. })
+    ));
+    port.start(&mut bus, StartMode::Normal, &starts[1..])
+        .unwrap();
+    let transfer = port.transfer(&mut bus, both, &none).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(transfer.inputs.channel(one)[..2], [0x4433_2211, 0x6655]);
+    never_busy(&bus);
+}
+
+/// FACTS 5.3; transcript t11: a remote's fault shows in CS only.
+#[test]
+fn a_remote_fault_shows_although_data_is_clear() {
+    let mut bus = Replay::of("t11_fault.txt");
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    port.start(&mut bus, StartMode::Normal, &start_zero(0))
+        .unwrap();
+    let mut faults = Vec::new();
+    for _ in 0..6 {
+        let transfer = port
+            .transfer(&mut bus, ZERO.mask(), &PortWords::default())
+            .unwrap();
+        assert_eq!(transfer.failed, ChannelMask::NONE);
+        faults.push(transfer.status(ZERO).remote_faults());
+    }
+    let (none, bitten) = (RemoteFaults::empty(), RemoteFaults::WATCHDOG);
+    let expected = [none, none, bitten, bitten, RemoteFaults::LOW_VOLTAGE, none];
+    assert_eq!(faults, expected);
+}
+
+/// FACTS 5.4; transcript t10: the DOITs up to the end of the bad CRC.
+#[test]
+fn lost_and_damaged_replies_are_marked_and_keep_the_last_good_data() {
+    let mut bus = Replay::of("t10_errors.txt").without(|segment| segment.command & 0x2000 != 0);
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    port.start(&mut bus, StartMode::Normal, &start_zero(0))
+        .unwrap();
+    let mut failed = Vec::new();
+    for word in [0, 0, 0x101, 0x202, 0x303, 0x101, 0x202, 0x303] {
+        let transfer = port
+            .transfer(&mut bus, ZERO.mask(), &outputs(&[word]))
+            .unwrap();
+        failed.push(!transfer.failed.is_empty());
+    }
+    // two good ones; a lost reply, two good ones; a bad CRC, two good ones
+    let expected = [false, false, true, false, false, true, false, false];
+    assert_eq!(failed, expected);
+    never_busy(&bus);
+}
+
+/// FACTS 4.4; transcript t12: a remote that is gone costs its own data, not its neighbour's.
+#[test]
+fn a_dead_remote_fails_alone() {
+    let mut bus = Replay::of("t12_toomany.txt");
+    bus.set_sizes(0, 5, 2);
+    bus.set_sizes(1, 7, 6);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    let starts = [0, 1].map(|n| ChannelStart::new(Channel::ALL[n]));
+    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    let both = ChannelMask::from_bits(3);
+    let mut transfer = || {
+        port.transfer(&mut bus, both, &PortWords::default())
+            .unwrap()
+    };
+    for _ in 0..2 {
+        assert_eq!(transfer().failed, ChannelMask::NONE);
+    }
+    let last = (0..25).map(|_| transfer()).inspect(|bad| {
+        assert_eq!(bad.failed, ZERO.mask());
+    });
+    let faults = last.last().unwrap().status(ZERO).local_faults();
+    assert!(faults.contains(LocalFaults::TOO_MANY_ERRORS), "{faults}");
+}
+
+/// Transcript t26: a 7I64 has 8 bytes of data in its reply and no fault byte.
+#[test]
+fn a_7i64_starts_without_discovery() {
+    let mut bus = Replay::of("t26_7i64.txt");
+    bus.set_sizes(0, 8, 4);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    let report = port
+        .start(&mut bus, StartMode::Normal, &start_zero(0))
+        .unwrap();
+    let remote = *report.remotes().next().unwrap();
+    assert_eq!((remote.ptoc, remote.input_bytes()), (0, 8));
+    let transfer = port
+        .transfer(&mut bus, ZERO.mask(), &outputs(&[0x00C0_FFEE]))
+        .unwrap();
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..2],
+        [0x0002_0100, 0xA3A2_A1A0]
+    );
+}
+
+/// FACTS 2.4; transcript t18: 115200 baud on channel 0, from 9A on.
+#[test]
+fn a_baud_rate_is_written_and_read_back() {
+    let mut bus = Replay::of("t18_baud.txt");
+    bus.local.extend((0x9A..).zip(2_500_000u32.to_le_bytes()));
+    bus.set_sizes(0, 5, 2);
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    assert_eq!(port.baud_rate(&mut bus, ZERO), Ok(2_500_000));
+    port.set_baud_rate(&mut bus, ZERO, 0x0001_C200).unwrap();
+    assert_eq!(port.baud_rate(&mut bus, ZERO), Ok(115_200));
+}
+
+#[test]
+fn operations_in_the_wrong_state_write_nothing() {
+    let mut bus = Replay::new(Vec::new());
+    let mut port = identified(&mut bus);
+    let commands = bus.commands.len();
+    let none = PortWords::default();
+    assert!(port.transfer(&mut bus, ZERO.mask(), &none).is_err());
+    assert!(
+        port.remote_read(&mut bus, ZERO, 0, AccessSize::Word)
+            .is_err()
+    );
+    assert!(
+        port.nonvolatile_read(
+            &mut bus,
+            ZERO,
+            NonvolatileMemory::Eeprom,
+            0,
+            AccessSize::Word
+        )
+        .is_err()
+    );
+    assert!(
+        port.start(&mut bus, StartMode::Normal, &start_zero(0))
+            .is_err()
+    );
+    assert_eq!(bus.commands.len(), commands);
+}

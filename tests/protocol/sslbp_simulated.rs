@@ -1,0 +1,523 @@
+//! The driver against the simulated FPGA and its remotes.
+
+use crate::common::fpga::set_up_pins;
+use crate::common::replay::{memory_of, transcript};
+use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
+use mesa_hal::discovery::{
+    DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
+    discover_port,
+};
+use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::sim::remote::{FixedData, Remote};
+use mesa_hal::sim::{SimFpga, gtag, machines};
+use mesa_hal::sslbp::{
+    AccessError, AccessSize, Channel, ChannelMask, ChannelStart, Layout, Port, PortError,
+    PortState, PortWords, ProcessDataSizes, StartFailureReason, StartMode,
+};
+use proptest::prelude::*;
+use std::{collections::BTreeMap, time::Duration};
+
+const ZERO: Channel = Channel::ALL[0];
+const ONE: Channel = Channel::ALL[1];
+
+/// The 7I77 of transcript t03: four software modes, parameters in EEPROM.
+fn recorded_7i77() -> Remote<FixedData> {
+    let mut remote = Remote::model();
+    for line in transcript("t03_setup_one.txt").lines() {
+        if let Some((_, settings)) = line.split_once("sim remote0 ") {
+            remote.apply(settings).unwrap();
+        }
+    }
+    remote
+}
+
+fn model(settings: &str) -> Remote<FixedData> {
+    let mut remote = Remote::model();
+    remote.apply(settings).unwrap();
+    remote
+}
+
+/// A 7I92 with a 7I77, the recorded 7I77 on channel 0, and its port after a reset.
+fn machine() -> (SimFpga, Port) {
+    let mut fpga = machines::i7i92_7i77();
+    fpga.plug(0, 0, Some(Box::new(recorded_7i77())));
+    let port = reset_port(&mut fpga);
+    (fpga, port)
+}
+
+fn reset_port(fpga: &mut SimFpga) -> Port {
+    set_up_pins(fpga);
+    let hostmot2 = HostMot2::identify(fpga).unwrap();
+    let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
+    port.reset(fpga).unwrap();
+    port
+}
+
+fn remote(fpga: &mut SimFpga) -> &mut Remote<FixedData> {
+    fpga.device_mut(0, 0).unwrap()
+}
+
+fn start(channel: Channel, mode: u8) -> ChannelStart {
+    ChannelStart::new(channel).with_software_mode(mode)
+}
+
+/// A recorded memory image, without a port around it.
+struct Image(BTreeMap<u16, u8>);
+
+impl RemoteMemory for Image {
+    type Error = std::convert::Infallible;
+
+    fn read(&mut self, address: u16, size: AccessSize) -> Result<u64, Self::Error> {
+        Ok((0..size.bytes()).fold(0, |value, n| {
+            let byte = self.0.get(&(address + u16::from(n))).copied().unwrap_or(0);
+            value | u64::from(byte) << (8 * n)
+        }))
+    }
+}
+
+#[test]
+fn every_machine_has_a_port_that_resets() {
+    for mut fpga in [
+        machines::i7i92_7i77(),
+        machines::i5i25_7i77(),
+        machines::i7i97(1),
+        machines::i7i97(8),
+    ] {
+        let mut port = reset_port(&mut fpga);
+        assert_eq!(port.state(), PortState::Stopped);
+        let parameters = *port.parameters().unwrap();
+        assert_eq!(parameters.channels, port.layout().channels());
+        assert_eq!(parameters.clock_hz, fpga.firmware().clock(1));
+        port.stop_all(&mut fpga).unwrap();
+    }
+}
+
+/// A network that delivers every START twice, the second while the first is under way.
+struct StartsTwice(SimFpga);
+
+impl RegisterBus for StartsTwice {
+    type Error = <SimFpga as RegisterBus>::Error;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        let mut again = words.to_vec();
+        self.0.exchange(accesses, words)?;
+        let is_start = again
+            .last()
+            .is_some_and(|command| matches!(command >> 8, 0x0F | 0x09));
+        if is_start && accesses.iter().all(|a| a.direction == Direction::Write) {
+            self.0.wait(Duration::from_micros(300));
+            self.0.exchange(accesses, &mut again)?;
+        }
+        Ok(())
+    }
+
+    fn now(&mut self) -> Instant {
+        RegisterBus::now(&mut self.0)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.0.wait(duration);
+    }
+}
+
+#[test]
+fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
+    let (fpga, mut port) = machine();
+    let mut bus = StartsTwice(fpga);
+    for mode in [StartMode::Setup, StartMode::Normal] {
+        port.stop_all(&mut bus).unwrap();
+        let report = port.start(&mut bus, mode, &[start(ZERO, 1)]).unwrap();
+        let failures: Vec<_> = report.failures().collect();
+        assert!(failures.is_empty(), "{mode:?}: {failures:?}");
+    }
+    let report = port.stop_all(&mut bus).and_then(|()| {
+        port.start(
+            &mut bus,
+            StartMode::Normal,
+            &[start(ZERO, 0), start(ONE, 0)],
+        )
+    });
+    let absent: Vec<_> = report.unwrap().failures().map(|f| f.channel).collect();
+    assert_eq!(absent, [ONE], "what is absent still fails");
+}
+
+/// Wherever in the firmware's loop a command is written, it completes.
+#[test]
+fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
+    let (mut fpga, mut port) = machine();
+    for pause in 0..2_000 {
+        fpga.wait(Duration::from_nanos(1_000 + 7 * pause));
+        let address = mesa_hal::sslbp::LocalAddress::MINOR;
+        assert_eq!(
+            port.local_read(&mut fpga, address),
+            Ok(0x2B),
+            "after {pause}"
+        );
+    }
+}
+
+/// Manual: 7I77, "DISCOVERY SEQUENCE"; the memory of transcript t03 in all four modes.
+#[test]
+fn discovery_over_the_wire_is_the_same_as_from_the_image() {
+    let (mut fpga, mut port) = machine();
+    let limits = DiscoveryLimits::default();
+    for mode in 0..4 {
+        let before = fpga.counters();
+        let inventory = discover_port(&mut port, &mut fpga, &[start(ZERO, mode)], limits).unwrap();
+        let found = inventory.on(ZERO).unwrap();
+        let identity = RemoteIdentity::new(&found.remote, port.layout());
+        let mut image = Image(memory_of(&transcript("t03_setup_one.txt"), "remote0"));
+        let expected = discover(&mut image, &identity, limits);
+        assert_eq!(found.discovered.descriptor, expected.descriptor);
+        assert_eq!(found.discovered.problems, []);
+        assert_eq!(found.discovered.accesses, expected.accesses);
+        let after = fpga.counters();
+        println!(
+            "mode {mode}: {} accesses to the remote, {} register reads and {} writes in all",
+            found.discovered.accesses,
+            after.reads - before.reads,
+            after.writes - before.writes,
+        );
+    }
+}
+
+#[test]
+fn what_is_absent_or_broken_does_not_hide_the_others() {
+    let (mut fpga, mut port) = machine();
+    fpga.plug(
+        0,
+        2,
+        Some(Box::new(model("present=1 name=NONE unit=3 cookie=0xA5"))),
+    );
+    let starts = [0, 1, 2].map(|n| start(Channel::ALL[n], 0));
+    let limits = DiscoveryLimits::default();
+    let inventory = discover_port(&mut port, &mut fpga, &starts, limits).unwrap();
+    assert_eq!(inventory.remotes.len(), 1);
+    let reasons: Vec<_> = inventory
+        .failures
+        .iter()
+        .map(|failure| (failure.channel, failure.reason))
+        .collect();
+    assert_eq!(
+        reasons,
+        [
+            (ONE, StartFailureReason::NoReply),
+            (Channel::ALL[2], StartFailureReason::WrongCookie),
+        ]
+    );
+}
+
+/// A reply that is lost costs time and nothing else; one that never comes ends the walk.
+#[test]
+fn lost_replies_during_discovery_are_asked_for_again() {
+    let (mut fpga, mut port) = machine();
+    port.stop_all(&mut fpga).unwrap();
+    let report = port
+        .start(&mut fpga, StartMode::Setup, &[start(ZERO, 1)])
+        .unwrap();
+    let identity = RemoteIdentity::new(report.remotes().next().unwrap(), port.layout());
+    let limits = DiscoveryLimits::default();
+    for fault in ["drop=1", "badcrc=1", "extra=1", "short=1"] {
+        remote(&mut fpga).apply(fault).unwrap();
+        let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+        let found = discover(&mut memory, &identity, limits);
+        assert_eq!(found.problems, [], "{fault}");
+        assert_eq!(found.descriptor.process_data.len(), 6, "{fault}");
+    }
+    remote(&mut fpga).apply("drop=100000").unwrap();
+    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    let found = discover(&mut memory, &identity, limits);
+    assert!(matches!(
+        found.problems[0].kind,
+        ProblemKind::ReadFailed { address: 0x5C0 }
+    ));
+    let Some(PortError::Access { error, .. }) = found.read_error else {
+        panic!(
+            "expected the access that failed, got {:?}",
+            found.read_error
+        );
+    };
+    assert!(matches!(error, AccessError::Failed { channel: ZERO, .. }));
+}
+
+/// FACTS 6.3, 8.2: a parameter by name, kept over a power cycle.
+#[test]
+fn a_nonvolatile_parameter_survives_a_power_cycle() {
+    let (mut fpga, mut port) = machine();
+    let limits = DiscoveryLimits::default();
+    let discover = |port: &mut Port, fpga: &mut SimFpga| {
+        let inventory = discover_port(port, fpga, &[start(ZERO, 0)], limits).unwrap();
+        inventory.on(ZERO).unwrap().discovered.descriptor.clone()
+    };
+    let descriptor = discover(&mut port, &mut fpga);
+    let watchdog = descriptor.parameter("NVWatchDogTime").unwrap();
+    let read = |port: &mut Port, fpga: &mut SimFpga| {
+        let mut memory = PortMemory::new(port, fpga, ZERO);
+        watchdog.read_parameter(&mut memory).unwrap()
+    };
+    assert_eq!(read(&mut port, &mut fpga).raw, 50);
+    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    watchdog.write_parameter(&mut memory, 120.0).unwrap();
+    assert_eq!(read(&mut port, &mut fpga).raw, 120);
+
+    let now = fpga.now();
+    remote(&mut fpga).set_power(now, false);
+    fpga.wait(Duration::from_millis(500));
+    let now = fpga.now();
+    remote(&mut fpga).set_power(now, true);
+    fpga.wait(Duration::from_millis(500));
+    discover(&mut port, &mut fpga);
+    assert_eq!(read(&mut port, &mut fpga).raw, 120);
+
+    let unit = descriptor.parameter("UnitNumber").unwrap();
+    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    assert_eq!(unit.read_parameter(&mut memory).unwrap().raw, 0x77AA);
+    assert!(unit.write_parameter(&mut memory, 1.0).is_err());
+}
+
+/// A remote that dies in the middle of a non-volatile access: the error says that the selection
+/// could not be taken back.
+#[test]
+fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
+    let (mut fpga, mut port) = machine();
+    port.start(&mut fpga, StartMode::Setup, &[start(ZERO, 0)])
+        .unwrap();
+    remote(&mut fpga).apply("drop=100000").unwrap();
+    let memory = mesa_hal::sslbp::NonvolatileMemory::Eeprom;
+    let result = port.nonvolatile_read(&mut fpga, ZERO, memory, 0x24, AccessSize::Word);
+    assert!(matches!(
+        result,
+        Err(PortError::Access {
+            error: AccessError::LeftNonvolatile { channel: ZERO, .. },
+            ..
+        })
+    ));
+}
+
+#[test]
+fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
+    let (mut fpga, mut port) = machine();
+    fpga.plug(
+        0,
+        1,
+        Some(Box::new(model("present=1 name=7I72 unit=2 mode0=7,6,0,0"))),
+    );
+    let starts = [start(ZERO, 1), start(ONE, 0)];
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let both = report.started();
+    assert_eq!(both.bits(), 3);
+    let mut outputs = PortWords::default();
+    outputs.set(ZERO, &[0xBEEF]);
+    outputs.set(ONE, &[0x0403_0201, 0x0605]);
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..2],
+        [0x4433_2211, 0x8877_6655]
+    );
+    let sent = |fpga: &SimFpga, channel| {
+        let device = fpga.device::<Remote<FixedData>>(0, channel).unwrap();
+        device.application().outputs().to_vec()
+    };
+    assert_eq!(sent(&fpga, 0), [0xEF, 0xBE]);
+    assert_eq!(sent(&fpga, 1), [1, 2, 3, 4, 5, 6]);
+
+    remote(&mut fpga).apply("drop=1").unwrap();
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ZERO.mask());
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(port.error_counters(&mut fpga, ZERO).unwrap().timeout, 1);
+
+    port.stop(&mut fpga, ZERO.mask()).unwrap();
+    port.transfer(&mut fpga, ONE.mask(), &outputs).unwrap();
+    port.start(&mut fpga, StartMode::Normal, &[start(ZERO, 1)])
+        .unwrap();
+    let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+}
+
+/// FACTS 4.7: no discovery in the remote, a table in this crate.
+#[test]
+fn a_7i64_is_discovered_by_its_name_and_exchanges_data() {
+    let (mut fpga, mut port) = machine();
+    let settings = "present=1 name=7I64 unit=0x64 mode0=8,4,0,0 fault=0 in=010200A0A1A2A3 wd=0";
+    fpga.plug(0, 0, Some(Box::new(model(settings))));
+    let starts = [start(ZERO, 0)];
+    let limits = DiscoveryLimits::default();
+    let inventory = discover_port(&mut port, &mut fpga, &starts, limits).unwrap();
+    let found = &inventory.on(ZERO).unwrap().discovered;
+    assert_eq!(
+        (found.problems.as_slice(), found.source),
+        (&[][..], Source::BuiltIn)
+    );
+    assert_eq!(found.descriptor.process_data.len(), 6);
+    port.stop_all(&mut fpga).unwrap();
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let sizes = report.remotes().next().unwrap().sizes;
+    assert_eq!(sizes, ProcessDataSizes { rx: 8, tx: 4 });
+    let transfer = port
+        .transfer(&mut fpga, ZERO.mask(), &PortWords::default())
+        .unwrap();
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..2],
+        [0x0002_0100, 0xA3A2_A1A0]
+    );
+}
+
+/// FACTS 2.1: GTAG C6 has seven interface registers.
+#[test]
+fn the_wide_layout_moves_more_than_96_bits() {
+    let mut firmware = machines::firmware_7i92_7i77();
+    for module in &mut firmware.modules {
+        if module.gtag == gtag::SSERIAL {
+            module.gtag = gtag::SSERIAL_B;
+            module.registers = 10;
+            module.multiple = 0x3FC;
+        }
+    }
+    for pin in &mut firmware.pins {
+        if pin.secondary == gtag::SSERIAL {
+            pin.secondary = gtag::SSERIAL_B;
+        }
+    }
+    let mut fpga = SimFpga::new(firmware);
+    let settings = "present=1 name=WIDE unit=5 mode0=15,14,0,0 in=0102030405060708090A0B0C0D0E";
+    fpga.plug(0, 0, Some(Box::new(model(settings))));
+    let mut port = reset_port(&mut fpga);
+    assert_eq!(port.layout().process_data_bits(), 224);
+    let report = port
+        .start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
+        .unwrap();
+    assert_eq!(report.started(), ZERO.mask());
+    let mut outputs = PortWords::default();
+    outputs.set(ZERO, &[0x1111_1111, 0x2222_2222, 0x3333_3333, 0x4444]);
+    let transfer = port.transfer(&mut fpga, ZERO.mask(), &outputs).unwrap();
+    assert_eq!(transfer.failed, ChannelMask::NONE);
+    assert_eq!(
+        transfer.inputs.channel(ZERO)[..4],
+        [0x0403_0201, 0x0807_0605, 0x0C0B_0A09, 0x0000_0E0D]
+    );
+    let sent = remote(&mut fpga).application().outputs();
+    assert_eq!(sent[10..], [0x33, 0x33, 0x44, 0x44]);
+}
+
+/// FACTS 5.6: 14/13 would start and never work; it is refused, and its line is quiet again.
+#[test]
+fn a_remote_with_too_much_data_is_refused_and_stopped() {
+    let (mut fpga, mut port) = machine();
+    fpga.plug(
+        0,
+        1,
+        Some(Box::new(model(
+            "present=1 name=BIG! unit=9 mode0=14,13,0,0",
+        ))),
+    );
+    let starts = [start(ZERO, 0), start(ONE, 0)];
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    assert_eq!(report.started(), ZERO.mask());
+    let failure = report.failures().next().unwrap();
+    assert_eq!(
+        failure.reason,
+        StartFailureReason::SizesTooLarge {
+            sizes: ProcessDataSizes { rx: 14, tx: 13 },
+            limit: ProcessDataSizes { rx: 13, tx: 12 },
+        }
+    );
+    let registers = port.snapshot(&mut fpga).unwrap();
+    assert!(registers.cs[1].is_stopped(), "{registers}");
+    // In setup mode its tables can be read all the same.
+    port.stop_all(&mut fpga).unwrap();
+    let report = port.start(&mut fpga, StartMode::Setup, &starts).unwrap();
+    assert_eq!(report.started().bits(), 3);
+}
+
+/// FACTS 3.1: whatever another program left behind.
+#[test]
+fn stop_all_frees_a_port_that_another_program_left_stuck() {
+    let (mut fpga, mut port) = machine();
+    port.start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
+        .unwrap();
+    let command = port.layout().command();
+    port.transfer(&mut fpga, ZERO.mask(), &PortWords::default())
+        .unwrap();
+    fpga.write(command, 0x1001).unwrap();
+    fpga.wait(Duration::from_micros(10));
+    fpga.write(command, 0x0800).unwrap();
+    fpga.wait(Duration::from_millis(5));
+    assert_eq!(fpga.read(command), Ok(0x0800), "it is stuck");
+    let mut other = Port::new(*port.layout());
+    other.identify(&mut fpga).unwrap_err();
+    other.stop_all(&mut fpga).unwrap();
+    other.identify(&mut fpga).unwrap();
+    assert_eq!(other.state(), PortState::Stopped);
+}
+
+/// One step of a program that knows nothing of the rules.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    Command(u32),
+    Data(u32),
+    Channel(u8, u8, u32),
+    Wait(u32),
+}
+
+fn any_step() -> impl Strategy<Value = Step> {
+    let command = prop_oneof![
+        Just(0x0800u32),
+        Just(0x0801),
+        Just(0x0907),
+        Just(0x0F07),
+        Just(0x1007),
+        Just(0x4000),
+        Just(0x0001),
+        (0u32..0x1000).prop_map(|address| 0x2000 | address),
+        any::<u16>().prop_map(u32::from),
+        any::<u32>(),
+    ];
+    prop_oneof![
+        4 => command.prop_map(Step::Command),
+        1 => any::<u32>().prop_map(Step::Data),
+        2 => (0u8..3, 0u8..4, any::<u32>()).prop_map(|(c, r, v)| Step::Channel(c, r, v)),
+        3 => (0u32..200_000).prop_map(Step::Wait),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// The driver's operations end within bounds whatever was done to the port before, and a reset
+    /// always brings it back.
+    #[test]
+    fn no_sequence_of_commands_hangs_the_driver(
+        steps in proptest::collection::vec(any_step(), 0..24),
+    ) {
+        let (mut fpga, mut port) = machine();
+        let layout = *port.layout();
+        for step in steps {
+            match step {
+                Step::Command(word) => fpga.write(layout.command(), word).unwrap(),
+                Step::Data(word) => fpga.write(layout.data(), word).unwrap(),
+                Step::Channel(channel, register, word) => {
+                    let registers = layout.channel(Channel::ALL[usize::from(channel)]).unwrap();
+                    let address = match register {
+                        0 => registers.cs(),
+                        n => registers.interface(n - 1).unwrap(),
+                    };
+                    fpga.write(address, word).unwrap();
+                }
+                Step::Wait(nanos) => fpga.wait(Duration::from_nanos(nanos.into())),
+            }
+        }
+        let begin = fpga.now();
+        let _ = port.stop_all(&mut fpga);
+        port.reset(&mut fpga).unwrap();
+        let report = port
+            .start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
+            .unwrap();
+        prop_assert_eq!(report.started(), ZERO.mask());
+        port.transfer(&mut fpga, ZERO.mask(), &PortWords::default()).unwrap();
+        let took = Duration::from_nanos(fpga.now() - begin);
+        prop_assert!(took < Duration::from_secs(2), "took {:?}", took);
+    }
+}

@@ -1,0 +1,10 @@
+//! The simulator by itself: modules, remotes, machines, and that nothing written to it stops it.
+
+mod arbitrary_accesses;
+#[path = "../common/mod.rs"]
+mod common;
+mod identity;
+mod machine;
+mod modules;
+mod remotes;
+mod six_axes;

@@ -1,0 +1,171 @@
+//! The complete machines with real devices on their serial lines, register by register.
+
+use std::time::{Duration, Instant};
+
+use crate::common::fpga::set_up_pins;
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World};
+use mesa_hal::sim::remote::Remote;
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+
+const MS: u64 = 1_000_000;
+
+const COMMAND: u16 = 0x5A00;
+const DATA: u16 = 0x5B00;
+const CS: u16 = 0x5C00;
+const INTERFACE: u16 = 0x5D00;
+
+fn command(fpga: &mut SimFpga, command: u32) -> u32 {
+    fpga.write(COMMAND, command).expect("write");
+    for _ in 0..200_000 {
+        if fpga.read(COMMAND).expect("read") == 0 {
+            return fpga.read(DATA).expect("read") & 0xFF;
+        }
+    }
+    panic!("COMMAND {command:#06x} never cleared");
+}
+
+fn interface(channel: u16, n: u16) -> u16 {
+    INTERFACE + 0x100 * n + 4 * channel
+}
+
+/// Everything set up and all three remotes running; the field I/O in `mode`.
+fn start(mut fpga: SimFpga, mode: u32) -> SimFpga {
+    set_up_pins(&mut fpga);
+    fpga.wait(Duration::from_millis(1));
+    fpga.write(CS, mode << 24).expect("write");
+    assert_eq!(command(&mut fpga, 0x0907), 0, "normal START");
+    let names: Vec<[u8; 4]> = (0..3)
+        .map(|channel| {
+            fpga.read(interface(channel, 1))
+                .expect("read")
+                .to_le_bytes()
+        })
+        .collect();
+    assert_eq!(names, [*b"7I77", *b"7I77", *b"7I72"]);
+    let kinds: Vec<u32> = (0..2)
+        .map(|channel| fpga.read(interface(channel, 0)).expect("read") >> 24)
+        .collect();
+    assert_eq!(kinds, [0x12, 0x11], "field I/O, analog");
+    fpga
+}
+
+/// Output words of the analog section for one voltage on all six outputs.
+fn analog_words(volts: f64) -> [u32; 3] {
+    let raw = (volts / 10.0 * 4096.0) as i16 & 0x1FFF;
+    let word = (0..6).fold(3u128 << 78, |word, n| word | (raw as u128) << (13 * n));
+    [word as u32, (word >> 32) as u32, (word >> 64) as u32]
+}
+
+fn set_analog(fpga: &mut SimFpga, volts: f64) {
+    for (n, word) in (0..).zip(analog_words(volts)) {
+        fpga.write(interface(1, n), word).expect("write");
+    }
+}
+
+#[test]
+fn field_io_and_7i72_follow_the_registers_and_the_world() {
+    for fpga in [
+        machines::six_axes_7i92(MotorConfig::default()),
+        machines::six_axes_5i25(MotorConfig::default()),
+        machines::six_axes_7i97(MotorConfig::default()),
+    ] {
+        let mut fpga = start(fpga, 0);
+        let field = fpga
+            .device_mut::<Remote<Device<FieldIo>>>(0, 0)
+            .expect("field I/O");
+        let world = field.application_mut().world_mut();
+        world.set_input(7, true).expect("input 7");
+        world.set_input(31, true).expect("input 31");
+        fpga.write(interface(0, 0), 0x8001).expect("write");
+        fpga.write(interface(2, 0), 1 << 5).expect("write");
+        fpga.write(interface(2, 1), 1 << 15).expect("write");
+        assert_eq!(command(&mut fpga, 0x1007), 0);
+        let inputs = fpga.read(interface(0, 0)).expect("read");
+        assert_eq!(inputs, 1 << 31 | 1 << 7);
+        let field = fpga
+            .device::<Remote<Device<FieldIo>>>(0, 0)
+            .expect("field I/O");
+        let on: Vec<usize> = (0..16)
+            .filter(|&n| field.application().world().output(n) == Some(true))
+            .collect();
+        assert_eq!(on, [0, 15]);
+        let outputs = fpga
+            .device::<Remote<Device<Outputs48>>>(0, 2)
+            .expect("7I72");
+        let on: Vec<usize> = (0..48)
+            .filter(|&n| outputs.application().world().output(n) == Some(true))
+            .collect();
+        assert_eq!(on, [5, 47]);
+    }
+}
+
+#[test]
+fn analog_outputs_of_a_7i77_drive_the_motors() {
+    let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 0);
+    for _ in 0..100 {
+        set_analog(&mut fpga, 2.5);
+        assert_eq!(command(&mut fpga, 0x1007), 0);
+        fpga.wait(Duration::from_micros(800));
+    }
+    let analog = fpga.device::<Remote<Device<Analog>>>(0, 1).expect("analog");
+    assert_eq!(analog.application().world().volts(3), Some(2.5));
+    for axis in 0..6u16 {
+        let motor = fpga.motor(axis.into()).expect("axis");
+        assert!((motor.velocity() - 25.0).abs() < 0.01);
+        let counts = motor.counts().floor() as i64 as u16;
+        assert_eq!(fpga.read_register(0x3500 + 4 * axis) as u16, counts);
+    }
+    // SPINENA alone: only the last motor goes on.
+    fpga.write(interface(1, 2), analog_words(2.5)[2] & !(1 << 14))
+        .expect("write");
+    for _ in 0..100 {
+        assert_eq!(command(&mut fpga, 0x1007), 0);
+        fpga.wait(Duration::from_micros(800));
+    }
+    let speeds: Vec<f64> = (0..6)
+        .map(|axis| fpga.motor(axis).expect("axis").velocity())
+        .collect();
+    assert!(
+        speeds[..5].iter().all(|speed| speed.abs() < 1e-3),
+        "{speeds:?}"
+    );
+    assert!((speeds[5] - 25.0).abs() < 0.01);
+}
+
+/// The cycle at 1 kHz, an outer loop closed on the encoders. Hands back the trace of counts.
+fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
+    let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 3);
+    let begin = fpga.now();
+    let mut trace = Vec::new();
+    let mut total = [0i64; 6];
+    for n in 0..(seconds * 1000.0) as u64 {
+        let mut words = [0; 6];
+        fpga.read_block(0x3500, &mut words).expect("encoders");
+        for (total, word) in total.iter_mut().zip(words) {
+            let step = (word as u16).wrapping_sub(*total as u16) as i16;
+            *total += i64::from(step);
+            trace.push(word as u16);
+        }
+        let target = 20.0 * (n as f64 * 0.004).sin();
+        let volts = (target - total[0] as f64 / 1000.0).clamp(-9.9, 9.9);
+        set_analog(&mut fpga, volts);
+        assert_eq!(command(&mut fpga, 0x1007), 0, "cycle {n}");
+        fpga.advance_to(begin + (n + 1) * MS);
+    }
+    (trace, fpga)
+}
+
+#[test]
+fn a_servo_second_is_deterministic_and_fast() {
+    let begin = Instant::now();
+    let (first, mut fpga) = servo(1.0);
+    let host = begin.elapsed();
+    let accesses = fpga.counters().reads + fpga.counters().writes;
+    println!("1 s of virtual time, {accesses} accesses: {host:?}");
+    assert!(host < Duration::from_secs(3), "{host:?}");
+    let travelled = fpga.motor(0).expect("axis").position();
+    assert!(travelled.abs() > 1.0, "{travelled}");
+    let (second, _) = servo(1.0);
+    assert_eq!(first, second);
+}
