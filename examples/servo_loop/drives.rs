@@ -23,7 +23,7 @@ impl Drives {
     pub fn find<B: World>(driver: &Driver<Timed<B>>) -> Result<Self, Failure> {
         if let Ok(card) = I7i97::of(driver.fpga_pins(), driver.firmware()) {
             return Ok(Self {
-                volts: card.analog_out.map(|output| output.value),
+                volts: card.analog_out.map(|output| output.volts),
                 enables: card.analog_out.map(|output| output.enable).to_vec(),
                 name: "the analog outputs of the 7I97",
                 needs_field_io: false,
@@ -33,7 +33,7 @@ impl Drives {
         let remote = remote.ok_or("channel 1: the analog part of a 7I77 is missing, see above")?;
         let analog = I7i77Analog::new(driver.pins(), remote.pins())?;
         Ok(Self {
-            volts: analog.analog_out.map(|output| output.pin),
+            volts: analog.analog_out.map(|output| output.volts),
             enables: vec![analog.analogena.pin, analog.spinena.pin],
             name: "the analog outputs of the 7I77",
             needs_field_io: true,

@@ -6,11 +6,9 @@
 use alloc::format;
 
 use super::table::terminals;
-use super::{
-    BoardError, BoolOutput, ElementTable, RemotePins, RemoteTable, ScaledInput, Terminal, handles,
-};
+use super::{BoardError, ElementTable, RemotePins, RemoteTable, Terminal, handles};
 use crate::discovery::DataDirection;
-use crate::hal::Pins;
+use crate::hal::{AnalogIn, DigitalOut, Pins};
 
 /// 48 outputs; mode 1 adds the field voltage, whose scale is not confirmed: the remote's own
 /// description counts.
@@ -81,9 +79,9 @@ const OUTPUTS: &[Terminal] = terminals![
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i72 {
     /// OUTPUT0 to OUTPUT47.
-    pub outputs: [BoolOutput; 48],
+    pub outputs: [DigitalOut; 48],
     /// The field voltage, in mode 1.
-    pub field_voltage: Option<ScaledInput>,
+    pub field_voltage: Option<AnalogIn>,
 }
 
 impl I7i72 {
@@ -94,8 +92,8 @@ impl I7i72 {
     pub fn new(pins: &Pins, remote: &RemotePins) -> Result<Self, BoardError> {
         let prefix = remote.prefix();
         Ok(Self {
-            outputs: handles(|n| BoolOutput::find(pins, &format!("{prefix}.output-{n:02}")))?,
-            field_voltage: ScaledInput::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
+            outputs: handles(|n| DigitalOut::find(pins, &format!("{prefix}.output-{n:02}")))?,
+            field_voltage: AnalogIn::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
         })
     }
 }

@@ -9,14 +9,12 @@
 use alloc::format;
 
 use super::fpga::EncoderPins;
-use super::remote::CounterHandles;
 use super::table::terminals;
 use super::{
-    BoardError, BoolOutput, CardTable, ElementTable, InputPair, RemotePins, RemoteTable,
-    ScaledInput, ScaledOutput, Terminal, Terminals, handles,
+    BoardError, CardTable, ElementTable, RemotePins, RemoteTable, Terminal, Terminals, handles,
 };
 use crate::discovery::DataDirection;
-use crate::hal::{GroupId, PinStore, Pins};
+use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, GroupId, PinStore, Pins};
 use crate::hostmot2::{Gtag, HostMot2};
 
 /// How the field outputs switch.
@@ -195,15 +193,15 @@ const SPINDLE_ENABLE: &[Terminal] = terminals!["TB5 pin 21" "ENA5-", "TB5 pin 22
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Field {
     /// INPUT0 to INPUT31.
-    pub inputs: [InputPair; 32],
+    pub inputs: [DigitalIn; 32],
     /// OUTPUT0 to OUTPUT15.
-    pub outputs: [BoolOutput; 16],
+    pub outputs: [DigitalOut; 16],
     /// The voltages of INPUT0 to INPUT3, in modes 1 to 3.
-    pub analog_in: Option<[ScaledInput; 4]>,
+    pub analog_in: Option<[AnalogIn; 4]>,
     /// The field voltage, in modes 2 and 3.
-    pub field_voltage: Option<ScaledInput>,
+    pub field_voltage: Option<AnalogIn>,
     /// The MPGs on INPUT16/17 and INPUT18/19, in mode 3.
-    pub mpgs: Option<[CounterHandles; 2]>,
+    pub mpgs: Option<[Counter; 2]>,
     /// How the outputs switch.
     pub output_type: OutputType,
 }
@@ -221,13 +219,13 @@ impl I7i77Field {
     ) -> Result<Self, BoardError> {
         remote.require(&FIELD)?;
         let prefix = remote.prefix();
-        let analog = |n: usize| ScaledInput::find(pins, &format!("{prefix}.analogin{n}"));
-        let mpg = |n: usize| CounterHandles::find(pins, &format!("{prefix}.enc{n}"));
+        let analog = |n: usize| AnalogIn::find(pins, &format!("{prefix}.analogin{n}"));
+        let mpg = |n: usize| Counter::find(pins, &format!("{prefix}.enc{n}"));
         Ok(Self {
-            inputs: handles(|n| InputPair::find(pins, &format!("{prefix}.input-{n:02}")))?,
-            outputs: handles(|n| BoolOutput::find(pins, &format!("{prefix}.output-{n:02}")))?,
+            inputs: handles(|n| DigitalIn::find(pins, &format!("{prefix}.input-{n:02}")))?,
+            outputs: handles(|n| DigitalOut::find(pins, &format!("{prefix}.output-{n:02}")))?,
             analog_in: handles(analog).ok(),
-            field_voltage: ScaledInput::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
+            field_voltage: AnalogIn::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
             mpgs: handles(mpg).ok(),
             output_type,
         })
@@ -237,12 +235,12 @@ impl I7i77Field {
 /// The pins of the analog part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Analog {
-    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10.
-    pub analog_out: [ScaledOutput; 6],
+    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. The first five share their enable.
+    pub analog_out: [AnalogOut; 6],
     /// ENA0 to ENA4, switched together.
-    pub analogena: BoolOutput,
+    pub analogena: DigitalOut,
     /// ENA5.
-    pub spinena: BoolOutput,
+    pub spinena: DigitalOut,
 }
 
 impl I7i77Analog {
@@ -254,10 +252,15 @@ impl I7i77Analog {
     pub fn new(pins: &Pins, remote: &RemotePins) -> Result<Self, BoardError> {
         remote.require(&ANALOG)?;
         let prefix = remote.prefix();
+        let analog = |n: usize| {
+            let enable = if n < 5 { "analogena" } else { "spinena" };
+            let name = format!("{prefix}.analogout{n}");
+            AnalogOut::find(pins, &name, &format!("{prefix}.{enable}"))
+        };
         Ok(Self {
-            analog_out: handles(|n| ScaledOutput::find(pins, &format!("{prefix}.analogout{n}")))?,
-            analogena: BoolOutput::find(pins, &format!("{prefix}.analogena"))?,
-            spinena: BoolOutput::find(pins, &format!("{prefix}.spinena"))?,
+            analog_out: handles(analog)?,
+            analogena: DigitalOut::find(pins, &format!("{prefix}.analogena"))?,
+            spinena: DigitalOut::find(pins, &format!("{prefix}.spinena"))?,
         })
     }
 }

@@ -14,7 +14,7 @@ use super::fpga::{
 };
 use super::table::terminals;
 use super::{BoardError, BoardTable, FlashLayout, ModuleTerminals, PwmTable, Terminal, Terminals};
-use crate::hal::{GroupId, Output, PinStore};
+use crate::hal::{AnalogOut, GroupId, Output, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, LocateError, PinDescriptor, TickRate};
 
 /// The 7I97.
@@ -274,7 +274,7 @@ pub struct I7i97 {
     pub pwm_bank: PwmBankPins,
     /// AOUT0 to AOUT5, in volts. Each has 0 V while its own `enable` is false; AOUT0 to AOUT3 also
     /// while [`enable_0_to_3`](Self::enable_0_to_3) is.
-    pub analog_out: [PwmPins; 6],
+    pub analog_out: [AnalogOut; 6],
     /// The switches ENA0 to ENA3, which are one output of the FPGA. It follows generator 0: this is
     /// the `enable` of AOUT0. Those of AOUT1 to AOUT3 have no switch, they only make 0 V.
     pub enable_0_to_3: Output<bool>,
@@ -309,8 +309,9 @@ impl I7i97 {
             });
         }
         let encoders = all_of(&made.encoders, Gtag::MUXED_ENCODER, firmware)?;
-        let analog_out: [PwmPins; 6] = all_of(&made.pwm, Gtag::PWM, firmware)?;
-        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|pwm| pwm.enable);
+        let pwm: [PwmPins; 6] = all_of(&made.pwm, Gtag::PWM, firmware)?;
+        let analog_out = pwm.map(PwmPins::analog_out);
+        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|output| output.enable);
         let (gtag, made_inputs) = match input_module(firmware) {
             Gtag::IN_M => (Gtag::IN_M, &made.in_m),
             usual => (usual, &made.in_mux),
@@ -361,11 +362,11 @@ impl I7i97 {
         for (n, (encoder, at)) in encoders.iter_mut().zip(ENCODER_TERMINALS).enumerate() {
             *encoder = EncoderPins::new(pins, group, board, n, at)?;
         }
-        let mut analog_out = [PwmPins::default(); 6];
-        for (n, pwm) in analog_out.iter_mut().enumerate() {
-            *pwm = PwmPins::new(pins, group, board, n, analog_use(n))?;
+        let mut analog_out = [AnalogOut::default(); 6];
+        for (n, output) in analog_out.iter_mut().enumerate() {
+            *output = PwmPins::new(pins, group, board, n, analog_use(n))?.analog_out();
         }
-        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|pwm| pwm.enable);
+        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|output| output.enable);
         Ok(Self {
             watchdog: WatchdogPins::new(pins, group, board)?,
             ethernet: EthernetPins::new(pins, group, board)?,

@@ -20,14 +20,12 @@ mod terminals;
 pub use board_table::{BoardTable, CardTable, ModuleTerminals, PwmTable};
 pub use error::BoardError;
 pub use flash::FlashLayout;
-pub use handles::{BoolOutput, InputPair, ScaledInput, ScaledOutput};
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field, OutputType};
 pub use i7i97::I7i97;
 pub use identity::{Difference, IdentityError};
 pub use remote::{
-    CounterHandles, CounterPins, ParameterHandle, ParameterValueError, RemoteLocation,
-    RemoteParameter, RemotePins,
+    CounterPins, ParameterHandle, ParameterValueError, RemoteLocation, RemoteParameter, RemotePins,
 };
 pub use table::{ElementTable, RemoteTable, Terminal};
 pub use terminals::{Place, Terminals};

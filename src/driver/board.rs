@@ -66,11 +66,11 @@ impl Board {
     ) -> Result<Self, PinError> {
         let timeout_ns = u32::try_from(timeout.as_nanos()).unwrap_or(u32::MAX);
         let watchdog_pins = WatchdogPins::new(pins, group, name)?;
-        pins.publish_param(watchdog_pins.timeout_ns, timeout_ns);
+        pins.publish(watchdog_pins.timeout_ns, timeout_ns);
         let bus = EthernetPins::new(pins, group, name)?;
         let limit = pins.param(bus.packet_error_increment);
         let limit = limit.saturating_mul(i32::try_from(error_limit).unwrap_or(i32::MAX));
-        pins.publish_param(bus.packet_error_limit, limit);
+        pins.publish(bus.packet_error_limit, limit);
         let lost_writes = Spec::new(format!("{name}.lost-writes"));
         let lost_writes = pins.add_input(group, lost_writes)?;
         Ok(Self {
@@ -207,7 +207,7 @@ impl Board {
         if failed {
             // From what the application may have set it to.
             let total = pins.read(of.packet_error_total).value;
-            pins.publish_inout(of.packet_error_total, total.saturating_add(1));
+            pins.publish(of.packet_error_total, total.saturating_add(1));
         }
         let exceeded = self.error_level == limit;
         pins.publish(of.packet_error, failed);
@@ -234,8 +234,8 @@ impl Board {
         if self.is_shown != Some(self.state) {
             // Once, so that it stays cleared when the application clears it to go on.
             self.is_shown = Some(self.state);
-            pins.publish_inout(of.watchdog.has_bit, bitten);
-            pins.publish_param(of.bus.io_error, io_error);
+            pins.publish(of.watchdog.has_bit, bitten);
+            pins.publish(of.bus.io_error, io_error);
         }
         pins.publish(of.lost_writes, count(statistics.lost_writes));
         pins.group_good(self.group);

@@ -3,7 +3,7 @@
 use super::handle::{Key, sealed::Keyed};
 use super::rule::{NONE, Rule};
 use super::{
-    GroupId, InOut, Input, OutOfRange, Output, Param, PinStore, Rejection, Rejections, Value,
+    GroupId, Input, OutOfRange, PinStore, Publishable, Rejection, Rejections, Settable, Value,
 };
 use crate::bus::Instant;
 
@@ -15,12 +15,24 @@ impl PinStore {
         self.now = now;
     }
 
-    /// Gives an input its value. It becomes valid with its group.
+    /// Gives an input its value, a pin that both sides set, or a parameter (a property, or what was
+    /// read from a remote). A pin becomes valid with its group.
     ///
     /// A value that is not finite is not published: the pin keeps its last value, is not valid,
     /// and the value is counted.
-    pub fn publish<T: Value>(&mut self, pin: Input<T>, value: T) {
-        self.publish_key(pin.key, value);
+    pub fn publish<P: Publishable>(&mut self, pin: P, value: P::Value) {
+        let key = pin.key();
+        let Some(slot) = self.slot_mut(key) else {
+            return self.count_foreign();
+        };
+        slot.bad = !value.is_finite();
+        if slot.bad {
+            return self.reject(key, Rejection::NotFinite);
+        }
+        let bits = value.to_bits();
+        if core::mem::replace(&mut slot.bits, bits) != bits && P::IS_SHARED {
+            self.changed(key);
+        }
     }
 
     /// Takes the value of an input back: it is not valid until it is published again, whatever its
@@ -29,21 +41,6 @@ impl PinStore {
         match self.slot_mut(pin.key) {
             Some(slot) => slot.bad = true,
             None => self.count_foreign(),
-        }
-    }
-
-    /// Gives a pin that both sides set its value.
-    pub fn publish_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
-        self.publish_shared(pin.key, value);
-    }
-
-    /// Changes a parameter from the driver's side: a property, or a setting read from a remote.
-    /// A value that is not finite changes nothing and is counted.
-    pub fn publish_param<T: Value>(&mut self, param: Param<T>, value: T) {
-        if value.is_finite() {
-            self.publish_shared(param.key, value);
-        } else {
-            self.reject(param.key, Rejection::NotFinite);
         }
     }
 
@@ -108,49 +105,14 @@ impl PinStore {
     ///
     /// Not finite: the safe value. Out of range: see [`OutOfRange`]. Both are counted, for the pin
     /// and in total, each time the driver takes such a value. Nothing ever wraps round.
-    pub fn fetch<T: Value>(&mut self, pin: Output<T>) -> T {
-        self.fetch_key(pin.key)
-    }
-
-    /// [`fetch`](Self::fetch) for a pin that both sides set.
-    pub fn fetch_inout<T: Value>(&mut self, pin: InOut<T>) -> T {
-        self.fetch_key(pin.key)
-    }
-
-    /// Counts a value that was refused further down, where it is scaled.
-    pub fn count_rejection(&mut self, pin: impl Keyed, rejection: Rejection) {
-        self.reject(pin.key(), rejection);
-    }
-
-    /// Publishes what outputs may depend on.
-    fn publish_shared<T: Value>(&mut self, key: Key, value: T) {
-        let bits = |pins: &Self| pins.slot(key).map(|(slot, _)| slot.bits);
-        let before = bits(self);
-        self.publish_key(key, value);
-        if bits(self) != before {
-            self.changed(key);
-        }
-    }
-
-    fn publish_key<T: Value>(&mut self, key: Key, value: T) {
-        let Some(slot) = self.slot_mut(key) else {
-            return self.count_foreign();
-        };
-        slot.bad = !value.is_finite();
-        if slot.bad {
-            self.reject(key, Rejection::NotFinite);
-        } else {
-            slot.bits = value.to_bits();
-        }
-    }
-
-    fn fetch_key<T: Value>(&mut self, key: Key) -> T {
+    pub fn fetch<P: Settable>(&mut self, pin: P) -> P::Value {
+        let key = pin.key();
         let Some((slot, group)) = self.slot(key) else {
             self.count_foreign();
-            return T::default();
+            return P::Value::default();
         };
         let follows = group.armed || slot.exempt;
-        let (set, invert) = (T::from_bits(slot.bits), slot.invert);
+        let (set, invert) = (P::Value::from_bits(slot.bits), slot.invert);
         let value = if follows && slot.is_free {
             set
         } else {
@@ -160,15 +122,29 @@ impl PinStore {
         if is_inverted { value.inverted() } else { value }
     }
 
+    /// Counts a value that was refused further down, where it is scaled.
+    pub fn count_rejection(&mut self, pin: impl Keyed, rejection: Rejection) {
+        self.reject(pin.key(), rejection);
+    }
+
     /// What an output is by its rule when it was set to `set`, and follows that or does not.
     fn ruled<T: Value>(&mut self, key: Key, set: T, follows: bool) -> T {
         let Some(rule) = self.index(key).and_then(|index| self.rules.get(index)) else {
             return T::default();
         };
-        if !follows {
-            return T::from_bits(rule.safe);
-        }
-        let (value, rejection) = self.sanitised(rule, set);
+        let (value, mut rejection) = if follows {
+            self.sanitised(rule, set)
+        } else {
+            (T::from_bits(rule.safe), None)
+        };
+        let value = match self.raw_param(rule.scale) {
+            Some(scale) => value.map_real(|value| {
+                let (value, refused) = on_wire(rule, f64::from_bits(scale), value);
+                rejection = rejection.or(refused);
+                value
+            }),
+            None => value,
+        };
         if let Some(rejection) = rejection {
             self.reject(key, rejection);
         }
@@ -231,6 +207,30 @@ impl PinStore {
         }
         // It is looked at, and counted, each time.
         self.changed(key);
+    }
+}
+
+/// A value in the units of the wire, where the application's full scale is `scale`.
+// The scale is compared with what it was made with: nothing was computed.
+#[allow(clippy::float_cmp)]
+fn on_wire(rule: &Rule, scale: f64, value: f64) -> (f64, Option<Rejection>) {
+    let (end, full) = rule.wire;
+    let (lowest, highest) = (end.min(full), end.max(full));
+    let value = if scale == full {
+        value
+    } else {
+        value / scale * full
+    };
+    if !value.is_finite() {
+        let safe = f64::from_bits(rule.safe).clamp(lowest, highest);
+        return (safe, Some(Rejection::NotFinite));
+    }
+    if value > highest {
+        (highest, Some(Rejection::OutOfRange))
+    } else if value < lowest {
+        (lowest, Some(Rejection::OutOfRange))
+    } else {
+        (value, None)
     }
 }
 

@@ -3,6 +3,8 @@
 use core::fmt;
 use core::marker::PhantomData;
 
+use super::Value;
+
 /// Where a pin or parameter is, and whose it is.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct Key {
@@ -94,7 +96,7 @@ handle! {
     /// A pin that the machine sets and the application reads.
     ///
     /// Writing it does not compile:
-    /// ```compile_fail,E0308
+    /// ```compile_fail,E0277
     /// use mesa_hal::hal::{Input, Pins};
     /// fn wrong(pins: &mut Pins, limit_switch: Input<bool>) {
     ///     pins.set(limit_switch, true);
@@ -134,14 +136,52 @@ handle! {
     Param
 }
 
-/// Handles that can be read: [`Input`] and [`InOut`].
-pub trait Readable<T>: sealed::Keyed {}
-impl<T> Readable<T> for Input<T> {}
-impl<T> Readable<T> for InOut<T> {}
+impl<T> InOut<T> {
+    /// The application's half of it: a handle that sets it and does not read it.
+    pub const fn as_output(self) -> Output<T> {
+        Output::new(self.key)
+    }
+}
+
+/// A handle, and the type of what it is a handle of.
+pub trait Handle: sealed::Keyed {
+    /// What the pin or parameter holds.
+    type Value: Value;
+}
+
+/// What an application reads: [`Input`] and [`InOut`].
+#[diagnostic::on_unimplemented(message = "{Self} is no pin that can be read")]
+pub trait Readable: Handle {}
+
+/// What an application sets: [`Output`] and [`InOut`].
+#[diagnostic::on_unimplemented(message = "{Self} is no pin that an application can set")]
+pub trait Settable: Handle {}
+
+/// What a driver gives values: [`Input`], [`InOut`] and [`Param`].
+#[diagnostic::on_unimplemented(message = "{Self} is nothing that a driver can publish")]
+pub trait Publishable: Handle {
+    /// Outputs may depend on it.
+    #[doc(hidden)]
+    const IS_SHARED: bool;
+}
+
+impl<T: Value> Readable for Input<T> {}
+impl<T: Value> Readable for InOut<T> {}
+impl<T: Value> Settable for Output<T> {}
+impl<T: Value> Settable for InOut<T> {}
+impl<T: Value> Publishable for Input<T> {
+    const IS_SHARED: bool = false;
+}
+impl<T: Value> Publishable for InOut<T> {
+    const IS_SHARED: bool = true;
+}
+impl<T: Value> Publishable for Param<T> {
+    const IS_SHARED: bool = true;
+}
 
 /// The part of the handle traits that is the store's own business.
 pub(super) mod sealed {
-    use super::{InOut, Input, Key, Output, Param};
+    use super::{Handle, InOut, Input, Key, Output, Param, Value};
 
     pub trait Keyed: Copy {
         #[doc(hidden)]
@@ -150,17 +190,18 @@ pub(super) mod sealed {
     }
 
     macro_rules! keyed {
-        ($name:ident) => {
+        ($($name:ident),*) => {$(
             impl<T> Keyed for $name<T> {
                 #[allow(private_interfaces)]
                 fn key(self) -> Key {
                     self.key
                 }
             }
-        };
+
+            impl<T: Value> Handle for $name<T> {
+                type Value = T;
+            }
+        )*};
     }
-    keyed!(Input);
-    keyed!(Output);
-    keyed!(InOut);
-    keyed!(Param);
+    keyed!(Input, Output, InOut, Param);
 }

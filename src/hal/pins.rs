@@ -7,7 +7,7 @@ use super::handle::{Key, sealed::Keyed};
 use super::rule::{Rule, Slot};
 use super::{
     Age, AnyValue, GroupId, GroupState, HalType, InOut, Input, Output, Param, PinError, PinInfo,
-    Readable, Reading, Rejections, Role, Value,
+    Readable, Reading, Rejections, Role, Settable, Value,
 };
 use crate::bus::Instant;
 
@@ -93,44 +93,44 @@ impl Pins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn read<T: Value>(&self, pin: impl Readable<T>) -> Reading<T> {
+    pub fn read<P: Readable>(&self, pin: P) -> Reading<P::Value> {
         let Some((slot, group)) = self.slot(pin.key()) else {
             self.count_foreign();
             return Reading {
-                value: T::default(),
+                value: P::Value::default(),
                 valid: false,
                 age: Age::NEVER,
             };
         };
         Reading {
-            value: T::from_bits(slot.bits),
+            value: P::Value::from_bits(slot.bits),
             valid: group.valid && !slot.bad,
             age: self.age(group),
         }
     }
 
-    /// Sets an output. It takes effect with the driver's next `write`, if its group is armed.
+    /// Sets an output, or a pin that both sides set. It takes effect with the driver's next `write`, if its group is armed.
     ///
     /// Values that are not finite or out of range are replaced when the driver takes them, and
     /// counted: see [`rejections`](Self::rejections). A handle of another store sets nothing.
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn set<T: Value>(&mut self, pin: Output<T>, value: T) {
-        self.store(pin.key, value);
-    }
-
-    /// Sets a pin that both sides set.
-    ///
-    /// # Real time
-    /// Constant time, no allocation.
-    pub fn set_inout<T: Value>(&mut self, pin: InOut<T>, value: T) {
-        self.store(pin.key, value);
+    pub fn set<P: Settable>(&mut self, pin: P, value: P::Value) {
+        let key = pin.key();
+        let Some(slot) = self.slot_mut(key) else {
+            return self.count_foreign();
+        };
+        let bits = value.to_bits();
+        if core::mem::replace(&mut slot.bits, bits) != bits {
+            self.changed(key);
+        }
     }
 
     /// What the application last set an output to; after a fault, its safe value.
-    pub fn commanded<T: Value>(&self, pin: Output<T>) -> T {
-        self.bits(pin.key).map_or_else(T::default, T::from_bits)
+    pub fn commanded<P: Settable>(&self, pin: P) -> P::Value {
+        let bits = self.bits(pin.key());
+        bits.map_or_else(P::Value::default, P::Value::from_bits)
     }
 
     /// The value of a parameter; zero for a handle of another store.
@@ -357,16 +357,6 @@ impl Pins {
             self.count_foreign();
         }
         bits
-    }
-
-    fn store<T: Value>(&mut self, key: Key, value: T) {
-        let Some(slot) = self.slot_mut(key) else {
-            return self.count_foreign();
-        };
-        let bits = value.to_bits();
-        if core::mem::replace(&mut slot.bits, bits) != bits {
-            self.changed(key);
-        }
     }
 
     /// Lets the outputs of a group follow what is set from now on.

@@ -1,6 +1,7 @@
 //! What an output may be, and what becomes of values that it may not.
 
-use super::{HalType, OutOfRange, Param, PinError, Rejections, Value};
+use super::handle::Key;
+use super::{HalType, OutOfRange, Output, Param, PinError, Rejections, Value};
 
 /// How an output is kept safe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,15 +37,50 @@ impl<T: Value> OutputRule<T> {
     }
 }
 
-/// Parameters that act on an output.
+/// What else decides what an output is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OutputModifiers {
     /// `-invert`: a truth value goes out as its opposite.
-    pub invert: Option<Param<bool>>,
+    pub invert: Option<Invert>,
     /// `-maxlim`: no larger value goes out.
     pub max_limit: Option<Param<f64>>,
     /// `-minlim`: no smaller value goes out.
     pub min_limit: Option<Param<f64>>,
+    /// `-scalemax`: the real number goes out in other units.
+    pub full_scale: Option<FullScale>,
+}
+
+/// What inverts a digital output: a parameter, or a pin that faults do not touch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Invert {
+    /// As LinuxCNC has it for outputs of remotes and for I/O pins.
+    Setting(Param<bool>),
+    /// As LinuxCNC has it for SSR and OutM.
+    Pin(Output<bool>),
+}
+
+impl Invert {
+    pub(super) fn key(self) -> Key {
+        match self {
+            Self::Setting(param) => param.key,
+            Self::Pin(pin) => pin.key,
+        }
+    }
+}
+
+/// The range of an output on the wire, and the parameter that says what its end is for the
+/// application.
+///
+/// A value beyond the range goes out as the nearest end, and is counted. A scale that makes no
+/// number of it makes the safe value of it, which is counted as not finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FullScale {
+    /// The value that goes out as `max`.
+    pub scale: Param<f64>,
+    /// The other end of what goes out.
+    pub min: f64,
+    /// What goes out for the value of `scale`.
+    pub max: f64,
 }
 
 /// What every cycle touches of a pin; kept small, because there are hundreds and a cycle finds
@@ -73,6 +109,10 @@ pub(super) struct Rule {
     /// Parameters that limit it; `NONE` where there is none.
     pub max_limit: u32,
     pub min_limit: u32,
+    /// The parameter of its [`FullScale`]; `NONE` where there is none.
+    pub scale: u32,
+    /// The ends of that on the wire.
+    pub wire: (f64, f64),
     pub rejections: Rejections,
 }
 
@@ -113,6 +153,8 @@ pub(super) fn make_slot<T: Value>(
         out_of_range: OutOfRange::default(),
         max_limit: NONE,
         min_limit: NONE,
+        scale: NONE,
+        wire: (0.0, 0.0),
         rejections: Rejections::default(),
     };
     Ok((slot, rule))

@@ -14,8 +14,8 @@ use super::info::{MAX_PINS, check_name};
 use super::pins::Group;
 use super::rule::{NONE, Rule, make_slot};
 use super::{
-    GroupId, InOut, Input, Output, OutputModifiers, OutputRule, Param, PinError, PinInfo, Pins,
-    Rejections, Role, Spec, Value,
+    GroupId, HalType, InOut, Input, Invert, Output, OutputModifiers, OutputRule, Param, PinError,
+    PinInfo, Pins, Rejections, Role, Settable, Spec, Value,
 };
 use crate::bus::Instant;
 
@@ -166,28 +166,25 @@ impl PinStore {
     /// Lets parameters act on an output.
     ///
     /// # Errors
-    /// [`PinError::ForeignHandle`] if any of them is of another store.
-    pub fn modify<T: Value>(
+    /// [`PinError::ForeignHandle`] if any of them is of another store; [`PinError::BadLimits`] for
+    /// a full scale whose ends are not finite, or of an output that is no real number.
+    pub fn modify<P: Settable>(
         &mut self,
-        output: Output<T>,
+        output: P,
         modifiers: OutputModifiers,
     ) -> Result<(), PinError> {
-        self.modify_key(output.key, modifiers)
-    }
-
-    /// [`modify`](Self::modify) for a pin that both sides set.
-    pub fn modify_inout<T: Value>(
-        &mut self,
-        pin: InOut<T>,
-        modifiers: OutputModifiers,
-    ) -> Result<(), PinError> {
-        self.modify_key(pin.key, modifiers)
-    }
-
-    fn modify_key(&mut self, key: Key, modifiers: OutputModifiers) -> Result<(), PinError> {
-        let invert = self.modifier(modifiers.invert.map(|p| p.key))?;
+        let key = output.key();
+        let invert = self.modifier(modifiers.invert.map(Invert::key))?;
         let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
         let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
+        let scale = self.modifier(modifiers.full_scale.map(|full| full.scale.key))?;
+        let wire = modifiers
+            .full_scale
+            .map_or((0.0, 0.0), |full| (full.min, full.max));
+        let is_real = P::Value::TYPE == HalType::Float && wire.0.is_finite() && wire.1.is_finite();
+        if scale != NONE && !is_real {
+            return Err(PinError::BadLimits);
+        }
         self.changed(key);
         let slot = self.slot_mut(key).ok_or(PinError::ForeignHandle)?;
         slot.invert = invert;
@@ -195,6 +192,7 @@ impl PinStore {
         if let Some(rule) = self.rule_mut(key) {
             rule.max_limit = max_limit;
             rule.min_limit = min_limit;
+            (rule.scale, rule.wire) = (scale, wire);
         }
         Ok(())
     }

@@ -76,10 +76,16 @@ pub trait Value:
         true
     }
 
-    /// The value with its sense turned round, where that means something: a truth value becomes
-    /// its opposite, numbers stay.
+    /// The opposite of a truth value; numbers stay.
     #[must_use]
     fn inverted(self) -> Self {
+        self
+    }
+
+    /// What `change` makes of a real number; other values stay.
+    #[must_use]
+    fn map_real(self, change: impl FnOnce(f64) -> f64) -> Self {
+        let _ = change;
         self
     }
 
@@ -127,6 +133,10 @@ impl Value for f64 {
 
     fn is_finite(self) -> bool {
         f64::is_finite(self)
+    }
+
+    fn map_real(self, change: impl FnOnce(f64) -> f64) -> Self {
+        change(self)
     }
 
     fn bounds() -> (Self, Self) {

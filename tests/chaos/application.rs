@@ -391,7 +391,7 @@ impl Application {
             && is_armed
             && driver.board_state() == BoardState::Running
         {
-            driver.pins_mut().set_inout(encoder.index_enable, true);
+            driver.pins_mut().set(encoder.index_enable, true);
             encoder.asked = Some(now);
         }
     }

@@ -278,7 +278,7 @@ impl Trial {
             }
             Step::Output(value) => {
                 let pins = self.machine.driver.pins_mut();
-                pins.set(self.machine.analog.analog_out[2].pin, value);
+                pins.set(self.machine.analog.analog_out[2].volts, value);
                 pins.set(self.machine.field.outputs[3].pin, value > 0.0);
             }
         }

@@ -24,7 +24,7 @@ fn inputs_and_outputs_of_three_remotes_arrive_at_the_right_terminals() {
         pins.set(output.pin, n % 2 == 0);
     }
     for (n, output) in analog.analog_out.iter().enumerate() {
-        pins.set(output.pin, n as f64 - 2.5);
+        pins.set(output.volts, n as f64 - 2.5);
     }
     pins.set(analog.analogena.pin, true);
     pins.set(analog.spinena.pin, true);

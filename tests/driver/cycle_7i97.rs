@@ -130,7 +130,7 @@ fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
             if n > 100 {
                 worst = worst.max(error.abs());
             }
-            pins.set(output.value, phase.cos() + error * 5.0);
+            pins.set(output.volts, phase.cos() + error * 5.0);
         }
         machine.finish();
     }
@@ -211,7 +211,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
             .expect("a switch");
         let command = |machine: &mut Machine<SimFpga>| {
             let pins = machine.driver.pins_mut();
-            pins.set(analog.value, 3.0);
+            pins.set(analog.volts, 3.0);
             pins.set(analog.enable, true);
             pins.set(card.outputs.outputs[1].out, true);
             pins.set(card.outputs.outputs[4].invert, true);

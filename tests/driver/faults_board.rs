@@ -17,7 +17,7 @@ fn switch_on<B: Simulated>(machine: &mut Machine<B>) {
     let pins = machine.driver.pins_mut();
     pins.set(field.outputs[3].pin, true);
     pins.set(outputs.outputs[7].pin, true);
-    pins.set(analog.analog_out[1].pin, 5.0);
+    pins.set(analog.analog_out[1].volts, 5.0);
     pins.set(analog.analogena.pin, true);
 }
 
@@ -89,7 +89,7 @@ fn clearing_has_bit_restores_the_board_and_leaves_outputs_to_the_application() {
     let pins = machine.driver.pins_mut();
     let has_bit = pins.inout::<bool>("hm2_7i92.0.watchdog.has_bit").unwrap();
     assert!(pins.read(has_bit).value);
-    pins.set_inout(has_bit, false);
+    pins.set(has_bit, false);
     machine.cycles(200);
     assert_eq!(machine.driver.board_state(), BoardState::Running);
     assert!(
@@ -286,12 +286,12 @@ fn errors_are_counted_on_from_what_the_application_sets() {
         machine.cycles(2);
     }
     assert_eq!(count(&machine), 3);
-    machine.driver.pins_mut().set_inout(total, 0);
+    machine.driver.pins_mut().set(total, 0);
     machine.cycles(5);
     assert_eq!(count(&machine), 0, "it stays reset");
     lose_a_read(&mut machine);
     assert_eq!(count(&machine), 1);
-    machine.driver.pins_mut().set_inout(total, u32::MAX);
+    machine.driver.pins_mut().set(total, u32::MAX);
     lose_a_read(&mut machine);
     machine.cycles(1);
     assert_eq!(count(&machine), u32::MAX, "it does not wrap");

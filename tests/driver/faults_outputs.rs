@@ -149,7 +149,7 @@ fn switch_all_on(machine: &mut Machine) {
         pins.set(output.pin, true);
     }
     for output in analog.analog_out {
-        pins.set(output.pin, 5.0);
+        pins.set(output.volts, 5.0);
     }
     pins.set(analog.analogena.pin, true);
     pins.set(analog.spinena.pin, true);

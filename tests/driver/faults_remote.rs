@@ -25,7 +25,7 @@ fn switch_on(machine: &mut Machine) {
     let pins = machine.driver.pins_mut();
     pins.set(field.outputs[3].pin, true);
     pins.set(outputs.outputs[7].pin, true);
-    pins.set(analog.analog_out[1].pin, 5.0);
+    pins.set(analog.analog_out[1].volts, 5.0);
     pins.set(analog.analogena.pin, true);
     machine.device_mut(FIELD).set_input(9, true).unwrap();
 }

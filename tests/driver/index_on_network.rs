@@ -138,12 +138,12 @@ fn run(seed: u64, cycles: u32, n: u64) -> u32 {
             }
             match shaft.asked_at {
                 None if chance.one_in(4) => {
-                    driver.pins_mut().set_inout(shaft.pins.index_enable, true);
+                    driver.pins_mut().set(shaft.pins.index_enable, true);
                     shaft.asked_at = Some(now);
                 }
                 // Taken back, and perhaps asked for again at once.
                 Some(_) if chance.one_in(200) => {
-                    driver.pins_mut().set_inout(shaft.pins.index_enable, false);
+                    driver.pins_mut().set(shaft.pins.index_enable, false);
                     shaft.asked_at = None;
                 }
                 _ => {}
@@ -191,7 +191,7 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
             // The swings are not in step with the cycle.
             driver.bus_mut().wait(Duration::from_micros(137));
             // Always from the same side, so that the latch is at the same count again.
-            driver.pins_mut().set_inout(pins.index_enable, upwards);
+            driver.pins_mut().set(pins.index_enable, upwards);
             shaft.asked_at = upwards.then(|| counts(&mut driver, 0));
             // Back to where it came from, at another speed for each pair of swings: the index comes
             // at every time of the period.

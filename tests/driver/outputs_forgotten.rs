@@ -53,7 +53,7 @@ fn limits_that_cross_allow_nothing_but_the_safe_value() {
             machine
                 .driver
                 .pins_mut()
-                .set(analog.analog_out[1].pin, volts);
+                .set(analog.analog_out[1].volts, volts);
             machine.cycles(2);
             let volts_out = machine.device(ANALOG).world().analog_output(1).unwrap();
             let allowed = if min > max {
@@ -194,7 +194,7 @@ fn set_something(driver: &mut Driver<Garbage>, chance: &mut Chance) {
                 }
                 Role::InOut => {
                     let pin = pins.inout::<$type>(&name).unwrap();
-                    pins.set_inout(pin, $value);
+                    pins.set(pin, $value);
                 }
                 Role::Setting => {
                     let param = pins.parameter::<$type>(&name).unwrap();

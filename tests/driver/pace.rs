@@ -220,7 +220,7 @@ fn six_position_loops_are_closed_at_the_boards_pace() {
             }
             driver
                 .pins_mut()
-                .set(output.value, phase.cos() + error * 5.0);
+                .set(output.volts, phase.cos() + error * 5.0);
         }
         driver.write().expect("the board is there");
     }

@@ -160,8 +160,8 @@ impl Run {
             pins.set(output.pin, u64::from(stamp) >> n & 1 != 0);
         }
         let [low, high, ..] = analog.analog_out;
-        pins.set(low.pin, f64::from(stamp % 100 + 1) / 12.0);
-        pins.set(high.pin, f64::from(stamp / 100 + 1) / 12.0);
+        pins.set(low.volts, f64::from(stamp % 100 + 1) / 12.0);
+        pins.set(high.volts, f64::from(stamp / 100 + 1) / 12.0);
         pins.set(analog.analogena.pin, true);
     }
 

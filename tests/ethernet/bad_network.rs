@@ -227,7 +227,7 @@ fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed()
     let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
     let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
     let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
-    let drive: Output<f64> = analog.analog_out[0].pin;
+    let drive: Output<f64> = analog.analog_out[0].volts;
     let cycle = |driver: &mut EthernetDriver, n: u32| {
         let mut good = 0;
         for _ in 0..n {
@@ -349,7 +349,7 @@ fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free(
     for n in 0..400_u32 {
         good += u32::from(driver.read().expect("a good network").is_good());
         let pins = driver.pins_mut();
-        pins.set(analog.analog_out[0].pin, 5.0);
+        pins.set(analog.analog_out[0].volts, 5.0);
         pins.set(analog.analogena.pin, true);
         driver.write().expect("a good network");
         if matches!(n, 100 | 150 | 250 | 300) {

@@ -76,7 +76,7 @@ fn index_enable_goes_off_when_the_index_came_and_not_before() {
     m.read(100, idle);
 
     // Switched on after the write: the read that follows must not take it for granted.
-    m.pins.set_inout(m.handles.index_enable, true);
+    m.pins.set(m.handles.index_enable, true);
     m.read(200, idle);
     assert!(
         m.pins.read(m.handles.index_enable).value,

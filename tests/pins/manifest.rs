@@ -216,14 +216,11 @@ fn analog_outputs_of_the_7i97_are_a_fraction_of_10_v_and_never_anything_else() {
         (f64::NAN, 0.0),
         (0.0, 0.0),
     ] {
-        pins.set(volts.value, set);
-        assert!(
-            (volts.fraction(&mut pins) - expected).abs() < 1e-12,
-            "{set}"
-        );
+        pins.set(volts.volts, set);
+        assert!((pins.fetch(volts.volts) - expected).abs() < 1e-12, "{set}");
     }
-    let counted = pins.rejections(volts.value);
+    let counted = pins.rejections(volts.volts);
     assert_eq!((counted.not_finite, counted.out_of_range), (1, 1));
-    pins.set_param(volts.scale, 0.0).unwrap();
-    assert!(volts.fraction(&mut pins).abs() < 1e-12);
+    pins.set_param(volts.full_scale, 0.0).unwrap();
+    assert!(pins.fetch(volts.volts).abs() < 1e-12);
 }

@@ -79,8 +79,8 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
         assert_eq!(pins.read(mpg.position).ok(), Some(f64::from(count) / 4.0));
     }
     let [volts, ..] = field.analog_in.unwrap();
-    assert_eq!(pins.read(volts.pin).ok(), Some(f64::from(36.3_f32)));
-    let volts = pins.read(field.field_voltage.unwrap().pin).value;
+    assert_eq!(pins.read(volts.volts).ok(), Some(f64::from(36.3_f32)));
+    let volts = pins.read(field.field_voltage.unwrap().volts).value;
     assert!((volts - 169.0 * 36.3 / 255.0).abs() < 1e-5, "{volts}");
 
     // A restarted remote counts from anywhere: no jump.
@@ -88,8 +88,8 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     remote.take_inputs(&mut pins, &[0, 0, 0x0000_0300]);
     assert_eq!(pins.read(mpg.rawcounts).ok(), Some(260));
     // At the next full revolution (512), the count becomes zero there.
-    pins.set_param(mpg.counts_per_rev, 256).unwrap();
-    pins.set_inout(mpg.index_enable, true);
+    pins.set_param(mpg.counts_per_rev.unwrap(), 256).unwrap();
+    pins.set(mpg.index_enable, true);
     for step in 1..=3_u32 {
         remote.take_inputs(&mut pins, &[0, 0, ((3 + 100 * step) & 0xFF) << 8]);
     }
@@ -112,7 +112,7 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
         .iter()
         .zip([5.0, -10.0, 0.0, 10.0, -5.0, 1.0])
     {
-        pins.set(output.pin, volts);
+        pins.set(output.volts, volts);
     }
     pins.set(card.spinena.pin, true);
     let mut words = [0; 3];
@@ -123,7 +123,7 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
         .collect();
     assert_eq!(raw, [2047, 0x1000, 0, 4095, 0x1800, 409]);
     assert_eq!(stream >> 78, 0b10, "AnalogEna off, SpinEna on");
-    let info = pins.info(card.analog_out[5].pin).unwrap();
+    let info = pins.info(card.analog_out[5].volts).unwrap();
     assert_eq!(
         (&*info.terminal, &*info.signal, &*info.unit),
         ("TB5 pin 24", "AOUT5", "volts")
@@ -141,27 +141,27 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
     let [spindle, ..] = I7i77Analog::new(&pins, &remote).unwrap().analog_out;
     let raw = |pins: &mut PinStore, value: f64| {
         let mut words = [0; 3];
-        pins.set(spindle.pin, value);
+        pins.set(spindle.volts, value);
         remote.put_outputs(pins, &mut words);
         words[0] & 0x1FFF
     };
     // 10 V at 3000 turns a minute
-    pins.set_param(spindle.scalemax, 3000.0).unwrap();
-    pins.set_param(spindle.maxlim, 3000.0).unwrap();
+    pins.set_param(spindle.full_scale, 3000.0).unwrap();
+    pins.set_param(spindle.max_limit.unwrap(), 3000.0).unwrap();
     assert_eq!(raw(&mut pins, 3000.0), 4095);
     assert_eq!(raw(&mut pins, 1500.0), 2047);
-    pins.set_param(spindle.maxlim, 1500.0).unwrap();
+    pins.set_param(spindle.max_limit.unwrap(), 1500.0).unwrap();
     assert_eq!(raw(&mut pins, 3000.0), 2047, "limited");
-    assert_eq!(pins.rejections(spindle.pin).out_of_range, 1);
+    assert_eq!(pins.rejections(spindle.volts).out_of_range, 1);
     // a limit beyond full scale does not let anything wrap round
-    pins.set_param(spindle.maxlim, 1e9).unwrap();
+    pins.set_param(spindle.max_limit.unwrap(), 1e9).unwrap();
     assert_eq!(raw(&mut pins, 1e8), 4095);
-    assert_eq!(pins.rejections(spindle.pin).out_of_range, 2);
+    assert_eq!(pins.rejections(spindle.volts).out_of_range, 2);
     // a scale of zero means nothing: safe
-    pins.set_param(spindle.scalemax, 0.0).unwrap();
+    pins.set_param(spindle.full_scale, 0.0).unwrap();
     assert_eq!(raw(&mut pins, 100.0), 0);
     assert_eq!(raw(&mut pins, f64::NAN), 0);
-    assert_eq!(pins.rejections(spindle.pin).not_finite, 3);
+    assert_eq!(pins.rejections(spindle.volts).not_finite, 3);
 }
 
 #[test]
@@ -175,7 +175,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
     field.take_inputs(&mut pins, &[1]);
     drives.take_inputs(&mut pins, &[]);
     pins.set(io.outputs[3].pin, true);
-    pins.set(card.analog_out[0].pin, 5.0);
+    pins.set(card.analog_out[0].volts, 5.0);
     pins.set(card.analogena.pin, true);
 
     cycle(&mut pins);
@@ -193,7 +193,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
     pins.rearm(drives.group()).unwrap();
     drives.put_outputs(&mut pins, &mut words);
     assert_eq!(words, [0; 3], "nothing of before the fault comes back");
-    pins.set(card.analog_out[0].pin, -10.0);
+    pins.set(card.analog_out[0].volts, -10.0);
     drives.put_outputs(&mut pins, &mut words);
     assert_eq!(words, [0x1000, 0, 0]);
 }
@@ -218,7 +218,7 @@ fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
     cycle(&mut pins);
     remote.take_inputs(&mut pins, &[0xFFFF]);
     let volts = card.field_voltage.unwrap();
-    assert_eq!(pins.read(volts.pin).ok(), Some(f64::from(36.3_f32)));
+    assert_eq!(pins.read(volts.volts).ok(), Some(f64::from(36.3_f32)));
     let terminal = |n: usize| pins.info(card.outputs[n].pin).unwrap().terminal.clone();
     assert_eq!((&*terminal(1), &*terminal(47)), ("TB3 pin 2", "TB2 pin 24"));
 }
@@ -357,7 +357,7 @@ fn a_bidirectional_element_is_in_both_streams() {
     remote.take_inputs(&mut pins, &[0xAB << 7 | 0b0100 << 3 | 5]);
     assert_eq!(pins.read(bit).ok(), Some(true));
     assert_eq!(pins.read(level).ok(), Some(171.0));
-    pins.set_inout(level, 85.0);
+    pins.set(level, 85.0);
     pins.set(out, true);
     let mut words = [0];
     remote.put_outputs(&mut pins, &mut words);

@@ -144,14 +144,14 @@ impl EncoderPins {
     pub fn command(&self, pins: &mut PinStore, encoder: &mut Encoder) {
         self.refuse(pins, encoder.has_probe());
         encoder.set_config(self.config(pins));
-        pins.publish_param(self.max_count_rate, encoder.max_count_rate());
+        pins.publish(self.max_count_rate, encoder.max_count_rate());
         if pins.fetch(self.reset) {
             encoder.reset();
         }
         if !pins.fetch(self.quad_error_enable) {
             encoder.clear_quadrature_error();
         }
-        let request = if pins.fetch_inout(self.index_enable) {
+        let request = if pins.fetch(self.index_enable) {
             LatchRequest::Index
         } else if pins.fetch(self.probe_enable) {
             LatchRequest::Probe
@@ -166,7 +166,7 @@ impl EncoderPins {
     fn refuse(&self, pins: &mut PinStore, has_probe: bool) {
         if pins.param(self.scale) == 0.0 {
             pins.count_rejection(self.scale, Rejection::OutOfRange);
-            pins.publish_param(self.scale, 1.0);
+            pins.publish(self.scale, 1.0);
         }
         if !has_probe && pins.fetch(self.probe_enable) {
             pins.count_rejection(self.probe_enable, Rejection::OutOfRange);
@@ -213,7 +213,7 @@ impl EncoderPins {
         pins.publish(self.input_b, b);
         pins.publish(self.input_index, index);
         if index_came {
-            pins.publish_inout(self.index_enable, false);
+            pins.publish(self.index_enable, false);
         }
     }
 }

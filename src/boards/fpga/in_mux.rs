@@ -4,8 +4,8 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::Maker;
-use crate::boards::{InputPair, Terminal};
-use crate::hal::{GroupId, Input, Output, Param, PinError, PinStore};
+use crate::boards::Terminal;
+use crate::hal::{DigitalIn, GroupId, Input, Output, Param, PinError, PinStore};
 
 /// Which of the two modules: they differ in names and wiring only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -20,9 +20,9 @@ pub enum InMuxKind {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InMuxInput {
     /// Filtered.
-    pub filtered: InputPair,
+    pub filtered: DigitalIn,
     /// As it is.
-    pub raw: InputPair,
+    pub raw: DigitalIn,
     /// Filtered for long, and not for short.
     pub slow: Output<bool>,
 }
@@ -83,11 +83,11 @@ impl InMuxPins {
             let terminal = terminals.get(n..=n).unwrap_or(&[]);
             let mut make = Maker::new(pins, group, stem.clone()).at(terminal);
             all.inputs.push(InMuxInput {
-                filtered: InputPair {
+                filtered: DigitalIn {
                     pin: make.input(&format!("input-{n:02}"))?,
                     not: make.input(&format!("input-{n:02}-not"))?,
                 },
-                raw: InputPair {
+                raw: DigitalIn {
                     pin: make.input(&format!("raw-input-{n:02}"))?,
                     not: make.input(&format!("raw-input-{n:02}-not"))?,
                 },

@@ -4,7 +4,10 @@ use alloc::format;
 
 use super::{Maker, at_terminals};
 use crate::boards::Terminal;
-use crate::hal::{GroupId, Output, OutputRule, Param, PinError, PinStore, Rejection, Spec};
+use crate::hal::{
+    AnalogOut, FullScale, GroupId, Output, OutputModifiers, OutputRule, Param, PinError, PinStore,
+    Spec,
+};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,13 +62,34 @@ impl PwmPins {
             .at(usage.enable)
             .output("enable")?;
         let mut make = Maker::new(pins, group, stem);
-        Ok(Self {
+        let all = Self {
             value,
             enable,
             offset_mode: make.setting("offset-mode", usage.offset_mode)?,
             scale: make.setting("scale", usage.scale)?,
             output_type: make.setting("output-type", 1)?,
-        })
+        };
+        let full_scale = Some(FullScale {
+            scale: all.scale,
+            min: -1.0,
+            max: 1.0,
+        });
+        let modifiers = OutputModifiers {
+            full_scale,
+            ..OutputModifiers::default()
+        };
+        pins.modify(value, modifiers)?;
+        Ok(all)
+    }
+
+    /// It as an analog output, of a board that has it at one.
+    pub fn analog_out(self) -> AnalogOut {
+        AnalogOut {
+            volts: self.value,
+            enable: self.enable,
+            full_scale: self.scale,
+            ..AnalogOut::default()
+        }
     }
 
     /// The value as a fraction of full scale, -1 to 1: 0 if it is not finite or the scale is 0, and
@@ -74,15 +98,7 @@ impl PwmPins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn fraction(&self, pins: &mut PinStore) -> f64 {
-        let fraction = pins.fetch(self.value) / pins.param(self.scale);
-        if !fraction.is_finite() {
-            pins.count_rejection(self.value, Rejection::NotFinite);
-            return 0.0;
-        }
-        if fraction.abs() > 1.0 {
-            pins.count_rejection(self.value, Rejection::OutOfRange);
-        }
-        fraction.clamp(-1.0, 1.0)
+        pins.fetch(self.value)
     }
 }
 

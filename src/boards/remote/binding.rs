@@ -94,7 +94,7 @@ impl Binding {
                 pins.publish(*not, !value);
             }
             Self::BitBoth { input, pin, .. } => {
-                pins.publish_inout(*pin, input.get(words) != 0);
+                pins.publish(*pin, input.get(words) != 0);
             }
             Self::NumberIn {
                 field,
@@ -113,16 +113,16 @@ impl Binding {
                 ..
             } => {
                 let value = to_scale(*scaling, pins.param(*scale), input.get(words));
-                pins.publish_inout(*pin, value);
+                pins.publish(*pin, value);
             }
             Self::RealIn { field, pin } => pins.publish(*pin, real(*field, words)),
-            Self::RealBoth { input, pin, .. } => pins.publish_inout(*pin, real(*input, words)),
+            Self::RealBoth { input, pin, .. } => pins.publish(*pin, real(*input, words)),
             Self::RawIn { field, pin } => pins.publish(*pin, field.get(words) as u32),
             Self::RawBoth { input, pin, .. } => {
-                pins.publish_inout(*pin, input.get(words) as u32);
+                pins.publish(*pin, input.get(words) as u32);
             }
             Self::WideIn { field, pin } => pins.publish(*pin, field.get(words)),
-            Self::WideBoth { input, pin, .. } => pins.publish_inout(*pin, input.get(words)),
+            Self::WideBoth { input, pin, .. } => pins.publish(*pin, input.get(words)),
             Self::Counter(counter) => counter.take(pins, words),
             Self::BitOut { .. }
             | Self::NumberOut { .. }
@@ -137,7 +137,7 @@ impl Binding {
         match self {
             Self::BitOut { field, pin } => field.put(words, all_or_none(pins.fetch(*pin))),
             Self::BitBoth { output, pin, .. } => {
-                output.put(words, all_or_none(pins.fetch_inout(*pin)));
+                output.put(words, all_or_none(pins.fetch(*pin)));
             }
             Self::NumberOut {
                 field,
@@ -169,7 +169,7 @@ impl Binding {
                 scale,
                 ..
             } => {
-                let value = from_scale(*scaling, pins.param(*scale), pins.fetch_inout(*pin));
+                let value = from_scale(*scaling, pins.param(*scale), pins.fetch(*pin));
                 let raw = scaling.raw(value);
                 match raw.fit {
                     Fit::Exact => {}
@@ -183,15 +183,15 @@ impl Binding {
                 put_real(*field, words, value);
             }
             Self::RealBoth { output, pin, .. } => {
-                let value = pins.fetch_inout(*pin);
+                let value = pins.fetch(*pin);
                 put_real(*output, words, value);
             }
             Self::RawOut { field, pin } => field.put(words, u64::from(pins.fetch(*pin))),
             Self::RawBoth { output, pin, .. } => {
-                output.put(words, u64::from(pins.fetch_inout(*pin)));
+                output.put(words, u64::from(pins.fetch(*pin)));
             }
             Self::WideOut { field, pin } => field.put(words, pins.fetch(*pin)),
-            Self::WideBoth { output, pin, .. } => output.put(words, pins.fetch_inout(*pin)),
+            Self::WideBoth { output, pin, .. } => output.put(words, pins.fetch(*pin)),
             Self::BitIn { .. }
             | Self::NumberIn { .. }
             | Self::RealIn { .. }

@@ -2,7 +2,7 @@
 
 use core::cmp::Ordering;
 
-use crate::hal::{InOut, Input, Param, PinStore};
+use crate::hal::{Counter, PinStore};
 use crate::process_data::{CounterExtension, Field};
 
 /// A counter of a remote: its pins as LinuxCNC has them, and the count of 64 bits behind them.
@@ -14,30 +14,11 @@ pub struct CounterPins {
     pub(super) extension: CounterExtension,
     /// What `count` is 0 at.
     pub(super) zero: i64,
-    pub(super) handles: CounterHandles,
-}
-
-/// The pins and parameters of a counter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CounterHandles {
-    /// Counts since the last reset or index.
-    pub count: Input<i32>,
-    /// Counts since the start.
-    pub rawcounts: Input<i32>,
-    /// `count / scale`.
-    pub position: Input<f64>,
-    /// Asks for `count` to become 0 at the next full revolution; turned off when that happened.
-    pub index_enable: InOut<bool>,
-    /// Keeps `count` at 0.
-    pub reset: InOut<bool>,
-    /// Counts for one unit of position.
-    pub scale: Param<f64>,
-    /// Counts of a revolution; 0 for a counter without revolutions.
-    pub counts_per_rev: Param<u32>,
+    pub(super) handles: Counter,
 }
 
 impl CounterPins {
-    pub(super) fn new(field: Field, high_bits: u8, handles: CounterHandles) -> Self {
+    pub(super) fn new(field: Field, high_bits: u8, handles: Counter) -> Self {
         Self {
             field,
             high_bits,
@@ -57,13 +38,15 @@ impl CounterPins {
         let now = self.extension.count();
         let handles = self.handles;
         if pins.read(handles.index_enable).value {
-            let revolution = i64::from(pins.param(handles.counts_per_rev));
+            let revolution = handles
+                .counts_per_rev
+                .map_or(0, |param| i64::from(pins.param(param)));
             if let Some(index) = passed(before, now, revolution) {
                 self.zero = index;
-                pins.publish_inout(handles.index_enable, false);
+                pins.publish(handles.index_enable, false);
             }
         }
-        if pins.read(handles.reset).value {
+        if pins.commanded(handles.reset) {
             self.zero = now;
         }
         let count = now.wrapping_sub(self.zero);

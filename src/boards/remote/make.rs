@@ -6,11 +6,13 @@ use alloc::vec::Vec;
 
 use super::RemoteLocation;
 use super::binding::Binding;
-use super::counter::{CounterHandles, CounterPins};
+use super::counter::CounterPins;
 use super::parameter::largest_below;
 use crate::boards::{BoardError, ElementTable, RemoteTable, at_terminals};
 use crate::discovery::{DataRecord, RemoteDescriptor, RemoteName};
-use crate::hal::{GroupId, OutputModifiers, OutputRule, Param, PinError, PinStore, Spec};
+use crate::hal::{
+    Counter, GroupId, Invert, OutputModifiers, OutputRule, Param, PinError, PinStore, Spec,
+};
 use crate::process_data::{Element, ElementKind, Field, PackingPlan, Scaling};
 
 /// What the names of a remote's pins begin with.
@@ -177,7 +179,7 @@ impl Maker<'_> {
                 let invert = Spec::new(format!("{name}-invert"));
                 let invert = Some(self.pins.add_setting(group, invert, false)?);
                 let modifiers = OutputModifiers {
-                    invert,
+                    invert: invert.map(Invert::Setting),
                     ..OutputModifiers::default()
                 };
                 self.pins.modify(pin, modifiers)?;
@@ -205,7 +207,7 @@ impl Maker<'_> {
                 let pin = self.pins.add_inout(group, spec, rule)?;
                 let scale = self.scale_parameter(max)?;
                 let modifiers = self.limit_parameters(min, max)?;
-                self.pins.modify_inout(pin, modifiers)?;
+                self.pins.modify(pin, modifiers)?;
                 Binding::NumberBoth {
                     input,
                     output,
@@ -250,7 +252,7 @@ impl Maker<'_> {
         Ok(OutputModifiers {
             max_limit: Some(self.pins.add_setting(self.group, maxlim, max)?),
             min_limit: Some(self.pins.add_setting(self.group, minlim, min)?),
-            invert: None,
+            ..OutputModifiers::default()
         })
     }
 
@@ -355,22 +357,25 @@ impl Maker<'_> {
             1.0
         };
         let off = OutputRule::switch(false);
-        let handles = CounterHandles {
+        let handles = Counter {
             count: self.pins.add_input(group, at(self, "count"))?,
             rawcounts: self.pins.add_input(group, at(self, "rawcounts"))?,
             position: self.pins.add_input(group, at(self, "position"))?,
             index_enable: self.pins.add_inout(group, at(self, "index-enable"), off)?,
-            reset: self.pins.add_inout(group, at(self, "reset"), off)?,
+            reset: self
+                .pins
+                .add_inout(group, at(self, "reset"), off)?
+                .as_output(),
             scale: self.pins.add_setting(
                 group,
                 Spec::new(format!("{}.scale", self.stem)),
                 full_scale,
             )?,
-            counts_per_rev: self.pins.add_setting(
+            counts_per_rev: Some(self.pins.add_setting(
                 group,
                 Spec::new(format!("{}.counts-per-rev", self.stem)),
                 256,
-            )?,
+            )?),
         };
         self.bindings.push(Binding::Counter(CounterPins::new(
             field, high_bits, handles,

@@ -5,7 +5,7 @@ mod counter;
 mod make;
 mod parameter;
 
-pub use counter::{CounterHandles, CounterPins};
+pub use counter::CounterPins;
 pub use parameter::{ParameterHandle, ParameterValueError, RemoteParameter};
 
 use alloc::string::String;

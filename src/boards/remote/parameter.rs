@@ -79,18 +79,18 @@ impl RemoteParameter {
         self.first.get_or_insert(raw);
         self.known = Some(raw);
         match self.handle {
-            ParameterHandle::Bit(param) => pins.publish_param(param, raw != 0),
-            ParameterHandle::U32(param) => pins.publish_param(param, raw as u32),
+            ParameterHandle::Bit(param) => pins.publish(param, raw != 0),
+            ParameterHandle::U32(param) => pins.publish(param, raw as u32),
             ParameterHandle::S32(param) => {
-                pins.publish_param(param, sign_extend(raw, self.bits) as i32);
+                pins.publish(param, sign_extend(raw, self.bits) as i32);
             }
-            ParameterHandle::U64(param) => pins.publish_param(param, raw),
-            ParameterHandle::S64(param) => pins.publish_param(param, sign_extend(raw, self.bits)),
+            ParameterHandle::U64(param) => pins.publish(param, raw),
+            ParameterHandle::S64(param) => pins.publish(param, sign_extend(raw, self.bits)),
             ParameterHandle::Float(param) if self.bits == 64 => {
-                pins.publish_param(param, f64::from_bits(raw));
+                pins.publish(param, f64::from_bits(raw));
             }
             ParameterHandle::Float(param) => {
-                pins.publish_param(param, f64::from(f32::from_bits(raw as u32)));
+                pins.publish(param, f64::from(f32::from_bits(raw as u32)));
             }
         }
     }

@@ -116,11 +116,11 @@ impl EncoderModule {
             let pins_of = EncoderPins::new(pins, group, board, number, terminals)?;
             if registers.is_muxed() {
                 // What the manuals promise needs the short filter.
-                pins.publish_param(pins_of.filter, false);
+                pins.publish(pins_of.filter, false);
             }
             let mut encoder = Encoder::new(pins_of.config(pins), tick_hz);
             encoder.set_max_count_rates(fastest, registers.sample_rate(rate));
-            pins.publish_param(pins_of.max_count_rate, encoder.max_count_rate());
+            pins.publish(pins_of.max_count_rate, encoder.max_count_rate());
             channels.push(Channel {
                 encoder: if registers.has_probe() {
                     encoder

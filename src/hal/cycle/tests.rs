@@ -2,7 +2,9 @@
 #![allow(clippy::float_cmp)]
 
 use super::*;
-use crate::hal::{Age, InOut, OutputModifiers, OutputRule, PinError, Spec};
+use crate::hal::{
+    Age, FullScale, InOut, Invert, Output, OutputModifiers, OutputRule, Param, PinError, Spec,
+};
 use core::time::Duration;
 use proptest::prelude::*;
 
@@ -201,7 +203,7 @@ fn an_inverted_output_is_inverted_when_safe_too() {
         .add_setting(group, Spec::new("lamp-invert"), false)
         .unwrap();
     let modifiers = OutputModifiers {
-        invert: Some(invert),
+        invert: Some(Invert::Setting(invert)),
         ..OutputModifiers::default()
     };
     pins.modify(lamp, modifiers).unwrap();
@@ -215,6 +217,91 @@ fn an_inverted_output_is_inverted_when_safe_too() {
         pins.fetch(lamp),
         "safe is the lamp off, and off is 1 on this wire"
     );
+}
+
+#[test]
+fn a_pin_inverts_an_output_like_a_parameter() {
+    let mut m = remote();
+    let invert: Output<bool> = m
+        .pins
+        .add_output(m.group, Spec::new("invert-00"), OutputRule::switch(false))
+        .unwrap();
+    let modifiers = OutputModifiers {
+        invert: Some(Invert::Pin(invert)),
+        ..OutputModifiers::default()
+    };
+    m.pins.modify(m.lamp, modifiers).unwrap();
+    m.pins.set(m.lamp, true);
+    assert!(m.pins.fetch(m.lamp));
+    m.pins.set(invert, true);
+    assert!(!m.pins.fetch(m.lamp));
+    m.pins.fault(m.group);
+    assert!(m.pins.fetch(m.lamp), "how it is wired outlives a fault");
+}
+
+/// A drive that goes out as -1 to 1, whose application has `scale` for 1.
+fn scaled(scale: f64) -> (Remote, Param<f64>) {
+    let mut m = remote();
+    let scale = m
+        .pins
+        .add_setting(m.group, Spec::new("scalemax"), scale)
+        .unwrap();
+    let modifiers = OutputModifiers {
+        full_scale: Some(FullScale {
+            scale,
+            min: -1.0,
+            max: 1.0,
+        }),
+        ..OutputModifiers::default()
+    };
+    m.pins.modify(m.drive, modifiers).unwrap();
+    (m, scale)
+}
+
+#[test]
+fn a_scaled_output_goes_out_within_the_range_of_the_wire_and_what_does_not_fit_is_counted_once() {
+    let (mut m, scale) = scaled(5.0);
+    for (set, expected) in [(5.0, 1.0), (-2.5, -0.5), (6.0, 1.0), (-11.0, -1.0)] {
+        m.pins.set(m.drive, set);
+        assert_eq!(m.pins.fetch(m.drive), expected, "{set}");
+    }
+    assert_eq!(m.pins.rejections(m.drive).out_of_range, 2);
+    m.pins.set(m.drive, 0.5);
+    m.pins.set_param(scale, 1.0).unwrap();
+    assert_eq!(m.pins.fetch(m.drive), 0.5);
+    m.pins.set_param(scale, -1.0).unwrap();
+    assert_eq!(m.pins.fetch(m.drive), -0.5);
+    m.pins.fault(m.group);
+    assert_eq!(m.pins.fetch(m.drive), 0.0);
+    assert_eq!(m.pins.total_rejections().not_finite, 0);
+}
+
+#[test]
+fn a_scale_that_makes_no_number_makes_the_safe_value_and_is_counted() {
+    let (mut m, scale) = scaled(0.0);
+    for (set, scale_is) in [(5.0, 0.0), (0.0, 0.0), (5.0, -0.0), (5.0, 1e-320)] {
+        m.pins.set_param(scale, scale_is).unwrap();
+        m.pins.set(m.drive, set);
+        assert_eq!(m.pins.fetch(m.drive), 0.0, "{set} of {scale_is}");
+    }
+    assert_eq!(m.pins.rejections(m.drive).not_finite, 4);
+}
+
+#[test]
+fn only_a_real_number_has_a_full_scale() {
+    let (mut m, scale) = scaled(5.0);
+    let full_scale = |max| OutputModifiers {
+        full_scale: Some(FullScale {
+            scale,
+            min: 0.0,
+            max,
+        }),
+        ..OutputModifiers::default()
+    };
+    let refused = Err(PinError::BadLimits);
+    assert_eq!(m.pins.modify(m.lamp, full_scale(1.0)), refused);
+    assert_eq!(m.pins.modify(m.drive, full_scale(f64::INFINITY)), refused);
+    assert_eq!(m.pins.modify(m.drive, full_scale(1.0)), Ok(()));
 }
 
 #[test]
@@ -239,9 +326,9 @@ fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
         .unwrap();
     pins.begin_cycle(at(1));
     pins.group_good(group);
-    pins.set_inout(index, true);
-    assert!(pins.fetch_inout(index));
-    pins.publish_inout(index, false);
+    pins.set(index, true);
+    assert!(pins.fetch(index));
+    pins.publish(index, false);
     assert_eq!(pins.read(index).ok(), Some(false));
 }
 
@@ -322,7 +409,9 @@ proptest! {
         let Remote { mut pins, group, drive, .. } = remote();
         let max = pins.add_setting(group, Spec::new("max"), 10.0).unwrap();
         let min = pins.add_setting(group, Spec::new("min"), -10.0).unwrap();
-        let modifiers = OutputModifiers { invert: None, max_limit: Some(max), min_limit: Some(min) };
+        let modifiers = OutputModifiers {
+            max_limit: Some(max), min_limit: Some(min), ..OutputModifiers::default()
+        };
         pins.modify(drive, modifiers).unwrap();
         let _ = pins.set_param(max, maxlim);
         let _ = pins.set_param(min, minlim);
@@ -358,9 +447,9 @@ fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
         ("set", (|p, v, _, _| p.set(v, 1.0)) as Step, true),
         ("set to the same", |p, v, _, _| p.set(v, 1.0), false),
         ("taken", |p, v, _, _| assert!(p.fetch(v) > 0.0), false),
-        ("inout set", |p, _, i, _| p.set_inout(i, true), true),
-        ("published", |p, _, i, _| p.publish_inout(i, false), true),
-        ("the same", |p, _, i, _| p.publish_inout(i, false), false),
+        ("inout set", |p, _, i, _| p.set(i, true), true),
+        ("published", |p, _, i, _| p.publish(i, false), true),
+        ("the same", |p, _, i, _| p.publish(i, false), false),
         ("param", |p, _, _, l| p.set_param(l, 9.0).unwrap(), true),
         ("no number", |p, v, _, _| p.set(v, f64::NAN), true),
         ("counted", |p, v, _, _| assert!(p.fetch(v) < 1.0), true),

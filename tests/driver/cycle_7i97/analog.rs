@@ -74,7 +74,7 @@ fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
         (7.0, 7.0),
     ] {
         for output in card.analog_out {
-            machine.driver.pins_mut().set(output.value, set);
+            machine.driver.pins_mut().set(output.volts, set);
         }
         machine.cycles(1);
         for n in 0..6 {
@@ -86,7 +86,7 @@ fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
         }
     }
     for output in card.analog_out {
-        let refused = machine.driver.pins().rejections(output.value);
+        let refused = machine.driver.pins().rejections(output.volts);
         assert_eq!((refused.not_finite, refused.out_of_range), (2, 2));
     }
 }
@@ -127,7 +127,7 @@ fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
         let card = machine.card.clone();
         for (n, output) in card.analog_out.into_iter().enumerate() {
             let volts = if full_scale { 10.0 } else { n as f64 - 6.0 };
-            machine.driver.pins_mut().set(output.value, volts);
+            machine.driver.pins_mut().set(output.volts, volts);
             machine.driver.pins_mut().set(output.enable, true);
         }
         machine.cycles(2);
@@ -164,7 +164,9 @@ fn the_pdm_frequency_is_the_rate_of_its_steps() {
     let pins = machine.driver.pins_mut();
     pins.set_param(card.pwm_bank.pdm_frequency, 6_000_000)
         .expect("a frequency");
-    pins.set_param(output.output_type, 3).expect("PDM");
+    let output_type = pins.parameter("hm2_7i97.0.pwmgen.00.output-type");
+    pins.set_param(output_type.expect("a parameter"), 3_i32)
+        .expect("PDM");
     pins.set(output.enable, true);
     machine.cycles(2);
     // Half scale: the pin is high in every other step.
@@ -193,7 +195,7 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     let pins = machine.driver.pins_mut();
     pins.set_param(bank.pwm_frequency, 96_000)
         .expect("a frequency");
-    pins.set(output.value, 5.0);
+    pins.set(output.volts, 5.0);
     pins.set(output.enable, true);
     machine.cycles(2);
     assert!((hz(&mut machine) - 96_000.0).abs() < 1.0);
@@ -204,7 +206,7 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     assert!((hz(&mut dithers) - 96_000.0).abs() < 1.0);
     let [output, ..] = dithers.card.analog_out;
     let pins = dithers.driver.pins_mut();
-    pins.set(output.value, 1.234_567);
+    pins.set(output.volts, 1.234_567);
     pins.set(output.enable, true);
     dithers.cycles(1);
     let volts = dithers.fpga().analog_output(0).volts;

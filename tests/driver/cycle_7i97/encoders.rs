@@ -203,7 +203,7 @@ fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_ref
     assert!(pins.rejections(encoder.probe_enable).out_of_range > 0);
     // The index still works.
     let pins = machine.driver.pins_mut();
-    pins.set_inout(encoder.index_enable, true);
+    pins.set(encoder.index_enable, true);
     machine
         .fpga()
         .motor(0)

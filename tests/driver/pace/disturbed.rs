@@ -31,7 +31,7 @@ fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
         for _ in 0..30 {
             let _ = driver.read().expect("the board is there");
             let pins = driver.pins_mut();
-            pins.set(analog.analog_out[0].pin, 5.0);
+            pins.set(analog.analog_out[0].volts, 5.0);
             pins.set(analog.analogena.pin, true);
             driver.write().expect("the board is there");
             let _ = driver.rearm();

@@ -1,0 +1,219 @@
+//! Handles that belong together: the same shape for the same function on every board.
+//!
+//! An application that takes an [`AnalogOut`] works with one of a 7I97 and with one of a 7I77:
+//!
+//! ```
+//! use mesa_hal::hal::{AnalogOut, DigitalIn, Pins};
+//!
+//! fn follow(pins: &mut Pins, drive: AnalogOut, limit: DigitalIn, volts: f64) {
+//!     let is_free = limit.read(pins).ok() == Some(false);
+//!     drive.enable(pins, is_free);
+//!     drive.set(pins, volts);
+//! }
+//! ```
+
+use alloc::format;
+
+use super::{InOut, Input, Invert, Output, Param, PinError, Pins, Reading};
+
+/// A digital input and its opposite.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DigitalIn {
+    /// The input.
+    pub pin: Input<bool>,
+    /// Its opposite.
+    pub not: Input<bool>,
+}
+
+/// A digital output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DigitalOut {
+    /// The output.
+    pub pin: Output<bool>,
+    /// What inverts it on its way out, where anything does.
+    pub invert: Option<Invert>,
+}
+
+/// An analog input.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AnalogIn {
+    /// The voltage, while `full_scale` is what it was at first.
+    pub volts: Input<f64>,
+    /// What the end of the range is shown as.
+    pub full_scale: Param<f64>,
+}
+
+/// An analog output and its enable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AnalogOut {
+    /// The voltage, while `full_scale` is what it was at first.
+    pub volts: Output<f64>,
+    /// What has to be on for the drive to be enabled. Several outputs may share it.
+    pub enable: Output<bool>,
+    /// The value that goes out as the end of the range.
+    pub full_scale: Param<f64>,
+    /// No larger value goes out.
+    pub max_limit: Option<Param<f64>>,
+    /// No smaller value goes out.
+    pub min_limit: Option<Param<f64>>,
+}
+
+/// A counter: an encoder of the FPGA, or an MPG of a remote.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counter {
+    /// Counts since the last reset or index.
+    pub count: Input<i32>,
+    /// Counts since the start.
+    pub rawcounts: Input<i32>,
+    /// `count / scale`.
+    pub position: Input<f64>,
+    /// Asks for `count` to become 0 at the next index, or full revolution of a counter without
+    /// index; off when that happened.
+    pub index_enable: InOut<bool>,
+    /// Keeps `count` at 0.
+    pub reset: Output<bool>,
+    /// Counts for one unit of position. 0 counts as 1.
+    pub scale: Param<f64>,
+    /// Counts of a revolution, of a counter without index; 0 is no revolutions.
+    pub counts_per_rev: Option<Param<u32>>,
+}
+
+impl DigitalIn {
+    /// By the input's name: `hm2_7i92.0.7i77.0.0.input-07`.
+    ///
+    /// # Errors
+    /// [`PinError`] if there is no such input, or no `-not` beside it.
+    pub fn find(pins: &Pins, name: &str) -> Result<Self, PinError> {
+        Ok(Self {
+            pin: pins.input(name)?,
+            not: pins.input(&format!("{name}-not"))?,
+        })
+    }
+
+    /// Its level.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn read(self, pins: &Pins) -> Reading<bool> {
+        pins.read(self.pin)
+    }
+}
+
+impl DigitalOut {
+    /// By the output's name: `hm2_7i92.0.7i77.0.0.output-07`.
+    ///
+    /// # Errors
+    /// [`PinError`] if there is no such output, or no `-invert` beside it.
+    pub fn find(pins: &Pins, name: &str) -> Result<Self, PinError> {
+        Ok(Self {
+            pin: pins.output(name)?,
+            invert: Some(Invert::Setting(pins.parameter(&format!("{name}-invert"))?)),
+        })
+    }
+
+    /// Switches it.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set(self, pins: &mut Pins, on: bool) {
+        pins.set(self.pin, on);
+    }
+
+    /// Says whether it goes out inverted, also while it is safe: that is how it is wired.
+    ///
+    /// # Errors
+    /// [`PinError::NotFound`] if nothing inverts it; [`PinError::ForeignHandle`].
+    pub fn set_inverted(self, pins: &mut Pins, inverted: bool) -> Result<(), PinError> {
+        match self.invert {
+            Some(Invert::Setting(param)) => pins.set_param(param, inverted),
+            Some(Invert::Pin(pin)) => {
+                pins.set(pin, inverted);
+                Ok(())
+            }
+            None => Err(PinError::NotFound),
+        }
+    }
+}
+
+impl AnalogIn {
+    /// By the input's name: `hm2_7i92.0.7i77.0.0.fieldvoltage`.
+    ///
+    /// # Errors
+    /// [`PinError`] if there is no such input, or no `-scalemax` beside it.
+    pub fn find(pins: &Pins, name: &str) -> Result<Self, PinError> {
+        Ok(Self {
+            volts: pins.input(name)?,
+            full_scale: pins.parameter(&format!("{name}-scalemax"))?,
+        })
+    }
+
+    /// Its voltage.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn read(self, pins: &Pins) -> Reading<f64> {
+        pins.read(self.volts)
+    }
+}
+
+impl AnalogOut {
+    /// By the names of the output and of its enable: `hm2_7i92.0.7i77.0.1.analogout0` and
+    /// `hm2_7i92.0.7i77.0.1.analogena`.
+    ///
+    /// # Errors
+    /// [`PinError`] if there are no such outputs, or no `-scalemax`, `-maxlim` and `-minlim`.
+    pub fn find(pins: &Pins, name: &str, enable: &str) -> Result<Self, PinError> {
+        Ok(Self {
+            volts: pins.output(name)?,
+            enable: pins.output(enable)?,
+            full_scale: pins.parameter(&format!("{name}-scalemax"))?,
+            max_limit: Some(pins.parameter(&format!("{name}-maxlim"))?),
+            min_limit: Some(pins.parameter(&format!("{name}-minlim"))?),
+        })
+    }
+
+    /// Sets its voltage.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set(self, pins: &mut Pins, volts: f64) {
+        pins.set(self.volts, volts);
+    }
+
+    /// Switches its drive, and whatever shares the enable.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn enable(self, pins: &mut Pins, on: bool) {
+        pins.set(self.enable, on);
+    }
+}
+
+impl Counter {
+    /// By what its pins' names begin with: `hm2_7i92.0.7i77.0.0.enc0`, `hm2_7i92.0.encoder.00`.
+    ///
+    /// # Errors
+    /// [`PinError`] if any of its pins is missing, but for `counts-per-rev`.
+    pub fn find(pins: &Pins, stem: &str) -> Result<Self, PinError> {
+        let reset = format!("{stem}.reset");
+        Ok(Self {
+            count: pins.input(&format!("{stem}.count"))?,
+            rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
+            position: pins.input(&format!("{stem}.position"))?,
+            index_enable: pins.inout(&format!("{stem}.index-enable"))?,
+            reset: pins
+                .output(&reset)
+                .or_else(|_| pins.inout(&reset).map(InOut::as_output))?,
+            scale: pins.parameter(&format!("{stem}.scale"))?,
+            counts_per_rev: pins.parameter(&format!("{stem}.counts-per-rev")).ok(),
+        })
+    }
+
+    /// Its position.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn read(self, pins: &Pins) -> Reading<f64> {
+        pins.read(self.position)
+    }
+}
