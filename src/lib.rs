@@ -88,6 +88,8 @@ pub mod hal;
 pub mod hostmot2;
 pub mod lbp;
 pub mod lbp16;
+#[allow(dead_code)]
+pub mod modules;
 pub mod process_data;
 #[cfg(feature = "std")]
 pub mod sim;

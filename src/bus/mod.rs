@@ -7,6 +7,8 @@
 
 mod error;
 mod image;
+#[allow(dead_code)]
+pub mod process_image;
 
 pub use error::{BusError, BusErrorKind};
 pub use image::{

@@ -55,6 +55,7 @@ mod remark;
 mod report;
 mod serial;
 mod set_up;
+mod settings;
 mod setup_list;
 mod stop;
 
@@ -70,6 +71,7 @@ pub use serial::{
     Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, RemoteWatchdog,
     SerialPort, SetAside, TimeHistogram,
 };
+pub use settings::Settings;
 pub use setup_list::SetupList;
 
 use alloc::{boxed::Box, string::String, vec::Vec};

@@ -164,12 +164,10 @@ impl ModuleDescriptor {
 
     /// Checks that this is a module of kind `gtag` with at least `registers` registers, of which
     /// those of `multiple` exist once for each instance, as the code that asks has them.
-    pub(super) fn expect(
-        &self,
-        gtags: &[Gtag],
-        registers: u8,
-        multiple: u32,
-    ) -> Result<(), ModuleError> {
+    ///
+    /// # Errors
+    /// [`ModuleError::WrongModule`] and [`ModuleError::UnknownLayout`].
+    pub fn expect(&self, gtags: &[Gtag], registers: u8, multiple: u32) -> Result<(), ModuleError> {
         if !gtags.contains(&self.gtag) {
             return Err(ModuleError::WrongModule {
                 expected: gtags.first().copied().unwrap_or_default(),

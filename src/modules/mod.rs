@@ -1,0 +1,137 @@
+//! The modules of a board: each is one file or folder with its registers, its pins and its cycle.
+//!
+//! A [`Module`] registers once what it reads, writes and is set up with, at a [`Registrar`], and then
+//! does one step after each read and one before each write. The board's watchdog and its serial
+//! ports are modules like the others, and an application can add modules that this crate does not
+//! know.
+
+mod error;
+pub mod led;
+mod registrar;
+
+pub use error::RegisterError;
+pub use registrar::Registrar;
+
+use core::any::Any;
+use core::fmt;
+
+use crate::bus::Instant;
+use crate::bus::process_image::{ReadSlot, Setting, Words, WriteSlot};
+use crate::driver::CycleReport;
+use crate::hal::{GroupId, PinStore};
+
+/// A part of the board in the cycle.
+///
+/// # Real time
+/// Every function is called at most once in a cycle, and must not allocate, wait or panic: a module
+/// is a state machine that does one step for each call.
+pub trait Module: Any + fmt::Debug + Send {
+    /// Takes its inputs from a read that is sound.
+    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
+        let _ = cycle;
+    }
+
+    /// A read failed: nothing new is known.
+    fn not_read(&mut self, pins: &mut PinStore) {
+        let _ = pins;
+    }
+
+    /// Puts its outputs.
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        let _ = cycle;
+    }
+
+    /// The write was sent at `now`, or it is not known whether it has `arrived`.
+    fn written(&mut self, now: Instant, arrived: bool) {
+        let _ = (now, arrived);
+    }
+
+    /// Something made everything safe. The outputs of the board's own group are safe already.
+    fn make_safe(&mut self, pins: &mut PinStore) {
+        let _ = pins;
+    }
+
+    /// The board has lost its set-up and got it back: counts may stand anywhere.
+    fn restored(&mut self, pins: &mut PinStore, now: Instant) {
+        let _ = (pins, now);
+    }
+}
+
+/// What a module has after a read.
+#[derive(Debug)]
+pub struct ReadCycle<'a> {
+    pub(crate) words: &'a Words,
+    /// Where its inputs go.
+    pub pins: &'a mut PinStore,
+    /// The group of the board's own pins.
+    pub group: GroupId,
+    /// When the registers were read.
+    pub now: Instant,
+    /// All writes have arrived, the newest last. Otherwise others than the newest may have been
+    /// executed, or the newest not: the network lost, delayed or duplicated packets.
+    pub certain: bool,
+    /// Settings were written since the last read, some of them perhaps again and unchanged.
+    pub repeated: bool,
+    /// What the application is told.
+    pub report: &'a mut CycleReport,
+}
+
+impl ReadCycle<'_> {
+    /// What was read.
+    #[inline]
+    pub fn word(&self, slot: ReadSlot) -> u32 {
+        self.words.word(slot)
+    }
+}
+
+/// What a module has before a write.
+#[derive(Debug)]
+pub struct WriteCycle<'a> {
+    pub(crate) words: &'a mut Words,
+    /// Where its outputs come from.
+    pub pins: &'a mut PinStore,
+    /// The group of the board's own pins.
+    pub group: GroupId,
+    /// When the write began.
+    pub now: Instant,
+    /// Nothing is to be started anew: the board is not set up, or safe values are told for the last
+    /// time.
+    pub hold: bool,
+    pub(crate) wants_extra: bool,
+}
+
+impl WriteCycle<'_> {
+    /// Puts the word of an output or a trigger.
+    #[inline]
+    pub fn put(&mut self, slot: WriteSlot, word: u32) {
+        self.words.put(slot, word);
+    }
+
+    /// Changes the word that an output has after the board's set-up: it follows from settings that
+    /// have changed.
+    #[inline]
+    pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
+        self.words.put_safe(slot, word);
+    }
+
+    /// Changes a setting. Only if it differs from what it was before, it is written, and from then on
+    /// with the board's set-up.
+    ///
+    /// # Real time
+    /// Constant time. A setting that [drives a pin](crate::bus::process_image::Stage::Drive) costs
+    /// three exchanges more in this cycle.
+    #[inline]
+    pub fn set(&mut self, setting: Setting, word: u32) {
+        self.words.set(setting, word);
+    }
+
+    /// Writes a setting in this cycle, changed or not.
+    pub fn repeat(&mut self, setting: Setting) {
+        self.words.repeat(setting);
+    }
+
+    /// The next read holds the [extra inputs](Registrar::extra_input) as well.
+    pub fn ask_extra(&mut self) {
+        self.wants_extra = true;
+    }
+}

@@ -1,0 +1,205 @@
+//! Where a module registers what it reads, writes and is set up with.
+
+use alloc::format;
+use core::fmt;
+use core::time::Duration;
+
+use super::RegisterError;
+use crate::boards::BoardTable;
+use crate::bus::RegisterBus;
+use crate::bus::process_image::{
+    ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot,
+};
+use crate::driver::Settings;
+use crate::hal::{GroupId, PinMaker, PinStore};
+use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor, PortPlan};
+
+/// What a module is made from.
+///
+/// Registering a register says everything about it. Belongs to set-up: it allocates, and nothing is
+/// written to the board yet.
+pub struct Registrar<'a> {
+    pub(crate) firmware: &'a HostMot2,
+    pub(crate) table: &'static BoardTable,
+    pub(crate) name: &'a str,
+    pub(crate) settings: &'a Settings,
+    pub(crate) group: GroupId,
+    /// The group of the driver's own pins, which are valid whatever fails.
+    pub(crate) status: GroupId,
+    pub(crate) pins: &'a mut PinStore,
+    pub(crate) io: &'a mut PortPlan,
+    pub(crate) plan: &'a mut ImagePlan,
+    pub(crate) bus: &'a mut dyn Peek,
+}
+
+/// Reads registers while modules register.
+pub(crate) trait Peek {
+    fn peek(&mut self, address: u16) -> Result<u32, RegisterError>;
+}
+
+/// A bus that keeps its error, because a [`RegisterError`] is of no bus.
+#[derive(Debug)]
+pub(crate) struct Peeking<'a, B: RegisterBus> {
+    pub bus: &'a mut B,
+    pub error: Option<B::Error>,
+}
+
+impl<B: RegisterBus> Peek for Peeking<'_, B> {
+    fn peek(&mut self, address: u16) -> Result<u32, RegisterError> {
+        self.bus.read(address).map_err(|error| {
+            self.error = Some(error);
+            RegisterError::Peek { address }
+        })
+    }
+}
+
+/// What there is.
+impl Registrar<'_> {
+    /// What the board's firmware says of itself.
+    pub fn firmware(&self) -> &HostMot2 {
+        self.firmware
+    }
+
+    /// What the firmware says of a module; `None` if it has none.
+    pub fn module(&self, gtag: Gtag) -> Option<ModuleDescriptor> {
+        self.firmware.find(gtag).copied()
+    }
+
+    /// What is known of this kind of board.
+    pub fn board(&self) -> &'static BoardTable {
+        self.table
+    }
+
+    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        self.name
+    }
+
+    /// The period of the cycle.
+    pub fn period(&self) -> Duration {
+        self.settings.period
+    }
+
+    /// What the application asks for.
+    pub fn settings(&self) -> &Settings {
+        self.settings
+    }
+
+    /// The group of the board's own pins.
+    pub fn group(&self) -> GroupId {
+        self.group
+    }
+
+    /// Where pins are made.
+    pub fn pins(&mut self) -> &mut PinStore {
+        self.pins
+    }
+
+    /// Makes pins of the board's own group, whose names begin with the board's and `stem`:
+    /// `hm2_7i92.0.led.` for `led.`.
+    pub fn maker(&mut self, stem: &str) -> PinMaker<'_> {
+        let stem = format!("{}.{stem}", self.name);
+        PinMaker::new(self.pins, self.group, stem)
+    }
+
+    /// Reads a register at once.
+    ///
+    /// # Errors
+    /// [`RegisterError::Peek`]: the bus failed. Pass it on; the driver then fails with the error of
+    /// the bus.
+    pub fn peek(&mut self, address: u16) -> Result<u32, RegisterError> {
+        self.bus.peek(address)
+    }
+
+    /// Gives instance `instance` of a module its I/O pins: those that it drives are driven by it from
+    /// [`Stage::Drive`] on.
+    ///
+    /// # Errors
+    /// [`RegisterError::IoPin`]: it has none, or they are in use.
+    pub fn use_io(&mut self, gtag: Gtag, instance: u8) -> Result<(), RegisterError> {
+        self.use_some_io(gtag, instance, |_| true)
+    }
+
+    /// The same for those of its I/O pins that are `wanted`; the others stay free for plain I/O.
+    ///
+    /// # Errors
+    /// As [`use_io`](Self::use_io).
+    pub fn use_some_io(
+        &mut self,
+        gtag: Gtag,
+        instance: u8,
+        wanted: impl Fn(PinDescriptor) -> bool,
+    ) -> Result<(), RegisterError> {
+        self.io.use_some(self.firmware, gtag, instance, wanted)?;
+        Ok(())
+    }
+}
+
+/// Registers. Their addresses are multiples of 4. Any number of modules may read a register; one may
+/// write it.
+impl Registrar<'_> {
+    /// Data that is read in every cycle.
+    pub fn input(&mut self, address: u16) -> ReadSlot {
+        self.plan.read(ReadPhase::Data, address)
+    }
+
+    /// Read in every cycle before everything else: what latches or marks a time.
+    pub fn latch(&mut self, address: u16) -> ReadSlot {
+        self.plan.read(ReadPhase::Latch, address)
+    }
+
+    /// Read in every cycle before data: what says whether the data can be trusted.
+    pub fn status(&mut self, address: u16) -> ReadSlot {
+        self.plan.read(ReadPhase::Status, address)
+    }
+
+    /// Read in every cycle after all data: what says whether the board is the one that was set up.
+    pub fn evidence(&mut self, address: u16) -> ReadSlot {
+        self.plan.read(ReadPhase::Evidence, address)
+    }
+
+    /// Data that is only read after somebody [asked](super::WriteCycle::ask_extra) for it, and when
+    /// the driver looks closely.
+    pub fn extra_input(&mut self, address: u16) -> ReadSlot {
+        self.plan.read_extra(ReadPhase::Data, address)
+    }
+
+    /// Data that is written in every cycle, and as `safe` in [`Stage::Configure`] of the set-up.
+    pub fn output(&mut self, address: u16, safe: u32) -> WriteSlot {
+        self.plan.output(address, safe)
+    }
+
+    /// Written in every cycle after all data, as `idle` until something else is put.
+    pub fn trigger(&mut self, address: u16, idle: u32) -> WriteSlot {
+        self.plan.write(WritePhase::Trigger, address, idle)
+    }
+
+    /// Written at set-up, when it changes, and after a reset: always with the word it has then.
+    ///
+    /// One of [`Stage::Drive`] or [`Stage::Enable`] that changes in the cycle is only written to a
+    /// board that is seen to be set up before and after it.
+    pub fn setting(&mut self, stage: Stage, address: u16, word: u32) -> Setting {
+        self.plan.setting(stage, address, word)
+    }
+
+    /// Written in the cycles in which it changes or is [repeated](super::WriteCycle::repeat), and never
+    /// with the set-up.
+    pub fn on_demand(&mut self, address: u16) -> Setting {
+        self.plan.on_demand(address)
+    }
+
+    /// A write of the set-up whose word stays. Within a stage, the set-up is written in the order in
+    /// which it is registered.
+    pub fn step(&mut self, stage: Stage, address: u16, word: u32) {
+        self.plan.step(stage, address, word);
+    }
+}
+
+impl fmt::Debug for Registrar<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Registrar")
+            .field("name", &self.name)
+            .field("plan", &self.plan)
+            .finish_non_exhaustive()
+    }
+}
