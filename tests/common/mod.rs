@@ -10,5 +10,6 @@ pub mod descriptors;
 pub mod ethernet;
 pub mod fpga;
 pub mod machine;
+pub mod recording;
 pub mod registers;
 pub mod replay;

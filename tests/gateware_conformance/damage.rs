@@ -1,49 +1,37 @@
 //! Proof that the comparison can fail: recordings are altered in memory, and every alteration must
 //! be found.
 
-use std::path::Path;
-
+use crate::DIRECTORY;
+use crate::common::recording::sslbp::{Entry, Event, Transcript};
+use crate::common::recording::{self, Recording};
 use crate::fpga_side::replay;
-use crate::transcript::{Entry, Event, Transcript};
 
 /// Far more than the tolerance.
 const SHIFT: u64 = 60_000;
 
 fn recording(name: &str) -> Transcript {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/transcripts")
-        .join(name);
-    Transcript::load(&path).expect("a recording of the project")
+    Transcript::own(DIRECTORY, name)
 }
 
-/// Alters one entry after the other, and returns the lines whose alteration was not noticed.
+fn differs(transcript: &Transcript) -> bool {
+    !replay(transcript).differences.is_empty()
+}
+
+/// Alters one entry after the other.
 fn unnoticed(name: &str, alter: impl Fn(&mut Entry) -> bool) -> (usize, Vec<usize>) {
-    let original = recording(name);
-    let mut altered = 0;
-    let mut missed = Vec::new();
-    for index in 0..original.entries.len() {
-        let mut copy = original.clone();
-        if !alter(&mut copy.entries[index]) {
-            continue;
-        }
-        altered += 1;
-        if replay(&copy).differences.is_empty() {
-            missed.push(original.entries[index].line);
-        }
-    }
-    (altered, missed)
+    recording::unnoticed(&recording(name), differs, alter)
 }
 
 #[test]
 fn the_recordings_themselves_replay_without_a_difference() {
-    for name in ["t05_passthrough.txt", "t10b_back_to_back.txt"] {
+    for name in ["t05_passthrough", "t10b_back_to_back"] {
         assert_eq!(replay(&recording(name)).differences, Vec::new());
     }
 }
 
 #[test]
 fn every_register_value_that_is_altered_is_found() {
-    for name in ["t10b_back_to_back.txt", "t03b_setup_states.txt"] {
+    for name in ["t10b_back_to_back", "t03b_setup_states"] {
         let (altered, missed) = unnoticed(name, |entry| match &mut entry.event {
             Event::Read { value, .. } => {
                 *value ^= 0x0000_0010;
@@ -58,7 +46,7 @@ fn every_register_value_that_is_altered_is_found() {
 
 #[test]
 fn every_byte_of_the_fpga_that_is_altered_is_found() {
-    for name in ["t06d_badmode.txt", "t26_7i64.txt"] {
+    for name in ["t06d_badmode", "t26_7i64"] {
         let (altered, missed) = unnoticed(name, |entry| match &mut entry.event {
             Event::FromFpga { bytes, .. } => {
                 let last = bytes.len() - 1;
@@ -74,7 +62,7 @@ fn every_byte_of_the_fpga_that_is_altered_is_found() {
 
 #[test]
 fn every_wait_that_is_altered_is_found() {
-    let (altered, missed) = unnoticed("t07a_doit_1of8.txt", |entry| match &mut entry.event {
+    let (altered, missed) = unnoticed("t07a_doit_1of8", |entry| match &mut entry.event {
         Event::Poll { waited, .. } => {
             *waited += SHIFT + *waited / 10;
             true
@@ -87,7 +75,7 @@ fn every_wait_that_is_altered_is_found() {
 
 #[test]
 fn a_reply_that_differs_from_the_recorded_one_shows_in_the_registers() {
-    let (altered, missed) = unnoticed("t11_fault.txt", |entry| match &mut entry.event {
+    let (altered, missed) = unnoticed("t11_fault", |entry| match &mut entry.event {
         Event::ToFpga { bytes, .. } if bytes.len() == 6 && entry.time > 2_000_000 => {
             // A wrong CRC.
             bytes[5] ^= 0x55;
@@ -101,7 +89,7 @@ fn a_reply_that_differs_from_the_recorded_one_shows_in_the_registers() {
 
 #[test]
 fn a_burst_too_many_or_too_few_is_found() {
-    let original = recording("t06d_badmode.txt");
+    let original = recording("t06d_badmode");
     let bursts = original
         .entries
         .iter()
@@ -110,19 +98,9 @@ fn a_burst_too_many_or_too_few_is_found() {
     for (index, entry) in bursts {
         let mut fewer = original.clone();
         fewer.entries.remove(index);
-        assert_ne!(
-            replay(&fewer).differences,
-            Vec::new(),
-            "line {} removed",
-            entry.line
-        );
+        assert!(differs(&fewer), "line {} removed", entry.line);
         let mut more = original.clone();
         more.entries.insert(index, entry.clone());
-        assert_ne!(
-            replay(&more).differences,
-            Vec::new(),
-            "line {} doubled",
-            entry.line
-        );
+        assert!(differs(&more), "line {} twice", entry.line);
     }
 }

@@ -1,10 +1,11 @@
 //! How long a DOIT is predicted to take, against every DOIT that was recorded from the gateware,
 //! and against the simulated port, whenever the host writes.
 
-use std::path::Path;
 use std::time::Duration;
 
-use crate::transcript::{Entry, Event, Transcript};
+use crate::DIRECTORY;
+use crate::common::recording::sslbp::{Entry, Event, Transcript};
+use crate::common::recording::{Recording, files, own_directory};
 use mesa_hal::sim::remote::Remote;
 use mesa_hal::sim::sslbp::{PortConfig, Register, SslbpPort};
 use mesa_hal::sim::wire::{Nanos, RemoteEnd};
@@ -29,18 +30,9 @@ struct Recorded {
 }
 
 fn recorded() -> Vec<Recorded> {
-    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/transcripts");
-    let mut found = Vec::new();
-    for file in std::fs::read_dir(directory).expect("the transcripts") {
-        let path = file.expect("a file").path();
-        let is_recording = path.extension().is_some_and(|extension| extension == "txt");
-        if is_recording && !path.ends_with("index.txt") {
-            found.extend(doits(
-                &Transcript::load(&path).expect("a readable recording"),
-            ));
-        }
-    }
-    found
+    let files = files(&own_directory(DIRECTORY));
+    let load = |path| Transcript::load(path).expect("a readable recording");
+    files.iter().flat_map(|path| doits(&load(path))).collect()
 }
 
 fn is_command(entry: &Entry) -> bool {

@@ -8,10 +8,11 @@
 use mesa_hal::sim::sslbp::{PortConfig, Register, SslbpPort};
 use mesa_hal::sim::wire::Nanos;
 
-use crate::outcome::{Outcome, TOLERANCE, within_tolerance};
+use crate::common::recording::Outcome;
+use crate::common::recording::sslbp::{Entry, Event, Transcript};
 use crate::phase::PhaseRule;
-use crate::transcript::{Entry, Event, Transcript};
 use crate::wire_log::WireLog;
+use crate::wire_log::{TOLERANCE, within_tolerance};
 
 /// Distance of the samples of a poll: 40 ns, the first one 20 ns after the access before it.
 const SAMPLE: Nanos = 40;

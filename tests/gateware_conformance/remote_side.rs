@@ -4,8 +4,8 @@
 use mesa_hal::sim::remote::{FixedData, Remote, RemoteEvent};
 use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
 
-use crate::outcome::Outcome;
-use crate::transcript::{Event, Transcript};
+use crate::common::recording::Outcome;
+use crate::common::recording::sslbp::{Event, Transcript};
 
 /// Times are not those of firmware here but of the remote model, so they are held much closer than
 /// the 15 us of the index: the recording has a resolution of 10 ns.

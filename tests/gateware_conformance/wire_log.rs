@@ -3,8 +3,16 @@
 use mesa_hal::sim::sslbp::Lines;
 use mesa_hal::sim::wire::{Burst, Nanos};
 
-use crate::outcome::{Outcome, TOLERANCE, within_tolerance};
-use crate::transcript::{Event, Transcript};
+use crate::common::recording::Outcome;
+use crate::common::recording::sslbp::{Event, Transcript};
+
+/// Times may differ by this much, or by a twentieth, whichever is more (index.txt).
+pub const TOLERANCE: Nanos = 15_000;
+
+/// Whether two durations agree.
+pub fn within_tolerance(expected: Nanos, actual: Nanos) -> bool {
+    expected.abs_diff(actual) <= TOLERANCE.max(expected / 20)
+}
 
 /// A reply that comes so late is not waited for any more.
 const LATE: Nanos = 300_000;

@@ -1,12 +1,12 @@
 //! Proof that the comparison can fail: recordings are altered in memory, and every alteration must
 //! be found.
 
+use crate::common::recording::{self, Recording, own_directory};
 use crate::transcript::{Entry, Event, Level, Transcript};
-use crate::{family, own_directory};
+use crate::{DIRECTORY, family};
 
 fn recording(name: &str) -> Transcript {
-    let path = own_directory().join(format!("{name}.txt"));
-    Transcript::load(&path).expect("a recording of the project")
+    Transcript::own(DIRECTORY, name)
 }
 
 fn differs(transcript: &Transcript) -> bool {
@@ -14,22 +14,9 @@ fn differs(transcript: &Transcript) -> bool {
     !replay(transcript).differences.is_empty()
 }
 
-/// Alters one entry after the other, and returns the lines whose alteration was not noticed.
+/// Alters one entry after the other.
 fn unnoticed(name: &str, alter: impl Fn(&mut Entry) -> bool) -> (usize, Vec<usize>) {
-    let original = recording(name);
-    let mut altered = 0;
-    let mut missed = Vec::new();
-    for index in 0..original.entries.len() {
-        let mut copy = original.clone();
-        if !alter(&mut copy.entries[index]) {
-            continue;
-        }
-        altered += 1;
-        if !differs(&copy) {
-            missed.push(original.entries[index].line);
-        }
-    }
-    (altered, missed)
+    recording::unnoticed(&recording(name), differs, alter)
 }
 
 #[test]
@@ -122,7 +109,7 @@ fn every_edge_and_duty_of_a_pwm_that_is_altered_is_found() {
 
 #[test]
 fn a_file_that_is_cut_off_in_a_line_can_not_be_read() {
-    let path = own_directory().join("wd01_bite.txt");
+    let path = own_directory(DIRECTORY).join("wd01_bite.txt");
     let text = std::fs::read_to_string(path).expect("a recording of the project");
     for end in 1..text.len() {
         let cut = &text[..end];

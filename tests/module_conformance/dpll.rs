@@ -9,7 +9,7 @@ use mesa_hal::sim::wire::Nanos;
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
-use crate::outcome::Outcome;
+use crate::common::recording::Outcome;
 use crate::register::Register;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Event, Level, Transcript};
@@ -133,7 +133,7 @@ fn compare_edges(transcript: &Transcript, edges: &BTreeSet<Edge>, outcome: &mut 
             missing.remove(&edge);
             let expected = format!("{pin} {level:?} at {}", entry.time);
             let actual = format!("no such edge in the window from {begin}");
-            outcome.compare(entry.line, edges.contains(&edge), expected, actual);
+            outcome.compare(edges.contains(&edge), entry.line, || (expected, actual));
         }
         for (at, output, level) in missing {
             let actual = format!("{} {level} at {at}", OUTPUTS[output]);
@@ -216,7 +216,7 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
                 format!("{name} {expected:#010X}"),
                 format!("{name} {word:#010X}"),
             );
-            outcome.compare(line, expected == actual, expected, actual);
+            outcome.compare(expected == actual, line, || (expected, actual));
         }
     }
 }

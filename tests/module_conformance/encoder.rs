@@ -7,7 +7,7 @@ use mesa_hal::sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
-use crate::outcome::Outcome;
+use crate::common::recording::Outcome;
 use crate::register::Register;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Entry, Event, Level, Transcript};
@@ -281,7 +281,7 @@ fn compare_edges(
             .collect();
         let expected = format!("{pin} {level:?} at {}, and still before", entry.time);
         let same = found == [&(entry.time, *level)];
-        outcome.compare(entry.line, same, expected, format!("{found:?}"));
+        outcome.compare(same, entry.line, || (expected, format!("{found:?}")));
     }
 }
 
@@ -307,7 +307,7 @@ fn compare_rates(transcript: &Transcript, bench: &mut EncoderBench, outcome: &mu
                 let followed = |word: u32| Some(word & 0xFFFF) == wanted;
                 let same = followed(word.value) == followed(actual);
                 let expected = format!("{:#010X} of {wanted:?} counts", word.value);
-                outcome.compare(entry.line, same, expected, format!("{actual:#010X}"));
+                outcome.compare(same, entry.line, || (expected, format!("{actual:#010X}")));
             }
             Event::Write { register, value } => {
                 bench.inner.advance(entry.time);

@@ -5,7 +5,7 @@ use mesa_hal::sim::{gtag, machines};
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
-use crate::outcome::Outcome;
+use crate::common::recording::Outcome;
 use crate::register::Register;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Event, Level, Transcript};

@@ -8,7 +8,7 @@ use mesa_hal::sim::{Firmware, PinDescriptor, gtag, machines};
 
 use crate::Replay;
 use crate::bench::FpgaBench;
-use crate::outcome::Outcome;
+use crate::common::recording::Outcome;
 use crate::runner::{self, Rules};
 use crate::transcript::{Event, Level, Transcript};
 
@@ -59,10 +59,14 @@ fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
                 let time = WatchdogTime::new(recorded, CLOCK_HZ);
                 let timeout = WatchdogTime(word).timeout(CLOCK_HZ);
                 outcome.compare(
-                    entry.line,
                     (time.0, timeout) == (word, Some(recorded)),
-                    format!("the driver's word for {recorded:?} {word:#010X}, and back"),
-                    format!("{:#010X}, {timeout:?}", time.0),
+                    entry.line,
+                    || {
+                        (
+                            format!("the driver's word for {recorded:?} {word:#010X}, and back"),
+                            format!("{:#010X}, {timeout:?}", time.0),
+                        )
+                    },
                 );
             }
             _ => {}

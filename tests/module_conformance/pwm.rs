@@ -5,7 +5,7 @@ use mesa_hal::sim::wire::Nanos;
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
-use crate::outcome::Outcome;
+use crate::common::recording::Outcome;
 use crate::pins::pwm_firmware;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Duty, Entry, Event, Level, Transcript};
@@ -93,10 +93,14 @@ impl Count {
 
 fn compare_duty(duty: &Duty, count: &Count, outcome: &mut Outcome) {
     outcome.compare(
-        duty.line,
         (count.high, count.rising) == (duty.high, duty.rising),
-        format!("{} high {} rising {}", duty.pin, duty.high, duty.rising),
-        format!("high {} rising {}", count.high, count.rising),
+        duty.line,
+        || {
+            (
+                format!("{} high {} rising {}", duty.pin, duty.high, duty.rising),
+                format!("high {} rising {}", count.high, count.rising),
+            )
+        },
     );
 }
 
@@ -142,12 +146,12 @@ fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
             "PWM_MODE" => (u32::from(rate.width.bits() - 9), 3),
             _ => continue,
         };
-        outcome.compare(
-            entry.line,
-            driver == value & mask,
-            format!("the driver's {} {value:#010X}", register.kind.name),
-            format!("{driver:#010X}"),
-        );
+        outcome.compare(driver == value & mask, entry.line, || {
+            (
+                format!("the driver's {} {value:#010X}", register.kind.name),
+                format!("{driver:#010X}"),
+            )
+        });
     }
     let pins = ["PWM0", "PWM1", "PWM2", "PWM3"].map(|pin| rising_edges(transcript, pin));
     let edges = pins.iter().max_by_key(|edges| edges.len());
@@ -159,10 +163,14 @@ fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
     let recorded = (last - first) as f64 / periods;
     let driver = 1e9 / rate.hz(CLOCK_HZ);
     outcome.compare(
-        *line,
         periods >= 3.0 && (recorded - driver).abs() <= CLOCK as f64 / periods,
-        format!("a period of {recorded} ns"),
-        format!("{driver} ns by the driver"),
+        *line,
+        || {
+            (
+                format!("a period of {recorded} ns"),
+                format!("{driver} ns by the driver"),
+            )
+        },
     );
 }
 
@@ -195,7 +203,7 @@ fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
             && register.kind.name == "PWM_MODE"
         {
             let (expected, actual) = (format!("mode {value:#04X}"), format!("{mode:#04X}"));
-            outcome.compare(entry.line, mode == *value, expected, actual);
+            outcome.compare(mode == *value, entry.line, || (expected, actual));
         }
     }
     for duty in &transcript.duties {
@@ -208,12 +216,12 @@ fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
         };
         let volts = (duty.high as f64 / duty.of as f64 * 2.0 - 1.0) * FULL_SCALE;
         let word = scale.encode(volts).word;
-        outcome.compare(
-            duty.line,
-            word == value,
-            format!("the driver's word for {volts} V {value:#010X}"),
-            format!("{word:#010X}"),
-        );
+        outcome.compare(word == value, duty.line, || {
+            (
+                format!("the driver's word for {volts} V {value:#010X}"),
+                format!("{word:#010X}"),
+            )
+        });
     }
     let ends = [
         (-FULL_SCALE, 0),
@@ -223,6 +231,6 @@ fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
     for (volts, value) in ends {
         let word = scale.encode(volts).word;
         let (expected, actual) = (format!("{volts} V {value:#010X}"), format!("{word:#010X}"));
-        outcome.compare(1, word == value, expected, actual);
+        outcome.compare(word == value, 1, || (expected, actual));
     }
 }

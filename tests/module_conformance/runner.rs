@@ -6,7 +6,7 @@ use mesa_hal::sim::UNDRIVEN;
 use mesa_hal::sim::wire::Nanos;
 
 use crate::bench::Bench;
-use crate::outcome::Outcome;
+use crate::common::recording::Outcome;
 use crate::register::Register;
 use crate::transcript::{BusWord, Entry, Event, Level, Transcript};
 
@@ -153,7 +153,7 @@ fn compare(entry: &Entry, shown: &[Shown], rules: Rules, outcome: &mut Outcome) 
         [Shown::Word(word)] => format!("{word:#010X}"),
         _ => format!("{shown:X?}"),
     };
-    outcome.compare(entry.line, right, expected, actual);
+    outcome.compare(right, entry.line, || (expected, actual));
 }
 
 fn read_is_right(event: &Event, shown: &Shown) -> bool {

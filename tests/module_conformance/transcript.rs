@@ -1,14 +1,12 @@
-//! Reads a transcript of the gateware's modules: one event for each line, times in nanoseconds.
-//!
-//! The format is described in `tests/transcripts/modules/index.txt`. Nothing is skipped: a line that
-//! does not parse is an error that names file and line.
-
-use std::fmt;
-use std::path::Path;
+//! Recordings of the gateware's modules. The format is described in
+//! `tests/transcripts/modules/index.txt`; times are nanoseconds.
 
 use mesa_hal::sim::wire::Nanos;
 
+use crate::common::recording::{self, Recording, decimal, hexadecimal, split};
 use crate::register::Register;
+
+pub type Entry = recording::Entry<Event>;
 
 /// One file.
 #[derive(Clone, Debug)]
@@ -21,17 +19,6 @@ pub struct Transcript {
     pub entries: Vec<Entry>,
     /// The duty lines of a PWM file, in order.
     pub duties: Vec<Duty>,
-}
-
-/// One line.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Entry {
-    /// Line number in the file, from 1.
-    pub line: usize,
-    /// The time at the beginning of the line.
-    pub time: Nanos,
-    /// What happened.
-    pub event: Event,
 }
 
 /// The level of a pin.
@@ -94,71 +81,22 @@ pub struct Duty {
     pub values: [u32; 4],
 }
 
-/// A line that could not be read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Unreadable {
-    /// File name.
-    pub file: String,
-    /// Line number, from 1.
-    pub line: usize,
-    /// What is wrong with it.
-    pub reason: String,
-}
+impl Recording for Transcript {
+    type Event = Event;
 
-impl fmt::Display for Unreadable {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}, line {}: {}", self.file, self.line, self.reason)
-    }
-}
-
-impl Transcript {
-    /// Reads the file at `path`.
-    pub fn load(path: &Path) -> Result<Self, Unreadable> {
-        let name = path
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        let text = std::fs::read_to_string(path).map_err(|error| Unreadable {
-            file: name.clone(),
-            line: 0,
-            reason: error.to_string(),
-        })?;
-        Self::parse(&name, &text)
-    }
-
-    /// Parses the text of a transcript.
-    pub fn parse(name: &str, text: &str) -> Result<Self, Unreadable> {
-        let mut transcript = Self {
+    fn new(name: &str) -> Self {
+        Self {
             name: name.to_owned(),
             comments: Vec::new(),
             entries: Vec::new(),
             duties: Vec::new(),
-        };
-        for (index, line) in text.lines().enumerate() {
-            transcript
-                .take(index + 1, line)
-                .map_err(|reason| Unreadable {
-                    file: name.to_owned(),
-                    line: index + 1,
-                    reason,
-                })?;
         }
-        let fail = |reason: &str| Unreadable {
-            file: name.to_owned(),
-            line: text.lines().count(),
-            reason: reason.to_owned(),
-        };
-        if !text.ends_with('\n') {
-            return Err(fail("the file ends in the middle of a line"));
-        }
-        if transcript.comments.is_empty() || transcript.entries.is_empty() {
-            return Err(fail(
-                "the file has no comment that says what it shows, or no entries",
-            ));
-        }
-        Ok(transcript)
     }
 
-    /// Takes one line over.
+    fn name(&self) -> &str {
+        &self.name
+    }
+
     fn take(&mut self, line: usize, text: &str) -> Result<(), String> {
         if let Some(comment) = text.strip_prefix('#') {
             self.comments.push(comment.trim().to_owned());
@@ -168,22 +106,21 @@ impl Transcript {
         let time = number(time)?;
         let (what, rest) = split(rest)?;
         if what == "duty" {
-            let duty = parse_duty(line, time, rest)?;
-            self.duties.push(duty);
+            self.duties.push(parse_duty(line, time, rest)?);
             return Ok(());
         }
         if !self.duties.is_empty() {
             return Err("an event behind the duty lines".to_owned());
         }
-        let previous = self.entries.last().map_or(0, |entry| entry.time);
-        if time < previous {
-            return Err(format!(
-                "its time is before {previous}, that of the line before"
-            ));
-        }
-        let event = parse_event(what, rest)?;
-        self.entries.push(Entry { line, time, event });
-        Ok(())
+        self.push(line, time, parse_event(what, rest)?)
+    }
+
+    fn is_complete(&self) -> bool {
+        !self.comments.is_empty() && !self.entries.is_empty()
+    }
+
+    fn entries_mut(&mut self) -> &mut Vec<Entry> {
+        &mut self.entries
     }
 }
 
@@ -274,17 +211,9 @@ fn parse_duty(line: usize, end: Nanos, rest: &str) -> Result<Duty, String> {
         .ok_or_else(|| "high, of and ratio contradict each other".to_owned())
 }
 
-fn split(text: &str) -> Result<(&str, &str), String> {
-    text.split_once(' ')
-        .filter(|(first, rest)| !first.is_empty() && !rest.trim().is_empty())
-        .ok_or_else(|| format!("the line ends after {text:?}"))
-}
-
 /// A number in decimal, nothing else.
 fn number(text: &str) -> Result<u64, String> {
-    let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    let number = digits.then(|| text.parse().ok()).flatten();
-    number.ok_or_else(|| format!("not a number: {text:?}"))
+    decimal(text, 0)
 }
 
 fn small_number(text: &str, limit: u64) -> Result<u8, String> {
@@ -358,16 +287,10 @@ fn word(text: &str) -> Result<BusWord, String> {
     })
 }
 
-fn hexadecimal(text: &str, digits: usize) -> Result<u32, String> {
-    if text.len() != digits || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-        return Err(format!("not {digits} hexadecimal digits: {text:?}"));
-    }
-    u32::from_str_radix(text, 16).map_err(|error| error.to_string())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::common::recording::Unreadable;
 
     fn parse(lines: &str) -> Result<Transcript, Unreadable> {
         Transcript::parse("test", &format!("# what it shows\n{lines}"))

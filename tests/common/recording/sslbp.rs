@@ -1,13 +1,12 @@
-//! Reads a transcript of the gateware: one event for each line, times in nanoseconds.
-//!
-//! The format is described in `tests/transcripts/index.txt`. Nothing is skipped: a line that does
-//! not parse is an error that names file and line.
-
-use std::fmt;
-use std::path::Path;
+//! Recordings of the SSLBP gateware. The format is described in `tests/transcripts/index.txt`; times
+//! are nanoseconds.
 
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sim::wire::Nanos;
+
+use super::{Recording, decimal, hexadecimal, split};
+
+pub type Entry = super::Entry<Event>;
 
 /// One file.
 #[derive(Clone, Debug)]
@@ -20,17 +19,6 @@ pub struct Transcript {
     pub clock_hz: u32,
     /// All lines after the header, in order.
     pub entries: Vec<Entry>,
-}
-
-/// One line.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Entry {
-    /// Line number in the file, from 1.
-    pub line: usize,
-    /// The time at the beginning of the line.
-    pub time: Nanos,
-    /// What happened.
-    pub event: Event,
 }
 
 /// What a line says.
@@ -67,84 +55,44 @@ pub enum Event {
     Note(String),
 }
 
-/// A line that could not be read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Unreadable {
-    /// File name.
-    pub file: String,
-    /// Line number, from 1.
-    pub line: usize,
-    /// What is wrong with it.
-    pub reason: String,
-}
+impl Recording for Transcript {
+    type Event = Event;
 
-impl fmt::Display for Unreadable {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}, line {}: {}", self.file, self.line, self.reason)
-    }
-}
-
-impl Transcript {
-    /// Reads the file at `path`.
-    pub fn load(path: &Path) -> Result<Self, Unreadable> {
-        let name = path
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        let text = std::fs::read_to_string(path).map_err(|error| Unreadable {
-            file: name.clone(),
-            line: 0,
-            reason: error.to_string(),
-        })?;
-        Self::parse(&name, &text)
-    }
-
-    /// Parses the text of a transcript.
-    pub fn parse(name: &str, text: &str) -> Result<Self, Unreadable> {
-        let mut transcript = Self {
+    fn new(name: &str) -> Self {
+        Self {
             name: name.to_owned(),
             channels: 0,
             clock_hz: 0,
             entries: Vec::new(),
-        };
-        let mut previous = 0;
-        for (index, line) in text.lines().enumerate() {
-            let line_number = index + 1;
-            let fail = |reason: String| Unreadable {
-                file: name.to_owned(),
-                line: line_number,
-                reason,
-            };
-            if let Some(comment) = line.strip_prefix('#') {
-                if line_number == 2 {
-                    transcript.header(comment).map_err(fail)?;
-                }
-            } else if !line.trim().is_empty() {
-                let (time, event) = parse_line(line).map_err(fail)?;
-                if time < previous {
-                    return Err(fail(
-                        "its time is before that of the line before".to_owned(),
-                    ));
-                }
-                previous = time;
-                transcript.entries.push(Entry {
-                    line: line_number,
-                    time,
-                    event,
-                });
-            }
         }
-        let complete = text.ends_with('\n') && transcript.channels != 0;
-        if complete && !transcript.entries.is_empty() {
-            return Ok(transcript);
-        }
-        Err(Unreadable {
-            file: name.to_owned(),
-            line: text.lines().count(),
-            reason: "the file has no header, no entries, or ends in the middle of a line"
-                .to_owned(),
-        })
     }
 
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn take(&mut self, line: usize, text: &str) -> Result<(), String> {
+        if let Some(comment) = text.strip_prefix('#') {
+            return if line == 2 {
+                self.header(comment)
+            } else {
+                Ok(())
+            };
+        }
+        let (time, event) = parse_line(text)?;
+        self.push(line, time, event)
+    }
+
+    fn is_complete(&self) -> bool {
+        self.channels != 0 && !self.entries.is_empty()
+    }
+
+    fn entries_mut(&mut self) -> &mut Vec<Entry> {
+        &mut self.entries
+    }
+}
+
+impl Transcript {
     /// Takes channels and clock from `gateware ..., 8 channels, ClockLow=ClockMed=100 MHz, ...`.
     fn header(&mut self, comment: &str) -> Result<(), String> {
         for part in comment.split(',').map(str::trim) {
@@ -286,12 +234,6 @@ fn parse_register(text: &str) -> Result<Register, String> {
     }
 }
 
-fn split(text: &str) -> Result<(&str, &str), String> {
-    text.split_once(' ')
-        .map(|(first, rest)| (first, rest.trim()))
-        .ok_or_else(|| format!("the line ends after {text:?}"))
-}
-
 /// A channel or remote number: one digit, 0 to 7.
 fn small_number(text: &str) -> Result<u8, String> {
     match text.as_bytes() {
@@ -306,104 +248,4 @@ fn word(text: &str) -> Result<u32, String> {
         .strip_prefix("0x")
         .ok_or_else(|| format!("not a register value: {text:?}"))?;
     hexadecimal(digits, 8)
-}
-
-fn hexadecimal(text: &str, digits: usize) -> Result<u32, String> {
-    if text.len() != digits || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-        return Err(format!("not {digits} hexadecimal digits: {text:?}"));
-    }
-    u32::from_str_radix(text, 16).map_err(|error| error.to_string())
-}
-
-/// A decimal number times 10^`scale`, exactly.
-fn decimal(text: &str, scale: usize) -> Result<u64, String> {
-    let bad = || format!("not a number: {text:?}");
-    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    let digits = |part: &str| part.bytes().all(|byte| byte.is_ascii_digit());
-    if whole.is_empty() || !digits(whole) || !digits(fraction) || fraction.len() > scale {
-        return Err(bad());
-    }
-    format!("{whole}{fraction:0<scale$}")
-        .parse()
-        .map_err(|_| bad())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const HEADER: &str = "# what\n# gateware x, 3 channels, ClockLow=ClockMed=100 MHz, 2.5 Mbaud\n";
-
-    fn parse(lines: &str) -> Result<Transcript, Unreadable> {
-        Transcript::parse("test", &format!("{HEADER}{lines}"))
-    }
-
-    #[test]
-    fn every_kind_of_line_is_read() {
-        let transcript = parse(concat!(
-            "0.00 sim remote2 present=1 name=7I77\n",
-            "1.50 host write IF2[7] 0xFFFF1234\n",
-            "2.00 host poll COMMAND 0x00000000 ; waited=0.53\n",
-            "12.06 ch1 fpga->remote EB 28 B7 ; start=2.00\n",
-            "20.00 ch1 remote->fpga BREAK 00 ; start=16.00\n",
-            "21.00 sim wire log off\n",
-            "22.00 note text with spaces\n",
-        ))
-        .unwrap();
-        assert_eq!((transcript.channels, transcript.clock_hz), (3, 100_000_000));
-        let events: Vec<_> = transcript.entries.into_iter().map(|e| e.event).collect();
-        assert_eq!(
-            events[1],
-            Event::Write {
-                register: Register::Interface(7, 2),
-                value: 0xFFFF_1234
-            }
-        );
-        assert_eq!(
-            events[2],
-            Event::Poll {
-                value: 0,
-                waited: 530,
-                timed_out: false
-            }
-        );
-        assert_eq!(
-            events[3],
-            Event::FromFpga {
-                channel: 1,
-                start: 2_000,
-                bytes: vec![0xEB, 0x28, 0xB7]
-            }
-        );
-        assert!(matches!(events[4], Event::ToFpga { is_break: true, .. }));
-        assert_eq!(events[5], Event::WireLogOff);
-    }
-
-    #[test]
-    fn a_damaged_line_is_named() {
-        for (damaged, line) in [
-            ("1.00 host write CS[0] 0x1234\n", 3),
-            ("1.00 host read CS[8] 0x00000000\n", 3),
-            (
-                "1.00 host write COMMAND 0x00000800\n0.50 note back in time\n",
-                4,
-            ),
-            ("1.00 ch0 fpga->remote DG 16 ; start=0.00\n", 3),
-            ("1.00 ch0 fpga->remote DF 16\n", 3),
-            ("1.0x note\n", 3),
-            (
-                "1.00 host poll COMMAND 0x00000000 ; waited=1.00 TIMEOUT\n",
-                3,
-            ),
-            ("1.00 guest read CS[0] 0x00000000\n", 3),
-            ("1.00 note cut off", 3),
-        ] {
-            assert_eq!(
-                parse(damaged).map_err(|error| error.line).err(),
-                Some(line),
-                "{damaged}"
-            );
-        }
-        assert!(Transcript::parse("test", "# only\n# a header\n").is_err());
-    }
 }
