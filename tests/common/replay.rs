@@ -5,8 +5,14 @@
 //! small table, because the driver asks for more than the recording did.
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, Direction, Instant, RegisterBus};
+use mesa_hal::sim::sslbp::Register;
+use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sslbp::{Channel, ChannelMask, Layout, SslbpModule};
-use std::{collections::BTreeMap, path::PathBuf, time::Duration};
+use std::collections::{BTreeMap, HashMap};
+use std::time::Duration;
+
+use crate::common::recording::Recording;
+use crate::common::recording::sslbp::{Entry, Event, Transcript};
 
 /// FACTS 9.2.
 pub const MODULE: SslbpModule = SslbpModule {
@@ -19,52 +25,37 @@ pub const MODULE: SslbpModule = SslbpModule {
     instances: 1,
 };
 
-/// The text of a transcript.
-pub fn transcript(name: &str) -> String {
-    let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests", "transcripts", name]
-        .iter()
-        .collect();
-    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+/// A recording of the project.
+pub fn recording(name: &str) -> Transcript {
+    Transcript::own("transcripts", name)
 }
 
-/// The memory of a remote as a transcript sets it up.
-pub fn memory_of(text: &str, remote: &str) -> BTreeMap<u16, u8> {
+/// The memory of a remote as a recording sets it up.
+pub fn memory_of(recording: &Transcript, remote: u8) -> BTreeMap<u16, u8> {
     let mut memory = BTreeMap::new();
-    for line in text.lines() {
-        let mut words = line.split_whitespace().skip(1);
-        if (words.next(), words.next(), words.next()) != (Some("sim"), Some(remote), Some("mem")) {
+    for setting in settings_of(recording, remote) {
+        let Some(setting) = setting.strip_prefix("mem 0x") else {
             continue;
-        }
-        let (Some(address), Some(bytes)) = (words.next(), words.next()) else {
-            panic!("memory line without bytes: {line}");
         };
-        let address = u16::from_str_radix(address.trim_start_matches("0x"), 16).unwrap();
+        let (address, bytes) = setting.split_once(' ').expect("address and bytes");
+        let address = u16::from_str_radix(address, 16).expect("an address");
         for (n, pair) in (0..).zip(bytes.as_bytes().chunks(2)) {
-            let pair = std::str::from_utf8(pair).unwrap();
-            memory.insert(address + n, u8::from_str_radix(pair, 16).unwrap());
+            let pair = std::str::from_utf8(pair).expect("digits");
+            memory.insert(address + n, u8::from_str_radix(pair, 16).expect("digits"));
         }
     }
     memory
 }
 
-/// A register as the transcripts name it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reg {
-    Command,
-    Data,
-    Cs(u8),
-    Interface(u8, u8),
-}
-
-fn parse_register(name: &str) -> Reg {
-    let channel = |name: &str| -> u8 { name.split(['[', ']']).nth(1).unwrap().parse().unwrap() };
-    match name {
-        "COMMAND" => Reg::Command,
-        "DATA" => Reg::Data,
-        _ if name.starts_with("CS") => Reg::Cs(channel(name)),
-        _ if name.starts_with("IF") => Reg::Interface(channel(name), name[2..3].parse().unwrap()),
-        _ => panic!("unknown register {name}"),
-    }
+/// The lines that set a remote up.
+pub fn settings_of(recording: &Transcript, remote: u8) -> impl Iterator<Item = &str> {
+    recording
+        .entries
+        .iter()
+        .filter_map(move |entry| match &entry.event {
+            Event::Remote { remote: of, text } if *of == remote => Some(text.as_str()),
+            _ => None,
+        })
 }
 
 /// From one write of COMMAND to the next.
@@ -72,48 +63,47 @@ fn parse_register(name: &str) -> Reg {
 pub struct Segment {
     pub command: u32,
     /// What was written before COMMAND.
-    pub writes: Vec<(Reg, u32)>,
-    /// Microseconds until COMMAND read 0.
-    pub cleared: Option<f64>,
-    /// What was read, with the microseconds since COMMAND was written.
-    pub values: BTreeMap<Reg, Vec<(f64, u32)>>,
+    pub writes: Vec<(Register, u32)>,
+    /// Time until COMMAND read 0.
+    pub cleared: Option<Nanos>,
+    /// What was read, with the time since COMMAND was written.
+    pub values: HashMap<Register, Vec<(Nanos, u32)>>,
 }
 
 impl Segment {
     /// The last recorded value of a register.
-    pub fn last(&self, register: Reg) -> Option<u32> {
+    pub fn last(&self, register: Register) -> Option<u32> {
         self.values.get(&register)?.last().map(|&(_, value)| value)
     }
 }
 
-/// The host's side of a transcript.
-pub fn segments(text: &str) -> Vec<Segment> {
+/// The host's side of a recording.
+fn segments(recording: &Transcript) -> Vec<Segment> {
     let mut segments: Vec<Segment> = Vec::new();
     let mut writes = Vec::new();
-    let mut begin = 0.0;
-    for line in text.lines().filter(|line| !line.starts_with('#')) {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let &[time, "host", verb, register, value, ..] = words.as_slice() else {
-            continue;
-        };
-        let time: f64 = time.parse().unwrap();
-        let value = u32::from_str_radix(&value[2..], 16).unwrap();
-        match (verb, parse_register(register)) {
-            ("write", Reg::Command) => {
-                begin = time;
+    let mut begin = 0;
+    for Entry { time, event, .. } in &recording.entries {
+        match *event {
+            Event::Write {
+                register: Register::Command,
+                value,
+            } => {
+                begin = *time;
                 segments.push(Segment {
                     command: value,
                     writes: std::mem::take(&mut writes),
                     ..Segment::default()
                 });
             }
-            ("write", register) => writes.push((register, value)),
-            ("poll", Reg::Command) if !line.ends_with("TIMEOUT") => {
+            Event::Write { register, value } => writes.push((register, value)),
+            Event::Poll {
+                timed_out: false, ..
+            } => {
                 if let Some(segment) = segments.last_mut() {
                     segment.cleared = Some(time - begin);
                 }
             }
-            ("read", register) if register != Reg::Command => {
+            Event::Read { register, value } if register != Register::Command => {
                 if let Some(segment) = segments.last_mut() {
                     let values = segment.values.entry(register).or_default();
                     values.push((time - begin, value));
@@ -126,18 +116,18 @@ pub fn segments(text: &str) -> Vec<Segment> {
 }
 
 /// The sizes of all discovery replies (BB) of channel 0, in order.
-pub fn size_replies(text: &str) -> Vec<(u8, u8)> {
+pub fn size_replies(recording: &Transcript) -> Vec<(u8, u8)> {
     let mut asked = false;
     let mut sizes = Vec::new();
-    for line in text.lines() {
-        if line.contains("ch0 fpga->remote") {
-            asked = line.contains("fpga->remote BB ");
-        } else if let Some((_, reply)) = line.split_once("ch0 remote->fpga ").filter(|_| asked) {
-            let bytes: Vec<u8> = reply
-                .split_whitespace()
-                .map_while(|byte| u8::from_str_radix(byte, 16).ok())
-                .collect();
-            sizes.push((bytes[0], bytes[1]));
+    for entry in &recording.entries {
+        match &entry.event {
+            Event::FromFpga {
+                channel: 0, bytes, ..
+            } => asked = bytes[0] == 0xBB,
+            Event::ToFpga {
+                channel: 0, bytes, ..
+            } if asked => sizes.push((bytes[0], bytes[1])),
+            _ => {}
         }
     }
     sizes
@@ -163,10 +153,10 @@ pub struct Replay {
     /// When the command that runs was written.
     begin: u64,
     busy: u32,
-    cleared: Option<f64>,
+    cleared: Option<Nanos>,
     current: Option<Segment>,
-    held: BTreeMap<Reg, u32>,
-    written: BTreeMap<Reg, u32>,
+    held: HashMap<Register, u32>,
+    written: HashMap<Register, u32>,
     pub local: BTreeMap<u16, u8>,
     pub accesses: u32,
     pub exchanges: u32,
@@ -176,7 +166,7 @@ pub struct Replay {
 
 impl Replay {
     pub fn of(name: &str) -> Self {
-        Self::new(segments(&transcript(name)))
+        Self::new(segments(&recording(name)))
     }
 
     pub fn new(segments: Vec<Segment>) -> Self {
@@ -190,10 +180,10 @@ impl Replay {
             now: 1_000_000,
             begin: 0,
             busy: 0,
-            cleared: Some(0.0),
+            cleared: Some(0),
             current: None,
-            held: BTreeMap::new(),
-            written: BTreeMap::new(),
+            held: HashMap::new(),
+            written: HashMap::new(),
             local,
             accesses: 0,
             exchanges: 0,
@@ -229,38 +219,38 @@ impl Replay {
         self.segments.get(self.next)
     }
 
-    fn elapsed(&self) -> f64 {
-        (self.now - self.begin) as f64 / 1000.0
+    fn elapsed(&self) -> Nanos {
+        self.now - self.begin
     }
 
     fn is_busy(&self) -> bool {
         self.busy != 0 && self.cleared.is_none_or(|cleared| self.elapsed() < cleared)
     }
 
-    fn decode(address: u16) -> Reg {
+    fn decode(address: u16) -> Register {
         let layout = Layout::new(&MODULE, 0, 8).unwrap();
         if address == layout.command() {
-            return Reg::Command;
+            return Register::Command;
         }
         if address == layout.data() {
-            return Reg::Data;
+            return Register::Data;
         }
         for channel in Channel::ALL {
             let registers = layout.channel(channel).unwrap();
             if registers.cs() == address {
-                return Reg::Cs(channel.index());
+                return Register::Cs(channel.index());
             }
             for (n, interface) in (0..).zip(registers.interfaces()) {
                 if interface == address {
-                    return Reg::Interface(channel.index(), n);
+                    return Register::Interface(channel.index(), n);
                 }
             }
         }
         panic!("access to {address:#06X}, which is no register of the port");
     }
 
-    fn read_register(&self, register: Reg) -> u32 {
-        if register == Reg::Command {
+    fn read_register(&self, register: Register) -> u32 {
+        if register == Register::Command {
             return if self.is_busy() { self.busy } else { 0 };
         }
         let recorded = self.current.as_ref().and_then(|segment| {
@@ -275,7 +265,7 @@ impl Replay {
         recorded
             .map(|&(_, value)| value)
             .or_else(|| self.held.get(&register).copied())
-            .unwrap_or(if matches!(register, Reg::Cs(_)) {
+            .unwrap_or(if matches!(register, Register::Cs(_)) {
                 0xC100
             } else {
                 0
@@ -326,7 +316,7 @@ impl Replay {
                 ),
                 // The recording host wrote more interface registers than the remote takes.
                 None => assert!(
-                    value == 0 || matches!(register, Reg::Interface(..)),
+                    value == 0 || matches!(register, Register::Interface(..)),
                     "{register:?} = {value:08X} missing before COMMAND {:04X}",
                     segment.command
                 ),
@@ -344,11 +334,11 @@ impl Replay {
             0xA000 => self.store_local(address),
             0x2000 => {
                 let value = self.local.get(&address).copied().unwrap_or(0);
-                self.held.insert(Reg::Data, value.into());
+                self.held.insert(Register::Data, value.into());
             }
             0 if (0x0801..=0x08FF).contains(&command) => {
                 for channel in ChannelMask::from_bits(command as u8).iter() {
-                    self.held.insert(Reg::Cs(channel.index()), 0xC100);
+                    self.held.insert(Register::Cs(channel.index()), 0xC100);
                 }
             }
             _ => panic!(
@@ -358,16 +348,16 @@ impl Replay {
         }
         self.begin = self.now;
         self.busy = command;
-        self.cleared = Some(0.55);
+        self.cleared = Some(550);
     }
 
     fn store_local(&mut self, address: u16) {
-        let value = self.written.get(&Reg::Data).copied().unwrap_or(0) as u8;
+        let value = self.written.get(&Register::Data).copied().unwrap_or(0) as u8;
         self.local.insert(address, value);
     }
 
-    fn write_register(&mut self, register: Reg, value: u32) {
-        if register == Reg::Command {
+    fn write_register(&mut self, register: Register, value: u32) {
+        if register == Register::Command {
             self.write_command(value);
         } else {
             self.written.insert(register, value);
@@ -382,12 +372,15 @@ fn fill_in_started(segment: &mut Segment) {
         0x0F => 0x0040_0000,
         _ => return,
     };
-    let failed = segment.last(Reg::Data).unwrap_or(0);
+    let failed = segment.last(Register::Data).unwrap_or(0);
     let started = ChannelMask::from_bits((segment.command & !failed) as u8);
     for channel in started.iter() {
-        let values = segment.values.entry(Reg::Cs(channel.index())).or_default();
+        let values = segment
+            .values
+            .entry(Register::Cs(channel.index()))
+            .or_default();
         if values.is_empty() {
-            values.push((0.0, ready));
+            values.push((0, ready));
         }
     }
 }

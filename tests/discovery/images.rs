@@ -1,6 +1,6 @@
 //! Discovery on memory images: recorded ones, damaged ones, and arbitrary ones.
 
-use crate::common::replay::{memory_of, transcript};
+use crate::common::replay::{memory_of, recording};
 use mesa_hal::discovery::{
     DataDirection, DataType, Discovered, DiscoveryLimits, Flow, ModeType, ProblemKind,
     RemoteIdentity, RemoteMemory, RemoteName, Source, StringField, Table, discover,
@@ -24,9 +24,9 @@ struct Image {
 }
 
 impl Image {
-    fn recorded(name: &str, remote: &str) -> Self {
+    fn recorded(name: &str, remote: u8) -> Self {
         Self {
-            bytes: memory_of(&transcript(name), remote),
+            bytes: memory_of(&recording(name), remote),
             ..Self::default()
         }
     }
@@ -101,7 +101,7 @@ const MODES: [(u16, u16, u8, u8); 4] = [
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; memory of transcript t03.
 #[test]
 fn the_recorded_7i77_is_found_as_it_is() {
-    let mut image = Image::recorded("t03_setup_one.txt", "remote0");
+    let mut image = Image::recorded("t03_setup_one", 0);
     let found = run(&mut image, &identity(0x5C0, 0x5D2, 9, 2));
     assert_eq!(found.problems, []);
     assert_eq!(found.source, Source::Remote);
@@ -158,7 +158,7 @@ fn the_recorded_7i77_is_found_as_it_is() {
 #[test]
 fn discovery_costs_one_access_for_eight_bytes() {
     for (mode, (ptoc, gtoc, rx, tx)) in MODES.into_iter().enumerate() {
-        let mut image = Image::recorded("t03_setup_one.txt", "remote0");
+        let mut image = Image::recorded("t03_setup_one", 0);
         let found = run(&mut image, &identity(ptoc, gtoc, rx, tx));
         assert_eq!(found.problems, [], "mode {mode}");
         assert_eq!(found.accesses, image.accesses);
@@ -176,7 +176,7 @@ fn discovery_costs_one_access_for_eight_bytes() {
 /// FACTS 7.2: process data, modes of all indexes and parameters are in the GTOC.
 #[test]
 fn what_the_gtoc_repeats_is_no_parameter() {
-    let mut image = Image::recorded("t03_setup_one.txt", "remote0");
+    let mut image = Image::recorded("t03_setup_one", 0);
     // Output, Input, both modes, a mode of another index, and the three parameters
     let gtoc = [0x400, 0x416, 0x42B, 0x438, 0x55C, 0x445, 0x45F, 0x47F, 0];
     image.put_words(0x2000, &gtoc);

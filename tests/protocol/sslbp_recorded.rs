@@ -1,7 +1,8 @@
 //! The driver against recorded gateware, at register level: the manual's step lists, every recorded
 //! failure of START, and the way out of a port that is stuck.
 
-use crate::common::replay::{MODULE, Reg, Replay, Segment, size_replies, transcript};
+use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
+use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelStart, ComState, Layout, LocalFaults, LocalLocation,
     NonvolatileMemory, Port, PortError, PortParameters, PortState, PortWords, ProcessDataSizes,
@@ -40,7 +41,7 @@ fn never_busy(bus: &Replay) {
 /// FACTS 2.3, 2.5; transcript t01.
 #[test]
 fn reset_waits_for_the_initialisation_and_reads_the_parameters() {
-    let mut bus = Replay::of("t01_reset_local.txt");
+    let mut bus = Replay::of("t01_reset_local");
     let mut port = port();
     let parameters = port.reset(&mut bus).unwrap();
     assert_eq!(
@@ -78,7 +79,7 @@ fn a_port_with_other_channels_than_its_pins_is_refused() {
 /// Manual: 7I77, "NORMAL MODE OPERATION", steps 1 to 11 in the poll form; transcript t06.
 #[test]
 fn normal_mode_operation_step_by_step() {
-    let mut bus = Replay::of("t06_normal_mode1.txt");
+    let mut bus = Replay::of("t06_normal_mode1");
     bus.set_sizes(0, 9, 2);
     let mut port = identified(&mut bus);
     // 1: STOPALL
@@ -117,7 +118,7 @@ fn normal_mode_operation_step_by_step() {
 /// Manual: 7I77, "NORMAL MODE OPERATION", steps 6 to 11, write before read; transcript t06.
 #[test]
 fn write_before_read_gives_the_inputs_of_the_doit_before() {
-    let mut bus = Replay::of("t06_normal_mode1.txt");
+    let mut bus = Replay::of("t06_normal_mode1");
     bus.set_sizes(0, 9, 2);
     let mut port = identified(&mut bus);
     port.stop_all(&mut bus).unwrap();
@@ -147,7 +148,7 @@ fn recorded_access(segment: &Segment) -> Option<RemoteAccess> {
         let write = segment.writes.iter().rev().find(|(r, _)| *r == register);
         write.map(|&(_, value)| u64::from(value))
     };
-    let word = written(Reg::Cs(0))? as u32;
+    let word = written(Register::Cs(0))? as u32;
     let (command, address) = ((word >> 24) as u8, word as u16);
     let sizes = [
         AccessSize::Byte,
@@ -156,8 +157,8 @@ fn recorded_access(segment: &Segment) -> Option<RemoteAccess> {
         AccessSize::Double,
     ];
     let size = sizes[usize::from(command & 3)];
-    let value = written(Reg::Interface(0, 0)).unwrap_or(0)
-        | written(Reg::Interface(0, 1)).unwrap_or(0) << 32;
+    let value = written(Register::Interface(0, 0)).unwrap_or(0)
+        | written(Register::Interface(0, 1)).unwrap_or(0) << 32;
     match command {
         0x44..=0x47 => Some(RemoteAccess::Read { address, size }),
         0x64..=0x67 => Some(RemoteAccess::Write {
@@ -178,7 +179,7 @@ fn recorded_access(segment: &Segment) -> Option<RemoteAccess> {
 /// the driver makes, the lost reply included.
 #[test]
 fn every_recorded_pass_through_access_gives_the_recorded_value() {
-    let mut bus = Replay::of("t05_passthrough.txt").without(|segment| {
+    let mut bus = Replay::of("t05_passthrough").without(|segment| {
         segment.command == 0x2000 || segment.command == 0x1001 && recorded_access(segment).is_none()
     });
     bus.set_sizes(0, 5, 2);
@@ -198,8 +199,8 @@ fn every_recorded_pass_through_access_gives_the_recorded_value() {
             access,
             RemoteAccess::Read { .. } | RemoteAccess::ReadLocal(_)
         ) {
-            let lost = segment.last(Reg::Data) != Some(0);
-            let words = [0, 1].map(|n| segment.last(Reg::Interface(0, n)).unwrap());
+            let lost = segment.last(Register::Data) != Some(0);
+            let words = [0, 1].map(|n| segment.last(Register::Interface(0, n)).unwrap());
             let recorded = if lost { 0xBEEF } else { access.value(words) };
             assert_eq!(value, recorded, "{access}");
             compared += 1;
@@ -216,7 +217,7 @@ fn every_recorded_pass_through_access_gives_the_recorded_value() {
 /// memory.
 #[test]
 fn nonvolatile_access_is_confirmed_and_switched_off_again() {
-    let mut bus = Replay::of("t05_passthrough.txt").without(|segment| {
+    let mut bus = Replay::of("t05_passthrough").without(|segment| {
         let in_sequence = matches!(
             recorded_access(segment),
             Some(
@@ -244,7 +245,7 @@ fn reason_of(name: &str, mode: StartMode, software_mode: u8) -> StartFailureReas
     let mut bus = Replay::of(name);
     let mut port = identified(&mut bus);
     port.stop_all(&mut bus).unwrap();
-    if let Some(&(rx, tx)) = size_replies(&transcript(name)).first() {
+    if let Some(&(rx, tx)) = size_replies(&recording(name)).first() {
         bus.set_sizes(0, rx, tx);
     }
     let report = port
@@ -260,15 +261,15 @@ fn reason_of(name: &str, mode: StartMode, software_mode: u8) -> StartFailureReas
 #[test]
 fn recorded_failures_of_start_are_told_apart() {
     assert_eq!(
-        reason_of("t06d_badmode.txt", StartMode::Normal, 5),
+        reason_of("t06d_badmode", StartMode::Normal, 5),
         StartFailureReason::IllegalMode
     );
     assert_eq!(
-        reason_of("t20_rxlow.txt", StartMode::Normal, 0),
+        reason_of("t20_rxlow", StartMode::Normal, 0),
         StartFailureReason::LineLow
     );
     let limit = ProcessDataSizes { rx: 13, tx: 12 };
-    for (name, rx, tx) in [("t15d_14_13.txt", 14, 13), ("t15f_16_2.txt", 16, 2)] {
+    for (name, rx, tx) in [("t15d_14_13", 14, 13), ("t15f_16_2", 16, 2)] {
         assert_eq!(
             reason_of(name, StartMode::Normal, 0),
             StartFailureReason::SizesTooLarge {
@@ -282,7 +283,7 @@ fn recorded_failures_of_start_are_told_apart() {
 /// Transcript t16: wrong cookie, bad CRC, and missing BC and BB in both modes.
 #[test]
 fn recorded_errors_during_start_end_as_recorded() {
-    let mut bus = Replay::of("t16_start_errors.txt");
+    let mut bus = Replay::of("t16_start_errors");
     let mut port = identified(&mut bus);
     let mut run = |mode| {
         port.stop_all(&mut bus).unwrap();
@@ -308,7 +309,7 @@ fn recorded_errors_during_start_end_as_recorded() {
 /// FACTS 4.3; transcript t04: one remote, seven absent.
 #[test]
 fn absent_channels_do_not_fail_the_others() {
-    let mut bus = Replay::of("t04_setup_absent8.txt").without(|segment| segment.command == 0x1003);
+    let mut bus = Replay::of("t04_setup_absent8").without(|segment| segment.command == 0x1003);
     bus.set_sizes(0, 5, 2);
     let mut port = identified(&mut bus);
     port.stop_all(&mut bus).unwrap();
@@ -330,7 +331,7 @@ fn absent_channels_do_not_fail_the_others() {
 /// FACTS 3.1; transcript t09c: STOPALL written while a DOIT ran, so that COMMAND stays 0800.
 #[test]
 fn a_port_that_is_stuck_is_freed_and_then_stopped() {
-    let mut bus = Replay::of("t09c_stopall_doit.txt")
+    let mut bus = Replay::of("t09c_stopall_doit")
         .without(|segment| segment.command == 0x1001 || segment.command == 0x0901);
     bus.begin_inside();
     let mut port = port();
@@ -348,7 +349,7 @@ fn a_command_that_never_completes_is_an_error_with_the_registers() {
     };
     let stop = Segment {
         command: 0x0800,
-        cleared: Some(120.0),
+        cleared: Some(120_000),
         ..Segment::default()
     };
     let mut bus = Replay::new(vec![stop, stuck]);
@@ -372,7 +373,7 @@ fn a_command_that_never_completes_is_an_error_with_the_registers() {
 #[test]
 fn one_channel_can_be_stopped_and_started_while_the_other_runs() {
     let mut doits = 0;
-    let mut bus = Replay::of("t08_stops.txt").without(|segment| {
+    let mut bus = Replay::of("t08_stops").without(|segment| {
         // The third DOIT of both has the stopped channel in its mask; the driver refuses that.
         doits += u32::from(segment.command == 0x1003);
         segment.command == 0x1003 && doits == 3
@@ -407,7 +408,7 @@ fn one_channel_can_be_stopped_and_started_while_the_other_runs() {
 /// FACTS 5.3; transcript t11: a remote's fault shows in CS only.
 #[test]
 fn a_remote_fault_shows_although_data_is_clear() {
-    let mut bus = Replay::of("t11_fault.txt");
+    let mut bus = Replay::of("t11_fault");
     bus.set_sizes(0, 5, 2);
     let mut port = identified(&mut bus);
     port.stop_all(&mut bus).unwrap();
@@ -429,7 +430,7 @@ fn a_remote_fault_shows_although_data_is_clear() {
 /// FACTS 5.4; transcript t10: the DOITs up to the end of the bad CRC.
 #[test]
 fn lost_and_damaged_replies_are_marked_and_keep_the_last_good_data() {
-    let mut bus = Replay::of("t10_errors.txt").without(|segment| segment.command & 0x2000 != 0);
+    let mut bus = Replay::of("t10_errors").without(|segment| segment.command & 0x2000 != 0);
     bus.set_sizes(0, 5, 2);
     let mut port = identified(&mut bus);
     port.stop_all(&mut bus).unwrap();
@@ -451,7 +452,7 @@ fn lost_and_damaged_replies_are_marked_and_keep_the_last_good_data() {
 /// FACTS 4.4; transcript t12: a remote that is gone costs its own data, not its neighbour's.
 #[test]
 fn a_dead_remote_fails_alone() {
-    let mut bus = Replay::of("t12_toomany.txt");
+    let mut bus = Replay::of("t12_toomany");
     bus.set_sizes(0, 5, 2);
     bus.set_sizes(1, 7, 6);
     let mut port = identified(&mut bus);
@@ -476,7 +477,7 @@ fn a_dead_remote_fails_alone() {
 /// Transcript t26: a 7I64 has 8 bytes of data in its reply and no fault byte.
 #[test]
 fn a_7i64_starts_without_discovery() {
-    let mut bus = Replay::of("t26_7i64.txt");
+    let mut bus = Replay::of("t26_7i64");
     bus.set_sizes(0, 8, 4);
     let mut port = identified(&mut bus);
     port.stop_all(&mut bus).unwrap();
@@ -497,7 +498,7 @@ fn a_7i64_starts_without_discovery() {
 /// FACTS 2.4; transcript t18: 115200 baud on channel 0, from 9A on.
 #[test]
 fn a_baud_rate_is_written_and_read_back() {
-    let mut bus = Replay::of("t18_baud.txt");
+    let mut bus = Replay::of("t18_baud");
     bus.local.extend((0x9A..).zip(2_500_000u32.to_le_bytes()));
     bus.set_sizes(0, 5, 2);
     let mut port = identified(&mut bus);

@@ -1,7 +1,7 @@
 //! The driver against the simulated FPGA and its remotes.
 
 use crate::common::fpga::set_up_pins;
-use crate::common::replay::{memory_of, transcript};
+use crate::common::replay::{memory_of, recording, settings_of};
 use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
 use mesa_hal::discovery::{
     DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
@@ -23,10 +23,8 @@ const ONE: Channel = Channel::ALL[1];
 /// The 7I77 of transcript t03: four software modes, parameters in EEPROM.
 fn recorded_7i77() -> Remote<FixedData> {
     let mut remote = Remote::model();
-    for line in transcript("t03_setup_one.txt").lines() {
-        if let Some((_, settings)) = line.split_once("sim remote0 ") {
-            remote.apply(settings).unwrap();
-        }
+    for setting in settings_of(&recording("t03_setup_one"), 0) {
+        remote.apply(setting).unwrap();
     }
     remote
 }
@@ -166,7 +164,7 @@ fn discovery_over_the_wire_is_the_same_as_from_the_image() {
         let inventory = discover_port(&mut port, &mut fpga, &[start(ZERO, mode)], limits).unwrap();
         let found = inventory.on(ZERO).unwrap();
         let identity = RemoteIdentity::new(&found.remote, port.layout());
-        let mut image = Image(memory_of(&transcript("t03_setup_one.txt"), "remote0"));
+        let mut image = Image(memory_of(&recording("t03_setup_one"), 0));
         let expected = discover(&mut image, &identity, limits);
         assert_eq!(found.discovered.descriptor, expected.descriptor);
         assert_eq!(found.discovered.problems, []);
