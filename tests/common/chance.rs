@@ -5,13 +5,24 @@
 pub struct Chance(pub u64);
 
 impl Chance {
-    /// 0 up to, and without, `end`.
-    pub fn below(&mut self, end: u64) -> u64 {
+    /// 31 bits.
+    fn next(&mut self) -> u64 {
+        // Knuth's multiplier; the high half is good enough here.
         self.0 = self
             .0
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
+        self.0 >> 33
+    }
+
+    /// 0 up to, and without, `end`.
+    pub fn below(&mut self, end: u64) -> u64 {
+        self.next() % end
+    }
+
+    /// Any register's word.
+    pub fn word(&mut self) -> u32 {
+        (self.next() << 16 ^ self.next()) as u32
     }
 
     /// Whether something happens that does once in `n` times.

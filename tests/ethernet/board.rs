@@ -3,6 +3,7 @@
 use std::net::Ipv4Addr;
 use std::time::Duration;
 
+use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE};
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
@@ -250,12 +251,14 @@ fn without_a_boot_block_nothing_is_erased() {
 #[test]
 fn lost_packets_only_take_longer() {
     let seed = 0x97_u64;
-    let lossy = |mut state: u64| {
+    let lossy = |seed: u64| {
+        let mut chance = Chance(seed);
         move |_: &[u8]| {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            if state >> 60 == 0 { vec![] } else { vec![WIRE] }
+            if chance.one_in(16) {
+                vec![]
+            } else {
+                vec![WIRE]
+            }
         }
     };
     let mut link = link();

@@ -1,20 +1,26 @@
 //! A simulated board as a program of its own, for as long as a test needs it.
 
 use std::{
-    net::Ipv4Addr,
-    process::{Child, Command, Stdio},
+    net::{Ipv4Addr, SocketAddrV4},
+    process::{Command, ExitStatus, Stdio},
 };
 
-use crate::interop::{console::Console, sim_board};
+use super::{
+    Process,
+    console::{Console, Values, values},
+    sim_board,
+};
 
 /// A running board with its console.
 pub struct Board {
-    child: Child,
+    process: Process,
     pub console: Console,
+    pub address: SocketAddrV4,
 }
 
 impl Board {
-    /// Starts it at an address that no other test uses, and waits until it listens.
+    /// Starts it at an address that no other test uses, and waits until it listens. Arguments that
+    /// come later win: `--port 0` is a free port.
     pub fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
         let mut child = Command::new(sim_board())
             .args(["--listen", &address.to_string()])
@@ -25,14 +31,33 @@ impl Board {
             .expect("sim_board starts");
         let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         let console = Console::new(input, output);
+        let line = console.wait_for("listening on ");
+        let address = line.rsplit(' ').next().expect("an address");
+        let address = address.parse().expect("an address");
         console.wait_for("help");
-        Self { child, console }
+        Self {
+            process: Process::new(child),
+            console,
+            address,
+        }
     }
-}
 
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    /// As a power cut does.
+    pub fn kill(&mut self) {
+        self.process.child().kill().expect("it runs");
+        self.wait();
+    }
+
+    pub fn wait(&mut self) -> ExitStatus {
+        self.process.child().wait().expect("it is a child")
+    }
+
+    /// Ends it by a signal, and returns its summary.
+    pub fn stop(mut self, signal: &str) -> Values {
+        self.process.signal(signal);
+        let status = self.wait();
+        assert!(status.success(), "{status}");
+        self.console.wait_for("summary");
+        values(self.console.answer().expect("a summary"))
     }
 }

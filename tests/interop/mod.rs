@@ -3,15 +3,20 @@
 //! The simulated board is the example `sim_board`. `cargo test` builds examples in the same
 //! profile as the tests, so it lies beside them; a run that leaves the examples out
 //! (`cargo test --test ...`) builds it here.
-#![allow(dead_code, reason = "each test that includes this uses what it needs")]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "each test that includes this uses what it needs"
+)]
 
 pub mod board;
 pub mod console;
 pub mod tools;
 
 use std::{
+    fs,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Child, Command, Output},
     sync::OnceLock,
 };
 
@@ -43,4 +48,65 @@ pub fn example_in(profile: &str, name: &str) -> PathBuf {
     let status = build.current_dir(env!("CARGO_MANIFEST_DIR")).status();
     assert!(status.expect("cargo runs").success(), "{name} builds");
     target.join(profile).join("examples").join(name)
+}
+
+/// A program that does not outlive its test.
+pub struct Process(Option<Child>);
+
+impl Process {
+    pub fn new(child: Child) -> Self {
+        Self(Some(child))
+    }
+
+    pub fn child(&mut self) -> &mut Child {
+        self.0.as_mut().expect("it runs")
+    }
+
+    pub fn signal(&mut self, name: &str) {
+        let kill = format!("kill -{name} {}", self.child().id());
+        let killed = Command::new("sh").args(["-c", &kill]).status();
+        assert!(killed.expect("a shell").success());
+    }
+
+    /// Closes the end that it prints to.
+    pub fn stop_reading(&mut self) {
+        drop(self.child().stdout.take());
+    }
+
+    /// Waits for its end: how it ended, and what it printed until then.
+    pub fn output(mut self) -> Output {
+        let child = self.0.take().expect("it runs");
+        child.wait_with_output().expect("it is a child")
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.0.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// A file that is not there at first, and is removed at the end.
+pub struct Scratch(pub PathBuf);
+
+impl Scratch {
+    pub fn new(name: &str) -> Self {
+        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+        let path = directory.join(format!("{}-{name}", std::process::id()));
+        let _ = fs::remove_file(&path);
+        Self(path)
+    }
+
+    pub fn path(&self) -> &str {
+        self.0.to_str().expect("UTF-8")
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
 }

@@ -1,13 +1,8 @@
 //! What a cycle costs LinuxCNC and this crate on the same kind of board, at the same time.
 
-use std::{
-    fs,
-    path::PathBuf,
-    process::{Command, Stdio},
-    time::Duration,
-};
+use std::{fs, net::Ipv4Addr, path::PathBuf, process::Command, time::Duration};
 
-use crate::interop::{console::Console, example_in, sim_board};
+use crate::interop::{board::Board, example_in};
 
 /// What LinuxCNC's realtime process has had of the CPUs so far.
 pub fn linuxcnc_cpu() -> Duration {
@@ -45,22 +40,21 @@ pub fn run_beside(board: &str) -> [Vec<String>; PACES.len()] {
 }
 
 fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
-    let address = format!("127.97.0.{host}");
-    let mut board = Command::new(sim_board())
-        .args(board.split(' '))
-        .args(["--listen", &address])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("sim_board starts");
-    let (input, output) = (board.stdin.take().unwrap(), board.stdout.take().unwrap());
-    Console::new(input, output).wait_for("help");
+    let address = Ipv4Addr::new(127, 97, 0, host);
+    let arguments: Vec<&str> = board.split(' ').collect();
+    let board = Board::start(address, &arguments);
     let output = Command::new(program)
-        .args(["--addr", &address, "--pace", pace, "--seconds", "2"])
+        .args([
+            "--addr",
+            &address.to_string(),
+            "--pace",
+            pace,
+            "--seconds",
+            "2",
+        ])
         .output()
         .expect("cycle_cost starts");
-    let _ = board.kill();
-    let _ = board.wait();
+    drop(board);
     assert!(output.status.success(), "cycle_cost: {}", output.status);
     String::from_utf8_lossy(&output.stdout).into_owned()
 }

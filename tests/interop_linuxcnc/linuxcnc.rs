@@ -13,12 +13,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{
-    interop::tools::{has_program, skip},
-    interop::{
-        console::{Console, Values, values},
-        sim_board,
-    },
+use crate::interop::{
+    console::{Console, Values, values},
+    sim_board,
+    tools::{has_program, skip},
 };
 
 /// How long a command of LinuxCNC may take.
@@ -98,7 +96,7 @@ impl Machine {
         .arg("--")
         .arg(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/tests/interop/session.sh"
+            "/tests/interop_linuxcnc/session.sh"
         ))
         .env("SIM_BOARD", sim_board())
         .env("BOARD_IN", &pipes[0])

@@ -8,27 +8,21 @@ mod interop;
 
 use std::{
     fs,
-    net::{Ipv4Addr, SocketAddrV4},
-    path::PathBuf,
-    process::{Child, Command, Stdio},
+    net::Ipv4Addr,
+    process::Command,
     sync::atomic::{AtomicU8, Ordering},
     time::Duration,
 };
 
-use crate::interop::tools::{has_program, skip};
-use crate::interop::{
-    console::{Console, Values, values},
-    sim_board,
-};
+use interop::tools::{has_program, skip};
+use interop::{Scratch, console::Values, sim_board};
 
 use mesa_hal::ethernet::{self, Area, Bitfile, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
-/// A simulated board that runs until it is dropped.
+/// A simulated board that mesaflash talks to.
 struct Board {
-    child: Child,
-    console: Console,
-    address: Ipv4Addr,
+    board: interop::board::Board,
     device: &'static str,
 }
 
@@ -43,29 +37,24 @@ impl Board {
         let [_, _, high, low] = std::process::id().to_be_bytes();
         let last = NEXT.fetch_add(1, Ordering::Relaxed);
         let address = Ipv4Addr::new(127, 1 + (high & 0x7F), low, last);
-        let mut child = Command::new(sim_board())
-            .args(["--board", board, "--listen", &address.to_string()])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("sim_board starts");
-        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
-        let console = Console::new(input, output);
-        console.wait_for("listening");
-        console.wait_for("help");
-        Self {
-            child,
-            console,
-            address,
-            device,
-        }
+        let board =
+            interop::board::Board::start(address, &[&["--board", board], arguments].concat());
+        Self { board, device }
+    }
+
+    fn address(&self) -> Ipv4Addr {
+        *self.board.address.ip()
     }
 
     /// Runs mesaflash and returns its exit status and what it printed.
     fn try_mesaflash(&self, arguments: &[&str]) -> (bool, String) {
         let output = Command::new("mesaflash")
-            .args(["--device", self.device, "--addr", &self.address.to_string()])
+            .args([
+                "--device",
+                self.device,
+                "--addr",
+                &self.address().to_string(),
+            ])
             .args(arguments)
             .output()
             .expect("mesaflash runs");
@@ -88,22 +77,9 @@ impl Board {
         panic!("mesaflash {arguments:?} fails:\n{last}");
     }
 
-    /// Ends the board with SIGTERM and returns its summary.
-    fn stop(mut self) -> Values {
-        let kill = format!("kill -TERM {}", self.child.id());
-        let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
-        assert!(killed.success());
-        let status = self.child.wait().unwrap();
-        assert!(status.success(), "{status}");
-        self.console.wait_for("summary");
-        values(self.console.answer().unwrap())
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    /// Ends the board and returns its summary.
+    fn stop(self) -> Values {
+        self.board.stop("TERM")
     }
 }
 
@@ -114,28 +90,6 @@ fn skipped() -> bool {
         skip("mesaflash is not installed");
     }
     missing
-}
-
-/// A file that is removed at the end.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> Self {
-        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
-        let path = directory.join(format!("{}-{name}", std::process::id()));
-        let _ = fs::remove_file(&path);
-        Self(path)
-    }
-
-    fn path(&self) -> &str {
-        self.0.to_str().unwrap()
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_file(&self.0);
-    }
 }
 
 /// A Xilinx bitfile with made-up contents: header fields a to d, then the data.
@@ -284,7 +238,7 @@ fn verbose_information_of_all_spaces_is_right() {
     }
     let board = Board::i7i97(&[]);
     let text = board.mesaflash(&["--verbose"]);
-    let address = board.address;
+    let address = board.address();
     for line in [
         &format!("ip address: {address}"),
         "mac address: 00:60:0E:1B:00:97",
@@ -332,12 +286,12 @@ fn sserial_lists_every_remote_with_its_parameters_and_modes() {
     ] {
         assert!(text.contains(line), "{line}\n{text}");
     }
-    board.console.run("unplug 1");
+    board.board.console.run("unplug 1");
     let text = board.mesaflash(&["--sserial"]);
     assert!(text.contains("channel 0: 7I77 GPIO"), "{text}");
     assert!(!text.contains("channel 1"), "{text}");
-    board.console.run("plug 1");
-    assert_eq!(board.console.show("1")["remote.1.plugged"], "1");
+    board.board.console.run("plug 1");
+    assert_eq!(board.board.console.show("1")["remote.1.plugged"], "1");
     let text = board.mesaflash(&["--sserial"]);
     assert!(text.contains("channel 1: 7I77 ANALOG"), "{text}");
 
@@ -444,7 +398,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     fs::write(&file.0, &bytes).unwrap();
     board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
 
-    let address = SocketAddrV4::new(board.address, mesa_hal::lbp16::PORT);
+    let address = board.board.address;
     let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
     let mut flash = ethernet::Board::new(bus)
         .into_flash(FlashLayout::I7I97)

@@ -5,7 +5,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
-use crate::interop::{console::Console, example, sim_board};
+use crate::interop::{board::Board, example};
 use serde_json::Value;
 
 fn discover(arguments: &[&str]) -> Output {
@@ -40,19 +40,10 @@ fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
 
 #[test]
 fn an_ethernet_board_is_listed_for_programs() {
-    let address = Ipv4Addr::new(127, 93, 0, 1).to_string();
-    let mut board = Command::new(sim_board())
-        .args(["--board", "7i97", "--listen", &address])
-        .args(["--remote", "0=7i77-io:2"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("sim_board starts");
-    let (input, output) = (board.stdin.take().unwrap(), board.stdout.take().unwrap());
-    Console::new(input, output).wait_for("help");
-    let inventory = json(&["--addr", &address, "--mode", "0.0=2"]);
-    let _ = board.kill();
-    let _ = board.wait();
+    let address = Ipv4Addr::new(127, 93, 0, 1);
+    let board = Board::start(address, &["--board", "7i97", "--remote", "0=7i77-io:2"]);
+    let inventory = json(&["--addr", &address.to_string(), "--mode", "0.0=2"]);
+    drop(board);
 
     assert_eq!(inventory["ethernet"]["card"], "7I97");
     assert_eq!(inventory["ethernet"]["mac"], "00:60:0e:1b:00:97");

@@ -3,12 +3,11 @@
 
 use std::{
     net::Ipv4Addr,
-    process::{Child, Command, Output, Stdio},
+    process::{Command, Output, Stdio},
     time::{Duration, Instant},
 };
 
-use crate::interop::board::Board;
-use crate::interop::{console::Values, example};
+use crate::interop::{Process, board::Board, console::Values, example};
 
 /// How long anything may take on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -26,39 +25,7 @@ const I7I97: [&str; 6] = [
 /// The board's own watchdog is set so late that it is not what makes the outputs safe.
 const LONG: [&str; 4] = ["--seconds", "600", "--watchdog", "1000"];
 
-/// A program that does not outlive its test.
-struct Program(Option<Child>);
-
-impl Program {
-    fn signal(&self, name: &str) {
-        let id = self.0.as_ref().expect("it runs").id();
-        let kill = format!("kill -{name} {id}");
-        let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
-        assert!(killed.success());
-    }
-
-    /// Closes the end that it prints to.
-    fn stop_reading(&mut self) {
-        drop(self.0.as_mut().expect("it runs").stdout.take());
-    }
-
-    /// Waits for its end.
-    fn output(mut self) -> Output {
-        let child = self.0.take().expect("it runs");
-        child.wait_with_output().unwrap()
-    }
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        if let Some(mut child) = self.0.take() {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
-    }
-}
-
-fn start(name: &str, address: Option<Ipv4Addr>, arguments: &[&str]) -> Program {
+fn start(name: &str, address: Option<Ipv4Addr>, arguments: &[&str]) -> Process {
     let mut command = Command::new(example(name));
     if let Some(address) = address {
         command.args(["--addr", &address.to_string()]);
@@ -67,7 +34,7 @@ fn start(name: &str, address: Option<Ipv4Addr>, arguments: &[&str]) -> Program {
         .args(arguments)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    Program(Some(command.spawn().expect("it starts")))
+    Process::new(command.spawn().expect("it starts"))
 }
 
 fn texts(output: &Output) -> (String, String) {
@@ -152,7 +119,7 @@ fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary
         let address = Ipv4Addr::new(127, 94, 0, n);
         let mut board = Board::start(address, arguments);
         for (name, code) in ends {
-            let child = start("servo_loop", Some(address), &LONG);
+            let mut child = start("servo_loop", Some(address), &LONG);
             wait_until_on(&mut board, wanted);
             child.signal(name);
             let output = child.output();
@@ -172,7 +139,7 @@ fn a_signal_ends_the_servo_loop_with_all_outputs_off_ports_stopped_and_a_summary
 
 #[test]
 fn a_signal_ends_the_loop_on_the_embedded_machine_with_a_summary() {
-    let child = start("servo_loop", None, &["--seconds", "600", "--realtime"]);
+    let mut child = start("servo_loop", None, &["--seconds", "600", "--realtime"]);
     std::thread::sleep(Duration::from_millis(1500));
     child.signal("INT");
     let output = child.output();
@@ -195,7 +162,7 @@ fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found
     ];
     for (name, arguments, said, packets) in tools {
         let before = received(&mut board);
-        let child = start(name, Some(address), arguments);
+        let mut child = start(name, Some(address), arguments);
         let end = Instant::now() + PATIENCE;
         while received(&mut board) < before + packets {
             assert!(Instant::now() < end, "{name} does nothing");
@@ -307,7 +274,7 @@ fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_c
 fn a_board_that_somebody_drives_is_left_to_him() {
     let address = Ipv4Addr::new(127, 94, 0, 15);
     let mut board = Board::start(address, &I7I97);
-    let first = start("servo_loop", Some(address), &LONG);
+    let mut first = start("servo_loop", Some(address), &LONG);
     wait_until_on(&mut board, &["board.enable0", "remote.0.output"]);
     let others = [
         ("servo_loop", &LONG[..]),

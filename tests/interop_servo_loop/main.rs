@@ -1,5 +1,7 @@
 //! The programs of this crate as a person runs them: processes, real sockets, signals, the clock.
 
+#[path = "../common/mod.rs"]
+mod common;
 mod discover;
 mod ending;
 #[path = "../interop/mod.rs"]

@@ -2,41 +2,14 @@
 //! boards, at the host's pace and at the board's.
 //!
 //! Nothing here is realtime, so the loops get another try on a busy machine. That
-//! every mishap is counted and none reaches a pin is held on virtual time in `udp_driver.rs`.
+//! every mishap is counted and none reaches a pin is held on virtual time in `tests/ethernet/bad_network.rs`.
 
-use std::{
-    net::Ipv4Addr,
-    process::{Child, Command, Stdio},
-};
+use std::{net::Ipv4Addr, process::Command};
 
-use crate::interop::{console::Console, example, sim_board};
+use crate::interop::{board::Board, example};
 
 /// Loops that did not hold, because the machine was busy, are run again.
 const TRIES: usize = 5;
-
-struct Board(Child);
-
-impl Board {
-    fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
-        let mut child = Command::new(sim_board())
-            .args(["--listen", &address.to_string()])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("sim_board starts");
-        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
-        Console::new(input, output).wait_for("help");
-        Self(child)
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 const I7I92: [&str; 4] = ["--board", "7i92-7i77", "--remote", "2=7i72"];
 const I7I97: [&str; 2] = ["--board", "7i97"];

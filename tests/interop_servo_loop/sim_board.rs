@@ -3,17 +3,18 @@
 use std::{
     fs,
     io::Write,
-    net::{Ipv4Addr, SocketAddr, UdpSocket},
-    path::PathBuf,
-    process::{Child, Command, Output, Stdio},
+    net::{Ipv4Addr, SocketAddrV4, UdpSocket},
+    process::{Command, Output, Stdio},
     time::Duration,
 };
 
+use crate::common::chance::Chance;
 use crate::interop::{
+    Process, Scratch,
+    board::Board,
     console::{Console, values},
     sim_board,
 };
-
 use mesa_hal::{
     bus::RegisterBus,
     discovery::{DiscoveryLimits, PortMemory, discover_port},
@@ -25,51 +26,29 @@ use mesa_hal::{
 const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
 const COOKIE: [u8; 4] = [0xFE, 0xCA, 0xAA, 0x55];
 
-/// A board on a free port of loopback.
-struct Board {
-    child: Child,
-    console: Console,
-    client: UdpSocket,
+/// A board on a free port of loopback, and somebody who talks to it.
+struct Client {
+    board: Board,
+    socket: UdpSocket,
 }
 
-impl Board {
+impl Client {
     fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(sim_board())
-            .args(["--listen", "127.0.0.1", "--port", "0"])
-            .args(arguments)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("sim_board starts");
-        let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
-        let console = Console::new(input, output);
-        let line = console.wait_for("listening on ");
-        console.wait_for("help");
-        let address: SocketAddr = line.rsplit(' ').next().unwrap().parse().unwrap();
-        let client = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-        client.connect(address).unwrap();
-        client
+        let arguments = [&["--port", "0"], arguments].concat();
+        let board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        socket.connect(board.address).unwrap();
+        socket
             .set_read_timeout(Some(Duration::from_secs(5)))
             .unwrap();
-        Self {
-            child,
-            console,
-            client,
-        }
+        Self { board, socket }
     }
 
     fn ask(&self, request: &[u8]) -> Vec<u8> {
-        self.client.send(request).unwrap();
+        self.socket.send(request).unwrap();
         let mut buffer = [0; 2048];
-        let len = self.client.recv(&mut buffer).expect("the board answers");
+        let len = self.socket.recv(&mut buffer).expect("the board answers");
         buffer[..len].to_vec()
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 
@@ -143,40 +122,19 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     assert!(error.contains("--board is missing"), "{error}");
 }
 
-/// A state that is removed at the end.
-struct StateFile(PathBuf);
-
-impl StateFile {
-    fn new(name: &str) -> Self {
-        let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
-        let path = directory.join(format!("{}-{name}", std::process::id()));
-        let _ = fs::remove_file(&path);
-        Self(path)
-    }
-
-    /// Waits until the file is there and holds something else than `before`.
-    fn changed(&self, before: &[u8]) -> Vec<u8> {
-        for _ in 0..2000 {
-            match fs::read(&self.0) {
-                Ok(state) if state != before => return state,
-                _ => std::thread::sleep(Duration::from_millis(10)),
-            }
+/// Waits until a file is there and holds something else than `before`.
+fn changed(file: &Scratch, before: &[u8]) -> Vec<u8> {
+    for _ in 0..2000 {
+        match fs::read(&file.0) {
+            Ok(state) if state != before => return state,
+            _ => std::thread::sleep(Duration::from_millis(10)),
         }
-        panic!("nothing is written");
     }
-}
-
-impl Drop for StateFile {
-    fn drop(&mut self) {
-        let _ = fs::remove_file(&self.0);
-    }
+    panic!("nothing is written");
 }
 
 /// Sets a non-volatile parameter of the remote on channel 0, over the network.
-fn set_parameter(address: SocketAddr, name: &str, value: f64) {
-    let SocketAddr::V4(address) = address else {
-        panic!("{address} is no IPv4 address");
-    };
+fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
     let mut bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
     let hostmot2 = HostMot2::identify(&mut bus).unwrap();
     // TX and TXEN of TB4.
@@ -197,44 +155,39 @@ fn set_parameter(address: SocketAddr, name: &str, value: f64) {
 
 #[test]
 fn what_was_written_is_kept_even_when_the_board_is_killed() {
-    let file = StateFile::new("killed");
+    let file = Scratch::new("killed");
     let arguments = [
         "--board",
         "7i97",
         "--remote",
         "0=7i77-io",
         "--state",
-        file.0.to_str().unwrap(),
+        file.path(),
     ];
-    let mut board = Board::start(&arguments);
+    let mut client = Client::start(&arguments);
     // Manual: 7I97, "ETHERNET EEPROM CHIP ACCESS", with a read to wait for the write.
     let set_address = [
         0x01, 0xD9, 0x1A, 0x00, 0x02, 0x5A, 0x82, 0xC9, 0x20, 0x00, 0x20, 0x00, 0xA8, 0xC0, 0x82,
         0x49, 0x20, 0x00,
     ];
-    assert_eq!(board.ask(&set_address), [0x20, 0x00, 0xA8, 0xC0]);
-    let state = file.changed(&[]);
-    set_parameter(
-        board.client.peer_addr().unwrap(),
-        "NVWatchDogTimeout",
-        120.0,
-    );
-    let state = file.changed(&state);
-    board.child.kill().unwrap();
-    board.child.wait().unwrap();
+    assert_eq!(client.ask(&set_address), [0x20, 0x00, 0xA8, 0xC0]);
+    let state = changed(&file, &[]);
+    set_parameter(client.board.address, "NVWatchDogTimeout", 120.0);
+    let state = changed(&file, &state);
+    client.board.kill();
 
     // What a power cut in the middle of a write leaves.
     let mut half = file.0.as_os_str().to_owned();
     half.push(".new");
     fs::write(&half, &state[..state.len() / 2]).unwrap();
 
-    let mut board = Board::start(&arguments);
+    let mut client = Client::start(&arguments);
     assert!(!fs::exists(&half).unwrap(), "it is cleared away");
     let ask_address = [0x82, 0x49, 0x20, 0x00];
-    assert_eq!(board.ask(&ask_address), [0x20, 0x00, 0xA8, 0xC0]);
-    let remote = board.console.show("0");
+    assert_eq!(client.ask(&ask_address), [0x20, 0x00, 0xA8, 0xC0]);
+    let remote = client.board.console.show("0");
     assert_eq!(remote["remote.0.parameter.nvwatchdogtimeout"], "120");
-    drop(board);
+    drop(client);
 
     for damaged in [&state[..100], &state[..state.len() - 1], b"nonsense", b""] {
         fs::write(&file.0, damaged).unwrap();
@@ -250,7 +203,7 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
 
 #[test]
 fn the_console_answers_everything_and_survives_any_bytes() {
-    let mut board = Board::start(&[
+    let mut client = Client::start(&[
         "--board",
         "7i97",
         "--remote",
@@ -260,7 +213,7 @@ fn the_console_answers_everything_and_survives_any_bytes() {
         "--remote",
         "2=7i64",
     ]);
-    let console = &mut board.console;
+    let console = &mut client.board.console;
     assert!(console.command("help").unwrap().len() > 10);
     for good in [
         "",
@@ -327,37 +280,33 @@ fn the_console_answers_everything_and_survives_any_bytes() {
         "the rest of a line of nonsense"
     );
     assert!(console.command("").is_ok());
-    assert_eq!(board.ask(&ASK_COOKIE), COOKIE);
-    board.console.run("quit");
-    board.console.wait_for("summary");
-    let summary = values(board.console.answer().unwrap());
+    assert_eq!(client.ask(&ASK_COOKIE), COOKIE);
+    client.board.console.run("quit");
+    client.board.console.wait_for("summary");
+    let summary = values(client.board.console.answer().unwrap());
     assert_eq!(summary["network.received.packets"], "1");
-    assert!(board.child.wait().unwrap().success());
+    assert!(client.board.wait().success());
 }
 
 #[test]
 fn any_datagram_is_survived() {
-    let mut board = Board::start(&["--board", "7i92-7i77"]);
-    let mut state = 0x1234_5678_u32;
+    let mut client = Client::start(&["--board", "7i92-7i77"]);
+    let mut chance = Chance(0x1234_5678);
     for len in (0..300).chain([1472, 1473, 2000]) {
-        let mut bytes = Vec::new();
-        for _ in 0..len {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            bytes.push((state >> 24) as u8);
-        }
+        let bytes: Vec<u8> = (0..len).map(|_| chance.below(256) as u8).collect();
         // Waits, erases and resets are obeyed, so that it may be silent for a while.
-        board.client.send(&bytes).unwrap();
+        client.socket.send(&bytes).unwrap();
     }
-    board
-        .client
+    client
+        .socket
         .set_read_timeout(Some(Duration::from_millis(50)))
         .unwrap();
     let mut buffer = [0; 2048];
     let answered = (0..2000).any(|_| {
-        while board.client.recv(&mut buffer).is_ok() {}
-        board.client.send(&ASK_COOKIE).unwrap();
-        board
-            .client
+        while client.socket.recv(&mut buffer).is_ok() {}
+        client.socket.send(&ASK_COOKIE).unwrap();
+        client
+            .socket
             .recv(&mut buffer)
             .is_ok_and(|len| buffer[..len] == COOKIE)
     });
@@ -368,14 +317,10 @@ fn any_datagram_is_survived() {
     for _ in 0..200 {
         waits.extend([0x01, 0x51, 0x06, 0x00]);
     }
-    board.client.send(&waits).unwrap();
-    assert!(!board.console.show("board").is_empty());
-    board.console.run("unplug 0");
-    let kill = format!("kill -INT {}", board.child.id());
-    let killed = Command::new("sh").args(["-c", &kill]).status().unwrap();
-    assert!(killed.success());
-    board.console.wait_for("summary");
-    assert!(board.child.wait().unwrap().success());
+    client.socket.send(&waits).unwrap();
+    assert!(!client.board.console.show("board").is_empty());
+    client.board.console.run("unplug 0");
+    client.board.stop("INT");
 }
 
 #[test]
@@ -395,14 +340,8 @@ fn a_closed_standard_input_does_not_end_it() {
     assert!(console.answer().is_ok());
     std::thread::sleep(Duration::from_millis(100));
     assert!(child.try_wait().unwrap().is_none(), "it still runs");
-    let kill = format!("kill -TERM {}", child.id());
-    assert!(
-        Command::new("sh")
-            .args(["-c", &kill])
-            .status()
-            .unwrap()
-            .success()
-    );
+    let mut board = Process::new(child);
+    board.signal("TERM");
     console.wait_for("summary");
-    assert!(child.wait().unwrap().success());
+    assert!(board.child().wait().unwrap().success());
 }

@@ -1,5 +1,6 @@
 //! The driver on a bus that answers anything at all: every operation ends.
 
+use crate::common::chance::Chance;
 use crate::common::replay::{MODULE, NeverFails};
 use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
 use mesa_hal::discovery::{DiscoveryLimits, discover_port};
@@ -12,24 +13,13 @@ use std::time::Duration;
 
 /// Registers that read what a seed makes of them.
 struct Hostile {
-    state: u64,
+    chance: Chance,
     /// COMMAND reads 0 once in so many times.
     idle_every: u64,
     /// The clock of the bus stands still.
     frozen: bool,
     now: u64,
     exchanges: u64,
-}
-
-impl Hostile {
-    fn next(&mut self) -> u32 {
-        // Knuth's multiplier; the high half is good enough here.
-        self.state = self
-            .state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.state >> 32) as u32
-    }
 }
 
 impl RegisterBus for Hostile {
@@ -41,10 +31,10 @@ impl RegisterBus for Hostile {
         for access in accesses {
             for (address, index) in (access.address..).step_by(4).zip(access.words()) {
                 if access.direction == Direction::Read {
-                    let word = self.next();
+                    let word = self.chance.word();
                     let idle = address == MODULE.base
                         && self.idle_every != 0
-                        && u64::from(self.next()).is_multiple_of(self.idle_every);
+                        && self.chance.one_in(self.idle_every);
                     // CS of a channel that is fine, every other time, so that operations get on.
                     let fine = address >> 8 == 0x5C && word & 1 == 0;
                     words[index] = match (idle, fine) {
@@ -76,7 +66,7 @@ proptest! {
         idle_every in 0u64..4,
         frozen: bool,
     ) {
-        let mut bus = Hostile { state: seed, idle_every, frozen, now: 0, exchanges: 0 };
+        let mut bus = Hostile { chance: Chance(seed), idle_every, frozen, now: 0, exchanges: 0 };
         let bus = &mut bus;
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         let zero = Channel::ALL[0];
@@ -106,7 +96,7 @@ fn an_identified_port_that_goes_mad_is_survived() {
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         port.identify(&mut Replay::new(Vec::new())).unwrap();
         let mut bus = Hostile {
-            state: seed,
+            chance: Chance(seed),
             idle_every: 1,
             frozen: false,
             now: 0,
