@@ -81,7 +81,7 @@ impl PinStore {
     /// The outputs of a group become safe until the application re-arms it; inputs are not touched.
     /// What was set up to now is forgotten, also when it was set after an earlier fault.
     pub fn disarm(&mut self, group: GroupId) {
-        let Some(index) = self.index(group.0) else {
+        let Some(index) = self.group_index(group) else {
             return self.count_foreign();
         };
         self.forget_commands(index);
@@ -92,12 +92,15 @@ impl PinStore {
         }
     }
 
-    /// Changes whenever [`fetch`](Self::fetch) of any output of the group may give something else
-    /// than before, or would count a value that is not used: while it stays, nothing has to be
-    /// fetched again. The parameters that [modify](Self::modify) them have to be of the group too.
-    /// `None` for a group of another store.
+    /// Changes whenever [`fetch`](Self::fetch) of any output of the part may give something else
+    /// than before, or would count a value that is not used, or a parameter of it has another value:
+    /// while it stays, nothing has to be looked at again. The parameters that
+    /// [modify](Self::modify) outputs have to be of the same part. `None` for a group of another
+    /// store.
     pub fn output_version(&self, group: GroupId) -> Option<u64> {
-        self.group_ref(group).map(|group| group.version)
+        let part = self.part(group)?;
+        let epoch = self.groups.get(part.group as usize)?.epoch;
+        Some(part.version.wrapping_add(epoch))
     }
 
     /// What an output must be now: sanitised, limited, and inverted where asked for. The safe
@@ -235,4 +238,4 @@ fn on_wire(rule: &Rule, scale: f64, value: f64) -> (f64, Option<Rejection>) {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -46,6 +46,8 @@ pub struct Pins {
     /// Indices of `infos`, ordered by name.
     pub(super) by_name: Vec<u32>,
     pub(super) groups: Vec<Group>,
+    /// What a [`GroupId`] is the index of.
+    pub(super) parts: Vec<Part>,
     pub(super) cycle: u64,
     pub(super) now: Instant,
     pub(super) totals: Rejections,
@@ -60,6 +62,16 @@ pub(super) struct Group {
     pub faults: u64,
     /// Its outputs, for resetting them.
     pub outputs: Vec<u32>,
+    /// Its first part, which it is known by.
+    pub part: u32,
+    /// Rises when it is disarmed or armed.
+    pub epoch: u64,
+}
+
+/// A part of a group: pins whose changes are noticed together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part {
+    pub group: u32,
     /// Rises when what its outputs must be may have changed.
     pub version: u64,
 }
@@ -185,7 +197,7 @@ impl Pins {
     /// # Errors
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
     pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
-        let index = self.index(group.0).ok_or(PinError::ForeignHandle)?;
+        let index = self.group_index(group).ok_or(PinError::ForeignHandle)?;
         let state = self.groups.get(index).ok_or(PinError::ForeignHandle)?;
         if !state.valid {
             return Err(PinError::NotRunning);
@@ -209,7 +221,8 @@ impl Pins {
 
     /// The groups, in the order in which they were made.
     pub fn groups(&self) -> impl Iterator<Item = GroupId> + '_ {
-        (0..self.groups.len() as u32).map(|index| GroupId(self.key(index)))
+        let groups = self.groups.iter();
+        groups.map(|group| GroupId(self.key(group.part)))
     }
 
     /// The number of the cycle; 0 before the first.
@@ -339,11 +352,19 @@ impl Pins {
     }
 
     pub(super) fn group_ref(&self, group: GroupId) -> Option<&Group> {
-        self.groups.get(self.index(group.0)?)
+        self.groups.get(self.group_index(group)?)
+    }
+
+    pub(super) fn group_index(&self, group: GroupId) -> Option<usize> {
+        Some(self.part(group)?.group as usize)
+    }
+
+    pub(super) fn part(&self, group: GroupId) -> Option<&Part> {
+        self.parts.get(self.index(group.0)?)
     }
 
     pub(super) fn group_mut(&mut self, group: GroupId) -> Option<&mut Group> {
-        let index = self.index(group.0)?;
+        let index = self.group_index(group)?;
         self.groups.get_mut(index)
     }
 
@@ -380,7 +401,7 @@ impl Pins {
         let Some(group) = groups.get_mut(index) else {
             return;
         };
-        group.version = group.version.wrapping_add(1);
+        group.epoch = group.epoch.wrapping_add(1);
         for &output in &group.outputs {
             let output = output as usize;
             if let (Some(slot), Some(rule)) = (slots.get_mut(output), rules.get(output))
@@ -391,11 +412,11 @@ impl Pins {
         }
     }
 
-    /// What outputs of a pin's group must be may have changed.
+    /// What outputs of a pin's part must be may have changed.
     pub(super) fn changed(&mut self, key: Key) {
-        let group = self.slot(key).map(|(slot, _)| slot.group as usize);
-        if let Some(group) = group.and_then(|index| self.groups.get_mut(index)) {
-            group.version = group.version.wrapping_add(1);
+        let part = self.slot(key).map(|(slot, _)| slot.part as usize);
+        if let Some(part) = part.and_then(|index| self.parts.get_mut(index)) {
+            part.version = part.version.wrapping_add(1);
         }
     }
 

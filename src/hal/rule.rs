@@ -89,6 +89,8 @@ pub struct FullScale {
 pub(super) struct Slot {
     pub bits: u64,
     pub group: u32,
+    /// Of the group.
+    pub part: u32,
     /// The parameter that inverts it; `NONE` where there is none.
     pub invert: u32,
     /// The last value published for an input was no number.
@@ -120,7 +122,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The slot and the rule of a new pin.
 pub(super) fn make_slot<T: Value>(
-    group: u32,
+    (group, part): (u32, u32),
     initial: T,
     limits: Option<(f64, f64)>,
 ) -> Result<(Slot, Rule), PinError> {
@@ -140,6 +142,7 @@ pub(super) fn make_slot<T: Value>(
     let slot = Slot {
         bits: initial.to_bits(),
         group,
+        part,
         invert: NONE,
         bad: false,
         exempt: false,
@@ -159,3 +162,6 @@ pub(super) fn make_slot<T: Value>(
     };
     Ok((slot, rule))
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::info::{MAX_PINS, check_name};
-use super::pins::Group;
+use super::pins::{Group, Part};
 use super::rule::{NONE, Rule, make_slot};
 use super::{
     GroupId, HalType, InOut, Input, Invert, Output, OutputModifiers, OutputRule, Param, PinError,
@@ -65,6 +65,7 @@ impl PinStore {
             infos: Vec::new(),
             by_name: Vec::new(),
             groups: Vec::new(),
+            parts: Vec::new(),
             cycle: 0,
             now: Instant::default(),
             totals: Rejections::default(),
@@ -76,16 +77,31 @@ impl PinStore {
     /// A new group: not valid before its first good transfer, and armed (its outputs begin with
     /// their safe values).
     pub fn add_group(&mut self) -> GroupId {
-        let index = self.groups.len() as u32;
+        let (group, part) = (self.groups.len() as u32, self.parts.len() as u32);
         self.groups.push(Group {
             valid: false,
             armed: true,
             last_good: None,
             faults: 0,
             outputs: Vec::new(),
-            version: 0,
+            part,
+            epoch: 0,
         });
-        GroupId(self.key(index))
+        self.parts.push(Part { group, version: 0 });
+        GroupId(self.key(part))
+    }
+
+    /// A new part of a group, for pins whose changes are to be noticed apart from those of the rest:
+    /// see [`output_version`](Self::output_version). Everything else is the group's: a part is
+    /// valid and armed with it, and a pin made in it belongs to the group.
+    ///
+    /// # Errors
+    /// [`PinError::ForeignHandle`] for a group of another store.
+    pub fn add_part(&mut self, group: GroupId) -> Result<GroupId, PinError> {
+        let Part { group, .. } = *self.part(group).ok_or(PinError::ForeignHandle)?;
+        let part = self.parts.len() as u32;
+        self.parts.push(Part { group, version: 0 });
+        Ok(GroupId(self.key(part)))
     }
 
     /// A new input.
@@ -230,7 +246,9 @@ impl PinStore {
         initial: T,
     ) -> Result<Key, PinError> {
         check_name(&spec.name)?;
-        self.group_ref(group).ok_or(PinError::ForeignHandle)?;
+        let in_group = self.part(group).ok_or(PinError::ForeignHandle)?.group;
+        let whole = self.group_ref(group).map_or(0, |group| group.part);
+        let whole = GroupId(self.key(whole));
         let place = match self.search(&spec.name) {
             Ok(place) => {
                 let existing = self.by_name.get(place).map_or(0, |&index| index as usize);
@@ -242,7 +260,7 @@ impl PinStore {
             return Err(PinError::TooMany);
         }
         let kept = spec.limits.filter(|_| spec.enforced);
-        let (slot, rule) = make_slot(group.0.index, initial, kept)?;
+        let (slot, rule) = make_slot((in_group, group.0.index), initial, kept)?;
         let index = self.infos.len() as u32;
         self.by_name.insert(place, index);
         self.slots.push(slot);
@@ -255,7 +273,7 @@ impl PinStore {
             signal: spec.signal,
             unit: spec.unit,
             limits: spec.limits,
-            group,
+            group: whole,
         });
         let silenced = matches!(role, Role::Output | Role::InOut);
         if let Some(group) = self.group_mut(group).filter(|_| silenced) {
