@@ -5,6 +5,7 @@ use core::time::Duration;
 
 use super::{EncoderSetup, FaultPolicy, GpioConfig, Pace, SerialConfig};
 use crate::boards::BoardTable;
+use crate::modules::watchdog::WatchdogRegisters;
 
 /// The most serial ports of a board.
 pub(super) const MAX_PORTS: usize = 4;
@@ -166,5 +167,12 @@ impl Settings {
     pub fn bus_error_limit(mut self, limit: u32) -> Self {
         self.bus_error_limit = limit.max(1);
         self
+    }
+
+    /// The time after which the board's watchdog bites.
+    pub(crate) fn watchdog_time(&self) -> Duration {
+        let follows = self.period.saturating_mul(5);
+        let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
+        self.watchdog.unwrap_or(follows.max(usual))
     }
 }

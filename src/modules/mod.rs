@@ -6,8 +6,10 @@
 //! know.
 
 mod error;
+pub mod gpio;
 pub mod led;
 mod registrar;
+pub mod watchdog;
 
 pub use error::RegisterError;
 pub use registrar::Registrar;
@@ -97,6 +99,8 @@ pub struct WriteCycle<'a> {
     /// Nothing is to be started anew: the board is not set up, or safe values are told for the last
     /// time.
     pub hold: bool,
+    /// The board is set up, so that its watchdog may be fed.
+    pub(crate) is_running: bool,
     pub(crate) wants_extra: bool,
 }
 

@@ -182,6 +182,12 @@ impl Registrar<'_> {
         self.plan.setting(stage, address, word)
     }
 
+    /// The directions of the pins of a port: a setting of [`Stage::Drive`] that is evidence as well,
+    /// where the board reads it back.
+    pub(crate) fn drive(&mut self, address: u16, word: u32) -> Setting {
+        self.plan.drive(address, word)
+    }
+
     /// Written in the cycles in which it changes or is [repeated](super::WriteCycle::repeat), and never
     /// with the set-up.
     pub fn on_demand(&mut self, address: u16) -> Setting {

@@ -145,6 +145,7 @@ pub struct ImagePlan {
     pub(super) reads: Vec<Read>,
     pub(super) writes: Vec<Write>,
     pub(super) settings: Vec<Register>,
+    drives: Vec<Setting>,
     steps: Vec<Step>,
 }
 
@@ -220,17 +221,39 @@ impl ImagePlan {
         Setting(last(&self.settings))
     }
 
-    /// The board reads this setting back, and a reset loses it: what it is set to is
-    /// [evidence](super::Words::stands) in every read that holds more than usual.
-    pub fn watch(&mut self, setting: Setting) {
-        let address = self.settings.get(usize::from(setting.0));
-        let Some(address) = address.map(|register| register.address) else {
-            return;
-        };
-        let shown = self.read_extra(ReadPhase::Evidence, address);
-        if let Some(register) = self.settings.get_mut(usize::from(setting.0)) {
-            register.shown = Some(shown);
+    /// A setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
+    pub fn drive(&mut self, address: u16, word: u32) -> Setting {
+        let setting = self.setting(Stage::Drive, address, word);
+        self.drives.push(setting);
+        setting
+    }
+
+    /// Looks whether the board, which has been set up, reads back what [drives](Self::drive) its
+    /// pins. If so, that is [evidence](super::Words::stands) in every read that holds more than usual.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+        let mut reads_back = false;
+        let of = |plan: &Self, setting: Setting| plan.settings.get(usize::from(setting.0)).copied();
+        for &setting in &self.drives {
+            if let Some(register) = of(self, setting).filter(|register| register.word != 0) {
+                reads_back |= bus.read(register.address)? == register.word;
+            }
         }
+        if !reads_back {
+            return Ok(());
+        }
+        for setting in core::mem::take(&mut self.drives) {
+            let Some(register) = of(self, setting) else {
+                continue;
+            };
+            let shown = Some(self.read_extra(ReadPhase::Evidence, register.address));
+            if let Some(kept) = self.settings.get_mut(usize::from(setting.0)) {
+                *kept = Register { shown, ..register };
+            }
+        }
+        Ok(())
     }
 
     /// A write of the set-up whose word stays. The order within a stage is that of the calls.

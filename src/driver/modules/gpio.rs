@@ -9,16 +9,7 @@ use crate::driver::{Module, Put, SettingSlot, SetupList, Take};
 use crate::hal::{Param, PinStore, Pins};
 use crate::hostmot2::{GpioSetup, IoPorts, PinPlace, PortPlan, PortSetup};
 
-/// How an I/O pin that no module uses begins. The same can be set later by its parameters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct GpioConfig {
-    /// It drives; else it is an input.
-    pub output: bool,
-    /// An output that pulls low only.
-    pub open_drain: bool,
-    /// The output is turned round by the hardware.
-    pub invert: bool,
-}
+pub use crate::modules::gpio::GpioConfig;
 
 /// All I/O pins.
 #[derive(Debug)]

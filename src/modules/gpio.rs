@@ -1,0 +1,284 @@
+//! I/O pins: those that no module uses, and what can be set of those that one does.
+
+use alloc::format;
+use alloc::vec::Vec;
+
+use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use crate::bus::process_image::{ReadSlot, Setting, Stage, WriteSlot};
+use crate::hal::{Input, Output, Param, PinError, PinMaker, PinStore};
+use crate::hostmot2::{GpioSetup, Gtag, IoPorts, PinDescriptor, PinPlace, PortSetup};
+
+/// How an I/O pin that no module uses begins. The same can be set later by its parameters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GpioConfig {
+    /// It drives; else it is an input.
+    pub output: bool,
+    /// An output that pulls low only.
+    pub open_drain: bool,
+    /// The output is inverted by the hardware.
+    pub invert: bool,
+}
+
+/// The pins and parameters of one I/O pin: `hm2_7i92.0.gpio.000.in` and so on.
+///
+/// A pin that a module uses can not be set, and has a level only if the module reads it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpioPins {
+    /// The level, and its opposite; not of a pin that a module drives.
+    pub input: Option<(Input<bool>, Input<bool>)>,
+    /// The level to drive, before inversion; of a pin that no module uses.
+    pub out: Option<Output<bool>>,
+    /// Whether it is driven; of a pin that no module uses.
+    pub is_output: Option<Param<bool>>,
+    /// Inverts an output; not of a pin that a module reads.
+    pub invert_output: Option<Param<bool>>,
+    /// Drives low only; not of a pin that a module reads.
+    pub is_opendrain: Option<Param<bool>>,
+}
+
+/// All I/O pins.
+#[derive(Debug)]
+pub struct Gpio {
+    pins: Vec<GpioPins>,
+    places: Vec<PinPlace>,
+    ports: Vec<Port>,
+    /// The version of the outputs that were put.
+    put: Option<u64>,
+}
+
+/// One port.
+#[derive(Debug)]
+struct Port {
+    /// As the modules have it, ...
+    setup: PortSetup,
+    /// ... and with what the application asks for.
+    wanted: PortSetup,
+    levels: Option<ReadSlot>,
+    /// The levels that were taken last.
+    taken: Option<u32>,
+    data: Option<WriteSlot>,
+    invert: Setting,
+    direction: Setting,
+    open_drain: Setting,
+}
+
+/// Who uses an I/O pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PinUse {
+    /// The application.
+    Gpio,
+    /// A module reads it.
+    ModuleInput,
+    /// A module drives it.
+    ModuleOutput,
+}
+
+impl Gpio {
+    /// All I/O pins of a firmware: to be registered when all modules have taken theirs.
+    ///
+    /// # Errors
+    /// [`RegisterError`]: no I/O ports, or a pin that can not be used as [`Settings`] ask.
+    ///
+    /// [`Settings`]: crate::driver::Settings
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
+        let registers = IoPorts::locate(r.firmware())?;
+        let (mut pins, mut places) = (Vec::new(), Vec::new());
+        for number in 0.. {
+            let Some(place) = registers.place(number) else {
+                break;
+            };
+            let usage = PinUse::of(r, number);
+            let at = r.board().place(r.firmware(), Gtag::IO_PORT, number);
+            let mut make = r.maker(&format!("gpio.{number:03}."));
+            make = make.at(at.terminal, at.signal);
+            pins.push(GpioPins::new(&mut make, usage)?);
+            places.push(place);
+        }
+        let settings = r.settings;
+        for &(number, config) in &settings.gpio {
+            let setup = GpioSetup {
+                output: config.output,
+                open_drain: config.open_drain,
+                invert: config.invert,
+                level: false,
+            };
+            r.io.use_gpio(number, setup)?;
+            if let Some(of) = pins.get(usize::from(number)) {
+                of.configure(r.pins, config)?;
+            }
+        }
+        let setups = r.io.ports().to_vec();
+        let mut ports = Vec::new();
+        for (port, setup) in (0u8..).zip(setups) {
+            let of_port = || {
+                let all = pins.iter().zip(&places);
+                all.filter(|(_, place)| place.port == port)
+                    .map(|(pin, _)| pin)
+            };
+            let is_read = of_port().any(|pin| pin.input.is_some());
+            let is_written = of_port().any(|pin| pin.out.is_some());
+            if let Some(port) = Port::new(r, (&registers, port), setup, (is_read, is_written)) {
+                ports.push(port);
+            }
+        }
+        Ok(Self {
+            pins,
+            places,
+            ports,
+            put: None,
+        })
+    }
+
+    /// The I/O pins, by number.
+    pub fn pins(&self) -> &[GpioPins] {
+        &self.pins
+    }
+}
+
+impl PinUse {
+    fn of(r: &Registrar<'_>, number: u16) -> Self {
+        let descriptor = r.firmware().pins().get(usize::from(number));
+        if !r.io.is_taken(number) {
+            Self::Gpio
+        } else if descriptor.is_some_and(PinDescriptor::is_output) {
+            Self::ModuleOutput
+        } else {
+            Self::ModuleInput
+        }
+    }
+}
+
+impl GpioPins {
+    fn new(make: &mut PinMaker<'_>, usage: PinUse) -> Result<Self, PinError> {
+        let (is_free, is_read) = (usage == PinUse::Gpio, usage != PinUse::ModuleOutput);
+        let is_driven = usage != PinUse::ModuleInput;
+        let mut input = None;
+        if is_read {
+            input = Some((make.input("in")?, make.input("in_not")?));
+        }
+        let mut flag = |there: bool, name: &str| {
+            let flag = there.then(|| make.setting(name, false));
+            flag.transpose()
+        };
+        let invert_output = flag(is_driven, "invert_output")?;
+        let is_opendrain = flag(is_driven, "is_opendrain")?;
+        let is_output = flag(is_free, "is_output")?;
+        let out = is_free.then(|| make.output("out")).transpose()?;
+        Ok(Self {
+            input,
+            out,
+            is_output,
+            invert_output,
+            is_opendrain,
+        })
+    }
+
+    fn configure(&self, store: &mut PinStore, config: GpioConfig) -> Result<(), PinError> {
+        let of = [
+            (self.is_output, config.output),
+            (self.is_opendrain, config.open_drain),
+            (self.invert_output, config.invert),
+        ];
+        for (param, value) in of {
+            if let Some(param) = param {
+                store.set_param(param, value)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts what the application asks of the pin into the words of its port.
+    fn put(&self, words: &mut PortSetup, place: PinPlace, pins: &mut PinStore) {
+        if let (Some(output), Some(out)) = (self.is_output, self.out) {
+            words.direction = place.put(words.direction, pins.param(output));
+            words.data = place.put(words.data, pins.fetch(out));
+        }
+        if let Some(open_drain) = self.is_opendrain {
+            words.open_drain = place.put(words.open_drain, pins.param(open_drain));
+        }
+        if let Some(invert) = self.invert_output {
+            words.invert = place.put(words.invert, pins.param(invert));
+        }
+    }
+}
+
+impl Port {
+    /// Open drain comes last, and is cleared with the directions, because a pin with open drain is
+    /// driven whatever its direction (FACTS 12.2).
+    fn new(
+        r: &mut Registrar<'_>,
+        (registers, port): (&IoPorts, u8),
+        setup: PortSetup,
+        (is_read, is_written): (bool, bool),
+    ) -> Option<Self> {
+        let data = registers.data.address(port)?;
+        let direction = registers.direction.address(port)?;
+        let open_drain = registers.open_drain.address(port)?;
+        r.step(Stage::Quiesce, direction, 0);
+        r.step(Stage::Quiesce, open_drain, 0);
+        if !is_written {
+            r.step(Stage::Configure, data, setup.data);
+        }
+        let source = registers.alternate_source.address(port)?;
+        r.step(Stage::Route, source, setup.alternate_source);
+        let invert = registers.invert.address(port)?;
+        Some(Self {
+            setup,
+            wanted: setup,
+            levels: is_read.then(|| r.input(data)),
+            taken: None,
+            data: is_written.then(|| r.output(data, setup.data)),
+            invert: r.setting(Stage::Route, invert, setup.invert),
+            direction: r.drive(direction, setup.direction),
+            open_drain: r.setting(Stage::Drive, open_drain, setup.open_drain),
+        })
+    }
+}
+
+impl Module for Gpio {
+    /// Ports of which no pin has changed are passed over.
+    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
+        let mut changed = 0_u64;
+        for (index, port) in self.ports.iter_mut().enumerate() {
+            let word = port.levels.map(|slot| cycle.word(slot));
+            changed |= u64::from(word != port.taken) << (index & 63);
+            port.taken = word;
+        }
+        if changed == 0 {
+            return;
+        }
+        for (place, pin) in self.places.iter().zip(&self.pins) {
+            let word = self.ports.get(usize::from(place.port));
+            let word = word.and_then(|port| port.taken);
+            let has_changed = changed >> (place.port & 63) & 1 != 0;
+            if let (Some(word), Some((input, not)), true) = (word, pin.input, has_changed) {
+                cycle.pins.publish(input, place.get(word));
+                cycle.pins.publish(not, !place.get(word));
+            }
+        }
+    }
+
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        let version = cycle.pins.output_version(cycle.group);
+        if version.is_some() && version == self.put {
+            return;
+        }
+        self.put = version;
+        for port in &mut self.ports {
+            port.wanted = port.setup;
+        }
+        for (place, pin) in self.places.iter().zip(&self.pins) {
+            if let Some(port) = self.ports.get_mut(usize::from(place.port)) {
+                pin.put(&mut port.wanted, *place, cycle.pins);
+            }
+        }
+        for port in &self.ports {
+            if let Some(slot) = port.data {
+                cycle.put(slot, port.wanted.data);
+            }
+            cycle.set(port.invert, port.wanted.invert);
+            cycle.set(port.direction, port.wanted.direction);
+            cycle.set(port.open_drain, port.wanted.open_drain);
+        }
+    }
+}
