@@ -105,6 +105,9 @@ pub use sim::SimFpga;
 #[cfg(feature = "std")]
 pub use transport::udp::{UdpBus, UdpConfig};
 
+#[doc = include_str!("../docs/gateware.md")]
+pub mod gateware {}
+
 /// The code in the README is compiled and run as a test.
 #[cfg(all(doctest, feature = "std"))]
 #[doc = include_str!("../README.md")]

@@ -4,7 +4,7 @@
 //! The functions are those of its standard firmware. Custom firmware may use the expansion pins for
 //! modules: its pin descriptors tell. Newer firmware may have InM for InMux, and OutM for SSR.
 //!
-//! Source: manual 7I97, "CONNECTORS"; FACTS 9.2.
+//! Source: manual 7I97, "TB1 ENCODER 0 THROUGH 2" to "TB5 I/O"; FACTS 9.2.
 
 use alloc::vec::Vec;
 

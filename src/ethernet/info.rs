@@ -91,7 +91,7 @@ impl Identity {
 
 /// What a board counted since it was reset; 16 bits, they wrap around.
 ///
-/// Source: manual 7I97, "SPACE 6: LBP STATUS/CONTROL AREA".
+/// Source: manual 7I97, "SPACE 6 LBP STATUS/CONTROL AREA".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counters {
     /// Which errors there were.

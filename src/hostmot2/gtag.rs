@@ -6,7 +6,7 @@ use core::fmt;
 ///
 /// `Display` gives name and number: `Watchdog (02)`. Tags that this crate has no name for are kept.
 ///
-/// Source: REGISTERS.md; HostMot2's public list of tags.
+/// Source: FACTS 13.1; HostMot2's public list of tags.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Gtag(pub u8);
 

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 /// The registers of all I/O ports.
 ///
-/// Source: REGISTERS.md, "I/O port".
+/// Source: FACTS 13.3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IoPorts {
     /// Written: the levels of plain outputs. Read: the levels of all pins.

@@ -4,7 +4,7 @@ use super::{Gtag, HostMot2, LocateError};
 
 /// The register of the LEDs.
 ///
-/// Source: REGISTERS.md, "LED".
+/// Source: FACTS 13.9.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Leds {
     /// Address of the register, see [`LedWord`].

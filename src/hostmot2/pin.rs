@@ -8,7 +8,7 @@ use core::fmt;
 /// `Display` gives the function in words: `SSerial 0 TX1`, `MuxedEncoder 0 A`, `I/O`.
 /// Numbers count from 0, as everywhere in HostMot2.
 ///
-/// Source: FACTS 9.1; REGISTERS.md.
+/// Source: FACTS 9.1, 13.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PinDescriptor {
     /// Which pin of the module it is; bit 7 is set where the module drives it.
@@ -63,7 +63,7 @@ impl PinDescriptor {
 
     /// The channel of a smart serial pin, from 0 on; `None` for other pins.
     ///
-    /// Source: REGISTERS.md, "SSerial secondary pins".
+    /// Source: FACTS 13.1.
     pub fn sserial_channel(&self) -> Option<u8> {
         if !matches!(self.secondary, Gtag::SSERIAL | Gtag::SSERIAL_B) {
             return None;

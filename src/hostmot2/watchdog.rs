@@ -12,7 +12,7 @@ use core::time::Duration;
 /// The watchdog also bites when it is [disabled](Self::disable) while it runs, and when it is
 /// restarted before it was ever given a time. After a bite both are harmless.
 ///
-/// Source: REGISTERS.md, "Watchdog", and FACTS 12.1.
+/// Source: FACTS 12.1, 13.2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Watchdog {
     /// Address of the time register, see [`WatchdogTime`].

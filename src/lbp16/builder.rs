@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn reading_1024_bytes_of_flash_is_the_packet_of_the_manual() {
-        // Manual: 7I97, "SPACE 3": 01CE000056341200, 404E0400, 400E, 400E, 400E.
+        // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS": 01CE000056341200, 404E0400, 400E, 400E, 400E.
         let (bytes, reply) = built(|request| {
             let address = Command::write(Space::Flash, 1).unwrap().without_increment();
             let data = 0x0012_3456_u32.to_le_bytes();

@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn commands_of_every_space_are_those_of_the_manual() {
-        // Manual: 7I97, "SPACE 0" to "SPACE 7": "read with address NNxxLLHH", "write with address",
+        // Manual: 7I97, "SPACE 0: HOSTMOT2 REGISTERS" to "SPACE 7: LBP READ ONLY AREA": "read with address NNxxLLHH", "write with address",
         // "read", "write", for NN = 85: 5 elements with increment.
         let manual = [
             (Space::HostMot2, [0x42, 0xC2, 0x02, 0x82]),

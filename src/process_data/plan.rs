@@ -43,7 +43,7 @@ impl InterfaceRegisters {
 /// Elements are packed in the order of the PTOC, least significant bit first. Inputs and outputs
 /// are two independent streams; a bidirectional element is in both. Pads are zeros in the output.
 ///
-/// Source: manual 7I77, "PROCESS DATA ORGANIZATION"; FACTS 7.5.
+/// Source: manual 7I77, "PROCESS DATA ELEMENT PACKING AND UNPACKING"; FACTS 7.5.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackingPlan {
     elements: Vec<Element>,

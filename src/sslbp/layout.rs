@@ -20,7 +20,7 @@ const INTERFACE: u16 = 3;
 
 /// What a HostMot2 module descriptor says about SSLBP, in plain numbers.
 ///
-/// Source: FACTS 2.1, 9.1; REGISTERS.md.
+/// Source: FACTS 2.1, 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SslbpModule {
     /// GTAG: C1 (three interface registers) or C6 (seven).

@@ -165,7 +165,7 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
         file.path(),
     ];
     let mut client = Client::start(&arguments);
-    // Manual: 7I97, "ETHERNET EEPROM CHIP ACCESS", with a read to wait for the write.
+    // Manual: 7I97, "SPACE 2: ETHERNET EEPROM CHIP ACCESS", with a read to wait for the write.
     let set_address = [
         0x01, 0xD9, 0x1A, 0x00, 0x02, 0x5A, 0x82, 0xC9, 0x20, 0x00, 0x20, 0x00, 0xA8, 0xC0, 0x82,
         0x49, 0x20, 0x00,

@@ -27,7 +27,7 @@ fn numbers(widths: &[u8], direction: DataDirection) -> Vec<DataRecord> {
 
 #[test]
 fn sizes_are_those_of_the_manuals() {
-    // Manual 7I77, "PROCESS DATA"; FACTS 8.2 to 8.4: bytes of reply (with fault byte) and request.
+    // Manual 7I77, "SOFTWARE PROCESS DATA MODES"; FACTS 8.2 to 8.4: bytes of reply (with fault byte) and request.
     for (descriptor, receive, transmit) in [
         (field_io(0), 5, 2),
         (field_io(1), 9, 2),

@@ -1,4 +1,4 @@
-//! The modules of the simulated FPGA behave as REGISTERS and FACTS 9.4 say.
+//! The modules of the simulated FPGA behave as FACTS 9.4 and 13 say.
 
 use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimFpga, UNDRIVEN, gtag, machines};
 
@@ -698,7 +698,7 @@ fn ssr_outputs_need_their_drive_and_their_pins() {
     assert!(!fpga.isolated_output(0), "no AC reference");
 }
 
-/// A DPLL set up for 1 kHz by the formulas of REGISTERS, with the limit and time constant given.
+/// A DPLL set up for 1 kHz by the formulas of FACTS 13.8, with the limit and time constant given.
 fn dpll_at_1_khz(limit: u32, time_constant: u32) -> SimFpga {
     let mut fpga = machines::i7i97(1);
     assert_eq!(fpga.read_register(0x7300) & 0xFF, 42);

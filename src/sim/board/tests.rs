@@ -111,7 +111,7 @@ fn mac_and_card_name_can_not_be_written() {
 
 #[test]
 fn a_page_of_flash_is_written_and_read_as_the_manual_does() {
-    // Manual: 7I97, "SPACE 3", with the enable and the data in the packet after the address, and
+    // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS", with the enable and the data in the packet after the address, and
     // the commit in a third, as mesaflash does it (FACTS 10.2).
     let mut board = board();
     run(&mut board, &hex("01CE0000 00C00000"));

@@ -15,7 +15,7 @@ const SYNC: u8 = 6;
 
 const SECOND: u128 = 1_000_000_000;
 
-/// The DPLL. REGISTERS, "DPLL"; FACTS 12.4.
+/// The DPLL. FACTS 12.4, 13.8.
 ///
 /// A phase accumulator turns once in a period. Each access to the sync register says "now is the
 /// host's cycle" and latches the phase: that is the phase error, positive if the host is late.

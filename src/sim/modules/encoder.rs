@@ -1,6 +1,6 @@
 //! Quadrature encoders, plain and multiplexed.
 //!
-//! REGISTERS, "Encoder / muxed encoder"; FACTS 12.5 to 12.8; recordings of the enc and qc families,
+//! FACTS 12.5 to 12.8, 13.4; recordings of the enc and qc families,
 //! which it follows to the clock. Not simulated is the skew of the multiplexer, the delay of the
 //! sample after the select edge: cables are too short for it here.
 

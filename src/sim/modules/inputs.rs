@@ -17,7 +17,7 @@ const MAX_ADDRESS_LINES: usize = 5;
 
 const SECOND: u128 = 1_000_000_000;
 
-/// An input module. REGISTERS, "InMux / InM"; FACTS 12.9.
+/// An input module. FACTS 12.9, 13.6.
 ///
 /// Opto-isolators in front of InMux pull its line low while current flows: without the global
 /// invert bit, an input reads 1 while none does. LinuxCNC always sets that bit. InM keeps the bit

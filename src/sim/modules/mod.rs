@@ -1,6 +1,6 @@
 //! The HostMot2 modules of the simulated FPGA, one file for each.
 //!
-//! Registers and bit fields are those of FACTS 9.4 and REGISTERS.
+//! Registers and bit fields are those of FACTS 9.4 and 13.
 
 mod dpll;
 mod encoder;

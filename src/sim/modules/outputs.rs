@@ -19,7 +19,7 @@ const REFERENCE_PIN: u8 = 0xA0;
 /// The rate register of an SSR after configuration: 1 MHz, off. FACTS 12.10.
 const RATE_AT_RESET: u32 = 0x030;
 
-/// The outputs of an SSR or OutM module. REGISTERS, "SSR"; FACTS 12.10.
+/// The outputs of an SSR or OutM module. FACTS 12.10, 13.7.
 #[derive(Clone, Debug)]
 pub struct Outputs {
     driven_by_ac: bool,
@@ -177,7 +177,7 @@ impl Carrier {
 /// LEDs of a board: so many bits of the register exist. FACTS 12.10.
 const LEDS: usize = 4;
 
-/// The LEDs: the top bits of one register. REGISTERS, "LED".
+/// The LEDs: the top bits of one register. FACTS 12.10, 13.9.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Leds {
     word: u32,

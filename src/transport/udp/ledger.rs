@@ -3,7 +3,7 @@
 //! A packet that only writes is not answered. So every write leaves its number in the board: in
 //! one register, which tells the last write that was executed, and in one of [`SLOTS`] others,
 //! which tell of the last few whether they were executed at all. What came twice shows in
-//! the board's own counts of packets (manual: 7I97, "SPACE 6").
+//! the board's own counts of packets (manual: 7I97, "MEMORY SPACE 6 LAYOUT").
 //!
 //! A reply usually brings the last number and the count of packets received. That explains
 //! everything when one write and this request were sent since the reply before; when it does not,

@@ -79,7 +79,7 @@ impl Default for UdpConfig {
 ///   only writes is sent and not waited for; that it was lost is noticed with the next reply, and
 ///   counted in [`BusStatistics::lost_writes`].
 /// - A [paced](RegisterBus::prepare_paced) list waits in the board for the reference of its DPLL
-///   (manual: 7I97, "SPACE 4"), which needs a firmware that has one.
+///   (manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA"), which needs a firmware that has one.
 ///
 /// # Real time
 /// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], a paced one by that and
@@ -136,7 +136,7 @@ impl<L: Link> UdpBus<L> {
     ///
     /// A board takes orders from everybody, and two programs that drive the same one end in
     /// movements that neither has ordered. So the board is only watched at first: when its count of
-    /// packets (RXUDPCount; manual: 7I97, "SPACE 6") grows by more than ours within 50 ms, somebody
+    /// packets (RXUDPCount; manual: 7I97, "MEMORY SPACE 6 LAYOUT") grows by more than ours within 50 ms, somebody
     /// else drives it, and nothing is written ([`UdpError::OtherHost`]). Somebody who sends less
     /// than about 100 packets a second, or begins later, is not noticed by that.
     /// [`UdpConfig::beside_others`] leaves it out.

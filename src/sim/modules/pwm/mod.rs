@@ -40,7 +40,7 @@ struct Pins {
     enabled_by: usize,
 }
 
-/// All PWM generators. REGISTERS, "PWM"; FACTS 12.3.
+/// All PWM generators. FACTS 12.3, 13.5.
 ///
 /// They run from configuration on, enabled or not: the enables only drive pins of their own, low
 /// while the bit is set. What a pin shows is computed when somebody looks, to the clock.
