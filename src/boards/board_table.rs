@@ -124,10 +124,13 @@ impl BoardTable {
         firmware.idrom().board_name.is_board(self.name)
     }
 
-    /// Where encoder, input, output or I/O pin `number` of a module comes out. Of several instances of
-    /// a module, the first one is on the board.
-    pub fn place(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> Place {
-        Terminals::of(self.ranges(firmware, gtag), number)
+    /// Where encoder, input, output or I/O pin `number` of an instance of a module comes out. Of
+    /// several instances, the first one is on the board.
+    pub fn place(&self, firmware: &HostMot2, (gtag, instance): (Gtag, u8), number: u16) -> Place {
+        match instance {
+            0 => Terminals::of(self.ranges(firmware, gtag), number),
+            _ => Place::default(),
+        }
     }
 
     /// The terminals of a module, if it is the one on the board.
@@ -148,7 +151,7 @@ impl BoardTable {
         let on_card = |card: &&CardTable| Some((card.encoder(firmware, number)?, card.encoders));
         match self.cards.iter().find_map(on_card) {
             Some((encoder, terminals)) => Terminals::of(terminals, encoder),
-            None => self.place(firmware, gtag, number),
+            None => self.place(firmware, (gtag, 0), number),
         }
     }
 }

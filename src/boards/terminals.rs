@@ -89,6 +89,16 @@ impl Terminals {
 }
 
 impl Place {
+    /// Both.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self::join(
+            [self, other]
+                .into_iter()
+                .filter(|place| *place != Self::default()),
+        )
+    }
+
     fn join(places: impl Iterator<Item = Self>) -> Self {
         let (terminals, mut signals): (Vec<_>, Vec<_>) =
             places.map(|place| (place.terminal, place.signal)).unzip();

@@ -1,5 +1,7 @@
 //! Module descriptors, and the register addresses that follow from them.
 
+use core::ops::RangeInclusive;
+
 use super::{Gtag, Idrom};
 use thiserror::Error;
 
@@ -106,6 +108,40 @@ impl ModuleDescriptor {
         let start = u32::from(self.base) + u32::from(register) * u32::from(self.register_stride);
         let address = u16::try_from(start + offset).ok()?;
         (address <= LAST_REGISTER && address.is_multiple_of(4)).then_some(address)
+    }
+
+    /// Address of register `register` of instance `instance`, which is that of all instances where
+    /// they share it.
+    ///
+    /// # Errors
+    /// [`ModuleError::Address`] if there is none: see [`address`](Self::address).
+    pub fn register(&self, register: u8, instance: u8) -> Result<u16, ModuleError> {
+        self.address(register, instance)
+            .ok_or(ModuleError::Address {
+                gtag: self.gtag,
+                base: self.base,
+                register,
+                register_stride: self.register_stride,
+                instances: self.instances,
+                instance_stride: self.instance_stride,
+            })
+    }
+
+    /// Checks that a version, this module's own or the part of it that counts, is `known`.
+    pub(crate) fn expect_version(
+        &self,
+        version: u8,
+        known: RangeInclusive<u8>,
+    ) -> Result<(), ModuleError> {
+        if known.contains(&version) {
+            return Ok(());
+        }
+        Err(ModuleError::UnknownVersion {
+            gtag: self.gtag,
+            version: self.version,
+            oldest: *known.start(),
+            newest: *known.end(),
+        })
     }
 
     /// Whether the register exists once for each instance.

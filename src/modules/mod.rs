@@ -5,9 +5,14 @@
 //! ports are modules like the others, and an application can add modules that this crate does not
 //! know.
 
+pub mod dpll;
+pub mod encoder;
 mod error;
 pub mod gpio;
+pub mod in_mux;
 pub mod led;
+pub mod outputs;
+pub mod pwm;
 mod registrar;
 pub mod watchdog;
 

@@ -13,14 +13,7 @@ use crate::hostmot2::{
 
 use super::{Making, PartError, Wiring};
 
-/// How encoders are set up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct EncoderSetup {
-    /// How many are used; `None` for all that the firmware has. More than it has are refused.
-    pub count: Option<u8>,
-    /// Rate of the multiplexer or of the filters; `None` for what the board is made for.
-    pub rate: Option<TickRate>,
-}
+pub use crate::modules::encoder::EncoderSetup;
 
 /// All encoders of a kind.
 #[derive(Debug)]

@@ -1,0 +1,426 @@
+//! HM2DPLL: samples encoders and serial inputs in step with the host's thread, or paces the host.
+//!
+//! Source: REGISTERS.md, "DPLL (HM2DPLL)"; FACTS 9.5, 12.4.
+
+use alloc::format;
+
+use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use crate::bus::Instant;
+use crate::bus::process_image::{ReadSlot, Setting, Stage};
+use crate::driver::Pace;
+use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
+use crate::hostmot2::Gtag;
+
+/// The pins of the phase-locked loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DpllPins {
+    /// When the four timers rise, in microseconds from the read; negative is before it.
+    pub timer_us: [Output<f64>; 4],
+    /// The loop's frequency in kHz.
+    pub base_freq_khz: Output<f64>,
+    /// How late the last read was for the loop, in microseconds; negative is early. 0 where the board
+    /// paces the cycle, since the loop follows nobody then.
+    pub phase_error_us: Input<f64>,
+    /// Time constant of its filter.
+    pub time_const: Output<u32>,
+    /// How much it may correct; 0 lets it run free.
+    pub plimit: Output<u32>,
+    /// The width of its accumulator.
+    pub ddsize: Input<u32>,
+    /// Divides its clock.
+    pub prescale: Input<u32>,
+}
+
+/// The phase-locked loop: it times the board by the reads, or the reads by the board.
+#[derive(Debug)]
+pub struct Dpll {
+    /// The handles of its pins.
+    pub pins: DpllPins,
+    clock_hz: u32,
+    dds_bits: u8,
+    config: DpllConfig,
+    words: DpllWords,
+    settings: [Setting; 5],
+    /// Where the board paces, nobody is followed: without these the loop runs free.
+    following: Option<Following>,
+}
+
+/// How the loop follows the reads.
+#[derive(Clone, Copy, Debug)]
+struct Following {
+    /// Any access marks the thread's read and latches the phase, which it reads: the phase error.
+    sync: ReadSlot,
+    /// A write sets the phase.
+    phase: Setting,
+    start: PhaseStart,
+}
+
+impl Dpll {
+    /// The loop of a firmware, if it has one and it is wanted.
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
+        let Some(module) = r.module(Gtag::HM2DPLL) else {
+            return Ok(None);
+        };
+        if r.settings().no_dpll {
+            return Ok(None);
+        }
+        module.expect(&[module.gtag], 7, 0)?;
+        let register = |register| module.register(register, 0);
+        let control_1 = register(3)?;
+        let dds_bits = r.peek(control_1)? as u8;
+        let khz = 1e-3 / r.period().as_secs_f64();
+        let pins = DpllPins::new(r.maker("dpll."), khz)?;
+        let config = pins.config(r.pins());
+        let words = DpllWords::new(module.clock_hz, dds_bits, &config)?;
+        // In the order of the words.
+        let addresses = [
+            register(0)?,
+            register(2)?,
+            control_1,
+            register(4)?,
+            register(5)?,
+        ];
+        let mut of_words = addresses.into_iter().zip(words.to_array());
+        let settings = addresses.map(|address| {
+            let word = of_words.next().map_or(0, |(_, word)| word);
+            r.setting(Stage::Configure, address, word)
+        });
+        let (phase, sync) = (register(1)?, register(6)?);
+        let following = (r.settings().pace == Pace::Host).then(|| Following {
+            // It is what the loop follows, so it comes first.
+            sync: r.latch(sync),
+            phase: r.on_demand(phase),
+            start: PhaseStart::default(),
+        });
+        Ok(Some(Self {
+            pins,
+            clock_hz: module.clock_hz,
+            dds_bits,
+            config,
+            words,
+            settings,
+            following,
+        }))
+    }
+}
+
+impl Module for Dpll {
+    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
+        if let Some(following) = &mut self.following {
+            let word = cycle.word(following.sync);
+            let error = phase_error_us(word, self.config.hz);
+            cycle.pins.publish(self.pins.phase_error_us, error);
+            following.start.read(word);
+        }
+        let prescale = u32::from(self.words.prescale);
+        cycle.pins.publish(self.pins.prescale, prescale);
+        cycle.pins.publish(self.pins.ddsize, self.dds_bits.into());
+    }
+
+    /// A frequency that the loop can not have is counted, and the one before stays.
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        let [_, control_0, ..] = self.settings;
+        // Control 0 is written again, so that the loop forgets what it took for an error meanwhile.
+        if let Some(following) = &mut self.following
+            && let Some(phase) = following.start.write()
+        {
+            cycle.set(following.phase, phase);
+            cycle.repeat(following.phase);
+            cycle.repeat(control_0);
+        }
+        let config = self.pins.config(cycle.pins);
+        if config == self.config {
+            return;
+        }
+        match DpllWords::new(self.clock_hz, self.dds_bits, &config) {
+            Ok(words) => {
+                let is_new = |of: fn(&DpllWords) -> (u32, u8)| of(&words) != of(&self.words);
+                if is_new(|words| (words.base_rate, words.prescale)) {
+                    self.start_again();
+                }
+                (self.config, self.words) = (config, words);
+            }
+            Err(_) => cycle
+                .pins
+                .count_rejection(self.pins.base_freq_khz, Rejection::OutOfRange),
+        }
+        for (setting, word) in self.settings.into_iter().zip(self.words.to_array()) {
+            cycle.set(setting, word);
+        }
+    }
+
+    /// The loop runs at another phase.
+    fn restored(&mut self, _: &mut PinStore, _: Instant) {
+        self.start_again();
+    }
+}
+
+impl Dpll {
+    fn start_again(&mut self) {
+        if let Some(following) = &mut self.following {
+            following.start = PhaseStart::default();
+        }
+    }
+}
+
+impl DpllPins {
+    fn new(mut make: PinMaker<'_>, khz: f64) -> Result<Self, PinError> {
+        let mut timer_us = [Output::nowhere(); 4];
+        for (number, timer) in (1..).zip(&mut timer_us) {
+            *timer = make.switch(&format!("{number:02}.timer-us"), 100.0)?;
+        }
+        Ok(Self {
+            timer_us,
+            base_freq_khz: make.switch("base-freq-khz", khz)?,
+            phase_error_us: make.input("phase-error-us")?,
+            time_const: make.switch("time-const", 2000)?,
+            plimit: make.switch("plimit", 0x0040_0000)?,
+            ddsize: make.input("ddsize")?,
+            prescale: make.input("prescale")?,
+        })
+    }
+
+    fn config(&self, pins: &mut PinStore) -> DpllConfig {
+        DpllConfig {
+            hz: pins.fetch(self.base_freq_khz) * 1e3,
+            phase_limit: pins.fetch(self.plimit),
+            time_constant: u16::try_from(pins.fetch(self.time_const)).unwrap_or(u16::MAX),
+            timers_us: self.timer_us.map(|timer| pins.fetch(timer)),
+        }
+    }
+}
+
+/// How the loop follows the thread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DpllConfig {
+    /// Rate of the thread in Hz.
+    pub hz: f64,
+    /// The greatest phase error that counts, in 2^-24 of a period: at most 0x7F_FFFF, half a period.
+    pub phase_limit: u32,
+    /// Steps of the accumulator from one step of the filter to the next, about 4200 of which make
+    /// a period. The greater, the slower.
+    pub time_constant: u16,
+    /// When the timers rise, in us from the thread's read; before it is negative.
+    pub timers_us: [f64; 4],
+}
+
+/// The register values of a configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DpllWords {
+    /// Phase step per clock.
+    pub base_rate: u32,
+    /// Clocks per phase step.
+    pub prescale: u8,
+    /// Prescale and phase limit. A write makes the loop forget its error, filter and integrator.
+    pub control_0: u32,
+    /// Time constant; the low byte reads the size of the DDS.
+    pub control_1: u32,
+    /// Timers 2 and 1.
+    pub timers_12: u32,
+    /// Timers 4 and 3.
+    pub timers_34: u32,
+}
+
+impl DpllWords {
+    /// The words for a loop with this clock and a DDS of `dds_bits`:
+    /// prescale = 2^30*clock / (2^dds * Hz), at least 1; base rate = Hz * 2^dds * prescale / clock,
+    /// both cut off as LinuxCNC does.
+    ///
+    /// # Errors
+    /// [`RegisterError::DpllRate`], [`RegisterError::DdsSize`].
+    pub fn new(clock_hz: u32, dds_bits: u8, config: &DpllConfig) -> Result<Self, RegisterError> {
+        if !(1..=63).contains(&dds_bits) {
+            return Err(RegisterError::DdsSize { found: dds_bits });
+        }
+        let clock = f64::from(clock_hz);
+        let turn = libm::ldexp(1.0, i32::from(dds_bits)) * config.hz;
+        let prescale = libm::floor(libm::ldexp(clock, 30) / turn).max(1.0);
+        let base_rate = libm::floor(turn * prescale / clock);
+        let fits = config.hz > 0.0
+            && (1.0..=255.0).contains(&prescale)
+            && (1.0..=f64::from(u32::MAX)).contains(&base_rate);
+        if !fits {
+            return Err(RegisterError::DpllRate {
+                hz: config.hz,
+                clock_hz,
+                dds_bits,
+                prescale,
+                base_rate,
+            });
+        }
+        let [one, two, three, four] = config
+            .timers_us
+            .map(|us| u32::from(timer_of(us, config.hz)));
+        Ok(Self {
+            base_rate: base_rate as u32,
+            prescale: prescale as u8,
+            control_0: (prescale as u32) << 24 | config.phase_limit.min(0xFF_FFFF),
+            control_1: u32::from(config.time_constant) << 16,
+            timers_12: two << 16 | one,
+            timers_34: four << 16 | three,
+        })
+    }
+
+    const fn to_array(self) -> [u32; 5] {
+        [
+            self.base_rate,
+            self.control_0,
+            self.control_1,
+            self.timers_12,
+            self.timers_34,
+        ]
+    }
+}
+
+/// A timer as a fraction of the period in 1/65536. The register says how long **before** the read
+/// the timer rises, so that its sign is the other one: -100 us of 1 ms are 0x1999 (FACTS 12.4).
+/// Whole periods are left out; what is not a number becomes 0.
+fn timer_of(us: f64, hz: f64) -> u16 {
+    let fraction = libm::floor(-us * hz * 65_536.0 / 1e6);
+    let within = fraction - 65_536.0 * libm::floor(fraction / 65_536.0);
+    if within.is_nan() { 0 } else { within as u16 }
+}
+
+/// The phase error in us that the sync register says, for a thread of `hz`: a signed fraction of
+/// the period in 1/2^32, positive if the thread reads late.
+fn phase_error_us(word: u32, hz: f64) -> f64 {
+    f64::from(word as i32) / 4_294_967_296.0 / hz * 1e6
+}
+
+/// LinuxCNC does it for so many periods: what a machine starts with is irregular.
+const PERIODS: u32 = 100;
+
+/// Sets the phase of the loop with each write, such that the next read finds it at 0.
+///
+/// Left to itself, the loop takes seconds to get there, and rings (FACTS 12.4). LinuxCNC writes 0,
+/// after which the read is early by what passes from a read to its write. That is what the next read
+/// says, and its mean is written from then on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct PhaseStart {
+    writes: u32,
+    /// What is written, in 2^-32 of a period.
+    phase: i32,
+    /// Reads that followed a write.
+    reads: i32,
+    is_written: bool,
+}
+
+impl PhaseStart {
+    /// The read after a write found the loop at this phase.
+    fn read(&mut self, phase: u32) {
+        if core::mem::take(&mut self.is_written) && self.writes < PERIODS {
+            self.reads += 1;
+            self.phase = self.phase.wrapping_sub(phase as i32 / self.reads);
+        }
+    }
+
+    /// What this write sets the phase to, if it still does.
+    fn write(&mut self) -> Option<u32> {
+        if self.writes == PERIODS {
+            return None;
+        }
+        self.writes += 1;
+        self.is_written = true;
+        Some(self.phase as u32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CLOCK: u32 = 100_000_000;
+
+    /// 1 kHz, with LinuxCNC's limit; all timers 100 us before the read.
+    const CONFIG: DpllConfig = DpllConfig {
+        hz: 1_000.0,
+        phase_limit: 0x40_0000,
+        time_constant: 0xA000,
+        timers_us: [-100.0; 4],
+    };
+
+    fn words(dds_bits: u8, config: &DpllConfig) -> Result<DpllWords, RegisterError> {
+        DpllWords::new(CLOCK, dds_bits, config)
+    }
+
+    /// The rate that the loop has with a DDS of 42 bits.
+    fn hz(words: &DpllWords) -> f64 {
+        let turn = libm::ldexp(f64::from(words.prescale), 42);
+        f64::from(words.base_rate) * f64::from(CLOCK) / turn
+    }
+
+    #[test]
+    fn a_thread_of_1_khz_at_100_mhz_with_42_bits() {
+        // 2^30*1e8/(2^42*1e3) = 24.4; 1e3*2^42*24/1e8 = 1055531162.66.
+        let words = words(42, &CONFIG).unwrap();
+        assert_eq!((words.prescale, words.base_rate), (24, 1_055_531_162));
+        assert_eq!(words.control_0, 0x1840_0000);
+        assert_eq!(words.control_1, 0xA000_0000);
+        // 100 us before, of 1 ms: 6553.6.
+        assert_eq!(words.timers_12, 0x1999_1999);
+        assert!((hz(&words) - 1_000.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn each_timer_has_its_half_word() {
+        let config = DpllConfig {
+            timers_us: [-100.0, 100.0, 250.0, f64::NAN],
+            ..CONFIG
+        };
+        let words = words(42, &config).unwrap();
+        assert_eq!(words.timers_12, 0xE666_1999);
+        assert_eq!(words.timers_34, 0x0000_C000);
+        let timer = |us: f64| timer_of(us, 1_000.0);
+        let halves = [timer(0.0), timer(-500.0), timer(500.0)];
+        assert_eq!(halves, [0, 0x8000, 0x8000]);
+        assert_eq!([timer(-600.0), timer(400.0)], [0x9999, 0x9999]);
+        assert_eq!([timer(-1e9), timer(f64::INFINITY)], [0, 0]);
+    }
+
+    #[test]
+    fn phase_errors_are_signed_fractions_of_the_period() {
+        assert!((phase_error_us(0x4000_0000, 1_000.0) - 250.0).abs() < 1e-9);
+        assert!((phase_error_us(0xFFFF_FFFF, 1_000.0) + 1e3 / 4_294_967_296.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_the_hardware_can_not_do_is_an_error() {
+        assert_eq!(words(0, &CONFIG), Err(RegisterError::DdsSize { found: 0 }));
+        for hz in [1.0, 0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let error = words(42, &DpllConfig { hz, ..CONFIG });
+            assert!(matches!(error, Err(RegisterError::DpllRate { .. })), "{hz}");
+        }
+    }
+
+    #[test]
+    fn the_phase_of_the_write_is_such_that_the_read_is_at_0() {
+        let mut start = PhaseStart::default();
+        // Anything, before the phase was set.
+        start.read(0x1234_5678);
+        assert_eq!(start.write(), Some(0), "as LinuxCNC does");
+        // A tenth of a period, sometimes more and sometimes less, after the read.
+        let tenth = u32::MAX / 10;
+        for n in 1..PERIODS {
+            let delay = tenth + n % 2 * 2_000;
+            let written = start.phase as u32;
+            start.read(written.wrapping_sub(delay));
+            let next = start.write().expect("100 periods");
+            assert!(next.abs_diff(tenth) <= 2_000, "{n}: {next}");
+        }
+        let mean = tenth + 1_000;
+        assert!((start.phase as u32).abs_diff(mean) < 50, "the mean");
+        assert_eq!(start.write(), None);
+    }
+
+    proptest! {
+        #[test]
+        fn the_rate_is_met_to_a_millionth(rate in 100.0f64..20_000.0) {
+            if let Ok(words) = words(42, &DpllConfig { hz: rate, ..CONFIG }) {
+                prop_assert!((hz(&words) / rate - 1.0).abs() < 1e-6);
+            } else {
+                prop_assert!(rate < 200.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! One latch request, from the control word that asks for it to the evidence that it has happened.
+//!
+//! A latch that was taken leaves `JUST_ONCE` set and clears its enable bit (FACTS 12.5). That
+//! evidence is demanded in every stage, since writes on a network can be late, duplicate or lost:
+//!
+//! - A late write of an older word without a request takes the request back: neither bit is left.
+//!   It is made again.
+//! - A duplicate of the request itself, or the driver's own repetition of its settings, arms the
+//!   latch again after it was taken: both bits are set, but the latched count has changed. That
+//!   count is the one that was asked for. Where it happens to be the same as before, as after
+//!   homing twice to the same index, the movement over that index tells.
+//! - A late write of an earlier request leaves the same bits as this one. An exchange in which that
+//!   may have happened is no evidence.
+
+use super::registers::ControlWord;
+
+/// What is to be latched, once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum LatchRequest {
+    /// Nothing.
+    #[default]
+    None,
+    /// The count becomes 0 where the index was: `index-enable` of LinuxCNC.
+    Index,
+    /// The count is latched at the probe's edge.
+    Probe,
+}
+
+impl LatchRequest {
+    pub(super) const fn bits(self) -> u32 {
+        match self {
+            Self::None => 0,
+            Self::Index => ControlWord::LATCH_ON_INDEX | ControlWord::JUST_ONCE,
+            Self::Probe => ControlWord::LATCH_ON_PROBE | ControlWord::JUST_ONCE,
+        }
+    }
+
+    const fn enable(self) -> u32 {
+        self.bits() & !ControlWord::JUST_ONCE
+    }
+}
+
+/// The bits that enable a latch or a clear.
+const ENABLES: u32 =
+    ControlWord::LATCH_ON_INDEX | ControlWord::LATCH_ON_PROBE | ControlWord::CLEAR_ON_INDEX;
+
+/// The bits of the control register that any request sets.
+const ANY_REQUEST: u32 = ENABLES | ControlWord::JUST_ONCE;
+
+/// After so many reads no packet of an earlier request is under way any more.
+const HORIZON: u32 = 100;
+
+/// How far a request has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// The control register still shows an earlier request, or is not known: nothing is written
+    /// until that is gone, so that its end is not taken for the end of this one.
+    Settling,
+    /// Not in the control register yet, as far as is known.
+    Asked,
+    /// Was seen in the control register.
+    Armed,
+}
+
+/// An index that was passed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Passed {
+    count: u16,
+    upwards: bool,
+}
+
+/// The request that an encoder works on.
+#[derive(Clone, Debug)]
+pub(super) struct Latch {
+    wanted: LatchRequest,
+    stage: Stage,
+    /// Whether the control register showed no request when it was read last.
+    is_clean: bool,
+    /// The latched count before this request.
+    before: u16,
+    /// The index that was latched last.
+    index: Option<Passed>,
+    /// The request before this one, and how many reads ago it ended.
+    previous: LatchRequest,
+    since_previous: u32,
+    /// Since the last read, other writes than the newest may have been executed.
+    is_doubtful: bool,
+    /// Since the last read, the control word was written again unchanged.
+    is_repeated: bool,
+}
+
+impl Latch {
+    pub fn new() -> Self {
+        Self {
+            wanted: LatchRequest::None,
+            stage: Stage::Settling,
+            is_clean: false,
+            before: 0,
+            index: None,
+            previous: LatchRequest::None,
+            since_previous: HORIZON,
+            is_doubtful: false,
+            is_repeated: false,
+        }
+    }
+
+    /// Asks for a latch, or takes the request back.
+    pub fn request(&mut self, wanted: LatchRequest) {
+        if wanted == self.wanted {
+            return;
+        }
+        let is_fresh = core::mem::take(&mut self.is_clean) && self.wanted == LatchRequest::None;
+        self.end();
+        self.wanted = wanted;
+        self.stage = if is_fresh {
+            Stage::Asked
+        } else {
+            Stage::Settling
+        };
+    }
+
+    pub const fn wanted(&self) -> LatchRequest {
+        self.wanted
+    }
+
+    /// The bits of the control word that ask for it.
+    pub const fn bits(&self) -> u32 {
+        match self.stage {
+            Stage::Settling => 0,
+            Stage::Asked | Stage::Armed => self.wanted.bits(),
+        }
+    }
+
+    /// Whether the control register is not known to hold [`bits`](Self::bits): they have to be
+    /// written again.
+    pub fn is_unsettled(&self) -> bool {
+        self.wanted != LatchRequest::None && self.stage != Stage::Armed
+    }
+
+    /// Whether a latch may be armed in the FPGA.
+    pub fn may_be_armed(&self) -> bool {
+        self.wanted != LatchRequest::None && self.stage != Stage::Settling
+    }
+
+    pub fn disturbed(&mut self, is_doubtful: bool, is_repeated: bool) {
+        self.is_doubtful |= is_doubtful;
+        self.is_repeated |= is_repeated;
+    }
+
+    /// The counter may have been reset.
+    pub fn forget(&mut self) {
+        self.is_clean = false;
+        self.index = None;
+        self.stage = Stage::Settling;
+    }
+
+    /// Takes what a read showed, after the counter went `from` one count `to` another since the read
+    /// before; gives the latched count once the latch has happened.
+    pub fn observe(&mut self, control: ControlWord, from: u16, to: u16) -> Option<u16> {
+        let is_trusted = self.is_trusted();
+        let is_suspect = core::mem::take(&mut self.is_doubtful) | self.is_repeated;
+        self.is_repeated = false;
+        self.since_previous = self.since_previous.saturating_add(1);
+        self.is_clean = !control.has(ANY_REQUEST);
+        if self.wanted == LatchRequest::None || self.stage == Stage::Settling {
+            self.settle(control);
+            return None;
+        }
+        let enable = self.wanted.enable();
+        if control.has(ENABLES & !enable) || !control.has(ControlWord::JUST_ONCE) {
+            self.stage = Stage::Settling;
+            self.settle(control);
+            return None;
+        }
+        let is_armed = control.has(enable);
+        let is_passed = is_suspect && self.has_passed_again(from, to);
+        if is_armed && control.latched() == self.before && !is_passed {
+            self.stage = Stage::Armed;
+            return None;
+        }
+        self.stage = Stage::Settling;
+        if !is_trusted {
+            return None;
+        }
+        let step = to.wrapping_sub(from) as i16;
+        if self.wanted == LatchRequest::Index {
+            self.index = (step != 0).then_some(Passed {
+                count: control.latched(),
+                upwards: step > 0,
+            });
+        }
+        self.end();
+        self.wanted = LatchRequest::None;
+        Some(control.latched())
+    }
+
+    /// Nothing of an earlier request is in the register: the request can be written.
+    fn settle(&mut self, control: ControlWord) {
+        if self.is_clean {
+            self.before = control.latched();
+            self.stage = Stage::Asked;
+        }
+    }
+
+    /// Whether what this read shows comes from this request, and not from a late write of the one
+    /// before.
+    fn is_trusted(&self) -> bool {
+        let is_over = self.since_previous >= HORIZON || self.previous == LatchRequest::None;
+        let is_same = self.stage == Stage::Armed && self.previous == self.wanted;
+        !self.is_doubtful || is_over || is_same
+    }
+
+    /// Whether the movement went over the index that was latched before, in the same direction,
+    /// while the latch was armed: it was taken with the same count.
+    fn has_passed_again(&self, from: u16, to: u16) -> bool {
+        let Some(index) = self.index.filter(|index| index.count == self.before) else {
+            return false;
+        };
+        let ahead = |count: u16| {
+            let (near, far) = if index.upwards {
+                (from, count)
+            } else {
+                (count, from)
+            };
+            far.wrapping_sub(near) as i16
+        };
+        let (step, index) = (ahead(to), ahead(index.count));
+        let is_asked_for = self.wanted == LatchRequest::Index && self.stage == Stage::Armed;
+        is_asked_for && step > 0 && (0..=step).contains(&index)
+    }
+
+    fn end(&mut self) {
+        if self.wanted != LatchRequest::None {
+            self.previous = self.wanted;
+            self.since_previous = 0;
+        }
+    }
+}

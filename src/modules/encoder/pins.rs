@@ -1,0 +1,239 @@
+//! The pins of encoders, and what they ask for.
+
+use super::{EncoderConfig, EncoderReading, EncoderState, LatchRequest};
+use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Rejection};
+
+/// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderPins {
+    /// Count, position, index and reset. Its scale of 0 is refused: it becomes 1, and is counted.
+    pub counter: Counter,
+    /// `rawcounts` at the last latch.
+    pub rawlatch: Input<i32>,
+    /// `count` at the last latch.
+    pub count_latched: Input<i32>,
+    /// `count-latched / scale`.
+    pub position_latched: Input<f64>,
+    /// Units of position per second.
+    pub velocity: Input<f64>,
+    /// Units of position per minute.
+    pub velocity_rpm: Input<f64>,
+    /// While on, each edge of the probe latches the count. Where the firmware has no probe, nothing
+    /// is latched, and each cycle in which it is on is counted as a refused value.
+    pub probe_enable: Output<bool>,
+    /// The probe's rising edge counts, and not the falling one.
+    pub probe_invert: Output<bool>,
+    /// A quadrature sequence error was seen.
+    pub quad_error: Input<bool>,
+    /// The board was not heard for so long that the encoder may have turned further than its
+    /// counter can represent: `count` may be wrong by multiples of 65536. On until `reset` or index.
+    pub count_unsure: Input<bool>,
+    /// Watches for sequence errors; turning it off clears `quad-error`, and the error in the board.
+    pub quad_error_enable: Output<bool>,
+    /// The encoder turns at nine tenths or more of `max-count-rate`, beyond which counts are garbage
+    /// and no error tells.
+    pub near_max_count_rate: Input<bool>,
+    /// A now.
+    pub input_a: Input<bool>,
+    /// B now.
+    pub input_b: Input<bool>,
+    /// Index now.
+    pub input_index: Input<bool>,
+    /// The index counts at its rising edge, and not at its falling one.
+    pub index_invert: Param<bool>,
+    /// The index counts only while the index mask is active.
+    pub index_mask: Param<bool>,
+    /// The index mask is active low.
+    pub index_mask_invert: Param<bool>,
+    /// Step and direction, and not quadrature.
+    pub counter_mode: Param<bool>,
+    /// 15 samples of filter, and not 3, which costs four fifths of `max-count-rate`. Off at first on
+    /// multiplexed encoders, whose manuals promise rates that only the short filter comes near to;
+    /// LinuxCNC has it on.
+    pub filter: Param<bool>,
+    /// The most counts in a second that are followed, by sample frequency and filter.
+    pub max_count_rate: Param<f64>,
+    /// Seconds without a count after which velocity is 0.
+    pub vel_timeout: Param<f64>,
+}
+
+/// What an encoder is asked for in each cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Command {
+    reset: bool,
+    watches_errors: bool,
+    request: LatchRequest,
+    refuses_probe: bool,
+}
+
+impl EncoderPins {
+    pub(super) fn new(mut make: PinMaker<'_>, has_filter: bool) -> Result<Self, PinError> {
+        Ok(Self {
+            counter: Counter {
+                rawcounts: make.input("rawcounts")?,
+                count: make.input("count")?,
+                position: make.input("position")?,
+                index_enable: make.inout("index-enable")?,
+                reset: make.switch("reset", false)?,
+                scale: make.setting("scale", 1.0)?,
+                counts_per_rev: None,
+            },
+            rawlatch: make.input("rawlatch")?,
+            count_latched: make.input("count-latched")?,
+            position_latched: make.input("position-latched")?,
+            velocity: make.input("velocity")?,
+            velocity_rpm: make.input("velocity-rpm")?,
+            probe_enable: make.switch("probe-enable", false)?,
+            probe_invert: make.switch("probe-invert", false)?,
+            quad_error: make.input("quad-error")?,
+            count_unsure: make.input("count-unsure")?,
+            quad_error_enable: make.switch("quad-error-enable", false)?,
+            near_max_count_rate: make.input("near-max-count-rate")?,
+            input_a: make.input("input-a")?,
+            input_b: make.input("input-b")?,
+            input_index: make.input("input-index")?,
+            index_invert: make.setting("index-invert", false)?,
+            index_mask: make.setting("index-mask", false)?,
+            index_mask_invert: make.setting("index-mask-invert", false)?,
+            counter_mode: make.setting("counter-mode", false)?,
+            filter: make.setting("filter", has_filter)?,
+            max_count_rate: make.property("max-count-rate", 0.0)?,
+            vel_timeout: make.setting("vel-timeout", 0.5)?,
+        })
+    }
+
+    /// How the encoder is to count, by its parameters.
+    pub(super) fn config(&self, pins: &mut PinStore) -> EncoderConfig {
+        EncoderConfig {
+            scale: pins.param(self.counter.scale),
+            up_down: pins.param(self.counter_mode),
+            filter: pins.param(self.filter),
+            // Despite the name, true means the rising edge: manual page hostmot2(9), `index-invert`
+            // and `probe-invert`.
+            index_high: pins.param(self.index_invert),
+            index_mask: pins.param(self.index_mask),
+            index_mask_invert: pins.param(self.index_mask_invert),
+            gate_index: false,
+            probe_high: pins.fetch(self.probe_invert),
+            idle_time: pins.param(self.vel_timeout),
+        }
+    }
+
+    /// What the pins ask of the encoder. A scale of 0 becomes 1 as in LinuxCNC, and is counted.
+    pub(super) fn command(&self, pins: &mut PinStore, state: &mut EncoderState) -> Command {
+        if pins.param(self.counter.scale) == 0.0 {
+            pins.count_rejection(self.counter.scale, Rejection::OutOfRange);
+            pins.publish(self.counter.scale, 1.0);
+        }
+        state.set_config(self.config(pins));
+        pins.publish(self.max_count_rate, state.max_count_rate());
+        let probes = pins.fetch(self.probe_enable);
+        Command {
+            reset: pins.fetch(self.counter.reset),
+            watches_errors: pins.fetch(self.quad_error_enable),
+            request: if pins.fetch(self.counter.index_enable) {
+                LatchRequest::Index
+            } else if probes {
+                LatchRequest::Probe
+            } else {
+                LatchRequest::None
+            },
+            refuses_probe: probes && !state.has_probe(),
+        }
+    }
+
+    /// Has a command carried out in this cycle.
+    pub(super) fn carry_out(
+        &self,
+        command: Command,
+        pins: &mut PinStore,
+        state: &mut EncoderState,
+    ) {
+        if command.refuses_probe {
+            pins.count_rejection(self.probe_enable, Rejection::OutOfRange);
+        }
+        if command.reset {
+            state.reset();
+        }
+        if !command.watches_errors {
+            state.clear_quadrature_error();
+        }
+        state.request(command.request);
+    }
+
+    /// Shows a reading. `index_came`: an index that the encoder was asked for; `index-enable` goes off
+    /// then, but for one that the application has switched on since the last write.
+    pub(super) fn publish(&self, pins: &mut PinStore, reading: &EncoderReading, index_came: bool) {
+        pins.publish(self.counter.rawcounts, reading.rawcounts as i32);
+        pins.publish(self.count_unsure, reading.is_unsure);
+        pins.publish(self.counter.count, reading.count as i32);
+        pins.publish(self.counter.position, reading.position);
+        pins.publish(self.velocity, reading.velocity);
+        pins.publish(self.velocity_rpm, reading.velocity * 60.0);
+        if let Some(latched) = reading.latched {
+            let zero = reading.rawcounts.wrapping_sub(reading.count);
+            pins.publish(self.count_latched, latched as i32);
+            pins.publish(self.rawlatch, latched.wrapping_add(zero) as i32);
+            pins.publish(self.position_latched, latched as f64 / reading.scale);
+        }
+        let [a, b, index] = reading.inputs;
+        pins.publish(self.near_max_count_rate, reading.is_near_max);
+        pins.publish(self.input_a, a);
+        pins.publish(self.input_b, b);
+        pins.publish(self.input_index, index);
+        if index_came {
+            pins.publish(self.counter.index_enable, false);
+        }
+    }
+
+    /// Keeps a quadrature error while it is watched.
+    pub(super) fn publish_error(&self, pins: &mut PinStore, command: Command, is_error: bool) {
+        let before = pins.read(self.quad_error).value;
+        pins.publish(
+            self.quad_error,
+            command.watches_errors && (before || is_error),
+        );
+    }
+}
+
+/// The pins of all encoders together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderBankPins {
+    /// Rate at which the inputs are sampled, in Hz; for muxed encoders the multiplex rate, twice
+    /// what each of them is sampled at. What the clock can not be divided to becomes the next lower
+    /// rate.
+    pub sample_frequency: Output<u32>,
+    /// Delay of the sample after the multiplex edge in ns, of muxed encoders of version 4; as many
+    /// periods of the clock as are nearest, at most 15.
+    pub muxed_skew: Option<Output<u32>>,
+    /// Time stamps of about 10 MHz, and not 1 MHz: for frequencies, and periods up to 1 ms.
+    /// Velocities begin anew when this changes.
+    pub hires_timestamp: Output<bool>,
+    /// What latches the counts: 0 the DPLL's reference, 1 to 4 its timers, -1 nothing. Only with a
+    /// DPLL.
+    pub timer_number: Option<Output<i32>>,
+}
+
+impl EncoderBankPins {
+    /// `muxed_version` is that of multiplexed encoders.
+    pub(super) fn new(
+        mut make: PinMaker<'_>,
+        sample_hz: u32,
+        muxed_version: Option<u8>,
+        has_timer: bool,
+    ) -> Result<Self, PinError> {
+        let name = match muxed_version {
+            Some(_) => "muxed-sample-frequency",
+            None => "sample-frequency",
+        };
+        let has_skew = muxed_version == Some(4);
+        Ok(Self {
+            sample_frequency: make.switch(name, sample_hz)?,
+            muxed_skew: has_skew.then(|| make.switch("muxed-skew", 0)).transpose()?,
+            hires_timestamp: make.switch("hires-timestamp", false)?,
+            timer_number: has_timer
+                .then(|| make.switch("timer-number", -1))
+                .transpose()?,
+        })
+    }
+}

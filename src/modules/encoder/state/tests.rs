@@ -1,0 +1,323 @@
+use super::*;
+use proptest::prelude::*;
+
+const HZ: f64 = 1e6;
+
+/// What the hardware would show: a wide counter, and when it changed last.
+#[derive(Default)]
+struct Hardware {
+    count: i64,
+    changed_us: u64,
+    now_us: u64,
+    control: u32,
+}
+
+impl Hardware {
+    fn sample(&self) -> EncoderSample {
+        EncoderSample {
+            count: CountWord(
+                u32::from(self.count as u16) | (u32::from(self.changed_us as u16) << 16),
+            ),
+            control: ControlWord(self.control),
+            timestamp: self.now_us as u16,
+            at: Instant::from_nanos(self.now_us * 1_000),
+        }
+    }
+
+    fn step(&mut self, change: i64, us: u64) -> EncoderSample {
+        self.now_us += us;
+        self.count += change;
+        if change != 0 {
+            self.changed_us = self.now_us;
+        }
+        self.sample()
+    }
+}
+
+fn encoder() -> EncoderState {
+    let config = EncoderConfig {
+        scale: 100.0,
+        ..EncoderConfig::default()
+    };
+    EncoderState::new(config)
+}
+
+proptest! {
+    #[test]
+    fn counts_follow_a_wide_counter_over_any_walk(
+        start: i64,
+        steps in prop::collection::vec((-32_767i64..=32_767, 1u64..200_000), 1..200),
+    ) {
+        let mut hardware = Hardware { count: start >> 20, ..Hardware::default() };
+        let mut encoder = encoder();
+        let first = encoder.read(hardware.sample());
+        prop_assert_eq!(first.rawcounts, 0);
+        let start = hardware.count;
+        for (change, us) in steps {
+            let reading = encoder.read(hardware.step(change, us));
+            prop_assert_eq!(reading.rawcounts, hardware.count - start);
+            prop_assert_eq!(reading.count, reading.rawcounts);
+            prop_assert!(reading.velocity.is_finite());
+        }
+    }
+
+    #[test]
+    fn any_words_give_finite_values(words in prop::collection::vec(any::<(u32, u32, u16, u32)>(), 1..50)) {
+        let mut encoder = encoder();
+        let mut at = Instant::default();
+        encoder.request(LatchRequest::Index);
+        for (count, control, timestamp, ns) in words {
+            at = at.after(core::time::Duration::from_nanos(u64::from(ns)));
+            let reading = encoder.read(EncoderSample {
+                count: CountWord(count), control: ControlWord(control), timestamp, at,
+            });
+            prop_assert!(reading.position.is_finite() && reading.velocity.is_finite());
+        }
+    }
+}
+
+/// Runs an encoder at a constant speed in counts/s, sampled each millisecond.
+fn run_at(speed: f64, seconds: f64) -> f64 {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    let mut velocity = encoder.read(hardware.sample()).velocity;
+    for ms in 1..=(seconds * 1e3) as u64 {
+        let us = ms * 1_000;
+        hardware.now_us = us;
+        let count = (speed * us as f64 / 1e6).floor() as i64;
+        if count != hardware.count {
+            // The time at which the last of them came, as a stamp of whole microseconds.
+            let edge = if speed > 0.0 { count } else { count + 1 };
+            hardware.changed_us = (edge as f64 / speed * 1e6).ceil() as u64;
+            hardware.count = count;
+        }
+        velocity = encoder.read(hardware.sample()).velocity * 100.0;
+    }
+    velocity
+}
+
+#[test]
+fn a_constant_speed_is_measured_from_below_one_count_per_cycle_to_far_above() {
+    for speed in [5.0, 37.0, 999.0, 12_345.0, 1e6, -5.0, -37.0, -20_000.0] {
+        let velocity = run_at(speed, 2.0);
+        assert!(
+            (velocity - speed).abs() < speed.abs() * 0.01,
+            "{speed}: {velocity}"
+        );
+    }
+}
+
+#[test]
+fn missed_cycles_longer_than_the_time_stamps_wrap_do_not_make_velocity() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.read(hardware.step(10, 1_000));
+    // 100 counts in 0.3 s, and four wraps of the time stamps.
+    let reading = encoder.read(hardware.step(100, 300_000));
+    assert!((reading.velocity * 100.0 - 100.0 / 0.3).abs() < 1.0);
+}
+
+#[test]
+fn index_enable_zeroes_the_count_where_the_index_was() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.step(65_000, 1_000));
+    encoder.request(LatchRequest::Index);
+    hardware.control = encoder.control().0;
+    assert_eq!(hardware.control & 0xFFFF, 0x1858);
+    let before = encoder.read(hardware.step(100, 1_000));
+    assert_eq!(
+        (before.count, encoder.requested()),
+        (100, LatchRequest::Index)
+    );
+    // 1000 counts on; the index was 30 counts before the end, beyond the wrap at 65536.
+    let sample = hardware.step(1_000, 1_000);
+    let latched = (hardware.count - 30) as u16;
+    hardware.control = (0x1848) | (u32::from(latched) << 16);
+    let reading = encoder.read(EncoderSample {
+        control: ControlWord(hardware.control),
+        ..sample
+    });
+    assert_eq!(reading.count, 30);
+    assert_eq!(reading.rawcounts, 1_100);
+    assert_eq!(reading.latched, Some(0));
+    assert_eq!(encoder.requested(), LatchRequest::None);
+    assert_eq!(encoder.control().0, 0x1808);
+}
+
+#[test]
+fn an_index_within_the_first_cycle_is_seen() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.request(LatchRequest::Index);
+    hardware.control = 0x1848 | (5 << 16);
+    assert_eq!(encoder.read(hardware.step(8, 1_000)).count, 3);
+}
+
+#[test]
+fn a_lost_write_of_the_control_word_is_no_index() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.request(LatchRequest::Index);
+    hardware.control = 0x1808;
+    for _ in 0..5 {
+        encoder.read(hardware.step(10, 1_000));
+        assert_eq!(encoder.requested(), LatchRequest::Index);
+        assert_eq!(encoder.control().0, 0x1858);
+    }
+}
+
+#[test]
+fn the_end_of_one_request_is_not_taken_for_the_end_of_the_next() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.request(LatchRequest::Index);
+    hardware.control = 0x1848 | (5 << 16);
+    encoder.read(hardware.step(8, 1_000));
+    // Asked for again at once, while the register still shows the end of the first request.
+    encoder.request(LatchRequest::Index);
+    assert_eq!(encoder.control().0, 0x1808);
+    encoder.read(hardware.step(8, 1_000));
+    assert_eq!(encoder.requested(), LatchRequest::Index);
+    hardware.control = 0x1808 | (5 << 16);
+    encoder.read(hardware.step(8, 1_000));
+    assert_eq!(encoder.requested(), LatchRequest::Index);
+    assert_eq!(encoder.control().0, 0x1858);
+    hardware.control = 0x1848 | (20 << 16);
+    let reading = encoder.read(hardware.step(8, 1_000));
+    assert_eq!((reading.rawcounts, reading.count), (32, 12));
+}
+
+#[test]
+fn a_probe_latches_and_leaves_the_count_alone() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.request(LatchRequest::Probe);
+    hardware.control = encoder.control().0;
+    encoder.read(hardware.step(10, 1_000));
+    hardware.control = 0x1848 | (15 << 16);
+    let reading = encoder.read(hardware.step(10, 1_000));
+    assert_eq!((reading.count, reading.latched), (20, Some(15)));
+}
+
+#[test]
+fn reset_zeroes_count_and_not_rawcounts() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.read(hardware.step(250, 1_000));
+    encoder.reset();
+    let reading = encoder.read(hardware.step(-50, 1_000));
+    assert_eq!((reading.rawcounts, reading.count), (200, -50));
+    assert!((reading.position + 0.5).abs() < 1e-12);
+}
+
+#[test]
+fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
+    let mut hardware = Hardware::default();
+    let mut encoder = encoder();
+    encoder.read(hardware.sample());
+    encoder.read(hardware.step(20_000, 1_000));
+    encoder.request(LatchRequest::Index);
+    hardware.count = 0;
+    encoder.resume();
+    // What the register shows after a reload must not pass for an index.
+    hardware.control = 0x1848 | (7 << 16);
+    let reading = encoder.read(hardware.step(0, 1_000));
+    assert_eq!((reading.rawcounts, reading.count), (20_000, 20_000));
+    assert!(reading.velocity.abs() < f64::EPSILON);
+    assert_eq!(encoder.requested(), LatchRequest::Index);
+    hardware.control = 0x1808;
+    assert_eq!(encoder.read(hardware.step(5, 1_000)).count, 20_005);
+    assert_eq!(encoder.control().0, 0x1858);
+}
+
+#[test]
+fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
+    let mut hardware = Hardware::default();
+    // 1 million counts a second: 32768 of them take 32.8 ms.
+    let mut fresh = encoder();
+    fresh.set_max_count_rates([1e6; 2], 1e6);
+    let mut encoder = fresh.clone();
+    assert!(!encoder.read(hardware.sample()).is_unsure);
+    assert!(!encoder.read(hardware.step(10, 32_000)).is_unsure);
+    assert!(encoder.read(hardware.step(10, 33_000)).is_unsure);
+    assert!(encoder.read(hardware.step(10, 1_000)).is_unsure, "kept");
+    encoder.reset();
+    assert!(!encoder.read(hardware.step(10, 1_000)).is_unsure);
+    encoder.resume();
+    assert!(encoder.read(hardware.step(0, 1_000)).is_unsure);
+    let mut encoder = fresh;
+    encoder.resume();
+    assert!(
+        !encoder.read(hardware.sample()).is_unsure,
+        "nothing to lose"
+    );
+}
+
+/// An encoder whose request for its index was seen in the control register, at count 0.
+fn armed() -> (EncoderState, Hardware) {
+    let (mut encoder, mut hardware) = (encoder(), Hardware::default());
+    encoder.read(hardware.sample());
+    encoder.request(LatchRequest::Index);
+    hardware.control = 0x1858;
+    encoder.read(hardware.step(10, 1_000));
+    (encoder, hardware)
+}
+
+#[test]
+fn a_late_write_without_the_request_is_no_index_and_the_request_is_made_again() {
+    let (mut encoder, mut hardware) = armed();
+    assert!(!encoder.wants_write());
+    hardware.control = 0x1808;
+    let reading = encoder.read(hardware.step(10, 1_000));
+    assert_eq!((reading.count, reading.latched), (20, None));
+    assert_eq!(encoder.requested(), LatchRequest::Index);
+    assert_eq!((encoder.control().0, encoder.wants_write()), (0x1858, true));
+    hardware.control = 0x1848 | 25 << 16;
+    assert_eq!(encoder.read(hardware.step(10, 1_000)).count, 5);
+}
+
+#[test]
+fn a_late_write_of_a_probe_request_is_no_index() {
+    for control in [0x3848, 0x3848 | 15 << 16, 0x1868, 0x1878, 0x1818] {
+        let (mut encoder, mut hardware) = armed();
+        hardware.control = control;
+        let reading = encoder.read(hardware.step(10, 1_000));
+        assert_eq!((reading.count, reading.latched), (20, None), "{control:#x}");
+        // Before the request is made again, the other one has to be gone.
+        assert_eq!((encoder.control().0, encoder.wants_write()), (0x1808, true));
+    }
+}
+
+#[test]
+fn a_latch_that_was_armed_again_after_it_was_taken_is_taken() {
+    let (mut encoder, mut hardware) = armed();
+    hardware.control = 0x1858 | 15 << 16;
+    let reading = encoder.read(hardware.step(10, 1_000));
+    assert_eq!((reading.count, reading.latched), (5, Some(0)));
+    assert_eq!(encoder.requested(), LatchRequest::None);
+}
+
+#[test]
+fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_one() {
+    for (disturbed, ended) in [(false, true), (true, false)] {
+        let (mut encoder, mut hardware) = armed();
+        hardware.control = 0x1848 | 15 << 16;
+        encoder.read(hardware.step(10, 1_000));
+        hardware.control = 0x1808 | 15 << 16;
+        encoder.read(hardware.step(10, 1_000));
+        encoder.request(LatchRequest::Index);
+        // Either this request's end, or that of a duplicate of the one before.
+        hardware.control = 0x1848 | 35 << 16;
+        encoder.disturbed(disturbed, false);
+        encoder.read(hardware.step(10, 1_000));
+        assert_eq!(encoder.requested() == LatchRequest::None, ended);
+        assert_eq!(encoder.control().0, 0x1808);
+    }
+}

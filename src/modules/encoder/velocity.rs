@@ -1,0 +1,129 @@
+//! Velocity from time stamps.
+
+/// Estimates velocity from the times of count changes, for speeds far below one count per cycle.
+///
+/// - While counts come, velocity is counts by time between changes.
+/// - While none come, it is at most one count by the time since the last change, so that it decays
+///   towards zero as a stopping axis does; after the idle time it is zero.
+/// - The first counts after a standstill give no more than what is certain: their first one only
+///   marks a start, since when it set out is not known.
+/// - A single count back is an edge that dithers, or a turn: velocity is zero there.
+///
+/// # Real time
+/// Constant time, no allocation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VelocityEstimator {
+    velocity: f64,
+    last_change: Option<u64>,
+}
+
+impl VelocityEstimator {
+    /// Takes a cycle's count change into account and gives the velocity in counts/s.
+    ///
+    /// - `change`: counts since the last call.
+    /// - `changed_at`: when the last of them came, in ticks; only looked at if `change` is not 0.
+    /// - `now`: this call, in ticks; `previous`: the call before.
+    /// - `hz`: ticks per second. `idle_time`: in seconds.
+    pub fn update(
+        &mut self,
+        change: i64,
+        changed_at: u64,
+        previous: u64,
+        now: u64,
+        hz: f64,
+        idle_time: f64,
+    ) -> f64 {
+        let seconds = |ticks: u64| ticks as f64 / hz;
+        if change == 0 {
+            self.decay(seconds, now, idle_time);
+        } else {
+            self.moved(seconds, change, changed_at, previous);
+        }
+        self.velocity
+    }
+
+    /// Forgets everything: standing still.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The velocity in counts/s.
+    pub const fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    fn decay(&mut self, seconds: impl Fn(u64) -> f64, now: u64, idle_time: f64) {
+        let Some(last) = self.last_change else {
+            self.velocity = 0.0;
+            return;
+        };
+        let elapsed = seconds(now.saturating_sub(last));
+        if elapsed >= idle_time {
+            self.reset();
+        } else if elapsed > 0.0 {
+            let bound = 1.0 / elapsed;
+            self.velocity = self.velocity.clamp(-bound, bound);
+        }
+    }
+
+    fn moved(&mut self, seconds: impl Fn(u64) -> f64, change: i64, changed_at: u64, previous: u64) {
+        let counts = change as f64;
+        let (since, counts) = match self.last_change {
+            Some(last) => (last, counts),
+            // All of them came after the call before.
+            None => (previous, counts - counts.signum()),
+        };
+        let elapsed = seconds(changed_at.saturating_sub(since));
+        let turned = self.velocity * counts < 0.0;
+        if turned && change.unsigned_abs() == 1 {
+            self.velocity = 0.0;
+        } else if elapsed > 0.0 {
+            self.velocity = counts / elapsed;
+        }
+        self.last_change = Some(changed_at);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HZ: f64 = 1e6;
+
+    fn step(v: &mut VelocityEstimator, change: i64, at: u64, now: u64) -> f64 {
+        v.update(change, at, now.saturating_sub(1_000), now, HZ, 0.5)
+    }
+
+    #[test]
+    fn velocity_is_counts_by_time_between_changes() {
+        let mut v = VelocityEstimator::default();
+        assert!(step(&mut v, 1, 900, 1_000).abs() < 1e-9);
+        assert!((step(&mut v, 1, 10_900, 11_000) - 100.0).abs() < 1e-9);
+        assert!((step(&mut v, -3, 40_900, 41_000) + 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn without_counts_velocity_is_at_most_one_count_by_the_time_that_passed() {
+        let mut v = VelocityEstimator::default();
+        step(&mut v, 1, 0, 0);
+        step(&mut v, 10, 1_000, 1_000);
+        let mut last = v.velocity();
+        assert!((last - 10_000.0).abs() < 1e-9);
+        for now in (2_000..501_000).step_by(1_000) {
+            let velocity = step(&mut v, 0, 0, now);
+            let bound = HZ / (now - 1_000) as f64;
+            assert!(velocity <= bound + 1e-9 && velocity <= last && velocity > 0.0);
+            last = velocity;
+        }
+        assert!(step(&mut v, 0, 0, 501_000).abs() < f64::EPSILON);
+    }
+
+    #[test]
+    fn an_edge_that_dithers_has_no_velocity() {
+        let mut v = VelocityEstimator::default();
+        step(&mut v, 1, 100, 1_000);
+        step(&mut v, 1, 1_100, 2_000);
+        assert!((v.velocity() - 1_000.0).abs() < 1e-9);
+        assert!(step(&mut v, -1, 2_100, 3_000).abs() < f64::EPSILON);
+    }
+}

@@ -1,0 +1,187 @@
+//! Outputs: SSR, solid state relays that a drive isolates, and OutM, levels on pins.
+//!
+//! Source: REGISTERS.md, "SSR", "OutM".
+
+use alloc::format;
+use alloc::vec::Vec;
+
+use super::{Module, RegisterError, Registrar, WriteCycle};
+use crate::bus::process_image::{Setting, Stage, WriteSlot};
+use crate::hal::{DigitalOut, Invert, Output, OutputModifiers};
+use crate::hostmot2::{Gtag, ModuleDescriptor};
+
+/// One instance of SSR or OutM: `hm2_7i97.0.ssr.00.out-00`, `hm2_7i97.0.outm.00.out-00` and so on.
+#[derive(Debug)]
+pub struct Outputs {
+    /// SSR or OutM.
+    pub gtag: Gtag,
+    /// The handles of its pins.
+    pub pins: OutputPins,
+    data: WriteSlot,
+    drive: Option<Drive>,
+}
+
+/// The handles of one instance's pins.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OutputPins {
+    /// The frequency of the isolation's drive in Hz; 0 switches all outputs off. OutM has none.
+    pub rate: Option<Output<u32>>,
+    /// The outputs, by number.
+    pub outputs: Vec<NumberedOutput>,
+}
+
+/// The pins of one output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NumberedOutput {
+    /// Its number in its module, which names and bits of the register go by. A firmware need not
+    /// begin with 0.
+    pub number: u8,
+    /// Closes the output, or puts it high; inverted, closed or high for false.
+    pub out: DigitalOut,
+}
+
+/// What switches the relays: without it they are off whatever the data says.
+#[derive(Clone, Copy, Debug)]
+struct Drive {
+    hz: Output<u32>,
+    clock_hz: u32,
+    rate: Setting,
+}
+
+/// The drive frequency that the relays are made for.
+const DRIVE_HZ: u32 = 1_000_000;
+
+impl Outputs {
+    /// All instances of both kinds.
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
+        let mut all = Vec::new();
+        for gtag in [Gtag::SSR, Gtag::OUT_M] {
+            let Some(module) = r.module(gtag) else {
+                continue;
+            };
+            for instance in 0..module.instances {
+                all.push(Self::new(r, &module, instance)?);
+            }
+        }
+        Ok(all)
+    }
+
+    fn new(
+        r: &mut Registrar<'_>,
+        module: &ModuleDescriptor,
+        instance: u8,
+    ) -> Result<Self, RegisterError> {
+        let (gtag, clock_hz) = (module.gtag, module.clock_hz);
+        r.use_io(gtag, instance)?;
+        let name = if gtag == Gtag::SSR { "ssr" } else { "outm" };
+        let stem = format!("{name}.{instance:02}.");
+        let mut pins = OutputPins::default();
+        let data = r.output(module.register(0, instance)?, 0);
+        let mut drive = None;
+        if gtag == Gtag::SSR {
+            let hz = r.maker(&stem).switch("rate", DRIVE_HZ)?;
+            let address = module.register(1, instance)?;
+            // Only when the pins are driven by the module.
+            r.step(Stage::Configure, address, 0);
+            let rate = r.setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ));
+            drive = Some(Drive { hz, clock_hz, rate });
+            pins.rate = Some(hz);
+        }
+        for number in numbers(r, gtag, instance) {
+            pins.outputs
+                .push(output(r, &stem, (gtag, instance), number)?);
+        }
+        Ok(Self {
+            gtag,
+            pins,
+            data,
+            drive,
+        })
+    }
+}
+
+fn output(
+    r: &mut Registrar<'_>,
+    stem: &str,
+    (gtag, instance): (Gtag, u8),
+    number: u8,
+) -> Result<NumberedOutput, RegisterError> {
+    let place = r
+        .board()
+        .place(r.firmware(), (gtag, instance), number.into());
+    let mut make = r.maker(stem).at(place.terminal, place.signal);
+    let pin = make.output(&format!("out-{number:02}"))?;
+    let invert = Some(Invert::Pin(
+        make.switch(&format!("invert-{number:02}"), false)?,
+    ));
+    let modifiers = OutputModifiers {
+        invert,
+        ..OutputModifiers::default()
+    };
+    r.pins().modify(pin, modifiers)?;
+    let out = DigitalOut { pin, invert };
+    Ok(NumberedOutput { number, out })
+}
+
+/// The numbers of the outputs that have pins, rising. Their secondary pins are 0x81 (out-00) to
+/// 0xA0 (out-31), which is the reference of SSR and no output.
+fn numbers(r: &Registrar<'_>, gtag: Gtag, instance: u8) -> Vec<u8> {
+    let end = if gtag == Gtag::SSR { 0xA0 } else { 0xA1 };
+    let pins = r.firmware().pins_of(gtag, instance);
+    let pins = pins.map(|(_, descriptor)| descriptor.secondary_pin);
+    let outputs = pins.filter(|pin| (0x81..end).contains(pin));
+    let mut numbers: Vec<u8> = outputs.map(|pin| pin - 0x81).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers
+}
+
+impl Module for Outputs {
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        if let Some(drive) = self.drive {
+            let rate = match cycle.pins.fetch(drive.hz) {
+                0 => 0,
+                hz => drive_rate(drive.clock_hz, hz),
+            };
+            cycle.set(drive.rate, rate);
+        }
+        let mut word = 0;
+        for output in &self.pins.outputs {
+            let is_on = cycle.pins.fetch(output.out.pin);
+            word |= u32::from(is_on) << (output.number & 31);
+        }
+        cycle.put(self.data, word);
+    }
+}
+
+/// The rate register of SSR: 11..0 divisor, 12 enable. Drive frequency clock/(n+2)/2, which is at most
+/// what was asked for if the divisor has room.
+fn drive_rate(clock_hz: u32, drive_hz: u32) -> u32 {
+    const ENABLE: u32 = 1 << 12;
+    const LARGEST: u64 = 0xFFF;
+    let divisor = u64::from(clock_hz).div_ceil((u64::from(drive_hz) * 2).max(1));
+    divisor.saturating_sub(2).min(LARGEST) as u32 | ENABLE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn one_megahertz_at_100_mhz_is_divisor_48() {
+        assert_eq!(drive_rate(100_000_000, DRIVE_HZ), 0x1030);
+        assert_eq!(drive_rate(100_000_000, 0), 0x1FFF);
+        assert_eq!(drive_rate(1, u32::MAX), 0x1000);
+    }
+
+    proptest! {
+        #[test]
+        fn relays_are_never_driven_faster_than_asked_for(clock in 1_000_000u32.., hz in 20_000u32..) {
+            let rate = drive_rate(clock, hz);
+            prop_assert!((0x1000..0x2000).contains(&rate));
+            let is_slowest = rate & 0xFFF == 0xFFF;
+            prop_assert!(clock / ((rate & 0xFFF) + 2) / 2 <= hz || is_slowest);
+        }
+    }
+}

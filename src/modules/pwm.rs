@@ -1,0 +1,493 @@
+//! PWM and PDM generators: analog outputs.
+//!
+//! Source: REGISTERS.md, "PWM"; FACTS 9.4, 9.5.
+
+use alloc::format;
+use alloc::vec::Vec;
+
+use super::{Module, RegisterError, Registrar, WriteCycle};
+use crate::boards::{PwmTable, Terminals};
+use crate::bus::process_image::{Setting, Stage, WriteSlot};
+use crate::hal::{AnalogOut, FullScale, Output, OutputModifiers, OutputRule, Param, PinStore};
+use crate::hostmot2::{Gtag, ModuleDescriptor};
+
+/// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PwmPins {
+    /// The value; full scale is `scale`.
+    pub value: Output<f64>,
+    /// While it is false the output is zero (half scale in offset mode), whatever `value` says, and
+    /// the generator's enable output is off, if it has one: the hardware's own enable leaves the
+    /// PWM as it is. FACTS 12.3.
+    pub enable: Output<bool>,
+    /// 0 is half scale on the wire: for analog outputs of both signs.
+    pub offset_mode: Param<bool>,
+    /// The value that is full scale.
+    pub scale: Param<f64>,
+    /// 1 PWM and direction, 2 up and down, 3 PDM, 4 direction and PWM.
+    pub output_type: Param<i32>,
+}
+
+/// The pins of all generators together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PwmBankPins {
+    /// PWM frequency in Hz.
+    pub pwm_frequency: Param<u32>,
+    /// Frequency of the PDM clock in Hz, of which each tick is one step of 4096; as LinuxCNC has it.
+    pub pdm_frequency: Param<u32>,
+}
+
+/// All PWM generators.
+#[derive(Debug)]
+pub struct Pwm {
+    bank: PwmBankPins,
+    generators: Vec<Generator>,
+    kind: Kind,
+    rates: Rates,
+    master_rate: Setting,
+    pdm_rate: Setting,
+    /// Bit n is generator n; 1 drives the enable pin low. They do nothing else: the PWM goes on.
+    /// FACTS 12.3.
+    enables: WriteSlot,
+}
+
+#[derive(Debug)]
+struct Generator {
+    pins: PwmPins,
+    /// The generators that must be enabled for this one to be.
+    enabled_by: u32,
+    /// As it was written last.
+    shape: PwmShape,
+    value: WriteSlot,
+    mode: Setting,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Kind {
+    clock_hz: u32,
+    /// The fraction of the duty is used: module version 1.
+    dithers: bool,
+}
+
+/// Frequencies asked for, and what the hardware makes of them.
+#[derive(Clone, Copy, Debug)]
+struct Rates {
+    hz: (u32, u32),
+    pwm: PwmRate,
+}
+
+impl Pwm {
+    /// The pins of all generators together.
+    pub const fn bank(&self) -> &PwmBankPins {
+        &self.bank
+    }
+
+    /// The pins of each generator.
+    pub fn pins(&self) -> impl ExactSizeIterator<Item = PwmPins> + '_ {
+        self.generators.iter().map(|generator| generator.pins)
+    }
+
+    /// The generators of a firmware, if it has any: version 0, or 1, which dithers. They are at rest
+    /// when the set-up is over, without waiting for the end of a period.
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
+        let Some(module) = r.module(Gtag::PWM) else {
+            return Ok(None);
+        };
+        module.expect(&[module.gtag], 5, 0x3)?;
+        module.expect_version(module.version, 0..=1)?;
+        let kind = Kind {
+            clock_hz: module.clock_hz,
+            dithers: module.version >= 1,
+        };
+        let table = &r.board().pwm;
+        let usual = if kind.dithers {
+            table.hz_dither
+        } else {
+            table.hz
+        };
+        let hz = (r.settings().pwm_hz.unwrap_or(usual), 20_000);
+        let mut make = r.maker("pwmgen.");
+        let bank = PwmBankPins {
+            pwm_frequency: make.setting("pwm_frequency", hz.0)?,
+            pdm_frequency: make.setting("pdm_frequency", hz.1)?,
+        };
+        let rates = kind.rates(hz);
+        let (master_rate, pdm_rate) = (module.register(2, 0)?, module.register(3, 0)?);
+        let enables = r.output(module.register(4, 0)?, 0);
+        let master_rate = r.setting(Stage::Configure, master_rate, rates.pwm.rate.into());
+        let pdm_rate = r.setting(Stage::Configure, pdm_rate, kind.pdm_rate(hz.1).into());
+        let generators = (0..module.instances)
+            .map(|number| Generator::new(r, &module, number, kind, table, rates.pwm))
+            .collect::<Result<_, _>>()?;
+        Ok(Some(Self {
+            bank,
+            generators,
+            kind,
+            rates,
+            master_rate,
+            pdm_rate,
+            enables,
+        }))
+    }
+
+    fn write_rates(&mut self, cycle: &mut WriteCycle<'_>) {
+        let hz = (
+            cycle.pins.param(self.bank.pwm_frequency),
+            cycle.pins.param(self.bank.pdm_frequency),
+        );
+        if hz != self.rates.hz {
+            self.rates = self.kind.rates(hz);
+            cycle.set(self.master_rate, self.rates.pwm.rate.into());
+            cycle.set(self.pdm_rate, self.kind.pdm_rate(hz.1).into());
+        }
+    }
+}
+
+impl Module for Pwm {
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        self.write_rates(cycle);
+        let mut enables = 0;
+        for (n, generator) in self.generators.iter().enumerate() {
+            let enabled = cycle.pins.fetch(generator.pins.enable);
+            enables |= u32::from(enabled) << (n & 31);
+        }
+        for generator in &mut self.generators {
+            let shape = generator.pins.shape(cycle.pins, self.kind, self.rates.pwm);
+            if shape != generator.shape {
+                generator.shape = shape;
+                cycle.set(generator.mode, shape.mode());
+                // The set-up that is written again holds what is at rest in this mode.
+                cycle.put_safe(generator.value, shape.encode(0.0));
+            }
+            let fraction = cycle.pins.fetch(generator.pins.value);
+            let is_on = enables & generator.enabled_by == generator.enabled_by;
+            cycle.put(
+                generator.value,
+                shape.encode(if is_on { fraction } else { 0.0 }),
+            );
+        }
+        cycle.put(self.enables, enables);
+    }
+}
+
+impl Generator {
+    fn new(
+        r: &mut Registrar<'_>,
+        module: &ModuleDescriptor,
+        number: u8,
+        kind: Kind,
+        table: &PwmTable,
+        rate: PwmRate,
+    ) -> Result<Self, RegisterError> {
+        r.use_io(Gtag::PWM, number)?;
+        let pins = PwmPins::new(r, number, table)?;
+        let shape = pins.shape(r.pins(), kind, rate);
+        let (value, mode) = (module.register(0, number)?, module.register(1, number)?);
+        // A value that is double buffered would wait for the end of a period.
+        r.step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
+        let bit = |n: u8| 1 << (n & 31);
+        Ok(Self {
+            pins,
+            enabled_by: bit(number) | table.switched_by(number).map_or(0, bit),
+            shape,
+            value: r.output(value, shape.encode(0.0)),
+            mode: r.setting(Stage::Configure, mode, shape.mode()),
+        })
+    }
+}
+
+impl PwmPins {
+    fn new(r: &mut Registrar<'_>, number: u8, table: &PwmTable) -> Result<Self, RegisterError> {
+        let [output, enable] =
+            [table.outputs, table.enables].map(|ranges| Terminals::of(ranges, number.into()));
+        let stem = format!("pwmgen.{number:02}.");
+        let value = r
+            .maker(&stem)
+            .at(output.terminal, output.signal)
+            .spec("value");
+        let full_scale = table.full_scale;
+        let value = value.unit(table.unit).range(-full_scale, full_scale);
+        let group = r.group();
+        let value = r
+            .pins()
+            .add_output(group, value, OutputRule::safe_at(0.0))?;
+        let mut make = r.maker(&stem).at(enable.terminal, enable.signal);
+        let all = Self {
+            value,
+            enable: make.output("enable")?,
+            offset_mode: make.setting("offset-mode", table.is_offset)?,
+            scale: make.setting("scale", full_scale)?,
+            output_type: make.setting("output-type", 1)?,
+        };
+        // Fetched, it is a fraction of full scale.
+        let full_scale = Some(FullScale {
+            scale: all.scale,
+            min: -1.0,
+            max: 1.0,
+        });
+        let modifiers = OutputModifiers {
+            full_scale,
+            ..OutputModifiers::default()
+        };
+        r.pins().modify(value, modifiers)?;
+        Ok(all)
+    }
+
+    /// It as an analog output, of a board that has it at one.
+    pub fn analog_out(self) -> AnalogOut {
+        AnalogOut {
+            volts: self.value,
+            enable: self.enable,
+            full_scale: self.scale,
+            ..AnalogOut::default()
+        }
+    }
+
+    fn shape(&self, pins: &PinStore, kind: Kind, rate: PwmRate) -> PwmShape {
+        let output = match pins.param(self.output_type) {
+            2 => PwmOutput::UpDown,
+            3 => PwmOutput::PdmDir,
+            4 => PwmOutput::DirPwm,
+            _ => PwmOutput::PwmDir,
+        };
+        PwmShape {
+            bits: if output == PwmOutput::PdmDir {
+                12
+            } else {
+                rate.bits
+            },
+            output,
+            offset: pins.param(self.offset_mode),
+            dither: kind.dithers,
+        }
+    }
+}
+
+impl Kind {
+    fn rates(self, hz: (u32, u32)) -> Rates {
+        Rates {
+            hz,
+            pwm: PwmRate::new(self.clock_hz, hz.0.into()),
+        }
+    }
+
+    /// The PDM rate register: clock*n/65536. PDM has always 12 bits, and takes 4096 ticks for all.
+    fn pdm_rate(self, hz: u32) -> u16 {
+        to_rate(f64::from(hz) * 65_536.0 / f64::from(self.clock_hz))
+    }
+}
+
+/// The master rate register, and the width of the duty that goes with it.
+///
+/// PWMClock = clock*n/65536; PWM rate = PWMClock/2^bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PwmRate {
+    /// The register.
+    pub rate: u16,
+    /// Bits of the duty: 9 to 12.
+    pub bits: u8,
+}
+
+impl PwmRate {
+    /// The widest duty that gives `hz`; what the hardware can not do becomes the nearest that it
+    /// can, values that are not finite the slowest.
+    pub fn new(clock_hz: u32, hz: f64) -> Self {
+        let rate_of =
+            |bits: u8| libm::round(hz * f64::from(1_u32 << bits) * 65_536.0 / f64::from(clock_hz));
+        let fits = |bits: &u8| rate_of(*bits) <= f64::from(u16::MAX);
+        let bits = [12, 11, 10].into_iter().find(fits).unwrap_or(9);
+        Self {
+            rate: to_rate(rate_of(bits)),
+            bits,
+        }
+    }
+}
+
+/// At least 1, since 0 would stop the outputs where they are. `NaN` becomes 1 as well.
+fn to_rate(rate: f64) -> u16 {
+    (libm::round(rate).clamp(0.0, f64::from(u16::MAX)) as u16).max(1)
+}
+
+/// What the output pins of a generator do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum PwmOutput {
+    /// PWM on the first pin, direction on the second.
+    #[default]
+    PwmDir,
+    /// Direction on the first pin, PWM on the second.
+    DirPwm,
+    /// PWM on the first pin for positive, on the second for negative values.
+    UpDown,
+    /// Pulse density on the first pin, direction on the second; 12 bits.
+    PdmDir,
+}
+
+/// A change of a value waits for the end of a period.
+const DOUBLE_BUFFERED: u32 = 1 << 5;
+const DITHER: u32 = 1 << 6;
+
+/// From fractions of full scale to duties.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PwmShape {
+    /// Bits of the duty: 9 to 12.
+    pub bits: u8,
+    /// What the output pins do.
+    pub output: PwmOutput,
+    /// 0 is half scale, and direction is not used. What the 7I97 needs.
+    pub offset: bool,
+    /// Use the fraction of the duty too: only module version 1 can.
+    pub dither: bool,
+}
+
+impl PwmShape {
+    /// The mode register: bits 1..0 width, 4..3 output, 5 double buffered, 6 dither. Values are always
+    /// double buffered.
+    pub const fn mode(&self) -> u32 {
+        let dither = if self.dither { DITHER } else { 0 };
+        self.bits.saturating_sub(9) as u32 & 3
+            | (self.output as u32) << 3
+            | DOUBLE_BUFFERED
+            | dither
+    }
+
+    /// The value register: bits 27..16 duty, 15..0 fraction, bit 31 direction. Never wraps: a fraction
+    /// beyond -1 to 1 becomes the nearest end.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn encode(&self, fraction: f64) -> u32 {
+        let fraction = fraction.clamp(-1.0, 1.0);
+        let steps = f64::from(1_u32 << (self.bits & 15));
+        let (duty, is_negative) = if self.offset {
+            (fraction * steps / 2.0 + steps / 2.0, false)
+        } else {
+            (fraction.abs() * (steps - 1.0), fraction < 0.0)
+        };
+        let largest = steps - 1.0;
+        // Whole steps, or with 16 bits of fraction if it dithers.
+        let word = if self.dither {
+            (duty.min(largest) * 65_536.0 + 0.5) as u32
+        } else {
+            ((duty + 0.5).min(largest) as u32) << 16
+        };
+        word | u32::from(is_negative) << 31
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CLOCK: u32 = 200_000_000;
+
+    fn shape(dither: bool) -> PwmShape {
+        PwmShape {
+            bits: PwmRate::new(CLOCK, 48_000.0).bits,
+            output: PwmOutput::PwmDir,
+            offset: true,
+            dither,
+        }
+    }
+
+    #[test]
+    fn the_rates_of_the_7i97_manual_are_reached_with_the_widest_duty() {
+        let slow = PwmRate::new(CLOCK, 48_000.0);
+        assert_eq!((slow.bits, slow.rate), (12, 64_425));
+        let fast = PwmRate::new(CLOCK, 96_000.0);
+        assert_eq!((fast.bits, fast.rate), (11, 64_425));
+        // One step of 4096 at each tick, as LinuxCNC counts.
+        let kind = Kind {
+            clock_hz: CLOCK,
+            dithers: false,
+        };
+        assert_eq!(kind.pdm_rate(6_000_000), 1_966);
+    }
+
+    #[test]
+    fn rates_out_of_reach_become_the_nearest() {
+        let fastest = PwmRate {
+            rate: u16::MAX,
+            bits: 9,
+        };
+        assert_eq!(PwmRate::new(CLOCK, 1e9), fastest);
+        assert_eq!(PwmRate::new(CLOCK, -5.0).rate, 1);
+        assert_eq!(PwmRate::new(CLOCK, f64::NAN).rate, 1);
+        assert_eq!(to_rate(f64::INFINITY), u16::MAX);
+    }
+
+    #[test]
+    fn modes_are_laid_out_as_the_register_list_says() {
+        assert_eq!(shape(false).mode(), 0x23);
+        let up_down = PwmShape {
+            bits: 9,
+            output: PwmOutput::UpDown,
+            ..shape(true)
+        };
+        assert_eq!(up_down.mode(), 0x70);
+        let pdm = PwmShape {
+            output: PwmOutput::PdmDir,
+            ..shape(false)
+        };
+        assert_eq!(pdm.mode(), 0x3B);
+    }
+
+    #[test]
+    fn offset_mode_has_zero_at_half_scale_and_never_wraps() {
+        let word = |fraction| shape(false).encode(fraction);
+        assert_eq!(word(0.0), 0x0800_0000);
+        assert_eq!(word(0.5), 0x0C00_0000);
+        assert_eq!(word(1.0), 0x0FFF_0000);
+        assert_eq!(word(-1.0), 0);
+        assert_eq!(word(1e300), 0x0FFF_0000);
+        assert_eq!(word(f64::NEG_INFINITY), 0);
+    }
+
+    #[test]
+    fn sign_and_magnitude_use_bit_31() {
+        let signed = PwmShape {
+            offset: false,
+            ..shape(false)
+        };
+        assert_eq!(signed.encode(1.0), 0x0FFF_0000);
+        assert_eq!(signed.encode(-1.0), 0x8FFF_0000);
+        assert_eq!(signed.encode(0.0), 0);
+    }
+
+    /// The fraction that a word stands for.
+    fn decode(shape: PwmShape, word: u32) -> f64 {
+        let steps = f64::from(1_u32 << shape.bits);
+        let duty = f64::from(word & 0x0FFF_FFFF) / 65_536.0;
+        if shape.offset {
+            (duty - steps / 2.0) / (steps / 2.0)
+        } else {
+            let sign = if word >> 31 == 1 { -1.0 } else { 1.0 };
+            sign * duty / (steps - 1.0)
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn values_come_back_within_half_a_step(
+            fraction in -1.0f64..=1.0,
+            offset: bool,
+            dither: bool,
+            bits in 9u8..=12,
+        ) {
+            let shape = PwmShape { bits, offset, ..shape(dither) };
+            let steps = f64::from(1_u32 << bits);
+            let step = if offset { 2.0 / steps } else { 1.0 / (steps - 1.0) };
+            // The upper end of offset mode is one step below full scale.
+            let fraction = if offset { fraction.min(1.0 - step) } else { fraction };
+            let step = if dither { step / 65_536.0 } else { step };
+            let back = decode(shape, shape.encode(fraction));
+            prop_assert!((back - fraction).abs() <= step * 0.500_001);
+        }
+
+        #[test]
+        fn any_value_gives_a_duty_within_the_width(fraction: f64, offset: bool, dither: bool) {
+            let shape = PwmShape { offset, bits: 10, ..shape(dither) };
+            prop_assert!((shape.encode(fraction) & 0x7FFF_FFFF) >> 16 < 1024);
+        }
+    }
+}
