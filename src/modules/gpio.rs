@@ -88,7 +88,7 @@ impl Gpio {
                 break;
             };
             let usage = PinUse::of(r, number);
-            let at = r.board().place(r.firmware(), Gtag::IO_PORT, number);
+            let at = r.board().place(r.firmware(), (Gtag::IO_PORT, 0), number);
             let mut make = r.maker(&format!("gpio.{number:03}."));
             make = make.at(at.terminal, at.signal);
             pins.push(GpioPins::new(&mut make, usage)?);
