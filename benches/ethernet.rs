@@ -11,10 +11,10 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use mesa_hal::bus::{Access, Instant, Prepared, RegisterBus};
+use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{AddressPointers, Operations, Reply, RequestBuilder, Space};
-use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig, UdpList};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -42,8 +42,8 @@ const WRITES: [(u16, u16); 8] = [
 ];
 
 struct Cycle {
-    read: Prepared,
-    write: Prepared,
+    read: UdpList,
+    write: UdpList,
     words: [u32; 64],
 }
 
@@ -61,15 +61,19 @@ impl Cycle {
         let reads = place(&READS, Access::read);
         let writes = place(&WRITES, Access::write);
         Self {
-            read: bus.prepare(&reads).expect("the reads fit into a packet"),
-            write: bus.prepare(&writes).expect("the writes fit into a packet"),
+            read: bus
+                .prepare(&reads, None)
+                .expect("the reads fit into a packet"),
+            write: bus
+                .prepare(&writes, None)
+                .expect("the writes fit into a packet"),
             words: [0; 64],
         }
     }
 
     fn run<L: Link>(&mut self, bus: &mut UdpBus<L>) -> bool {
-        let read = bus.exchange_prepared(&self.read, &mut self.words);
-        let write = bus.exchange_prepared(&self.write, &mut self.words);
+        let read = bus.run(&self.read, &mut self.words);
+        let write = bus.run(&self.write, &mut self.words);
         read.is_ok() && write.is_ok()
     }
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::three_remotes;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::SimFpga;
 

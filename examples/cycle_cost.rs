@@ -13,7 +13,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use mesa_hal::bus::{BusStatistics, RegisterBus};
+use mesa_hal::bus::{BusStatistics, Clock, RegisterBus};
 use mesa_hal::driver::{Driver, Pace};
 use mesa_hal::lbp16;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};

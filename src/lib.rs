@@ -97,7 +97,7 @@ pub mod sslbp;
 #[cfg(feature = "std")]
 pub mod transport;
 
-pub use bus::RegisterBus;
+pub use bus::{Clock, RegisterBus};
 pub use driver::{Builder, Driver};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 #[cfg(feature = "std")]

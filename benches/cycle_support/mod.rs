@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use mesa_hal::bus::{Access, Direction, Instant, Prepared, RegisterBus};
+use mesa_hal::bus::{Access, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
 use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
@@ -111,48 +111,57 @@ impl Frozen {
 
 impl RegisterBus for Frozen {
     type Error = <SimFpga as RegisterBus>::Error;
+    type List = Answers;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.sim.exchange(accesses, words)
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<Answers, Self::Error> {
+        self.answers.push(Vec::new());
+        Ok(Answers {
+            accesses: accesses.into(),
+            place: self.answers.len() - 1,
+        })
+    }
+
+    fn finish(&mut self, list: &Answers, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        let reads = list
+            .accesses
+            .first()
+            .is_some_and(|access| access.direction == Direction::Read);
+        if !self.stands_still {
+            self.sim.exchange(&list.accesses, words)?;
+            if reads {
+                self.answers[list.place] = words.to_vec();
+            }
+        } else if reads {
+            let answers = &self.answers[list.place];
+            words
+                .iter_mut()
+                .zip(answers)
+                .for_each(|(word, answer)| *word = *answer);
+        }
+        Ok(Reply::CERTAIN)
+    }
+}
+
+/// A list, and where its answer is kept.
+#[derive(Debug)]
+pub struct Answers {
+    accesses: Box<[Access]>,
+    place: usize,
+}
+
+impl Clock for Frozen {
     fn now(&mut self) -> Instant {
-        RegisterBus::now(&mut self.sim)
+        Clock::now(&mut self.sim)
     }
 
     fn wait(&mut self, duration: Duration) {
         if !self.stands_still {
             self.sim.wait(duration);
         }
-    }
-
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
-        self.answers.push(Vec::new());
-        Ok(Prepared::new(accesses, self.answers.len() - 1))
-    }
-
-    fn exchange_prepared(
-        &mut self,
-        prepared: &Prepared,
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
-        let reads = prepared
-            .accesses()
-            .first()
-            .is_some_and(|access| access.direction == Direction::Read);
-        if !self.stands_still {
-            self.sim.exchange(prepared.accesses(), words)?;
-            if reads {
-                self.answers[prepared.slot()] = words.to_vec();
-            }
-        } else if reads {
-            let answers = &self.answers[prepared.slot()];
-            words
-                .iter_mut()
-                .zip(answers)
-                .for_each(|(word, answer)| *word = *answer);
-        }
-        Ok(())
     }
 }
 
@@ -181,7 +190,7 @@ pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
 }
 
 /// Registers of process data that a cycle moves.
-pub fn process_data_words<B: RegisterBus>(driver: &Driver<B>) -> usize {
+pub fn process_data_words<B: RegisterBus + Clock>(driver: &Driver<B>) -> usize {
     let remotes = driver
         .ports()
         .iter()

@@ -4,7 +4,7 @@ use std::error::Error;
 use std::time::Duration;
 
 use mesa_hal::boards::RemoteTable;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
     DataRecord, DiscoveryLimits, ModeRecord, ModeType, PortMemory, RemoteDescriptor, discover_port,
 };
@@ -91,7 +91,7 @@ pub type Modes = Vec<(u8, u8, u8)>;
 
 /// Takes the inventory. Stops the serial ports and leaves all pins as inputs. When it is told to
 /// stop, the ports that are left are left out.
-pub fn take<B: RegisterBus>(
+pub fn take<B: RegisterBus + Clock>(
     bus: &mut B,
     identity: Option<Identity>,
     modes: &Modes,
@@ -150,7 +150,7 @@ fn serial_ports(firmware: &HostMot2) -> impl Iterator<Item = (Gtag, u8)> {
         })
 }
 
-fn take_port<B: RegisterBus>(
+fn take_port<B: RegisterBus + Clock>(
     bus: &mut B,
     firmware: &HostMot2,
     gtag: Gtag,
@@ -180,7 +180,7 @@ where
 /// Longer than the inventory of a port takes, however bad its wires are.
 const AT_MOST: Duration = Duration::from_secs(40);
 
-fn take_channels<B: RegisterBus>(
+fn take_channels<B: RegisterBus + Clock>(
     bus: &mut B,
     firmware: &HostMot2,
     gtag: Gtag,
@@ -201,7 +201,7 @@ where
     Ok(report)
 }
 
-fn take_remotes<B: RegisterBus>(
+fn take_remotes<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
     modes: &Modes,

@@ -2,21 +2,25 @@
 
 use std::fmt::{self, Write};
 
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::ModeType;
 use mesa_hal::driver::{Driver, RemoteStatus};
 use mesa_hal::hal::Role;
 use mesa_hal::sslbp::Channel;
 
 /// The board, its remotes and what a cycle moves; with every pin if asked for.
-pub fn list<B: RegisterBus>(driver: &Driver<B>, every_pin: bool) -> String {
+pub fn list<B: RegisterBus + Clock>(driver: &Driver<B>, every_pin: bool) -> String {
     let mut text = String::new();
     // A string takes everything.
     let _ = write_all(&mut text, driver, every_pin);
     text
 }
 
-fn write_all<B: RegisterBus>(out: &mut String, driver: &Driver<B>, every_pin: bool) -> fmt::Result {
+fn write_all<B: RegisterBus + Clock>(
+    out: &mut String,
+    driver: &Driver<B>,
+    every_pin: bool,
+) -> fmt::Result {
     let idrom = driver.firmware().idrom();
     writeln!(
         out,
@@ -53,12 +57,8 @@ fn write_all<B: RegisterBus>(out: &mut String, driver: &Driver<B>, every_pin: bo
     let size = driver.image_size();
     writeln!(
         out,
-        "\nA cycle reads {} registers and writes {}; over Ethernet {} bytes out and {} back, then {} out.",
-        size.read_words,
-        size.write_words,
-        size.request_bytes(),
-        size.reply_bytes(),
-        size.write_bytes()
+        "\nA cycle reads {} registers and writes {}.",
+        size.read_words, size.write_words
     )?;
     if every_pin {
         write_every_pin(out, driver)?;
@@ -67,11 +67,11 @@ fn write_all<B: RegisterBus>(out: &mut String, driver: &Driver<B>, every_pin: bo
 }
 
 /// The remote on a channel of the first serial port.
-pub fn remote<B: RegisterBus>(driver: &Driver<B>, channel: u8) -> Option<RemoteStatus<'_>> {
+pub fn remote<B: RegisterBus + Clock>(driver: &Driver<B>, channel: u8) -> Option<RemoteStatus<'_>> {
     driver.ports().first()?.remote(Channel::new(channel)?)
 }
 
-fn write_remote<B: RegisterBus>(
+fn write_remote<B: RegisterBus + Clock>(
     out: &mut String,
     driver: &Driver<B>,
     remote: &RemoteStatus<'_>,
@@ -95,7 +95,7 @@ fn write_remote<B: RegisterBus>(
 }
 
 /// The pins that are at a terminal, four to a line.
-fn write_terminals<B: RegisterBus>(
+fn write_terminals<B: RegisterBus + Clock>(
     out: &mut String,
     driver: &Driver<B>,
     remote: &RemoteStatus<'_>,
@@ -120,7 +120,7 @@ fn write_terminals<B: RegisterBus>(
     Ok(())
 }
 
-fn write_every_pin<B: RegisterBus>(out: &mut String, driver: &Driver<B>) -> fmt::Result {
+fn write_every_pin<B: RegisterBus + Clock>(out: &mut String, driver: &Driver<B>) -> fmt::Result {
     writeln!(out, "\nAll pins and parameters:")?;
     for pin in driver.pins().infos() {
         let kind = if pin.role.is_param() { "param" } else { "pin" };

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Access, AccessList, Clock, Hold, RegisterBus, Reply};
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, find, find_mut};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
@@ -15,7 +15,7 @@ use crate::args::Args;
 pub const AXES: usize = 6;
 
 /// What the example needs of the world besides the board's registers.
-pub trait World: RegisterBus {
+pub trait World: RegisterBus + Clock {
     /// Wires each field output to the input of the same number. Whether somebody did.
     fn loop_back(&mut self) -> bool;
 }
@@ -93,17 +93,25 @@ impl World for Simulated {
 
 impl RegisterBus for Simulated {
     type Error = <SimFpga as RegisterBus>::Error;
+    type List = AccessList;
 
-    fn exchange(
-        &mut self,
-        accesses: &[mesa_hal::bus::Access],
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.fpga.exchange(accesses, words)
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+}
+
+impl Clock for Simulated {
     fn now(&mut self) -> mesa_hal::bus::Instant {
-        RegisterBus::now(&mut self.fpga)
+        Clock::now(&mut self.fpga)
     }
 
     fn wait(&mut self, duration: Duration) {

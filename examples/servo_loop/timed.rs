@@ -3,7 +3,7 @@
 use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::{Access, BusStatistics, Prepared, RegisterBus};
+use mesa_hal::bus::{Access, BusStatistics, Clock, Hold, RegisterBus, Reply};
 
 #[derive(Debug)]
 pub struct Timed<B> {
@@ -48,29 +48,22 @@ impl<B> DerefMut for Timed<B> {
 
 impl<B: RegisterBus> RegisterBus for Timed<B> {
     type Error = B::Error;
+    type List = B::List;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         self.measured(|bus| bus.exchange(accesses, words))
     }
 
-    fn now(&mut self) -> mesa_hal::bus::Instant {
-        self.bus.now()
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+        self.bus.prepare(accesses, hold)
     }
 
-    fn wait(&mut self, duration: Duration) {
-        self.measured(|bus| bus.wait(duration));
+    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+        self.measured(|bus| bus.start(list, words))
     }
 
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, B::Error> {
-        self.bus.prepare(accesses)
-    }
-
-    fn exchange_prepared(
-        &mut self,
-        prepared: &Prepared,
-        words: &mut [u32],
-    ) -> Result<(), B::Error> {
-        self.measured(|bus| bus.exchange_prepared(prepared, words))
+    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+        self.measured(|bus| bus.finish(list, words))
     }
 
     fn write_some(
@@ -82,24 +75,8 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
         self.measured(|bus| bus.write_some(accesses, wanted, words))
     }
 
-    fn prepare_paced(
-        &mut self,
-        accesses: &[Access],
-        limit: Duration,
-    ) -> Result<Option<Prepared>, B::Error> {
-        self.bus.prepare_paced(accesses, limit)
-    }
-
-    fn post(&mut self, prepared: &Prepared) -> Result<(), B::Error> {
-        self.measured(|bus| bus.post(prepared))
-    }
-
-    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), B::Error> {
-        self.measured(|bus| bus.collect(prepared, words))
-    }
-
-    fn slack(&self) -> Option<Duration> {
-        self.bus.slack()
+    fn can_hold(&self) -> bool {
+        self.bus.can_hold()
     }
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {
@@ -112,5 +89,15 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
 
     fn statistics(&self) -> BusStatistics {
         self.bus.statistics()
+    }
+}
+
+impl<B: Clock> Clock for Timed<B> {
+    fn now(&mut self) -> mesa_hal::bus::Instant {
+        self.bus.now()
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.measured(|bus| bus.wait(duration));
     }
 }

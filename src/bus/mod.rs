@@ -1,22 +1,30 @@
 //! The register bus: 32-bit registers at 16-bit byte addresses.
 //!
-//! A bus has one primitive, [`RegisterBus::exchange`]: a list of accesses, run in order on the
-//! hardware, on a word buffer. The list holds indices and no borrowed slices, so that it can be
-//! built once, kept, pre-encoded ([`RegisterBus::prepare`]) and run every cycle.
-//! Time belongs to the bus too, because in simulation it is virtual.
+//! A bus has one primitive: a list of accesses, run in order on the hardware, on a word buffer. The
+//! list holds indices and no borrowed slices, so that it can be built once, encoded
+//! ([`RegisterBus::prepare`]) and run every cycle. What became of the writes, the [`Reply`] tells.
+//! Time is a [`Clock`]: virtual in simulation.
 
 mod error;
 mod image;
 #[allow(dead_code)]
 pub mod process_image;
 
+#[cfg(feature = "std")]
+mod host_clock;
+
 pub use error::{BusError, BusErrorKind};
+#[cfg(feature = "std")]
+pub use host_clock::HostClock;
+#[cfg(feature = "std")]
+pub(crate) use host_clock::SPIN;
 pub use image::{
-    CycleImage, ImageError, ImageLimits, ImagePlan, ImageSize, ReadPhase, ReadSlot, Tier,
-    WritePhase, WriteSlot,
+    CycleImage, ImageError, ImageLimits, ImageLists, ImagePlan, ImageSize, ReadPhase, ReadSlot,
+    Tier, WritePhase, WriteSlot,
 };
 
 use alloc::boxed::Box;
+use core::fmt::Debug;
 use core::time::Duration;
 
 /// A point on the clock of a bus: nanoseconds since an origin of the bus's own.
@@ -100,31 +108,69 @@ impl Access {
     }
 }
 
-/// An access list that a bus has checked and, where that helps, encoded.
-#[derive(Debug)]
-pub struct Prepared {
-    accesses: Box<[Access]>,
-    slot: usize,
+/// Until when the board holds a part of a list back: the beginning of its own next period.
+///
+/// With that the board's clock paces the cycle: [`start`](RegisterBus::start) sends the list, and
+/// [`finish`](RegisterBus::finish) returns when the next period has begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Hold {
+    /// The accesses from this one on wait for the period, and all after it.
+    pub before: usize,
+    /// They wait no longer than this.
+    pub limit: Duration,
 }
 
-impl Prepared {
-    /// For implementors of [`RegisterBus::prepare`]: the list, and what the bus finds its own
-    /// encoding by.
-    pub fn new(accesses: &[Access], slot: usize) -> Self {
+/// What a reply told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reply {
+    /// Everything that was written before, and with this list, was executed exactly once and in
+    /// order, since the reply before. What depends on the last write must not be trusted
+    /// otherwise.
+    pub certain: bool,
+    /// Writes that, as is known since this reply, the board has not executed, or not in time.
+    pub lost_writes: u32,
+    /// How long the board held the list back, if it was to: what the host had left of its period.
+    pub slack: Option<Duration>,
+}
+
+impl Reply {
+    /// All that was written has arrived: what a bus says on which nothing can be lost.
+    pub const CERTAIN: Self = Self {
+        certain: true,
+        lost_writes: 0,
+        slack: None,
+    };
+    /// No reply was to come: nothing is known of the writes yet.
+    pub const UNHEARD: Self = Self {
+        certain: false,
+        lost_writes: 0,
+        slack: None,
+    };
+
+    /// What this reply and a `later` one told together.
+    #[must_use]
+    pub const fn and(self, later: Self) -> Self {
         Self {
-            accesses: accesses.into(),
-            slot,
+            certain: self.certain && later.certain,
+            lost_writes: self.lost_writes.saturating_add(later.lost_writes),
+            slack: later.slack,
         }
     }
+}
 
-    /// The list.
-    pub fn accesses(&self) -> &[Access] {
-        &self.accesses
+/// The list of a bus that has no form of its own for lists.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AccessList(Box<[Access]>);
+
+impl AccessList {
+    /// Keeps `accesses`. The caller is a bus that [holds nothing back](RegisterBus::can_hold).
+    pub fn new(accesses: &[Access]) -> Self {
+        Self(accesses.into())
     }
 
-    /// What the bus finds its own encoding by.
-    pub fn slot(&self) -> usize {
-        self.slot
+    /// The accesses.
+    pub fn accesses(&self) -> &[Access] {
+        &self.0
     }
 }
 
@@ -171,42 +217,119 @@ pub struct BusStatistics {
 /// The most accesses of one exchange that [`RegisterBus::write_some`] makes.
 const SOME: usize = 64;
 
-/// 32-bit registers at 16-bit byte addresses, and the time at which they are accessed.
-///
-/// Implement [`exchange`](Self::exchange), [`now`](Self::now) and [`wait`](Self::wait); the rest is
-/// provided on top. A `&mut B` is a bus as well.
-///
-/// # Real time
-/// `exchange_prepared` is bounded by the deadline of the bus and does not allocate: it is what the
-/// cycle uses. The others belong to set-up: they are bounded, but may allocate and try again.
-pub trait RegisterBus {
-    /// What can go wrong.
-    type Error: BusError;
-
-    /// Runs `accesses` in order on `words`.
-    ///
-    /// On Ethernet this is one packet out and, if anything is read, one packet back. When it
-    /// fails, no word of the buffer that a read names has been changed.
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error>;
-
-    /// The time on the clock of the bus. Never goes back.
+/// The time of a bus: virtual in simulation, the host's otherwise.
+pub trait Clock {
+    /// The time. Never goes back.
     fn now(&mut self) -> Instant;
 
     /// Lets `duration` pass.
     fn wait(&mut self, duration: Duration);
+}
 
-    /// Checks a list against the limits of the bus and keeps it in the form it is run in.
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
-        Ok(Prepared::new(accesses, 0))
+impl<C: Clock + ?Sized> Clock for &mut C {
+    fn now(&mut self) -> Instant {
+        (**self).now()
     }
 
-    /// [`exchange`](Self::exchange) of a list that was prepared on this bus.
-    fn exchange_prepared(
+    fn wait(&mut self, duration: Duration) {
+        (**self).wait(duration);
+    }
+}
+
+/// 32-bit registers at 16-bit byte addresses.
+///
+/// A bus that has no packets implements [`exchange`](Self::exchange), and with [`AccessList`]:
+///
+/// ```
+/// use mesa_hal::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
+///
+/// #[derive(Debug)]
+/// struct Memory([u32; 16]);
+///
+/// impl RegisterBus for Memory {
+///     type Error = core::convert::Infallible;
+///     type List = AccessList;
+///
+///     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+///         for access in accesses {
+///             for (n, word) in words[access.words()].iter_mut().enumerate() {
+///                 let register = &mut self.0[usize::from(access.address / 4) + n];
+///                 match access.direction {
+///                     Direction::Read => *word = *register,
+///                     Direction::Write => *register = *word,
+///                 }
+///             }
+///         }
+///         Ok(())
+///     }
+///
+///     fn prepare(&mut self, list: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
+///         Ok(AccessList::new(list))
+///     }
+///
+///     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+///         self.exchange(list.accesses(), words)?;
+///         Ok(Reply::CERTAIN)
+///     }
+/// }
+///
+/// let mut bus = Memory([7; 16]);
+/// bus.write(0x0C, 9)?;
+/// let list = bus.prepare(&[Access::read(0x08, 0, 2)], None)?;
+/// let mut words = [0; 2];
+/// assert!(bus.run(&list, &mut words)?.certain);
+/// assert_eq!(words, [7, 9]);
+/// # Ok::<(), core::convert::Infallible>(())
+/// ```
+///
+/// A driver needs a [`Clock`] as well, which the bus has itself or which is [`Clocked`] to it.
+/// A `&mut B` is a bus, too.
+///
+/// # Real time
+/// `start`, `finish` and `run` are bounded by the deadline of the bus and do not allocate: they are
+/// what the cycle uses. The others belong to set-up: they are bounded, but may allocate and try
+/// again.
+pub trait RegisterBus {
+    /// What can go wrong.
+    type Error: BusError;
+
+    /// A list of accesses that the bus has checked, in the form it is run in.
+    type List: Debug + Send;
+
+    /// Runs `accesses` in order on `words`.
+    ///
+    /// On Ethernet this is one packet out and one packet back, repeated when it is lost. When it
+    /// fails, no word of the buffer that a read names has been changed.
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error>;
+
+    /// Checks a list against the limits of the bus and brings it into the form it is run in.
+    ///
+    /// `hold` is for a bus that [can](Self::can_hold) do that.
+    fn prepare(
         &mut self,
-        prepared: &Prepared,
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
-        self.exchange(prepared.accesses(), words)
+        accesses: &[Access],
+        hold: Option<Hold>,
+    ) -> Result<Self::List, Self::Error>;
+
+    /// Begins to run a list that was prepared on this bus: what it writes is sent, and what it reads
+    /// is asked for. [`finish`](Self::finish) ends it; nothing else may be run in between.
+    ///
+    /// A bus on which nothing can be in flight leaves it all to `finish`, as the provided function
+    /// does.
+    fn start(&mut self, _list: &Self::List, _words: &[u32]) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Takes the reply to the list that was started. When it fails, no word has been changed.
+    ///
+    /// A list that reads nothing may have no reply: then nothing is known of its writes before a
+    /// later one ([`Reply::UNHEARD`]).
+    fn finish(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error>;
+
+    /// [`start`](Self::start) and [`finish`](Self::finish).
+    fn run(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        self.start(list, words)?;
+        self.finish(list, words)
     }
 
     /// Writes those accesses of a list that are `wanted`, in order and as one exchange of the cycle:
@@ -239,36 +362,9 @@ pub trait RegisterBus {
         }
     }
 
-    /// Prepares a list that only reads, to be run at the beginning of the board's next period: the
-    /// board holds it back until then, but not longer than `limit`. With that the board's clock
-    /// paces the cycle: [`post`](Self::post) it after the writes, and [`collect`](Self::collect)
-    /// returns when the next period has begun.
-    ///
-    /// `None`: this bus can not do that.
-    fn prepare_paced(
-        &mut self,
-        _accesses: &[Access],
-        _limit: Duration,
-    ) -> Result<Option<Prepared>, Self::Error> {
-        Ok(None)
-    }
-
-    /// Sends the request of a prepared list that only reads, without waiting for the reply. A bus
-    /// on which requests can not be under way does it all in [`collect`](Self::collect).
-    fn post(&mut self, _prepared: &Prepared) -> Result<(), Self::Error> {
-        Ok(())
-    }
-
-    /// Takes the reply to the request that was posted last. If that was another list, or any
-    /// other exchange came between, it is [`exchange_prepared`](Self::exchange_prepared).
-    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), Self::Error> {
-        self.exchange_prepared(prepared, words)
-    }
-
-    /// How long the board held the last list back, if that was a paced one: what the host had left
-    /// of its period.
-    fn slack(&self) -> Option<Duration> {
-        None
+    /// Whether the board can hold a part of a list back until its next period ([`Hold`]).
+    fn can_hold(&self) -> bool {
+        false
     }
 
     /// Sets how long an exchange of the cycle may take from now on. A bus on which nothing can be
@@ -278,7 +374,7 @@ pub trait RegisterBus {
     /// The cycle has this period: a deadline that nobody has set otherwise follows it.
     fn follow_period(&mut self, _period: Duration) {}
 
-    /// What was counted so far.
+    /// What was counted so far: for people. What to do next, a [`Reply`] tells.
     fn statistics(&self) -> BusStatistics {
         BusStatistics::default()
     }
@@ -302,71 +398,89 @@ pub trait RegisterBus {
     }
 }
 
+/// Everything of [`RegisterBus`] but its types, done by the bus that an expression names.
+macro_rules! forward_bus {
+    ($this:ident => $inner:expr) => {
+        fn exchange(&mut $this, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+            $inner.exchange(accesses, words)
+        }
+
+        fn prepare(
+            &mut $this,
+            accesses: &[Access],
+            hold: Option<Hold>,
+        ) -> Result<Self::List, Self::Error> {
+            $inner.prepare(accesses, hold)
+        }
+
+        fn start(&mut $this, list: &Self::List, words: &[u32]) -> Result<(), Self::Error> {
+            $inner.start(list, words)
+        }
+
+        fn finish(&mut $this, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+            $inner.finish(list, words)
+        }
+
+        fn run(&mut $this, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+            $inner.run(list, words)
+        }
+
+        fn write_some(
+            &mut $this,
+            accesses: &[Access],
+            wanted: &[bool],
+            words: &mut [u32],
+        ) -> Result<(), Self::Error> {
+            $inner.write_some(accesses, wanted, words)
+        }
+
+        fn can_hold(&$this) -> bool {
+            $inner.can_hold()
+        }
+
+        fn set_cycle_deadline(&mut $this, deadline: Duration) {
+            $inner.set_cycle_deadline(deadline);
+        }
+
+        fn follow_period(&mut $this, period: Duration) {
+            $inner.follow_period(period);
+        }
+
+        fn statistics(&$this) -> BusStatistics {
+            $inner.statistics()
+        }
+    };
+}
+
 impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
     type Error = B::Error;
+    type List = B::List;
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
-        (**self).exchange(accesses, words)
-    }
+    forward_bus!(self => (**self));
+}
 
+/// A bus with a clock that is not its own.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Clocked<B, C> {
+    /// The bus.
+    pub bus: B,
+    /// The clock.
+    pub clock: C,
+}
+
+impl<B: RegisterBus, C> RegisterBus for Clocked<B, C> {
+    type Error = B::Error;
+    type List = B::List;
+
+    forward_bus!(self => self.bus);
+}
+
+impl<B, C: Clock> Clock for Clocked<B, C> {
     fn now(&mut self) -> Instant {
-        (**self).now()
+        self.clock.now()
     }
 
     fn wait(&mut self, duration: Duration) {
-        (**self).wait(duration);
-    }
-
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
-        (**self).prepare(accesses)
-    }
-
-    fn exchange_prepared(
-        &mut self,
-        prepared: &Prepared,
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
-        (**self).exchange_prepared(prepared, words)
-    }
-
-    fn write_some(
-        &mut self,
-        accesses: &[Access],
-        wanted: &[bool],
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
-        (**self).write_some(accesses, wanted, words)
-    }
-
-    fn prepare_paced(
-        &mut self,
-        accesses: &[Access],
-        limit: Duration,
-    ) -> Result<Option<Prepared>, Self::Error> {
-        (**self).prepare_paced(accesses, limit)
-    }
-
-    fn post(&mut self, prepared: &Prepared) -> Result<(), Self::Error> {
-        (**self).post(prepared)
-    }
-
-    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), Self::Error> {
-        (**self).collect(prepared, words)
-    }
-
-    fn slack(&self) -> Option<Duration> {
-        (**self).slack()
-    }
-
-    fn set_cycle_deadline(&mut self, deadline: Duration) {
-        (**self).set_cycle_deadline(deadline);
-    }
-
-    fn follow_period(&mut self, period: Duration) {
-        (**self).follow_period(period);
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        (**self).statistics()
+        self.clock.wait(duration);
     }
 }

@@ -5,7 +5,7 @@ use super::{
     discover,
 };
 use crate::{
-    bus::RegisterBus,
+    bus::{Clock, RegisterBus},
     sslbp::{
         Channel, ChannelStart, LocalLocation, Port, PortError, PortResult, RemoteFaults,
         StartFailure, StartMode, StartedRemote,
@@ -46,7 +46,7 @@ impl<E> Inventory<E> {
 /// are damaged does not disturb the others.
 ///
 /// Manual: 7I77, "DISCOVERY SEQUENCE".
-pub fn discover_port<B: RegisterBus>(
+pub fn discover_port<B: RegisterBus + Clock>(
     port: &mut Port,
     bus: &mut B,
     channels: &[ChannelStart],
@@ -78,7 +78,7 @@ pub fn discover_port<B: RegisterBus>(
 
 /// A host that ended in the middle of an access to non-volatile memory has left that memory where
 /// the tables are; a START does not change that. FACTS 6.3.
-fn show_tables<B: RegisterBus>(
+fn show_tables<B: RegisterBus + Clock>(
     port: &mut Port,
     bus: &mut B,
     remote: &StartedRemote,
@@ -91,7 +91,7 @@ fn show_tables<B: RegisterBus>(
 
 /// A setup START does not look at the fault byte, and so succeeds in a software mode that the
 /// remote does not have (FACTS 4.1); the tables are then those of another mode.
-fn check_mode<B: RegisterBus>(
+fn check_mode<B: RegisterBus + Clock>(
     port: &mut Port,
     bus: &mut B,
     remote: &StartedRemote,
@@ -117,7 +117,7 @@ fn check_mode<B: RegisterBus>(
     }
 }
 
-fn is_mode_illegal<B: RegisterBus>(
+fn is_mode_illegal<B: RegisterBus + Clock>(
     port: &mut Port,
     bus: &mut B,
     remote: &StartedRemote,
@@ -136,7 +136,7 @@ fn is_mode_illegal<B: RegisterBus>(
 /// What is written to [`LocalLocation::CLEAR_FAULTS`].
 const CLEAR: u8 = 0xFF;
 
-fn reports_illegal_mode<B: RegisterBus>(
+fn reports_illegal_mode<B: RegisterBus + Clock>(
     port: &mut Port,
     bus: &mut B,
     channel: Channel,

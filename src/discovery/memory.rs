@@ -1,7 +1,7 @@
 //! How discovery reaches a remote's memory.
 
 use crate::{
-    bus::RegisterBus,
+    bus::{Clock, RegisterBus},
     sslbp::{AccessSize, Channel, NonvolatileMemory, Port, PortError},
 };
 
@@ -47,14 +47,14 @@ pub struct PortMemory<'a, B> {
     channel: Channel,
 }
 
-impl<'a, B: RegisterBus> PortMemory<'a, B> {
+impl<'a, B: RegisterBus + Clock> PortMemory<'a, B> {
     /// Through `channel` of `port`.
     pub fn new(port: &'a mut Port, bus: &'a mut B, channel: Channel) -> Self {
         Self { port, bus, channel }
     }
 }
 
-impl<B: RegisterBus> RemoteMemory for PortMemory<'_, B> {
+impl<B: RegisterBus + Clock> RemoteMemory for PortMemory<'_, B> {
     type Error = PortError<B::Error>;
 
     fn read(&mut self, address: u16, size: AccessSize) -> Result<u64, Self::Error> {
@@ -62,7 +62,7 @@ impl<B: RegisterBus> RemoteMemory for PortMemory<'_, B> {
     }
 }
 
-impl<B: RegisterBus> RemoteParameters for PortMemory<'_, B> {
+impl<B: RegisterBus + Clock> RemoteParameters for PortMemory<'_, B> {
     fn write(&mut self, address: u16, size: AccessSize, value: u64) -> Result<(), Self::Error> {
         self.port
             .remote_write(self.bus, self.channel, address, size, value)

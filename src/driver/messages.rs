@@ -1,10 +1,10 @@
 //! What the log is told when a driver has been built. Never in the cycle.
 
 use super::Driver;
-use crate::bus::RegisterBus;
+use crate::bus::{Clock, RegisterBus};
 
 /// What was found, and what is odd about it.
-pub(super) fn found<B: RegisterBus>(driver: &Driver<B>) {
+pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     let firmware = driver.firmware();
     log::info!(
         "{}: firmware for {} with {}",

@@ -78,23 +78,24 @@ use alloc::{boxed::Box, string::String, vec::Vec};
 use core::time::Duration;
 
 use crate::boards::fpga::FpgaPins;
-use crate::bus::{BusStatistics, CycleImage, ImageSize, Instant, RegisterBus, Tier};
+use crate::bus::{Clock, CycleImage, ImageLists, ImageSize, Instant, RegisterBus, Reply, Tier};
 use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use board::{Board, BoardCheck};
 use pace::{Answer, Beat, Pacer};
-use set_up::SetUp;
+use set_up::{SetUp, SetUpLists};
 
 /// A board with everything on it, in the cycle.
 ///
 /// Dropping it stops every port and lets the watchdog bite: see [`shutdown`](Self::shutdown).
 #[derive(Debug)]
-pub struct Driver<B: RegisterBus> {
+pub struct Driver<B: RegisterBus + Clock> {
     bus: B,
     firmware: HostMot2,
     name: String,
     period: Duration,
     image: CycleImage,
+    lists: Lists<B::List>,
     pins: PinStore,
     group: GroupId,
     board: Board,
@@ -108,8 +109,8 @@ pub struct Driver<B: RegisterBus> {
     remarks: Vec<Remark>,
     statistics: DriverStatistics,
     pacer: Pacer,
-    /// What the bus counted at the last read.
-    seen: BusStatistics,
+    /// What replies told since the last read, but its own.
+    news: Reply,
     read_failures: u32,
     write_failures: u32,
     /// What happened to the writes since the modules took their inputs.
@@ -122,7 +123,14 @@ pub struct Driver<B: RegisterBus> {
     is_shut_down: bool,
 }
 
-impl<B: RegisterBus> Driver<B> {
+/// What is exchanged, as the bus runs it.
+#[derive(Debug)]
+struct Lists<L> {
+    image: ImageLists<L>,
+    set_up: SetUpLists<L>,
+}
+
+impl<B: RegisterBus + Clock> Driver<B> {
     /// Starts to build a driver for the board on `bus`.
     pub fn builder(bus: B) -> Builder<B> {
         Builder::new(bus)
@@ -144,15 +152,20 @@ impl<B: RegisterBus> Driver<B> {
         }
         self.statistics.reads += 1;
         let tier = self.tier_of_read();
-        let Answer { tier, at, result } = self.pacer.read(&mut self.bus, &mut self.image, tier);
+        let lists = &self.lists.image;
+        let Answer { tier, at, result } =
+            self.pacer.read(&mut self.bus, &mut self.image, lists, tier);
         let now = self.bus.now();
         self.pins.begin_cycle(now);
-        if let Err(source) = result {
-            let consecutive = self.read_failed();
-            return Err(CycleError::Read {
-                source,
-                consecutive,
-            });
+        match result {
+            Ok(reply) => self.heard(reply),
+            Err(source) => {
+                let consecutive = self.read_failed();
+                return Err(CycleError::Read {
+                    source,
+                    consecutive,
+                });
+            }
         }
         if let BoardCheck::NotThere(found) = self.board.check(&self.image) {
             let consecutive = self.read_failed();
@@ -165,12 +178,17 @@ impl<B: RegisterBus> Driver<B> {
 
     /// Everybody takes its inputs from an image that is sound, and was read at `now`.
     fn take(&mut self, now: Instant, tier: Tier) -> CycleReport {
-        let (lost_writes, doubtful) = self.news_of_writes();
+        let Reply {
+            certain,
+            lost_writes,
+            slack,
+        } = core::mem::replace(&mut self.news, Reply::CERTAIN);
+        let (lost_writes, doubtful) = (u64::from(lost_writes), !certain);
+        self.statistics.lost_writes += lost_writes;
         self.writes.is_doubtful |= doubtful;
         self.image.confirm_writes(!doubtful);
         self.set_up.confirm(!doubtful);
         self.look_closely = doubtful || (self.look_closely && tier == Tier::Cycle);
-        let slack = self.bus.slack();
         let beat = self.pacer.arrived(now, slack);
         let mut report = CycleReport {
             lost_writes,
@@ -274,7 +292,8 @@ impl<B: RegisterBus> Driver<B> {
         if let Some(deadline) = self.board.new_deadline(&self.pins, self.period) {
             self.bus.set_cycle_deadline(deadline);
         }
-        let result = self.image.exchange_writes(&mut self.bus);
+        let lists = &self.lists.image;
+        let result = self.image.exchange_writes(&mut self.bus, lists);
         let done = self.bus.now();
         if self.board.is_running() {
             self.board.evidence.fed(done);
@@ -283,7 +302,9 @@ impl<B: RegisterBus> Driver<B> {
             port.written(done, result.is_ok());
         }
         let next = self.tier_of_read();
-        self.pacer.ask_ahead(&mut self.bus, &self.image, next);
+        let lists = &self.lists.image;
+        self.pacer
+            .ask_ahead(&mut self.bus, &self.image, lists, next);
         match result {
             Ok(()) => {
                 self.write_failures = 0;
@@ -354,7 +375,8 @@ impl<B: RegisterBus> Driver<B> {
     pub fn request_read(&mut self) {
         if self.pacer.pace() == Pace::Host && !self.is_shut_down {
             let tier = self.tier_of_read();
-            self.pacer.post(&mut self.bus, &self.image, tier);
+            let lists = &self.lists.image;
+            self.pacer.post(&mut self.bus, &self.image, lists, tier);
         }
     }
 
@@ -383,9 +405,14 @@ impl<B: RegisterBus> Driver<B> {
         if self.pacer.pace() == Pace::Board {
             return Ok(false);
         }
+        // A reply that was asked for ahead is older than what is waited for.
+        self.forget_posted();
         let start = self.bus.now();
         for _ in 0..MAX_POLLS {
-            self.image.exchange_status(&mut self.bus)?;
+            let reply = self
+                .image
+                .exchange_status(&mut self.bus, &self.lists.image)?;
+            self.heard(reply);
             let now = self.bus.now();
             let mut all = true;
             for port in &mut self.ports {
@@ -402,18 +429,18 @@ impl<B: RegisterBus> Driver<B> {
         Ok(false)
     }
 
-    /// How many writes were lost since the last read, and whether it is in doubt that the last
-    /// one, and nothing else, was executed: the transfer that it should have started may be an
-    /// older one.
-    fn news_of_writes(&mut self) -> (u64, bool) {
-        let before = core::mem::replace(&mut self.seen, self.bus.statistics());
-        // What comes late is not lost any more, but it was.
-        let missing = |counted: BusStatistics| counted.lost_writes + counted.late_writes;
-        let lost = missing(self.seen).saturating_sub(missing(before));
-        self.statistics.lost_writes += lost;
-        let is_open = (before.doubts, before.unconfirmed_writes)
-            != (self.seen.doubts, self.seen.unconfirmed_writes);
-        (lost, lost > 0 || is_open)
+    /// Keeps what a reply told for the next [`take`](Self::take).
+    fn heard(&mut self, reply: Reply) {
+        self.news = self.news.and(reply);
+    }
+
+    /// What was asked for ahead is of no use any more.
+    fn forget_posted(&mut self) {
+        let lists = &self.lists.image;
+        let reply = self
+            .pacer
+            .forget_posted(&mut self.bus, &mut self.image, lists);
+        self.heard(reply);
     }
 
     /// What the next read must hold.
@@ -448,7 +475,7 @@ fn read_tier(ports: &[SerialPort]) -> Tier {
 }
 
 /// What an application asks.
-impl<B: RegisterBus> Driver<B> {
+impl<B: RegisterBus + Clock> Driver<B> {
     /// All pins and parameters.
     pub fn pins(&self) -> &Pins {
         &self.pins
@@ -519,6 +546,11 @@ impl<B: RegisterBus> Driver<B> {
     /// The image, for people who want to see its accesses.
     pub fn image(&self) -> &CycleImage {
         &self.image
+    }
+
+    /// The lists of a cycle, as the bus runs them.
+    pub fn lists(&self) -> &ImageLists<B::List> {
+        &self.lists.image
     }
 
     /// The bus.

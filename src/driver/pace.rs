@@ -3,7 +3,7 @@
 use core::str::FromStr;
 use core::time::Duration;
 
-use crate::bus::{CycleImage, Instant, RegisterBus, Tier};
+use crate::bus::{Clock, CycleImage, ImageLists, Instant, RegisterBus, Reply, Tier};
 
 /// Who decides when a cycle begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -126,7 +126,7 @@ pub(super) struct Answer<E> {
     pub tier: Tier,
     /// When it came: the cycle may begin later.
     pub at: Instant,
-    pub result: Result<(), E>,
+    pub result: Result<Reply, E>,
 }
 
 impl Pacer {
@@ -148,28 +148,38 @@ impl Pacer {
     }
 
     /// What was asked for ahead is of no use any more. Waits for it, because the board holds back
-    /// everything that is sent meanwhile.
-    pub fn forget_posted<B: RegisterBus>(&mut self, bus: &mut B, image: &mut CycleImage) {
-        if let Some(tier) = self.posted.take() {
-            // Whatever became of it, nothing waits in the board after it.
-            let _ = image.collect_reads(bus, tier);
-        }
-    }
-
-    /// Reads the board: takes what was asked for ahead, or else asks for `tier`.
-    pub fn read<B: RegisterBus>(
+    /// everything that is sent meanwhile. What its reply told.
+    pub fn forget_posted<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         image: &mut CycleImage,
+        lists: &ImageLists<B::List>,
+    ) -> Reply {
+        // Whatever became of it, nothing waits in the board after it.
+        let taken = self.posted.take();
+        let reply = taken.and_then(|tier| image.finish_reads(bus, lists, tier).ok());
+        reply.unwrap_or(Reply::CERTAIN)
+    }
+
+    /// Reads the board: takes what was asked for ahead, or else asks for `tier`.
+    pub fn read<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        image: &mut CycleImage,
+        lists: &ImageLists<B::List>,
         tier: Tier,
     ) -> Answer<B::Error> {
         let (tier, result) = match self.posted.take() {
-            Some(posted) => (posted, image.collect_reads(bus, posted)),
+            Some(posted) => (posted, image.finish_reads(bus, lists, posted)),
             None if self.is_behind() => {
                 self.rest(bus, self.period);
-                (tier, image.exchange_reads(bus, tier))
+                (tier, image.exchange_reads(bus, lists, tier))
             }
-            None => (tier, image.exchange_paced_reads(bus, tier)),
+            None => {
+                let started = image.start_reads(bus, lists, tier);
+                let reply = started.and_then(|()| image.finish_reads(bus, lists, tier));
+                (tier, reply)
+            }
         };
         let at = bus.now();
         // A read that failed may have done so without waiting, and a board may answer without
@@ -189,7 +199,7 @@ impl Pacer {
 
     /// Where the board paces and does not, waits until the cycle before has taken `least`: the
     /// application's loop would spin.
-    fn rest<B: RegisterBus>(&self, bus: &mut B, least: Duration) {
+    fn rest<B: RegisterBus + Clock>(&self, bus: &mut B, least: Duration) {
         let (Pace::Board, Some(before)) = (self.pace, self.begun) else {
             return;
         };
@@ -204,15 +214,28 @@ impl Pacer {
     }
 
     /// Asks for the next inputs, if the board paces.
-    pub fn ask_ahead<B: RegisterBus>(&mut self, bus: &mut B, image: &CycleImage, tier: Tier) {
+    pub fn ask_ahead<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        image: &CycleImage,
+        lists: &ImageLists<B::List>,
+        tier: Tier,
+    ) {
         if self.pace == Pace::Board && !self.is_behind() {
-            self.post(bus, image, tier);
+            self.post(bus, image, lists, tier);
         }
     }
 
     /// Asks for inputs ahead. If that fails, the next read asks again, and says why it fails.
-    pub fn post<B: RegisterBus>(&mut self, bus: &mut B, image: &CycleImage, tier: Tier) {
-        self.posted = image.post_reads(bus, tier).is_ok().then_some(tier);
+    pub fn post<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        image: &CycleImage,
+        lists: &ImageLists<B::List>,
+        tier: Tier,
+    ) {
+        let started = image.start_reads(bus, lists, tier);
+        self.posted = started.is_ok().then_some(tier);
     }
 
     /// Whether cycle and board run together, after a read that found the loop's phase at

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::boards::{ParameterValueError, RemotePins};
-use crate::bus::{Access, BusError, RegisterBus};
+use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::{PortMemory, RemoteDescriptor, RemoteMemory, RemoteParameters};
 use crate::hal::AnyValue;
 use crate::hostmot2::Watchdog;
@@ -162,7 +162,7 @@ impl ParameterWrite {
     }
 
     /// Writes it to a remote in setup mode, and reads it back.
-    pub fn write<B: RegisterBus>(
+    pub fn write<B: RegisterBus + Clock>(
         &self,
         bus: &mut B,
         port: &mut Port,
@@ -190,7 +190,7 @@ impl ParameterWrite {
     }
 }
 
-impl<B: RegisterBus> Driver<B> {
+impl<B: RegisterBus + Clock> Driver<B> {
     /// Writes a parameter that the remote on `channel` of `port` keeps, for example
     /// `nvwatchdogtimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
     /// does.
@@ -245,7 +245,7 @@ impl<B: RegisterBus> Driver<B> {
         let fed = self.feed_for(UNFED);
         let result = fed.and_then(|()| self.write_in_setup(port, &started, write));
         self.make_safe();
-        self.pacer.forget_posted(&mut self.bus, &mut self.image);
+        self.forget_posted();
         self.look_closely = true;
         self.feed_for(usual)?;
         result
@@ -286,7 +286,7 @@ impl<B: RegisterBus> Driver<B> {
 }
 
 /// Starts one remote in setup mode and writes; whatever ran before is stopped.
-fn in_setup<B: RegisterBus>(
+fn in_setup<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
     remote: &StartedRemote,

@@ -3,10 +3,10 @@
 use super::board::BoardCheck;
 use super::evidence::Finding;
 use super::{BoardState, CycleError, Driver, Rearmed};
-use crate::bus::{RegisterBus, Tier};
+use crate::bus::{Clock, RegisterBus, Tier};
 use crate::sslbp::Channel;
 
-impl<B: RegisterBus> Driver<B> {
+impl<B: RegisterBus + Clock> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
     /// A board that has lost its set-up gets it back first, all of it in one exchange, and is asked
@@ -59,10 +59,13 @@ impl<B: RegisterBus> Driver<B> {
     pub(super) fn write_set_up(&mut self) -> Result<(), B::Error> {
         let now = self.bus.now();
         // What was asked for before says nothing of the board as it is now.
-        self.pacer.forget_posted(&mut self.bus, &mut self.image);
+        self.forget_posted();
         // An FPGA without its configuration could have it again in the middle of the exchange, and
         // take the end of the set-up, which drives the pins, without its beginning.
-        self.image.exchange_status(&mut self.bus)?;
+        let reply = self
+            .image
+            .exchange_status(&mut self.bus, &self.lists.image)?;
+        self.heard(reply);
         if let BoardCheck::NotThere(_) = self.board.check(&self.image) {
             return Ok(());
         }
@@ -71,13 +74,16 @@ impl<B: RegisterBus> Driver<B> {
                 expected.outputs = directions;
             }
         }
-        let is_set_up = match self.set_up.run(&mut self.bus) {
-            Ok(words) => Ok(self.board.evidence.is_set_up(words)),
+        let is_set_up = match self.set_up.run(&mut self.bus, &self.lists.set_up) {
+            Ok((reply, words)) => {
+                self.news = self.news.and(reply);
+                Ok(self.board.evidence.is_set_up(words))
+            }
             Err(error) => Err(error),
         };
         if !matches!(is_set_up, Ok(true)) {
             // It may be set up, and nobody feeds it.
-            let _ = self.set_up.quiesce(&mut self.bus);
+            let _ = self.set_up.quiesce(&mut self.bus, &self.lists.set_up);
             return is_set_up.map(|_| ());
         }
         self.image.forget_requests();
@@ -101,7 +107,7 @@ impl<B: RegisterBus> Driver<B> {
         if !self.board.is_running() || self.set_up.changed().is_none() {
             return Ok(());
         }
-        self.pacer.forget_posted(&mut self.bus, &mut self.image);
+        self.forget_posted();
         self.look_closely = true;
         self.look()?;
         while self.board.is_running() {
@@ -112,7 +118,8 @@ impl<B: RegisterBus> Driver<B> {
                 expected.outputs = sure;
             }
             let feed = self.board.evidence.has_time();
-            self.set_up.open_gate(&mut self.bus, port, feed)?;
+            self.set_up
+                .open_gate(&mut self.bus, &self.lists.set_up, port, feed)?;
             if feed {
                 let now = self.bus.now();
                 self.board.evidence.fed(now);
@@ -131,7 +138,10 @@ impl<B: RegisterBus> Driver<B> {
 
     /// Reads all evidence alone, and makes everything safe if the board is not set up any more.
     fn look(&mut self) -> Result<(), B::Error> {
-        self.image.exchange_evidence(&mut self.bus)?;
+        let reply = self
+            .image
+            .exchange_evidence(&mut self.bus, &self.lists.image)?;
+        self.heard(reply);
         let now = self.bus.now();
         let finding = self
             .board
@@ -159,7 +169,7 @@ impl<B: RegisterBus> Driver<B> {
         );
         if is_lost {
             // What fails here fails in the write that follows, which says so.
-            let _ = self.set_up.quiesce(&mut self.bus);
+            let _ = self.set_up.quiesce(&mut self.bus, &self.lists.set_up);
         }
     }
 

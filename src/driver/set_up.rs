@@ -10,17 +10,25 @@ use alloc::vec::Vec;
 
 use super::SetupList;
 use super::evidence::Evidence;
-use crate::bus::{Access, Prepared, RegisterBus};
+use crate::bus::{Access, RegisterBus, Reply};
 use crate::hostmot2::{IoPorts, PortSetup, Watchdog, WatchdogTime};
 
 /// The set-up of a board.
 #[derive(Debug)]
 pub(super) struct SetUp {
-    whole: List,
+    whole: Words,
     /// How many words of it are read.
     reads: usize,
-    quiesce: List,
+    quiesce: Words,
     gates: Vec<Gate>,
+}
+
+/// Its lists, as the bus runs them.
+#[derive(Debug)]
+pub(super) struct SetUpLists<L> {
+    whole: L,
+    quiesce: L,
+    gates: Vec<L>,
 }
 
 /// After so many reads no older write is under way any more.
@@ -28,15 +36,15 @@ const HORIZON: u8 = 100;
 
 /// A list with its words.
 #[derive(Debug)]
-struct List {
-    prepared: Prepared,
+struct Words {
+    accesses: Vec<Access>,
     words: Vec<u32>,
 }
 
 /// What drives the pins of a port.
 #[derive(Debug)]
 struct Gate {
-    list: List,
+    list: Words,
     addresses: [u16; 2],
     /// As they are in the board; `None` if that is not certain.
     current: Option<[u32; 2]>,
@@ -54,11 +62,11 @@ impl SetUp {
         places: &IoPorts,
         watchdog: &Watchdog,
         ports: &[PortSetup],
-    ) -> Result<Self, B::Error> {
+    ) -> Result<(Self, SetUpLists<B::List>), B::Error> {
         let mut list = list.clone();
         // If the board was reset in the middle of it, the time is lost again, and the watchdog bites.
         list.push(watchdog.reset, Watchdog::PET);
-        let mut whole = list.to_list(evidence.registers(), bus)?;
+        let mut whole = list.to_words(evidence.registers());
         // Not the time of the cycle: see the module `evidence`.
         whole.change(watchdog.time, WatchdogTime::LONGEST.0);
         let mut quiesce = SetupList::default();
@@ -74,23 +82,30 @@ impl SetUp {
             list.push(watchdog.reset, Watchdog::PET);
             Some((list, addresses, setup))
         });
-        let gates = gates
-            .map(|(list, addresses, setup)| {
-                Ok(Gate {
-                    list: list.to_list([].into_iter(), bus)?,
-                    addresses,
-                    current: Some([setup.direction, setup.open_drain]),
-                    unsettled: 0,
-                    wanted: *setup,
-                })
-            })
-            .collect::<Result<_, B::Error>>()?;
-        Ok(Self {
+        let gates = gates.map(|(list, addresses, setup)| Gate {
+            list: list.to_words([].into_iter()),
+            addresses,
+            current: Some([setup.direction, setup.open_drain]),
+            unsettled: 0,
+            wanted: *setup,
+        });
+        let this = Self {
             reads: evidence.registers().count(),
-            quiesce: quiesce.to_list([].into_iter(), bus)?,
+            quiesce: quiesce.to_words([].into_iter()),
             whole,
-            gates,
-        })
+            gates: gates.collect(),
+        };
+        let mut prepare = |list: &Words| bus.prepare(&list.accesses, None);
+        let lists = SetUpLists {
+            whole: prepare(&this.whole)?,
+            quiesce: prepare(&this.quiesce)?,
+            gates: this
+                .gates
+                .iter()
+                .map(|gate| prepare(&gate.list))
+                .collect::<Result<_, _>>()?,
+        };
+        Ok((this, lists))
     }
 
     /// Takes over a setting that was changed since: the last write of its register. Those before
@@ -126,21 +141,29 @@ impl SetUp {
     ///
     /// # Real time
     /// One exchange. No allocation.
-    pub fn run<B: RegisterBus>(&mut self, bus: &mut B) -> Result<&[u32], B::Error> {
-        self.whole.run(bus)?;
+    pub fn run<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        lists: &SetUpLists<B::List>,
+    ) -> Result<(Reply, &[u32]), B::Error> {
+        let reply = bus.run(&lists.whole, &mut self.whole.words)?;
         for gate in &mut self.gates {
             gate.current = Some(gate.wanted_words());
         }
         let writes = self.whole.words.len().saturating_sub(self.reads);
-        Ok(self.whole.words.get(writes..).unwrap_or_default())
+        Ok((reply, self.whole.words.get(writes..).unwrap_or_default()))
     }
 
     /// Makes all pins inputs.
     ///
     /// # Real time
     /// One exchange. No allocation.
-    pub fn quiesce<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        self.quiesce.run(bus)
+    pub fn quiesce<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        lists: &SetUpLists<B::List>,
+    ) -> Result<(), B::Error> {
+        bus.run(&lists.quiesce, &mut self.quiesce.words).map(|_| ())
     }
 
     /// The first port whose pins are to be driven otherwise than they are for certain, with the
@@ -162,10 +185,11 @@ impl SetUp {
     pub fn open_gate<B: RegisterBus>(
         &mut self,
         bus: &mut B,
+        lists: &SetUpLists<B::List>,
         port: usize,
         feed: bool,
     ) -> Result<(), B::Error> {
-        let Some(gate) = self.gates.get_mut(port) else {
+        let (Some(gate), Some(list)) = (self.gates.get_mut(port), lists.gates.get(port)) else {
             return Ok(());
         };
         let PortSetup {
@@ -182,7 +206,7 @@ impl SetUp {
         for (place, word) in gate.list.words.iter_mut().zip(words) {
             *place = word;
         }
-        gate.list.run(bus)
+        bus.run(list, &mut gate.list.words).map(|_| ())
     }
 
     /// The port's pins are driven as wanted.
@@ -210,35 +234,25 @@ impl Gate {
     }
 }
 
-impl List {
+impl Words {
     fn change(&mut self, address: u16, word: u32) {
-        let accesses = self.prepared.accesses();
-        let place = accesses.iter().rposition(|access| {
+        let place = self.accesses.iter().rposition(|access| {
             access.address == address && access.direction == crate::bus::Direction::Write
         });
         if let Some(old) = place.and_then(|place| self.words.get_mut(place)) {
             *old = word;
         }
     }
-
-    fn run<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        bus.exchange_prepared(&self.prepared, &mut self.words)
-    }
 }
 
 impl SetupList {
     /// One exchange with all writes in order, and reads of `registers` after them.
-    fn to_list<B: RegisterBus>(
-        &self,
-        registers: impl Iterator<Item = u16>,
-        bus: &mut B,
-    ) -> Result<List, B::Error> {
+    fn to_words(&self, registers: impl Iterator<Item = u16>) -> Words {
         let (mut accesses, mut words) = self.to_accesses();
         for address in registers {
             accesses.push(Access::read(address, words.len() as u16, 1));
             words.push(0);
         }
-        let prepared = bus.prepare(&accesses)?;
-        Ok(List { prepared, words })
+        Words { accesses, words }
     }
 }

@@ -2,9 +2,8 @@
 
 use alloc::vec::Vec;
 use core::convert::Infallible;
-use core::time::Duration;
 
-use crate::bus::{Access, Direction, Instant, RegisterBus};
+use crate::bus::{Access, AccessList, Direction, Hold, RegisterBus, Reply};
 use crate::hostmot2::Writes;
 
 /// A bus that only takes notes: what is written to it can be replayed on a real one.
@@ -52,6 +51,7 @@ impl Writes for SetupList {
 
 impl RegisterBus for SetupList {
     type Error = Infallible;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Infallible> {
         for access in accesses {
@@ -69,9 +69,12 @@ impl RegisterBus for SetupList {
         Ok(())
     }
 
-    fn now(&mut self) -> Instant {
-        Instant::default()
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Infallible> {
+        Ok(AccessList::new(accesses))
     }
 
-    fn wait(&mut self, _: Duration) {}
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Infallible> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
 }

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::{CycleError, Driver, SerialPort, SetupList};
-use crate::bus::RegisterBus;
+use crate::bus::{Clock, RegisterBus};
 use crate::hostmot2::{IoPorts, Watchdog, WatchdogTime};
 use crate::sslbp::PortError;
 
@@ -17,7 +17,7 @@ const MOST_CYCLES: u32 = 1000;
 /// How long the last transfer, with which the remotes' outputs go off, may take.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
-impl<B: RegisterBus> Driver<B> {
+impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
     /// bites, so that the board drives nothing.
     ///
@@ -92,7 +92,7 @@ impl<B: RegisterBus> Driver<B> {
 
 /// Leaves the board driving nothing: all pins are inputs, and the watchdog bites. Acknowledged, so
 /// that a lost packet is repeated.
-pub(super) fn release<B: RegisterBus>(
+pub(super) fn release<B: RegisterBus + Clock>(
     bus: &mut B,
     watchdog: &Watchdog,
     places: &IoPorts,
@@ -103,7 +103,7 @@ pub(super) fn release<B: RegisterBus>(
     list.replay(bus)
 }
 
-impl<B: RegisterBus> Drop for Driver<B> {
+impl<B: RegisterBus + Clock> Drop for Driver<B> {
     fn drop(&mut self) {
         // Nobody is left to tell; the watchdogs do the rest.
         let _ = self.shutdown();

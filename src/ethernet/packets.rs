@@ -2,18 +2,18 @@
 
 use core::time::Duration;
 
-use crate::bus::RegisterBus;
+use crate::bus::{Clock, RegisterBus};
 use crate::lbp16::{MAX_PACKET, RequestBuilder, RequestError, Space};
 
 /// A board that executes LBP16 commands.
 ///
 /// For set-up only: a packet of which no reply came is sent again a bounded number of times, so
 /// it must do no harm twice. Nothing in this module does.
-pub trait Lbp16Board: RegisterBus {
+pub trait Lbp16Board: RegisterBus + Clock {
     /// Executes `commands` as one packet, and fills `reply` with what they read.
     ///
     /// `deadline` is for each try.
-    fn run(
+    fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
@@ -25,13 +25,13 @@ pub trait Lbp16Board: RegisterBus {
 }
 
 impl<B: Lbp16Board + ?Sized> Lbp16Board for &mut B {
-    fn run(
+    fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         deadline: Duration,
     ) -> Result<(), Self::Error> {
-        (**self).run(commands, reply, deadline)
+        (**self).run_commands(commands, reply, deadline)
     }
 
     fn send(&mut self, commands: &[u8]) -> Result<(), Self::Error> {
@@ -110,7 +110,7 @@ pub(super) fn run<B: Lbp16Board>(
     let mut request = RequestBuilder::new(&mut buffer);
     build(&mut request).map_err(EthernetError::Request)?;
     board
-        .run(request.bytes(), reply, deadline)
+        .run_commands(request.bytes(), reply, deadline)
         .map_err(EthernetError::Bus)
 }
 

@@ -4,8 +4,10 @@ use core::time::Duration;
 
 use thiserror::Error;
 
+use super::WrappedList;
 use crate::bus::{
-    Access, BusError, BusErrorKind, BusStatistics, Direction, Instant, Prepared, RegisterBus,
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
+    Reply,
 };
 
 /// Injects faults into a bus: at given exchanges, or at random from a seed.
@@ -27,7 +29,10 @@ pub struct Faulty<B> {
     penalty: Duration,
     generator: SplitMix,
     exchange: u64,
-    unnoticed: u64,
+    /// What becomes of the list that was started.
+    started: Option<(u64, Option<Fault>)>,
+    /// Writes that were dropped since the last reply.
+    unnoticed: u32,
     counted: BusStatistics,
     scratch: Vec<u32>,
 }
@@ -41,8 +46,8 @@ pub enum Fault {
     /// All is executed, and the reply is no good: the error has this kind. `Late`, `Stale`,
     /// `Short`, `Device`, and a `Lost` of which the reply was lost, are like that in real life.
     Executed(BusErrorKind),
-    /// An exchange that only writes never arrives, and nobody says so. It shows in
-    /// [`BusStatistics::lost_writes`] after the next exchange that reads, as on Ethernet.
+    /// An exchange that only writes never arrives, and nobody says so, before the [`Reply`] of the
+    /// next that reads, as on Ethernet.
     /// Exchanges that read are not concerned.
     SilentWrite,
 }
@@ -94,7 +99,7 @@ impl<E: BusError> BusError for FaultyError<E> {
 /// Room for the buffers of all machines that fit into a packet.
 const SCRATCH_WORDS: usize = 4096;
 
-impl<B: RegisterBus> Faulty<B> {
+impl<B> Faulty<B> {
     /// A bus that does not fail yet. The same seed makes the same faults.
     pub fn new(inner: B, seed: u64) -> Self {
         Self {
@@ -105,6 +110,7 @@ impl<B: RegisterBus> Faulty<B> {
             penalty: Duration::ZERO,
             generator: SplitMix(seed),
             exchange: 0,
+            started: None,
             unnoticed: 0,
             counted: BusStatistics::default(),
             scratch: vec![0; SCRATCH_WORDS],
@@ -178,44 +184,41 @@ impl<B: RegisterBus> Faulty<B> {
         }
         (number, planned.or(drawn))
     }
+}
 
-    fn run(
+impl<B: RegisterBus + Clock> Faulty<B> {
+    /// Executes an exchange that is not a list's, with the fault that is drawn for it.
+    fn execute(
         &mut self,
         accesses: &[Access],
         words: &mut [u32],
         inner: impl Fn(&mut B, &mut [u32]) -> Result<(), B::Error>,
     ) -> Result<(), FaultyError<B::Error>> {
-        let reads = accesses
-            .iter()
-            .any(|access| access.direction == Direction::Read);
         let (exchange, fault) = self.draw();
         match fault {
-            Some(Fault::SilentWrite) if !reads => {
+            Some(Fault::SilentWrite) if !reads(accesses) => {
                 self.unnoticed += 1;
                 return Ok(());
             }
             Some(Fault::NotExecuted(kind)) => return Err(self.fail(exchange, kind)),
             Some(Fault::Executed(kind)) => {
-                self.run_on_scratch(words, inner)?;
+                self.on_scratch(words, inner)?;
                 return Err(self.fail(exchange, kind));
             }
             Some(Fault::SilentWrite) | None => {}
         }
         inner(&mut self.inner, words)?;
-        if reads {
-            let lost = core::mem::take(&mut self.unnoticed);
-            self.counted.lost_writes += lost;
-            self.counted.doubts += u64::from(lost > 0);
+        if reads(accesses) {
             self.maybe_corrupt(accesses, words);
         }
         Ok(())
     }
 
-    fn run_on_scratch(
+    fn on_scratch<T>(
         &mut self,
         words: &[u32],
-        inner: impl Fn(&mut B, &mut [u32]) -> Result<(), B::Error>,
-    ) -> Result<(), B::Error> {
+        inner: impl Fn(&mut B, &mut [u32]) -> Result<T, B::Error>,
+    ) -> Result<T, B::Error> {
         if self.scratch.len() < words.len() {
             self.scratch.resize(words.len(), 0);
         }
@@ -241,6 +244,18 @@ impl<B: RegisterBus> Faulty<B> {
         FaultyError::Injected { kind, exchange }
     }
 
+    /// What a reply of the bus inside tells, and what was dropped before it got there.
+    fn tell(&mut self, reply: Reply) -> Reply {
+        let lost = core::mem::take(&mut self.unnoticed);
+        self.counted.lost_writes += u64::from(lost);
+        self.counted.doubts += u64::from(lost > 0);
+        Reply {
+            certain: reply.certain && lost == 0,
+            lost_writes: reply.lost_writes + lost,
+            ..reply
+        }
+    }
+
     fn maybe_corrupt(&mut self, accesses: &[Access], words: &mut [u32]) {
         if self.generator.unit() >= self.corrupt {
             return;
@@ -256,29 +271,56 @@ impl<B: RegisterBus> Faulty<B> {
     }
 }
 
-impl<B: RegisterBus> RegisterBus for Faulty<B> {
+/// The clock is for the [penalty](Faulty::set_penalty).
+impl<B: RegisterBus + Clock> RegisterBus for Faulty<B> {
     type Error = FaultyError<B::Error>;
+    type List = WrappedList<B::List>;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
-        self.run(accesses, words, |bus, words| bus.exchange(accesses, words))
+        self.execute(accesses, words, |bus, words| bus.exchange(accesses, words))
     }
 
-    fn now(&mut self) -> Instant {
-        self.inner.now()
+    fn prepare(
+        &mut self,
+        accesses: &[Access],
+        hold: Option<Hold>,
+    ) -> Result<Self::List, Self::Error> {
+        let inner = self.inner.prepare(accesses, hold)?;
+        Ok(WrappedList::new(accesses, inner))
     }
 
-    fn wait(&mut self, duration: Duration) {
-        self.inner.wait(duration);
+    fn start(&mut self, list: &Self::List, words: &[u32]) -> Result<(), Self::Error> {
+        let (exchange, fault) = self.draw();
+        self.started = Some((exchange, fault));
+        match fault {
+            Some(Fault::NotExecuted(_)) => Ok(()),
+            Some(Fault::SilentWrite) if !reads(&list.accesses) => Ok(()),
+            _ => Ok(self.inner.start(&list.inner, words)?),
+        }
     }
 
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, Self::Error> {
-        Ok(self.inner.prepare(accesses)?)
-    }
-
-    fn exchange_prepared(&mut self, list: &Prepared, words: &mut [u32]) -> Result<(), Self::Error> {
-        self.run(list.accesses(), words, |bus, words| {
-            bus.exchange_prepared(list, words)
-        })
+    fn finish(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        let reads = reads(&list.accesses);
+        match self.started.take() {
+            Some((_, Some(Fault::SilentWrite))) if !reads => {
+                self.unnoticed += 1;
+                return Ok(Reply::UNHEARD);
+            }
+            Some((exchange, Some(Fault::NotExecuted(kind)))) => {
+                return Err(self.fail(exchange, kind));
+            }
+            Some((exchange, Some(Fault::Executed(kind)))) => {
+                self.on_scratch(words, |bus, words| bus.finish(&list.inner, words))?;
+                return Err(self.fail(exchange, kind));
+            }
+            _ => {}
+        }
+        let reply = self.inner.finish(&list.inner, words)?;
+        if !reads {
+            return Ok(reply);
+        }
+        self.maybe_corrupt(&list.accesses, words);
+        Ok(self.tell(reply))
     }
 
     fn write_some(
@@ -287,23 +329,13 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
         wanted: &[bool],
         words: &mut [u32],
     ) -> Result<(), Self::Error> {
-        self.run(accesses, words, |bus, words| {
+        self.execute(accesses, words, |bus, words| {
             bus.write_some(accesses, wanted, words)
         })
     }
 
-    /// Held back by the bus inside. The request is not sent ahead, but with
-    /// [`collect`](Self::collect), so that a fault concerns all of the exchange.
-    fn prepare_paced(
-        &mut self,
-        accesses: &[Access],
-        limit: Duration,
-    ) -> Result<Option<Prepared>, Self::Error> {
-        Ok(self.inner.prepare_paced(accesses, limit)?)
-    }
-
-    fn slack(&self) -> Option<Duration> {
-        self.inner.slack()
+    fn can_hold(&self) -> bool {
+        self.inner.can_hold()
     }
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {
@@ -328,6 +360,21 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
             ..inner
         }
     }
+}
+
+impl<B: Clock> Clock for Faulty<B> {
+    fn now(&mut self) -> Instant {
+        self.inner.now()
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.inner.wait(duration);
+    }
+}
+
+fn reads(accesses: &[Access]) -> bool {
+    let mut directions = accesses.iter().map(|access| access.direction);
+    directions.any(|direction| direction == Direction::Read)
 }
 
 /// The SplitMix64 generator: a few lines, and the same numbers everywhere.
@@ -394,33 +441,39 @@ mod tests {
     }
 
     #[test]
-    fn a_write_that_is_lost_silently_is_counted_with_the_next_read() {
+    fn a_write_that_is_lost_silently_is_told_with_the_next_reply() {
         let mut bus = Faulty::new(Memory::default(), 1);
         bus.fail_at(0, Fault::SilentWrite);
         bus.fail_at(1, Fault::SilentWrite);
-        bus.write(0x1000, 5).unwrap();
+        let write = bus.prepare(&[Access::write(0x1000, 0, 1)], None).unwrap();
+        let read = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
+        assert_eq!(bus.run(&write, &mut [5]), Ok(Reply::UNHEARD));
         assert!(bus.inner().words.is_empty());
         assert_eq!(bus.statistics().lost_writes, 0);
-        assert_eq!(bus.read(0x1000), Ok(0));
+        let mut words = [9];
+        let reply = bus.run(&read, &mut words).unwrap();
+        assert_eq!((reply.certain, reply.lost_writes, words), (false, 1, [0]));
         assert_eq!(bus.statistics().lost_writes, 1);
+        let reply = bus.run(&read, &mut words).unwrap();
+        assert_eq!((reply.certain, reply.lost_writes), (true, 0));
     }
 
     #[test]
-    fn a_paced_list_is_paced_by_the_bus_inside_and_fails_as_a_whole() {
+    fn a_list_is_held_by_the_bus_inside_and_fails_as_a_whole() {
         let mut bus = Faulty::new(Memory::default(), 1);
         bus.inner().words.insert(0x1000, 7);
-        let list = bus.prepare_paced(&[Access::read(0x1000, 0, 1)], Duration::ZERO);
-        let list = list.unwrap().expect("the bus inside can");
+        assert!(bus.can_hold());
+        let list = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
         bus.fail_at(0, Fault::of(BusErrorKind::Lost));
         let mut words = [0];
-        bus.post(&list).unwrap();
-        let error = bus.collect(&list, &mut words).unwrap_err();
+        bus.start(&list, &words).unwrap();
+        let error = bus.finish(&list, &mut words).unwrap_err();
         assert_eq!(error.kind(), BusErrorKind::Lost);
-        assert_eq!((bus.inner().posted, bus.inner().exchanges), (0, 0));
-        bus.post(&list).unwrap();
-        bus.collect(&list, &mut words).unwrap();
+        assert_eq!((bus.inner().started, bus.inner().exchanges), (0, 0));
+        bus.start(&list, &words).unwrap();
+        let reply = bus.finish(&list, &mut words).unwrap();
         assert_eq!((words, bus.exchanges()), ([7], 2));
-        assert_eq!(bus.slack(), Some(Duration::from_micros(5)));
+        assert_eq!(reply.slack, Some(Duration::from_micros(5)));
     }
 
     #[test]
@@ -448,16 +501,16 @@ mod tests {
         let mut bus = Faulty::new(Memory::default(), seed);
         bus.fail_randomly(Fault::of(BusErrorKind::Lost), 0.1);
         bus.fail_randomly(Fault::of(BusErrorKind::Late), 0.05);
-        let list = bus.prepare(&[Access::read(0, 0, 1)]).unwrap();
+        let list = bus.prepare(&[Access::read(0, 0, 1)], None).unwrap();
         for _ in 0..20_000 {
-            let _ = bus.exchange_prepared(&list, &mut [0]);
+            let _ = bus.run(&list, &mut [0]);
         }
         let statistics = bus.statistics();
         assert!((1_800..2_200).contains(&statistics.lost), "seed {seed}");
         assert!((750..1_050).contains(&statistics.late), "seed {seed}");
         bus.heal();
         for _ in 0..1_000 {
-            bus.exchange_prepared(&list, &mut [0]).unwrap();
+            let _ = bus.run(&list, &mut [0]).unwrap();
         }
         assert_eq!(bus.statistics(), statistics);
     }

@@ -4,8 +4,10 @@ use core::fmt;
 use core::time::Duration;
 use std::io;
 
+use super::WrappedList;
 use crate::bus::{
-    Access, BusError, BusErrorKind, BusStatistics, Direction, Instant, Prepared, RegisterBus,
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
+    Reply,
 };
 
 /// Keeps the last accesses of a bus: when, where, and which value.
@@ -84,7 +86,7 @@ impl fmt::Display for Entry {
     }
 }
 
-impl<B: RegisterBus> Recording<B> {
+impl<B> Recording<B> {
     /// Records the last `capacity` words that go over `inner`.
     pub fn new(inner: B, capacity: usize) -> Self {
         let empty = Entry {
@@ -161,7 +163,9 @@ impl<B: RegisterBus> Recording<B> {
             self.dropped += 1;
         }
     }
+}
 
+impl<B: Clock> Recording<B> {
     fn record(&mut self, accesses: &[Access], words: &[u32], result: Result<(), BusErrorKind>) {
         let at = self.inner.now();
         if let Err(kind) = result {
@@ -187,8 +191,10 @@ impl<B: RegisterBus> Recording<B> {
     }
 }
 
-impl<B: RegisterBus> RegisterBus for Recording<B> {
+/// The clock gives the log its times.
+impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
     type Error = B::Error;
+    type List = WrappedList<B::List>;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         let result = self.inner.exchange(accesses, words);
@@ -197,22 +203,23 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
         result
     }
 
-    fn now(&mut self) -> Instant {
-        self.inner.now()
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<Self::List, B::Error> {
+        let inner = self.inner.prepare(accesses, hold)?;
+        Ok(WrappedList::new(accesses, inner))
     }
 
-    fn wait(&mut self, duration: Duration) {
-        self.inner.wait(duration);
+    fn start(&mut self, list: &Self::List, words: &[u32]) -> Result<(), B::Error> {
+        let result = self.inner.start(&list.inner, words);
+        if let Err(error) = &result {
+            self.record(&list.accesses, words, Err(error.kind()));
+        }
+        result
     }
 
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, B::Error> {
-        self.inner.prepare(accesses)
-    }
-
-    fn exchange_prepared(&mut self, list: &Prepared, words: &mut [u32]) -> Result<(), B::Error> {
-        let result = self.inner.exchange_prepared(list, words);
-        let outcome = result.as_ref().map(|&()| ()).map_err(BusError::kind);
-        self.record(list.accesses(), words, outcome);
+    fn finish(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+        let result = self.inner.finish(&list.inner, words);
+        let outcome = result.as_ref().map(|_| ()).map_err(BusError::kind);
+        self.record(&list.accesses, words, outcome);
         result
     }
 
@@ -233,27 +240,8 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
         result
     }
 
-    fn prepare_paced(
-        &mut self,
-        accesses: &[Access],
-        limit: Duration,
-    ) -> Result<Option<Prepared>, B::Error> {
-        self.inner.prepare_paced(accesses, limit)
-    }
-
-    fn post(&mut self, list: &Prepared) -> Result<(), B::Error> {
-        self.inner.post(list)
-    }
-
-    fn collect(&mut self, list: &Prepared, words: &mut [u32]) -> Result<(), B::Error> {
-        let result = self.inner.collect(list, words);
-        let outcome = result.as_ref().map(|&()| ()).map_err(BusError::kind);
-        self.record(list.accesses(), words, outcome);
-        result
-    }
-
-    fn slack(&self) -> Option<Duration> {
-        self.inner.slack()
+    fn can_hold(&self) -> bool {
+        self.inner.can_hold()
     }
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {
@@ -266,6 +254,16 @@ impl<B: RegisterBus> RegisterBus for Recording<B> {
 
     fn statistics(&self) -> BusStatistics {
         self.inner.statistics()
+    }
+}
+
+impl<B: Clock> Clock for Recording<B> {
+    fn now(&mut self) -> Instant {
+        self.inner.now()
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.inner.wait(duration);
     }
 }
 
@@ -288,9 +286,12 @@ mod tests {
         bus.wait(Duration::from_micros(10));
         let mut words = [0x11, 0, 0];
         let list = bus
-            .prepare(&[Access::write(0x5A04, 0, 1), Access::read(0x5A00, 1, 2)])
+            .prepare(
+                &[Access::write(0x5A04, 0, 1), Access::read(0x5A00, 1, 2)],
+                None,
+            )
             .unwrap();
-        bus.exchange_prepared(&list, &mut words).unwrap();
+        let _ = bus.run(&list, &mut words).unwrap();
         assert_eq!(
             text(&bus),
             "# 4 accesses, 0 earlier ones dropped; time in us\n\
@@ -302,15 +303,14 @@ mod tests {
     }
 
     #[test]
-    fn what_was_asked_for_ahead_is_logged_when_it_is_taken() {
+    fn a_list_is_logged_when_its_reply_is_taken() {
         let mut bus = Recording::new(Memory::default(), 10);
-        let list = bus.prepare_paced(&[Access::read(0x1000, 0, 1)], Duration::ZERO);
-        let list = list.unwrap().expect("the bus inside can");
-        bus.post(&list).unwrap();
-        assert_eq!((bus.inner().posted, bus.entries().count()), (1, 0));
-        bus.collect(&list, &mut [0]).unwrap();
+        let list = bus.prepare(&[Access::read(0x1000, 0, 1)], None).unwrap();
+        bus.start(&list, &[0]).unwrap();
+        assert_eq!((bus.inner().started, bus.entries().count()), (1, 0));
+        let reply = bus.finish(&list, &mut [0]).unwrap();
         assert!(text(&bus).ends_with("1.00 host read 0x1000 0x00000000\n"));
-        assert_eq!(bus.slack(), Some(Duration::from_micros(5)));
+        assert_eq!(reply.slack, Some(Duration::from_micros(5)));
     }
 
     #[test]

@@ -3,7 +3,9 @@
 use core::time::Duration;
 use std::collections::BTreeMap;
 
-use crate::bus::{Access, BusError, BusErrorKind, Direction, Instant, Prepared, RegisterBus};
+use crate::bus::{
+    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Hold, Instant, RegisterBus, Reply,
+};
 
 /// Registers keep what is written; each exchange takes a microsecond.
 #[derive(Debug, Default)]
@@ -11,8 +13,8 @@ pub(super) struct Memory {
     pub(super) words: BTreeMap<u16, u32>,
     pub(super) exchanges: usize,
     pub(super) fail_next: bool,
-    /// Requests that were sent ahead.
-    pub(super) posted: usize,
+    /// Lists that were started.
+    pub(super) started: usize,
     now: u64,
 }
 
@@ -28,6 +30,7 @@ impl BusError for MemoryError {
 
 impl RegisterBus for Memory {
     type Error = MemoryError;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), MemoryError> {
         self.exchanges += 1;
@@ -49,28 +52,34 @@ impl RegisterBus for Memory {
         Ok(())
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, MemoryError> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, MemoryError> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply {
+            slack: Some(Duration::from_micros(5)),
+            ..Reply::CERTAIN
+        })
+    }
+
+    fn start(&mut self, _: &AccessList, _: &[u32]) -> Result<(), MemoryError> {
+        self.started += 1;
+        Ok(())
+    }
+
+    fn can_hold(&self) -> bool {
+        true
+    }
+}
+
+impl Clock for Memory {
     fn now(&mut self) -> Instant {
         Instant::from_nanos(self.now)
     }
 
     fn wait(&mut self, duration: Duration) {
         self.now += duration.as_nanos() as u64;
-    }
-
-    fn prepare_paced(
-        &mut self,
-        accesses: &[Access],
-        _limit: Duration,
-    ) -> Result<Option<Prepared>, MemoryError> {
-        self.prepare(accesses).map(Some)
-    }
-
-    fn post(&mut self, _list: &Prepared) -> Result<(), MemoryError> {
-        self.posted += 1;
-        Ok(())
-    }
-
-    fn slack(&self) -> Option<Duration> {
-        Some(Duration::from_micros(5))
     }
 }

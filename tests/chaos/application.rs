@@ -2,7 +2,7 @@
 
 mod pins;
 
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, RemoteState};
 use mesa_hal::hal::{GroupId, Input, Output, Param, PinError, Pins};
 use mesa_hal::sslbp::Channel;
@@ -39,7 +39,7 @@ const FILTER: u64 = 500 * MICRO;
 const NARROW: f64 = 12.0;
 
 impl Application {
-    pub fn new<B: RegisterBus>(
+    pub fn new<B: RegisterBus + Clock>(
         driver: &Driver<B>,
         plan: &Plan,
         gpio: &Gpio,
@@ -112,7 +112,7 @@ impl Application {
 
     /// Compares all valid inputs with the truth. What the board itself shows was read in the
     /// `took` before.
-    pub fn check_inputs<B: RegisterBus>(
+    pub fn check_inputs<B: RegisterBus + Clock>(
         &mut self,
         driver: &Driver<B>,
         stage: &Stage,
@@ -258,7 +258,7 @@ impl Application {
     }
 
     /// Commands something else, where armed, and tells the oracle what holds from the next write on.
-    pub fn command<B: RegisterBus>(
+    pub fn command<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
         chance: &mut Chance,
@@ -312,7 +312,12 @@ impl Application {
     }
 
     /// Tells the oracle what the write that follows carries.
-    pub fn announce<B: RegisterBus>(&self, driver: &Driver<B>, oracle: &mut Oracle, now: u64) {
+    pub fn announce<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+        oracle: &mut Oracle,
+        now: u64,
+    ) {
         for remote in &self.remotes {
             let is_armed = is_armed(driver, remote.group);
             oracle.command_remote(remote.number, now, remote.set, is_armed);
@@ -321,7 +326,7 @@ impl Application {
     }
 
     /// After a call that may have disarmed: what was set is forgotten.
-    pub fn notice<B: RegisterBus>(&mut self, driver: &Driver<B>) {
+    pub fn notice<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
         for remote in &mut self.remotes {
             if !is_armed(driver, remote.group) {
                 remote.set = Level::OFF;
@@ -340,7 +345,7 @@ impl Application {
     }
 
     /// Outputs start from their safe values after they were armed.
-    pub fn rearmed<B: RegisterBus>(&mut self, driver: &Driver<B>, board_was_down: bool) {
+    pub fn rearmed<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>, board_was_down: bool) {
         self.notice(driver);
         if board_was_down && let Some(encoder) = &mut self.encoder {
             encoder.zero = None;
@@ -349,7 +354,7 @@ impl Application {
     }
 
     /// Changes a setting.
-    pub fn change_setting<B: RegisterBus>(
+    pub fn change_setting<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
         chance: &mut Chance,
@@ -383,7 +388,7 @@ impl Application {
         }
     }
 
-    pub fn ask_for_index<B: RegisterBus>(&mut self, driver: &mut Driver<B>, now: u64) {
+    pub fn ask_for_index<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>, now: u64) {
         let is_armed = is_armed(driver, driver.group());
         if let Some(encoder) = &mut self.encoder
             && encoder.asked.is_none()
@@ -397,7 +402,7 @@ impl Application {
     }
 
     /// Everything armed and valid, and why not.
-    pub fn all_is_well<B: RegisterBus>(&self, driver: &Driver<B>) -> Result<(), String> {
+    pub fn all_is_well<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Result<(), String> {
         if driver.board_state() != BoardState::Running {
             return Err(format!("the board is {:?}", driver.board_state()));
         }
@@ -426,7 +431,7 @@ impl Application {
     }
 
     /// Restarts what is not running, without waiting for its turn.
-    pub fn restart_all<B: RegisterBus>(&self, driver: &mut Driver<B>) {
+    pub fn restart_all<B: RegisterBus + Clock>(&self, driver: &mut Driver<B>) {
         for remote in &self.remotes {
             let (port, channel) = remote.place;
             let state = driver.ports()[port]
@@ -439,7 +444,7 @@ impl Application {
     }
 
     /// Whether a remote is armed, is valid, and how old its inputs are.
-    pub fn remote_state<B: RegisterBus>(
+    pub fn remote_state<B: RegisterBus + Clock>(
         &self,
         driver: &Driver<B>,
         number: usize,
@@ -449,7 +454,7 @@ impl Application {
     }
 
     /// Re-arms one remote.
-    pub fn rearm_one<B: RegisterBus>(
+    pub fn rearm_one<B: RegisterBus + Clock>(
         &mut self,
         driver: &mut Driver<B>,
         which: usize,
@@ -478,7 +483,7 @@ impl Application {
     }
 }
 
-fn is_armed<B: RegisterBus>(driver: &Driver<B>, group: GroupId) -> bool {
+fn is_armed<B: RegisterBus + Clock>(driver: &Driver<B>, group: GroupId) -> bool {
     driver
         .pins()
         .group_state(group)

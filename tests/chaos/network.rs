@@ -6,7 +6,9 @@ use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use std::time::Duration;
 
-use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Instant, RegisterBus};
+use mesa_hal::bus::{
+    Access, AccessList, BusErrorKind, BusStatistics, Clock, Hold, Instant, RegisterBus, Reply,
+};
 use mesa_hal::sim::{FaultKind, SimBoard, SimError, SimFpga};
 use mesa_hal::transport::udp::{Link, LinkError, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
@@ -47,7 +49,7 @@ impl Sim {
 }
 
 /// What a host does about a bus that fails.
-pub trait Host: RegisterBus + Sized {
+pub trait Host: RegisterBus + Clock + Sized {
     /// Lets exchanges fail from now on, the first of them after `skip`.
     fn fail(&mut self, kind: FaultKind, skip: u64, count: u64);
     fn heal(&mut self);
@@ -111,6 +113,7 @@ pub struct Direct {
 
 impl RegisterBus for Direct {
     type Error = SimError;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         if self.life.is_over() {
@@ -119,6 +122,21 @@ impl RegisterBus for Direct {
         self.fpga.borrow_mut().exchange(accesses, words)
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+
+    fn statistics(&self) -> BusStatistics {
+        RegisterBus::statistics(&*self.fpga.borrow())
+    }
+}
+
+impl Clock for Direct {
     fn now(&mut self) -> Instant {
         Instant::from_nanos(if self.life.is_over() {
             self.life.ghost.get()
@@ -134,10 +152,6 @@ impl RegisterBus for Direct {
         } else {
             self.fpga.borrow_mut().wait(duration);
         }
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        RegisterBus::statistics(&*self.fpga.borrow())
     }
 }
 

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Builder, CycleReport, Driver, RemoteState, RemoteStatus};
 use mesa_hal::sim::devices::{
     Analog, Device, FieldIo, Outputs48, SimDevice, find, find_cable, find_mut,
@@ -47,7 +47,7 @@ pub struct Machine<B: Simulated = SimFpga> {
 }
 
 /// A bus with a simulated FPGA at its end.
-pub trait Simulated: RegisterBus {
+pub trait Simulated: RegisterBus + Clock {
     fn sim(&self) -> &SimFpga;
     fn sim_mut(&mut self) -> &mut SimFpga;
 }

@@ -2,7 +2,7 @@
 
 use core::convert::Infallible;
 use core::time::Duration;
-use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{Access, AccessList, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use std::collections::BTreeMap;
 
 /// A bus whose registers are words in memory: what is written is read back. Reads of registers
@@ -28,6 +28,7 @@ impl MapBus {
 
 impl RegisterBus for MapBus {
     type Error = Infallible;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Infallible> {
         self.exchanges += 1;
@@ -48,6 +49,17 @@ impl RegisterBus for MapBus {
         Ok(())
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Infallible> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Infallible> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+}
+
+impl Clock for MapBus {
     fn now(&mut self) -> Instant {
         Instant::from_nanos(self.now)
     }

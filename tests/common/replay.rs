@@ -4,7 +4,9 @@
 //! Local reads and stops of single channels that are not in the transcript are answered from a
 //! small table, because the driver asks for more than the recording did.
 
-use mesa_hal::bus::{Access, BusError, BusErrorKind, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{
+    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Hold, Instant, RegisterBus, Reply,
+};
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sslbp::{Channel, ChannelMask, Layout, SslbpModule};
@@ -387,6 +389,7 @@ fn fill_in_started(segment: &mut Segment) {
 
 impl RegisterBus for Replay {
     type Error = NeverFails;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
         self.exchanges += 1;
@@ -404,6 +407,17 @@ impl RegisterBus for Replay {
         Ok(())
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+}
+
+impl Clock for Replay {
     fn now(&mut self) -> Instant {
         Instant::from_nanos(self.now)
     }

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE, is_request};
 use mesa_hal::boards::I7i97;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Builder, CycleReport, Driver, GpioConfig};
 use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
@@ -20,7 +20,7 @@ use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 const PERIOD: Duration = Duration::from_millis(1);
 
 /// A bus with a simulated FPGA at its end.
-trait World: RegisterBus {
+trait World: RegisterBus + Clock {
     fn fpga(&mut self) -> &mut SimFpga;
 }
 
@@ -159,8 +159,9 @@ fn six_position_loops_are_closed_over_ethernet() {
 fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
     let mut machine = Machine::new(ethernet(machines::six_axes_7i97(MotorConfig::default())));
     assert!(machine.driver.missing().is_empty());
-    let size = machine.driver.image_size();
-    let (request, reply, write) = (size.request_bytes(), size.reply_bytes(), size.write_bytes());
+    let (size, lists) = (machine.driver.image_size(), machine.driver.lists());
+    let (request, reply) = (lists.read().request_bytes(), lists.read().reply_bytes());
+    let write = lists.write().request_bytes();
     println!("planned: request {request}, reply {reply}, write {write} bytes ({size:?})");
     // Of request and reply, four bytes each are the evidence that the board was not reset, for which
     // LinuxCNC asks no board.
@@ -183,8 +184,8 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
         200,
         "one read and one write"
     );
-    assert_eq!(sent, 100 * u64::from(request + write));
-    assert_eq!(received, 100 * u64::from(reply));
+    assert_eq!(sent, 100 * (request + write) as u64);
+    assert_eq!(received, 100 * reply as u64);
 }
 
 #[test]

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use mesa_hal::boards::fpga::DpllPins;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::Clock;
 use mesa_hal::driver::{CycleReport, Driver};
 use mesa_hal::sim::{SimFpga, machines};
 
@@ -75,7 +75,7 @@ impl Machine {
 /// How much later than the nearest rising edge of the reference it is, in nanoseconds; as much as
 /// can be while the loop stands still.
 fn lateness(fpga: &mut SimFpga) -> i64 {
-    let now = RegisterBus::now(fpga).as_nanos();
+    let now = Clock::now(fpga).as_nanos();
     let dpll = fpga.dpll().expect("a DPLL");
     let (Some(next), Some(period)) = (dpll.next_edge(now, 0), dpll.period()) else {
         return i64::MAX;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{Fate, SimLink, WIRE};
 use mesa_hal::boards::fpga::EncoderPins;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};

@@ -5,7 +5,10 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, Simulated, fpga};
-use mesa_hal::bus::{Access, BusErrorKind, BusStatistics, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{
+    Access, AccessList, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
+    Reply,
+};
 use mesa_hal::driver::{BoardState, Driver, FaultPolicy};
 use mesa_hal::hal::{HalType, Role};
 use mesa_hal::sim::SimFpga;
@@ -136,6 +139,7 @@ struct Garbage {
 
 impl RegisterBus for Garbage {
     type Error = <SimFpga as RegisterBus>::Error;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         self.fpga.exchange(accesses, words)?;
@@ -150,16 +154,27 @@ impl RegisterBus for Garbage {
         Ok(())
     }
 
-    fn now(&mut self) -> Instant {
-        RegisterBus::now(&mut self.fpga)
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
+        Ok(AccessList::new(accesses))
     }
 
-    fn wait(&mut self, duration: Duration) {
-        self.fpga.wait(duration);
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {
         self.fpga.statistics()
+    }
+}
+
+impl Clock for Garbage {
+    fn now(&mut self) -> Instant {
+        Clock::now(&mut self.fpga)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.fpga.wait(duration);
     }
 }
 

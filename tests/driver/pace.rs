@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE};
 use mesa_hal::boards::I7i97;
-use mesa_hal::bus::{ImageError, RegisterBus};
+use mesa_hal::bus::{Clock, ImageError, RegisterBus};
 use mesa_hal::driver::{BoardState, BuildError, Driver, Pace};
 use mesa_hal::sim::{BoardConfig, MotorConfig, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
-use mesa_hal::bus::{BusErrorKind, RegisterBus};
+use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Driver, FaultPolicy, SerialConfig};
 use mesa_hal::hal::Reading;
 use mesa_hal::sim::SimFpga;

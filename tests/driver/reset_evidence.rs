@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE, is_request};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
 use mesa_hal::sim::{
@@ -104,7 +104,7 @@ const CHANGES: [Change; 11] = [
 ];
 
 impl Change {
-    fn make<B: RegisterBus>(self, driver: &mut Driver<B>) {
+    fn make<B: RegisterBus + Clock>(self, driver: &mut Driver<B>) {
         if self == Self::Restart {
             driver.restart(0, Channel::ALL[0]);
         }
@@ -141,7 +141,7 @@ fn set_param<T: Value>(pins: &mut Pins, name: &str, value: T) {
 }
 
 /// A bus with a simulated FPGA at its end.
-trait World: RegisterBus {
+trait World: RegisterBus + Clock {
     fn fpga(&mut self) -> &mut SimFpga;
 }
 

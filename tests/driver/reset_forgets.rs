@@ -2,7 +2,7 @@
 //! that time.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::Input;
 use mesa_hal::sim::{MotorConfig, machines};

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, BuildError, Driver, GpioConfig, RemoteConfig, SerialConfig};
 use mesa_hal::sim::{BoardConfig, Cause, Director, MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};

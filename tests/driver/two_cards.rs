@@ -38,13 +38,13 @@ fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, 
     for _ in 0..50 {
         let _ = driver.read().expect("the bus does not fail");
         driver.write().expect("the bus does not fail");
-        mesa_hal::bus::RegisterBus::wait(driver.bus_mut(), Duration::from_millis(1));
+        mesa_hal::bus::Clock::wait(driver.bus_mut(), Duration::from_millis(1));
     }
     for n in 0..encoders.len() {
         let motor = driver.bus_mut().motor(n).expect("an axis");
         motor.turn_by_hand(Some(0.0));
     }
-    mesa_hal::bus::RegisterBus::wait(driver.bus_mut(), Duration::from_millis(1));
+    mesa_hal::bus::Clock::wait(driver.bus_mut(), Duration::from_millis(1));
     let _ = driver.read().expect("the bus does not fail");
     let each = encoders.iter().enumerate();
     each.map(|(n, encoder)| {

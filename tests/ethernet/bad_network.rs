@@ -11,7 +11,7 @@ use std::time::Duration;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE};
 use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
 use mesa_hal::hal::{Input, Output};
 use mesa_hal::sim::devices::{Analog, Device, find_mut};

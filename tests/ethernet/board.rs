@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE};
 use mesa_hal::boards::I7i97;
-use mesa_hal::bus::{BusError, BusErrorKind, RegisterBus};
+use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
     Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, LedMode,

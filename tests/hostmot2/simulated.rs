@@ -2,7 +2,7 @@
 //! encoder; inputs, outputs, watchdog and DPLL.
 
 use core::time::Duration;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::hostmot2::{
     ControlWord, CountWord, Dpll, DpllConfig, Encoder, EncoderConfig, EncoderReading,
     EncoderSample, Encoders, GpioSetup, Gtag, HostMot2, InMux, InMuxConfig, IoPorts, LatchRequest,

@@ -1,6 +1,6 @@
 //! The simulated cards on a simulated port, found and moved by the driver.
 
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{DataDirection, DataType, DiscoveryLimits, Source, discover_port};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};

@@ -2,7 +2,7 @@
 
 use crate::common::chance::Chance;
 use crate::common::replay::{MODULE, NeverFails};
-use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{Access, AccessList, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::discovery::{DiscoveryLimits, discover_port};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelStart, Layout, NonvolatileMemory, Port, PortWords,
@@ -24,6 +24,7 @@ struct Hostile {
 
 impl RegisterBus for Hostile {
     type Error = NeverFails;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
         self.exchanges += 1;
@@ -48,6 +49,17 @@ impl RegisterBus for Hostile {
         Ok(())
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+}
+
+impl Clock for Hostile {
     fn now(&mut self) -> Instant {
         Instant::from_nanos(if self.frozen { 0 } else { self.now })
     }

@@ -2,7 +2,7 @@
 
 use crate::common::fpga::set_up_pins;
 use crate::common::replay::{memory_of, recording, settings_of};
-use mesa_hal::bus::{Access, Direction, Instant, RegisterBus};
+use mesa_hal::bus::{Access, AccessList, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::discovery::{
     DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
     discover_port,
@@ -95,6 +95,7 @@ struct StartsTwice(SimFpga);
 
 impl RegisterBus for StartsTwice {
     type Error = <SimFpga as RegisterBus>::Error;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
         let mut again = words.to_vec();
@@ -109,8 +110,19 @@ impl RegisterBus for StartsTwice {
         Ok(())
     }
 
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+}
+
+impl Clock for StartsTwice {
     fn now(&mut self) -> Instant {
-        RegisterBus::now(&mut self.0)
+        Clock::now(&mut self.0)
     }
 
     fn wait(&mut self, duration: Duration) {

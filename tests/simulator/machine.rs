@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use crate::common::fpga::set_up_pins;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::sim::remote::{FixedData, Remote};
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{AxisWiring, DriveSignal, DriveSource, MotorConfig, SimFpga, gtag, machines};

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use crate::common::fpga::set_up_pins;
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World};
 use mesa_hal::sim::remote::Remote;
 use mesa_hal::sim::{MotorConfig, SimFpga, machines};

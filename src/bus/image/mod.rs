@@ -12,7 +12,7 @@ use alloc::{boxed::Box, vec::Vec};
 use core::fmt;
 use core::time::Duration;
 
-use super::{Prepared, RegisterBus};
+use super::{Access, Hold, RegisterBus, Reply};
 use layout::{Layout, build};
 use requests::Requests;
 
@@ -75,17 +75,12 @@ pub struct ImageLimits {
     /// along and ignored. On Ethernet one register more costs four bytes, as does a command.
     /// Writes are never bridged.
     pub bridge: u16,
-    /// The most bytes of one packet, request or reply, as LBP16 counts them.
-    pub max_packet_bytes: u32,
 }
 
 impl Default for ImageLimits {
-    /// Gaps of one register are bridged; a packet has 1450 bytes.
+    /// Gaps of one register are bridged.
     fn default() -> Self {
-        Self {
-            bridge: 1,
-            max_packet_bytes: 1450,
-        }
+        Self { bridge: 1 }
     }
 }
 
@@ -116,19 +111,6 @@ pub enum ImageError<E> {
         /// The address.
         address: u16,
     },
-    /// One packet can not hold it.
-    #[error(
-        "one cycle needs a {what} of {bytes} bytes, more than the {limit} of one packet: \
-         use fewer remotes or modules, or spread them over two boards"
-    )]
-    TooLarge {
-        /// Which packet.
-        what: &'static str,
-        /// Its bytes.
-        bytes: u32,
-        /// The most it may have.
-        limit: u32,
-    },
     /// The bus can not hold reads back until the board's clock begins a period.
     #[error("this bus can not let the board pace the cycle; let the host pace it")]
     NotPaced,
@@ -148,38 +130,6 @@ pub struct ImageSize {
     pub write_words: u32,
     /// Runs of neighbouring registers written in a normal cycle.
     pub write_accesses: u32,
-    /// The reads are [paced](RegisterBus::prepare_paced).
-    pub is_paced: bool,
-}
-
-/// Bytes that LBP16 adds to a request, to its reply and to a write: the numbers and counts that
-/// tell what became of the packets.
-const REQUEST_OVERHEAD: u32 = 16;
-const REPLY_OVERHEAD: u32 = 8;
-const WRITE_OVERHEAD: u32 = 12;
-/// What the wait for the board's clock adds to a request and to its reply.
-const PACED_REQUEST: u32 = 10;
-const PACED_REPLY: u32 = 2;
-/// What a reply has more when it tells what became of packets that were lost.
-const DETAILS: u32 = 16;
-
-impl ImageSize {
-    /// Bytes of the request of a read over LBP16: four for each run of registers.
-    pub const fn request_bytes(&self) -> u32 {
-        let wait = if self.is_paced { PACED_REQUEST } else { 0 };
-        REQUEST_OVERHEAD + wait + 4 * self.read_accesses
-    }
-
-    /// Bytes of the reply of a read over LBP16: four for each register.
-    pub const fn reply_bytes(&self) -> u32 {
-        let wait = if self.is_paced { PACED_REPLY } else { 0 };
-        REPLY_OVERHEAD + wait + 4 * self.read_words
-    }
-
-    /// Bytes of a write over LBP16: four for each run and each register.
-    pub const fn write_bytes(&self) -> u32 {
-        WRITE_OVERHEAD + 4 * (self.write_accesses + self.write_words)
-    }
 }
 
 /// A claim: registers of one module that belong together.
@@ -253,72 +203,68 @@ impl ImagePlan {
 
     /// Lays the image out and has the bus prepare its lists. Nothing is exchanged yet.
     ///
-    /// `held`: the reads are [paced](RegisterBus::prepare_paced), and held back at most so long.
+    /// `held`: the board holds the reads back until its next period, at most so long.
     pub fn freeze<B: RegisterBus>(
         &self,
         bus: &mut B,
         limits: ImageLimits,
         held: Option<Duration>,
-    ) -> Result<CycleImage, ImageError<B::Error>> {
+    ) -> Result<Frozen<B::List>, ImageError<B::Error>> {
         let reads = build(&self.reads, limits.bridge)?.unshared_phases()?;
         let writes = build(&self.writes, 0)?.unshared()?;
-        let is_paced = held.is_some();
-        check_size(&reads, &writes, is_paced, limits.max_packet_bytes)?;
-        let mut prepare = |accesses: &[_], held| match held {
-            None => bus.prepare(accesses).map_err(ImageError::Bus),
-            Some(limit) => bus
-                .prepare_paced(accesses, limit)
-                .map_err(ImageError::Bus)?
-                .ok_or(ImageError::NotPaced),
-        };
+        if held.is_some() && !bus.can_hold() {
+            return Err(ImageError::NotPaced);
+        }
         let in_every_cycle = |run: &layout::Run| run.tier == Tier::Cycle;
-        let mut lists = |held| {
-            let cycle = reads.accesses(super::Direction::Read, in_every_cycle);
+        let mut prepare =
+            |accesses: &[_], hold| bus.prepare(accesses, hold).map_err(ImageError::Bus);
+        let cycle = reads.accesses(super::Direction::Read, in_every_cycle);
+        let mut lists = |hold| {
             let extended = reads.accesses(super::Direction::Read, |_| true);
             let evidence = reads.accesses(super::Direction::Read, |run| run.tier != Tier::Extended);
-            Ok(Lists {
-                cycle: prepare(&cycle, held)?,
-                evidence: prepare(&evidence, held)?,
-                extended: prepare(&extended, held)?,
+            Ok(Tiers {
+                cycle: prepare(&cycle, hold)?,
+                evidence: prepare(&evidence, hold)?,
+                extended: prepare(&extended, hold)?,
             })
         };
         let read = lists(None)?;
         let held = match held {
-            Some(_) => Some(lists(held)?),
+            Some(limit) => Some(lists(Some(Hold { before: 0, limit }))?),
             None => None,
         };
         let write = writes.accesses(super::Direction::Write, in_every_cycle);
         let (all_writes, is_extended) = writes.separate_writes();
+        // All of them at once must fit, too.
+        prepare(&all_writes, None)?;
         let evidence = reads.accesses(super::Direction::Read, |run| {
             run.phase == ReadPhase::Evidence as u8
         });
         let status = reads.accesses(super::Direction::Read, |run| {
             run.tier == Tier::Cycle && run.phase == ReadPhase::Status as u8
         });
-        Ok(CycleImage {
-            size: size(&reads, &writes, held.is_some(), |run| {
-                run.tier == Tier::Cycle
-            }),
+        let lists = ImageLists {
             status: prepare(&status, None)?,
             evidence: prepare(&evidence, None)?,
             write: prepare(&write, None)?,
-            requests: Requests::new(all_writes, is_extended),
             read,
             held,
+        };
+        let image = CycleImage {
+            size: size(&reads, &writes, in_every_cycle),
+            read_accesses: cycle,
+            write_accesses: write,
+            requests: Requests::new(all_writes, is_extended),
             read_words: reads.initial_words(),
             write_words: writes.initial_words(),
             read_index: reads.into_index(),
             write_index: writes.into_index(),
-        })
+        };
+        Ok((image, lists))
     }
 }
 
-fn size(
-    reads: &Layout,
-    writes: &Layout,
-    is_paced: bool,
-    keep: impl Fn(&layout::Run) -> bool + Copy,
-) -> ImageSize {
+fn size(reads: &Layout, writes: &Layout, keep: impl Fn(&layout::Run) -> bool + Copy) -> ImageSize {
     let (read_accesses, read_words) = reads.extent(keep);
     let (write_accesses, write_words) = writes.extent(keep);
     ImageSize {
@@ -326,44 +272,52 @@ fn size(
         read_accesses,
         write_words,
         write_accesses,
-        is_paced,
     }
 }
 
-fn check_size<E>(
-    reads: &Layout,
-    writes: &Layout,
-    is_paced: bool,
-    limit: u32,
-) -> Result<(), ImageError<E>> {
-    let most = size(reads, writes, is_paced, |_| true);
-    // Writes that are asked for do not share an access.
-    let (all_writes, _) = writes.separate_writes();
-    let size = ImageSize {
-        write_accesses: all_writes.len() as u32,
-        ..most
-    };
-    let packets = [
-        ("read request", size.request_bytes()),
-        ("reply", size.reply_bytes() + DETAILS),
-        ("write request", size.write_bytes()),
-    ];
-    match packets.into_iter().find(|&(_, bytes)| bytes > limit) {
-        Some((what, bytes)) => Err(ImageError::TooLarge { what, bytes, limit }),
-        None => Ok(()),
-    }
+/// An image and its lists.
+type Frozen<L> = (CycleImage, ImageLists<L>);
+
+/// The lists of an image, as its bus runs them.
+#[derive(Debug)]
+pub struct ImageLists<L> {
+    read: Tiers<L>,
+    /// The same reads held back by the board, if it paces.
+    held: Option<Tiers<L>>,
+    write: L,
+    status: L,
+    evidence: L,
 }
 
 /// The same words in a normal and in an extended exchange.
 #[derive(Debug)]
-struct Lists {
-    cycle: Prepared,
-    evidence: Prepared,
-    extended: Prepared,
+struct Tiers<L> {
+    cycle: L,
+    evidence: L,
+    extended: L,
 }
 
-impl Lists {
-    const fn of(&self, tier: Tier) -> &Prepared {
+impl<L> ImageLists<L> {
+    /// What a normal cycle reads.
+    pub const fn read(&self) -> &L {
+        &self.reads().cycle
+    }
+
+    /// What a normal cycle writes.
+    pub const fn write(&self) -> &L {
+        &self.write
+    }
+
+    const fn reads(&self) -> &Tiers<L> {
+        match &self.held {
+            Some(held) => held,
+            None => &self.read,
+        }
+    }
+}
+
+impl<L> Tiers<L> {
+    const fn of(&self, tier: Tier) -> &L {
         match tier {
             Tier::Cycle => &self.cycle,
             Tier::Evidence => &self.evidence,
@@ -372,21 +326,17 @@ impl Lists {
     }
 }
 
-/// The frozen image: prepared access lists and the words they move.
+/// The frozen image: the words that its [lists](ImageLists) move.
 ///
 /// # Real time
 /// No function allocates or panics; the exchanges are bounded by the bus. A slot of another image
 /// reads as `None` and is not written.
 pub struct CycleImage {
     size: ImageSize,
-    read: Lists,
-    /// The same reads held back by the board, if it paces.
-    held: Option<Lists>,
-    write: Prepared,
+    read_accesses: Box<[Access]>,
+    write_accesses: Box<[Access]>,
     /// Writes that are not made in every cycle.
     requests: Requests,
-    status: Prepared,
-    evidence: Prepared,
     read_words: Box<[u32]>,
     write_words: Box<[u32]>,
     /// First word of each claim.
@@ -437,46 +387,49 @@ impl CycleImage {
     pub fn exchange_reads<B: RegisterBus>(
         &mut self,
         bus: &mut B,
+        lists: &ImageLists<B::List>,
         tier: Tier,
-    ) -> Result<(), B::Error> {
-        bus.exchange_prepared(self.read.of(tier), &mut self.read_words)
+    ) -> Result<Reply, B::Error> {
+        bus.run(lists.read.of(tier), &mut self.read_words)
     }
 
-    /// Reads the registers of `tier`, when the board's next period begins if it paces; on an error
-    /// no word has changed.
-    pub fn exchange_paced_reads<B: RegisterBus>(
+    /// Asks for the registers of `tier`, when the board's next period begins if it paces;
+    /// [`finish_reads`](Self::finish_reads) takes the reply.
+    pub fn start_reads<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        lists: &ImageLists<B::List>,
+        tier: Tier,
+    ) -> Result<(), B::Error> {
+        bus.start(lists.reads().of(tier), &self.read_words)
+    }
+
+    /// Takes the registers of `tier` that were asked for; on an error no word has changed.
+    pub fn finish_reads<B: RegisterBus>(
         &mut self,
         bus: &mut B,
+        lists: &ImageLists<B::List>,
         tier: Tier,
-    ) -> Result<(), B::Error> {
-        let lists = self.held.as_ref().unwrap_or(&self.read);
-        bus.exchange_prepared(lists.of(tier), &mut self.read_words)
-    }
-
-    /// Sends the request for [`exchange_paced_reads`](Self::exchange_paced_reads) ahead;
-    /// [`collect_reads`](Self::collect_reads) takes its reply.
-    pub fn post_reads<B: RegisterBus>(&self, bus: &mut B, tier: Tier) -> Result<(), B::Error> {
-        bus.post(self.held.as_ref().unwrap_or(&self.read).of(tier))
-    }
-
-    /// Takes the registers of `tier` that were asked for ahead; on an error no word has changed.
-    pub fn collect_reads<B: RegisterBus>(
-        &mut self,
-        bus: &mut B,
-        tier: Tier,
-    ) -> Result<(), B::Error> {
-        let lists = self.held.as_ref().unwrap_or(&self.read);
-        bus.collect(lists.of(tier), &mut self.read_words)
+    ) -> Result<Reply, B::Error> {
+        bus.finish(lists.reads().of(tier), &mut self.read_words)
     }
 
     /// Reads the status registers alone; on an error no word has changed.
-    pub fn exchange_status<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        bus.exchange_prepared(&self.status, &mut self.read_words)
+    pub fn exchange_status<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        lists: &ImageLists<B::List>,
+    ) -> Result<Reply, B::Error> {
+        bus.run(&lists.status, &mut self.read_words)
     }
 
     /// Reads all registers of [`ReadPhase::Evidence`] alone; on an error no word has changed.
-    pub fn exchange_evidence<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
-        bus.exchange_prepared(&self.evidence, &mut self.read_words)
+    pub fn exchange_evidence<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        lists: &ImageLists<B::List>,
+    ) -> Result<Reply, B::Error> {
+        bus.run(&lists.evidence, &mut self.read_words)
     }
 
     /// The next write holds these registers of the extended tier. They are written again whenever
@@ -488,9 +441,13 @@ impl CycleImage {
     }
 
     /// Writes the registers of every cycle and those that were asked for, triggers last.
-    pub fn exchange_writes<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+    pub fn exchange_writes<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        lists: &ImageLists<B::List>,
+    ) -> Result<(), B::Error> {
         if self.requests.is_empty() {
-            return bus.exchange_prepared(&self.write, &mut self.write_words);
+            return bus.run(&lists.write, &mut self.write_words).map(|_| ());
         }
         let (accesses, wanted) = self.requests.list();
         bus.write_some(accesses, wanted, &mut self.write_words)?;
@@ -515,13 +472,13 @@ impl CycleImage {
     }
 
     /// The accesses of a normal read, for people who want to see them.
-    pub fn read_accesses(&self) -> &[super::Access] {
-        self.read.cycle.accesses()
+    pub fn read_accesses(&self) -> &[Access] {
+        &self.read_accesses
     }
 
     /// The accesses of a normal write, for people who want to see them.
-    pub fn write_accesses(&self) -> &[super::Access] {
-        self.write.accesses()
+    pub fn write_accesses(&self) -> &[Access] {
+        &self.write_accesses
     }
 }
 

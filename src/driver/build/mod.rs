@@ -15,11 +15,11 @@ use super::parameters::check_watchdog;
 use super::set_up::SetUp;
 use super::stop::release;
 use super::{
-    BuildError, Driver, DriverStatistics, FaultPolicy, MissingRemote, Module, Pace, Remark,
+    BuildError, Driver, DriverStatistics, FaultPolicy, Lists, MissingRemote, Module, Pace, Remark,
     SerialConfig, SerialPort, SetupList,
 };
 use crate::boards::fpga::FpgaPins;
-use crate::bus::{ImageLimits, ImagePlan, RegisterBus};
+use crate::bus::{Clock, ImageLimits, ImagePlan, RegisterBus, Reply};
 use crate::hal::{AnyValue, GroupId, PinStore};
 use crate::hostmot2::{HostMot2, IoPorts, PortPlan, Watchdog, WatchdogTime};
 
@@ -31,7 +31,7 @@ const MAX_PORTS: usize = 4;
 /// Everything has a default that fits a board on the bench: all ports with all their channels in
 /// mode 0, all encoders, 1 ms.
 #[derive(Debug)]
-pub struct Builder<B: RegisterBus> {
+pub struct Builder<B: RegisterBus + Clock> {
     bus: B,
     config: Config,
     modules: Vec<Box<dyn Module>>,
@@ -81,7 +81,7 @@ struct Parts {
     remarks: Vec<Remark>,
 }
 
-impl<B: RegisterBus> Builder<B> {
+impl<B: RegisterBus + Clock> Builder<B> {
     pub(super) fn new(bus: B) -> Self {
         Self {
             bus,
@@ -276,7 +276,7 @@ impl<B: RegisterBus> Builder<B> {
         &mut self,
         firmware: HostMot2,
         watchdog: Watchdog,
-    ) -> Result<Built, BuildError<B::Error>> {
+    ) -> Result<Built<B::List>, BuildError<B::Error>> {
         let bus = &mut self.bus;
         let config = &self.config;
         let mut parts = Parts::new(firmware, config.number)?;
@@ -317,16 +317,20 @@ impl<B: RegisterBus> Builder<B> {
             module.claim(&mut plan);
         }
         let held = config.modules.pace.held(config.period);
-        let image = plan.freeze(bus, config.limits, held)?;
+        let (image, image_lists) = plan.freeze(bus, config.limits, held)?;
         let ports = parts.plan.ports();
         let set_up = SetUp::prepare(bus, &setup, &board.evidence, &places, &watchdog, ports);
-        let set_up = set_up.map_err(BuildError::Bus)?;
+        let (set_up, set_up_lists) = set_up.map_err(BuildError::Bus)?;
         Ok(Built {
             parts,
             board,
             modules,
             set_up,
             image,
+            lists: Lists {
+                image: image_lists,
+                set_up: set_up_lists,
+            },
         })
     }
 }
@@ -389,23 +393,24 @@ impl Config {
 }
 
 /// Everything but the bus.
-struct Built {
+struct Built<L> {
     parts: Parts,
     board: Board,
     modules: Vec<Box<dyn Module>>,
     set_up: SetUp,
     image: crate::bus::CycleImage,
+    lists: Lists<L>,
 }
 
-impl Built {
-    fn into_driver<B: RegisterBus>(self, bus: B, config: &Config) -> Driver<B> {
-        let counted = bus.statistics();
+impl<L> Built<L> {
+    fn into_driver<B: RegisterBus<List = L> + Clock>(self, bus: B, config: &Config) -> Driver<B> {
         Driver {
             bus,
             firmware: self.parts.firmware,
             name: self.parts.name,
             period: config.period,
             image: self.image,
+            lists: self.lists,
             pins: self.parts.pins,
             group: self.parts.group,
             board: self.board,
@@ -417,7 +422,7 @@ impl Built {
             missing: self.parts.missing,
             remarks: self.parts.remarks,
             statistics: DriverStatistics::default(),
-            seen: counted,
+            news: Reply::CERTAIN,
             pacer: Pacer::new(config.modules.pace, config.period),
             read_failures: 0,
             write_failures: 0,
@@ -466,7 +471,7 @@ impl Parts {
 
     /// The directions of the ports, if this board reads them back: only then they can tell later
     /// that they are gone.
-    fn directions<B: RegisterBus>(&self, bus: &mut B) -> Result<Vec<Directions>, B::Error> {
+    fn directions<B: RegisterBus + Clock>(&self, bus: &mut B) -> Result<Vec<Directions>, B::Error> {
         let mut all = Vec::new();
         let mut reads_back = false;
         for (port, setup) in (0u8..).zip(self.plan.ports()) {

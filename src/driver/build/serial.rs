@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::{Config, ParameterChoice, Parts};
 use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable};
-use crate::bus::{BusError, RegisterBus};
+use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
     DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, RemoteParameters,
     discover_port,
@@ -81,7 +81,7 @@ impl Parts {
     }
 
     /// Resets the ports, discovers their remotes and starts them.
-    pub fn start_ports<B: RegisterBus>(
+    pub fn start_ports<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         located: &mut [Located],
@@ -147,7 +147,7 @@ impl Parts {
     }
 
     /// Discovery in setup mode, then normal START, as LinuxCNC does it.
-    fn start_port<B: RegisterBus>(
+    fn start_port<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         port: &mut Port,
@@ -263,7 +263,7 @@ impl Parts {
     }
 
     /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.
-    fn read_parameters<B: RegisterBus>(
+    fn read_parameters<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         port: &mut Port,
@@ -289,7 +289,7 @@ impl Parts {
     }
 
     /// Writes the parameters that were chosen for a remote in setup mode.
-    fn write_parameters<B: RegisterBus>(
+    fn write_parameters<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         port: &mut Port,
@@ -320,7 +320,7 @@ impl Parts {
         Ok(())
     }
 
-    fn start_normal<B: RegisterBus>(
+    fn start_normal<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         port: &mut Port,

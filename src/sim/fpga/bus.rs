@@ -3,7 +3,10 @@
 use core::time::Duration;
 
 use super::SimFpga;
-use crate::bus::{Access, BusError, BusErrorKind, BusStatistics, Direction, Instant, RegisterBus};
+use crate::bus::{
+    Access, AccessList, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant,
+    RegisterBus, Reply,
+};
 
 /// An access list that the simulated FPGA refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,6 +50,7 @@ impl BusError for SimError {
 
 impl RegisterBus for SimFpga {
     type Error = SimError;
+    type List = AccessList;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
         for access in accesses {
@@ -67,13 +71,13 @@ impl RegisterBus for SimFpga {
         Ok(())
     }
 
-    fn now(&mut self) -> Instant {
-        Instant::from_nanos(self.now)
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
+        Ok(AccessList::new(accesses))
     }
 
-    fn wait(&mut self, duration: Duration) {
-        let nanos = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
-        self.advance_to(self.now.saturating_add(nanos));
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
     }
 
     fn statistics(&self) -> BusStatistics {
@@ -81,6 +85,17 @@ impl RegisterBus for SimFpga {
             exchanges: self.exchanges,
             ..BusStatistics::default()
         }
+    }
+}
+
+impl Clock for SimFpga {
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(self.now)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        let nanos = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
+        self.advance_to(self.now.saturating_add(nanos));
     }
 }
 

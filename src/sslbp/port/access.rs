@@ -2,7 +2,7 @@
 
 use super::{Port, PortResult, wait::Expected};
 use crate::{
-    bus::{BusError, RegisterBus},
+    bus::{BusError, Clock, RegisterBus},
     sslbp::{
         AccessError, AccessSize, Channel, Command, CsStatus, DEFAULT_BAUD_RATE, LocalLocation,
         NonvolatileMemory, PortError, PortState, RemoteAccess, USUAL_REMOTE_LATENCY,
@@ -32,7 +32,7 @@ impl Port {
     /// Reads from the memory of the remote on `channel`.
     ///
     /// Manual: 7I77, "REMOTE READ EXAMPLE".
-    pub fn remote_read<B: RegisterBus>(
+    pub fn remote_read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -45,7 +45,7 @@ impl Port {
     /// Writes to the memory of the remote on `channel`; bits of `value` above `size` are dropped.
     ///
     /// Manual: 7I77, "REMOTE WRITE EXAMPLE".
-    pub fn remote_write<B: RegisterBus>(
+    pub fn remote_write<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -62,7 +62,7 @@ impl Port {
     }
 
     /// Reads a local location of the remote on `channel`. FACTS 6.1.
-    pub fn remote_local_read<B: RegisterBus>(
+    pub fn remote_local_read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -73,7 +73,7 @@ impl Port {
     }
 
     /// Writes a local location of the remote on `channel`. FACTS 6.1.
-    pub fn remote_local_write<B: RegisterBus>(
+    pub fn remote_local_write<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -87,7 +87,7 @@ impl Port {
     /// Reads from the non-volatile memory of the remote on `channel`.
     ///
     /// Access to it is switched off again, whatever happens. FACTS 6.3.
-    pub fn nonvolatile_read<B: RegisterBus>(
+    pub fn nonvolatile_read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -104,7 +104,7 @@ impl Port {
     /// has been kept. A value that is there already is not written: such memory wears out.
     ///
     /// Access to it is switched off again, whatever happens. FACTS 6.3.
-    pub fn nonvolatile_write<B: RegisterBus>(
+    pub fn nonvolatile_write<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -123,7 +123,7 @@ impl Port {
         })
     }
 
-    fn confirm_kept<B: RegisterBus>(
+    fn confirm_kept<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -150,7 +150,7 @@ impl Port {
 
     /// Runs `work` with non-volatile memory selected, and deselects it afterwards even if `work`,
     /// or the selection itself, has failed: its reply may have been lost after it was done.
-    fn with_nonvolatile<B: RegisterBus, T>(
+    fn with_nonvolatile<B: RegisterBus + Clock, T>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -174,7 +174,7 @@ impl Port {
 
     /// One access, tried again when the reply is lost: all accesses are such that doing them twice
     /// is doing them once.
-    pub fn remote_access<B: RegisterBus>(
+    pub fn remote_access<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -197,7 +197,7 @@ impl Port {
         }))
     }
 
-    fn access_once<B: RegisterBus>(
+    fn access_once<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,

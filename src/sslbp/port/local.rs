@@ -2,7 +2,7 @@
 
 use super::{Port, PortResult, wait::Expected};
 use crate::{
-    bus::RegisterBus,
+    bus::{Clock, RegisterBus},
     sslbp::{
         Channel, ChannelVariable, ChannelVariables, Command, ErrorCounters, LocalAddress,
         PortError, PortParameters, ProcessDataSizes,
@@ -18,7 +18,7 @@ const LOCAL: Expected = Expected {
 
 impl Port {
     /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
-    pub fn local_read<B: RegisterBus>(
+    pub fn local_read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         address: LocalAddress,
@@ -29,7 +29,7 @@ impl Port {
 
     /// Writes a byte of the port's memory, and reads it back. Manual: 7I77, "LOCAL WRITE
     /// OPERATIONS".
-    pub fn local_write<B: RegisterBus>(
+    pub fn local_write<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         address: LocalAddress,
@@ -50,7 +50,10 @@ impl Port {
     }
 
     /// Reads the local parameters and checks that this crate can work with the firmware.
-    pub fn identify<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
+    pub fn identify<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+    ) -> PortResult<PortParameters, B> {
         let parameters = self.read_parameters(bus)?;
         parameters
             .check()
@@ -66,7 +69,10 @@ impl Port {
         Ok(parameters)
     }
 
-    fn read_parameters<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
+    fn read_parameters<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+    ) -> PortResult<PortParameters, B> {
         let mut parameters = [0; PortParameters::COUNT as usize];
         self.read_run(bus, 0, &mut parameters)?;
         let mut clock = [0; 4];
@@ -74,7 +80,7 @@ impl Port {
         Ok(PortParameters::from_bytes(parameters, clock))
     }
 
-    fn read_run<B: RegisterBus>(
+    fn read_run<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         first: u16,
@@ -88,7 +94,7 @@ impl Port {
     }
 
     /// Reads the first bytes of a variable of `channel`.
-    pub fn read_variable<B: RegisterBus, const N: usize>(
+    pub fn read_variable<B: RegisterBus + Clock, const N: usize>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -106,7 +112,7 @@ impl Port {
     }
 
     /// The variables that tell how a channel does.
-    pub fn channel_variables<B: RegisterBus>(
+    pub fn channel_variables<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -125,7 +131,7 @@ impl Port {
     }
 
     /// The errors of a channel since its last stop.
-    pub fn error_counters<B: RegisterBus>(
+    pub fn error_counters<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -135,7 +141,7 @@ impl Port {
     }
 
     /// RXSize and TXSize of the remote on `channel`, as START has asked for them.
-    pub fn process_data_sizes<B: RegisterBus>(
+    pub fn process_data_sizes<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -147,7 +153,7 @@ impl Port {
 
     /// The baud rate of `channel`. One that was set but not yet taken over by a STOPALL is read
     /// here too.
-    pub fn baud_rate<B: RegisterBus>(
+    pub fn baud_rate<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,
@@ -159,7 +165,7 @@ impl Port {
     /// Sets the baud rate of `channel`; [`stop_all`](Self::stop_all) makes it effective.
     ///
     /// FACTS 2.4.
-    pub fn set_baud_rate<B: RegisterBus>(
+    pub fn set_baud_rate<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         channel: Channel,

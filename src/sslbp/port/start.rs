@@ -2,7 +2,7 @@
 
 use super::{Port, PortResult, wait::Expected};
 use crate::{
-    bus::RegisterBus,
+    bus::{Clock, RegisterBus},
     discovery::RemoteName,
     sslbp::{
         Channel, ChannelMask, ComState, Command, CsStatus, DataStatus, FailedRegisters, Needed,
@@ -109,7 +109,7 @@ impl Port {
     /// A channel that fails does not fail the others: it is in the report, with the reason.
     /// The channels must be stopped: START ignores those that run (FACTS 3.5), and normal and
     /// setup mode do not go together (FACTS 3.6).
-    pub fn start<B: RegisterBus>(
+    pub fn start<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         mode: StartMode,
@@ -133,7 +133,7 @@ impl Port {
         Ok(report)
     }
 
-    fn require_startable<B: RegisterBus>(
+    fn require_startable<B: RegisterBus + Clock>(
         &self,
         mode: StartMode,
         mask: ChannelMask,
@@ -150,7 +150,7 @@ impl Port {
         }
     }
 
-    fn run_start<B: RegisterBus>(
+    fn run_start<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         mode: StartMode,
@@ -166,7 +166,7 @@ impl Port {
         Ok(poll.data())
     }
 
-    fn outcome<B: RegisterBus>(
+    fn outcome<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         mode: StartMode,
@@ -218,7 +218,11 @@ impl Port {
     /// LinuxCNC waits before each access for all of byte 1 to be 0 (FACTS 6.1). Its
     /// communication-error bit is sticky, though, so that one lost reply would make that wait for
     /// ever; and only a stop makes a ready channel not ready again.
-    fn await_ready<B: RegisterBus>(&self, bus: &mut B, channel: Channel) -> PortResult<(), B> {
+    fn await_ready<B: RegisterBus + Clock>(
+        &self,
+        bus: &mut B,
+        channel: Channel,
+    ) -> PortResult<(), B> {
         let address = self.registers(channel)?.cs();
         for _ in 0..READY_POLLS {
             if CsStatus::from_register(bus.read(address)?).is_ready() {
@@ -229,7 +233,7 @@ impl Port {
         Ok(())
     }
 
-    fn after_start<B: RegisterBus>(
+    fn after_start<B: RegisterBus + Clock>(
         &self,
         bus: &mut B,
         channel: Channel,
@@ -256,7 +260,7 @@ impl Port {
     }
 
     /// A remote whose process data is too large runs all the same, and would keep its line busy.
-    fn silence_too_large<B: RegisterBus>(
+    fn silence_too_large<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         report: &StartReport,

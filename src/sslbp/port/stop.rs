@@ -5,7 +5,7 @@ use super::{
     wait::{Expected, Poll},
 };
 use crate::{
-    bus::{BusError, RegisterBus},
+    bus::{BusError, Clock, RegisterBus},
     sslbp::{
         Channel, ChannelMask, Command, CsStatus, DataStatus, LocalAddress, MAX_CHANNELS, PortError,
         PortParameters, PortState, ProcessDataSizes, WaitingFor,
@@ -45,7 +45,7 @@ impl Port {
     /// All channels are stopped then, with the default baud rate.
     ///
     /// FACTS 2.5.
-    pub fn reset<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
+    pub fn reset<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
         self.forget(PortState::Unknown);
         self.parameters = None;
         self.issue(bus, Command::RESET, &[])?;
@@ -58,7 +58,7 @@ impl Port {
     }
 
     /// Reads local parameter 3 until it is one: DATA reads AA as long as reads are lost.
-    fn await_initialised<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<(), B> {
+    fn await_initialised<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
         let begin = bus.now();
         let minor = LocalAddress::MINOR;
         for _ in 0..INITIALISE_ATTEMPTS {
@@ -85,7 +85,7 @@ impl Port {
     /// 08FF, wait, 0800 (FACTS 3.1). Then checks that every channel is stopped.
     ///
     /// Manual: 7I77, "STOP ALL".
-    pub fn stop_all<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<(), B> {
+    pub fn stop_all<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
         self.forget(PortState::Unknown);
         // A cycle writes COMMAND as well.
         self.idle = false;
@@ -102,7 +102,7 @@ impl Port {
         Ok(())
     }
 
-    fn stop_all_once<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<Poll, B> {
+    fn stop_all_once<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<Poll, B> {
         self.execute(bus, Command::STOP_ALL, &[], [], STOP_ALL)
     }
 
@@ -111,7 +111,11 @@ impl Port {
     /// For recovery of single channels; does nothing if `mask` is empty.
     ///
     /// Manual: 7I77, "STOP INDIVIDUAL CHANNELS".
-    pub fn stop<B: RegisterBus>(&mut self, bus: &mut B, mask: ChannelMask) -> PortResult<(), B> {
+    pub fn stop<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        mask: ChannelMask,
+    ) -> PortResult<(), B> {
         self.require_existing(mask)?;
         let Some(command) = Command::stop(mask) else {
             return Ok(());
@@ -122,7 +126,11 @@ impl Port {
         self.check_stopped(bus, mask)
     }
 
-    fn check_stopped<B: RegisterBus>(&self, bus: &mut B, mask: ChannelMask) -> PortResult<(), B> {
+    fn check_stopped<B: RegisterBus + Clock>(
+        &self,
+        bus: &mut B,
+        mask: ChannelMask,
+    ) -> PortResult<(), B> {
         let registers = self.snapshot(bus)?;
         for (channel, &cs) in self.layout.mask().iter().zip(&registers.cs) {
             if mask.contains(channel) && !cs.is_stopped() {

@@ -2,7 +2,7 @@
 
 use super::{Port, PortResult, wait::Expected};
 use crate::{
-    bus::{Access, RegisterBus},
+    bus::{Access, Clock, RegisterBus},
     sslbp::{
         Channel, ChannelMask, Command, CsStatus, DataStatus, DoitTime, Exchange, MAX_CHANNELS,
         MAX_INTERFACE_REGISTERS, PortState, ProcessDataSizes,
@@ -69,7 +69,7 @@ impl Port {
     /// and reads their inputs.
     ///
     /// Manual: 7I77, "NORMAL MODE OPERATION", last paragraph.
-    pub fn transfer<B: RegisterBus>(
+    pub fn transfer<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         mask: ChannelMask,
@@ -95,7 +95,7 @@ impl Port {
     /// outputs, DOIT.
     ///
     /// Manual: 7I77, "NORMAL MODE OPERATION", steps 6 to 10.
-    pub fn transfer_cyclic<B: RegisterBus>(
+    pub fn transfer_cyclic<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         before: ChannelMask,
@@ -118,7 +118,7 @@ impl Port {
     }
 
     /// Reads DATA, CS and the inputs of a DOIT that is complete.
-    fn read_inputs<B: RegisterBus>(
+    fn read_inputs<B: RegisterBus + Clock>(
         &self,
         bus: &mut B,
         mask: ChannelMask,
@@ -135,7 +135,7 @@ impl Port {
         Ok(self.sort_inputs(mask, DataStatus::from_register(*data), inputs))
     }
 
-    fn output_writes<B: RegisterBus>(
+    fn output_writes<B: RegisterBus + Clock>(
         &self,
         mask: ChannelMask,
         outputs: &PortWords,
@@ -151,7 +151,7 @@ impl Port {
     }
 
     /// CS and interface registers of the channels of `mask`.
-    fn input_reads<B: RegisterBus>(&self, mask: ChannelMask) -> PortResult<Vec<u16>, B> {
+    fn input_reads<B: RegisterBus + Clock>(&self, mask: ChannelMask) -> PortResult<Vec<u16>, B> {
         let mut reads = Vec::new();
         for channel in mask.iter() {
             let registers = self.registers(channel)?;

@@ -2,7 +2,7 @@
 
 use super::{Port, PortResult};
 use crate::{
-    bus::{Access, RegisterBus},
+    bus::{Access, Clock, RegisterBus},
     sslbp::{Command, CsStatus, DataStatus, Registers, WaitError, WaitingFor},
 };
 use alloc::vec::Vec;
@@ -78,7 +78,7 @@ impl Poll {
 impl Port {
     /// Runs `command` once COMMAND is 0: first writes `writes`, then COMMAND, then waits for it to
     /// clear. `reads` are read together with it.
-    pub(super) fn execute<B: RegisterBus>(
+    pub(super) fn execute<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         command: Command,
@@ -99,7 +99,7 @@ impl Port {
     }
 
     /// Waits until COMMAND is 0, so that `command` may be written.
-    pub(super) fn await_idle<B: RegisterBus>(
+    pub(super) fn await_idle<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         command: Command,
@@ -112,7 +112,7 @@ impl Port {
     }
 
     /// Writes `writes` and then `command`, which must be allowed now, in one exchange.
-    pub(super) fn issue<B: RegisterBus>(
+    pub(super) fn issue<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         command: Command,
@@ -134,7 +134,7 @@ impl Port {
     ///
     /// What kept it busy must be over: the way out ends the waiting and not the transfer (FACTS
     /// 3.2), and the STOPALL that follows would stick again.
-    pub(super) fn free<B: RegisterBus>(&mut self, bus: &mut B) -> PortResult<(), B> {
+    pub(super) fn free<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
         self.issue(bus, Command::FREE, &[])?;
         let mut poll = Poll::new(self);
         self.poll(bus, &mut poll, WaitingFor::Freed, FREE_LIMIT)?;
@@ -143,7 +143,7 @@ impl Port {
     }
 
     /// Reads `poll` until COMMAND is 0 in it, for at most `limit`.
-    pub(super) fn poll<B: RegisterBus>(
+    pub(super) fn poll<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         poll: &mut Poll,
@@ -169,7 +169,7 @@ impl Port {
     }
 
     /// The error of a wait that has ended, with the registers as they are now.
-    pub(super) fn wait_error<B: RegisterBus>(
+    pub(super) fn wait_error<B: RegisterBus + Clock>(
         &self,
         bus: &mut B,
         waiting_for: WaitingFor,
@@ -184,7 +184,7 @@ impl Port {
     }
 
     /// COMMAND, DATA and all CS, as they are now.
-    pub fn snapshot<B: RegisterBus>(&self, bus: &mut B) -> PortResult<Registers, B> {
+    pub fn snapshot<B: RegisterBus + Clock>(&self, bus: &mut B) -> PortResult<Registers, B> {
         let mut poll = Poll::new(self);
         for channel in self.layout.mask().iter() {
             poll.push(self.registers(channel)?.cs());

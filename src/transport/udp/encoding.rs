@@ -49,7 +49,7 @@ impl Tail {
     }
 }
 
-/// A packet, and what has to be put into it and taken out of its reply.
+/// A packet, and what has to be put into a copy of it and taken out of its reply.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Encoding {
     packet: Vec<u8>,
@@ -63,7 +63,8 @@ pub(super) struct Encoding {
     body_len: usize,
     /// Both ways to ask for the account: the packet ends with one of them.
     tails: [Vec<u8>; 2],
-    is_detailed: bool,
+    /// The most words that the buffer must have, and the access that needs them.
+    needs: Option<Access>,
 }
 
 /// Where a packet has the number of its write: for its turn, and as the last.
@@ -78,8 +79,9 @@ struct WriteNumbers {
 pub(super) struct Manner {
     /// It is answered even if it reads nothing.
     pub acknowledged: bool,
-    /// Before anything else the board waits for the reference of its DPLL, at most this long.
-    pub wait_us: Option<u16>,
+    /// Before the access of this number the board waits for the reference of its DPLL, at most so
+    /// many microseconds.
+    pub wait: Option<(usize, u16)>,
 }
 
 /// Words of the buffer, and where their bytes are in a packet.
@@ -103,22 +105,29 @@ impl Encoding {
         let (mut writes, mut reads) = (Vec::new(), Vec::new());
         let mut waited = None;
         let mut this = Self::build(answered, has(Direction::Write), |request| {
-            if let Some(limit) = manner.wait_us {
-                request.write_words(Space::Timer, registers::timer::HM2_TIMEOUT, &[limit])?;
-                let wait = registers::timer::WAIT_FOR_HM2_REFERENCE;
-                waited = Some(request.read(Space::Timer, wait, 1)?);
-            }
-            for run in runs(accesses) {
-                let place = run.push(request)?;
-                let pieces = match run.direction {
-                    Direction::Read => &mut reads,
-                    Direction::Write => &mut writes,
-                };
-                pieces.extend(run.pieces(place.start));
-            }
-            Ok(())
+            let mut push = |request: &mut RequestBuilder<'_>, accesses| {
+                for run in runs(accesses) {
+                    let place = run.push(request)?;
+                    let pieces = match run.direction {
+                        Direction::Read => &mut reads,
+                        Direction::Write => &mut writes,
+                    };
+                    pieces.extend(run.pieces(place.start));
+                }
+                Ok(())
+            };
+            let Some((before, limit)) = manner.wait else {
+                return push(request, accesses);
+            };
+            let (free, held) = accesses.split_at(before.min(accesses.len()));
+            push(request, free)?;
+            request.write_words(Space::Timer, registers::timer::HM2_TIMEOUT, &[limit])?;
+            let wait = registers::timer::WAIT_FOR_HM2_REFERENCE;
+            waited = Some(request.read(Space::Timer, wait, 1)?);
+            push(request, held)
         })?;
         (this.writes, this.reads, this.waited) = (writes, reads, waited);
+        this.needs = accesses.iter().copied().max_by_key(|a| a.words().end);
         Ok(this)
     }
 
@@ -142,7 +151,7 @@ impl Encoding {
         this.packet.extend(tail);
         this.body_len += reply_len;
         check("request", this.packet.len())?;
-        check("reply", this.longest_reply())?;
+        check("reply", this.reply_len(true))?;
         Ok(this)
     }
 
@@ -177,39 +186,42 @@ impl Encoding {
         if answered {
             this.tails = [tail(BRIEF)?, tail(DETAILED)?];
         }
-        check("reply", this.longest_reply())?;
+        check("reply", this.reply_len(true))?;
         Ok(this)
     }
 
-    /// The packet, with numbers and values put in. `detailed`: it asks for the whole account.
-    pub(super) fn packet(
-        &mut self,
+    /// The packet, made in `buffer`, with numbers and values put in. `detailed`: it asks for the
+    /// whole account.
+    pub(super) fn packet<'a>(
+        &self,
+        buffer: &'a mut [u8],
         words: &[u32],
         request: u32,
         write: Option<(u32, usize)>,
         detailed: bool,
-    ) -> &[u8] {
+    ) -> &'a [u8] {
+        let packet = buffer.get_mut(..self.packet.len()).unwrap_or_default();
+        put(packet, 0, self.packet.iter().copied());
         if let Some(range) = &self.request_number {
-            put(&mut self.packet, range.start, request.to_le_bytes());
+            put(packet, range.start, request.to_le_bytes());
         }
         if let (Some(at), Some((number, slot))) = (&self.write_numbers, write) {
             let address = SLOT + 2 * slot as u16;
-            put(&mut self.packet, at.slot.start - 2, address.to_le_bytes());
+            put(packet, at.slot.start - 2, address.to_le_bytes());
             for range in [&at.slot, &at.last] {
-                put(&mut self.packet, range.start, (number as u16).to_le_bytes());
+                put(packet, range.start, (number as u16).to_le_bytes());
             }
         }
         let [brief, details] = &self.tails;
         let tail = if detailed { details } else { brief };
         let at = self.packet.len().saturating_sub(tail.len());
-        put(&mut self.packet, at, tail.iter().copied());
-        self.is_detailed = detailed;
+        put(packet, at, tail.iter().copied());
         for piece in &self.writes {
             let values = words.iter().skip(piece.first).take(piece.count);
             let bytes = values.flat_map(|word| word.to_le_bytes());
-            put(&mut self.packet, piece.offset, bytes);
+            put(packet, piece.offset, bytes);
         }
-        &self.packet
+        packet
     }
 
     /// Takes the words of a reply, which has the right size.
@@ -234,14 +246,15 @@ impl Encoding {
         reply.last_chunk().copied().map(u32::from_le_bytes)
     }
 
-    /// The board's account in a reply, which has the right size.
-    pub(super) fn account(&self, reply: &[u8]) -> Option<Account> {
+    /// The board's account in a reply, which has the right size. `detailed`: it was asked for the
+    /// whole of it.
+    pub(super) fn account(&self, reply: &[u8], detailed: bool) -> Option<Account> {
         let mut words = [0; DETAILED.reply_len() / 2];
         let tail = reply.get(self.body_len..)?;
         for (word, bytes) in words.iter_mut().zip(tail.chunks_exact(2)) {
             *word = little_endian(bytes) as u16;
         }
-        if !self.is_detailed {
+        if !detailed {
             let [received, last_write, ..] = words;
             return Some(Account {
                 last_write,
@@ -267,17 +280,26 @@ impl Encoding {
         self.write_numbers.is_some()
     }
 
-    /// Bytes of the reply to the packet made last.
-    pub(super) fn reply_len(&self) -> usize {
-        let tail = if self.is_detailed { DETAILED } else { BRIEF };
-        self.body_len + tail.reply_len()
+    /// Bytes of the packet.
+    pub(super) fn request_len(&self) -> usize {
+        self.packet.len()
     }
 
-    fn longest_reply(&self) -> usize {
+    /// Bytes of the reply; 0 if there is none. `detailed`: with the whole account.
+    pub(super) fn reply_len(&self, detailed: bool) -> usize {
+        let tail = if detailed { DETAILED } else { BRIEF };
         if self.is_answered() {
-            self.body_len + DETAILED.reply_len()
+            self.body_len + tail.reply_len()
         } else {
             0
+        }
+    }
+
+    /// Checks that every access has its words in a buffer of this size.
+    pub(super) fn check_words(&self, words: usize) -> Result<(), UdpError> {
+        match self.needs {
+            Some(access) if access.words().end > words => Err(UdpError::bad_access(access, words)),
+            _ => Ok(()),
         }
     }
 }
@@ -298,9 +320,13 @@ pub(super) fn write_packet<'a>(
     (number, slot): (u32, usize),
 ) -> Result<&'a [u8], UdpError> {
     let mut request = RequestBuilder::new(buffer);
+    let mut bad = None;
     let all = || -> Result<(), RequestError> {
         for access in accesses {
-            let values = words.get(access.words()).unwrap_or_default();
+            let Some(values) = words.get(access.words()) else {
+                bad = Some(access);
+                break;
+            };
             let parts = values.chunks(usize::from(MAX_COUNT));
             let stride = 4 * u16::from(MAX_COUNT);
             for (n, part) in (0u16..).zip(parts) {
@@ -315,15 +341,10 @@ pub(super) fn write_packet<'a>(
     };
     all().map_err(too_long)?;
     let length = request.bytes().len();
-    Ok(buffer.get(..length).unwrap_or_default())
-}
-
-/// Checks that every access has its words in a buffer of this size.
-pub(super) fn check_words(accesses: &[Access], words: usize) -> Result<(), UdpError> {
-    match accesses.iter().find(|a| a.words().end > words) {
-        Some(access) => Err(UdpError::bad_access(*access, words)),
-        None => Ok(()),
+    if let Some(access) = bad {
+        return Err(UdpError::bad_access(access, words.len()));
     }
+    Ok(buffer.get(..length).unwrap_or_default())
 }
 
 /// Neighbouring registers, as many as one command takes.

@@ -122,15 +122,19 @@ pub enum UdpError {
         /// Size of the buffer.
         words: usize,
     },
-    /// The list was prepared on another bus.
+    /// The reply to a list was asked for that was not started, or something else was run since.
     #[error(
-        "list {slot} was not prepared on this bus, which has {prepared}; prepare it on the bus it is run on"
+        "there is no reply to this list: start it, and run nothing else before its reply is taken"
     )]
-    NotPrepared {
-        /// The number that the list carries.
-        slot: usize,
-        /// How many this bus has prepared.
-        prepared: usize,
+    NotStarted,
+    /// A board does not hold a list back for so long.
+    #[error(
+        "the list is to wait for the board's next period for up to {limit:?}, and boards wait for \
+         65.535 ms at most; use a shorter period, or let the host pace the cycle"
+    )]
+    LongHold {
+        /// How long it may wait.
+        limit: Duration,
     },
 }
 
@@ -158,9 +162,10 @@ impl BusError for UdpError {
                 LinkError::System(_) => BusErrorKind::Other,
             },
             Self::OtherHost { .. } => BusErrorKind::Occupied,
-            Self::TooLong { .. } | Self::BadAccess { .. } | Self::NotPrepared { .. } => {
-                BusErrorKind::Invalid
-            }
+            Self::TooLong { .. }
+            | Self::BadAccess { .. }
+            | Self::NotStarted
+            | Self::LongHold { .. } => BusErrorKind::Invalid,
         }
     }
 }

@@ -1,16 +1,14 @@
 //! What carries the packets: a UDP socket, or a test's network.
 
-use core::time::Duration;
 use std::{
     io::{self, ErrorKind},
     net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket},
-    time::Instant as HostInstant,
 };
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use socket2::{Domain, Protocol, Socket, Type};
 
-use crate::bus::Instant;
+use crate::bus::{HostClock, Instant, SPIN};
 
 /// Carries datagrams to one board and back, and keeps the time.
 ///
@@ -116,15 +114,13 @@ impl SocketOptions {
 pub struct UdpLink {
     socket: UdpSocket,
     options: SocketOptions,
-    origin: HostInstant,
+    clock: HostClock,
 }
 
 /// How long the kernel may poll the device, in microseconds.
 const BUSY_POLL: u32 = 50;
 /// The highest priority that an ordinary user may set.
 const PRIORITY: u32 = 6;
-/// Below this the kernel's wake-up is less exact than looking again and again.
-const SPIN: Duration = Duration::from_micros(20);
 
 impl UdpLink {
     /// Opens a socket to the board at `address`, LBP16 port 27181 unless another is given.
@@ -145,7 +141,7 @@ impl UdpLink {
         Ok(Self {
             socket: socket.into(),
             options,
-            origin: HostInstant::now(),
+            clock: HostClock::new(),
         })
     }
 
@@ -205,22 +201,18 @@ impl Link for UdpLink {
     }
 
     fn now(&mut self) -> Instant {
-        Instant::from_nanos(self.origin.elapsed().as_nanos() as u64)
+        self.clock.read()
     }
 
     fn sleep_until(&mut self, deadline: Instant) {
-        let left = deadline.since(self.now());
-        if left > SPIN {
-            std::thread::sleep(left.saturating_sub(SPIN));
-        }
-        while self.now() < deadline {
-            core::hint::spin_loop();
-        }
+        self.clock.sleep_until(deadline);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use core::time::Duration;
+
     use super::*;
 
     #[test]

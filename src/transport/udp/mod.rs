@@ -1,8 +1,7 @@
 //! LBP16 over UDP: the bus of the Ethernet boards.
 //!
 //! One exchange is one packet out and at most one packet back. Neighbouring registers share a
-//! command; lists that are run every cycle are encoded once ([`RegisterBus::prepare`]) and only
-//! patched.
+//! command; lists that are run every cycle are encoded once ([`RegisterBus::prepare`]).
 //!
 //! Requests and write packets are numbered through scratch registers of the board (FACTS 10.1),
 //! and the board counts its packets: a reply is taken for the request that waits for it and for no
@@ -22,10 +21,10 @@ pub use link::{Link, LinkError, SocketOptions, UdpLink};
 use core::time::Duration;
 use std::net::SocketAddrV4;
 
-use crate::bus::{Access, BusStatistics, Direction, Instant, Prepared, RegisterBus};
+use crate::bus::{Access, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use crate::ethernet::Lbp16Board;
 use crate::lbp16::MAX_PACKET;
-use encoding::{Encoding, Manner, check_words, write_packet};
+use encoding::{Encoding, Manner, write_packet};
 use ledger::Ledger;
 use matching::Requests;
 use receiving::Wait;
@@ -75,15 +74,15 @@ impl Default for UdpConfig {
 /// - [`exchange`](RegisterBus::exchange) is for set-up: writes are acknowledged, and what is lost
 ///   is repeated a bounded number of times. A packet that writes is repeated only after the board
 ///   was asked whether it has executed it.
-/// - [`exchange_prepared`](RegisterBus::exchange_prepared) is for the cycle: one try. A list that
-///   only writes is sent and not waited for; that it was lost is noticed with the next reply, and
-///   counted in [`BusStatistics::lost_writes`].
-/// - A [paced](RegisterBus::prepare_paced) list waits in the board for the reference of its DPLL
-///   (manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA"), which needs a firmware that has one.
+/// - [`start`](RegisterBus::start) and [`finish`](RegisterBus::finish) are for the cycle: one try. A
+///   list that only writes is sent and not waited for; that it was lost is noticed with the next
+///   reply, which tells so.
+/// - What is [held back](Hold) waits in the board for the reference of its DPLL (manual: 7I97,
+///   "SPACE 4 LBP TIMER/UTILITY AREA"), which needs a firmware that has one.
 ///
 /// # Real time
-/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], a paced one by that and
-/// its own limit, and does not allocate.
+/// An exchange of the cycle is bounded by [`UdpConfig::cycle_deadline`], one that is held back by that
+/// and its own limit, and does not allocate.
 #[derive(Debug)]
 pub struct UdpBus<L: Link = UdpLink> {
     link: L,
@@ -91,20 +90,38 @@ pub struct UdpBus<L: Link = UdpLink> {
     requests: Requests,
     ledger: Ledger,
     statistics: BusStatistics,
-    prepared: Vec<List>,
-    /// The list whose request was sent, and is waited for.
-    posted: Option<(usize, Wait)>,
-    slack: Option<Duration>,
+    /// Lists prepared so far.
+    prepared: u32,
+    /// The list that was started, and whose reply is waited for.
+    started: Option<(u32, Wait)>,
+    /// Whether a list was run: only then are there writes that replies tell something of.
+    is_cyclic: bool,
+    /// What replies told since it was last said.
+    news: Reply,
+    packet: Box<[u8; MAX_PACKET]>,
     reply: Box<[u8; RECEIVE_BUFFER]>,
 }
 
-/// A prepared list.
-#[derive(Clone, Debug, Default)]
-struct List {
-    accesses: Box<[Access]>,
+/// A list of accesses as packets.
+#[derive(Clone, Debug)]
+pub struct UdpList {
+    number: u32,
     encoding: Encoding,
     /// How long the board may hold it back.
     held: Duration,
+}
+
+impl UdpList {
+    /// Bytes of the packet that is sent, without the headers of lower layers.
+    pub fn request_bytes(&self) -> usize {
+        self.encoding.request_len()
+    }
+
+    /// Bytes of its reply; 0 if it has none. A reply that tells of packets that were lost has 16
+    /// more.
+    pub fn reply_bytes(&self) -> usize {
+        self.encoding.reply_len(false)
+    }
 }
 
 impl UdpBus<UdpLink> {
@@ -147,16 +164,18 @@ impl<L: Link> UdpBus<L> {
             requests: Requests::starting_after(0),
             ledger: Ledger::starting_after(0),
             statistics: BusStatistics::default(),
-            prepared: Vec::new(),
-            posted: None,
-            slack: None,
+            prepared: 0,
+            started: None,
+            is_cyclic: false,
+            news: Reply::CERTAIN,
+            packet: Box::new([0; MAX_PACKET]),
             reply: Box::new([0; RECEIVE_BUFFER]),
         };
         if !config.beside_others {
             bus.watch_for_others()?;
         }
         // Without this, the number that an earlier program left would look like a lost write.
-        bus.with_retries(Encoding::first_contact()?, &[], &mut [])?;
+        bus.with_retries(&Encoding::first_contact()?, &[], &mut [])?;
         bus.statistics = BusStatistics::default();
         Ok(bus)
     }
@@ -173,11 +192,11 @@ impl<L: Link> UdpBus<L> {
 
     /// Fails if the board receives more packets than ours. Writes nothing but a request's number.
     fn watch_for_others(&mut self) -> Result<(), UdpError> {
-        self.with_retries(Encoding::question()?, &[], &mut [])?;
+        self.with_retries(&Encoding::question()?, &[], &mut [])?;
         let (before, sent) = (self.ledger.received(), self.statistics.exchanges);
         let start = self.link.now();
         self.link.sleep_until(start.after(WATCH));
-        self.with_retries(Encoding::question()?, &[], &mut [])?;
+        self.with_retries(&Encoding::question()?, &[], &mut [])?;
         let within = self.link.now().since(start);
         let own = (self.statistics.exchanges - sent) as u16;
         let (Some(before), Some(after)) = (before, self.ledger.received()) else {
@@ -198,17 +217,16 @@ impl<L: Link> UdpBus<L> {
     /// only the reply was lost, the reads alone are repeated.
     fn with_retries(
         &mut self,
-        mut encoding: Encoding,
+        encoding: &Encoding,
         accesses: &[Access],
         words: &mut [u32],
     ) -> Result<(), UdpError> {
         let deadline = self.config.setup_deadline;
         let mut tries = self.config.setup_tries;
         loop {
-            match self.transact(&mut encoding, words, deadline) {
+            match self.transact(encoding, words, deadline) {
                 Ok(length) => {
-                    let reply = self.reply.get(..length).unwrap_or(&[]);
-                    encoding.take(reply, words);
+                    self.take(encoding, length, words);
                     return Ok(());
                 }
                 Err(error) => tries = another_try(tries, error)?,
@@ -218,7 +236,11 @@ impl<L: Link> UdpBus<L> {
                 if reads.is_empty() {
                     return Ok(());
                 }
-                encoding = Encoding::accesses(&reads, ACKNOWLEDGED)?;
+                return self.with_retries(
+                    &Encoding::accesses(&reads, ACKNOWLEDGED)?,
+                    &reads,
+                    words,
+                );
             }
         }
     }
@@ -226,9 +248,9 @@ impl<L: Link> UdpBus<L> {
     /// Whether the board has executed the newest write, of which no reply came.
     fn ask_whether_executed(&mut self, tries: &mut u32) -> Result<bool, UdpError> {
         let deadline = self.config.setup_deadline;
-        let mut question = Encoding::question()?;
+        let question = Encoding::question()?;
         loop {
-            match self.transact(&mut question, &[], deadline) {
+            match self.transact(&question, &[], deadline) {
                 Ok(_) => return Ok(self.ledger.is_executed()),
                 Err(error) => *tries = another_try(*tries, error)?,
             }
@@ -238,32 +260,22 @@ impl<L: Link> UdpBus<L> {
     /// One packet out and, if it is answered, its reply: how many bytes of it were received.
     fn transact(
         &mut self,
-        encoding: &mut Encoding,
+        encoding: &Encoding,
         words: &[u32],
         deadline: Duration,
     ) -> Result<usize, UdpError> {
-        self.transact_held(encoding, words, deadline, Duration::ZERO)
-    }
-
-    /// The same; the board may hold the packet back for `held`.
-    fn transact_held(
-        &mut self,
-        encoding: &mut Encoding,
-        words: &[u32],
-        deadline: Duration,
-        held: Duration,
-    ) -> Result<usize, UdpError> {
-        let wait = self.send(encoding, words, deadline, held)?;
+        let wait = self.send(encoding, words, deadline, Duration::ZERO)?;
         if !encoding.is_answered() {
             return Ok(0);
         }
         self.receive(encoding, wait)
     }
 
-    /// One packet out. If it is answered, nobody waits any more for a reply to the one before.
+    /// One packet out, which the board may hold back for `held`. If it is answered, nobody waits any
+    /// more for a reply to the one before.
     fn send(
         &mut self,
-        encoding: &mut Encoding,
+        encoding: &Encoding,
         words: &[u32],
         deadline: Duration,
         held: Duration,
@@ -273,12 +285,13 @@ impl<L: Link> UdpBus<L> {
         let write = writes.then(|| self.ledger.open_write(is_answered));
         let (mut request, mut asked) = (0, 0);
         if is_answered {
-            self.statistics.lost += u64::from(self.posted.take().is_some());
+            self.statistics.lost += u64::from(self.started.take().is_some());
             request = self.requests.open();
             asked = self.ledger.open_request();
         }
         let detailed = is_answered && self.ledger.wants_details();
-        let packet = encoding.packet(words, request, write, detailed);
+        let packet = self.packet.as_mut_slice();
+        let packet = encoding.packet(packet, words, request, write, detailed);
         let started = self.link.now();
         self.statistics.exchanges += 1;
         self.statistics.bytes_sent += packet.len() as u64;
@@ -289,7 +302,7 @@ impl<L: Link> UdpBus<L> {
         Ok(Wait {
             request,
             asked,
-            expected: encoding.reply_len(),
+            detailed,
             started,
             deadline,
             held,
@@ -300,48 +313,12 @@ impl<L: Link> UdpBus<L> {
     fn take(&mut self, encoding: &Encoding, length: usize, words: &mut [u32]) {
         let reply = self.reply.get(..length).unwrap_or(&[]);
         encoding.take(reply, words);
-        let waited = encoding.waited_us(reply).map(u64::from);
-        self.slack = waited.map(Duration::from_micros);
-    }
-
-    fn keep(&mut self, accesses: &[Access], encoding: Encoding, held: Duration) -> Prepared {
-        self.prepared.push(List {
-            accesses: accesses.into(),
-            encoding,
-            held,
-        });
-        Prepared::new(accesses, self.prepared.len() - 1)
-    }
-
-    /// Runs `exchange` with a prepared list.
-    fn with_list(
-        &mut self,
-        prepared: &Prepared,
-        exchange: impl FnOnce(&mut Self, &mut List) -> Result<(), UdpError>,
-    ) -> Result<(), UdpError> {
-        let slot = prepared.slot();
-        let count = self.prepared.len();
-        let is_its = |list: &&mut List| *list.accesses == *prepared.accesses();
-        let Some(place) = self.prepared.get_mut(slot).filter(is_its) else {
-            return Err(UdpError::NotPrepared {
-                slot,
-                prepared: count,
-            });
-        };
-        // Taken out for the exchange, which needs the rest of the bus; no memory moves but that
-        // of the handles.
-        let mut list = core::mem::take(place);
-        let result = exchange(self, &mut list);
-        if let Some(place) = self.prepared.get_mut(slot) {
-            *place = list;
-        }
-        result
     }
 }
 
 const ACKNOWLEDGED: Manner = Manner {
     acknowledged: true,
-    wait_us: None,
+    wait: None,
 };
 
 fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
@@ -368,16 +345,16 @@ fn another_try(tries: u32, error: UdpError) -> Result<u32, UdpError> {
 }
 
 impl<L: Link> Lbp16Board for UdpBus<L> {
-    fn run(
+    fn run_commands(
         &mut self,
         commands: &[u8],
         reply: &mut [u8],
         deadline: Duration,
     ) -> Result<(), UdpError> {
-        let mut encoding = Encoding::raw(commands, reply.len())?;
+        let encoding = Encoding::raw(commands, reply.len())?;
         let mut tries = self.config.setup_tries;
         loop {
-            match self.transact(&mut encoding, &[], deadline) {
+            match self.transact(&encoding, &[], deadline) {
                 Ok(_) => {
                     for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
                         *target = *byte;
@@ -398,15 +375,7 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
     }
 }
 
-impl<L: Link> RegisterBus for UdpBus<L> {
-    type Error = UdpError;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
-        let encoding = Encoding::accesses(accesses, ACKNOWLEDGED)?;
-        check_words(accesses, words.len())?;
-        self.with_retries(encoding, accesses, words)
-    }
-
+impl<L: Link> Clock for UdpBus<L> {
     fn now(&mut self) -> Instant {
         self.link.now()
     }
@@ -415,23 +384,67 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         let until = self.link.now().after(duration);
         self.link.sleep_until(until);
     }
+}
 
-    fn prepare(&mut self, accesses: &[Access]) -> Result<Prepared, UdpError> {
-        let encoding = Encoding::accesses(accesses, Manner::default())?;
-        Ok(self.keep(accesses, encoding, Duration::ZERO))
+impl<L: Link> RegisterBus for UdpBus<L> {
+    type Error = UdpError;
+    type List = UdpList;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
+        let encoding = Encoding::accesses(accesses, ACKNOWLEDGED)?;
+        encoding.check_words(words.len())?;
+        self.with_retries(&encoding, accesses, words)
     }
 
-    fn exchange_prepared(
-        &mut self,
-        prepared: &Prepared,
-        words: &mut [u32],
-    ) -> Result<(), UdpError> {
-        check_words(prepared.accesses(), words.len())?;
-        self.with_list(prepared, |bus, list| {
-            let deadline = bus.config.cycle_deadline;
-            let length = bus.transact_held(&mut list.encoding, words, deadline, list.held)?;
-            bus.take(&list.encoding, length, words);
-            Ok(())
+    /// The board can wait for up to 65.535 ms. Of the time that a reply takes, what the board
+    /// waited does not count for the deadline: whatever it waits, its words are as new as those of
+    /// other lists.
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<UdpList, UdpError> {
+        let mut wait = None;
+        if let Some(Hold { before, limit }) = hold {
+            let limit_us = u16::try_from(limit.as_micros());
+            let limit_us = limit_us.map_err(|_| UdpError::LongHold { limit })?;
+            wait = Some((before, limit_us));
+        }
+        let acknowledged = wait.is_some();
+        let encoding = Encoding::accesses(accesses, Manner { acknowledged, wait })?;
+        let held = wait.map_or(0, |(_, limit_us)| limit_us);
+        self.prepared += 1;
+        Ok(UdpList {
+            number: self.prepared,
+            encoding,
+            held: Duration::from_micros(held.into()),
+        })
+    }
+
+    fn start(&mut self, list: &UdpList, words: &[u32]) -> Result<(), UdpError> {
+        list.encoding.check_words(words.len())?;
+        self.is_cyclic = true;
+        let deadline = self.config.cycle_deadline;
+        let wait = self.send(&list.encoding, words, deadline, list.held)?;
+        if list.encoding.is_answered() {
+            self.started = Some((list.number, wait));
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, list: &UdpList, words: &mut [u32]) -> Result<Reply, UdpError> {
+        if !list.encoding.is_answered() {
+            return Ok(Reply::UNHEARD);
+        }
+        list.encoding.check_words(words.len())?;
+        let is_its = |(number, _): &mut (u32, Wait)| *number == list.number;
+        let Some((_, wait)) = self.started.take_if(is_its) else {
+            return Err(UdpError::NotStarted);
+        };
+        let length = self.receive(&list.encoding, wait)?;
+        self.take(&list.encoding, length, words);
+        let reply = self.reply.get(..length).unwrap_or(&[]);
+        let waited = list.encoding.waited_us(reply).map(u64::from);
+        let news = core::mem::replace(&mut self.news, Reply::CERTAIN);
+        Ok(Reply {
+            slack: waited.map(Duration::from_micros),
+            ..news
         })
     }
 
@@ -441,16 +454,11 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         wanted: &[bool],
         words: &mut [u32],
     ) -> Result<(), UdpError> {
-        check_words(accesses, words.len())?;
+        self.is_cyclic = true;
         let some = accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted);
-        let (number, slot) = self.ledger.open_write(false);
-        let mut buffer = [0; MAX_PACKET];
-        let packet = write_packet(
-            &mut buffer,
-            some.map(|(access, _)| *access),
-            words,
-            (number, slot),
-        )?;
+        let write = self.ledger.open_write(false);
+        let some = some.map(|(access, _)| *access);
+        let packet = write_packet(self.packet.as_mut_slice(), some, words, write)?;
         self.statistics.exchanges += 1;
         self.statistics.bytes_sent += packet.len() as u64;
         self.link.send(packet).map_err(|link| UdpError::Link {
@@ -459,55 +467,8 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         })
     }
 
-    /// The board can wait for up to 65.535 ms. Of the time that a reply takes, what the board
-    /// waited does not count for the deadline: whatever it waits, its words are as new as those of
-    /// other lists.
-    fn prepare_paced(
-        &mut self,
-        accesses: &[Access],
-        limit: Duration,
-    ) -> Result<Option<Prepared>, UdpError> {
-        let Ok(wait_us) = u16::try_from(limit.as_micros()) else {
-            return Ok(None);
-        };
-        let manner = Manner {
-            acknowledged: true,
-            wait_us: Some(wait_us),
-        };
-        let encoding = Encoding::accesses(accesses, manner)?;
-        let held = Duration::from_micros(wait_us.into());
-        Ok(Some(self.keep(accesses, encoding, held)))
-    }
-
-    /// A list that writes is not sent before its words are there: [`collect`](Self::collect) does
-    /// it all.
-    fn post(&mut self, prepared: &Prepared) -> Result<(), UdpError> {
-        self.with_list(prepared, |bus, list| {
-            if list.encoding.has_writes() || !list.encoding.is_answered() {
-                return Ok(());
-            }
-            let deadline = bus.config.cycle_deadline;
-            let wait = bus.send(&mut list.encoding, &[], deadline, list.held)?;
-            bus.posted = Some((prepared.slot(), wait));
-            Ok(())
-        })
-    }
-
-    fn collect(&mut self, prepared: &Prepared, words: &mut [u32]) -> Result<(), UdpError> {
-        check_words(prepared.accesses(), words.len())?;
-        let is_its = |(slot, _): &mut (usize, Wait)| *slot == prepared.slot();
-        let Some((_, wait)) = self.posted.take_if(is_its) else {
-            return self.exchange_prepared(prepared, words);
-        };
-        self.with_list(prepared, |bus, list| {
-            let length = bus.receive(&list.encoding, wait)?;
-            bus.take(&list.encoding, length, words);
-            Ok(())
-        })
-    }
-
-    fn slack(&self) -> Option<Duration> {
-        self.slack
+    fn can_hold(&self) -> bool {
+        true
     }
 
     fn set_cycle_deadline(&mut self, deadline: Duration) {

@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::encoding::Encoding;
 use super::matching::Match;
 use super::{Link, UdpBus, UdpError};
-use crate::bus::Instant;
+use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
 
 /// The reply that is waited for.
@@ -14,7 +14,8 @@ pub(super) struct Wait {
     pub request: u32,
     /// The newest write that was sent before it.
     pub asked: u32,
-    pub expected: usize,
+    /// The whole account was asked for.
+    pub detailed: bool,
     pub started: Instant,
     /// How long it may take, ...
     pub deadline: Duration,
@@ -95,11 +96,12 @@ impl<L: Link> UdpBus<L> {
         let Wait {
             request,
             asked,
-            expected,
+            detailed,
             deadline,
             held,
             ..
         } = wait;
+        let expected = encoding.reply_len(detailed);
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
             // No board sends that, and what is at its end may be the middle of it.
@@ -136,7 +138,7 @@ impl<L: Link> UdpBus<L> {
             Match::Current => {
                 counted.bytes_received += length as u64;
                 let news = encoding
-                    .account(reply)
+                    .account(reply, detailed)
                     .map(|told| self.ledger.hear(told, asked));
                 let news = news.unwrap_or_default();
                 counted.lost_writes += u64::from(news.lost);
@@ -146,6 +148,15 @@ impl<L: Link> UdpBus<L> {
                 counted.repeated_writes += u64::from(news.repeated);
                 counted.unconfirmed_writes += u64::from(news.unconfirmed);
                 counted.doubts += u64::from(news.doubt);
+                // What comes late is not lost any more, but it was.
+                let missing = (news.lost + news.late).saturating_sub(news.found);
+                if self.is_cyclic {
+                    self.news = self.news.and(Reply {
+                        certain: !news.doubt,
+                        lost_writes: missing,
+                        slack: None,
+                    });
+                }
             }
             Match::Late => {
                 counted.late += 1;

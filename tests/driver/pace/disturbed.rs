@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::Input;
 use mesa_hal::sim::devices::{Analog, Device, find_cable, find_mut};

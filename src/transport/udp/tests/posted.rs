@@ -4,49 +4,60 @@ use super::*;
 
 const READ: Access = Access::read(0x1000, 0, 2);
 
+fn hold(limit: Duration) -> Hold {
+    Hold { before: 0, limit }
+}
+
 /// A bus whose board waits so long for its clock, and a list that is held back for up to 1 ms.
-fn paced(held: Duration) -> (UdpBus<Network>, Prepared) {
+fn paced(held: Duration) -> (UdpBus<Network>, UdpList) {
     let mut bus = bus();
     bus.link().held = held.as_nanos() as u64;
-    let list = bus.prepare_paced(&[READ], MS).unwrap();
-    (bus, list.expect("a board that can wait"))
+    let list = bus.prepare(&[READ], Some(hold(MS))).unwrap();
+    (bus, list)
 }
 
 #[test]
-fn a_list_that_writes_is_not_sent_before_its_words_are_there() {
+fn a_list_writes_the_words_it_is_started_with_and_what_comes_after_a_hold_is_read_after_it() {
     let mut bus = bus();
-    let cycle = Cycle::new(&mut bus);
+    bus.link().held = 300_000;
+    let accesses = [Access::write(0x2000, 2, 1), READ];
+    let before = 1;
+    let list = bus
+        .prepare(&accesses, Some(Hold { before, limit: MS }))
+        .unwrap();
     let mut words = [0, 0, 42];
-    bus.exchange_prepared(&cycle.write, &mut words).unwrap();
-    bus.exchange_prepared(&cycle.read, &mut words).unwrap();
-    bus.link().registers.clear();
-    bus.post(&cycle.write).unwrap();
-    bus.wait(MS);
-    assert!(bus.link().registers.is_empty(), "the words of the last one");
+    bus.start(&list, &words).unwrap();
     words[2] = 43;
-    bus.collect(&cycle.write, &mut words).unwrap();
-    bus.wait(MS);
-    assert_eq!(bus.link().registers[&0x2000], 43);
+    let reply = bus.finish(&list, &mut words).unwrap();
+    assert_eq!(bus.link().registers[&0x2000], 42);
+    assert_eq!(reply.slack, Some(MS * 3 / 10));
+    let link = bus.link();
+    let bytes = link.executed.last().unwrap();
+    let place = |part: &[u8]| bytes.windows(part.len()).position(|at| at == part);
+    let write = place(&42_u32.to_le_bytes()).unwrap();
+    let wait = place(&[0x81, 0x51, 0x06, 0x00]).unwrap();
+    let read = place(&[0x82, 0x42, 0x00, 0x10]).unwrap();
+    assert!(write < wait && wait < read, "{bytes:02X?}");
 }
 
 #[test]
-fn a_request_under_way_that_nobody_takes_counts_as_lost_until_its_reply_comes() {
+fn a_request_in_flight_that_nobody_takes_counts_as_lost_until_its_reply_comes() {
     let (mut bus, list) = paced(MS / 2);
     let cycle = Cycle::new(&mut bus);
     let mut words = [0; 3];
     bus.link().replies = vec![Fate::Lost];
-    bus.exchange_prepared(&cycle.read, &mut words).unwrap_err();
-    bus.post(&list).unwrap();
-    bus.collect(&cycle.read, &mut words).unwrap();
+    bus.run(&cycle.read, &mut words).unwrap_err();
+    bus.start(&list, &words).unwrap();
+    bus.run(&cycle.read, &mut words).unwrap();
     assert_eq!((bus.statistics().lost, bus.statistics().late), (2, 0));
     bus.wait(2 * MS);
-    bus.exchange_prepared(&cycle.read, &mut words).unwrap();
+    bus.run(&cycle.read, &mut words).unwrap();
     assert_eq!((bus.statistics().lost, bus.statistics().late), (1, 1));
     // A buffer that is too small takes nothing, and a larger one still can.
-    bus.post(&list).unwrap();
-    let error = bus.collect(&list, &mut []).unwrap_err();
+    bus.start(&list, &words).unwrap();
+    let error = bus.finish(&list, &mut []).unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Invalid);
-    bus.collect(&list, &mut words).unwrap();
+    bus.finish(&list, &mut words).unwrap();
     assert_eq!((bus.statistics().lost, bus.statistics().late), (1, 1));
 }
 
@@ -55,11 +66,11 @@ fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_doe
     let (mut bus, list) = paced(MS);
     let mut words = [0; 2];
     bus.link().replies = vec![Fate::Arrives(700_000)];
-    bus.exchange_prepared(&list, &mut words).unwrap();
-    assert_eq!(bus.slack(), Some(MS));
+    let reply = bus.run(&list, &mut words).unwrap();
+    assert_eq!(reply.slack, Some(MS));
     bus.link().held = 100_000;
     bus.link().replies = vec![Fate::Arrives(900_000)];
-    let error = bus.exchange_prepared(&list, &mut words).unwrap_err();
+    let error = bus.run(&list, &mut words).unwrap_err();
     let late = UdpError::Late {
         request: bus.link().newest.request.unwrap(),
         waited: MS + MS / 100 * 3,
@@ -70,16 +81,17 @@ fn what_the_board_waits_does_not_make_a_reply_late_and_what_it_does_not_wait_doe
     bus.link().held = 0;
     bus.link().says_us = Some(u16::MAX);
     bus.link().replies = vec![Fate::Arrives(1_900_000)];
-    assert!(bus.exchange_prepared(&list, &mut words).is_err());
+    assert!(bus.run(&list, &mut words).is_err());
 }
 
 #[test]
 fn the_board_is_not_asked_to_wait_longer_than_it_can() {
     let mut bus = bus();
     let longest = Duration::from_micros(65_535);
-    assert!(bus.prepare_paced(&[READ], longest).unwrap().is_some());
+    assert!(bus.prepare(&[READ], Some(hold(longest))).is_ok());
     let longer = longest + MS / 1000;
-    assert!(bus.prepare_paced(&[READ], longer).unwrap().is_none());
+    let error = bus.prepare(&[READ], Some(hold(longer))).unwrap_err();
+    assert!(matches!(error, UdpError::LongHold { limit } if limit == longer));
 }
 
 #[test]
@@ -89,25 +101,29 @@ fn a_refusal_that_comes_with_another_packet_is_said_and_nothing_is_counted_twice
     let mut words = [0, 0, 5];
     for write in [false, true] {
         bus.link().refusals = vec![true];
-        let error = if write {
-            bus.exchange_prepared(&cycle.write, &mut words)
-        } else {
-            bus.post(&cycle.read)
-        };
-        assert_eq!(error.unwrap_err().kind(), BusErrorKind::Refused);
+        let list = if write { &cycle.write } else { &cycle.read };
+        let error = bus.start(list, &words).unwrap_err();
+        assert_eq!(error.kind(), BusErrorKind::Refused);
     }
-    bus.exchange_prepared(&cycle.read, &mut words).unwrap();
+    let reply = bus.run(&cycle.read, &mut words).unwrap();
     let counted = bus.statistics();
     assert_eq!((counted.lost, counted.lost_writes), (0, 1));
-    assert!(counted.doubts > 0, "the write was not executed");
+    assert_eq!((reply.certain, reply.lost_writes), (false, 1));
 }
 
 #[test]
-fn a_list_of_another_bus_is_refused() {
-    let (mut one, mut other) = (bus(), bus());
-    let list = one.prepare(&[READ]).unwrap();
-    let _ = other.prepare(&[Access::write(0x2000, 0, 2)]).unwrap();
-    let error = other.exchange_prepared(&list, &mut [0; 2]).unwrap_err();
-    assert!(matches!(error, UdpError::NotPrepared { .. }), "{error}");
-    assert!(other.post(&list).is_err());
+fn a_reply_is_taken_only_by_the_list_that_was_started() {
+    let mut bus = bus();
+    let cycle = Cycle::new(&mut bus);
+    let other = bus.prepare(&[READ], None).unwrap();
+    let mut words = [0; 3];
+    assert_eq!(bus.finish(&other, &mut words), Err(UdpError::NotStarted));
+    bus.start(&cycle.read, &words).unwrap();
+    assert_eq!(bus.finish(&other, &mut words), Err(UdpError::NotStarted));
+    bus.finish(&cycle.read, &mut words).unwrap();
+    assert_eq!(words, [1, 2, 0]);
+    assert_eq!(
+        bus.finish(&cycle.read, &mut words),
+        Err(UdpError::NotStarted)
+    );
 }

@@ -7,8 +7,8 @@ enum Step {
     Read,
     Write,
     PacedRead,
-    Post(usize),
-    Collect(usize),
+    Start(usize),
+    Finish(usize),
     Exchange,
     WriteAlone,
     Run,
@@ -26,8 +26,8 @@ fn step() -> impl Strategy<Value = Step> {
         8 => Just(Step::Read),
         8 => Just(Step::Write),
         3 => Just(Step::PacedRead),
-        4 => (0..4_usize).prop_map(Step::Post),
-        4 => (0..4_usize).prop_map(Step::Collect),
+        4 => (0..4_usize).prop_map(Step::Start),
+        4 => (0..4_usize).prop_map(Step::Finish),
         1 => Just(Step::Exchange),
         1 => Just(Step::WriteAlone),
         1 => Just(Step::Run),
@@ -78,14 +78,37 @@ fn packet_of_another(scratch: Option<(u16, u16)>) -> Vec<u8> {
     }
 }
 
+/// What others do to the board.
+fn disturb(network: &mut Network, step: Step, n: usize) {
+    match step {
+        Step::Other(scratch) => {
+            network.execute(&packet_of_another(scratch));
+            return;
+        }
+        Step::Reset => {
+            network.scratch.clear();
+            // Where they begin is one of 65536, so that none is the one that was due by chance,
+            // which nobody could tell.
+            (network.received, network.sent) = (0x400 * n as u16, 0);
+        }
+        Step::Counts(more) => network.received = network.received.wrapping_add(more),
+        _ => {}
+    }
+    network.executions.push(Execution::default());
+}
+
 fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> {
     let first = bus.link().newest.request.unwrap_or(0);
     let cycle = Cycle::new(&mut bus);
-    let paced = bus.prepare_paced(&[Access::read(0x3000, 0, 2)], MS);
-    let paced = paced.unwrap().expect("a board that can wait");
-    let mixed = [Access::read(0x1000, 0, 2), Access::write(0x2000, 2, 1)];
-    let mixed = bus.prepare(&mixed).unwrap();
+    let paced = bus
+        .prepare(&[Access::read(0x3000, 0, 2)], Some(hold(0)))
+        .unwrap();
+    let accesses = [Access::write(0x2000, 2, 1), Access::read(0x1000, 0, 2)];
+    let mixed = bus.prepare(&accesses, Some(hold(1))).unwrap();
     let lists = [&cycle.read, &paced, &cycle.write, &mixed];
+    // Doubts that were told, and whether the truth since then is certain. What replies told before
+    // the first list is of no list.
+    let (mut told, mut is_certain_since, mut is_cyclic) = (0, true, false);
     let mut witness = Witness::default();
     let (mut good, mut writes) = (0_u64, 0);
     for (n, step) in steps.iter().enumerate() {
@@ -93,63 +116,55 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
         let mut words = [0, 0, value];
         let before = bus.statistics();
         let number = bus.link().newest.request;
-        let scratch = bus.link().registers.clone();
         // Whether it is answered, and by which request at the earliest.
         let (result, is_answered) = match *step {
-            Step::Read => (bus.exchange_prepared(&cycle.read, &mut words), true),
-            Step::PacedRead => (bus.exchange_prepared(&paced, &mut words), true),
-            Step::Write => (bus.exchange_prepared(&cycle.write, &mut words), false),
-            Step::Post(n) => (bus.post(lists[n]), false),
-            Step::Collect(n) => (bus.collect(lists[n], &mut words), n != 2),
-            Step::Exchange => (bus.exchange(mixed.accesses(), &mut words), true),
-            Step::WriteAlone => (bus.write(0x2000, value), true),
+            Step::Read => (bus.run(&cycle.read, &mut words).map(Some), true),
+            Step::PacedRead => (bus.run(&paced, &mut words).map(Some), true),
+            Step::Write => (bus.run(&cycle.write, &mut words).map(Some), false),
+            Step::Start(n) => (bus.start(lists[n], &words).map(|()| None), false),
+            Step::Finish(n) => (bus.finish(lists[n], &mut words).map(Some), n != 2),
+            Step::Exchange => (bus.exchange(&accesses, &mut words).map(|()| None), true),
+            Step::WriteAlone => (bus.write(0x2000, value).map(|()| None), true),
             Step::Run => {
                 let mut reply = [0; 4];
-                let result = bus.run(&packet_of_another(None), &mut reply, MS);
-                (result, true)
+                let result = bus.run_commands(&packet_of_another(None), &mut reply, MS);
+                (result.map(|()| None), true)
             }
-            Step::Send => (Lbp16Board::send(&mut bus, &packet_of_another(None)), false),
+            Step::Send => {
+                let result = Lbp16Board::send(&mut bus, &packet_of_another(None));
+                (result.map(|()| None), false)
+            }
             Step::Wait(nanos) => {
                 bus.wait(Duration::from_nanos(nanos));
-                (Ok(()), false)
+                (Ok(None), false)
             }
-            Step::Other(scratch) => {
-                let packet = packet_of_another(scratch);
-                let network = bus.link();
-                network.execute(&packet);
-                (Ok(()), false)
-            }
-            Step::Reset => {
-                let network = bus.link();
-                network.scratch.clear();
-                // Where they begin is one of 65536, so that none is the one that was due by chance,
-                // which nobody could tell.
-                (network.received, network.sent) = (0x400 * n as u16, 0);
-                network.executions.push(Execution::default());
-                (Ok(()), false)
-            }
-            Step::Counts(more) => {
-                let network = bus.link();
-                network.received = network.received.wrapping_add(more);
-                network.executions.push(Execution::default());
-                (Ok(()), false)
+            Step::Other(_) | Step::Reset | Step::Counts(_) => {
+                disturb(bus.link(), *step, n);
+                (Ok(None), false)
             }
         };
         let after = bus.statistics();
         writes += u64::from(matches!(
             step,
-            Step::Write | Step::WriteAlone | Step::Exchange | Step::Collect(2 | 3)
+            Step::Write | Step::WriteAlone | Step::Exchange | Step::Start(2 | 3)
         ));
         prop_assert_eq!(words[2], value);
         let is_read = !matches!(step, Step::WriteAlone | Step::Run | Step::Write);
         let network = bus.link();
-        if result.is_err() {
+        is_cyclic |= matches!(
+            step,
+            Step::Read | Step::PacedRead | Step::Write | Step::Start(_)
+        );
+        if let Err(error) = result {
+            if error == UdpError::NotStarted {
+                continue;
+            }
             prop_assert_eq!(&words[..2], &[0, 0], "{:?}", step);
             if matches!(step, Step::Exchange | Step::WriteAlone | Step::Run) {
                 // A question between may have been answered.
                 witness.heard = None;
             }
-        } else if is_answered {
+        } else if let (Ok(reply), true) = (result, is_answered) {
             good += 1;
             if is_read {
                 let since = number.unwrap_or(first)..;
@@ -163,9 +178,15 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
                 is_certain || is_doubtful,
                 "step {n}, {step:?}: nothing said"
             );
+            is_certain_since &= is_certain;
+            if let Some(reply) = reply {
+                prop_assert_eq!(reply.certain, told == after.doubts, "step {}", n);
+                prop_assert!(!reply.certain || is_certain_since, "step {n}: {reply:?}");
+                (told, is_certain_since) = (after.doubts, true);
+            }
         }
-        if matches!(step, Step::Post(_)) {
-            prop_assert_eq!(&network.registers, &scratch, "posted writes");
+        if !is_cyclic {
+            (told, is_certain_since) = (after.doubts, true);
         }
         prop_assert!(
             after.doubts >= before.doubts && after.repeated_writes >= before.repeated_writes
@@ -176,6 +197,10 @@ fn check(mut bus: UdpBus<Network>, steps: &[Step]) -> Result<(), TestCaseError> 
         prop_assert!(after.late + after.short <= 2 * after.exchanges, "{after:?}");
     }
     Ok(())
+}
+
+fn hold(before: usize) -> Hold {
+    Hold { before, limit: MS }
 }
 
 fn bus_with(held: u64) -> UdpBus<Network> {
