@@ -6,7 +6,6 @@ mod encoders;
 mod other_firmware;
 
 use std::cell::Cell;
-use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -344,32 +343,5 @@ fn another_board_or_a_lacking_module_is_named() {
     assert!(
         text.contains("SSR") && text.contains("PWM"),
         "what is missing, and there: {text}"
-    );
-}
-
-#[test]
-fn the_driver_makes_exactly_the_pins_of_the_manifest() {
-    let driver = Driver::builder(machines::i7i97(1)).build().expect("a 7I97");
-    let manifest = include_str!("../manifests/7i97.txt");
-    let mut written: BTreeSet<(String, String, String)> = BTreeSet::new();
-    for line in manifest.lines().filter(|line| !line.starts_with('#')) {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        written.insert((words[3].into(), words[1].into(), words[2].into()));
-    }
-    // What the manifest does not tell of: the serial port's pins, and the driver's diagnostics.
-    let own = |name: &str| name.contains(".sserial.") || name.ends_with(".lost-writes");
-    let made: BTreeSet<_> = driver
-        .pins()
-        .infos()
-        .iter()
-        .filter(|info| !own(&info.name))
-        .map(|info| {
-            let direction = info.role.hal_direction().to_owned();
-            (info.name.clone(), info.hal_type.to_string(), direction)
-        })
-        .collect();
-    assert_eq!(
-        made.symmetric_difference(&written).collect::<Vec<_>>(),
-        Vec::<&_>::new()
     );
 }

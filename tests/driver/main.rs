@@ -11,6 +11,7 @@ mod faults_board;
 mod faults_outputs;
 mod faults_remote;
 mod index_on_network;
+mod manifest;
 mod outputs_forgotten;
 mod pace;
 mod remote_parameters;

@@ -3,6 +3,5 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod fpga;
-mod manifest;
 mod packing_plan;
 mod remote;

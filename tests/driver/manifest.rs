@@ -1,0 +1,131 @@
+//! The list of all pins and parameters that a driver makes, against a written one.
+
+use std::collections::BTreeMap;
+
+use crate::common::machine::Machine;
+use mesa_hal::driver::{Driver, RemoteConfig, SerialConfig};
+use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
+use mesa_hal::sim::{SimFpga, machines};
+
+/// Name to everything else that the manifest tells.
+type List = BTreeMap<String, String>;
+
+struct Lister {
+    list: List,
+    order: Vec<String>,
+}
+
+impl Lister {
+    fn add(&mut self, kind: &str, info: &PinInfo) {
+        let terminal = if info.terminal.is_empty() {
+            "-"
+        } else {
+            &info.terminal
+        };
+        let direction = info.role.hal_direction();
+        let line = format!("{kind} {} {direction} {terminal}", info.hal_type);
+        assert!(self.list.insert(info.name.clone(), line).is_none());
+        self.order.push(info.name.clone());
+    }
+}
+
+impl Visitor for Lister {
+    fn pin(&mut self, info: &PinInfo, _: AnyValue) {
+        self.add("pin", info);
+    }
+
+    fn parameter(&mut self, info: &PinInfo, _: AnyValue) {
+        self.add("param", info);
+    }
+}
+
+fn visited(pins: &Pins) -> Lister {
+    let mut lister = Lister {
+        list: List::new(),
+        order: Vec::new(),
+    };
+    pins.visit(&mut lister);
+    lister
+}
+
+fn manifest(text: &str) -> List {
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    lines
+        .map(|line| {
+            let mut words = line.split_whitespace();
+            let mut word = || words.next().expect("a line of at least five words");
+            let (kind, hal_type, direction, name) = (word(), word(), word(), word());
+            let terminal = words.collect::<Vec<_>>().join(" ");
+            (
+                name.to_owned(),
+                format!("{kind} {hal_type} {direction} {terminal}"),
+            )
+        })
+        .collect()
+}
+
+/// Every difference in words, not just the first.
+fn differences(made: &List, written: &List) -> Vec<String> {
+    let mut found = Vec::new();
+    for (name, line) in written {
+        match made.get(name) {
+            None => found.push(format!("not made: {name}")),
+            Some(other) if other != line => {
+                found.push(format!("{name}: made {other}, written {line}"));
+            }
+            Some(_) => {}
+        }
+    }
+    found.extend(
+        made.keys()
+            .filter(|name| !written.contains_key(*name))
+            .map(|name| format!("not written: {name}")),
+    );
+    found
+}
+
+/// A 7I77 with everything that it measures, and a 7I72 with its supply voltage.
+fn machine_7i92() -> Driver<SimFpga> {
+    let modes = SerialConfig::default()
+        .with(0, RemoteConfig::in_mode(3))
+        .with(1, RemoteConfig::in_mode(0))
+        .with(2, RemoteConfig::in_mode(1));
+    Machine::build(|builder| builder.serial_port(0, modes)).driver
+}
+
+fn machine_7i97() -> Driver<SimFpga> {
+    Driver::builder(machines::i7i97(1)).build().expect("a 7I97")
+}
+
+#[test]
+fn a_7i92_with_a_7i77_and_a_7i72_has_exactly_the_pins_that_are_written() {
+    let made = visited(machine_7i92().pins()).list;
+    let written = manifest(include_str!("../manifests/7i92-7i77-7i72.txt"));
+    assert_eq!(differences(&made, &written), Vec::<String>::new());
+    assert!(written.len() > 500, "the manifest is whole");
+}
+
+#[test]
+fn a_7i97_has_exactly_the_pins_that_are_written() {
+    let made = visited(machine_7i97().pins()).list;
+    let written = manifest(include_str!("../manifests/7i97.txt"));
+    assert_eq!(differences(&made, &written), Vec::<String>::new());
+    assert!(written.len() > 400, "the manifest is whole");
+}
+
+#[test]
+fn the_order_of_the_list_is_the_same_in_every_run() {
+    assert_eq!(
+        visited(machine_7i92().pins()).order,
+        visited(machine_7i92().pins()).order
+    );
+}
+
+#[test]
+fn every_name_fits_the_tools_of_linuxcnc() {
+    for driver in [machine_7i92(), machine_7i97()] {
+        for info in driver.pins().infos() {
+            assert!(info.name.len() <= 41, "{}", info.name);
+        }
+    }
+}
