@@ -35,8 +35,8 @@ impl PinStore {
         }
     }
 
-    /// Takes the value of an input back: it is not valid until it is published again, whatever its
-    /// group is. For what can not be told yet.
+    /// Takes the value of an input back: it is not valid until it is published again, even if its
+    /// group is. For values that are not known yet.
     pub fn withhold<T: Value>(&mut self, pin: Input<T>) {
         match self.slot_mut(pin.key) {
             Some(slot) => slot.bad = true,

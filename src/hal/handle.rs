@@ -55,11 +55,6 @@ macro_rules! handle {
             pub const fn nowhere() -> Self {
                 Self::new(Key::NOWHERE)
             }
-
-            /// Whether this is a handle to nothing.
-            pub const fn is_nowhere(&self) -> bool {
-                self.key.store == 0
-            }
         }
 
         impl<T> Clone for $name<T> {

@@ -180,7 +180,7 @@ impl AnalogOut {
         pins.set(self.volts, volts);
     }
 
-    /// Switches its drive, and whatever shares the enable.
+    /// Switches its drive, and all that share the enable.
     ///
     /// # Real time
     /// Constant time, no allocation.

@@ -48,7 +48,7 @@ impl<'a> PinMaker<'a> {
         self.store.add_output(self.group, spec, rule)
     }
 
-    /// An output that tells the driver how to work: faults do not touch it.
+    /// An output that decides how the driver works: faults do not touch it.
     pub fn switch<T: Value>(&mut self, name: &str, initial: T) -> Result<Output<T>, PinError> {
         let spec = self.spec(name);
         let rule = OutputRule::switch(initial);

@@ -77,16 +77,6 @@ pub(super) struct Part {
 }
 
 impl Pins {
-    /// How many pins and parameters there are.
-    pub fn len(&self) -> usize {
-        self.infos.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.infos.is_empty()
-    }
-
     /// All of them, in the order in which they were made: pins and parameters of the board first,
     /// then remote by remote. The order is the same in every run on the same machine.
     pub fn infos(&self) -> &[PinInfo] {
@@ -121,7 +111,8 @@ impl Pins {
         }
     }
 
-    /// Sets an output, or a pin that both sides set. It takes effect with the driver's next `write`, if its group is armed.
+    /// Sets an output, or a pin that both sides set. It takes effect with the driver's next
+    /// `write`, if its group is armed.
     ///
     /// Values that are not finite or out of range are replaced when the driver takes them, and
     /// counted: see [`rejections`](Self::rejections). A handle of another store sets nothing.
@@ -252,11 +243,7 @@ impl Pins {
         self.foreign.load(Ordering::Relaxed)
     }
 
-    /// The place of a name in [`infos`](Self::infos).
-    ///
-    /// # Real time
-    /// Grows with the logarithm of the number of pins; handles are for the cycle.
-    pub fn position(&self, name: &str) -> Option<usize> {
+    fn position(&self, name: &str) -> Option<usize> {
         self.search(name)
             .ok()
             .and_then(|place| self.by_name.get(place))
@@ -283,8 +270,8 @@ impl Pins {
         self.find::<T>(name, Role::Setting).map(Param::new)
     }
 
-    /// The value of the pin or parameter at a place of [`infos`](Self::infos), whatever its type.
-    pub fn value_at(&self, position: usize) -> Option<AnyValue> {
+    /// The value of the pin or parameter at a place of [`infos`](Self::infos).
+    pub(super) fn value_at(&self, position: usize) -> Option<AnyValue> {
         let bits = self.slots.get(position)?.bits;
         Some(match self.infos.get(position)?.hal_type {
             HalType::Bit => AnyValue::Bit(Value::from_bits(bits)),

@@ -1,4 +1,4 @@
-//! What a store tells: readings, ages, counts and states.
+//! What a store says: readings, ages, counts and states.
 
 use core::time::Duration;
 
@@ -46,11 +46,6 @@ impl<T> Reading<T> {
     /// The value, if it is valid.
     pub fn ok(self) -> Option<T> {
         self.valid.then_some(self.value)
-    }
-
-    /// The value if it is valid, and `otherwise` if not.
-    pub fn valid_or(self, otherwise: T) -> T {
-        if self.valid { self.value } else { otherwise }
     }
 }
 

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::bus::Instant;
 
-/// Where the number of the next store comes from; 0 is nobody's.
+/// Where the number of the next store comes from; 0 belongs to none.
 static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
 
 /// The driver's side of all pins and parameters of a machine.
@@ -58,7 +58,7 @@ impl PinStore {
     /// A store without pins.
     pub fn new() -> Self {
         let pins = Pins {
-            // Wraps round after four thousand million stores, skipping nobody's number.
+            // Wraps round after four thousand million stores, and never gives 0.
             id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
             slots: Vec::new(),
             rules: Vec::new(),

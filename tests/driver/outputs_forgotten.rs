@@ -181,7 +181,7 @@ impl Clock for Garbage {
 /// Sets any pin or parameter to something extreme.
 fn set_something(driver: &mut Driver<Garbage>, chance: &mut Chance) {
     let pins = driver.pins_mut();
-    let place = chance.below(pins.len() as u64) as usize;
+    let place = chance.below(pins.infos().len() as u64) as usize;
     let info = &pins.infos()[place];
     let (name, role, hal_type) = (info.name.clone(), info.role, info.hal_type);
     let reals = [
