@@ -8,10 +8,9 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::three_remotes;
-use mesa_hal::boards::{RemoteLocation, RemotePins};
 use mesa_hal::driver::Driver;
 use mesa_hal::hal::PinStore;
-use mesa_hal::process_data::InterfaceRegisters;
+use mesa_hal::remote::{PackingPlan, RemoteLocation, RemotePins};
 
 fn packing(criterion: &mut Criterion) {
     let driver = Driver::builder(three_remotes()).build().expect("complete");
@@ -23,10 +22,9 @@ fn packing(criterion: &mut Criterion) {
             channel: remote.started().channel.index(),
         };
         let mut pins = PinStore::new();
-        let registers = InterfaceRegisters::Three;
         let descriptor = remote.descriptor();
-        let mut of =
-            RemotePins::new(&mut pins, location, descriptor, registers, None).expect("pins");
+        let plan = PackingPlan::new(descriptor, 3).expect("a plan");
+        let mut of = RemotePins::new(&mut pins, location, descriptor, plan, None).expect("pins");
         let mut words = [0x0F0F_1234; 7];
         let bits = of.plan().input_bits() + of.plan().output_bits();
         group.throughput(Throughput::Elements(bits.into()));

@@ -90,7 +90,7 @@ pub mod lbp;
 pub mod lbp16;
 #[allow(dead_code)]
 pub mod modules;
-pub mod process_data;
+pub mod remote;
 #[cfg(feature = "std")]
 pub mod sim;
 pub mod sslbp;

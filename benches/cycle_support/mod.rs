@@ -198,7 +198,7 @@ pub fn process_data_words<B: RegisterBus + Clock>(driver: &Driver<B>) -> usize {
     remotes
         .map(|remote| {
             let plan = remote.pins().plan();
-            plan.input_words() + plan.output_words()
+            (plan.input_bits().div_ceil(32) + plan.output_bits().div_ceil(32)) as usize
         })
         .sum()
 }

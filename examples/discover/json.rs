@@ -1,5 +1,6 @@
 //! The inventory for programs.
 
+use mesa_hal::boards::Terminals;
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use serde_json::{Value, json};
 
@@ -82,8 +83,8 @@ fn remote(remote: &RemoteReport) -> Value {
         "process_data": descriptor.process_data.iter().map(|record| {
             let mut element = data(record);
             let known = remote.table.and_then(|table| table.element(&record.name, record.direction));
-            element["terminals"] = known.map_or(&[][..], |known| known.terminals).iter().map(|terminal| {
-                json!({ "place": terminal.place, "signal": terminal.signal })
+            element["terminals"] = Terminals::each(known.map_or(&[], |known| known.terminals)).map(|(_, at)| {
+                json!({ "place": at.terminal, "signal": at.signal })
             }).collect();
             element
         }).collect::<Vec<_>>(),

@@ -10,7 +10,7 @@ use mesa_hal::discovery::{
 };
 use mesa_hal::ethernet::Identity;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan, Watchdog};
-use mesa_hal::process_data::ParameterValue;
+use mesa_hal::remote::ParameterValue;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
 
 use crate::support::Stop;

@@ -2,8 +2,9 @@
 
 use std::fmt::{self, Write};
 
+use mesa_hal::boards::Terminals;
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
-use mesa_hal::process_data::Scaling;
+use mesa_hal::remote::Scaling;
 
 use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
 use crate::terminals;
@@ -181,10 +182,8 @@ fn print_terminals(out: &mut String, remote: &RemoteReport, record: &DataRecord)
     let element = remote
         .table
         .and_then(|table| table.element(&record.name, record.direction));
-    let places: Vec<String> = element
-        .map_or(&[][..], |element| element.terminals)
-        .iter()
-        .map(|terminal| format!("{} {}", terminal.place, terminal.signal))
+    let places: Vec<String> = Terminals::each(element.map_or(&[], |element| element.terminals))
+        .map(|(_, at)| format!("{} {}", at.terminal, at.signal))
         .collect();
     for line in places.chunks(4) {
         writeln!(out, "          {}", line.join(", "))?;

@@ -3,15 +3,11 @@
 use super::IdentityError;
 use crate::hal::PinError;
 use crate::hostmot2::{Gtag, LocateError, Name8};
-use crate::process_data::PlanError;
 
 /// Why the pins of a remote or a board were not made.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoardError {
-    /// Its process data can not be packed.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
     /// A pin of it can not be made.
     #[error("element {element} of the process data: {source}")]
     Element {

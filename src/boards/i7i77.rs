@@ -10,12 +10,11 @@ use alloc::format;
 
 use super::fpga::EncoderPins;
 use super::table::terminals;
-use super::{
-    BoardError, CardTable, ElementTable, RemotePins, RemoteTable, Terminal, Terminals, handles,
-};
+use super::{BoardError, CardTable, ElementTable, RemoteTable, Terminal, Terminals, handles};
 use crate::discovery::DataDirection;
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, GroupId, PinStore, Pins};
 use crate::hostmot2::{Gtag, HostMot2};
+use crate::remote::RemotePins;
 
 /// How the field outputs switch.
 ///
@@ -40,19 +39,23 @@ pub const FIELD: RemoteTable = RemoteTable {
         ElementTable::bits("Input", 32, DataDirection::Input).at(INPUTS),
         ElementTable::volts_in("AnalogIn0", 8, 36.3)
             .in_modes(0b1110)
-            .at(AIN0),
+            .at(&[Terminals::new("TB8 pin ", 0, &["INPUT#"], &[1])]),
         ElementTable::volts_in("AnalogIn1", 8, 36.3)
             .in_modes(0b1110)
-            .at(AIN1),
+            .at(&[Terminals::new("TB8 pin ", 1, &["INPUT#"], &[2])]),
         ElementTable::volts_in("AnalogIn2", 8, 36.3)
             .in_modes(0b1110)
-            .at(AIN2),
+            .at(&[Terminals::new("TB8 pin ", 2, &["INPUT#"], &[3])]),
         ElementTable::volts_in("AnalogIn3", 8, 36.3)
             .in_modes(0b1110)
-            .at(AIN3),
+            .at(&[Terminals::new("TB8 pin ", 3, &["INPUT#"], &[4])]),
         ElementTable::volts_in("FieldVoltage", 8, 36.3).in_modes(0b1100),
-        ElementTable::counter("Enc0", 8).in_modes(0b1000).at(MPG0),
-        ElementTable::counter("Enc1", 8).in_modes(0b1000).at(MPG1),
+        ElementTable::counter("Enc0", 8)
+            .in_modes(0b1000)
+            .at(&[Terminals::new("TB7 pin ", 16, &["INPUT#"], &[1, 2])]),
+        ElementTable::counter("Enc1", 8)
+            .in_modes(0b1000)
+            .at(&[Terminals::new("TB7 pin ", 18, &["INPUT#"], &[3, 4])]),
     ],
 };
 
@@ -62,12 +65,42 @@ pub const ANALOG: RemoteTable = RemoteTable {
     name: *b"7I77",
     unit_class: Some(0x11),
     elements: &[
-        ElementTable::volts_out("AnalogOut0", 13, 10.0).at(AOUT0),
-        ElementTable::volts_out("AnalogOut1", 13, 10.0).at(AOUT1),
-        ElementTable::volts_out("AnalogOut2", 13, 10.0).at(AOUT2),
-        ElementTable::volts_out("AnalogOut3", 13, 10.0).at(AOUT3),
-        ElementTable::volts_out("AnalogOut4", 13, 10.0).at(AOUT4),
-        ElementTable::volts_out("AnalogOut5", 13, 10.0).at(AOUT5),
+        ElementTable::volts_out("AnalogOut0", 13, 10.0).at(&[Terminals::new(
+            "TB5 pin ",
+            0,
+            &["AOUT#"],
+            &[4],
+        )]),
+        ElementTable::volts_out("AnalogOut1", 13, 10.0).at(&[Terminals::new(
+            "TB5 pin ",
+            1,
+            &["AOUT#"],
+            &[8],
+        )]),
+        ElementTable::volts_out("AnalogOut2", 13, 10.0).at(&[Terminals::new(
+            "TB5 pin ",
+            2,
+            &["AOUT#"],
+            &[12],
+        )]),
+        ElementTable::volts_out("AnalogOut3", 13, 10.0).at(&[Terminals::new(
+            "TB5 pin ",
+            3,
+            &["AOUT#"],
+            &[16],
+        )]),
+        ElementTable::volts_out("AnalogOut4", 13, 10.0).at(&[Terminals::new(
+            "TB5 pin ",
+            4,
+            &["AOUT#"],
+            &[20],
+        )]),
+        ElementTable::volts_out("AnalogOut5", 13, 10.0).at(&[Terminals::new(
+            "TB5 pin ",
+            5,
+            &["AOUT#"],
+            &[24],
+        )]),
         ElementTable::switch("AnalogEna").at(ENABLES),
         ElementTable::switch("SpinEna").at(SPINDLE_ENABLE),
     ],
@@ -115,79 +148,32 @@ pub const SERIAL_TERMINALS: &[Terminal] = terminals![
     "TB6 pin 3" "RX+", "TB6 pin 4" "RX-", "TB6 pin 5" "TX+", "TB6 pin 6" "TX-"
 ];
 
-const INPUTS: &[Terminal] = terminals![
-    "TB8 pin 1" "INPUT0",
-    "TB8 pin 2" "INPUT1",
-    "TB8 pin 3" "INPUT2",
-    "TB8 pin 4" "INPUT3",
-    "TB8 pin 5" "INPUT4",
-    "TB8 pin 6" "INPUT5",
-    "TB8 pin 7" "INPUT6",
-    "TB8 pin 8" "INPUT7",
-    "TB8 pin 9" "INPUT8",
-    "TB8 pin 10" "INPUT9",
-    "TB8 pin 11" "INPUT10",
-    "TB8 pin 12" "INPUT11",
-    "TB8 pin 13" "INPUT12",
-    "TB8 pin 14" "INPUT13",
-    "TB8 pin 15" "INPUT14",
-    "TB8 pin 16" "INPUT15",
-    "TB7 pin 1" "INPUT16",
-    "TB7 pin 2" "INPUT17",
-    "TB7 pin 3" "INPUT18",
-    "TB7 pin 4" "INPUT19",
-    "TB7 pin 5" "INPUT20",
-    "TB7 pin 6" "INPUT21",
-    "TB7 pin 7" "INPUT22",
-    "TB7 pin 8" "INPUT23",
-    "TB7 pin 9" "INPUT24",
-    "TB7 pin 10" "INPUT25",
-    "TB7 pin 11" "INPUT26",
-    "TB7 pin 12" "INPUT27",
-    "TB7 pin 13" "INPUT28",
-    "TB7 pin 14" "INPUT29",
-    "TB7 pin 15" "INPUT30",
-    "TB7 pin 16" "INPUT31"
+const INPUTS: &[Terminals] = &[
+    Terminals::new("TB8 pin ", 0, &["INPUT#"], FIRST_16),
+    Terminals::new("TB7 pin ", 16, &["INPUT#"], FIRST_16),
 ];
 
-const OUTPUTS: &[Terminal] = terminals![
-    "TB8 pin 17" "OUTPUT0",
-    "TB8 pin 18" "OUTPUT1",
-    "TB8 pin 19" "OUTPUT2",
-    "TB8 pin 20" "OUTPUT3",
-    "TB8 pin 21" "OUTPUT4",
-    "TB8 pin 22" "OUTPUT5",
-    "TB8 pin 23" "OUTPUT6",
-    "TB8 pin 24" "OUTPUT7",
-    "TB7 pin 17" "OUTPUT8",
-    "TB7 pin 18" "OUTPUT9",
-    "TB7 pin 19" "OUTPUT10",
-    "TB7 pin 20" "OUTPUT11",
-    "TB7 pin 21" "OUTPUT12",
-    "TB7 pin 22" "OUTPUT13",
-    "TB7 pin 23" "OUTPUT14",
-    "TB7 pin 24" "OUTPUT15"
+const OUTPUTS: &[Terminals] = &[
+    Terminals::new("TB8 pin ", 0, &["OUTPUT#"], LAST_8),
+    Terminals::new("TB7 pin ", 8, &["OUTPUT#"], LAST_8),
 ];
 
-const AIN0: &[Terminal] = terminals!["TB8 pin 1" "INPUT0"];
-const AIN1: &[Terminal] = terminals!["TB8 pin 2" "INPUT1"];
-const AIN2: &[Terminal] = terminals!["TB8 pin 3" "INPUT2"];
-const AIN3: &[Terminal] = terminals!["TB8 pin 4" "INPUT3"];
-const MPG0: &[Terminal] = terminals!["TB7 pin 1" "INPUT16", "TB7 pin 2" "INPUT17"];
-const MPG1: &[Terminal] = terminals!["TB7 pin 3" "INPUT18", "TB7 pin 4" "INPUT19"];
-
-const AOUT0: &[Terminal] = terminals!["TB5 pin 4" "AOUT0"];
-const AOUT1: &[Terminal] = terminals!["TB5 pin 8" "AOUT1"];
-const AOUT2: &[Terminal] = terminals!["TB5 pin 12" "AOUT2"];
-const AOUT3: &[Terminal] = terminals!["TB5 pin 16" "AOUT3"];
-const AOUT4: &[Terminal] = terminals!["TB5 pin 20" "AOUT4"];
-const AOUT5: &[Terminal] = terminals!["TB5 pin 24" "AOUT5"];
+const FIRST_16: &[u8] = &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16];
+const LAST_8: &[u8] = &[17, 18, 19, 20, 21, 22, 23, 24];
 
 /// AnalogEna switches the enables of channels 0 to 4 together.
-const ENABLES: &[Terminal] = terminals![
-    "TB5 pin 1" "ENA0-", "TB5 pin 2" "ENA0+", "TB5 pin 5" "ENA1-", "TB5 pin 6" "ENA1+", "TB5 pin 9" "ENA2-", "TB5 pin 10" "ENA2+", "TB5 pin 13" "ENA3-", "TB5 pin 14" "ENA3+", "TB5 pin 17" "ENA4-", "TB5 pin 18" "ENA4+"
-];
-const SPINDLE_ENABLE: &[Terminal] = terminals!["TB5 pin 21" "ENA5-", "TB5 pin 22" "ENA5+"];
+const ENABLES: &[Terminals] = &[Terminals::new(
+    "TB5 pin ",
+    0,
+    &["ENA#-", "ENA#+"],
+    &[1, 2, 5, 6, 9, 10, 13, 14, 17, 18],
+)];
+const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
+    "TB5 pin ",
+    5,
+    &["ENA#-", "ENA#+"],
+    &[21, 22],
+)];
 
 /// The pins of the field I/O.
 #[derive(Clone, Copy, Debug, PartialEq)]

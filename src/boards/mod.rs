@@ -1,6 +1,6 @@
 //! Which remote or module is which pin.
 //!
-//! [`RemotePins`] makes the pins of any remote from its descriptor; a [`RemoteTable`] adds terminals
+//! [`RemotePins`](crate::remote::RemotePins) makes the pins of any remote from its descriptor; a [`RemoteTable`] adds terminals
 //! and safe values for the boards that are known. [`i7i77`] and [`i7i72`] give their pins names in
 //! Rust.
 
@@ -13,7 +13,6 @@ pub mod i7i72;
 pub mod i7i77;
 pub mod i7i97;
 mod identity;
-mod remote;
 mod table;
 mod terminals;
 
@@ -24,11 +23,7 @@ pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field, OutputType};
 pub use i7i97::I7i97;
 pub use identity::{Difference, IdentityError};
-pub use remote::{
-    CounterPins, ParameterHandle, ParameterValueError, RemoteLocation, RemoteParameter, RemotePins,
-};
 pub use table::{ElementTable, RemoteTable, Terminal};
 pub use terminals::{Place, Terminals};
 
-use fpga::at_terminals;
 use handles::handles;

@@ -1,5 +1,6 @@
 //! What is known of a remote beforehand: thin data over what it says of itself.
 
+use super::Terminals;
 use crate::discovery::{DataDirection, DataType, RemoteDescriptor};
 
 /// A screw terminal and what the manual calls it.
@@ -28,8 +29,8 @@ pub struct ElementTable {
     pub unit: &'static str,
     /// The software modes that have it: bit n for mode n.
     pub modes: u16,
-    /// The terminals it is at: one for each bit of BITS, otherwise those of the whole element.
-    pub terminals: &'static [Terminal],
+    /// The terminals it is at: by bit for BITS, otherwise those of the whole element.
+    pub terminals: &'static [Terminals],
     /// The value its output has when nothing else is said: 0 is off and 0 V.
     pub safe: f64,
 }
@@ -133,7 +134,7 @@ impl ElementTable {
         }
     }
 
-    pub(super) const fn at(self, terminals: &'static [Terminal]) -> Self {
+    pub(super) const fn at(self, terminals: &'static [Terminals]) -> Self {
         Self { terminals, ..self }
     }
 

@@ -41,6 +41,21 @@ pub struct Place {
 }
 
 impl Terminals {
+    /// Terminals from thing `first` on.
+    pub const fn new(
+        connector: &'static str,
+        first: u16,
+        signals: &'static [&'static str],
+        pins: &'static [u8],
+    ) -> Self {
+        Self {
+            connector,
+            first,
+            signals,
+            pins,
+        }
+    }
+
     /// Three encoders on a block of 24 terminals, of which each third is ground or +5 V: A, B and
     /// index of each.
     pub const fn encoders(connector: &'static str, first: u16) -> Self {

@@ -63,11 +63,9 @@ pub struct RemoteDescriptor {
 }
 
 impl RemoteDescriptor {
-    /// The parameter of that name; upper and lower case are the same.
+    /// The parameter of that name, as the remote spells it or as LinuxCNC does, in lower case.
     pub fn parameter(&self, name: &str) -> Option<&DataRecord> {
-        self.parameters
-            .iter()
-            .find(|record| record.name.eq_ignore_ascii_case(name))
+        self.parameters.iter().find(|record| record.is_named(name))
     }
 }
 

@@ -185,6 +185,11 @@ pub enum ProblemKind {
     /// An element without bits.
     #[error("it has no bits")]
     NoBits,
+    /// One part of a count in two parts stands alone.
+    #[error(
+        "it is one part of a count, and the other part does not follow; choose another software mode"
+    )]
+    HalfCount,
     /// A number with more bits than a number can have.
     #[error("it is a number of {bits} bits, at most {limit} are possible")]
     TooManyBits {

@@ -2,14 +2,13 @@
 
 use core::time::Duration;
 
-use crate::boards::{ParameterValueError, RemotePins};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
-use crate::discovery::{PortMemory, RemoteDescriptor, RemoteMemory, RemoteParameters};
+use crate::discovery::{DataRecord, PortMemory, RemoteDescriptor};
 use crate::hal::AnyValue;
 use crate::hostmot2::Watchdog;
+use crate::remote::{ParameterError, ParameterValueError, RemotePins};
 use crate::sslbp::{
-    AccessError, AccessSize, Channel, ChannelStart, Port, PortError, StartFailure, StartMode,
-    StartedRemote,
+    Channel, ChannelStart, Port, PortError, StartFailure, StartMode, StartedRemote,
 };
 
 use super::build::WATCHDOG_FEEDS;
@@ -80,9 +79,12 @@ pub enum RemoteParameterError<E: BusError> {
         /// What answers.
         found: crate::discovery::RemoteName,
     },
-    /// The port or the bus failed, or the remote did not keep the value.
+    /// The port or the bus failed, or the remote did not keep a non-volatile value.
     #[error(transparent)]
     Port(PortError<E>),
+    /// The remote did not take the value.
+    #[error(transparent)]
+    Parameter(ParameterError<PortError<E>>),
     /// The board is not set up, so that its serial lines are no lines.
     #[error("the board is not running ({state:?}), and reaches no remote: call `rearm` first")]
     BoardNotRunning {
@@ -99,13 +101,12 @@ pub enum RemoteParameterError<E: BusError> {
 const UNFED: Duration = Duration::from_secs(8);
 
 /// One parameter of one remote, and what it is to be.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct ParameterWrite {
     /// Its place in [`RemotePins::parameters`].
     pub place: usize,
-    pub address: u16,
-    pub size: AccessSize,
-    pub nonvolatile: bool,
+    record: DataRecord,
+    value: AnyValue,
     pub raw: u64,
 }
 
@@ -142,23 +143,20 @@ impl ParameterWrite {
         name: &str,
         value: AnyValue,
     ) -> Result<Self, RemoteParameterError<E>> {
-        let no_such = RemoteParameterError::NoSuchParameter { port, channel };
-        let Some(parameter) = pins.parameter(descriptor, name) else {
-            return Err(no_such);
+        let mut parameters = pins.parameters().iter().enumerate();
+        let found = parameters.find_map(|(place, parameter)| {
+            let record = descriptor.parameters.get(parameter.record)?;
+            record.is_named(name).then_some((place, record))
+        });
+        let Some((place, record)) = found else {
+            return Err(RemoteParameterError::NoSuchParameter { port, channel });
         };
-        let address = parameter.address;
-        let same = |other: &crate::boards::RemoteParameter| other.record == parameter.record;
-        let place = pins.parameters().iter().position(same);
-        match (place, AccessSize::for_bits(parameter.bits)) {
-            (Some(place), Some(size)) => Ok(Self {
-                place,
-                address,
-                size,
-                nonvolatile: parameter.nonvolatile,
-                raw: parameter.raw(value)?,
-            }),
-            _ => Err(no_such),
-        }
+        Ok(Self {
+            place,
+            record: record.clone(),
+            value,
+            raw: record.raw_of(value)?,
+        })
     }
 
     /// Writes it to a remote in setup mode, and reads it back.
@@ -167,26 +165,14 @@ impl ParameterWrite {
         bus: &mut B,
         port: &mut Port,
         channel: Channel,
-    ) -> Result<(), PortError<B::Error>> {
-        let instance = port.layout().instance();
+    ) -> Result<(), RemoteParameterError<B::Error>> {
         let mut memory = PortMemory::new(port, bus, channel);
-        if self.nonvolatile {
-            return memory.write_nonvolatile(self.address, self.size, self.raw);
-        }
-        memory.write(self.address, self.size, self.raw)?;
-        let read = memory.read(self.address, self.size)?;
-        if read == self.raw {
-            return Ok(());
-        }
-        Err(PortError::Access {
-            port: instance,
-            error: AccessError::NotKept {
-                channel,
-                address: self.address,
-                written: self.raw,
-                read,
-            },
-        })
+        self.record
+            .write_parameter(&mut memory, self.value)
+            .map_err(|error| match error {
+                ParameterError::Memory(error) => RemoteParameterError::Port(error),
+                error => RemoteParameterError::Parameter(error),
+            })
     }
 }
 
@@ -243,7 +229,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         let usual = self.board.timeout();
         let fed = self.feed_for(UNFED);
-        let result = fed.and_then(|()| self.write_in_setup(port, &started, write));
+        let result = fed.and_then(|()| self.write_in_setup(port, &started, &write));
         self.make_safe();
         self.forget_posted();
         self.look_closely = true;
@@ -269,7 +255,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         &mut self,
         port: u8,
         remote: &StartedRemote,
-        write: ParameterWrite,
+        write: &ParameterWrite,
     ) -> Result<(), RemoteParameterError<B::Error>> {
         let bus = &mut self.bus;
         let ports = self.ports.len();
@@ -290,7 +276,7 @@ fn in_setup<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
     remote: &StartedRemote,
-    write: ParameterWrite,
+    write: &ParameterWrite,
 ) -> Result<(), RemoteParameterError<B::Error>> {
     let channel = remote.channel;
     port.stop_all(bus).map_err(RemoteParameterError::Port)?;
@@ -300,9 +286,7 @@ fn in_setup<B: RegisterBus + Clock>(
         .map_err(RemoteParameterError::Port)?;
     match report.outcome(channel) {
         Some(Ok(found)) if (found.name, found.unit_number) == (remote.name, remote.unit_number) => {
-            write
-                .write(bus, port, channel)
-                .map_err(RemoteParameterError::Port)
+            write.write(bus, port, channel)
         }
         Some(Ok(found)) => Err(RemoteParameterError::AnotherDevice {
             channel,

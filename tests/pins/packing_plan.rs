@@ -1,12 +1,16 @@
 //! Packing plans: where each element is, against a packing done bit by bit.
 
-use crate::common::descriptors::{analog, field_io, outputs_48, record};
-use mesa_hal::discovery::{DataDirection, DataRecord, DataType};
-use mesa_hal::process_data::{ElementKind, InterfaceRegisters, PackingPlan, PlanError};
+use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
+use mesa_hal::discovery::{DataDirection, DataRecord, DataType, Flow, Problem, ProblemKind};
+use mesa_hal::remote::{ElementKind, PackingPlan};
 use proptest::prelude::*;
 
-const THREE: InterfaceRegisters = InterfaceRegisters::Three;
-const SEVEN: InterfaceRegisters = InterfaceRegisters::Seven;
+const THREE: u8 = 3;
+const SEVEN: u8 = 7;
+
+fn plan_of(records: &[DataRecord], registers: u8) -> Result<PackingPlan, Problem> {
+    PackingPlan::new(&descriptor(*b"TEST", 1, 0, records.to_vec()), registers)
+}
 
 fn numbers(widths: &[u8], direction: DataDirection) -> Vec<DataRecord> {
     widths
@@ -39,7 +43,7 @@ fn sizes_are_those_of_the_manuals() {
     ] {
         let plan = PackingPlan::new(&descriptor, THREE).unwrap();
         assert_eq!(
-            (plan.receive_size(), plan.transmit_size()),
+            (plan.input_bytes() + 1, plan.transmit_size()),
             (receive, transmit)
         );
     }
@@ -55,7 +59,7 @@ fn inputs_and_outputs_are_two_streams_and_pads_take_room() {
         record("C", 30, DataType::Stream, Bidirectional, 0.0, 0.0),
         record("D", 1, DataType::Boolean, Output, 0.0, 0.0),
     ];
-    let plan = PackingPlan::from_records(&records, THREE).unwrap();
+    let plan = plan_of(&records, THREE).unwrap();
     let places: Vec<_> = plan
         .elements()
         .iter()
@@ -71,35 +75,34 @@ fn inputs_and_outputs_are_two_streams_and_pads_take_room() {
             (None, Some(35)),
         ]
     );
-    assert_eq!((plan.input_words(), plan.output_words()), (2, 2));
+    assert_eq!((plan.input_bits(), plan.output_bits()), (40, 36));
 }
 
 #[test]
 fn what_does_not_fit_is_refused_with_its_size() {
     let inputs = numbers(&[64, 32, 1], DataDirection::Input);
+    let kind = |records: &[DataRecord], registers| plan_of(records, registers).unwrap_err().kind;
     assert_eq!(
-        PackingPlan::from_records(&inputs, THREE),
-        Err(PlanError::TooManyInputs {
+        kind(&inputs, THREE),
+        ProblemKind::RegistersTooSmall {
+            direction: Flow::Input,
             bits: 97,
-            capacity: 96
-        })
+            limit: 96
+        }
     );
-    assert!(PackingPlan::from_records(&inputs, SEVEN).is_ok());
+    assert!(plan_of(&inputs, SEVEN).is_ok());
     let outputs = numbers(&[64, 64, 64, 33], DataDirection::Output);
     assert_eq!(
-        PackingPlan::from_records(&outputs, SEVEN),
-        Err(PlanError::TooManyOutputs {
+        kind(&outputs, SEVEN),
+        ProblemKind::RegistersTooSmall {
+            direction: Flow::Output,
             bits: 225,
-            capacity: 224
-        })
+            limit: 224
+        }
     );
     // More than any stream can number.
     let many = numbers(&[64; 2000], DataDirection::Bidirectional);
-    assert!(PackingPlan::from_records(&many, SEVEN).is_err());
-    assert_eq!(
-        InterfaceRegisters::from_count(4),
-        Err(PlanError::Registers { registers: 4 })
-    );
+    assert!(plan_of(&many, SEVEN).is_err());
 }
 
 #[test]
@@ -107,39 +110,32 @@ fn damaged_records_are_refused_by_place() {
     let bad = |bits, data_type, max| {
         let records = [
             record("Good", 8, DataType::Bits, DataDirection::Input, 0.0, 0.0),
-            record("Bad", bits, data_type, DataDirection::Input, 0.0, max),
+            DataRecord {
+                record_address: 0x123,
+                ..record("Bad", bits, data_type, DataDirection::Input, 0.0, max)
+            },
         ];
-        PackingPlan::from_records(&records, THREE)
-            .map(|_| ())
-            .unwrap_err()
+        let problem = plan_of(&records, THREE).unwrap_err();
+        assert_eq!(problem.record, 0x123);
+        problem.kind
     };
-    assert!(matches!(
-        bad(0, DataType::Bits, 0.0),
-        PlanError::NoBits {
-            element: 1,
-            record: 0x100
-        }
-    ));
-    assert!(matches!(
+    assert_eq!(bad(0, DataType::Bits, 0.0), ProblemKind::NoBits);
+    assert_eq!(
         bad(65, DataType::Unsigned, 1.0),
-        PlanError::Width {
-            element: 1,
+        ProblemKind::TooManyBits {
             bits: 65,
-            ..
+            limit: 64
         }
-    ));
-    assert!(matches!(
+    );
+    assert_eq!(
         bad(16, DataType::Float, 1.0),
-        PlanError::Width { bits: 16, .. }
-    ));
+        ProblemKind::FloatSize { bits: 16 }
+    );
     assert!(matches!(
         bad(8, DataType::Signed, f32::NAN),
-        PlanError::Limits { element: 1, .. }
+        ProblemKind::LimitsNotFinite { .. }
     ));
-    assert!(matches!(
-        bad(8, DataType::EncoderHigh, 1.0),
-        PlanError::HalfCount { element: 1, .. }
-    ));
+    assert_eq!(bad(8, DataType::EncoderHigh, 1.0), ProblemKind::HalfCount);
     let wide = [record(
         "Wide",
         96,
@@ -149,7 +145,7 @@ fn damaged_records_are_refused_by_place() {
         0.0,
     )];
     assert!(
-        PackingPlan::from_records(&wide, THREE).is_ok(),
+        plan_of(&wide, THREE).is_ok(),
         "bits go up to the whole width"
     );
 }
@@ -172,14 +168,17 @@ fn two_parts_of_a_count_are_one_element() {
         0.0,
         1.0,
     );
-    let plan = PackingPlan::from_records(&[low.clone(), high.clone()], THREE).unwrap();
+    let plan = plan_of(&[low.clone(), high.clone()], THREE).unwrap();
     assert_eq!(plan.elements().len(), 1);
-    assert_eq!(plan.elements()[0].kind, ElementKind::Counter);
-    assert_eq!(plan.elements()[0].bits, 40);
-    let plan = PackingPlan::from_records(&[high, low], THREE).unwrap();
     assert_eq!(
         plan.elements()[0].kind,
-        ElementKind::SplitCounter { high_bits: 24 }
+        ElementKind::Counter { high_bits: 0 }
+    );
+    assert_eq!(plan.elements()[0].bits, 40);
+    let plan = plan_of(&[high, low], THREE).unwrap();
+    assert_eq!(
+        plan.elements()[0].kind,
+        ElementKind::Counter { high_bits: 24 }
     );
 }
 
@@ -212,7 +211,7 @@ proptest! {
             .collect();
         let widths: Vec<_> = elements.iter().map(|&(bits, _)| bits).collect();
         let records = numbers(&widths, DataDirection::Bidirectional);
-        let plan = PackingPlan::from_records(&records, SEVEN).unwrap();
+        let plan = plan_of(&records, SEVEN).unwrap();
         let expected = to_words(&bit_by_bit(&elements));
 
         let mut words = [0; 7];
@@ -253,9 +252,9 @@ proptest! {
                 record("R", bits, DataType::from_byte(code), direction, min, max)
             })
             .collect();
-        if let Ok(plan) = PackingPlan::from_records(&records, registers) {
-            prop_assert!(plan.input_bits() <= registers.bits());
-            prop_assert!(plan.output_bits() <= registers.bits());
+        if let Ok(plan) = plan_of(&records, registers) {
+            prop_assert!(plan.input_bits() <= u32::from(registers) * 32);
+            prop_assert!(plan.output_bits() <= u32::from(registers) * 32);
             for element in plan.elements() {
                 let end = |first: Option<u16>| first.map_or(0, |f| u32::from(f) + u32::from(element.bits));
                 prop_assert!(end(element.input) <= plan.input_bits());

@@ -2,13 +2,12 @@
 // Exact values are exact here: nothing else would show a rounding mistake.
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
 use mesa_hal::boards::{
-    Difference, I7i72, I7i77Analog, I7i77Field, IdentityError, OutputType, ParameterValueError,
-    RemoteLocation, RemotePins, RemoteTable, i7i77,
+    Difference, I7i72, I7i77Analog, I7i77Field, IdentityError, OutputType, RemoteTable, i7i77,
 };
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataType, RemoteDescriptor};
 use mesa_hal::hal::{AnyValue, PinError, PinStore, Role};
-use mesa_hal::process_data::InterfaceRegisters;
+use mesa_hal::remote::{PackingPlan, ParameterValueError, RemoteLocation, RemotePins};
 use proptest::prelude::*;
 
 fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> RemotePins {
@@ -18,7 +17,8 @@ fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> Re
         channel,
     };
     let table = RemoteTable::for_remote(descriptor);
-    RemotePins::new(pins, location, descriptor, InterfaceRegisters::Three, table).unwrap()
+    let plan = PackingPlan::new(descriptor, 3).unwrap();
+    RemotePins::new(pins, location, descriptor, plan, table).unwrap()
 }
 
 fn cycle(pins: &mut PinStore) {
@@ -33,7 +33,10 @@ fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
     assert_eq!(
-        (remote.plan().receive_size(), remote.plan().transmit_size()),
+        (
+            remote.plan().input_bytes() + 1,
+            remote.plan().transmit_size()
+        ),
         (5, 2)
     );
     cycle(&mut pins);
@@ -61,7 +64,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
         let mut pins = PinStore::new();
         let remote = remote(&mut pins, 0, &field_io(mode));
         let field = I7i77Field::new(&pins, &remote, OutputType::Sinking).unwrap();
-        assert_eq!(remote.plan().receive_size(), receive, "mode {mode}");
+        assert_eq!(remote.plan().input_bytes() + 1, receive, "mode {mode}");
         assert_eq!(field.analog_in.is_some(), mode >= 1);
         assert_eq!(field.field_voltage.is_some(), mode >= 2);
         assert_eq!(field.mpgs.is_some(), mode >= 3);
@@ -104,7 +107,10 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
     let remote = remote(&mut pins, 1, &analog());
     let card = I7i77Analog::new(&pins, &remote).unwrap();
     assert_eq!(
-        (remote.plan().receive_size(), remote.plan().transmit_size()),
+        (
+            remote.plan().input_bytes() + 1,
+            remote.plan().transmit_size()
+        ),
         (1, 10)
     );
     for (output, volts) in card
@@ -161,7 +167,7 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
     pins.set_param(spindle.full_scale, 0.0).unwrap();
     assert_eq!(raw(&mut pins, 100.0), 0);
     assert_eq!(raw(&mut pins, f64::NAN), 0);
-    assert_eq!(pins.rejections(spindle.volts).not_finite, 3);
+    assert_eq!(pins.rejections(spindle.volts).not_finite, 2);
 }
 
 #[test]
@@ -204,7 +210,10 @@ fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
     let mut remote = remote(&mut pins, 2, &outputs_48(1));
     let card = I7i72::new(&pins, &remote).unwrap();
     assert_eq!(
-        (remote.plan().receive_size(), remote.plan().transmit_size()),
+        (
+            remote.plan().input_bytes() + 1,
+            remote.plan().transmit_size()
+        ),
         (3, 6)
     );
     for (n, output) in card.outputs.iter().enumerate() {
@@ -311,8 +320,9 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
     let field = field_io(0);
     assert!(remote.parameter(&field, "NVBaudRate").is_some());
     assert!(remote.parameter(&field, "nvbaudrat").is_none());
-    let parameter = *remote.parameter(&field, "nvbaudrate").unwrap();
+    let parameter = remote.parameter(&field, "nvbaudrate").unwrap();
     assert_eq!((parameter.first(), parameter.known()), (None, None));
+    let record = field.parameter("nvbaudrate").unwrap();
     for (value, raw) in [
         (AnyValue::U32(10), Some(10)),
         (AnyValue::S32(10), Some(10)),
@@ -323,11 +333,11 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
         (AnyValue::U64(255), Some(255)),
         (AnyValue::U64(256), None),
     ] {
-        assert_eq!(parameter.raw(value).ok(), raw, "{value:?}");
+        assert_eq!(record.raw_of(value).ok(), raw, "{value:?}");
     }
-    let read_only = remote.parameter(&field, "swrevision").unwrap();
+    let read_only = field.parameter("swrevision").unwrap();
     assert_eq!(
-        read_only.raw(AnyValue::U32(3)),
+        read_only.raw_of(AnyValue::U32(3)),
         Err(ParameterValueError::ReadOnly)
     );
     for value in [9, 10] {
@@ -467,10 +477,10 @@ proptest! {
         let mut remote_descriptor = descriptor(*b"ANY1", 0, 0, data);
         remote_descriptor.parameters = parameters;
         let location = RemoteLocation { board: "hm2_7i92.0", port: 0, channel: 0 };
-        let made = RemotePins::new(
-            &mut pins, location, &remote_descriptor, InterfaceRegisters::Seven, None,
-        );
-        if let Ok(mut remote) = made {
+        let made = PackingPlan::new(&remote_descriptor, 7).ok().and_then(|plan| {
+            RemotePins::new(&mut pins, location, &remote_descriptor, plan, None).ok()
+        });
+        if let Some(mut remote) = made {
             pins.begin_cycle(Instant::from_nanos(1));
             remote.take_inputs(&mut pins, &words);
             for info in pins.infos().to_vec() {

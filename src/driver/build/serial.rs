@@ -3,11 +3,10 @@
 use alloc::vec::Vec;
 
 use super::{Config, ParameterChoice, Parts};
-use crate::boards::{IdentityError, RemoteLocation, RemotePins, RemoteTable};
+use crate::boards::{IdentityError, RemoteTable};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
-    DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, RemoteParameters,
-    discover_port,
+    DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, discover_port,
 };
 use crate::driver::parameters::{ParameterWrite, RemoteParameterError};
 use crate::driver::remark;
@@ -16,10 +15,9 @@ use crate::driver::{
     BuildError, MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort,
 };
 use crate::hostmot2::{Gtag, PinDescriptor};
-use crate::process_data::{InterfaceRegisters, PackingPlan};
+use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
-    AccessSize, Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode,
-    StartedRemote,
+    Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode, StartedRemote,
 };
 
 /// A port, and what is expected on it.
@@ -242,11 +240,8 @@ impl Parts {
             let problem = *problem;
             return Err(MissingReason::Tables { name, problem });
         }
-        let count = usize::from(port.layout().interface_registers());
-        let registers = InterfaceRegisters::from_count(count);
-        let error = |error| MissingReason::Pins { name, error };
-        let registers = registers.map_err(|plan| error(plan.into()))?;
-        let plan = PackingPlan::new(descriptor, registers).map_err(|plan| error(plan.into()))?;
+        let plan = PackingPlan::new(descriptor, port.layout().interface_registers());
+        let plan = plan.map_err(|problem| MissingReason::Tables { name, problem })?;
         check_sizes(&found.remote, &plan)?;
         let location = RemoteLocation {
             board: &self.name,
@@ -254,8 +249,8 @@ impl Parts {
             channel: found.remote.channel.index(),
         };
         let table = RemoteTable::for_remote(descriptor);
-        let pins = RemotePins::new(&mut self.pins, location, descriptor, registers, table);
-        let pins = pins.map_err(error)?;
+        let pins = RemotePins::new(&mut self.pins, location, descriptor, plan, table);
+        let pins = pins.map_err(|error| MissingReason::Pins { name, error })?;
         let (port, channel) = (location.port, found.remote.channel);
         self.remarks
             .extend(Remark::on(port, channel, &found.discovered, table));
@@ -271,17 +266,15 @@ impl Parts {
     ) -> Result<(), BuildError<B::Error>> {
         let mut memory = PortMemory::new(port, bus, found.remote.channel);
         for parameter in pins.parameters_mut() {
-            let Some(size) = AccessSize::for_bits(parameter.bits) else {
+            let records = &found.discovered.descriptor.parameters;
+            let Some(record) = records.get(parameter.record) else {
                 continue;
             };
-            let raw = if parameter.nonvolatile {
-                memory.read_nonvolatile(parameter.address, size)
-            } else {
-                crate::discovery::RemoteMemory::read(&mut memory, parameter.address, size)
-            };
-            match raw {
-                Ok(raw) => parameter.publish(&mut self.pins, raw),
-                Err(PortError::Bus(error)) => return Err(BuildError::Bus(error)),
+            match record.read_parameter(&mut memory) {
+                Ok(value) => parameter.publish(&mut self.pins, value.raw),
+                Err(ParameterError::Memory(PortError::Bus(error))) => {
+                    return Err(BuildError::Bus(error));
+                }
                 Err(_) => {}
             }
         }
@@ -310,9 +303,7 @@ impl Parts {
             let parts = (&found.discovered.descriptor, &*pins);
             let write =
                 ParameterWrite::new(place, parts, &choice.name, choice.value).map_err(failed)?;
-            write
-                .write(bus, port, place.1)
-                .map_err(|error| failed(RemoteParameterError::Port(error)))?;
+            write.write(bus, port, place.1).map_err(failed)?;
             if let Some(parameter) = pins.parameters_mut().get_mut(write.place) {
                 parameter.publish(&mut self.pins, write.raw);
             }
@@ -405,7 +396,7 @@ fn check_mode(descriptor: &RemoteDescriptor) -> Result<(), MissingReason> {
 /// What the remote transfers must be what its tables describe.
 fn check_sizes(remote: &StartedRemote, plan: &PackingPlan) -> Result<(), MissingReason> {
     let fault_byte = u32::from(remote.sizes.rx.saturating_sub(remote.input_bytes()));
-    let plan_rx = plan.input_bits().div_ceil(8) + fault_byte;
+    let plan_rx = plan.input_bytes() + fault_byte;
     let plan_tx = plan.transmit_size();
     if u32::from(remote.sizes.rx) == plan_rx && u32::from(remote.sizes.tx) == plan_tx {
         return Ok(());

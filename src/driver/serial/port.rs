@@ -6,13 +6,13 @@ use super::channel::{Channel, RemoteState};
 use super::machine::{Machine, Observation, Outcome};
 use super::pins::PortPins;
 use super::{FailureCounts, PortStatistics, RemoteStatus, RemoteWatchdog, SetAside};
-use crate::boards::RemotePins;
 use crate::bus::{
     CycleImage, ImagePlan, Instant, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot,
 };
 use crate::discovery::RemoteDescriptor;
 use crate::driver::parameters::ParameterWrite;
 use crate::hal::{GroupId, PinStore, Pins};
+use crate::remote::RemotePins;
 use crate::sslbp::{
     Channel as Number, ChannelRegisters, Command, DoitTime, Exchange, Layout,
     MAX_INTERFACE_REGISTERS, Port, RemoteFaults, StartedRemote, software_mode_word,
@@ -358,7 +358,7 @@ impl SerialPort {
         &mut self,
         pins: &mut PinStore,
         channel: Number,
-        write: ParameterWrite,
+        write: &ParameterWrite,
     ) {
         let is_it = |remote: &&mut Remote| remote.started.channel == channel;
         let Some(remote) = self.remotes.iter_mut().find(is_it) else {

@@ -1,22 +1,32 @@
-//! The pins of any remote, made from its descriptor.
+//! Remotes: from what one says of itself to bits of interface registers, engineering values and
+//! pins.
+//!
+//! [`PackingPlan`] says where each element of the process data is; [`Field`] gets and puts its bits;
+//! [`Scaling`] makes a value of them and bits of a value. [`RemotePins`] makes the pins of any
+//! remote from its descriptor. Parameters are read and written by their record:
+//! [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
 mod binding;
 mod counter;
+mod field;
 mod make;
 mod parameter;
+mod plan;
+mod scaling;
 
-pub use counter::CounterPins;
-pub use parameter::{ParameterHandle, ParameterValueError, RemoteParameter};
+pub use field::Field;
+pub use parameter::{ParameterError, ParameterValue, ParameterValueError, RemoteParameter};
+pub use plan::{Element, ElementKind, PackingPlan};
+pub use scaling::{Fit, Raw, Scaling, sign_extend};
 
+use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use self::binding::Binding;
-use super::{BoardError, IdentityError, RemoteTable};
+use self::make::{Bindings, Maker};
+use crate::boards::{BoardError, IdentityError, RemoteTable};
 use crate::discovery::{RemoteDescriptor, RemoteName};
 use crate::hal::{GroupId, PinStore};
-use crate::process_data::{InterfaceRegisters, PackingPlan};
-use crate::sslbp::MAX_INTERFACE_REGISTERS;
 
 /// The pins of a remote, and the way of their values from and to the interface registers.
 ///
@@ -33,14 +43,9 @@ pub struct RemotePins {
     unit_number: u32,
     group: GroupId,
     plan: PackingPlan,
-    bindings: Vec<Binding>,
+    bindings: Bindings,
     parameters: Vec<RemoteParameter>,
-    /// The interface registers of the transfer that was taken last.
-    taken: Option<[u32; MOST_WORDS]>,
 }
-
-/// The most interface registers of a remote.
-const MOST_WORDS: usize = MAX_INTERFACE_REGISTERS as usize;
 
 /// Where a remote is: what its pins are named after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +59,8 @@ pub struct RemoteLocation<'a> {
 }
 
 impl RemotePins {
-    /// Makes the pins and parameters of a remote, in a group of their own.
+    /// Makes the pins and parameters of a remote, in a group of their own. `plan` is the
+    /// descriptor's.
     ///
     /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
     ///
@@ -65,13 +71,33 @@ impl RemotePins {
         pins: &mut PinStore,
         location: RemoteLocation<'_>,
         descriptor: &RemoteDescriptor,
-        registers: InterfaceRegisters,
+        plan: PackingPlan,
         table: Option<&RemoteTable>,
     ) -> Result<Self, BoardError> {
-        let plan = PackingPlan::new(descriptor, registers)?;
         let group = pins.add_group();
         let prefix = make::prefix(location, descriptor.name);
-        let bindings = make::bindings(pins, group, &prefix, &plan, descriptor, table)?;
+        let mut bindings = Bindings::default();
+        for element in plan.elements() {
+            let Some(record) = descriptor.process_data.get(element.record) else {
+                debug_assert!(false, "the plan is of this descriptor");
+                continue;
+            };
+            let known = table.and_then(|table| table.element(&record.name, record.direction));
+            let made = Maker {
+                pins,
+                group,
+                stem: format!("{prefix}.{}", make::lower(&record.name)),
+                element,
+                record,
+                known,
+                bindings: &mut bindings,
+            }
+            .make();
+            made.map_err(|source| BoardError::Element {
+                element: element.record,
+                source,
+            })?;
+        }
         let parameters = parameter::make(pins, group, &prefix, &descriptor.parameters)?;
         Ok(Self {
             prefix,
@@ -81,7 +107,6 @@ impl RemotePins {
             plan,
             bindings,
             parameters,
-            taken: None,
         })
     }
 
@@ -92,7 +117,7 @@ impl RemotePins {
 
     /// That it is not another part of the card than `table` is about. Cards of unknown unit numbers
     /// pass: their pins decide.
-    pub(super) fn require(&self, table: &RemoteTable) -> Result<(), BoardError> {
+    pub(crate) fn require(&self, table: &RemoteTable) -> Result<(), BoardError> {
         let actual = self.unit_number;
         let class = Some((actual >> 24) as u8);
         let mut others = RemoteTable::KNOWN.into_iter();
@@ -130,7 +155,7 @@ impl RemotePins {
     pub fn parameter(&self, descriptor: &RemoteDescriptor, name: &str) -> Option<&RemoteParameter> {
         self.parameters.iter().find(|parameter| {
             let record = descriptor.parameters.get(parameter.record);
-            record.is_some_and(|record| make::lower(&record.name) == make::lower(name))
+            record.is_some_and(|record| record.is_named(name))
         })
     }
 
@@ -144,20 +169,16 @@ impl RemotePins {
     ///
     /// # Real time
     /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: read as
-    /// many as [`PackingPlan::input_words`].
+    /// many as the inputs take.
     pub fn take_inputs(&mut self, pins: &mut PinStore, words: &[u32]) {
-        let mut now = [0; MOST_WORDS];
-        for (kept, word) in now.iter_mut().zip(words) {
-            *kept = *word;
+        for bits in &mut self.bindings.bit_inputs {
+            bits.take(pins, words);
         }
-        // Single bits change seldom, and are most of the pins. More registers than there can be
-        // are not compared.
-        let is_same = words.len() <= MOST_WORDS && self.taken == Some(now);
-        self.taken = Some(now);
-        for binding in &mut self.bindings {
-            if !(is_same && matches!(binding, Binding::BitIn { .. })) {
-                binding.take(pins, words);
-            }
+        for binding in &self.bindings.inputs {
+            binding.take(pins, words);
+        }
+        for counter in &mut self.bindings.counters {
+            counter.take(pins, words);
         }
         pins.group_good(self.group);
     }
@@ -171,7 +192,7 @@ impl RemotePins {
     /// Grows with the number of pins; no allocation, no panic.
     pub fn put_outputs(&self, pins: &mut PinStore, words: &mut [u32]) {
         words.fill(0);
-        for binding in &self.bindings {
+        for binding in &self.bindings.outputs {
             binding.put(pins, words);
         }
     }
@@ -185,10 +206,8 @@ impl RemotePins {
     /// The remote was started again: its counters may stand anywhere, so the next reading moves
     /// no count.
     pub fn restarted(&mut self) {
-        for binding in &mut self.bindings {
-            if let Binding::Counter(counter) = binding {
-                counter.resynchronise();
-            }
+        for counter in &mut self.bindings.counters {
+            counter.resynchronise();
         }
     }
 }

@@ -1,0 +1,152 @@
+//! One pin and its bits.
+
+use super::{Field, Scaling};
+use crate::hal::{InOut, Input, Output, Param, PinStore, Value};
+
+/// A pin, whichever way it goes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Pin<T> {
+    In(Input<T>),
+    Out(Output<T>),
+    Both(InOut<T>),
+}
+
+impl<T: Value> Pin<T> {
+    fn publish(self, pins: &mut PinStore, value: T) {
+        match self {
+            Self::In(pin) => pins.publish(pin, value),
+            Self::Both(pin) => pins.publish(pin, value),
+            Self::Out(_) => debug_assert!(false, "an output has no bits in the input stream"),
+        }
+    }
+
+    fn fetch(self, pins: &mut PinStore) -> T {
+        match self {
+            Self::Out(pin) => pins.fetch(pin),
+            Self::Both(pin) => pins.fetch(pin),
+            Self::In(_) => {
+                debug_assert!(false, "an input has no bits in the output stream");
+                T::default()
+            }
+        }
+    }
+}
+
+/// A field of the interface registers, in one direction, and the pin it belongs to.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Binding {
+    pub field: Field,
+    pub codec: Codec,
+}
+
+/// How the bits of a field are the value of a pin, and the other way round.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Codec {
+    /// True if any bit is set; all bits are set for true.
+    Bit {
+        pin: Pin<bool>,
+        /// The opposite of an input.
+        not: Option<Input<bool>>,
+    },
+    Number {
+        pin: Pin<f64>,
+        scaling: Scaling,
+        /// What full scale is for the application.
+        scale: Param<f64>,
+    },
+    /// IEEE-754, of 32 or 64 bits.
+    Float(Pin<f64>),
+    Raw(Pin<u32>),
+    Wide(Pin<u64>),
+}
+
+impl Binding {
+    /// From the interface registers to the pin.
+    pub fn take(&self, pins: &mut PinStore, words: &[u32]) {
+        let bits = self.field.get(words);
+        match self.codec {
+            Codec::Bit { pin, not } => {
+                pin.publish(pins, bits != 0);
+                if let Some(not) = not {
+                    pins.publish(not, bits == 0);
+                }
+            }
+            Codec::Number {
+                pin,
+                scaling,
+                scale,
+            } => {
+                let value = to_scale(scaling, pins.param(scale), scaling.value(bits));
+                pin.publish(pins, value);
+            }
+            Codec::Float(pin) if self.field.bits() == 64 => {
+                pin.publish(pins, f64::from_bits(bits));
+            }
+            Codec::Float(pin) => pin.publish(pins, f64::from(f32::from_bits(bits as u32))),
+            Codec::Raw(pin) => pin.publish(pins, bits as u32),
+            Codec::Wide(pin) => pin.publish(pins, bits),
+        }
+    }
+
+    /// From the pin to the interface registers.
+    pub fn put(&self, pins: &mut PinStore, words: &mut [u32]) {
+        let bits = match self.codec {
+            Codec::Bit { pin, .. } if pin.fetch(pins) => u64::MAX,
+            Codec::Bit { .. } => 0,
+            // The store scales and limits it.
+            Codec::Number { pin, scaling, .. } => scaling.raw(pin.fetch(pins)).bits,
+            Codec::Float(pin) if self.field.bits() == 64 => pin.fetch(pins).to_bits(),
+            Codec::Float(pin) => {
+                // The pin's limits keep it below; this keeps an infinity off the wire if they do
+                // not.
+                let largest = f64::from(f32::MAX);
+                let value = pin.fetch(pins).clamp(-largest, largest);
+                u64::from((value as f32).to_bits())
+            }
+            Codec::Raw(pin) => u64::from(pin.fetch(pins)),
+            Codec::Wide(pin) => pin.fetch(pins),
+        };
+        self.field.put(words, bits);
+    }
+}
+
+/// Up to 64 single bits, each an input and its opposite.
+#[derive(Debug)]
+pub(super) struct BitInputs {
+    pub field: Field,
+    pub pins: alloc::vec::Vec<(Input<bool>, Input<bool>)>,
+    /// The bits that the pins have.
+    pub taken: Option<u64>,
+}
+
+impl BitInputs {
+    /// From the interface registers to the pins. Bits change seldom, and are most of the pins: only
+    /// those that did are published.
+    pub fn take(&mut self, pins: &mut PinStore, words: &[u32]) {
+        let bits = self.field.get(words);
+        let mut changed = match self.taken.replace(bits) {
+            Some(taken) => taken ^ bits,
+            None => self.field.mask(),
+        };
+        while changed != 0 {
+            let bit = changed.trailing_zeros();
+            changed &= changed - 1;
+            if let Some(&(pin, not)) = self.pins.get(bit as usize) {
+                let value = bits >> bit & 1 != 0;
+                pins.publish(pin, value);
+                pins.publish(not, !value);
+            }
+        }
+    }
+}
+
+/// A value in the units of `-scalemax`: as long as nobody changes that, the remote's own.
+// The scale is compared with what it was set to: nothing was computed.
+#[allow(clippy::float_cmp)]
+fn to_scale(scaling: Scaling, scale: f64, value: f64) -> f64 {
+    if scale == scaling.max() {
+        value
+    } else {
+        value / scaling.max() * scale
+    }
+}

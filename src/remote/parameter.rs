@@ -1,0 +1,472 @@
+//! Parameters of a remote: what is not process data.
+
+use alloc::format;
+use alloc::vec::Vec;
+
+use super::make::{in_unit, lower};
+use super::plan::kind_of;
+use super::{ElementKind, sign_extend};
+use crate::boards::BoardError;
+use crate::discovery::{DataDirection, DataRecord, DataType, RemoteParameters};
+use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinStore, Spec, Value};
+use crate::sslbp::AccessSize;
+
+/// The value of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParameterValue {
+    /// As it is in the remote, right-justified.
+    pub raw: u64,
+    /// In the record's unit.
+    pub value: f64,
+}
+
+/// Why a parameter was not read or written.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ParameterError<E: core::error::Error + 'static> {
+    /// The access failed.
+    #[error(transparent)]
+    Memory(#[from] E),
+    /// It can not have this value; nothing was written.
+    #[error(transparent)]
+    Value(ParameterValueError),
+    /// The record has a size that no access has.
+    #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged, leave it out")]
+    Size {
+        /// Its bits.
+        bits: u8,
+    },
+    /// The remote holds something else than what was written.
+    #[error(
+        "the parameter reads {read:#X} after {written:#X} was written; the remote refuses this value, or sets it itself"
+    )]
+    NotTaken {
+        /// What was written.
+        written: u64,
+        /// What is there.
+        read: u64,
+    },
+}
+
+/// Why a value is not one that a parameter can have.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ParameterValueError {
+    /// The remote says that the parameter can only be read.
+    #[error("the remote's parameter can only be read")]
+    ReadOnly,
+    /// The value does not fit.
+    #[error("{value} does not fit: the parameter is {kind}, {bits} bits wide")]
+    DoesNotFit {
+        /// The value.
+        value: AnyValue,
+        /// What the parameter is.
+        kind: HalType,
+        /// Its width.
+        bits: u8,
+    },
+    /// The value is outside of what the record allows.
+    #[error("{value} is outside of {min} to {max}, which the remote allows; give a value within")]
+    OutOfRange {
+        /// The value.
+        value: AnyValue,
+        /// The least that is allowed.
+        min: f32,
+        /// The most that is allowed.
+        max: f32,
+    },
+}
+
+/// A record as the description of a parameter in the remote's memory.
+impl DataRecord {
+    /// Whether it has this name: as the remote spells it, or as LinuxCNC does, in lower case.
+    pub fn is_named(&self, name: &str) -> bool {
+        lower(&self.name) == lower(name)
+    }
+
+    /// Reads the parameter that this record describes, from the memory it belongs to.
+    ///
+    /// # Errors
+    /// [`ParameterError`]: the access failed, or no access has this size.
+    pub fn read_parameter<M: RemoteParameters>(
+        &self,
+        memory: &mut M,
+    ) -> Result<ParameterValue, ParameterError<M::Error>> {
+        let size = self.access_size()?;
+        let word = if self.data_type.is_nonvolatile() {
+            memory.read_nonvolatile(self.address, size)?
+        } else {
+            memory.read(self.address, size)?
+        };
+        let raw = word & self.raw_mask();
+        let value = self.value_of(raw);
+        Ok(ParameterValue { raw, value })
+    }
+
+    /// Writes the parameter that this record describes, and reads it back: a whole number as it is
+    /// in the remote, without its scale, as LinuxCNC has it.
+    ///
+    /// A non-volatile one is written through the EC sequence (FACTS 6.3).
+    ///
+    /// # Errors
+    /// [`ParameterError`]. Nothing was written if it is about the value or the size.
+    pub fn write_parameter<M: RemoteParameters>(
+        &self,
+        memory: &mut M,
+        value: impl Into<AnyValue>,
+    ) -> Result<(), ParameterError<M::Error>> {
+        let size = self.access_size()?;
+        let raw = self.raw_of(value.into()).map_err(ParameterError::Value)?;
+        if self.data_type.is_nonvolatile() {
+            return Ok(memory.write_nonvolatile(self.address, size, raw)?);
+        }
+        memory.write(self.address, size, raw)?;
+        let read = memory.read(self.address, size)? & self.raw_mask();
+        if read == raw {
+            Ok(())
+        } else {
+            Err(ParameterError::NotTaken { written: raw, read })
+        }
+    }
+
+    /// The bits of the parameter for a value. Whole numbers fit every kind of number that can hold
+    /// them.
+    ///
+    /// # Errors
+    /// [`ParameterValueError`]: the parameter can only be read, or can not be this value.
+    pub fn raw_of(&self, value: AnyValue) -> Result<u64, ParameterValueError> {
+        if self.direction == DataDirection::Input {
+            return Err(ParameterValueError::ReadOnly);
+        }
+        let kind = self.parameter_type();
+        let bits = self.bits;
+        let whole = whole(value);
+        let raw = match kind {
+            HalType::Bit => whole.filter(|n| (0..=1).contains(n)),
+            HalType::U32 | HalType::U64 => {
+                whole.filter(|n| (0..=i128::from(self.raw_mask())).contains(n))
+            }
+            HalType::S32 | HalType::S64 => {
+                let half = 1_i128 << (bits.clamp(1, 64) - 1);
+                whole.filter(|n| (-half..half).contains(n))
+            }
+            HalType::Float => real(value)
+                .and_then(|real| float_bits(real, bits))
+                .map(i128::from),
+        };
+        let Some(raw) = raw else {
+            return Err(ParameterValueError::DoesNotFit { value, kind, bits });
+        };
+        let (min, max) = (self.min, self.max);
+        // Those of scaled numbers are in units; equal ones are none.
+        let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
+        let is_limited = !is_scaled && kind != HalType::Bit && min < max;
+        let is_within = |real| (f64::from(min)..=f64::from(max)).contains(&real);
+        if is_limited && !real(value).is_some_and(is_within) {
+            return Err(ParameterValueError::OutOfRange { value, min, max });
+        }
+        Ok(raw as u64 & self.raw_mask())
+    }
+
+    /// What the bits of the parameter are in the record's unit; what has no scale is a whole number.
+    fn value_of(&self, raw: u64) -> f64 {
+        match kind_of(self, None) {
+            Ok(ElementKind::Float) if self.bits == 64 => f64::from_bits(raw),
+            Ok(ElementKind::Float) => f64::from(f32::from_bits(raw as u32)),
+            Ok(ElementKind::Boolean) => f64::from(u8::from(raw != 0)),
+            Ok(ElementKind::Number(scaling)) => scaling.value(raw),
+            _ => raw as f64,
+        }
+    }
+
+    fn access_size<E: core::error::Error + 'static>(
+        &self,
+    ) -> Result<AccessSize, ParameterError<E>> {
+        let bits = self.bits;
+        AccessSize::for_bits(bits).ok_or(ParameterError::Size { bits })
+    }
+
+    fn raw_mask(&self) -> u64 {
+        u64::MAX >> (64 - u32::from(self.bits.clamp(1, 64)))
+    }
+
+    /// What LinuxCNC makes of it.
+    fn parameter_type(&self) -> HalType {
+        let is_wide = self.bits > 32;
+        match self.data_type {
+            DataType::Boolean => HalType::Bit,
+            DataType::Float | DataType::NonvolFloat if matches!(self.bits, 32 | 64) => {
+                HalType::Float
+            }
+            DataType::Signed | DataType::NonvolSigned if is_wide => HalType::S64,
+            DataType::Signed | DataType::NonvolSigned => HalType::S32,
+            _ if is_wide => HalType::U64,
+            _ => HalType::U32,
+        }
+    }
+}
+
+/// A parameter of a remote in the pin store.
+///
+/// It lives in the remote, which is reached in setup mode only: the driver reads it there and
+/// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver is
+/// built or while its port stands still:
+/// [`Builder::remote_parameter`](crate::driver::Builder::remote_parameter),
+/// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RemoteParameter {
+    /// The place of its record in the descriptor's `parameters`.
+    pub record: usize,
+    /// Its width in bits.
+    bits: u8,
+    handle: Handle,
+    /// What the remote had when it was read first.
+    first: Option<u64>,
+    /// What the remote has, as far as known.
+    known: Option<u64>,
+}
+
+/// The handle of a parameter, by type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Handle {
+    Bit(Param<bool>),
+    U32(Param<u32>),
+    S32(Param<i32>),
+    Float(Param<f64>),
+    U64(Param<u64>),
+    S64(Param<i64>),
+}
+
+impl RemoteParameter {
+    /// Takes what was read from the remote, right-justified.
+    pub fn publish(&mut self, pins: &mut PinStore, raw: u64) {
+        let raw = raw & (u64::MAX >> (64 - u32::from(self.bits)));
+        self.first.get_or_insert(raw);
+        self.known = Some(raw);
+        match self.handle {
+            Handle::Bit(param) => pins.publish(param, raw != 0),
+            Handle::U32(param) => pins.publish(param, raw as u32),
+            Handle::S32(param) => pins.publish(param, sign_extend(raw, self.bits) as i32),
+            Handle::U64(param) => pins.publish(param, raw),
+            Handle::S64(param) => pins.publish(param, sign_extend(raw, self.bits)),
+            Handle::Float(param) if self.bits == 64 => {
+                pins.publish(param, f64::from_bits(raw));
+            }
+            Handle::Float(param) => {
+                pins.publish(param, f64::from(f32::from_bits(raw as u32)));
+            }
+        }
+    }
+
+    /// What the remote has, right-justified, as far as known.
+    pub fn known(&self) -> Option<u64> {
+        self.known
+    }
+
+    /// What the remote had when it was read first: one that is non-volatile is used from the next
+    /// power-up on, so this may be what is in use still.
+    pub fn first(&self) -> Option<u64> {
+        self.first
+    }
+}
+
+fn float_bits(real: f64, bits: u8) -> Option<u64> {
+    if bits == 64 {
+        return real.is_finite().then(|| real.to_bits());
+    }
+    let short = real as f32;
+    short.is_finite().then(|| u64::from(short.to_bits()))
+}
+
+/// A value as a whole number, if it is one.
+fn whole(value: AnyValue) -> Option<i128> {
+    match value {
+        AnyValue::Bit(value) => Some(i128::from(value)),
+        AnyValue::S32(value) => Some(i128::from(value)),
+        AnyValue::U32(value) => Some(i128::from(value)),
+        AnyValue::S64(value) => Some(i128::from(value)),
+        AnyValue::U64(value) => Some(i128::from(value)),
+        // Beyond 2^53 a real number does not say which whole one is meant.
+        AnyValue::Float(value) => (libm::trunc(value) == value
+            && libm::fabs(value) <= 9_007_199_254_740_992.0)
+            .then_some(value as i128),
+    }
+}
+
+fn real(value: AnyValue) -> Option<f64> {
+    match value {
+        AnyValue::Float(value) => Some(value),
+        other => whole(other).map(|n| n as f64),
+    }
+}
+
+/// Makes the parameters of a remote. Those that no parameter type can hold are left out: pads, and
+/// records wider than 64 bits.
+pub(super) fn make(
+    pins: &mut PinStore,
+    group: GroupId,
+    prefix: &str,
+    records: &[DataRecord],
+) -> Result<Vec<RemoteParameter>, BoardError> {
+    let mut parameters = Vec::with_capacity(records.len());
+    for (index, record) in records.iter().enumerate() {
+        if record.data_type == DataType::Pad || !(1..=64).contains(&record.bits) {
+            continue;
+        }
+        let handle = handle(pins, group, prefix, record);
+        parameters.push(RemoteParameter {
+            record: index,
+            bits: record.bits,
+            handle: handle.map_err(|source| BoardError::Parameter {
+                parameter: index,
+                source,
+            })?,
+            first: None,
+            known: None,
+        });
+    }
+    Ok(parameters)
+}
+
+fn handle(
+    pins: &mut PinStore,
+    group: GroupId,
+    prefix: &str,
+    record: &DataRecord,
+) -> Result<Handle, PinError> {
+    fn add<T: Value>(
+        pins: &mut PinStore,
+        group: GroupId,
+        spec: Spec,
+        direction: DataDirection,
+    ) -> Result<Param<T>, PinError> {
+        if direction == DataDirection::Input {
+            pins.add_property(group, spec, T::default())
+        } else {
+            pins.add_in_remote(group, spec, T::default())
+        }
+    }
+    let name = format!("{prefix}.{}", lower(&record.name));
+    let spec = in_unit(Spec::new(name), &record.unit, "");
+    // A number as wide as its type takes every value; a narrower one only what its bits hold.
+    let kind = record.parameter_type();
+    let spec = match (kind, record.bits) {
+        (HalType::Bit | HalType::Float, _) | (_, 32 | 64) => spec,
+        (HalType::U32 | HalType::U64, bits) => spec.limits(0.0, largest_below(bits)),
+        (HalType::S32 | HalType::S64, bits) => {
+            let half = (1_u64 << (bits - 1)) as f64;
+            spec.limits(-half, largest_below(bits - 1))
+        }
+    };
+    let direction = record.direction;
+    match kind {
+        HalType::Bit => add(pins, group, spec, direction).map(Handle::Bit),
+        HalType::Float => add(pins, group, spec, direction).map(Handle::Float),
+        HalType::S32 => add(pins, group, spec, direction).map(Handle::S32),
+        HalType::U32 => add(pins, group, spec, direction).map(Handle::U32),
+        HalType::S64 => add(pins, group, spec, direction).map(Handle::S64),
+        HalType::U64 => add(pins, group, spec, direction).map(Handle::U64),
+    }
+}
+
+/// The largest real number that is no more than `2^bits - 1`: for wide numbers that is less, and
+/// rounding it up would let one more bit through.
+pub(super) fn largest_below(bits: u8) -> f64 {
+    let largest = ((1_u128 << bits) - 1) as f64;
+    if bits > 53 {
+        libm::nextafter(largest, 0.0)
+    } else {
+        largest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn record(data_type: DataType, bits: u8, min: f32, max: f32) -> DataRecord {
+        DataRecord {
+            record_address: 0,
+            bits,
+            data_type,
+            direction: DataDirection::Bidirectional,
+            min,
+            max,
+            address: 0x24,
+            unit: alloc::string::String::new(),
+            name: alloc::string::String::from("p"),
+        }
+    }
+
+    fn bits_of(record: &DataRecord, value: impl Into<AnyValue>) -> Option<u64> {
+        record.raw_of(value.into()).ok()
+    }
+
+    /// FACTS 8.2: NVBaudRate 9 = 2.5 M; its record in gateware transcript t03 has the limits 0..11.
+    #[test]
+    fn nonvolatile_integers_are_limited_but_not_scaled() {
+        let baud = record(DataType::NonvolUnsigned, 16, 0.0, 11.0);
+        assert!((baud.value_of(9) - 9.0).abs() < f64::EPSILON);
+        assert_eq!(bits_of(&baud, 9.0), Some(9));
+        assert_eq!(bits_of(&baud, 12.0), None);
+        assert_eq!(bits_of(&baud, f64::NAN), None);
+        let signed = record(DataType::NonvolSigned, 16, -500.0, 500.0);
+        assert!((signed.value_of(0xFFFF) + 1.0).abs() < f64::EPSILON);
+        assert_eq!(bits_of(&signed, -1.0), Some(0xFFFF));
+        assert_eq!(bits_of(&signed, -501.0), None);
+    }
+
+    /// FACTS 7.4.
+    #[test]
+    fn numbers_are_read_in_their_unit_and_written_as_the_remote_has_them() {
+        let volts = record(DataType::Unsigned, 8, 0.0, 36.3);
+        assert!((volts.value_of(255) - 36.3).abs() < 1e-5);
+        assert_eq!(bits_of(&volts, 100_u32), Some(100));
+        let analog = record(DataType::Signed, 13, -10.0, 10.0);
+        assert!((analog.value_of(0x1000) + 10.0).abs() < 1e-12);
+        assert_eq!(bits_of(&analog, -4096), Some(0x1000));
+        assert_eq!(bits_of(&analog, 4095), Some(0x0FFF));
+        assert_eq!(bits_of(&analog, 4096), None);
+    }
+
+    #[test]
+    fn a_unit_number_is_whole_although_its_limit_is_a_rounded_float() {
+        let unit_number = record(DataType::Unsigned, 32, 0.0, u32::MAX as f32);
+        let value = unit_number.value_of(0x1200_0001);
+        assert_eq!(value.to_bits(), 301_989_889.0_f64.to_bits());
+        assert_eq!(bits_of(&unit_number, value), Some(0x1200_0001));
+        assert_eq!(bits_of(&unit_number, 4_294_967_296.0), None);
+    }
+
+    #[test]
+    fn bits_without_a_scale_are_read_as_they_are() {
+        let counter = record(DataType::Encoder, 16, 0.0, 0.0);
+        assert!((counter.value_of(0xFFFF) - 65535.0).abs() < f64::EPSILON);
+        assert_eq!(bits_of(&counter, 65536.0), None);
+        let flag = record(DataType::Boolean, 8, 0.0, 1.0);
+        assert!((flag.value_of(0x80) - 1.0).abs() < f64::EPSILON);
+    }
+
+    proptest! {
+        #[test]
+        fn whole_numbers_of_every_width_come_back(bits in 1u8..=64, raw: u64, signed: bool) {
+            let data_type = if signed { DataType::Signed } else { DataType::Unsigned };
+            let record = record(data_type, bits, if signed { -10.0 } else { 0.0 }, 10.0);
+            let raw = raw & record.raw_mask();
+            let value = if signed { AnyValue::S64(sign_extend(raw, bits)) } else { AnyValue::U64(raw) };
+            prop_assert_eq!(bits_of(&record, value), Some(raw));
+        }
+
+        #[test]
+        fn no_record_and_value_panics(
+            kind: u8, bits: u8, min: f32, max: f32, raw: u64, value: f64,
+        ) {
+            let record = record(DataType::from_byte(kind), bits, min, max);
+            let _ = record.value_of(raw);
+            if let Ok(raw) = record.raw_of(value.into()) {
+                prop_assert_eq!(raw & !record.raw_mask(), 0);
+            }
+        }
+    }
+}
