@@ -42,8 +42,6 @@ pub struct Gpio {
     pins: Vec<GpioPins>,
     places: Vec<PinPlace>,
     ports: Vec<Port>,
-    /// The version of the outputs that were put.
-    put: Option<u64>,
 }
 
 /// One port.
@@ -125,7 +123,6 @@ impl Gpio {
             pins,
             places,
             ports,
-            put: None,
         })
     }
 
@@ -259,11 +256,9 @@ impl Module for Gpio {
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        let version = cycle.pins.output_version(cycle.group);
-        if version.is_some() && version == self.put {
+        if !cycle.changed {
             return;
         }
-        self.put = version;
         for port in &mut self.ports {
             port.wanted = port.setup;
         }

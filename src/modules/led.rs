@@ -52,6 +52,9 @@ impl Leds {
 impl Module for Leds {
     /// Written when it changes: an LED is not worth eight bytes in every packet.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        if !cycle.changed {
+            return;
+        }
         let mut word = LedWord::default();
         for (n, led) in (0..).zip(&self.leds) {
             word = word.with(n, cycle.pins.fetch(*led));

@@ -70,7 +70,7 @@ pub struct ReadCycle<'a> {
     pub(crate) words: &'a Words,
     /// Where its inputs go.
     pub pins: &'a mut PinStore,
-    /// The group of the board's own pins.
+    /// The group of its pins, a part of that of the board.
     pub group: GroupId,
     /// When the registers were read.
     pub now: Instant,
@@ -97,13 +97,17 @@ pub struct WriteCycle<'a> {
     pub(crate) words: &'a mut Words,
     /// Where its outputs come from.
     pub pins: &'a mut PinStore,
-    /// The group of the board's own pins.
+    /// The group of its pins, a part of that of the board.
     pub group: GroupId,
     /// When the write began.
     pub now: Instant,
     /// Nothing is to be started anew: the board is not set up, or safe values are told for the last
     /// time.
     pub hold: bool,
+    /// A pin or parameter of this module was set since its last write, or this is its first, or its
+    /// outputs have become safe or follow the application again. Otherwise everything that was put
+    /// stays as it is.
+    pub changed: bool,
     /// The board is set up, so that its watchdog may be fed.
     pub(crate) is_running: bool,
     pub(crate) wants_extra: bool,

@@ -85,7 +85,8 @@ impl Registrar<'_> {
         self.settings
     }
 
-    /// The group of the board's own pins.
+    /// The group of the module's pins, a part of that of the board: they are valid and armed together
+    /// with all of the board.
     pub fn group(&self) -> GroupId {
         self.group
     }
@@ -95,7 +96,7 @@ impl Registrar<'_> {
         self.pins
     }
 
-    /// Makes pins of the board's own group, whose names begin with the board's and `stem`:
+    /// Makes pins of the module's [group](Self::group), whose names begin with the board's and `stem`:
     /// `hm2_7i92.0.led.` for `led.`.
     pub fn maker(&mut self, stem: &str) -> PinMaker<'_> {
         let stem = format!("{}.{stem}", self.name);
