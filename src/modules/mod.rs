@@ -92,6 +92,7 @@ impl ReadCycle<'_> {
 }
 
 /// What a module has before a write.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub struct WriteCycle<'a> {
     pub(crate) words: &'a mut Words,

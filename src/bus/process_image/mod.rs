@@ -14,11 +14,13 @@
 //! that was lost is written again as a whole, in one exchange with the evidence after it, or not at
 //! all: no exchange contains a part that enables what another part protects.
 
+mod image;
 mod layout;
 mod parts;
 mod plan;
 mod words;
 
+pub use image::{Ask, Image, Started};
 pub use layout::Layout;
 pub use plan::{ImageError, ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
 pub use words::Words;
