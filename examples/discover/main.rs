@@ -18,7 +18,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 
 use mesa_hal::bus::{BusError, BusErrorKind};
-use mesa_hal::ethernet::Board;
+use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
 use mesa_hal::sim::machines;
@@ -109,7 +109,7 @@ fn take_from(address: SocketAddrV4, modes: &Modes, stop: &Stop) -> Result<Report
         BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
         _ => error.to_string(),
     })?;
-    let mut board = Board::new(bus);
+    let mut board = EthernetBoard::new(bus);
     let identity = board.identity()?;
     report::take(&mut board.into_inner(), Some(identity), modes, stop)
 }

@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use super::{Bitfile, BitfileError, CardName};
+use super::{Bitfile, EthernetError};
 use crate::boards::FlashLayout;
 
 /// One page: what is written at once.
@@ -12,20 +12,24 @@ pub const SECTOR: u32 = 0x1_0000;
 
 /// A flash memory, as a board gives access to it.
 pub trait FlashMemory {
-    /// What can go wrong on the way.
+    /// What can go wrong on the way to it.
     type Error;
 
     /// The chip's identification.
-    fn id(&mut self) -> Result<u32, Self::Error>;
+    fn id(&mut self) -> Result<u32, EthernetError<Self::Error>>;
 
     /// Reads from `address` on.
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error>;
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<Self::Error>>;
 
     /// Erases the sector that begins at `address` to FF, and waits until it is.
-    fn erase_sector(&mut self, address: u32) -> Result<(), Self::Error>;
+    fn erase_sector(&mut self, address: u32) -> Result<(), EthernetError<Self::Error>>;
 
     /// Writes the page that begins at `address`, and waits until it is.
-    fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error>;
+    fn write_page(
+        &mut self,
+        address: u32,
+        page: &[u8; PAGE],
+    ) -> Result<(), EthernetError<Self::Error>>;
 }
 
 impl FlashLayout {
@@ -68,114 +72,6 @@ pub enum Stage {
     Verify,
 }
 
-/// Why the flash memory was not written, or not as wanted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum FlashError<E> {
-    /// The board did not answer.
-    #[error(transparent)]
-    Bus(#[from] E),
-    /// The file is not for this board.
-    #[error(transparent)]
-    Bitfile(BitfileError),
-    /// Another board than the layout is for.
-    #[error(
-        "this is a {found}, and the layout is that of a {expected}; use that of the board that \
-         answers (`FlashLayout::for_card`)"
-    )]
-    WrongBoard {
-        /// The board that answers.
-        found: CardName,
-        /// The board of the layout.
-        expected: &'static str,
-    },
-    /// Another chip than the layout is for.
-    #[error(
-        "flash id 0x{found:08X}, expected 0x{expected:08X}: this layout is not for this board; \
-         use the one for the board that answers"
-    )]
-    WrongChip {
-        /// The id read.
-        found: u32,
-        /// The id of the layout.
-        expected: u32,
-    },
-    /// There is no boot block, so the FPGA would load the fallback whatever is written.
-    #[error(
-        "the boot block at 0x{address:06X} is erased: the FPGA would not load what is written; \
-         write the boot block first"
-    )]
-    NoBootBlock {
-        /// Where it should be.
-        address: u32,
-    },
-    /// There is no user configuration, so that the fallback is all that the FPGA can load.
-    #[error(
-        "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
-         JTAG programmer helps; program User first, reload the FPGA from it, then the fallback"
-    )]
-    NoUserConfiguration {
-        /// Where it should be.
-        address: u32,
-    },
-    /// The area is not for configurations.
-    #[error("{area:?} is no place for a configuration; program User, or Fallback")]
-    NotForConfigurations {
-        /// The area.
-        area: Area,
-    },
-    /// The whole chip was named for a part of it.
-    #[error(
-        "{bytes} bytes at 0x{address:06X} are not the whole chip, which is {size} bytes at 0; \
-         name the area that they are for"
-    )]
-    NotWhole {
-        /// Where they should begin.
-        address: u32,
-        /// How many there are.
-        bytes: usize,
-        /// Size of the chip.
-        size: u32,
-    },
-    /// The data do not begin where a sector does, and erasing it would take what is before them.
-    #[error("0x{address:06X} is within a sector; begin at 0x{sector:06X}")]
-    NotASector {
-        /// Where the data should begin.
-        address: u32,
-        /// Where the sector does.
-        sector: u32,
-    },
-    /// The data do not fit into their area.
-    #[error(
-        "{bytes} bytes at 0x{address:06X} do not fit into {area:?}, 0x{start:06X} to 0x{end:06X}; \
-         check the address, and that they are for this board"
-    )]
-    OutsideArea {
-        /// Where they should begin.
-        address: u32,
-        /// How many there are.
-        bytes: usize,
-        /// The area.
-        area: Area,
-        /// Where it begins.
-        start: u32,
-        /// Where it ends.
-        end: u32,
-    },
-    /// A byte read back is not what it should be.
-    #[error(
-        "at 0x{address:06X} is 0x{found:02X}, expected 0x{expected:02X}; write again, and do not restart the board before it verifies"
-    )]
-    Differs {
-        /// Where.
-        address: u32,
-        /// What should be there.
-        expected: u8,
-        /// What is there.
-        found: u8,
-    },
-}
-
 /// The flash memory of a board, guarded by its layout.
 #[derive(Debug)]
 pub struct Flash<M> {
@@ -185,10 +81,10 @@ pub struct Flash<M> {
 
 impl<M: FlashMemory> Flash<M> {
     /// The memory behind a board, after checking that it is the chip that the layout is for.
-    pub fn open(mut memory: M, layout: FlashLayout) -> Result<Self, FlashError<M::Error>> {
+    pub fn open(mut memory: M, layout: FlashLayout) -> Result<Self, EthernetError<M::Error>> {
         let found = memory.id()?;
         if found != layout.id {
-            return Err(FlashError::WrongChip {
+            return Err(EthernetError::WrongChip {
                 found,
                 expected: layout.id,
             });
@@ -197,14 +93,14 @@ impl<M: FlashMemory> Flash<M> {
     }
 
     /// The chip's identification.
-    pub fn id(&mut self) -> Result<u32, FlashError<M::Error>> {
-        Ok(self.memory.id()?)
+    pub fn id(&mut self) -> Result<u32, EthernetError<M::Error>> {
+        self.memory.id()
     }
 
     /// Reads from anywhere.
-    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), FlashError<M::Error>> {
+    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<M::Error>> {
         self.inside(address, bytes.len(), Area::Whole)?;
-        Ok(self.memory.read(address, bytes)?)
+        self.memory.read(address, bytes)
     }
 
     /// Writes a configuration into the user or the fallback area, and verifies it.
@@ -217,15 +113,13 @@ impl<M: FlashMemory> Flash<M> {
         bitfile: &Bitfile<'_>,
         area: Area,
         progress: impl FnMut(Stage, usize),
-    ) -> Result<(), FlashError<M::Error>> {
+    ) -> Result<(), EthernetError<M::Error>> {
         if !matches!(area, Area::User | Area::Fallback) {
-            return Err(FlashError::NotForConfigurations { area });
+            return Err(EthernetError::NotForConfigurations { area });
         }
         let FlashLayout { board, part, .. } = self.layout;
         let range = self.layout.addresses(area);
-        bitfile
-            .check(board, part, range.len())
-            .map_err(FlashError::Bitfile)?;
+        bitfile.check(board, part, range.len())?;
         self.need_boot_block()?;
         if area == Area::Fallback {
             self.need_user_configuration()?;
@@ -239,7 +133,7 @@ impl<M: FlashMemory> Flash<M> {
         bitfile: &Bitfile<'_>,
         area: Area,
         mut progress: impl FnMut(Stage, usize),
-    ) -> Result<(), FlashError<M::Error>> {
+    ) -> Result<(), EthernetError<M::Error>> {
         let start = self.layout.addresses(area).start;
         self.inside(start, bitfile.configuration.len(), area)?;
         self.compare(start, bitfile.configuration, &mut progress)
@@ -258,7 +152,7 @@ impl<M: FlashMemory> Flash<M> {
         address: u32,
         data: &[u8],
         mut progress: impl FnMut(Stage, usize),
-    ) -> Result<(), FlashError<M::Error>> {
+    ) -> Result<(), EthernetError<M::Error>> {
         self.may_write(area, address, data.len())?;
         let end = address + data.len() as u32;
         for sector in (address..end).step_by(SECTOR as usize) {
@@ -275,7 +169,7 @@ impl<M: FlashMemory> Flash<M> {
         self.compare(address, data, &mut progress)
     }
 
-    fn write_page(&mut self, at: u32, chunk: &[u8]) -> Result<(), FlashError<M::Error>> {
+    fn write_page(&mut self, at: u32, chunk: &[u8]) -> Result<(), EthernetError<M::Error>> {
         let mut page = [0xFF; PAGE];
         for (target, byte) in page.iter_mut().zip(chunk) {
             *target = *byte;
@@ -297,11 +191,11 @@ impl<M: FlashMemory> Flash<M> {
         area: Area,
         address: u32,
         bytes: usize,
-    ) -> Result<(), FlashError<M::Error>> {
+    ) -> Result<(), EthernetError<M::Error>> {
         self.inside(address, bytes, area)?;
         let size = self.layout.size;
         if area == Area::Whole && bytes != size as usize {
-            return Err(FlashError::NotWhole {
+            return Err(EthernetError::NotWhole {
                 address,
                 bytes,
                 size,
@@ -309,7 +203,7 @@ impl<M: FlashMemory> Flash<M> {
         }
         let within = address % SECTOR;
         if within != 0 {
-            return Err(FlashError::NotASector {
+            return Err(EthernetError::NotASector {
                 address,
                 sector: address - within,
             });
@@ -317,13 +211,18 @@ impl<M: FlashMemory> Flash<M> {
         Ok(())
     }
 
-    fn inside(&self, address: u32, bytes: usize, area: Area) -> Result<(), FlashError<M::Error>> {
+    fn inside(
+        &self,
+        address: u32,
+        bytes: usize,
+        area: Area,
+    ) -> Result<(), EthernetError<M::Error>> {
         let range = self.layout.addresses(area);
         let end = u64::from(address) + bytes as u64;
         if range.start <= address && end <= u64::from(range.end) {
             return Ok(());
         }
-        Err(FlashError::OutsideArea {
+        Err(EthernetError::OutsideArea {
             address,
             bytes,
             area,
@@ -332,26 +231,26 @@ impl<M: FlashMemory> Flash<M> {
         })
     }
 
-    fn need_boot_block(&mut self) -> Result<(), FlashError<M::Error>> {
+    fn need_boot_block(&mut self) -> Result<(), EthernetError<M::Error>> {
         let address = self.layout.boot_block.0;
         let mut head = [0xFF; PAGE];
         self.memory.read(address, &mut head)?;
         if head == [0xFF; PAGE] {
-            return Err(FlashError::NoBootBlock { address });
+            return Err(EthernetError::NoBootBlock { address });
         }
         Ok(())
     }
 
     /// Whether a configuration begins in the user area; see [`write`](Self::write) for why that is
     /// enough.
-    fn need_user_configuration(&mut self) -> Result<(), FlashError<M::Error>> {
+    fn need_user_configuration(&mut self) -> Result<(), EthernetError<M::Error>> {
         let address = self.layout.user.0;
         let mut head = [0; Bitfile::SYNC_WITHIN];
         self.memory.read(address, &mut head)?;
         if Bitfile::has_sync(&head) {
             return Ok(());
         }
-        Err(FlashError::NoUserConfiguration { address })
+        Err(EthernetError::NoUserConfiguration { address })
     }
 
     fn compare(
@@ -359,7 +258,7 @@ impl<M: FlashMemory> Flash<M> {
         start: u32,
         data: &[u8],
         progress: &mut impl FnMut(Stage, usize),
-    ) -> Result<(), FlashError<M::Error>> {
+    ) -> Result<(), EthernetError<M::Error>> {
         const BLOCK: usize = 4 * PAGE;
         let mut buffer = [0; BLOCK];
         for (at, chunk) in (start..).step_by(BLOCK).zip(data.chunks(BLOCK)) {
@@ -368,7 +267,7 @@ impl<M: FlashMemory> Flash<M> {
             let pairs = (at..).zip(read.iter().zip(chunk));
             for (address, (&found, &expected)) in pairs {
                 if found != expected {
-                    return Err(FlashError::Differs {
+                    return Err(EthernetError::Differs {
                         address,
                         expected,
                         found,

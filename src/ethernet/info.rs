@@ -2,14 +2,15 @@
 
 use core::{fmt, net::Ipv4Addr, time::Duration};
 
-use super::packets::{EthernetError, Lbp16Board, QUICK, read_words, run};
+use super::EthernetError;
+use super::packets::{Lbp16Board, QUICK, read_words, run};
 use crate::lbp16::{Command, ErrorRegister, InfoArea, InfoError, Space, registers};
 
 /// An Ethernet board beside its HostMot2 registers.
 ///
 /// Everything here is for set-up: it takes milliseconds, and tries again when a packet is lost.
 #[derive(Debug)]
-pub struct Board<B> {
+pub struct EthernetBoard<B> {
     bus: B,
 }
 
@@ -132,7 +133,7 @@ pub struct Timestamps {
     pub send_done: u16,
 }
 
-impl<B: Lbp16Board> Board<B> {
+impl<B: Lbp16Board> EthernetBoard<B> {
     /// The board behind a bus.
     pub fn new(bus: B) -> Self {
         Self { bus }
@@ -330,9 +331,7 @@ impl<B: Lbp16Board> Board<B> {
         for value in values {
             let write =
                 Command::write(Space::Control, 1).map_err(|e| EthernetError::Request(e.into()))?;
-            request
-                .command(write.without_increment(), address, &value.to_le_bytes())
-                .map_err(EthernetError::Request)?;
+            request.command(write.without_increment(), address, &value.to_le_bytes())?;
         }
         self.bus.send(request.bytes()).map_err(EthernetError::Bus)
     }

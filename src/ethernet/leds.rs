@@ -1,7 +1,8 @@
 //! Who has the user LEDs of a board: its FPGA, or the firmware of its network side.
 
-use super::packets::{EthernetError, Lbp16Board, QUICK, run};
-use super::{Board, packets::read_words};
+use super::EthernetError;
+use super::packets::{Lbp16Board, QUICK, run};
+use super::{EthernetBoard, packets::read_words};
 use crate::lbp16::{Space, registers};
 
 /// What the user LEDs of a board show.
@@ -36,7 +37,7 @@ impl LedMode {
     }
 }
 
-impl<B: Lbp16Board> Board<B> {
+impl<B: Lbp16Board> EthernetBoard<B> {
     /// What the user LEDs show at present.
     ///
     /// # Errors

@@ -2,8 +2,8 @@
 
 use core::time::Duration;
 
-use super::packets::{EthernetError, Lbp16Board, QUICK, run};
-use super::{Board, Flash, FlashError, FlashLayout, FlashMemory, PAGE};
+use super::packets::{Lbp16Board, QUICK, run};
+use super::{EthernetBoard, EthernetError, Flash, FlashLayout, FlashMemory, PAGE};
 use crate::lbp16::{Command, RequestBuilder, RequestError, Space, registers};
 use registers::{control, flash};
 
@@ -16,17 +16,17 @@ const BLOCK: usize = 256;
 /// Bytes read by one packet.
 const PACKET: usize = 4 * BLOCK;
 
-impl<B: Lbp16Board> Board<B> {
+impl<B: Lbp16Board> EthernetBoard<B> {
     /// The board's flash memory, after checking that the board and its chip are those that the
     /// layout is for.
     pub fn into_flash(
         mut self,
         layout: FlashLayout,
-    ) -> Result<Flash<UnguardedFlash<B>>, FlashError<EthernetError<B::Error>>> {
+    ) -> Result<Flash<UnguardedFlash<B>>, EthernetError<B::Error>> {
         let found = self.identity()?.card;
         if !found.as_str().eq_ignore_ascii_case(layout.board) {
             let expected = layout.board;
-            return Err(FlashError::WrongBoard { found, expected });
+            return Err(EthernetError::WrongBoard { found, expected });
         }
         Flash::open(UnguardedFlash(self), layout)
     }
@@ -34,7 +34,7 @@ impl<B: Lbp16Board> Board<B> {
 
 impl<B: Lbp16Board> Flash<UnguardedFlash<B>> {
     /// Gives the board back.
-    pub fn into_board(self) -> Board<B> {
+    pub fn into_board(self) -> EthernetBoard<B> {
         self.into_inner().0
     }
 }
@@ -42,18 +42,18 @@ impl<B: Lbp16Board> Flash<UnguardedFlash<B>> {
 /// The flash memory of a board without a guard: any sector is erased, any page is written, and
 /// without the boot block or the fallback configuration the board is lost.
 ///
-/// [`Board::into_flash`] is the way that respects the layout.
+/// [`EthernetBoard::into_flash`] is the way that respects the layout.
 #[derive(Debug)]
-pub struct UnguardedFlash<B>(Board<B>);
+pub struct UnguardedFlash<B>(EthernetBoard<B>);
 
 impl<B: Lbp16Board> UnguardedFlash<B> {
     /// The flash memory of `board`.
-    pub fn new(board: Board<B>) -> Self {
+    pub fn new(board: EthernetBoard<B>) -> Self {
         Self(board)
     }
 
     /// Gives the board back.
-    pub fn into_board(self) -> Board<B> {
+    pub fn into_board(self) -> EthernetBoard<B> {
         self.0
     }
 
@@ -63,9 +63,9 @@ impl<B: Lbp16Board> UnguardedFlash<B> {
 }
 
 impl<B: Lbp16Board> FlashMemory for UnguardedFlash<B> {
-    type Error = EthernetError<B::Error>;
+    type Error = B::Error;
 
-    fn id(&mut self) -> Result<u32, Self::Error> {
+    fn id(&mut self) -> Result<u32, EthernetError<B::Error>> {
         let mut id = [0; 4];
         run(self.bus(), &mut id, QUICK, |request| {
             request.read(Space::Flash, flash::ID, 1).map(drop)
@@ -73,7 +73,7 @@ impl<B: Lbp16Board> FlashMemory for UnguardedFlash<B> {
         Ok(u32::from_le_bytes(id))
     }
 
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
         let mut at = address & !3;
         // Addresses and sizes of the memory are multiples of 4; what is asked for need not be.
         let mut skip = (address - at) as usize;
@@ -97,7 +97,7 @@ impl<B: Lbp16Board> FlashMemory for UnguardedFlash<B> {
         Ok(())
     }
 
-    fn erase_sector(&mut self, address: u32) -> Result<(), Self::Error> {
+    fn erase_sector(&mut self, address: u32) -> Result<(), EthernetError<B::Error>> {
         let mut echo = [0; 4];
         run(self.bus(), &mut echo, ERASE, |request| {
             enable(request)?;
@@ -107,7 +107,11 @@ impl<B: Lbp16Board> FlashMemory for UnguardedFlash<B> {
         })
     }
 
-    fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error> {
+    fn write_page(
+        &mut self,
+        address: u32,
+        page: &[u8; PAGE],
+    ) -> Result<(), EthernetError<B::Error>> {
         let mut echo = [0; 4];
         run(self.bus(), &mut echo, WRITE, |request| {
             enable(request)?;

@@ -1,10 +1,11 @@
 //! Ethernet boards beside their registers: who they are, their EEPROM, their flash memory.
 //!
-//! A [`Board`] is made from a bus that executes LBP16 packets ([`Lbp16Board`]), for example
+//! A [`EthernetBoard`] is made from a bus that executes LBP16 packets ([`Lbp16Board`]), for example
 //! [`UdpBus`](crate::transport::udp::UdpBus). All of it is for set-up and maintenance; the cycle
 //! goes through [`RegisterBus`](crate::bus::RegisterBus).
 
 mod bitfile;
+mod error;
 mod flash;
 mod info;
 mod leds;
@@ -13,8 +14,9 @@ mod packets;
 
 pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
-pub use flash::{Area, Flash, FlashError, FlashMemory, PAGE, SECTOR, Stage};
-pub use info::{Board, CardName, Counters, Identity, MacAddress, Timestamps};
+pub use error::EthernetError;
+pub use flash::{Area, Flash, FlashMemory, PAGE, SECTOR, Stage};
+pub use info::{CardName, Counters, EthernetBoard, Identity, MacAddress, Timestamps};
 pub use leds::LedMode;
 pub use memory::UnguardedFlash;
-pub use packets::{EthernetError, Lbp16Board};
+pub use packets::Lbp16Board;

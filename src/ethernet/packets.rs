@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use super::EthernetError;
 use crate::bus::{Clock, RegisterBus};
 use crate::lbp16::{MAX_PACKET, RequestBuilder, RequestError, Space};
 
@@ -39,63 +40,6 @@ impl<B: Lbp16Board + ?Sized> Lbp16Board for &mut B {
     }
 }
 
-/// Why something could not be asked of a board, or done with it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum EthernetError<E> {
-    /// The board did not answer.
-    #[error(transparent)]
-    Bus(E),
-    /// The commands do not fit into a packet.
-    #[error(transparent)]
-    Request(RequestError),
-    /// What answers is no LBP16 board, or not in the way it is known.
-    #[error(
-        "space {space}: cookie 0x{found:04X}, expected 0x{expected:04X}; is this a Mesa board?"
-    )]
-    Cookie {
-        /// The space.
-        space: u8,
-        /// The cookie read.
-        found: u16,
-        /// What it should be.
-        expected: u16,
-    },
-    /// The firmware can not do this.
-    #[error("this needs firmware version {needed}, the board has {found}; update its firmware")]
-    Firmware {
-        /// The first version that can.
-        needed: u16,
-        /// The version on the board.
-        found: u16,
-    },
-    /// What was written reads back differently.
-    #[error(
-        "EEPROM address 0x{address:02X} reads 0x{found:04X} after writing 0x{expected:04X}; try again"
-    )]
-    NotWritten {
-        /// Address of the word.
-        address: u16,
-        /// What was written.
-        expected: u16,
-        /// What is there.
-        found: u16,
-    },
-    /// A register of the board's network side does not keep what was written.
-    #[error(
-        "register 0x{address:02X} of space 6 reads 0x{found:04X} after writing 0x{expected:04X}; \
-         this firmware may not have it: update it"
-    )]
-    NotTaken {
-        /// Address of the register.
-        address: u16,
-        /// What was written.
-        expected: u16,
-        /// What is there.
-        found: u16,
-    },
-}
-
 /// How long anything but flash memory takes at most.
 pub(super) const QUICK: Duration = Duration::from_millis(50);
 
@@ -108,7 +52,7 @@ pub(super) fn run<B: Lbp16Board>(
 ) -> Result<(), EthernetError<B::Error>> {
     let mut buffer = [0; MAX_PACKET];
     let mut request = RequestBuilder::new(&mut buffer);
-    build(&mut request).map_err(EthernetError::Request)?;
+    build(&mut request)?;
     board
         .run_commands(request.bytes(), reply, deadline)
         .map_err(EthernetError::Bus)

@@ -1,9 +1,9 @@
 //! The LEDs of the board: `hm2_7i97.0.led.CR01` and so on.
 //!
 //! As they come, Ethernet boards count packets on these LEDs, and the pins show nothing: give the
-//! LEDs to the FPGA first, with [`Board::set_led_mode`](crate::ethernet::Board::set_led_mode) until
+//! LEDs to the FPGA first, with [`EthernetBoard::set_led_mode`](crate::ethernet::EthernetBoard::set_led_mode) until
 //! the board restarts, or with
-//! [`Board::set_eeprom_led_mode`](crate::ethernet::Board::set_eeprom_led_mode) for good.
+//! [`EthernetBoard::set_eeprom_led_mode`](crate::ethernet::EthernetBoard::set_eeprom_led_mode) for good.
 //! Manual: 7I97, "BOARD STATUS LEDS".
 
 use alloc::format;

@@ -9,8 +9,8 @@ use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
-    Area, Bitfile, Board, EthernetError, Flash, FlashError, FlashLayout, FlashMemory, LedMode,
-    PAGE, SECTOR, Stage, UnguardedFlash,
+    Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashMemory, LedMode, PAGE,
+    SECTOR, Stage, UnguardedFlash,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::sim::{BoardConfig, machines};
@@ -20,11 +20,11 @@ fn link() -> SimLink {
     SimLink::new(BoardConfig::new("7I97"), machines::i7i97(1))
 }
 
-fn board_on(link: SimLink) -> Board<UdpBus<SimLink>> {
-    Board::new(UdpBus::new(link, UdpConfig::default()).expect("the board answers"))
+fn board_on(link: SimLink) -> EthernetBoard<UdpBus<SimLink>> {
+    EthernetBoard::new(UdpBus::new(link, UdpConfig::default()).expect("the board answers"))
 }
 
-fn board() -> Board<UdpBus<SimLink>> {
+fn board() -> EthernetBoard<UdpBus<SimLink>> {
     board_on(link())
 }
 
@@ -47,7 +47,9 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
 }
 
 /// Something in the boot block, without which nothing is written to the user area.
-fn with_boot_block(board: Board<UdpBus<SimLink>>) -> Flash<UnguardedFlash<UdpBus<SimLink>>> {
+fn with_boot_block(
+    board: EthernetBoard<UdpBus<SimLink>>,
+) -> Flash<UnguardedFlash<UdpBus<SimLink>>> {
     let mut flash = board.into_flash(FlashLayout::I7I97).expect("an M25P16");
     let boot = configuration(300);
     flash
@@ -109,7 +111,7 @@ fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
     let one_by_one: Vec<_> = (0..4).map(|n| [0, 1, 2, 3].map(|k| k == n)).collect();
     assert_ne!(running_light(&mut driver), one_by_one, "they count packets");
     for (mode, shows) in [(LedMode::HostMot2, true), (LedMode::Debug, false)] {
-        let mut board = Board::new(driver.bus_mut());
+        let mut board = EthernetBoard::new(driver.bus_mut());
         board.set_led_mode(mode).expect("the register");
         assert_eq!(board.led_mode(), Ok(mode));
         assert_eq!(board.eeprom_led_mode(), Ok(LedMode::Debug), "as it was");
@@ -157,7 +159,7 @@ fn a_board_counts_what_it_could_not_do() {
     let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
     mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
     bus.wait(Duration::from_millis(1));
-    let after = Board::new(bus).counters().expect("counters");
+    let after = EthernetBoard::new(bus).counters().expect("counters");
     assert!(after.errors.contains(ErrorRegister::PARSE), "{after:?}");
     assert_eq!(after.parse_errors, before.parse_errors + 1);
     assert_eq!(after.write_errors, before.write_errors + 1);
@@ -170,7 +172,7 @@ fn errors_are_cleared_and_packets_go_on_being_counted() {
     let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
     mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
     bus.wait(Duration::from_millis(1));
-    let mut board = Board::new(bus);
+    let mut board = EthernetBoard::new(bus);
     let before = board.counters().expect("counters");
     assert_eq!(
         (before.errors, before.write_errors),
@@ -193,7 +195,7 @@ fn its_clock_tells_when_packets_came_and_went() {
     let first = board.timestamps().expect("timestamps");
     let mut bus = board.into_inner();
     bus.wait(Duration::from_millis(10));
-    let second = Board::new(bus).timestamps().expect("timestamps");
+    let second = EthernetBoard::new(bus).timestamps().expect("timestamps");
     let microseconds = second.receive_done.wrapping_sub(first.receive_done);
     assert!((10_000..10_200).contains(&microseconds), "{microseconds}");
     assert!(second.send_start.wrapping_sub(first.receive_done) < 100);
@@ -224,7 +226,7 @@ fn a_configuration_is_programmed_and_verified_over_the_network() {
         .expect_err("it differs");
     let address = FlashLayout::I7I97.user.0 + 100_000;
     assert!(
-        matches!(error, FlashError::Differs { address: a, .. } if a == address),
+        matches!(error, EthernetError::Differs { address: a, .. } if a == address),
         "{error}"
     );
     // Reading need not begin or end on a register's border.
@@ -243,7 +245,7 @@ fn without_a_boot_block_nothing_is_erased() {
         .program(&bitfile(&data), Area::User, |_, _| {})
         .expect_err("no boot block");
     assert!(
-        matches!(error, FlashError::NoBootBlock { address: 0 }),
+        matches!(error, EthernetError::NoBootBlock { address: 0 }),
         "{error}"
     );
 }
@@ -306,7 +308,6 @@ fn a_board_that_never_answers_is_said_with_a_hint() {
 #[test]
 fn every_error_says_what_to_do_next() {
     use mesa_hal::ethernet::BitfileError::{self, *};
-    type Memory = FlashError<BitfileError>;
     type Ethernet = EthernetError<BitfileError>;
     let (field, at, area) = (b'a', 13, Area::User);
     let (address, bytes, start, end) = (0x10_0000, 9, 0x10_0000, 0x16_0000);
@@ -327,32 +328,32 @@ fn every_error_says_what_to_do_next() {
             expected: "7I97",
         },
     ];
-    let memory: [Memory; 9] = [
-        Memory::Bitfile(NoMark),
-        Memory::WrongChip {
+    let memory: [Ethernet; 9] = [
+        Ethernet::Bitfile(NoMark),
+        Ethernet::WrongChip {
             found: 1,
             expected: 2,
         },
-        Memory::NoBootBlock { address },
-        Memory::NoUserConfiguration { address },
-        Memory::NotForConfigurations { area },
-        Memory::NotWhole {
+        Ethernet::NoBootBlock { address },
+        Ethernet::NoUserConfiguration { address },
+        Ethernet::NotForConfigurations { area },
+        Ethernet::NotWhole {
             address,
             bytes,
             size: 10,
         },
-        Memory::NotASector {
+        Ethernet::NotASector {
             address,
             sector: address,
         },
-        Memory::OutsideArea {
+        Ethernet::OutsideArea {
             address,
             bytes,
             area,
             start,
             end,
         },
-        Memory::Differs {
+        Ethernet::Differs {
             address,
             expected: 1,
             found: 2,
@@ -421,7 +422,7 @@ fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
     let error = board()
         .into_flash(FlashLayout::I7I97)
         .expect_err("another board");
-    let is_it = matches!(error, FlashError::WrongBoard { found, expected: "7I97" }
+    let is_it = matches!(error, EthernetError::WrongBoard { found, expected: "7I97" }
         if found.as_str() == "7I92");
     assert!(is_it, "{error}");
 

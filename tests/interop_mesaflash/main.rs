@@ -400,7 +400,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
 
     let address = board.board.address;
     let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
-    let mut flash = ethernet::Board::new(bus)
+    let mut flash = ethernet::EthernetBoard::new(bus)
         .into_flash(FlashLayout::I7I97)
         .unwrap();
     let written = Bitfile::parse(&bytes).unwrap();

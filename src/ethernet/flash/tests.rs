@@ -1,3 +1,4 @@
+use super::super::BitfileError;
 use super::*;
 use alloc::{vec, vec::Vec};
 
@@ -36,25 +37,32 @@ struct NoPower;
 impl FlashMemory for &mut Chip {
     type Error = NoPower;
 
-    fn id(&mut self) -> Result<u32, Self::Error> {
+    fn id(&mut self) -> Result<u32, EthernetError<NoPower>> {
         Ok(self.id)
     }
 
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<NoPower>> {
         bytes.copy_from_slice(&self.bytes[address as usize..][..bytes.len()]);
         Ok(())
     }
 
-    fn erase_sector(&mut self, address: u32) -> Result<(), Self::Error> {
+    fn erase_sector(&mut self, address: u32) -> Result<(), EthernetError<NoPower>> {
         assert!(address.is_multiple_of(SECTOR));
         self.erased.push(address);
         self.bytes[address as usize..][..SECTOR as usize].fill(0xFF);
         Ok(())
     }
 
-    fn write_page(&mut self, address: u32, page: &[u8; PAGE]) -> Result<(), Self::Error> {
+    fn write_page(
+        &mut self,
+        address: u32,
+        page: &[u8; PAGE],
+    ) -> Result<(), EthernetError<NoPower>> {
         assert!(address.is_multiple_of(PAGE as u32));
-        self.pages_left = self.pages_left.checked_sub(1).ok_or(NoPower)?;
+        self.pages_left = self
+            .pages_left
+            .checked_sub(1)
+            .ok_or(EthernetError::Bus(NoPower))?;
         self.written.push(address);
         for (at, byte) in (address as usize..).zip(page) {
             self.bytes[at] &= byte;
@@ -125,7 +133,7 @@ fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
         .unwrap_err();
     assert!(matches!(
         error,
-        FlashError::Bitfile(BitfileError::TooLarge { .. })
+        EthernetError::Bitfile(BitfileError::TooLarge { .. })
     ));
     let other = Bitfile {
         part: "6slx16ftg256",
@@ -134,16 +142,16 @@ fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
     let error = flash.program(&other, Area::User, |_, _| {}).unwrap_err();
     assert!(matches!(
         error,
-        FlashError::Bitfile(BitfileError::WrongPart { .. })
+        EthernetError::Bitfile(BitfileError::WrongPart { .. })
     ));
     let error = flash
         .write(Area::User, 0x0F_0000, &small, |_, _| {})
         .unwrap_err();
-    assert!(matches!(error, FlashError::OutsideArea { .. }));
+    assert!(matches!(error, EthernetError::OutsideArea { .. }));
     let error = flash
         .write(Area::User, 0x15_FF00, &[0; 300], |_, _| {})
         .unwrap_err();
-    assert!(matches!(error, FlashError::OutsideArea { .. }));
+    assert!(matches!(error, EthernetError::OutsideArea { .. }));
     assert!(chip.erased.is_empty() && chip.written.is_empty());
 }
 
@@ -156,12 +164,12 @@ fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
     let error = flash
         .program(&bitfile(&data), Area::User, |_, _| {})
         .unwrap_err();
-    assert_eq!(error, FlashError::NoBootBlock { address: 0 });
+    assert_eq!(error, EthernetError::NoBootBlock { address: 0 });
     chip.id = 0x15;
     let error = Flash::open(&mut chip, FlashLayout::I7I97).unwrap_err();
     assert_eq!(
         error,
-        FlashError::WrongChip {
+        EthernetError::WrongChip {
             found: 0x15,
             expected: 0x14
         }
@@ -176,7 +184,7 @@ fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
         let mut chip = Chip::new();
         let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
         let error = flash.program(&bitfile(&data), area, |_, _| {}).unwrap_err();
-        assert_eq!(error, FlashError::NotForConfigurations { area });
+        assert_eq!(error, EthernetError::NotForConfigurations { area });
         assert!(chip.erased.is_empty() && chip.written.is_empty());
     }
 }
@@ -189,7 +197,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
         let mut flash = Flash::open(chip, FlashLayout::I7I97).unwrap();
         flash.program(&bitfile(&data), area, |_, _| {})
     };
-    let none = FlashError::NoUserConfiguration { address: 0x10_0000 };
+    let none = EthernetError::NoUserConfiguration { address: 0x10_0000 };
     assert_eq!(program(&mut chip, Area::Fallback), Err(none));
     chip.bytes[0x10_0000..0x10_0100].fill(0x00);
     assert_eq!(program(&mut chip, Area::Fallback), Err(none));
@@ -199,7 +207,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
         chip.pages_left = pages;
         assert_eq!(
             program(&mut chip, Area::User),
-            Err(FlashError::Bus(NoPower))
+            Err(EthernetError::Bus(NoPower))
         );
         chip.pages_left = usize::MAX;
         assert_eq!(
@@ -211,7 +219,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
     assert_eq!(program(&mut chip, Area::User), Ok(()));
     let boot_block = chip.bytes[0];
     chip.bytes[..PAGE].fill(0xFF);
-    let no_boot_block = FlashError::NoBootBlock { address: 0 };
+    let no_boot_block = EthernetError::NoBootBlock { address: 0 };
     assert_eq!(program(&mut chip, Area::Fallback), Err(no_boot_block));
     chip.bytes[0] = boot_block;
     chip.erased.clear();
@@ -245,7 +253,7 @@ fn the_whole_chip_is_not_a_name_for_a_part_of_it() {
             .unwrap_err();
         assert_eq!(
             error,
-            FlashError::NotWhole {
+            EthernetError::NotWhole {
                 address,
                 bytes,
                 size: 0x20_0000
@@ -264,7 +272,7 @@ fn a_write_begins_a_sector() {
     let error = flash
         .write(Area::User, 0x10_0100, &[0; 4], |_, _| {})
         .unwrap_err();
-    let expected = FlashError::NotASector {
+    let expected = EthernetError::NotASector {
         address: 0x10_0100,
         sector: 0x10_0000,
     };
@@ -280,7 +288,7 @@ fn what_was_not_parsed_is_checked_before_anything_is_erased_too() {
         .program(&bitfile(&[0xFF; 1000]), Area::User, |_, _| {})
         .unwrap_err();
     let expected = BitfileError::NoSync { searched: 256 };
-    assert_eq!(error, FlashError::Bitfile(expected));
+    assert_eq!(error, EthernetError::Bitfile(expected));
     assert!(chip.erased.is_empty());
 }
 
@@ -293,7 +301,7 @@ fn a_bit_that_can_not_be_written_is_found() {
     let error = flash
         .write(Area::User, 0x10_0000, &data, |_, _| {})
         .unwrap_err();
-    let expected = FlashError::Differs {
+    let expected = EthernetError::Differs {
         address: 0x10_0102,
         expected: 0,
         found: 1,
