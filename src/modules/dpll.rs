@@ -1,6 +1,6 @@
 //! HM2DPLL: samples encoders and serial inputs in step with the host's thread, or paces the host.
 //!
-//! Source: REGISTERS.md, "DPLL (HM2DPLL)"; FACTS 9.5, 12.4.
+//! Source: FACTS 13.8, 9.5, 12.4.
 
 use alloc::format;
 
@@ -127,6 +127,9 @@ impl Module for Dpll {
             cycle.set(following.phase, phase);
             cycle.repeat(following.phase);
             cycle.repeat(control_0);
+        }
+        if !cycle.changed {
+            return;
         }
         let config = self.pins.config(cycle.pins);
         if config == self.config {

@@ -1,6 +1,6 @@
 //! Filtered inputs with MPG counters: InMux (multiplexed) and InM (a pin each).
 //!
-//! Source: REGISTERS.md, "InMux / InM"; FACTS 9.4.
+//! Source: FACTS 13.6.
 
 use alloc::format;
 use alloc::vec::Vec;
@@ -194,10 +194,10 @@ impl Module for InMux {
     }
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        let config = self.pins.config(cycle.pins);
-        if config == self.config {
+        if !cycle.changed {
             return;
         }
+        let config = self.pins.config(cycle.pins);
         self.config = config;
         let [control, slow, modes] = config.words(self.clock_hz, self.last_input);
         cycle.set(self.control, control);

@@ -65,7 +65,7 @@ impl Module for Leds {
 
 /// The LED register: LED 0 is bit 31, LED 7 bit 24.
 ///
-/// Source: REGISTERS.md, "LED".
+/// Source: FACTS 13.9.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct LedWord(u32);
 

@@ -1,6 +1,6 @@
 //! Outputs: SSR, solid state relays that a drive isolates, and OutM, levels on pins.
 //!
-//! Source: REGISTERS.md, "SSR", "OutM".
+//! Source: FACTS 13.7.
 
 use alloc::format;
 use alloc::vec::Vec;
@@ -138,6 +138,9 @@ fn numbers(r: &Registrar<'_>, gtag: Gtag, instance: u8) -> Vec<u8> {
 
 impl Module for Outputs {
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        if !cycle.changed {
+            return;
+        }
         if let Some(drive) = self.drive {
             let rate = match cycle.pins.fetch(drive.hz) {
                 0 => 0,

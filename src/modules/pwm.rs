@@ -1,6 +1,6 @@
 //! PWM and PDM generators: analog outputs.
 //!
-//! Source: REGISTERS.md, "PWM"; FACTS 9.4, 9.5.
+//! Source: FACTS 13.5, 9.5, 12.3.
 
 use alloc::format;
 use alloc::vec::Vec;
@@ -145,6 +145,9 @@ impl Pwm {
 
 impl Module for Pwm {
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        if !cycle.changed {
+            return;
+        }
         self.write_rates(cycle);
         let mut enables = 0;
         for (n, generator) in self.generators.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Quadrature counters, on pins of their own or multiplexed.
 //!
-//! Source: REGISTERS.md, "Encoder / muxed encoder"; FACTS 9.4, 9.5, 12.5 to 12.7.
+//! Source: FACTS 13.4, 9.5, 12.5 to 12.7.
 
 mod latch;
 mod pins;
@@ -47,8 +47,6 @@ pub struct Encoders {
     timestamps: Setting,
     /// Only with a DPLL.
     timer: Option<Setting>,
-    /// The outputs of the group that were looked at last.
-    version: Option<u64>,
 }
 
 #[derive(Debug)]
@@ -176,7 +174,6 @@ impl Encoders {
             rate,
             timestamps,
             timer: timer.map(|address| r.setting(Stage::Configure, address, common.timer.0)),
-            version: None,
         })
     }
 
@@ -321,14 +318,12 @@ impl Module for Encoders {
 
     /// Pins are looked at when one of them has changed; a latch goes on by itself.
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        let version = cycle.pins.output_version(cycle.group);
-        let has_changed = core::mem::replace(&mut self.version, version) != version;
-        if has_changed {
+        if cycle.changed {
             self.write_common(cycle);
         }
         for encoder in &mut self.axes {
             let Encoder { pins, state, .. } = encoder;
-            if has_changed {
+            if cycle.changed {
                 encoder.command = pins.command(cycle.pins, state);
             }
             pins.carry_out(encoder.command, cycle.pins, state);

@@ -3,7 +3,7 @@
 /// A rate register: ticks at clock/(n+2). With bit 15 set, ticks at the clock itself (time stamps
 /// only).
 ///
-/// Source: REGISTERS.md, "Encoder / muxed encoder".
+/// Source: FACTS 13.4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TickRate(pub u32);
 
