@@ -102,9 +102,6 @@ pub struct WriteCycle<'a> {
     pub group: GroupId,
     /// When the write began.
     pub now: Instant,
-    /// A pin or a parameter of this module was set since its last write, or this is its first one:
-    /// otherwise what it put and set before is still what its pins ask for.
-    pub changed: bool,
     /// Nothing is to be started anew: the board is not set up, or safe values are told for the last
     /// time.
     pub hold: bool,
