@@ -40,5 +40,7 @@ pub use fpga::{
     Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, UNDRIVEN,
     gtag,
 };
-pub use modules::{Dpll, EncoderBank, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
+pub use modules::{
+    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+};
 pub use world::{Motor, MotorConfig, Segment};

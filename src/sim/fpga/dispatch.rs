@@ -42,7 +42,10 @@ impl SimFpga {
                 let serial = self.serial.get_mut(usize::from(port));
                 serial.map_or(0, |serial| serial.read(now, register, instance))
             }
-            _ => 0,
+            _ => {
+                let foreign = self.foreign.get_mut(gtag);
+                foreign.map_or(0, |module| module.read(now, register, instance))
+            }
         }
     }
 
@@ -108,7 +111,11 @@ impl SimFpga {
                     serial.write(now, register, instance, value);
                 }
             }
-            _ => {}
+            _ => {
+                if let Some(module) = self.foreign.get_mut(gtag) {
+                    module.write(now, register, instance, value);
+                }
+            }
         }
     }
 
@@ -143,7 +150,10 @@ impl SimFpga {
                 bank.is_none_or(|bank| bank.select_level(self.now))
             }
             // Idle serial lines stand at 1, and so does everything else between its pulses.
-            _ => true,
+            gtag => {
+                let foreign = self.foreign.get(gtag);
+                foreign.is_none_or(|module| module.level(self.now, pin.unit, pin.pin))
+            }
         }
     }
 

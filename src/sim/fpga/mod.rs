@@ -15,7 +15,9 @@ pub use firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
 pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
 pub(crate) use world_side::device;
 
-use crate::sim::modules::{Dpll, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog};
+use crate::sim::modules::{
+    Dpll, ForeignModules, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+};
 use crate::sim::wire::Nanos;
 use decode::{AddressMap, Target};
 use plant::{Plant, PortWatcher};
@@ -66,6 +68,7 @@ pub struct SimFpga {
     dpll: Option<Dpll>,
     leds: Leds,
     serial: Vec<SmartSerial>,
+    foreign: ForeignModules,
     plant: Plant,
     /// While it is reset, it neither answers nor takes anything.
     reset_until: Nanos,
@@ -121,6 +124,7 @@ impl SimFpga {
             leds: Leds::default(),
             plant,
             serial,
+            foreign: ForeignModules::default(),
             firmware,
             reset_until: 0,
             director: None,

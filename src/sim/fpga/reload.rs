@@ -35,6 +35,7 @@ impl SimFpga {
         self.out_m = fresh.out_m;
         self.dpll = fresh.dpll;
         self.leds = Leds::default();
+        self.foreign.reload(self.now);
         for bank in &mut self.plant.banks {
             bank.reload(self.now, &self.firmware);
         }

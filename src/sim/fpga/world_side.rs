@@ -3,7 +3,7 @@
 use super::plant::{AxisWiring, DriveSignal};
 use super::{AccessCounters, Firmware, SimFpga, Target, gtag};
 use crate::sim::modules::{
-    Dpll, EncoderBank, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
 };
 use crate::sim::wire::{Nanos, RemoteEnd};
 use crate::sim::world::Motor;
@@ -70,6 +70,24 @@ impl SimFpga {
                 bank.set_pin(now, found.unit, found.pin, level);
             }
         }
+    }
+
+    /// Adds a module that the simulator does not know, in the place of the firmware's module with
+    /// this GTAG.
+    pub fn add_module(&mut self, gtag: u8, module: Box<dyn ForeignModule>) {
+        self.foreign.add(gtag, module);
+    }
+
+    /// A module that was added.
+    pub fn module<T: ForeignModule>(&self, gtag: u8) -> Option<&T> {
+        let module: &dyn core::any::Any = self.foreign.get(gtag)?;
+        module.downcast_ref()
+    }
+
+    /// A module that was added, to change it.
+    pub fn module_mut<T: ForeignModule>(&mut self, gtag: u8) -> Option<&mut T> {
+        let module: &mut dyn core::any::Any = self.foreign.get_mut(gtag)?;
+        module.downcast_mut()
     }
 
     /// The watchdog.

@@ -4,6 +4,7 @@
 
 mod dpll;
 mod encoder;
+mod foreign;
 mod inputs;
 mod io_ports;
 mod outputs;
@@ -14,6 +15,8 @@ mod watchdog;
 pub use dpll::Dpll;
 pub use encoder::EncoderBank;
 pub(crate) use encoder::SelectLine;
+pub use foreign::ForeignModule;
+pub(crate) use foreign::ForeignModules;
 pub use inputs::Inputs;
 pub use io_ports::IoPorts;
 pub use outputs::{Leds, Outputs};
