@@ -5,10 +5,10 @@
 mod access;
 mod channels;
 mod command;
-mod cyclic;
 mod doit_time;
 mod error;
 mod layout;
+mod machine;
 mod parameters;
 mod port;
 mod started;
@@ -18,12 +18,15 @@ pub use crate::lbp::RemoteFaults;
 pub use access::{AccessError, AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS};
 pub use command::{Command, LocalAddress};
-pub use cyclic::{RecoveryStep, doit_of, software_mode_word};
 pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange, Processor, USUAL_REMOTE_LATENCY};
 pub use error::{Needed, PortError, PortState, Registers, Unsupported, WaitError, WaitingFor};
 pub use layout::{ChannelRegisters, Layout, LayoutError, MAX_INTERFACE_REGISTERS, SslbpModule};
+pub use machine::{
+    Complete, Event, Failure, FailureCounts, Link, Machine, Observed, Operation, StartMode, Times,
+    Verdict, software_mode_word,
+};
 pub use parameters::{ChannelVariable, ChannelVariables, ErrorCounters, PortParameters};
-pub use port::{ChannelStart, ChannelWords, Port, PortResult, PortWords, StartMode, Transfer};
+pub use port::{ChannelStart, ChannelWords, Port, PortResult, PortWords, Transfer};
 pub use started::{
     FailedRegisters, ProcessDataSizes, ReplyFormat, StartFailure, StartFailureReason, StartReport,
     StartedRemote,

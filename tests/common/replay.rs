@@ -80,7 +80,7 @@ impl Segment {
 }
 
 /// The host's side of a recording.
-fn segments(recording: &Transcript) -> Vec<Segment> {
+pub fn segments(recording: &Transcript) -> Vec<Segment> {
     let mut segments: Vec<Segment> = Vec::new();
     let mut writes = Vec::new();
     let mut begin = 0;
@@ -306,6 +306,7 @@ impl Replay {
             self.held.clear();
         }
         fill_in_started(&mut segment);
+        self.fill_in_transferred(&mut segment);
         if segment.command & 0xF000 == 0xA000 {
             self.store_local((segment.command & 0x0FFF) as u16);
         }
@@ -328,6 +329,21 @@ impl Replay {
         self.busy = segment.command & 0xFFFF;
         self.cleared = segment.cleared;
         self.current = Some(segment);
+    }
+
+    /// Not every recording reads CS after the first DOIT: a channel without a DATA bit has left its
+    /// chatter for process data (FACTS 4.6).
+    fn fill_in_transferred(&self, segment: &mut Segment) {
+        let failed = segment.last(Register::Data).unwrap_or(0);
+        let good = ChannelMask::from_bits((segment.command & !failed) as u8);
+        for channel in good.iter().filter(|_| segment.command >> 8 == 0x10) {
+            let cs = Register::Cs(channel.index());
+            let before = self.held.get(&cs).copied().unwrap_or(0);
+            let values = segment.values.entry(cs).or_default();
+            if values.is_empty() && before & 0x00FF_0000 == 0x003A_0000 {
+                values.push((0, before & !0x00FF_0000 | 0x0042_0000));
+            }
+        }
     }
 
     fn improvise(&mut self, command: u32) {

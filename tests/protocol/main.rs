@@ -9,3 +9,4 @@ mod sslbp_cards;
 mod sslbp_hostile;
 mod sslbp_recorded;
 mod sslbp_simulated;
+mod sslbp_stepped;

@@ -11,7 +11,7 @@ use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::remote::{FixedData, Remote};
 use mesa_hal::sim::{SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
-    AccessError, AccessSize, Channel, ChannelMask, ChannelStart, Layout, Port, PortError,
+    AccessError, AccessSize, Channel, ChannelMask, ChannelStart, CsStatus, Layout, Port, PortError,
     PortState, PortWords, ProcessDataSizes, StartFailureReason, StartMode,
 };
 use proptest::prelude::*;
@@ -434,8 +434,9 @@ fn a_remote_with_too_much_data_is_refused_and_stopped() {
             limit: ProcessDataSizes { rx: 13, tx: 12 },
         }
     );
-    let registers = port.snapshot(&mut fpga).unwrap();
-    assert!(registers.cs[1].is_stopped(), "{registers}");
+    let cs = port.layout().channel(ONE).unwrap().cs();
+    let cs = CsStatus::from_register(fpga.read(cs).unwrap());
+    assert!(cs.is_stopped(), "{cs}");
     // In setup mode its tables can be read all the same.
     port.stop_all(&mut fpga).unwrap();
     let report = port.start(&mut fpga, StartMode::Setup, &starts).unwrap();

@@ -86,7 +86,7 @@ impl Parts {
         config: &Config,
     ) -> Result<(), BuildError<B::Error>> {
         for (port, serial) in located {
-            port.reset(bus)?;
+            let parameters = port.reset(bus)?;
             let remotes = self.start_port(bus, port, serial, &config.parameters)?;
             let instance = port.layout().instance();
             let pins = PortPins::new(
@@ -97,7 +97,7 @@ impl Parts {
                 &config.policy,
             )?;
             let now = bus.now();
-            let port = SerialPort::new(port.clone(), remotes, config.policy, pins, now);
+            let port = SerialPort::new(port.clone(), parameters, remotes, config.policy, pins, now);
             let needed = port.expected_time().usual;
             if needed > config.period {
                 return Err(BuildError::PeriodTooShort {

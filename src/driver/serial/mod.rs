@@ -1,17 +1,16 @@
 //! SSLBP ports in the cycle.
 
 mod attempts;
-mod channel;
-mod failure;
-mod machine;
+mod health;
 mod pins;
 mod port;
+mod recovery;
 mod set_aside;
 mod statistics;
 mod watchdog;
 
-pub use channel::RemoteState;
-pub use failure::{Failure, FailureCounts};
+pub use crate::sslbp::{Failure, FailureCounts};
+pub use health::RemoteState;
 pub use port::SerialPort;
 pub use set_aside::SetAside;
 pub use statistics::{PortStatistics, TimeHistogram};
@@ -26,7 +25,8 @@ pub(super) use port::{Remote, WATCHDOG_PARAMETER};
 #[derive(Clone, Copy, Debug)]
 pub struct RemoteStatus<'a> {
     remote: &'a Remote,
-    channel: &'a channel::Channel,
+    health: &'a health::Health,
+    link: &'a crate::sslbp::Link,
 }
 
 /// When a remote is set aside, and how it comes back.

@@ -2,10 +2,11 @@
 
 use alloc::format;
 
-use super::channel::{Channel, RemoteState};
-use super::machine::Machine;
+use super::RemoteState;
+use super::health::Health;
+use super::recovery::{Recovery, is_stopping};
 use crate::hal::{GroupId, Input, Output, OutputRule, Param, PinError, PinStore, Spec};
-use crate::sslbp::RemoteFaults;
+use crate::sslbp::{Link, Machine, RemoteFaults};
 
 /// What LinuxCNC shows of a port, and switches.
 ///
@@ -46,13 +47,14 @@ enum PortState {
 }
 
 impl PortState {
-    fn of(machine: &Machine) -> Self {
-        let running = machine.running();
-        match (machine.run, running.is_empty()) {
-            (true, false) if machine.has_transferred() => Self::Normal,
+    fn of(recovery: &Recovery, machine: &Machine) -> Self {
+        let running = recovery.running();
+        let has_transferred = |channel| machine.link(channel).good_since_start() > 0;
+        match (recovery.run, running.is_empty()) {
+            (true, false) if running.iter().any(has_transferred) => Self::Normal,
             (true, false) => Self::Started,
             (false, false) => Self::Stopping,
-            (false, true) if machine.is_stopping() => Self::Stopped,
+            (false, true) if is_stopping(machine) => Self::Stopped,
             (_, true) => Self::Idle,
         }
     }
@@ -82,21 +84,21 @@ impl PortPins {
         })
     }
 
-    pub fn publish(&self, pins: &mut PinStore, machine: &Machine) {
-        pins.publish(self.fault_count, machine.fault_count());
-        pins.publish(self.port_state, PortState::of(machine) as u32);
-        pins.publish(self.port_state2, machine.restart_step());
+    pub fn publish(&self, pins: &mut PinStore, recovery: &Recovery, machine: &Machine) {
+        pins.publish(self.fault_count, recovery.fault_count());
+        pins.publish(self.port_state, PortState::of(recovery, machine) as u32);
+        pins.publish(self.port_state2, recovery.restart_step(machine));
         pins.publish(self.port_state3, 0);
-        pins.publish(self.transfers, machine.statistics.transfers);
-        let too_short = u32::try_from(machine.statistics.too_short).unwrap_or(u32::MAX);
+        pins.publish(self.transfers, recovery.statistics.transfers);
+        let too_short = u32::try_from(recovery.statistics.too_short).unwrap_or(u32::MAX);
         pins.publish(self.too_short, too_short);
     }
 
-    pub fn fetch(&self, pins: &mut PinStore, machine: &mut Machine) {
-        machine.run = pins.fetch(self.run);
-        machine.policy.fault_inc = pins.param(self.fault_inc);
-        machine.policy.fault_dec = pins.param(self.fault_dec);
-        machine.policy.fault_lim = pins.param(self.fault_lim);
+    pub fn fetch(&self, pins: &mut PinStore, recovery: &mut Recovery) {
+        recovery.run = pins.fetch(self.run);
+        recovery.policy.fault_inc = pins.param(self.fault_inc);
+        recovery.policy.fault_dec = pins.param(self.fault_dec);
+        recovery.policy.fault_lim = pins.param(self.fault_lim);
     }
 }
 
@@ -138,13 +140,12 @@ impl RemoteFaultPins {
         })
     }
 
-    pub fn publish(&self, pins: &mut PinStore, channel: Option<&Channel>) {
-        let Some(channel) = channel else { return };
-        pins.publish(self.running, channel.state == RemoteState::Running);
+    pub fn publish(&self, pins: &mut PinStore, health: &Health, link: &Link) {
+        pins.publish(self.running, health.state == RemoteState::Running);
         for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {
-            pins.publish(pin, channel.faults.contains(fault));
+            pins.publish(pin, health.faults.contains(fault));
         }
-        pins.publish(self.failures, channel.failures.total());
-        pins.publish(self.restarts, channel.restarts);
+        pins.publish(self.failures, link.failures().total());
+        pins.publish(self.restarts, health.restarts);
     }
 }

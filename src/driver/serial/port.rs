@@ -2,10 +2,10 @@
 
 use alloc::vec::Vec;
 
-use super::channel::{Channel, RemoteState};
-use super::machine::{Machine, Observation, Outcome};
+use super::health::{Expected, Health};
 use super::pins::PortPins;
-use super::{FailureCounts, PortStatistics, RemoteStatus, RemoteWatchdog, SetAside};
+use super::recovery::{Outcome, Recovery, is_transferring};
+use super::{FailureCounts, PortStatistics, RemoteState, RemoteStatus, RemoteWatchdog, SetAside};
 use crate::bus::{
     CycleImage, ImagePlan, Instant, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot,
 };
@@ -14,8 +14,9 @@ use crate::driver::parameters::ParameterWrite;
 use crate::hal::{GroupId, PinStore, Pins};
 use crate::remote::RemotePins;
 use crate::sslbp::{
-    Channel as Number, ChannelRegisters, Command, DoitTime, Exchange, Layout,
-    MAX_INTERFACE_REGISTERS, Port, RemoteFaults, StartedRemote, software_mode_word,
+    Channel as Number, ChannelMask, ChannelRegisters, Command, DoitTime, Layout,
+    MAX_INTERFACE_REGISTERS, Observed, Port, PortParameters, RemoteFaults, StartedRemote,
+    software_mode_word,
 };
 
 /// Interface registers of one direction.
@@ -35,7 +36,7 @@ pub struct SerialPort {
     command: Option<ReadSlot>,
     data: Option<ReadSlot>,
     doit: Option<WriteSlot>,
-    pub(super) machine: Machine,
+    recovery: Recovery,
     pub(super) remotes: Vec<Remote>,
     pins: PortPins,
     expected: DoitTime,
@@ -142,35 +143,32 @@ impl Remote {
 }
 
 impl SerialPort {
+    /// `port` runs in normal mode, with all `remotes` started.
     pub(in crate::driver) fn new(
         port: Port,
+        parameters: PortParameters,
         remotes: Vec<Remote>,
         policy: super::FaultPolicy,
         pins: PortPins,
         now: Instant,
     ) -> Self {
-        let mut channels = [const { None }; 8];
+        let mut recovery = Recovery::new(parameters, policy, now);
         for remote in &remotes {
-            let identity = super::channel::Identity {
-                unit_number: remote.started.unit_number,
-                name: u32::from_le_bytes(remote.started.name.0),
-                pointers: u32::from(remote.started.gtoc) << 16 | u32::from(remote.started.ptoc),
+            let channel = remote.started.channel;
+            let expected = Expected {
+                told: port.machine().link(channel).told(),
+                unit_mask: u32::MAX,
             };
-            let data_only = remote.started.reply_format() == crate::sslbp::ReplyFormat::DataOnly;
-            let number = usize::from(remote.started.channel.index());
-            if let Some(channel) = channels.get_mut(number) {
-                let watchdog = remote.watchdog();
-                let first = policy.first_backoff;
-                *channel = Some(Channel::new(identity, data_only, watchdog, first));
-            }
+            let health = Health::new(expected, remote.watchdog(), policy.first_backoff);
+            recovery.add(channel, health);
         }
-        let expected = expected_time(&port, &remotes);
+        let expected = port.doit_time(recovery.known());
         Self {
             port,
             command: None,
             data: None,
             doit: None,
-            machine: Machine::new(channels, policy, now),
+            recovery,
             remotes,
             pins,
             expected,
@@ -194,7 +192,7 @@ impl SerialPort {
     }
 
     pub(in crate::driver) fn tier_of_read(&self) -> Tier {
-        tier(self.machine.needs_start_data())
+        tier(self.recovery.needs_start_data())
     }
 
     /// Takes what a good read brought.
@@ -206,9 +204,15 @@ impl SerialPort {
         writes_lost: bool,
     ) -> Outcome {
         self.note_armed(pins);
-        let seen = self.observe(image);
-        let outcome = self.machine.observe(now, &seen, writes_lost);
-        let stale_after = self.machine.policy.stale_after;
+        let seen = Seen {
+            image,
+            command: self.command,
+            data: self.data,
+            remotes: &self.remotes,
+        };
+        let machine = self.port.machine_mut();
+        let outcome = self.recovery.observe(machine, now, &seen, !writes_lost);
+        let stale_after = self.recovery.policy.stale_after;
         for remote in &mut self.remotes {
             let number = remote.started.channel;
             if outcome.good.contains(number) {
@@ -223,41 +227,22 @@ impl SerialPort {
             } else {
                 remote.no_news(pins, stale_after);
             }
-            remote
-                .fault_pins
-                .publish(pins, self.machine.channel(number));
+            if let Some(health) = self.recovery.remote(number) {
+                let link = self.port.machine().link(number);
+                remote.fault_pins.publish(pins, health, link);
+            }
         }
-        self.pins.publish(pins, &self.machine);
+        self.pins.publish(pins, &self.recovery, self.port.machine());
         outcome
     }
 
     /// A read failed, so that nothing new is known.
     pub(in crate::driver) fn not_read(&mut self, pins: &mut PinStore) {
-        self.machine.not_observed();
-        let stale_after = self.machine.policy.stale_after;
+        self.port.machine_mut().not_observed();
+        let stale_after = self.recovery.policy.stale_after;
         for remote in &mut self.remotes {
             remote.no_news(pins, stale_after);
         }
-    }
-
-    fn observe(&self, image: &CycleImage) -> Observation {
-        let word = |slot: Option<ReadSlot>| slot.and_then(|slot| image.word(slot));
-        let mut seen = Observation {
-            // A register that can not be read must not look idle.
-            command: word(self.command).unwrap_or(u32::MAX),
-            data: word(self.data).unwrap_or(u32::MAX),
-            ..Observation::default()
-        };
-        for remote in &self.remotes {
-            let number = usize::from(remote.started.channel.index());
-            if let Some(cs) = seen.cs.get_mut(number) {
-                *cs = word(remote.slots.cs).unwrap_or(0);
-            }
-            if let Some(start) = seen.start.get_mut(number) {
-                *start = remote.slots.start.map(|slot| word(slot).unwrap_or(0));
-            }
-        }
-        seen
     }
 
     /// Puts outputs and command into the image. `hold`: nothing is restarted, because the board is
@@ -269,17 +254,17 @@ impl SerialPort {
         now: Instant,
         hold: bool,
     ) {
-        self.pins.fetch(pins, &mut self.machine);
+        self.pins.fetch(pins, &mut self.recovery);
         self.note_armed(pins);
-        if !self.machine.run {
+        if !self.recovery.run {
             for remote in &self.remotes {
                 remote.pins.fault(pins);
             }
         }
-        if self.machine.needs_modes() {
-            self.put_modes(image);
+        let next = self.recovery.next(self.port.machine_mut(), now, hold);
+        if !next.modes.is_empty() {
+            self.put_modes(image, next.modes);
         }
-        let next = self.machine.next(now, hold);
         if next.with_data {
             for remote in &mut self.remotes {
                 remote.put(image, pins);
@@ -291,11 +276,9 @@ impl SerialPort {
     }
 
     /// The software modes of the remotes that are restarted are written with their START.
-    fn put_modes(&self, image: &mut CycleImage) {
-        let running = self.machine.running();
+    fn put_modes(&self, image: &mut CycleImage, modes: ChannelMask) {
         for remote in &self.remotes {
-            if let (Some(mode), false) =
-                (remote.slots.mode, running.contains(remote.started.channel))
+            if let (Some(mode), true) = (remote.slots.mode, modes.contains(remote.started.channel))
             {
                 image.request_write(mode);
             }
@@ -304,16 +287,16 @@ impl SerialPort {
 
     /// The write was done, or it is not known whether it was.
     pub(in crate::driver) fn written(&mut self, now: Instant, sure: bool) {
-        self.machine.written(now, sure);
+        self.port.machine_mut().written(now, sure);
     }
 
     /// Looks at COMMAND alone: whether a transfer is complete, or none is under way.
     pub(in crate::driver) fn poll(&mut self, image: &CycleImage, now: Instant) -> bool {
         let is_complete = self.is_idle(image);
         if is_complete {
-            self.machine.transfer_complete(now);
+            self.recovery.transfer_complete(self.port.machine(), now);
         }
-        is_complete || !self.machine.is_transferring()
+        is_complete || !is_transferring(self.port.machine())
     }
 
     /// Whether COMMAND was 0 when it was read last.
@@ -331,7 +314,7 @@ impl SerialPort {
     /// Whether it looks as if the whole board was reset: every channel that ran is stopped, and
     /// nobody asked for it. `None` if it has no remotes to tell by.
     pub(in crate::driver) fn appears_reset(&self) -> Option<bool> {
-        (!self.remotes.is_empty()).then(|| self.machine.appears_reset())
+        (!self.remotes.is_empty()).then(|| self.recovery.appears_reset())
     }
 
     /// What was before a remote was armed is history.
@@ -339,7 +322,7 @@ impl SerialPort {
         for remote in &self.remotes {
             let state = pins.group_state(remote.pins.group());
             if state.is_some_and(|state| state.armed) {
-                self.machine.armed(remote.started.channel);
+                self.recovery.armed(remote.started.channel);
             }
         }
     }
@@ -347,8 +330,8 @@ impl SerialPort {
     /// All remotes were stopped behind the cycle's back, and COMMAND is nobody's: they are
     /// restarted in the next cycles.
     pub(in crate::driver) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
-        self.machine.taken_over();
-        for channel in self.machine.known().iter() {
+        self.recovery.taken_over();
+        for channel in self.recovery.known().iter() {
             self.restart(channel, pins, now);
         }
     }
@@ -367,16 +350,16 @@ impl SerialPort {
         if let Some(parameter) = remote.pins.parameters_mut().get_mut(write.place) {
             parameter.publish(pins, write.raw);
         }
-        self.machine.set_watchdog(channel, remote.watchdog());
+        self.recovery.set_watchdog(channel, remote.watchdog());
     }
 
     /// All remotes that do not run are restarted in the next cycles.
     pub(in crate::driver) fn restart_all(&mut self, pins: &mut PinStore, now: Instant) {
-        self.machine.doubt();
+        self.port.machine_mut().doubt();
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
-        let not_running = self.machine.known().difference(self.machine.running());
+        let not_running = self.recovery.known().difference(self.recovery.running());
         for channel in not_running.iter() {
             self.restart(channel, pins, now);
         }
@@ -401,7 +384,7 @@ impl SerialPort {
 
     /// What it did so far.
     pub fn statistics(&self) -> &PortStatistics {
-        &self.machine.statistics
+        &self.recovery.statistics
     }
 
     /// How long its transfers take according to the remotes' sizes.
@@ -412,8 +395,12 @@ impl SerialPort {
     /// Its remotes, by channel.
     pub fn remotes(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
         self.remotes.iter().filter_map(|remote| {
-            let channel = self.machine.channel(remote.started.channel)?;
-            Some(RemoteStatus { remote, channel })
+            let channel = remote.started.channel;
+            Some(RemoteStatus {
+                remote,
+                health: self.recovery.remote(channel)?,
+                link: self.port.machine().link(channel),
+            })
         })
     }
 
@@ -438,7 +425,7 @@ impl SerialPort {
         {
             remote.pins.fault(pins);
             remote.pins.restarted();
-            self.machine.restart_now(channel, now);
+            self.recovery.restart_now(channel, now);
         }
     }
 }
@@ -466,40 +453,40 @@ impl RemoteStatus<'_> {
 
     /// What it is doing.
     pub fn state(&self) -> RemoteState {
-        self.channel.state
+        self.health.state
     }
 
     /// Why it was set aside first since it was re-armed last; later reasons do not replace it.
     /// `None` while nothing has happened since.
     pub fn first_fault(&self) -> Option<SetAside> {
-        self.channel.first_fault
+        self.health.first_fault
     }
 
     /// How long its outputs stay on when nobody talks to it: its own watchdog.
     ///
     /// A period longer than that can not feed it.
     pub fn watchdog(&self) -> RemoteWatchdog {
-        self.channel.watchdog
+        self.health.watchdog
     }
 
     /// What it reported with its last reply, or START found when it could not clear it.
     pub fn faults(&self) -> RemoteFaults {
-        self.channel.faults
+        self.health.faults
     }
 
     /// Transfers of its own so far, failed ones included.
     pub fn transfers(&self) -> u64 {
-        self.channel.transfers
+        self.link.transfers()
     }
 
     /// Its failures so far.
     pub fn failures(&self) -> FailureCounts {
-        self.channel.failures
+        *self.link.failures()
     }
 
     /// How often it was restarted.
     pub fn restarts(&self) -> u64 {
-        self.channel.restarts
+        self.health.restarts
     }
 }
 
@@ -511,9 +498,42 @@ fn tier(extended: bool) -> Tier {
     }
 }
 
-fn expected_time(port: &Port, remotes: &[Remote]) -> DoitTime {
-    let exchanges = remotes
-        .iter()
-        .map(|remote| Exchange::usual(remote.started.channel, remote.started.sizes));
-    DoitTime::expected(port.processor(), exchanges)
+/// The registers of a port in the image.
+struct Seen<'a> {
+    image: &'a CycleImage,
+    command: Option<ReadSlot>,
+    data: Option<ReadSlot>,
+    remotes: &'a [Remote],
+}
+
+impl Seen<'_> {
+    fn word(&self, slot: Option<ReadSlot>) -> Option<u32> {
+        slot.and_then(|slot| self.image.word(slot))
+    }
+
+    fn slots(&self, channel: Number) -> Option<&RemoteSlots> {
+        let is_it = |remote: &&Remote| remote.started.channel == channel;
+        Some(&self.remotes.iter().find(is_it)?.slots)
+    }
+}
+
+impl Observed for Seen<'_> {
+    fn command(&self) -> u32 {
+        // A register that can not be read must not look idle.
+        self.word(self.command).unwrap_or(u32::MAX)
+    }
+
+    fn data(&self) -> u32 {
+        self.word(self.data).unwrap_or(u32::MAX)
+    }
+
+    fn cs(&self, channel: Number) -> u32 {
+        let cs = self.slots(channel).and_then(|slots| self.word(slots.cs));
+        cs.unwrap_or(0)
+    }
+
+    fn told(&self, channel: Number) -> [u32; 3] {
+        let slots = self.slots(channel).map_or([None; 3], |slots| slots.start);
+        slots.map(|slot| self.word(slot).unwrap_or(0))
+    }
 }

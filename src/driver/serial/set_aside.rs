@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::Failure;
-use crate::sslbp::{CsStatus, RemoteFaults};
+use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
 
 /// Why a remote is set aside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +29,13 @@ pub enum SetAside {
         name: u32,
         /// Interface register 0 after START: its unit number.
         unit_number: u32,
+    },
+    /// The right device is on its channel, with other process data: another firmware.
+    OtherSizes {
+        /// What it exchanges.
+        found: ProcessDataSizes,
+        /// What its pins are made for.
+        expected: ProcessDataSizes,
     },
     /// The port never finished a command.
     PortStuck,
@@ -83,6 +90,12 @@ impl fmt::Display for SetAside {
                 "another device answers ({}, unit number {unit_number:#010X}); it is not taken \
                  over: plug the right one in, or build the driver anew",
                 crate::discovery::RemoteName::from_register(*name)
+            ),
+            Self::OtherSizes { found, expected } => write!(
+                f,
+                "its process data is RX {}, TX {} bytes, expected RX {}, TX {}: it has another \
+                 firmware; build the driver anew with it plugged in",
+                found.rx, found.tx, expected.rx, expected.tx
             ),
             Self::PortStuck => f.write_str("the port never finished a command"),
             Self::Stopped => f.write_str("its port is switched off"),

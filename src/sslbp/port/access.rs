@@ -1,17 +1,14 @@
 //! Pass-through accesses to remotes in setup mode.
 
-use super::{Port, PortResult, wait::Expected};
+use super::{Port, PortResult, run::Wanted};
 use crate::{
     bus::{BusError, Clock, RegisterBus},
     sslbp::{
-        AccessError, AccessSize, Channel, Command, CsStatus, DEFAULT_BAUD_RATE, LocalLocation,
-        NonvolatileMemory, PortError, PortState, RemoteAccess, USUAL_REMOTE_LATENCY,
+        AccessError, AccessSize, Channel, CsStatus, LocalLocation, NonvolatileMemory, PortError,
+        PortState, RemoteAccess, machine::Operation,
     },
 };
 use core::time::Duration;
-
-/// Without a reply an access takes 49.8 ms (FACTS 6.2).
-const LIMIT: Duration = Duration::from_millis(200);
 
 /// How often an access is tried.
 const ATTEMPTS: u8 = 3;
@@ -19,9 +16,6 @@ const ATTEMPTS: u8 = 3;
 /// After a failed access: longer than its timer, so that neither the timer nor a late reply is
 /// taken for the next access (FACTS 5.4).
 const QUIET: Duration = Duration::from_millis(60);
-
-/// The firmware's own time for one access: 39 us in all for a byte (FACTS 6.2).
-const FIRMWARE: Duration = Duration::from_micros(7);
 
 /// How long non-volatile memory may take to keep a value.
 const KEEP_FIRST: Duration = Duration::from_millis(10);
@@ -204,22 +198,18 @@ impl Port {
         access: RemoteAccess,
     ) -> PortResult<Result<u64, CsStatus>, B> {
         let registers = self.registers(channel)?;
-        let cs = registers.cs();
         let mut writes = alloc::vec::Vec::new();
         if let Some(words) = access.data_words() {
             writes.extend(registers.interfaces().zip(words));
         }
-        writes.push((cs, access.cs_word()));
-        let reads = core::iter::once(cs).chain(registers.interfaces().take(2));
-        let command = Command::doit(channel.mask());
-        let poll = self.execute(bus, command, &writes, reads, expected(access))?;
-        let &[cs, low, high] = poll.others() else {
-            return Ok(Err(CsStatus::default()));
-        };
-        if poll.data().has_failed(channel) {
-            return Ok(Err(CsStatus::from_register(cs)));
+        writes.push((registers.cs(), access.cs_word()));
+        let operation = Operation::Access(channel, access);
+        let (complete, snapshot) = self.run(bus, operation, &writes, Wanted::Interface(2))?;
+        if complete.good.contains(channel) {
+            Ok(Ok(access.value(snapshot.interface(channel))))
+        } else {
+            Ok(Err(snapshot.channel_status(channel)))
         }
-        Ok(Ok(access.value([low, high])))
     }
 
     fn access_error<E: BusError>(&self, error: AccessError) -> PortError<E> {
@@ -227,14 +217,5 @@ impl Port {
             port: self.layout.instance(),
             error,
         }
-    }
-}
-
-fn expected(access: RemoteAccess) -> Expected {
-    let bits = u64::from(access.characters()) * 10;
-    let line = Duration::from_nanos(bits * 1_000_000_000 / u64::from(DEFAULT_BAUD_RATE));
-    Expected {
-        usual: line + USUAL_REMOTE_LATENCY + FIRMWARE,
-        limit: LIMIT,
     }
 }

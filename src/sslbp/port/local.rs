@@ -1,19 +1,12 @@
 //! The port's own memory: parameters and channel variables.
 
-use super::{Port, PortResult, wait::Expected};
+use super::{Port, PortResult, run::Wanted};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelVariable, ChannelVariables, Command, ErrorCounters, LocalAddress,
-        PortError, PortParameters, ProcessDataSizes,
+        Channel, ChannelVariable, ChannelVariables, ErrorCounters, LocalAddress, PortError,
+        PortParameters, ProcessDataSizes, machine::Operation,
     },
-};
-use core::time::Duration;
-
-/// FACTS 3: at most 3.5 us.
-const LOCAL: Expected = Expected {
-    usual: Duration::from_micros(1),
-    limit: Duration::from_millis(5),
 };
 
 impl Port {
@@ -23,8 +16,9 @@ impl Port {
         bus: &mut B,
         address: LocalAddress,
     ) -> PortResult<u8, B> {
-        let command = Command::local_read(address);
-        Ok(self.execute(bus, command, &[], [], LOCAL)?.data().byte())
+        let operation = Operation::ReadLocal(address);
+        let (_, snapshot) = self.run(bus, operation, &[], Wanted::Nothing)?;
+        Ok(snapshot.status().byte())
     }
 
     /// Writes a byte of the port's memory, and reads it back. Manual: 7I77, "LOCAL WRITE
@@ -36,7 +30,8 @@ impl Port {
         value: u8,
     ) -> PortResult<(), B> {
         let data = [(self.layout.data(), u32::from(value))];
-        self.execute(bus, Command::local_write(address), &data, [], LOCAL)?;
+        let operation = Operation::WriteLocal(address, value);
+        self.run(bus, operation, &data, Wanted::Nothing)?;
         let read = self.local_read(bus, address)?;
         if read == value {
             return Ok(());

@@ -2,17 +2,17 @@
 
 mod access;
 mod local;
+mod run;
 mod start;
 mod stop;
 mod transfer;
-mod wait;
 
-pub use start::{ChannelStart, StartMode};
+pub use start::ChannelStart;
 pub use transfer::{ChannelWords, PortWords, Transfer};
 
 use super::{
-    Channel, ChannelMask, ChannelRegisters, Layout, MAX_CHANNELS, Needed, PortError,
-    PortParameters, PortState, ProcessDataSizes, Processor, Unsupported,
+    Channel, ChannelMask, ChannelRegisters, Layout, Machine, Needed, PortError, PortParameters,
+    PortState, Processor, Unsupported,
 };
 use crate::bus::{BusError, RegisterBus};
 
@@ -36,11 +36,7 @@ pub type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
 pub struct Port {
     layout: Layout,
     parameters: Option<PortParameters>,
-    state: PortState,
-    running: ChannelMask,
-    sizes: [ProcessDataSizes; MAX_CHANNELS as usize],
-    /// COMMAND is known to be 0, because this handle saw its last command complete.
-    idle: bool,
+    machine: Machine,
 }
 
 impl Port {
@@ -49,16 +45,23 @@ impl Port {
         Self {
             layout,
             parameters: None,
-            state: PortState::Unknown,
-            running: ChannelMask::NONE,
-            sizes: [ProcessDataSizes { rx: 0, tx: 0 }; MAX_CHANNELS as usize],
-            idle: false,
+            machine: Machine::new(layout.mask()),
         }
     }
 
     /// Where its registers are.
     pub const fn layout(&self) -> &Layout {
         &self.layout
+    }
+
+    /// What it runs its operations with.
+    pub const fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// The machine, to step it in the cycle.
+    pub(crate) const fn machine_mut(&mut self) -> &mut Machine {
+        &mut self.machine
     }
 
     /// Its local parameters, once [`reset`](Self::reset) or [`identify`](Self::identify) has read
@@ -80,12 +83,12 @@ impl Port {
 
     /// What its channels are in.
     pub const fn state(&self) -> PortState {
-        self.state
+        self.machine.state()
     }
 
     /// The channels that run.
     pub const fn running(&self) -> ChannelMask {
-        self.running
+        self.machine.running()
     }
 
     fn known_parameters<E: BusError>(&self) -> Result<&PortParameters, PortError<E>> {
@@ -123,14 +126,14 @@ impl Port {
         mask: ChannelMask,
     ) -> Result<(), PortError<E>> {
         self.require_existing(mask)?;
-        if self.state != state {
+        if self.state() != state {
             return Err(self.wrong_state(match state {
                 PortState::Setup => Needed::Setup,
                 PortState::Normal => Needed::Normal,
                 PortState::Stopped | PortState::Unknown => Needed::Stopped,
             }));
         }
-        let missing = mask.difference(self.running);
+        let missing = mask.difference(self.running());
         if missing.is_empty() {
             Ok(())
         } else {
@@ -142,8 +145,8 @@ impl Port {
         PortError::WrongState {
             port: self.layout.instance(),
             needed,
-            state: self.state,
-            running: self.running,
+            state: self.state(),
+            running: self.running(),
         }
     }
 

@@ -1,36 +1,14 @@
 //! Reset and stop.
 
-use super::{
-    Port, PortResult,
-    wait::{Expected, Poll},
-};
+use super::{Port, PortResult, run::Wanted};
 use crate::{
-    bus::{BusError, Clock, RegisterBus},
+    bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelMask, Command, CsStatus, DataStatus, LocalAddress, MAX_CHANNELS, PortError,
-        PortParameters, PortState, ProcessDataSizes, WaitingFor,
+        ChannelMask, DataStatus, LocalAddress, PortError, PortParameters, WaitingFor,
+        machine::{Complete, Operation},
     },
 };
 use core::time::Duration;
-
-/// FACTS 3: 120 us with 8 channels at 100 MHz, three times that on a card with 33 MHz.
-const STOP_ALL: Expected = Expected {
-    usual: Duration::from_micros(125),
-    limit: Duration::from_millis(10),
-};
-
-/// FACTS 3: 3 to 7 us.
-const STOP_SOME: Expected = Expected {
-    usual: Duration::from_micros(5),
-    limit: Duration::from_millis(10),
-};
-
-/// From COMMAND = 0 to the last wiped register: 6 us after STOPALL (FACTS 3), and less than the
-/// 50 us that the transcript waits after stopping some.
-const WIPE: Duration = Duration::from_micros(50);
-
-/// How long the processor is held in reset.
-const HOLD_RESET: Duration = Duration::from_micros(20);
 
 /// The initialisation takes 142 us at 100 MHz, and a command in the first 22 us is lost (FACTS
 /// 2.5). On a 33 MHz card all that takes three times as long.
@@ -46,14 +24,11 @@ impl Port {
     ///
     /// FACTS 2.5.
     pub fn reset<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
-        self.forget(PortState::Unknown);
         self.parameters = None;
-        self.issue(bus, Command::RESET, &[])?;
-        bus.wait(HOLD_RESET);
-        self.issue(bus, Command::RELEASE, &[])?;
-        bus.wait(INITIALISE);
+        self.issue(bus, Operation::Reset, &[])?;
+        bus.wait(Operation::Reset.times().usual);
+        self.run(bus, Operation::Release, &[], Wanted::Nothing)?;
         self.await_initialised(bus)?;
-        self.state = PortState::Stopped;
         self.identify(bus)
     }
 
@@ -86,24 +61,15 @@ impl Port {
     ///
     /// Manual: 7I77, "STOP ALL".
     pub fn stop_all<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
-        self.forget(PortState::Unknown);
-        // A cycle writes COMMAND as well.
-        self.idle = false;
-        if let Err(error) = self.stop_all_once(bus) {
-            if !matches!(error, PortError::Wait(_)) {
-                return Err(error);
+        // Another host may write COMMAND as well, and a network may do it late.
+        self.machine.not_observed();
+        match self.stop_with(bus, Operation::StopAll) {
+            Err(PortError::Wait(_)) => {
+                self.free(bus)?;
+                self.stop_with(bus, Operation::StopAll)
             }
-            self.free(bus)?;
-            self.stop_all_once(bus)?;
+            result => result,
         }
-        bus.wait(WIPE);
-        self.check_stopped(bus, self.layout.mask())?;
-        self.forget(PortState::Stopped);
-        Ok(())
-    }
-
-    fn stop_all_once<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<Poll, B> {
-        self.execute(bus, Command::STOP_ALL, &[], [], STOP_ALL)
     }
 
     /// Stops the channels of `mask`; the others go on. The baud rate is kept.
@@ -117,40 +83,25 @@ impl Port {
         mask: ChannelMask,
     ) -> PortResult<(), B> {
         self.require_existing(mask)?;
-        let Some(command) = Command::stop(mask) else {
+        if mask.is_empty() {
             return Ok(());
-        };
-        self.execute(bus, command, &[], [], STOP_SOME)?;
-        self.running = self.running.difference(mask);
-        bus.wait(WIPE);
-        self.check_stopped(bus, mask)
+        }
+        self.stop_with(bus, Operation::Stop(mask))
     }
 
-    fn check_stopped<B: RegisterBus + Clock>(
-        &self,
+    fn stop_with<B: RegisterBus + Clock>(
+        &mut self,
         bus: &mut B,
-        mask: ChannelMask,
+        operation: Operation,
     ) -> PortResult<(), B> {
-        let registers = self.snapshot(bus)?;
-        for (channel, &cs) in self.layout.mask().iter().zip(&registers.cs) {
-            if mask.contains(channel) && !cs.is_stopped() {
-                return Err(self.not_stopped(channel, cs));
-            }
+        let (Complete { bad, .. }, snapshot) = self.run(bus, operation, &[], Wanted::Cs)?;
+        match bad.iter().next() {
+            None => Ok(()),
+            Some(channel) => Err(PortError::NotStopped {
+                port: self.layout.instance(),
+                channel,
+                cs: snapshot.channel_status(channel),
+            }),
         }
-        Ok(())
-    }
-
-    fn not_stopped<E: BusError>(&self, channel: Channel, cs: CsStatus) -> PortError<E> {
-        PortError::NotStopped {
-            port: self.layout.instance(),
-            channel,
-            cs,
-        }
-    }
-
-    fn forget(&mut self, state: PortState) {
-        self.state = state;
-        self.running = ChannelMask::NONE;
-        self.sizes = [ProcessDataSizes::default(); MAX_CHANNELS as usize];
     }
 }

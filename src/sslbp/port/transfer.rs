@@ -1,19 +1,15 @@
-//! One DOIT of process data, the manual's two ways.
+//! One DOIT of process data.
 
-use super::{Port, PortResult, wait::Expected};
+use super::{Port, PortResult, run::Wanted};
 use crate::{
-    bus::{Access, Clock, RegisterBus},
+    bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelMask, Command, CsStatus, DataStatus, DoitTime, Exchange, MAX_CHANNELS,
-        MAX_INTERFACE_REGISTERS, PortState, ProcessDataSizes,
+        Channel, ChannelMask, CsStatus, DoitTime, Exchange, MAX_CHANNELS, MAX_INTERFACE_REGISTERS,
+        PortState,
+        machine::{Operation, Verdict},
     },
 };
-use alloc::{vec, vec::Vec};
-use core::time::Duration;
-
-/// A DOIT ends within its timeout, whatever the remotes do (FACTS 5.2); generous for low baud
-/// rates.
-const LIMIT: Duration = Duration::from_millis(100);
+use alloc::vec::Vec;
 
 /// The interface registers of one channel; those that the layout does not have are not used.
 pub type ChannelWords = [u32; MAX_INTERFACE_REGISTERS as usize];
@@ -76,121 +72,39 @@ impl Port {
         outputs: &PortWords,
     ) -> PortResult<Transfer, B> {
         self.require_running(PortState::Normal, mask)?;
-        if mask.is_empty() {
-            return Ok(Transfer::default());
-        }
-        let writes = self.output_writes::<B>(mask, outputs)?;
-        let reads = self.input_reads::<B>(mask)?;
-        let command = Command::doit(mask);
-        let expected = self.doit_expected(mask);
-        let poll = self.execute(bus, command, &writes, reads, expected)?;
-        Ok(self.sort_inputs(mask, poll.data(), poll.others()))
-    }
-
-    /// Write-before-read: takes the inputs of the DOIT before, writes `outputs` and starts the
-    /// next DOIT without waiting for it. `None` with the first call, and after a call with an
-    /// empty mask.
-    ///
-    /// The order is the manual's: COMMAND must be 0 (else the cycle is too short), DATA, inputs,
-    /// outputs, DOIT.
-    ///
-    /// Manual: 7I77, "NORMAL MODE OPERATION", steps 6 to 10.
-    pub fn transfer_cyclic<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        before: ChannelMask,
-        mask: ChannelMask,
-        outputs: &PortWords,
-    ) -> PortResult<Option<Transfer>, B> {
-        self.require_running(PortState::Normal, mask.union(before))?;
-        let command = Command::doit(mask);
-        self.await_idle(bus, command)?;
-        let transfer = if before.is_empty() {
-            None
-        } else {
-            Some(self.read_inputs(bus, before)?)
+        let mut transfer = Transfer {
+            asked: mask,
+            ..Transfer::default()
         };
-        if !mask.is_empty() {
-            let writes = self.output_writes::<B>(mask, outputs)?;
-            self.issue(bus, command, &writes)?;
+        if mask.is_empty() {
+            return Ok(transfer);
+        }
+        let mut writes = Vec::new();
+        for channel in mask.iter() {
+            let sizes = self.machine.link(channel).sizes();
+            let addresses = self.registers(channel)?.interfaces_for(sizes.tx);
+            writes.extend(addresses.zip(outputs.channel(channel).iter().copied()));
+        }
+        let wanted = Wanted::Interface(self.layout.interface_registers());
+        let (complete, snapshot) = self.run(bus, Operation::Transfer(mask), &writes, wanted)?;
+        let has_failed =
+            |channel: &Channel| matches!(self.machine.link(*channel).verdict(), Verdict::Failed(_));
+        transfer.failed = complete.bad.iter().filter(has_failed).collect();
+        for channel in mask.iter() {
+            if let Some(cs) = transfer.cs.get_mut(usize::from(channel.index())) {
+                *cs = snapshot.channel_status(channel);
+            }
+            let inputs: ChannelWords = snapshot.interface(channel);
+            transfer.inputs.set(channel, &inputs);
         }
         Ok(transfer)
     }
 
-    /// Reads DATA, CS and the inputs of a DOIT that is complete.
-    fn read_inputs<B: RegisterBus + Clock>(
-        &self,
-        bus: &mut B,
-        mask: ChannelMask,
-    ) -> PortResult<Transfer, B> {
-        let mut addresses = Vec::from([self.layout.data()]);
-        addresses.extend(self.input_reads::<B>(mask)?);
-        let mut words = vec![0; addresses.len()];
-        let accesses: Vec<_> = (0u16..)
-            .zip(&addresses)
-            .map(|(n, &address)| Access::read(address, n, 1))
-            .collect();
-        bus.exchange(&accesses, &mut words)?;
-        let (data, inputs) = words.split_first().unwrap_or((&0, &[]));
-        Ok(self.sort_inputs(mask, DataStatus::from_register(*data), inputs))
-    }
-
-    fn output_writes<B: RegisterBus + Clock>(
-        &self,
-        mask: ChannelMask,
-        outputs: &PortWords,
-    ) -> PortResult<Vec<(u16, u32)>, B> {
-        let mut writes = Vec::new();
-        for channel in mask.iter() {
-            let addresses = self
-                .registers(channel)?
-                .interfaces_for(self.size(channel).tx);
-            writes.extend(addresses.zip(outputs.channel(channel).iter().copied()));
-        }
-        Ok(writes)
-    }
-
-    /// CS and interface registers of the channels of `mask`.
-    fn input_reads<B: RegisterBus + Clock>(&self, mask: ChannelMask) -> PortResult<Vec<u16>, B> {
-        let mut reads = Vec::new();
-        for channel in mask.iter() {
-            let registers = self.registers(channel)?;
-            reads.push(registers.cs());
-            reads.extend(registers.interfaces());
-        }
-        Ok(reads)
-    }
-
-    fn sort_inputs(&self, mask: ChannelMask, data: DataStatus, words: &[u32]) -> Transfer {
-        let mut transfer = Transfer {
-            asked: mask,
-            failed: data.failed(mask),
-            ..Transfer::default()
-        };
-        let per_channel = 1 + usize::from(self.layout.interface_registers());
-        for (channel, words) in mask.iter().zip(words.chunks(per_channel)) {
-            let (cs, inputs) = words.split_first().unwrap_or((&0, &[]));
-            if let Some(slot) = transfer.cs.get_mut(usize::from(channel.index())) {
-                *slot = CsStatus::from_register(*cs);
-            }
-            transfer.inputs.set(channel, inputs);
-        }
-        transfer
-    }
-
-    fn doit_expected(&self, mask: ChannelMask) -> Expected {
+    /// How long a transfer of these channels takes, with the sizes that START told.
+    pub fn doit_time(&self, mask: ChannelMask) -> DoitTime {
         let exchanges = mask
             .iter()
-            .map(|channel| Exchange::usual(channel, self.size(channel)));
-        let time = DoitTime::expected(self.processor(), exchanges);
-        Expected {
-            usual: time.usual,
-            limit: LIMIT,
-        }
-    }
-
-    fn size(&self, channel: Channel) -> ProcessDataSizes {
-        let size = self.sizes.get(usize::from(channel.index()));
-        size.copied().unwrap_or_default()
+            .map(|channel| Exchange::usual(channel, self.machine.link(channel).sizes()));
+        DoitTime::expected(self.processor(), exchanges)
     }
 }

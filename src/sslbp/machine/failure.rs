@@ -62,6 +62,10 @@ impl fmt::Display for Failure {
 pub struct FailureCounts([u64; Failure::ALL.len()]);
 
 impl FailureCounts {
+    pub(super) const fn new() -> Self {
+        Self([0; Failure::ALL.len()])
+    }
+
     /// How often this one happened.
     pub fn of(&self, failure: Failure) -> u64 {
         self.0.get(failure as usize).copied().unwrap_or(0)

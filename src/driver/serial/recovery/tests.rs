@@ -1,57 +1,108 @@
-use super::super::RemoteWatchdog;
-use super::super::channel::Identity;
+use super::super::health::Expected;
+use super::super::{Failure, RemoteWatchdog};
 use super::*;
+use crate::sslbp::PortParameters;
 
 const RUNNING: u32 = 0x0042_0000;
 const CHATTER: u32 = 0x003A_0000;
 const STOPPED: u32 = 0x0000_C100;
 
-fn identity(number: u8) -> Identity {
-    Identity {
-        unit_number: 0x7700 + u32::from(number),
-        name: 0x3737_4937,
-        pointers: 0x04A4_049A,
+/// FACTS 2.3.
+const PARAMETERS: PortParameters = PortParameters {
+    interface_type: 0x12,
+    interface_width: 8,
+    major: 1,
+    minor: 43,
+    variables_start: 0x70,
+    variables_stride: 0x32,
+    processor: 0xD8,
+    channels: 8,
+    clock_hz: 100_000_000,
+};
+
+/// What START tells of the remote on a channel.
+fn told(channel: u8) -> [u32; 3] {
+    [0x7700 + u32::from(channel), 0x3737_4937, 0x04A4_049A]
+}
+
+/// The registers that a machine sees.
+#[derive(Default)]
+struct Registers {
+    command: u32,
+    data: u32,
+    cs: [u32; 8],
+    start: [[u32; 3]; 8],
+}
+
+impl Observed for Registers {
+    fn command(&self) -> u32 {
+        self.command
+    }
+
+    fn data(&self) -> u32 {
+        self.data
+    }
+
+    fn cs(&self, channel: Channel) -> u32 {
+        self.cs[usize::from(channel.index())]
+    }
+
+    fn told(&self, channel: Channel) -> [u32; 3] {
+        self.start[usize::from(channel.index())]
     }
 }
 
-/// A machine with remotes on channels 0 and 1, and the registers it sees.
+/// A port with remotes on channels 0 and 1 that have just been started.
 struct Rig {
     machine: Machine,
-    seen: Observation,
+    recovery: Recovery,
+    seen: Registers,
     now: Instant,
 }
 
 impl Rig {
     fn new() -> Self {
         let policy = FaultPolicy::default();
-        let channel = |n| {
-            Some(Channel::new(
-                identity(n),
-                false,
-                RemoteWatchdog::Assumed,
-                policy.first_backoff,
-            ))
-        };
-        let channels = [channel(0), channel(1), None, None, None, None, None, None];
         let mut rig = Self {
-            machine: Machine::new(channels, policy, Instant::default()),
-            seen: Observation {
-                cs: [RUNNING; 8],
-                ..Observation::default()
+            machine: Machine::new(ChannelMask::first(8)),
+            recovery: Recovery::new(PARAMETERS, policy, Instant::default()),
+            seen: Registers {
+                cs: [CHATTER; 8],
+                start: [0, 1, 2, 3, 4, 5, 6, 7].map(told),
+                ..Registers::default()
             },
             now: Instant::default(),
         };
         rig.read();
+        let both = ChannelMask::first(2);
+        rig.machine.begin(Operation::Start(StartMode::Normal, both));
+        rig.machine.written(rig.now, true);
+        rig.read();
+        for channel in both.iter() {
+            let expected = Expected {
+                told: told(channel.index()),
+                unit_mask: u32::MAX,
+            };
+            let health = Health::new(expected, RemoteWatchdog::Assumed, policy.first_backoff);
+            rig.recovery.add(channel, health);
+        }
+        rig.seen.cs = [RUNNING; 8];
         rig
     }
 
     fn read(&mut self) -> Outcome {
+        self.read_with(true)
+    }
+
+    fn read_with(&mut self, certain: bool) -> Outcome {
         self.now = self.now.after(Duration::from_millis(1));
-        self.machine.observe(self.now, &self.seen, false)
+        let machine = &mut self.machine;
+        self.recovery
+            .observe(machine, self.now, &self.seen, certain)
     }
 
     fn write(&mut self) -> u32 {
-        let next = self.machine.next(self.now, false);
+        let next = self.recovery.next(&mut self.machine, self.now, false);
         self.machine.written(self.now, true);
         next.command.word()
     }
@@ -106,7 +157,7 @@ fn nothing_is_written_while_command_is_busy_or_not_known() {
         3,
         "the same transfer, a little late"
     );
-    assert_eq!(rig.machine.statistics.too_short, 1);
+    assert_eq!(rig.recovery.statistics.too_short, 1);
     assert_eq!(rig.write(), 0x1003);
 }
 
@@ -114,10 +165,9 @@ fn nothing_is_written_while_command_is_busy_or_not_known() {
 fn old_data_is_not_taken_for_new_when_the_bus_lost_the_doit() {
     let mut rig = Rig::new();
     rig.write();
-    rig.now = rig.now.after(Duration::from_millis(1));
-    let outcome = rig.machine.observe(rig.now, &rig.seen, true);
-    assert_eq!(outcome, Outcome::default());
-    assert_eq!(rig.machine.statistics.unknown, 1);
+    let outcome = rig.read_with(false);
+    assert_eq!((outcome.good, outcome.failed), Default::default());
+    assert_eq!(rig.recovery.statistics.unknown, 1);
     rig.write();
     assert_eq!(
         rig.read().failed.bits(),
@@ -133,20 +183,21 @@ fn a_transfer_that_was_in_doubt_while_busy_stays_so() {
     let mut rig = Rig::new();
     rig.write();
     rig.seen.command = 1;
-    rig.now = rig.now.after(Duration::from_millis(1));
-    assert!(rig.machine.observe(rig.now, &rig.seen, true).too_short);
+    assert!(rig.read_with(false).too_short);
     rig.seen.command = 0;
-    assert_eq!(rig.read(), Outcome::default());
-    assert_eq!(rig.machine.statistics.unknown, 1);
+    let outcome = rig.read();
+    assert_eq!((outcome.good, outcome.failed), Default::default());
+    assert_eq!(rig.recovery.statistics.unknown, 1);
 }
 
 #[test]
 fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
     let mut rig = Rig::new();
-    rig.machine.next(rig.now, false);
+    rig.recovery.next(&mut rig.machine, rig.now, false);
     rig.machine.written(rig.now, false);
-    assert_eq!(rig.read(), Outcome::default());
-    assert_eq!(rig.machine.statistics.unknown, 1);
+    let outcome = rig.read();
+    assert_eq!((outcome.good, outcome.failed), Default::default());
+    assert_eq!(rig.recovery.statistics.unknown, 1);
 }
 
 #[test]
@@ -164,7 +215,7 @@ fn twenty_cycles_without_data_set_one_remote_aside_and_the_other_goes_on() {
     }
     assert_eq!(rig.write(), 0x1001, "it is no longer asked");
     assert!(matches!(
-        rig.machine.channel(Number::ALL[1]).unwrap().state,
+        rig.recovery.remote(Channel::ALL[1]).unwrap().state,
         RemoteState::SetAside {
             reason: SetAside::TooManyFailures(Failure::NoReply),
             next_attempt: Some(_)
@@ -180,21 +231,21 @@ fn a_remote_comes_back_in_small_steps() {
     assert_eq!(rig.until_not_doit(), 0x0802);
     assert_eq!(rig.cycle(), 0x1001, "the other is served before the START");
     rig.seen.cs[1] = STOPPED;
-    assert!(rig.machine.needs_modes());
-    assert_eq!(rig.cycle(), 0x0902);
-    assert!(rig.machine.needs_start_data());
+    rig.read();
+    let next = rig.recovery.next(&mut rig.machine, rig.now, false);
+    rig.machine.written(rig.now, true);
+    assert_eq!((next.command.word(), next.modes.bits()), (0x0902, 2));
+    assert!(rig.recovery.needs_start_data());
     rig.seen.command = 0x0902;
     for _ in 0..3 {
         assert_eq!(rig.cycle(), 0x8000_0000);
     }
     assert_eq!(
-        rig.machine.statistics.too_short, 0,
+        rig.recovery.statistics.too_short, 0,
         "START may take that long"
     );
     rig.seen.command = 0;
     rig.seen.cs[1] = CHATTER;
-    let is = identity(1);
-    rig.seen.start[1] = [is.unit_number, is.name, is.pointers];
     let outcome = rig.read();
     assert_eq!(outcome, Outcome::default(), "unit numbers are not inputs");
     assert_eq!(rig.write(), 0x1003);
@@ -212,11 +263,9 @@ fn another_device_on_the_channel_is_not_taken_over() {
         rig.cycle();
         assert_eq!(rig.cycle(), 0x0902);
         rig.seen.cs[1] = CHATTER;
-        let is = identity(1);
-        rig.seen.start[1] = [is.unit_number, is.name, is.pointers];
         rig.seen.start[1][change] ^= 1;
         rig.read();
-        let state = rig.machine.channel(Number::ALL[1]).unwrap().state;
+        let state = rig.recovery.remote(Channel::ALL[1]).unwrap().state;
         assert!(matches!(
             state,
             RemoteState::SetAside {
@@ -269,7 +318,7 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
         let told = rig.now;
         assert_eq!(rig.write(), 0x1001);
         // Whatever the application asks for.
-        rig.machine.restart_now(Number::ALL[1], rig.now);
+        rig.recovery.restart_now(Channel::ALL[1], rig.now);
         assert_eq!(rig.until_not_doit(), 0x0802);
         assert_eq!(rig.now.since(told), Duration::from_millis(60), "bit {bit}");
     }
@@ -279,8 +328,8 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
 fn the_silence_follows_the_watchdog_of_the_remote() {
     for (millis, silent) in [(0, 0), (20, 24), (50, 60), (200, 240), (1000, 1200)] {
         let mut rig = Rig::new();
-        let channel = rig.machine.channel_mut(Number::ALL[1]).unwrap();
-        channel.watchdog = RemoteWatchdog::from_millis(millis);
+        let remote = rig.recovery.remote_mut(Channel::ALL[1]).unwrap();
+        remote.watchdog = RemoteWatchdog::from_millis(millis);
         rig.write();
         rig.seen.cs[1] = 0x0842_2140;
         rig.read();
@@ -301,8 +350,6 @@ fn the_silence_follows_the_watchdog_of_the_remote() {
 #[test]
 fn a_remote_that_starts_and_reports_its_fault_again_is_tried_less_and_less_often() {
     let mut rig = Rig::new();
-    let is = identity(1);
-    rig.seen.start[1] = [is.unit_number, is.name, is.pointers];
     let mut attempts = Vec::new();
     rig.seen.cs[1] = 0x0842_2140;
     while rig.now < Instant::from_nanos(60_000_000_000) {
@@ -317,7 +364,7 @@ fn a_remote_that_starts_and_reports_its_fault_again_is_tried_less_and_less_often
         }
     }
     assert!(attempts.len() < 20, "{attempts:?}");
-    assert_eq!(rig.machine.statistics.starts, attempts.len() as u64);
+    assert_eq!(rig.recovery.statistics.starts, attempts.len() as u64);
 }
 
 #[test]
@@ -364,7 +411,7 @@ fn a_stuck_command_is_freed_by_the_one_safe_way_out() {
         cycles += 1;
     }
     assert_eq!(cycles, 20);
-    assert_eq!(rig.machine.statistics.stuck, 1);
+    assert_eq!(rig.recovery.statistics.stuck, 1);
     rig.seen.command = 0;
     assert_eq!(rig.read().set_aside.bits(), 3, "nobody knows what was sent");
     assert_eq!(rig.write(), 0x8000_0000);
@@ -390,14 +437,14 @@ impl Rig {
 #[test]
 fn a_port_that_is_switched_off_tells_its_remotes_stops_and_starts_again() {
     let mut rig = Rig::new();
-    rig.machine.run = false;
+    rig.recovery.run = false;
     assert_eq!(rig.write(), 0x1003, "with safe values");
     rig.read();
     assert_eq!(rig.write(), 0x0803);
     rig.seen.cs = [STOPPED; 8];
     rig.read();
     assert_eq!(rig.write(), 0x8000_0000);
-    rig.machine.run = true;
+    rig.recovery.run = true;
     assert_eq!(rig.cycle(), 0x0803);
     assert_eq!(rig.cycle(), 0x0903);
 }

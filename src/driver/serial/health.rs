@@ -1,0 +1,217 @@
+//! One remote in the cycle: whether it takes part, why not, and when it is tried again.
+
+use core::time::Duration;
+
+use super::attempts::Attempts;
+use super::{FaultPolicy, RemoteWatchdog, SetAside};
+use crate::bus::Instant;
+use crate::sslbp::{ComState, CsStatus, RemoteFaults};
+
+/// Good transfers after which a remote counts as healthy again.
+const HEALTHY: u64 = 1000;
+
+/// What START must tell of a remote: interface registers 0 to 2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Expected {
+    pub told: [u32; 3],
+    /// The bits of its unit number that count: all of one that has run, its class of one that has
+    /// not.
+    pub unit_mask: u32,
+}
+
+impl Expected {
+    pub fn fits(&self, told: [u32; 3]) -> bool {
+        let ([unit, name, tables], [other, other_name, other_tables]) = (self.told, told);
+        (unit ^ other) & self.unit_mask == 0 && name == other_name && tables == other_tables
+    }
+}
+
+/// What a remote on a channel is doing.
+///
+/// A remote that is set aside gets no frame: neither process data nor a START, until the time of
+/// its [watchdog](super::RemoteWatchdog) and a fifth more is over since it was last talked to. By
+/// then its outputs are off, all of them, whatever it had been told and whatever fault it has. After
+/// a START that succeeds it gets safe values until it is re-armed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum RemoteState {
+    /// It transfers process data.
+    Running,
+    /// It is set aside; the driver tries to bring it back at the given time.
+    SetAside {
+        /// Why: the first reason since it was re-armed last, until another device is found in its
+        /// place.
+        reason: SetAside,
+        /// When it is tried next, at the earliest; `None`: when the application asks for it.
+        next_attempt: Option<Instant>,
+    },
+    /// It is being restarted.
+    Restarting {
+        /// Why it was set aside.
+        reason: SetAside,
+    },
+}
+
+/// A remote of a port.
+#[derive(Clone, Debug)]
+pub(crate) struct Health {
+    pub expected: Expected,
+    pub watchdog: RemoteWatchdog,
+    pub state: RemoteState,
+    /// Why it was set aside last.
+    pub cause: Option<SetAside>,
+    /// Why it was set aside first since it was re-armed.
+    pub first_fault: Option<SetAside>,
+    pub restarts: u64,
+    /// LinuxCNC's `fault-count`: rises with failures, falls with good transfers.
+    pub fault_count: u32,
+    /// What it reported last.
+    pub faults: RemoteFaults,
+    pub attempts: Attempts,
+    /// It has run before, so that its sizes are known to be right.
+    pub has_run: bool,
+    /// It is left out of transfers until then. After a failed one the line needs an idle interval,
+    /// in which a late reply or extra characters show themselves: a transfer at once could have
+    /// the reply of the one before (FACTS 5.4).
+    pub rest_until: Instant,
+    /// The transfer before failed, too.
+    has_just_failed: bool,
+}
+
+impl Health {
+    /// A remote that runs.
+    pub fn new(expected: Expected, watchdog: RemoteWatchdog, first_backoff: Duration) -> Self {
+        Self {
+            expected,
+            watchdog,
+            state: RemoteState::Running,
+            cause: None,
+            first_fault: None,
+            restarts: 0,
+            fault_count: 0,
+            faults: RemoteFaults::empty(),
+            attempts: Attempts::new(first_backoff),
+            has_run: true,
+            rest_until: Instant::default(),
+            has_just_failed: false,
+        }
+    }
+
+    /// It is set aside, or stays so for one more reason; the next attempt is planned. `good`:
+    /// transfers since it was started.
+    pub fn set_aside(&mut self, now: Instant, reason: SetAside, good: u64, policy: &FaultPolicy) {
+        // A remote whose watchdog has bitten has switched its outputs off. A START that fails may
+        // have fed it again.
+        let silence = match reason {
+            SetAside::Watchdog => Duration::ZERO,
+            _ => self.watchdog.silence(),
+        };
+        self.attempts.silent_until = now.after(silence);
+        if self.is_running() && good >= HEALTHY {
+            self.attempts.pause = policy.first_backoff;
+        }
+        let mut wait = self.attempts.next_pause(reason, policy);
+        if self.watchdog == RemoteWatchdog::Off && self.is_running() && self.first_fault.is_none() {
+            // It may have outputs on, which nothing but a START switches off.
+            self.attempts.is_asked_for = true;
+            wait = Duration::ZERO;
+        }
+        let next_attempt = policy
+            .automatic
+            .then(|| now.after(wait).max(self.attempts.silent_until));
+        self.show(reason, next_attempt);
+    }
+
+    /// The application asks for a restart at once: of one that runs without a fault now, of
+    /// another one when its outputs must be off.
+    pub fn ask_for_restart(&mut self, now: Instant, policy: &FaultPolicy) {
+        self.attempts.pause = policy.first_backoff;
+        self.attempts.is_asked_for = true;
+        if self.is_running() {
+            self.attempts.silent_until = now;
+        }
+        if !matches!(self.state, RemoteState::Restarting { .. }) {
+            let next_attempt = now.max(self.attempts.silent_until);
+            self.show(SetAside::Requested, Some(next_attempt));
+        }
+    }
+
+    /// The application has switched its port off; it is tried when it is on again.
+    pub fn stop_for_good(&mut self) {
+        self.attempts.is_asked_for = true;
+        self.show(SetAside::Stopped, Some(self.attempts.silent_until));
+    }
+
+    fn show(&mut self, reason: SetAside, next_attempt: Option<Instant>) {
+        self.cause = Some(reason);
+        let first = *self.first_fault.get_or_insert(reason);
+        let reason = match reason {
+            SetAside::AnotherDevice { .. } => reason,
+            _ => first,
+        };
+        self.state = RemoteState::SetAside {
+            reason,
+            next_attempt,
+        };
+    }
+
+    /// Its outputs follow the application (again): what was before is history.
+    pub fn armed(&mut self) {
+        if self.is_running() {
+            self.first_fault = None;
+        }
+    }
+
+    pub fn is_running(&self) -> bool {
+        self.state == RemoteState::Running
+    }
+
+    /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
+    /// data. After another failure the idle interval between them is one as well.
+    pub fn count_fault(&mut self, increment: u32) {
+        let cycles = if core::mem::replace(&mut self.has_just_failed, true) {
+            2
+        } else {
+            1
+        };
+        let more = increment.saturating_mul(cycles);
+        self.fault_count = self.fault_count.saturating_add(more);
+    }
+
+    /// A good transfer.
+    pub fn count_good(&mut self, decrement: u32) {
+        self.has_just_failed = false;
+        self.fault_count = self.fault_count.saturating_sub(decrement);
+    }
+
+    /// A restart begins.
+    pub fn restarting(&mut self) {
+        self.attempts.is_asked_for = false;
+        if let RemoteState::SetAside { reason, .. } = self.state {
+            self.state = RemoteState::Restarting { reason };
+        }
+    }
+
+    /// START did not succeed. What its last step read of the remote's faults is in CS (FACTS 4.1).
+    pub fn did_not_start(&mut self, cs: CsStatus) {
+        self.attempts.has_failed = true;
+        if matches!(cs.state(), ComState::CheckFaults | ComState::FaultsTried) {
+            self.faults = cs.remote_faults();
+        }
+    }
+
+    /// It runs again. From now on it is this one, and no other of its kind.
+    pub fn restarted(&mut self, told: [u32; 3]) {
+        self.expected = Expected {
+            told,
+            unit_mask: u32::MAX,
+        };
+        self.state = RemoteState::Running;
+        self.attempts.has_failed = false;
+        self.has_run = true;
+        self.restarts += 1;
+        self.fault_count = 0;
+        self.faults = RemoteFaults::empty();
+        self.has_just_failed = false;
+    }
+}
