@@ -154,6 +154,16 @@ impl Latch {
         self.stage = Stage::Settling;
     }
 
+    /// Takes a read that showed the same as the read before, if that can not make a difference:
+    /// nothing is asked for, and nothing was lately.
+    pub fn rests(&mut self) -> bool {
+        let rests = self.wanted == LatchRequest::None && self.since_previous >= HORIZON;
+        if rests {
+            (self.is_doubtful, self.is_repeated) = (false, false);
+        }
+        rests
+    }
+
     /// Takes what a read showed, after the counter went `from` one count `to` another since the read
     /// before; gives the latched count once the latch has happened.
     pub fn observe(&mut self, control: ControlWord, from: u16, to: u16) -> Option<u16> {

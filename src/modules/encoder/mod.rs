@@ -249,6 +249,9 @@ impl Encoder {
 
     /// Takes a sample, and shows what has changed.
     fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) {
+        if self.state.rests(&sample) {
+            return;
+        }
         let before = self.state.requested();
         let reading = self.state.read(sample);
         let index_came =
@@ -325,6 +328,7 @@ impl Module for Encoders {
             let Encoder { pins, state, .. } = encoder;
             if cycle.changed {
                 encoder.command = pins.command(cycle.pins, state);
+                state.wake();
             }
             pins.carry_out(encoder.command, cycle.pins, state);
             cycle.set(encoder.mode, state.control().0);

@@ -64,8 +64,14 @@ pub struct EncoderReading {
 )]
 pub struct EncoderState {
     config: EncoderConfig,
+    /// What `config` makes of the control word.
+    mode: ControlWord,
     tick_hz: f64,
     last: Option<Last>,
+    /// Something may have changed that the words of the encoder do not show.
+    is_awake: bool,
+    /// A shorter gap between two reads is neither ambiguous nor lets time stamps wrap unseen.
+    short_gap_ns: u64,
     rawcounts: i64,
     zero: i64,
     latch: Latch,
@@ -85,7 +91,8 @@ pub struct EncoderState {
 /// The cycle before.
 #[derive(Clone, Copy, Debug)]
 struct Last {
-    count: u16,
+    count: CountWord,
+    control: ControlWord,
     ticks: u64,
     at: Instant,
 }
@@ -95,8 +102,11 @@ impl EncoderState {
     pub fn new(config: EncoderConfig) -> Self {
         Self {
             config,
+            mode: config.control(),
             tick_hz: 1e6,
             last: None,
+            is_awake: true,
+            short_gap_ns: 0,
             rawcounts: 0,
             zero: 0,
             latch: Latch::new(),
@@ -122,6 +132,7 @@ impl EncoderState {
     pub fn set_max_count_rates(&mut self, hz: [f64; 2], sampled: f64) {
         self.fastest = hz;
         self.sampled = sampled;
+        self.limit_gap();
     }
 
     /// How often it counts rightly in a second at most, with the filter that it has.
@@ -143,6 +154,7 @@ impl EncoderState {
     /// Changes how it counts; the control word follows with the next write.
     pub fn set_config(&mut self, config: EncoderConfig) {
         self.config = config;
+        self.mode = config.control();
     }
 
     /// The rate of the time stamps has changed. Velocity begins anew, since times before and after
@@ -150,6 +162,43 @@ impl EncoderState {
     pub fn set_tick_hz(&mut self, tick_hz: f64) {
         self.tick_hz = tick_hz;
         self.velocity.reset();
+        self.limit_gap();
+    }
+
+    fn limit_gap(&mut self) {
+        let seconds = AMBIGUOUS / self.sampled.max(self.tick_hz).max(1.0);
+        // Less by a thousandth: a gap as long as this is none that has to be looked at closely.
+        self.short_gap_ns = (seconds * 0.999e9) as u64;
+    }
+
+    /// The next read is looked at closely: a command or the configuration may have changed.
+    pub fn wake(&mut self) {
+        self.is_awake = true;
+    }
+
+    /// Takes a read that shows nothing new of an encoder that stands still and is not asked for
+    /// anything; false for any other, which has to be [read](Self::read).
+    pub fn rests(&mut self, sample: &EncoderSample) -> bool {
+        let Some(last) = &mut self.last else {
+            return false;
+        };
+        let is_same = last.count == sample.count && last.control == sample.control;
+        let has_error = sample.control.has(ControlWord::QUADRATURE_ERROR);
+        let gap_ns = sample.at.as_nanos().saturating_sub(last.at.as_nanos());
+        if !is_same
+            || has_error
+            || self.is_awake
+            || !self.velocity.is_at_rest()
+            || gap_ns >= self.short_gap_ns
+            || !self.latch.rests()
+        {
+            return false;
+        }
+        let step = sample.timestamp.wrapping_sub(last.ticks as u16);
+        last.ticks = last.ticks.saturating_add(u64::from(step));
+        last.at = sample.at;
+        (self.ignores_error, self.clear_error) = (false, false);
+        true
     }
 
     /// Asks for a latch, or takes the request back. Where there is no probe, a request for one is
@@ -206,18 +255,21 @@ impl EncoderState {
     pub fn control(&self) -> ControlWord {
         let request = self.latch.bits();
         // Writing a 1 clears it. Not while a latch may be armed, which the write would arm again.
-        let clear = if self.clear_error && !self.latch.may_be_armed() {
+        let has_error = |last: &Last| last.control.has(ControlWord::QUADRATURE_ERROR);
+        let is_wanted = self.clear_error && self.last.as_ref().is_some_and(has_error);
+        let clear = if is_wanted && !self.latch.may_be_armed() {
             ControlWord::QUADRATURE_ERROR
         } else {
             0
         };
-        ControlWord(self.config.control().0 | request | clear)
+        ControlWord(self.mode.0 | request | clear)
     }
 
     /// Takes what a cycle read. The first call after [`new`](Self::new) sets the start.
     pub fn read(&mut self, sample: EncoderSample) -> EncoderReading {
         let count = sample.count.count();
-        let from = self.last.map_or(count, |last| last.count);
+        self.is_awake = false;
+        let from = self.last.map_or(count, |last| last.count.count());
         let error = sample.control.has(ControlWord::QUADRATURE_ERROR);
         let is_old_error = self.last.is_none() && error;
         // As the multiplexer makes when its select line begins to be driven.
@@ -227,7 +279,8 @@ impl EncoderState {
         match self.last {
             None => {
                 self.last = Some(Last {
-                    count,
+                    count: sample.count,
+                    control: sample.control,
                     ticks: u64::from(sample.timestamp),
                     at: sample.at,
                 });
@@ -261,7 +314,7 @@ impl EncoderState {
 
     fn advance(&mut self, last: Last, sample: EncoderSample) {
         let count = sample.count.count();
-        let change = i64::from(count.wrapping_sub(last.count) as i16);
+        let change = i64::from(count.wrapping_sub(last.count.count()) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
         self.is_unsure |= gap * self.sampled >= AMBIGUOUS;
         let ticks = extend_ticks(last, &sample, self.tick_hz);
@@ -280,7 +333,8 @@ impl EncoderState {
             self.config.idle_time,
         );
         self.last = Some(Last {
-            count,
+            count: sample.count,
+            control: sample.control,
             ticks,
             at: sample.at,
         });

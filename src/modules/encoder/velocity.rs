@@ -47,6 +47,11 @@ impl VelocityEstimator {
         *self = Self::default();
     }
 
+    /// Whether it stands still, and did so long enough that time alone changes nothing.
+    pub const fn is_at_rest(&self) -> bool {
+        self.last_change.is_none()
+    }
+
     /// The velocity in counts/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity

@@ -321,3 +321,94 @@ fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_o
         assert_eq!(encoder.control().0, 0x1808);
     }
 }
+
+proptest! {
+    /// An encoder of which reads that show nothing new are passed over says the same as one that looks
+    /// at all of them.
+    #[test]
+    fn a_read_that_is_passed_over_would_have_changed_nothing(
+        steps in prop::collection::vec(
+            (
+                prop_oneof![6 => Just(0), 1 => -40i64..=40],
+                prop_oneof![9 => Just(1_000u64), 1 => 1u64..60_000],
+                prop_oneof![40 => Just(None), 1 => (0u8..6).prop_map(Some)],
+                prop::bool::weighted(0.02),
+            ),
+            100..700,
+        ),
+    ) {
+        let mut hardware = Hardware::default();
+        let (mut close, mut restful) = (encoder(), encoder());
+        for state in [&mut close, &mut restful] {
+            state.set_max_count_rates([4e6, 1e6], 6e6);
+            state.set_tick_hz(HZ);
+        }
+        let mut shown = EncoderReading::default();
+        for (change, us, what, error) in steps {
+            for state in [&mut close, &mut restful] {
+                match what {
+                    Some(0) => state.reset(),
+                    Some(1) => state.request(LatchRequest::Index),
+                    Some(2) => state.request(LatchRequest::None),
+                    Some(3) => state.resume(),
+                    Some(4) => state.clear_quadrature_error(),
+                    Some(5) => state.disturbed(true, true),
+                    _ => {}
+                }
+                if what.is_some() {
+                    state.wake();
+                }
+            }
+            hardware.control = close.control().0 & 0x7FFF | u32::from(error) << 15;
+            prop_assert_eq!(close.control(), restful.control());
+            prop_assert_eq!(close.wants_write(), restful.wants_write());
+            let sample = hardware.step(change, us);
+            let reading = close.read(sample);
+            if !restful.rests(&sample) {
+                shown = restful.read(sample);
+            }
+            prop_assert_eq!(reading, shown);
+        }
+    }
+}
+
+#[test]
+fn an_encoder_that_stands_still_is_passed_over() {
+    let (mut hardware, mut encoder) = (Hardware::default(), encoder());
+    encoder.set_max_count_rates([4e6, 1e6], 6e6);
+    encoder.set_tick_hz(HZ);
+    for _ in 0..1_000 {
+        let _ = encoder.read(hardware.step(0, 1_000));
+    }
+    assert!(encoder.rests(&hardware.step(0, 1_000)));
+    assert!(!encoder.rests(&hardware.step(1, 1_000)), "it moved");
+    for ms in 0..502 {
+        let _ = encoder.read(hardware.step(0, 1_000));
+        let next = hardware.step(0, 1_000);
+        if !(240..260).contains(&ms) {
+            let rests = encoder.clone().rests(&next);
+            assert_eq!(rests, ms >= 260, "{ms}: velocity decays for half a second");
+        }
+        let _ = encoder.read(next);
+    }
+    encoder.wake();
+    assert!(
+        !encoder.rests(&hardware.step(0, 1_000)),
+        "it was asked for something"
+    );
+}
+
+#[test]
+fn an_error_that_nobody_watches_is_cleared_in_the_board_when_it_shows() {
+    let (mut hardware, mut encoder) = (Hardware::default(), encoder());
+    let _ = encoder.read(hardware.step(0, 1_000));
+    encoder.clear_quadrature_error();
+    assert!(!encoder.control().has(ControlWord::QUADRATURE_ERROR));
+    hardware.control = ControlWord::QUADRATURE_ERROR;
+    let _ = encoder.read(hardware.step(0, 1_000));
+    encoder.clear_quadrature_error();
+    assert!(
+        encoder.control().has(ControlWord::QUADRATURE_ERROR),
+        "a changed word is written"
+    );
+}
