@@ -72,6 +72,8 @@ impl Dpll {
         let pins = DpllPins::new(r.maker("dpll."), khz)?;
         let config = pins.config(r.pins());
         let words = DpllWords::new(module.clock_hz, dds_bits, &config)?;
+        r.pins().publish(pins.ddsize, dds_bits.into());
+        r.pins().publish(pins.prescale, words.prescale.into());
         // In the order of the words.
         let addresses = [
             register(0)?,
@@ -112,9 +114,6 @@ impl Module for Dpll {
             cycle.pins.publish(self.pins.phase_error_us, error);
             following.start.read(word);
         }
-        let prescale = u32::from(self.words.prescale);
-        cycle.pins.publish(self.pins.prescale, prescale);
-        cycle.pins.publish(self.pins.ddsize, self.dds_bits.into());
     }
 
     /// A frequency that the loop can not have is counted, and the one before stays.
@@ -142,6 +141,8 @@ impl Module for Dpll {
                     self.start_again();
                 }
                 (self.config, self.words) = (config, words);
+                let prescale = u32::from(words.prescale);
+                cycle.pins.publish(self.pins.prescale, prescale);
             }
             Err(_) => cycle
                 .pins
