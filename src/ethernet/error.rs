@@ -1,7 +1,7 @@
 //! Why something could not be asked of a board, or done with it.
 
 use super::{Area, BitfileError, CardName};
-use crate::lbp16::RequestError;
+use crate::lbp16::Lbp16Error;
 
 /// What went wrong with a board, beside its registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -12,7 +12,7 @@ pub enum EthernetError<E> {
     Bus(E),
     /// The commands do not fit into a packet.
     #[error(transparent)]
-    Request(#[from] RequestError),
+    Request(#[from] Lbp16Error),
     /// What answers is no LBP16 board, or not in the way it is known.
     #[error(
         "space {space}: cookie 0x{found:04X}, expected 0x{expected:04X}; is this a Mesa board?"

@@ -4,7 +4,7 @@ use core::{fmt, net::Ipv4Addr, time::Duration};
 
 use super::EthernetError;
 use super::packets::{Lbp16Board, QUICK, read_words, run};
-use crate::lbp16::{Command, ErrorRegister, InfoArea, InfoError, Space, registers};
+use crate::lbp16::{Command, ErrorRegister, InfoArea, Lbp16Error, Space, registers};
 
 /// An Ethernet board beside its HostMot2 registers.
 ///
@@ -177,11 +177,12 @@ impl<B: Lbp16Board> EthernetBoard<B> {
                 .map(drop)
         })?;
         InfoArea::parse(space, reply.map(u16::from_le_bytes)).map_err(|error| match error {
-            InfoError::Cookie { expected, actual } => EthernetError::Cookie {
+            Lbp16Error::Cookie { expected, actual } => EthernetError::Cookie {
                 space: space.number(),
                 found: actual,
                 expected,
             },
+            other => EthernetError::Request(other),
         })
     }
 
@@ -329,8 +330,7 @@ impl<B: Lbp16Board> EthernetBoard<B> {
         let mut buffer = [0; 128];
         let mut request = crate::lbp16::RequestBuilder::new(&mut buffer);
         for value in values {
-            let write =
-                Command::write(Space::Control, 1).map_err(|e| EthernetError::Request(e.into()))?;
+            let write = Command::write(Space::Control, 1)?;
             request.command(write.without_increment(), address, &value.to_le_bytes())?;
         }
         self.bus.send(request.bytes()).map_err(EthernetError::Bus)

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::packets::{Lbp16Board, QUICK, run};
 use super::{EthernetBoard, EthernetError, Flash, FlashLayout, FlashMemory, PAGE};
-use crate::lbp16::{Command, RequestBuilder, RequestError, Space, registers};
+use crate::lbp16::{Command, Lbp16Error, RequestBuilder, Space, registers};
 use registers::{control, flash};
 
 /// A sector of an M25P16 is erased within 3 s.
@@ -129,7 +129,7 @@ fn read_from(
     request: &mut RequestBuilder<'_>,
     address: u32,
     mut bytes: usize,
-) -> Result<(), RequestError> {
+) -> Result<(), Lbp16Error> {
     request.write_doubles(Space::Flash, flash::ADDRESS, &[address])?;
     while bytes > 0 {
         let now = bytes.min(BLOCK);
@@ -141,7 +141,7 @@ fn read_from(
 }
 
 /// The enable is cleared at the end of every packet, so it is part of each that writes.
-fn enable(request: &mut RequestBuilder<'_>) -> Result<(), RequestError> {
+fn enable(request: &mut RequestBuilder<'_>) -> Result<(), Lbp16Error> {
     let enable = [control::ENABLE_FLASH];
     request
         .write_words(Space::Control, control::WRITE_ENABLE, &enable)

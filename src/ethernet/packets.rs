@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::EthernetError;
 use crate::bus::{Clock, RegisterBus};
-use crate::lbp16::{MAX_PACKET, RequestBuilder, RequestError, Space};
+use crate::lbp16::{Lbp16Error, MAX_PACKET, RequestBuilder, Space};
 
 /// A board that executes LBP16 commands.
 ///
@@ -48,7 +48,7 @@ pub(super) fn run<B: Lbp16Board>(
     board: &mut B,
     reply: &mut [u8],
     deadline: Duration,
-    build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), RequestError>,
+    build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), Lbp16Error>,
 ) -> Result<(), EthernetError<B::Error>> {
     let mut buffer = [0; MAX_PACKET];
     let mut request = RequestBuilder::new(&mut buffer);

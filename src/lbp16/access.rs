@@ -1,14 +1,14 @@
 //! Whether a space takes an access.
 
-use super::{Command, ElementSize, MemorySizes, Space};
+use super::{Command, ElementSize, Lbp16Error, MemorySizes};
 
 /// Checks a command against what its space allows (its MEMSIZES word); `None`: there is no such
 /// space.
 ///
 /// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
-pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(), AccessError> {
+pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(), Lbp16Error> {
     let (space, size) = (command.space, command.size);
-    let sizes = sizes.ok_or(AccessError::NoSpace { space })?;
+    let sizes = sizes.ok_or(Lbp16Error::NoSpace { space })?;
     let allowed = if command.info {
         size == ElementSize::Word
     } else {
@@ -16,10 +16,10 @@ pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(),
     };
     if !allowed {
         let info = command.info;
-        return Err(AccessError::Size { space, info, size });
+        return Err(Lbp16Error::Size { space, info, size });
     }
     if command.write && (command.info || !sizes.writable()) {
-        return Err(AccessError::ReadOnly {
+        return Err(Lbp16Error::ReadOnly {
             space,
             info: command.info,
         });
@@ -27,53 +27,13 @@ pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(),
     Ok(())
 }
 
-/// A space does not take this access.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum AccessError {
-    /// The firmware does not have the space.
-    #[error(
-        "space {space:?} does not exist in this firmware; \
-         the cookies of the info areas say which spaces it has"
-    )]
-    NoSpace {
-        /// The space.
-        space: Space,
-    },
-    /// Elements of this size are not allowed there.
-    #[error(
-        "space {space:?}{} does not take elements of {} bytes; {}",
-        area(*info),
-        size.bytes(),
-        if *info { "use 2 bytes" } else { "use the size that its MEMSIZES word names" }
-    )]
-    Size {
-        /// The space.
-        space: Space,
-        /// Its info area was meant.
-        info: bool,
-        /// The size.
-        size: ElementSize,
-    },
-    /// It can not be written.
-    #[error(
-        "space {space:?}{} is read only; clear the write bit, or check the number of the space",
-        area(*info)
-    )]
-    ReadOnly {
-        /// The space.
-        space: Space,
-        /// Its info area was meant.
-        info: bool,
-    },
-}
-
-const fn area(info: bool) -> &'static str {
+pub(super) const fn area(info: bool) -> &'static str {
     if info { " (its info area)" } else { "" }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Space;
     use super::*;
     use crate::lbp16::MemoryType;
 
@@ -90,7 +50,7 @@ mod tests {
         let size = ElementSize::Double;
         assert_eq!(
             check_access(&read, Some(RO16)),
-            Err(AccessError::Size {
+            Err(Lbp16Error::Size {
                 space,
                 info: false,
                 size
@@ -98,11 +58,11 @@ mod tests {
         );
         assert_eq!(
             check_access(&write.with_size(ElementSize::Word), Some(RO16)),
-            Err(AccessError::ReadOnly { space, info: false })
+            Err(Lbp16Error::ReadOnly { space, info: false })
         );
         assert_eq!(
             check_access(&read, None),
-            Err(AccessError::NoSpace { space })
+            Err(Lbp16Error::NoSpace { space })
         );
     }
 
@@ -114,7 +74,7 @@ mod tests {
         let size = ElementSize::Double;
         assert_eq!(
             check_access(&info.with_size(size), Some(RW32)),
-            Err(AccessError::Size {
+            Err(Lbp16Error::Size {
                 space,
                 info: true,
                 size
@@ -124,7 +84,7 @@ mod tests {
         write.write = true;
         assert_eq!(
             check_access(&write, Some(RW32)),
-            Err(AccessError::ReadOnly { space, info: true })
+            Err(Lbp16Error::ReadOnly { space, info: true })
         );
     }
 }

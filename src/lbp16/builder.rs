@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use super::{Command, CommandError, ElementSize, Space};
+use super::{Command, ElementSize, Lbp16Error, Space};
 
 /// Encodes commands one after the other into a buffer, and knows the reply.
 ///
@@ -19,7 +19,7 @@ use super::{Command, CommandError, ElementSize, Space};
 /// let idrom = request.read(Space::HostMot2, 0x0400, 5)?;
 /// assert_eq!(request.bytes(), [0x85, 0x42, 0x00, 0x04]);
 /// assert_eq!((idrom, request.reply_len()), (0..20, 20));
-/// # Ok::<(), mesa_hal::lbp16::RequestError>(())
+/// # Ok::<(), mesa_hal::lbp16::Lbp16Error>(())
 /// ```
 #[derive(Debug)]
 pub struct RequestBuilder<'a> {
@@ -44,7 +44,7 @@ impl<'a> RequestBuilder<'a> {
         space: Space,
         address: u16,
         count: u8,
-    ) -> Result<Range<usize>, RequestError> {
+    ) -> Result<Range<usize>, Lbp16Error> {
         self.command(Command::read(space, count)?, address, &[])
     }
 
@@ -54,7 +54,7 @@ impl<'a> RequestBuilder<'a> {
         space: Space,
         address: u16,
         count: u8,
-    ) -> Result<Range<usize>, RequestError> {
+    ) -> Result<Range<usize>, Lbp16Error> {
         self.command(Command::read_info(space, count)?, address, &[])
     }
 
@@ -64,7 +64,7 @@ impl<'a> RequestBuilder<'a> {
         space: Space,
         address: u16,
         words: &[u16],
-    ) -> Result<Range<usize>, RequestError> {
+    ) -> Result<Range<usize>, Lbp16Error> {
         let command = Command::write(space, count(words.len()))?.with_size(ElementSize::Word);
         let bytes = words.iter().flat_map(|word| word.to_le_bytes());
         self.push_command(command, address, size_of_val(words), bytes)
@@ -76,7 +76,7 @@ impl<'a> RequestBuilder<'a> {
         space: Space,
         address: u16,
         doubles: &[u32],
-    ) -> Result<Range<usize>, RequestError> {
+    ) -> Result<Range<usize>, Lbp16Error> {
         let command = Command::write(space, count(doubles.len()))?.with_size(ElementSize::Double);
         let bytes = doubles.iter().flat_map(|double| double.to_le_bytes());
         self.push_command(command, address, size_of_val(doubles), bytes)
@@ -91,7 +91,7 @@ impl<'a> RequestBuilder<'a> {
         command: Command,
         address: u16,
         data: &[u8],
-    ) -> Result<Range<usize>, RequestError> {
+    ) -> Result<Range<usize>, Lbp16Error> {
         self.push_command(command, address, data.len(), data.iter().copied())
     }
 
@@ -111,15 +111,15 @@ impl<'a> RequestBuilder<'a> {
         address: u16,
         actual: usize,
         data: impl Iterator<Item = u8>,
-    ) -> Result<Range<usize>, RequestError> {
+    ) -> Result<Range<usize>, Lbp16Error> {
         let expected = if command.write { command.data_len() } else { 0 };
         if actual != expected {
-            return Err(RequestError::DataLength { expected, actual });
+            return Err(Lbp16Error::DataLength { expected, actual });
         }
         let free = self.buffer.len().saturating_sub(self.len);
         let needed = 2 + command.request_len();
         if needed > free {
-            return Err(RequestError::NoRoom { needed, free });
+            return Err(Lbp16Error::NoRoom { needed, free });
         }
         self.push(command.encode().to_le_bytes().into_iter());
         if command.address {
@@ -143,34 +143,6 @@ impl<'a> RequestBuilder<'a> {
 
 fn count(len: usize) -> u8 {
     u8::try_from(len).unwrap_or(u8::MAX)
-}
-
-/// A command could not be added to a request. The request is as it was.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum RequestError {
-    /// A number of elements that no command can have.
-    #[error(transparent)]
-    Command(#[from] CommandError),
-    /// The buffer is full.
-    #[error("the command needs {needed} bytes, the buffer has {free} left; send the request first")]
-    NoRoom {
-        /// Bytes of the command.
-        needed: usize,
-        /// Bytes left.
-        free: usize,
-    },
-    /// The data is not what the command announces.
-    #[error(
-        "{actual} bytes of data for a command that writes {expected}; give its count times the \
-         size of its elements"
-    )]
-    DataLength {
-        /// Bytes that the command announces.
-        expected: usize,
-        /// Bytes given.
-        actual: usize,
-    },
 }
 
 #[cfg(test)]
@@ -234,16 +206,16 @@ mod tests {
         request.read(Space::HostMot2, 0x0100, 1).unwrap();
         assert_eq!(
             request.write_doubles(Space::HostMot2, 0x1000, &[1]),
-            Err(RequestError::NoRoom { needed: 8, free: 7 })
+            Err(Lbp16Error::NoRoom { needed: 8, free: 7 })
         );
         assert_eq!(
             request.write_doubles(Space::HostMot2, 0x1000, &[0; 128]),
-            Err(CommandError::CountTooLarge { count: 128 }.into())
+            Err(Lbp16Error::CountTooLarge { count: 128 })
         );
         let write = Command::write(Space::HostMot2, 1).unwrap();
         assert_eq!(
             request.command(write, 0x1000, &[1, 2, 3]),
-            Err(RequestError::DataLength {
+            Err(Lbp16Error::DataLength {
                 expected: 4,
                 actual: 3
             })

@@ -1,5 +1,7 @@
 //! The command word.
 
+use super::Lbp16Error;
+
 /// The most elements of one command.
 pub const MAX_COUNT: u8 = 127;
 
@@ -137,7 +139,7 @@ pub struct Command {
 
 impl Command {
     /// A read of `count` elements of the space's own size, with address and increment.
-    pub const fn read(space: Space, count: u8) -> Result<Self, CommandError> {
+    pub const fn read(space: Space, count: u8) -> Result<Self, Lbp16Error> {
         Self {
             write: false,
             address: true,
@@ -151,7 +153,7 @@ impl Command {
     }
 
     /// A write of `count` elements of the space's own size, with address and increment.
-    pub const fn write(space: Space, count: u8) -> Result<Self, CommandError> {
+    pub const fn write(space: Space, count: u8) -> Result<Self, Lbp16Error> {
         match Self::read(space, count) {
             Ok(command) => Ok(Self {
                 write: true,
@@ -162,7 +164,7 @@ impl Command {
     }
 
     /// A read of `count` words of the info area of a space, with address and increment.
-    pub const fn read_info(space: Space, count: u8) -> Result<Self, CommandError> {
+    pub const fn read_info(space: Space, count: u8) -> Result<Self, Lbp16Error> {
         match Self::read(space, count) {
             Ok(command) => Ok(Self {
                 info: true,
@@ -174,11 +176,11 @@ impl Command {
     }
 
     /// The same command for another number of elements, 1 to [`MAX_COUNT`].
-    pub const fn with_count(self, count: u8) -> Result<Self, CommandError> {
+    pub const fn with_count(self, count: u8) -> Result<Self, Lbp16Error> {
         match count {
-            0 => Err(CommandError::CountZero),
+            0 => Err(Lbp16Error::CountZero),
             1..=MAX_COUNT => Ok(Self { count, ..self }),
-            _ => Err(CommandError::CountTooLarge { count }),
+            _ => Err(Lbp16Error::CountTooLarge { count }),
         }
     }
 
@@ -224,7 +226,7 @@ impl Command {
     }
 
     /// Takes a command word apart.
-    pub const fn decode(word: u16) -> Result<Self, CommandError> {
+    pub const fn decode(word: u16) -> Result<Self, Lbp16Error> {
         Self {
             write: word & WRITE != 0,
             address: word & ADDRESS != 0,
@@ -250,21 +252,6 @@ impl Command {
             | flag(self.increment, INCREMENT)
             | self.count as u16
     }
-}
-
-/// A number of elements that no command can have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum CommandError {
-    /// No element.
-    #[error("a command for 0 elements; ask for 1 to 127, or leave it out")]
-    CountZero,
-    /// More elements than the count field holds.
-    #[error("a command for {count} elements; 1 to 127 are possible, use several commands")]
-    CountTooLarge {
-        /// The number asked for.
-        count: u8,
-    },
 }
 
 #[cfg(test)]
@@ -325,15 +312,15 @@ mod tests {
 
     #[test]
     fn zero_elements_are_an_error() {
-        assert_eq!(Command::decode(0x4200), Err(CommandError::CountZero));
-        assert_eq!(Command::decode(0x4280), Err(CommandError::CountZero));
+        assert_eq!(Command::decode(0x4200), Err(Lbp16Error::CountZero));
+        assert_eq!(Command::decode(0x4280), Err(Lbp16Error::CountZero));
         assert_eq!(
             Command::read(Space::HostMot2, 0),
-            Err(CommandError::CountZero)
+            Err(Lbp16Error::CountZero)
         );
         assert_eq!(
             Command::write(Space::HostMot2, 128),
-            Err(CommandError::CountTooLarge { count: 128 })
+            Err(Lbp16Error::CountTooLarge { count: 128 })
         );
     }
 
@@ -343,7 +330,7 @@ mod tests {
             match Command::decode(word) {
                 Ok(command) => prop_assert_eq!(command.encode(), word),
                 Err(error) => {
-                    prop_assert_eq!(error, CommandError::CountZero);
+                    prop_assert_eq!(error, Lbp16Error::CountZero);
                     prop_assert_eq!(word & 0x7F, 0);
                 }
             }

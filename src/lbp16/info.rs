@@ -1,6 +1,6 @@
 //! The info area that describes a space.
 
-use super::{ElementSize, Space};
+use super::{ElementSize, Lbp16Error, Space};
 
 /// High bits of the cookie; the low four are the number of the space.
 pub const COOKIE: u16 = 0x5A00;
@@ -30,11 +30,11 @@ impl InfoArea {
     pub const LEN: u16 = 2 * WORDS as u16;
 
     /// Reads the eight words of an info area, of the space that was asked.
-    pub fn parse(space: Space, words: [u16; WORDS]) -> Result<Self, InfoError> {
+    pub fn parse(space: Space, words: [u16; WORDS]) -> Result<Self, Lbp16Error> {
         let [cookie, sizes, ranges, pointer, a, b, c, d] = words;
         let expected = COOKIE | u16::from(space.number());
         if cookie != expected {
-            return Err(InfoError::Cookie {
+            return Err(Lbp16Error::Cookie {
                 expected,
                 actual: cookie,
             });
@@ -158,23 +158,6 @@ impl MemoryRanges {
     }
 }
 
-/// What was read is no info area.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum InfoError {
-    /// The cookie is wrong.
-    #[error(
-        "info area with cookie 0x{actual:04X}, expected 0x{expected:04X}; \
-         this firmware does not have the space, do without it"
-    )]
-    Cookie {
-        /// What it should be.
-        expected: u16,
-        /// What it is.
-        actual: u16,
-    },
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -212,7 +195,7 @@ mod tests {
         let area = InfoArea::parse(Space::Flash, words).unwrap();
         assert_eq!(area.name(), "FPGA");
         let error = InfoArea::parse(Space::Eeprom, words).unwrap_err();
-        let expected = InfoError::Cookie {
+        let expected = Lbp16Error::Cookie {
             expected: 0x5A02,
             actual: 0x5A03,
         };

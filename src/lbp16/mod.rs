@@ -10,20 +10,22 @@
 mod access;
 mod builder;
 mod command;
+mod error;
 mod info;
 mod parser;
 mod pointers;
 pub mod registers;
 mod reply;
 
-pub use access::{AccessError, check_access};
-pub use builder::{RequestBuilder, RequestError};
-pub use command::{Command, CommandError, ElementSize, MAX_COUNT, Space};
-pub use info::{COOKIE, InfoArea, InfoError, MemoryRanges, MemorySizes, MemoryType};
-pub use parser::{Operation, Operations, ParseError};
+pub use access::check_access;
+pub use builder::RequestBuilder;
+pub use command::{Command, ElementSize, MAX_COUNT, Space};
+pub use error::Lbp16Error;
+pub use info::{COOKIE, InfoArea, MemoryRanges, MemorySizes, MemoryType};
+pub use parser::{Operation, Operations};
 pub use pointers::AddressPointers;
 pub use registers::ErrorRegister;
-pub use reply::{Reply, ReplyError};
+pub use reply::Reply;
 
 /// The UDP port of every board. Manual: 7I97, "UDP".
 pub const PORT: u16 = 27181;

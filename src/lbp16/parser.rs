@@ -1,6 +1,6 @@
 //! A request as a board sees it.
 
-use super::{Command, CommandError, Space};
+use super::{Command, Lbp16Error};
 
 /// One command of a request, with what follows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,18 +46,14 @@ impl<'a> Operations<'a> {
         }
     }
 
-    fn parse(&mut self) -> Result<Operation<'a>, ParseError> {
+    fn parse(&mut self) -> Result<Operation<'a>, Lbp16Error> {
         let offset = self.offset;
-        let word = self.take(2, |actual| ParseError::ShortCommand { offset, actual })?;
+        let word = self.take(2, |actual| Lbp16Error::ShortCommand { offset, actual })?;
         let word = number(word) as u16;
-        let command = Command::decode(word).map_err(|reason| ParseError::BadCommand {
-            offset,
-            word,
-            reason,
-        })?;
+        let command = Command::decode(word).map_err(|_| Lbp16Error::BadCommand { offset, word })?;
         let space = command.space;
         let address = if command.address {
-            let short = |actual| ParseError::ShortAddress {
+            let short = |actual| Lbp16Error::ShortAddress {
                 offset,
                 space,
                 actual,
@@ -67,7 +63,7 @@ impl<'a> Operations<'a> {
             None
         };
         let expected = if command.write { command.data_len() } else { 0 };
-        let data = self.take(expected, |actual| ParseError::ShortData {
+        let data = self.take(expected, |actual| Lbp16Error::ShortData {
             offset,
             space,
             expected,
@@ -84,8 +80,8 @@ impl<'a> Operations<'a> {
     fn take(
         &mut self,
         len: usize,
-        short: impl FnOnce(usize) -> ParseError,
-    ) -> Result<&'a [u8], ParseError> {
+        short: impl FnOnce(usize) -> Lbp16Error,
+    ) -> Result<&'a [u8], Lbp16Error> {
         let rest = self.request.get(self.offset..).unwrap_or(&[]);
         let (taken, _) = rest
             .split_at_checked(len)
@@ -96,7 +92,7 @@ impl<'a> Operations<'a> {
 }
 
 impl<'a> Iterator for Operations<'a> {
-    type Item = Result<Operation<'a>, ParseError>;
+    type Item = Result<Operation<'a>, Lbp16Error>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed || self.offset >= self.request.len() {
@@ -117,69 +113,15 @@ fn number(bytes: &[u8]) -> u64 {
         .fold(0, |value, &byte| value << 8 | u64::from(byte))
 }
 
-/// A request that is no row of whole commands. The commands before it are good.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ParseError {
-    /// A single byte is left where a command should begin.
-    #[error(
-        "byte {offset}: {actual} byte left of a command word of 2; was the packet cut off, or is \
-         the count of the command before too small?"
-    )]
-    ShortCommand {
-        /// Where in the request the command begins.
-        offset: usize,
-        /// Bytes left.
-        actual: usize,
-    },
-    /// The command word is none.
-    #[error("byte {offset}: command 0x{word:04X}: {reason}")]
-    BadCommand {
-        /// Where in the request the command begins.
-        offset: usize,
-        /// The command word.
-        word: u16,
-        /// What is wrong with it.
-        reason: CommandError,
-    },
-    /// The address is not there.
-    #[error(
-        "byte {offset}: {actual} bytes left of the 2 of an address in space {space:?}; \
-         was the packet cut off, or should the address bit be clear?"
-    )]
-    ShortAddress {
-        /// Where in the request the command begins.
-        offset: usize,
-        /// The space.
-        space: Space,
-        /// Bytes left.
-        actual: usize,
-    },
-    /// The data to be written is not all there.
-    #[error(
-        "byte {offset}: {actual} bytes left of the {expected} to be written to space {space:?}; \
-         was the packet cut off, or is the count too large?"
-    )]
-    ShortData {
-        /// Where in the request the command begins.
-        offset: usize,
-        /// The space.
-        space: Space,
-        /// Bytes that the command announces.
-        expected: usize,
-        /// Bytes left.
-        actual: usize,
-    },
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::Space;
     use super::*;
     use crate::lbp16::ElementSize;
 
-    fn parse(request: &[u8]) -> Vec<Result<Operation<'_>, ParseError>> {
+    fn parse(request: &[u8]) -> Vec<Result<Operation<'_>, Lbp16Error>> {
         Operations::new(request).collect()
     }
 
@@ -241,19 +183,19 @@ mod tests {
 
     #[test]
     fn what_is_cut_off_is_said_and_nothing_follows() {
-        fn at(request: &[u8]) -> Result<Operation<'_>, ParseError> {
+        fn at(request: &[u8]) -> Result<Operation<'_>, Lbp16Error> {
             *parse(request).last().unwrap()
         }
         assert_eq!(
             at(&[0x01, 0x02, 0x85]),
-            Err(ParseError::ShortCommand {
+            Err(Lbp16Error::ShortCommand {
                 offset: 2,
                 actual: 1
             })
         );
         assert_eq!(
             at(&[0x85, 0x42, 0x00]),
-            Err(ParseError::ShortAddress {
+            Err(Lbp16Error::ShortAddress {
                 offset: 0,
                 space: Space::HostMot2,
                 actual: 1
@@ -261,7 +203,7 @@ mod tests {
         );
         assert_eq!(
             at(&[0x01, 0xD9, 0x1A, 0x00, 0x02]),
-            Err(ParseError::ShortData {
+            Err(Lbp16Error::ShortData {
                 offset: 0,
                 space: Space::Control,
                 expected: 2,
@@ -270,10 +212,9 @@ mod tests {
         );
         assert_eq!(
             parse(&[0x00, 0x42, 0x01, 0x02]),
-            [Err(ParseError::BadCommand {
+            [Err(Lbp16Error::BadCommand {
                 offset: 0,
                 word: 0x4200,
-                reason: CommandError::CountZero
             })]
         );
     }

@@ -4,6 +4,8 @@ use core::ops::Range;
 
 use byteorder::{ByteOrder, LittleEndian};
 
+use super::Lbp16Error;
+
 /// A reply of the right length.
 ///
 /// The ranges are those that [`RequestBuilder`](super::RequestBuilder) returned.
@@ -17,62 +19,36 @@ pub struct Reply<'a> {
 
 impl<'a> Reply<'a> {
     /// The reply to a request whose builder expects `expected` bytes.
-    pub fn new(bytes: &'a [u8], expected: usize) -> Result<Self, ReplyError> {
+    pub fn new(bytes: &'a [u8], expected: usize) -> Result<Self, Lbp16Error> {
         if bytes.len() == expected {
             return Ok(Self { bytes });
         }
-        Err(ReplyError::Length {
+        Err(Lbp16Error::ReplyLength {
             expected,
             actual: bytes.len(),
         })
     }
 
     /// The bytes of one read.
-    pub fn bytes(&self, at: Range<usize>) -> Result<&'a [u8], ReplyError> {
+    pub fn bytes(&self, at: Range<usize>) -> Result<&'a [u8], Lbp16Error> {
         let len = self.bytes.len();
         let (start, end) = (at.start, at.end);
         self.bytes
             .get(at)
-            .ok_or(ReplyError::Outside { start, end, len })
+            .ok_or(Lbp16Error::Outside { start, end, len })
     }
 
     /// The registers of a read of 16-bit elements.
-    pub fn words(&self, at: Range<usize>) -> Result<impl Iterator<Item = u16> + 'a, ReplyError> {
+    pub fn words(&self, at: Range<usize>) -> Result<impl Iterator<Item = u16> + 'a, Lbp16Error> {
         let bytes = self.bytes(at)?;
         Ok(bytes.chunks_exact(2).map(LittleEndian::read_u16))
     }
 
     /// The registers of a read of 32-bit elements.
-    pub fn doubles(&self, at: Range<usize>) -> Result<impl Iterator<Item = u32> + 'a, ReplyError> {
+    pub fn doubles(&self, at: Range<usize>) -> Result<impl Iterator<Item = u32> + 'a, Lbp16Error> {
         let bytes = self.bytes(at)?;
         Ok(bytes.chunks_exact(4).map(LittleEndian::read_u32))
     }
-}
-
-/// A reply that is not the one to this request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ReplyError {
-    /// Another number of bytes than the request reads.
-    #[error(
-        "a reply of {actual} bytes to a request that reads {expected}; is it the reply to another one?"
-    )]
-    Length {
-        /// Bytes that the request reads.
-        expected: usize,
-        /// Bytes of the reply.
-        actual: usize,
-    },
-    /// A range that is not in the reply.
-    #[error("bytes {start}..{end} of a reply of {len}; does the range belong to another request?")]
-    Outside {
-        /// First byte asked for.
-        start: usize,
-        /// One past the last byte asked for.
-        end: usize,
-        /// Bytes of the reply.
-        len: usize,
-    },
 }
 
 #[cfg(test)]
@@ -100,7 +76,7 @@ mod tests {
     #[test]
     fn a_reply_of_another_length_is_refused() {
         let error = Reply::new(&[0; 3], 4).unwrap_err();
-        let expected = ReplyError::Length {
+        let expected = Lbp16Error::ReplyLength {
             expected: 4,
             actual: 3,
         };

@@ -1,10 +1,7 @@
 //! The hexadecimal LBP16 examples of the 7I97 manual, in both roles: the host builds these bytes,
 //! and the board does with them what the manual says.
 
-use mesa_hal::lbp16::{
-    AccessError, Command, CommandError, ElementSize, InfoError, Operations, ParseError, ReplyError,
-    RequestBuilder, RequestError, Space,
-};
+use mesa_hal::lbp16::{Command, ElementSize, Lbp16Error, Operations, RequestBuilder, Space};
 use mesa_hal::sim::{BoardConfig, SimBoard, SimFpga, machines};
 
 fn hex(text: &str) -> Vec<u8> {
@@ -194,45 +191,42 @@ fn flash_memory_is_written_read_and_erased() {
 fn every_error_says_what_to_do_next() {
     let (space, size, info) = (Space::Unused, ElementSize::Quad, true);
     let (offset, expected, actual) = (4, 8, 1);
-    let reason = CommandError::CountZero;
-    let errors: [&dyn std::error::Error; 16] = [
-        &reason,
-        &CommandError::CountTooLarge { count: 200 },
-        &AccessError::NoSpace { space },
-        &AccessError::Size { space, info, size },
-        &AccessError::Size {
+    let errors: [&dyn std::error::Error; 15] = [
+        &Lbp16Error::CountZero,
+        &Lbp16Error::CountTooLarge { count: 200 },
+        &Lbp16Error::NoSpace { space },
+        &Lbp16Error::Size { space, info, size },
+        &Lbp16Error::Size {
             space,
             info: false,
             size,
         },
-        &AccessError::ReadOnly { space, info },
-        &ParseError::ShortCommand { offset, actual },
-        &ParseError::BadCommand {
+        &Lbp16Error::ReadOnly { space, info },
+        &Lbp16Error::ShortCommand { offset, actual },
+        &Lbp16Error::BadCommand {
             offset,
             word: 0x4200,
-            reason,
         },
-        &ParseError::ShortAddress {
+        &Lbp16Error::ShortAddress {
             offset,
             space,
             actual,
         },
-        &ParseError::ShortData {
+        &Lbp16Error::ShortData {
             offset,
             space,
             expected,
             actual,
         },
-        &RequestError::from(reason),
-        &RequestError::NoRoom { needed: 8, free: 4 },
-        &RequestError::DataLength { expected, actual },
-        &ReplyError::Length { expected, actual },
-        &ReplyError::Outside {
+        &Lbp16Error::NoRoom { needed: 8, free: 4 },
+        &Lbp16Error::DataLength { expected, actual },
+        &Lbp16Error::ReplyLength { expected, actual },
+        &Lbp16Error::Outside {
             start: 0,
             end: 2,
             len: 1,
         },
-        &InfoError::Cookie {
+        &Lbp16Error::Cookie {
             expected: 0x5A05,
             actual: 0,
         },

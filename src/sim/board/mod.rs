@@ -283,9 +283,9 @@ impl<G: Gateware> SimBoard<G> {
         }
     }
 
-    fn refuse(&mut self, error: crate::lbp16::AccessError) {
+    fn refuse(&mut self, error: crate::lbp16::Lbp16Error) {
         let error = match error {
-            crate::lbp16::AccessError::ReadOnly { .. } => ErrorRegister::WRITE,
+            crate::lbp16::Lbp16Error::ReadOnly { .. } => ErrorRegister::WRITE,
             _ => ErrorRegister::MEMORY,
         };
         count_error(&mut self.status, error);

@@ -5,7 +5,7 @@ use core::ops::Range;
 use super::UdpError;
 use super::ledger::{Account, Details, SLOTS};
 use crate::bus::{Access, Direction};
-use crate::lbp16::{MAX_COUNT, MAX_PACKET, RequestBuilder, RequestError, Space, registers};
+use crate::lbp16::{Lbp16Error, MAX_COUNT, MAX_PACKET, RequestBuilder, Space, registers};
 
 /// Scratch registers of the board: the writes' turns, the last write, and the request.
 const SLOT: u16 = registers::timer::SCRATCH;
@@ -42,7 +42,7 @@ impl Tail {
         2 * (self.counts as usize + self.scratch as usize)
     }
 
-    fn push(self, request: &mut RequestBuilder<'_>) -> Result<(), RequestError> {
+    fn push(self, request: &mut RequestBuilder<'_>) -> Result<(), Lbp16Error> {
         request.read(Space::Control, registers::control::RX_UDP, self.counts)?;
         request.read(Space::Timer, self.first, self.scratch)?;
         Ok(())
@@ -158,12 +158,12 @@ impl Encoding {
     fn build(
         answered: bool,
         writes: bool,
-        body: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), RequestError>,
+        body: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), Lbp16Error>,
     ) -> Result<Self, UdpError> {
         let mut buffer = [0; MAX_PACKET];
         let mut request = RequestBuilder::new(&mut buffer);
         let mut this = Self::default();
-        let all = || -> Result<(), RequestError> {
+        let all = || -> Result<(), Lbp16Error> {
             if answered {
                 let number = request.write_words(Space::Timer, REQUEST_NUMBER, &[0, 0])?;
                 this.request_number = Some(number);
@@ -321,7 +321,7 @@ pub(super) fn write_packet<'a>(
 ) -> Result<&'a [u8], UdpError> {
     let mut request = RequestBuilder::new(buffer);
     let mut bad = None;
-    let all = || -> Result<(), RequestError> {
+    let all = || -> Result<(), Lbp16Error> {
         for access in accesses {
             let Some(values) = words.get(access.words()) else {
                 bad = Some(access);
@@ -390,7 +390,7 @@ fn runs(accesses: &[Access]) -> Vec<Run> {
 
 impl Run {
     /// Adds the command; returns where its data are, in the request or the reply.
-    fn push(&self, request: &mut RequestBuilder<'_>) -> Result<Range<usize>, RequestError> {
+    fn push(&self, request: &mut RequestBuilder<'_>) -> Result<Range<usize>, Lbp16Error> {
         let count = self.count as u8;
         match self.direction {
             Direction::Read => request.read(Space::HostMot2, self.address, count),
@@ -444,9 +444,9 @@ fn check(what: &'static str, bytes: usize) -> Result<(), UdpError> {
 }
 
 /// The only way in which commands of checked accesses do not fit into a request.
-fn too_long(error: RequestError) -> UdpError {
+fn too_long(error: Lbp16Error) -> UdpError {
     let bytes = match error {
-        RequestError::NoRoom { needed, free } => MAX_PACKET - free + needed,
+        Lbp16Error::NoRoom { needed, free } => MAX_PACKET - free + needed,
         _ => MAX_PACKET + 1,
     };
     UdpError::TooLong {
