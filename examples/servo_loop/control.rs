@@ -3,14 +3,13 @@
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use mesa_hal::boards::{I7i72, I7i77Field, OutputType};
+use mesa_hal::boards::{I7i72, I7i77Field};
 use mesa_hal::driver::{CycleError, Driver, Pace};
-use mesa_hal::hal::{Input, PinError};
+use mesa_hal::hal::{Counter, PinError};
 
 use crate::Failure;
 use crate::args::Args;
 use crate::drives::Drives;
-use crate::found::remote;
 use crate::machine::{AXES, World};
 use crate::support::Stop;
 use crate::timed::Timed;
@@ -34,7 +33,7 @@ const TRANSFER_LIMIT: Duration = Duration::from_micros(500);
 /// A position loop.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Axis {
-    position: Input<f64>,
+    encoder: Counter,
     pub worst: f64,
     sum_of_squares: f64,
     pub samples: u64,
@@ -81,12 +80,9 @@ pub struct Control<B: World> {
 impl<B: World> Control<B> {
     pub fn new(driver: Driver<Timed<B>>) -> Result<Self, Failure> {
         let drives = Drives::find(&driver)?;
-        let pins = driver.pins();
         // A 7I97 needs no remotes; what is there is used.
-        let field = remote(&driver, 0)
-            .map(|field| I7i77Field::new(pins, field.pins(), OutputType::Sourcing));
-        let outputs = remote(&driver, 2).map(|outputs| I7i72::new(pins, outputs.pins()));
-        let (field, outputs) = (field.and_then(Result::ok), outputs.and_then(Result::ok));
+        let field = driver.attach(0, 0).ok();
+        let outputs = driver.attach(0, 2).ok();
         let name = driver.name().to_owned();
         let mut control = Self {
             driver,
@@ -108,10 +104,8 @@ impl<B: World> Control<B> {
     fn find_encoders(&mut self, name: &str) -> Result<(), PinError> {
         let pins = self.driver.pins_mut();
         for (n, axis) in self.axes.iter_mut().enumerate() {
-            let encoder = format!("{name}.encoder.{n:02}");
-            axis.position = pins.input(&format!("{encoder}.position"))?;
-            let scale = pins.parameter(&format!("{encoder}.scale"))?;
-            pins.set_param(scale, COUNTS_PER_UNIT)?;
+            axis.encoder = Counter::find(pins, &format!("{name}.encoder.{n:02}"))?;
+            pins.set_param(axis.encoder.scale, COUNTS_PER_UNIT)?;
         }
         Ok(())
     }
@@ -175,9 +169,9 @@ impl<B: World> Control<B> {
     fn close_loops(&mut self, time: f64) {
         let pins = self.driver.pins_mut();
         let mut all_valid = true;
-        for (n, axis) in self.axes.iter_mut().enumerate() {
+        for (n, (axis, drive)) in self.axes.iter_mut().zip(self.drives.outputs).enumerate() {
             let (target, velocity) = trajectory(n, time);
-            let position = pins.read(axis.position);
+            let position = axis.encoder.read(pins);
             all_valid &= position.valid;
             let error = target - position.value;
             if time >= SETTLED {
@@ -192,9 +186,11 @@ impl<B: World> Control<B> {
                 0.0
             };
             let volts = volts.clamp(-FULL_SCALE, FULL_SCALE);
-            self.drives.set(pins, n, volts);
+            drive.set(pins, volts);
         }
-        self.drives.enable(pins, all_valid);
+        for drive in self.drives.outputs {
+            drive.enable(pins, all_valid);
+        }
     }
 
     /// A light that walks over the field outputs of the 7I77, and another over those of the 7I72.
@@ -206,11 +202,11 @@ impl<B: World> Control<B> {
         let pins = self.driver.pins_mut();
         let outputs = self.field.iter().flat_map(|field| &field.outputs);
         for (n, output) in outputs.enumerate() {
-            pins.set(output.pin, word >> n & 1 != 0);
+            output.set(pins, word >> n & 1 != 0);
         }
         let outputs = self.outputs.iter().flat_map(|remote| &remote.outputs);
         for (n, output) in (0u64..).zip(outputs) {
-            pins.set(output.pin, n == step % 48);
+            output.set(pins, n == step % 48);
         }
     }
 
@@ -220,7 +216,7 @@ impl<B: World> Control<B> {
         let Some(field) = &self.field else { return };
         let pins = self.driver.pins();
         let counted = &mut self.field_io;
-        let is_valid = field.inputs.iter().all(|input| pins.read(input.pin).valid);
+        let is_valid = field.inputs.iter().all(|input| input.read(pins).valid);
         counted.since_valid = if is_valid { 0 } else { counted.since_valid + 1 };
         if time >= SETTLED {
             counted.cycles += 1;
@@ -231,7 +227,7 @@ impl<B: World> Control<B> {
         }
         let [newest, ..] = self.pattern;
         for (n, input) in field.inputs.iter().take(16).enumerate() {
-            let reading = pins.read(input.pin);
+            let reading = input.read(pins);
             let expected = newest >> n & 1 != 0;
             counted.loop_back_errors += u64::from(!reading.valid || reading.value != expected);
         }

@@ -2,18 +2,18 @@
 
 use mesa_hal::boards::{I7i77Analog, I7i97};
 use mesa_hal::driver::Driver;
-use mesa_hal::hal::{Output, Pins};
+use mesa_hal::hal::AnalogOut;
 
 use crate::Failure;
 use crate::machine::{AXES, World};
 use crate::timed::Timed;
 
-/// The analog outputs, in volts, and everything that has to be on for them to work.
+/// The analog outputs of a machine.
 #[derive(Debug)]
 pub struct Drives {
-    volts: [Output<f64>; AXES],
-    enables: Vec<Output<bool>>,
-    name: &'static str,
+    pub outputs: [AnalogOut; AXES],
+    /// What they are, for people.
+    pub name: &'static str,
     /// The card whose analog outputs they are has field I/O as well.
     pub needs_field_io: bool,
 }
@@ -21,41 +21,18 @@ pub struct Drives {
 impl Drives {
     /// Those of the board itself if it has any, otherwise those of a 7I77 on channel 1.
     pub fn find<B: World>(driver: &Driver<Timed<B>>) -> Result<Self, Failure> {
-        if let Ok(card) = I7i97::of(driver.fpga_pins(), driver.firmware()) {
+        if let Ok(board) = driver.attach_board::<I7i97>() {
             return Ok(Self {
-                volts: card.analog_out.map(|output| output.volts),
-                enables: card.analog_out.map(|output| output.enable).to_vec(),
+                outputs: board.analog_out,
                 name: "the analog outputs of the 7I97",
                 needs_field_io: false,
             });
         }
-        let remote = crate::found::remote(driver, 1);
-        let remote = remote.ok_or("channel 1: the analog part of a 7I77 is missing, see above")?;
-        let analog = I7i77Analog::new(driver.pins(), remote.pins())?;
+        let card: I7i77Analog = driver.attach(0, 1)?;
         Ok(Self {
-            volts: analog.analog_out.map(|output| output.volts),
-            enables: vec![analog.analogena.pin, analog.spinena.pin],
+            outputs: card.analog_out,
             name: "the analog outputs of the 7I77",
             needs_field_io: true,
         })
-    }
-
-    /// What they are, for people.
-    pub fn name(&self) -> &'static str {
-        self.name
-    }
-
-    /// Sets the voltage of an axis.
-    pub fn set(&self, pins: &mut Pins, axis: usize, volts: f64) {
-        if let Some(output) = self.volts.get(axis) {
-            pins.set(*output, volts);
-        }
-    }
-
-    /// Switches all drives on or off.
-    pub fn enable(&self, pins: &mut Pins, on: bool) {
-        for enable in &self.enables {
-            pins.set(*enable, on);
-        }
     }
 }

@@ -6,7 +6,6 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::ModeType;
 use mesa_hal::driver::{Driver, RemoteStatus};
 use mesa_hal::hal::Role;
-use mesa_hal::sslbp::Channel;
 
 /// The board, its remotes and what a cycle moves; with every pin if asked for.
 pub fn list<B: RegisterBus + Clock>(driver: &Driver<B>, every_pin: bool) -> String {
@@ -64,11 +63,6 @@ fn write_all<B: RegisterBus + Clock>(
         write_every_pin(out, driver)?;
     }
     Ok(())
-}
-
-/// The remote on a channel of the first serial port.
-pub fn remote<B: RegisterBus + Clock>(driver: &Driver<B>, channel: u8) -> Option<RemoteStatus<'_>> {
-    driver.ports().first()?.remote(Channel::new(channel)?)
 }
 
 fn write_remote<B: RegisterBus + Clock>(

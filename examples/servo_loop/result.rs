@@ -79,7 +79,7 @@ fn write_axes<B: World>(
     writeln!(
         out,
         "\nAxes on {}. Following error after the start, in units (held: below {HOLDS}):",
-        control.drives.name()
+        control.drives.name
     )?;
     writeln!(out, "  axis      rms      worst")?;
     let mut held = true;

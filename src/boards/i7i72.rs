@@ -3,26 +3,21 @@
 //! Source: manual 7I72, "TB3 CONNECTOR PINOUT", "TB2 CONNECTOR PINOUT" (OUTPUT1 is at pin 2: the
 //! manual's table has pin 3 twice); FACTS 8.4.
 
-use alloc::format;
-
-use super::{BoardError, ElementTable, RemoteTable, Terminals, handles};
-use crate::discovery::DataDirection;
-use crate::hal::{AnalogIn, DigitalOut, Pins};
-use crate::remote::RemotePins;
+use super::{AttachError, ElementTable, Finder, RemoteHandles, RemoteTable, Terminals};
+use crate::hal::{AnalogIn, DigitalOut};
 
 /// 48 outputs; mode 1 adds the field voltage, whose scale is not confirmed: the remote's own
 /// description counts.
-pub const REMOTE: RemoteTable = RemoteTable {
-    title: "7I72",
-    name: *b"7I72",
-    unit_class: None,
-    elements: &[
-        ElementTable::bits("Output", 48, DataDirection::Output).at(OUTPUTS),
+pub const REMOTE: RemoteTable = RemoteTable::new(
+    "7I72",
+    *b"7I72",
+    &[
+        ElementTable::bits_out("Output", 48).at(OUTPUTS),
         ElementTable::volts_in("FieldVoltage", 16, 36.3)
             .in_modes(0b10)
             .with_limits_unknown(),
     ],
-};
+);
 
 const OUTPUTS: &[Terminals] = &[
     Terminals::new("TB3 pin ", 0, &["OUTPUT#"], ALL_24),
@@ -42,16 +37,13 @@ pub struct I7i72 {
     pub field_voltage: Option<AnalogIn>,
 }
 
-impl I7i72 {
-    /// The handles of a 7I72's pins.
-    ///
-    /// # Errors
-    /// [`BoardError::Pin`] if the remote has no such outputs.
-    pub fn new(pins: &Pins, remote: &RemotePins) -> Result<Self, BoardError> {
-        let prefix = remote.prefix();
+impl RemoteHandles for I7i72 {
+    const TABLE: &'static RemoteTable = &REMOTE;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
         Ok(Self {
-            outputs: handles(|n| DigitalOut::find(pins, &format!("{prefix}.output-{n:02}")))?,
-            field_voltage: AnalogIn::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
+            outputs: pins.numbered("output-", DigitalOut::find)?,
+            field_voltage: pins.one("fieldvoltage", AnalogIn::find).ok(),
         })
     }
 }

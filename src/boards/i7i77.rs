@@ -8,35 +8,21 @@
 
 use alloc::format;
 
-use super::fpga::EncoderPins;
 use super::table::terminals;
-use super::{BoardError, CardTable, ElementTable, RemoteTable, Terminal, Terminals, handles};
-use crate::discovery::DataDirection;
-use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, GroupId, PinStore, Pins};
+use super::{
+    AttachError, CardTable, ElementTable, Finder, RemoteHandles, RemoteTable, Terminal, Terminals,
+};
+use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 use crate::hostmot2::{Gtag, HostMot2};
-use crate::remote::RemotePins;
-
-/// How the field outputs switch.
-///
-/// The two kinds of card can not be told apart by what they say of themselves: tell it yourself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum OutputType {
-    /// 7I77: they connect the load to field power.
-    #[default]
-    Sourcing,
-    /// 7I77D: they connect the load to ground.
-    Sinking,
-}
 
 /// Field I/O in all its modes: 0 inputs and outputs; 1 with four analog inputs; 2 with field voltage
 /// as well; 3 with two MPGs as well.
-pub const FIELD: RemoteTable = RemoteTable {
-    title: "7I77 field I/O",
-    name: *b"7I77",
-    unit_class: Some(0x12),
-    elements: &[
-        ElementTable::bits("Output", 16, DataDirection::Output).at(OUTPUTS),
-        ElementTable::bits("Input", 32, DataDirection::Input).at(INPUTS),
+pub const FIELD: RemoteTable = RemoteTable::new(
+    "7I77 field I/O",
+    *b"7I77",
+    &[
+        ElementTable::bits_out("Output", 16).at(OUTPUTS),
+        ElementTable::bits_in("Input", 32).at(INPUTS),
         ElementTable::volts_in("AnalogIn0", 8, 36.3)
             .in_modes(0b1110)
             .at(&[Terminals::new("TB8 pin ", 0, &["INPUT#"], &[1])]),
@@ -57,14 +43,14 @@ pub const FIELD: RemoteTable = RemoteTable {
             .in_modes(0b1000)
             .at(&[Terminals::new("TB7 pin ", 18, &["INPUT#"], &[3, 4])]),
     ],
-};
+)
+.of_class(0x12);
 
 /// Analog outputs and drive enables. It has one mode.
-pub const ANALOG: RemoteTable = RemoteTable {
-    title: "7I77 analog",
-    name: *b"7I77",
-    unit_class: Some(0x11),
-    elements: &[
+pub const ANALOG: RemoteTable = RemoteTable::new(
+    "7I77 analog",
+    *b"7I77",
+    &[
         ElementTable::volts_out("AnalogOut0", 13, 10.0).at(&[Terminals::new(
             "TB5 pin ",
             0,
@@ -104,7 +90,8 @@ pub const ANALOG: RemoteTable = RemoteTable {
         ElementTable::switch("AnalogEna").at(ENABLES),
         ElementTable::switch("SpinEna").at(SPINDLE_ENABLE),
     ],
-};
+)
+.of_class(0x11);
 
 /// The card and its encoders on a connector: six of them, three terminals pairs each.
 ///
@@ -175,7 +162,8 @@ const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
     &[21, 22],
 )];
 
-/// The pins of the field I/O.
+/// The pins of the field I/O. Those of a 7I77 connect the load to field power, those of a 7I77D to
+/// ground; the two kinds of card say the same of themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Field {
     /// INPUT0 to INPUT31.
@@ -188,32 +176,20 @@ pub struct I7i77Field {
     pub field_voltage: Option<AnalogIn>,
     /// The MPGs on INPUT16/17 and INPUT18/19, in mode 3.
     pub mpgs: Option<[Counter; 2]>,
-    /// How the outputs switch.
-    pub output_type: OutputType,
 }
 
-impl I7i77Field {
-    /// The handles of a field I/O remote's pins.
-    ///
-    /// # Errors
-    /// [`BoardError::Identity`] if it is the card's analog part: the channels are swapped.
-    /// [`BoardError::Pin`] if the remote has no such inputs or outputs.
-    pub fn new(
-        pins: &Pins,
-        remote: &RemotePins,
-        output_type: OutputType,
-    ) -> Result<Self, BoardError> {
-        remote.require(&FIELD)?;
-        let prefix = remote.prefix();
-        let analog = |n: usize| AnalogIn::find(pins, &format!("{prefix}.analogin{n}"));
-        let mpg = |n: usize| Counter::find(pins, &format!("{prefix}.enc{n}"));
+impl RemoteHandles for I7i77Field {
+    const TABLE: &'static RemoteTable = &FIELD;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        let volts = |n| pins.one(&format!("analogin{n}"), AnalogIn::find);
+        let mpg = |n| pins.one(&format!("enc{n}"), Counter::find);
         Ok(Self {
-            inputs: handles(|n| DigitalIn::find(pins, &format!("{prefix}.input-{n:02}")))?,
-            outputs: handles(|n| DigitalOut::find(pins, &format!("{prefix}.output-{n:02}")))?,
-            analog_in: handles(analog).ok(),
-            field_voltage: AnalogIn::find(pins, &format!("{prefix}.fieldvoltage")).ok(),
-            mpgs: handles(mpg).ok(),
-            output_type,
+            inputs: pins.numbered("input-", DigitalIn::find)?,
+            outputs: pins.numbered("output-", DigitalOut::find)?,
+            analog_in: pins.each(volts).ok(),
+            field_voltage: pins.one("fieldvoltage", AnalogIn::find).ok(),
+            mpgs: pins.each(mpg).ok(),
         })
     }
 }
@@ -221,7 +197,8 @@ impl I7i77Field {
 /// The pins of the analog part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Analog {
-    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. The first five share their enable.
+    /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. Those of AOUT0 to AOUT4 have the same
+    /// enable.
     pub analog_out: [AnalogOut; 6],
     /// ENA0 to ENA4, switched together.
     pub analogena: DigitalOut,
@@ -229,43 +206,20 @@ pub struct I7i77Analog {
     pub spinena: DigitalOut,
 }
 
-impl I7i77Analog {
-    /// The handles of an analog remote's pins.
-    ///
-    /// # Errors
-    /// [`BoardError::Identity`] if it is the card's field I/O: the channels are swapped.
-    /// [`BoardError::Pin`] if the remote has no such outputs.
-    pub fn new(pins: &Pins, remote: &RemotePins) -> Result<Self, BoardError> {
-        remote.require(&ANALOG)?;
-        let prefix = remote.prefix();
-        let analog = |n: usize| {
+impl RemoteHandles for I7i77Analog {
+    const TABLE: &'static RemoteTable = &ANALOG;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        let output = |n| {
             let enable = if n < 5 { "analogena" } else { "spinena" };
-            let name = format!("{prefix}.analogout{n}");
-            AnalogOut::find(pins, &name, &format!("{prefix}.{enable}"))
+            pins.analog_out(&format!("analogout{n}"), enable)
         };
         Ok(Self {
-            analog_out: handles(analog)?,
-            analogena: DigitalOut::find(pins, &format!("{prefix}.analogena"))?,
-            spinena: DigitalOut::find(pins, &format!("{prefix}.spinena"))?,
+            analog_out: pins.each(output)?,
+            analogena: pins.one("analogena", DigitalOut::find)?,
+            spinena: pins.one("spinena", DigitalOut::find)?,
         })
     }
-}
-
-/// Makes the pins of the six encoders of a card; `first` is the number of its first one.
-///
-/// # Errors
-/// [`BoardError::Pin`] for names that are taken.
-pub fn encoder_pins(
-    pins: &mut PinStore,
-    group: GroupId,
-    board: &str,
-    first: usize,
-) -> Result<[EncoderPins; 6], BoardError> {
-    let mut encoders = [EncoderPins::default(); 6];
-    for (n, (encoder, at)) in encoders.iter_mut().zip(ENCODER_TERMINALS).enumerate() {
-        *encoder = EncoderPins::new(pins, group, board, first + n, at)?;
-    }
-    Ok(encoders)
 }
 
 /// Which encoder of its card encoder `number` of a firmware is, 0 to 5: its pins, and all others of

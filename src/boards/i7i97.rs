@@ -6,16 +6,16 @@
 //!
 //! Source: manual 7I97, "TB1 ENCODER 0 THROUGH 2" to "TB5 I/O"; FACTS 9.2.
 
-use alloc::vec::Vec;
+use alloc::format;
 
-use super::fpga::{
-    DpllPins, EncoderBankPins, EncoderPins, EthernetPins, FpgaPins, GpioPins, InMuxKind, InMuxPins,
-    LedPins, OutputKind, OutputPins, PwmBankPins, PwmPins, PwmUse, WatchdogPins,
-};
+use super::fpga::PwmUse;
 use super::table::terminals;
-use super::{BoardError, BoardTable, FlashLayout, ModuleTerminals, PwmTable, Terminal, Terminals};
-use crate::hal::{AnalogOut, GroupId, Output, PinStore};
-use crate::hostmot2::{Gtag, HostMot2, LocateError, PinDescriptor, TickRate};
+use super::{
+    AttachError, BoardHandles, BoardTable, Finder, FlashLayout, ModuleTerminals, PwmTable,
+    Terminal, Terminals,
+};
+use crate::hal::{AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins};
+use crate::hostmot2::{Gtag, HostMot2, TickRate};
 
 /// The 7I97.
 pub const BOARD: BoardTable = BoardTable {
@@ -257,21 +257,12 @@ pub fn input_common(input: usize) -> Option<&'static Terminal> {
     INPUT_COMMONS.get(input / 2)
 }
 
-/// The pins of a 7I97's own modules. Remotes on its serial port have pins of their own.
-#[derive(Clone, Debug, PartialEq)]
+/// The pins of a 7I97's own functions. Remotes on its serial port have handles of their own; pins
+/// that only this board's firmware has, such as the rates of its modules, are found by name.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i97 {
-    /// The watchdog.
-    pub watchdog: WatchdogPins,
-    /// The connection.
-    pub ethernet: EthernetPins,
-    /// The phase-locked loop, unless the driver leaves it alone.
-    pub dpll: Option<DpllPins>,
-    /// All encoders together.
-    pub encoder_bank: EncoderBankPins,
     /// The six encoders.
-    pub encoders: [EncoderPins; 6],
-    /// All analog outputs together.
-    pub pwm_bank: PwmBankPins,
+    pub encoders: [Counter; 6],
     /// AOUT0 to AOUT5, in volts. Each has 0 V while its own `enable` is false; AOUT0 to AOUT3 also
     /// while [`enable_0_to_3`](Self::enable_0_to_3) is.
     pub analog_out: [AnalogOut; 6],
@@ -282,138 +273,60 @@ pub struct I7i97 {
     pub enable_4: Output<bool>,
     /// The switch ENA5: the `enable` of AOUT5.
     pub enable_5: Output<bool>,
-    /// The 16 isolated inputs and the MPGs on IN0 to IN7, of InMux or else InM.
-    pub inputs: InMuxPins,
+    /// The 16 isolated inputs, filtered, of InMux or else InM.
+    pub inputs: [DigitalIn; 16],
+    /// The counts of the MPGs on IN0 to IN7.
+    pub mpg_counts: [Input<i32>; 4],
     /// The six isolated outputs, of SSR or else OutM.
-    pub outputs: OutputPins,
+    pub outputs: [DigitalOut; 6],
     /// CR01 to CR04.
-    pub leds: LedPins,
-    /// All I/O pins by number; the expansion pins begin at [`FIRST_EXPANSION_PIN`].
-    pub io: Vec<GpioPins>,
+    pub leds: [Output<bool>; 4],
 }
 
-impl I7i97 {
-    /// The handles of the pins that a driver has made: see
-    /// [`Driver::fpga_pins`](crate::driver::Driver::fpga_pins) and
-    /// [`Driver::firmware`](crate::driver::Driver::firmware).
-    ///
-    /// # Errors
-    /// [`BoardError::OtherBoard`] if the firmware is for another board,
-    /// [`BoardError::Module`] and [`BoardError::TooFew`] if it lacks a module of the standard
-    /// firmware, or some of it is not in use.
-    pub fn of(made: &FpgaPins, firmware: &HostMot2) -> Result<Self, BoardError> {
-        if !is_firmware_of(firmware) {
-            return Err(BoardError::OtherBoard {
-                expected: "7I97",
-                found: firmware.idrom().board_name,
-            });
-        }
-        let encoders = all_of(&made.encoders, Gtag::MUXED_ENCODER, firmware)?;
-        let pwm: [PwmPins; 6] = all_of(&made.pwm, Gtag::PWM, firmware)?;
-        let analog_out = pwm.map(PwmPins::analog_out);
+impl BoardHandles for I7i97 {
+    const TABLE: &'static BoardTable = &BOARD;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        // The newer module only where the usual one is not: beside it, it is for something else.
+        let either = |usual: &'static str, newer: &'static str, pin: &str| {
+            let is_there = |module| pins.has(&format!("{module}.00.{pin}"));
+            if !is_there(usual) && is_there(newer) {
+                newer
+            } else {
+                usual
+            }
+        };
+        let inputs = either("inmux", "inm", "input-00");
+        let outputs = either("ssr", "outm", "out-00");
+        let analog_out: [AnalogOut; 6] = pins.each(|n| {
+            let pin = |name: &str| format!("pwmgen.{n:02}.{name}");
+            Ok(AnalogOut {
+                volts: pins.one(&pin("value"), Pins::output)?,
+                enable: pins.one(&pin("enable"), Pins::output)?,
+                full_scale: pins.one(&pin("scale"), Pins::parameter)?,
+                ..AnalogOut::default()
+            })
+        })?;
         let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|output| output.enable);
-        let (gtag, made_inputs) = match input_module(firmware) {
-            Gtag::IN_M => (Gtag::IN_M, &made.in_m),
-            usual => (usual, &made.in_mux),
-        };
-        let [inputs] = all_of(made_inputs, gtag, firmware)?;
-        let (gtag, made_outputs) = match output_module(firmware) {
-            Gtag::OUT_M => (Gtag::OUT_M, &made.out_m),
-            usual => (usual, &made.ssr),
-        };
-        let [outputs] = all_of(made_outputs, gtag, firmware)?;
-        let [leds] = all_of(made.leds.as_slice(), Gtag::LED, firmware)?;
-        let [encoder_bank] = all_of(made.encoder_bank.as_slice(), Gtag::MUXED_ENCODER, firmware)?;
-        let [pwm_bank] = all_of(made.pwm_bank.as_slice(), Gtag::PWM, firmware)?;
         Ok(Self {
-            watchdog: made.watchdog,
-            ethernet: made.ethernet,
-            dpll: made.dpll,
-            encoder_bank,
-            encoders,
-            pwm_bank,
+            encoders: pins.numbered("encoder.", Counter::find)?,
+            analog_out,
             enable_0_to_3,
             enable_4,
             enable_5,
-            analog_out,
-            inputs,
-            outputs,
-            leds,
-            io: made.io.clone(),
+            inputs: pins.numbered(&format!("{inputs}.00.input-"), DigitalIn::find)?,
+            mpg_counts: pins
+                .each(|n| pins.one(&format!("{inputs}.00.enc{n}-count"), Pins::input))?,
+            outputs: pins.each(|n| {
+                let pin = |name: &str| format!("{outputs}.00.{name}-{n:02}");
+                Ok(DigitalOut {
+                    pin: pins.one(&pin("out"), Pins::output)?,
+                    invert: Some(Invert::Pin(pins.one(&pin("invert"), Pins::output)?)),
+                })
+            })?,
+            leds: pins.each(|n| pins.one(&format!("led.CR{:02}", n + 1), Pins::output))?,
         })
     }
-
-    /// The expansion pins, IO34 first: those that a module of custom firmware uses have no output.
-    pub fn expansion(&self) -> &[GpioPins] {
-        self.io.get(FIRST_EXPANSION_PIN..).unwrap_or(&[])
-    }
-
-    /// Makes the pins of a board, for example `hm2_7i97.0`, with these pin descriptors.
-    ///
-    /// # Errors
-    /// [`BoardError::Pin`] for names that are taken.
-    pub fn new(
-        pins: &mut PinStore,
-        group: GroupId,
-        board: &str,
-        descriptors: &[PinDescriptor],
-    ) -> Result<Self, BoardError> {
-        let mut encoders = [EncoderPins::default(); 6];
-        for (n, (encoder, at)) in encoders.iter_mut().zip(ENCODER_TERMINALS).enumerate() {
-            *encoder = EncoderPins::new(pins, group, board, n, at)?;
-        }
-        let mut analog_out = [AnalogOut::default(); 6];
-        for (n, output) in analog_out.iter_mut().enumerate() {
-            *output = PwmPins::new(pins, group, board, n, analog_use(n))?.analog_out();
-        }
-        let [enable_0_to_3, _, _, _, enable_4, enable_5] = analog_out.map(|output| output.enable);
-        Ok(Self {
-            watchdog: WatchdogPins::new(pins, group, board)?,
-            ethernet: EthernetPins::new(pins, group, board)?,
-            dpll: Some(DpllPins::new(pins, group, board)?),
-            encoder_bank: EncoderBankPins::new(pins, group, board, ENCODER_HZ, Some(4), true)?,
-            encoders,
-            pwm_bank: PwmBankPins::new(pins, group, board, PWM_HZ)?,
-            enable_0_to_3,
-            enable_4,
-            enable_5,
-            analog_out,
-            inputs: InMuxPins::new(
-                pins,
-                group,
-                board,
-                InMuxKind::InMux,
-                0,
-                (16, INPUT_TERMINALS),
-            )?,
-            outputs: OutputPins::new(
-                pins,
-                group,
-                board,
-                (OutputKind::Ssr, 0),
-                (0..).zip(OUTPUT_TERMINALS),
-            )?,
-            leds: LedPins::new(pins, group, board, 4)?,
-            io: GpioPins::all(pins, group, board, descriptors, expansion_terminals)?,
-        })
-    }
-}
-
-/// Exactly the first `N`, or what is missing.
-fn all_of<T: Clone, const N: usize>(
-    made: &[T],
-    gtag: Gtag,
-    firmware: &HostMot2,
-) -> Result<[T; N], BoardError> {
-    firmware.require(gtag).map_err(LocateError::from)?;
-    let first = made
-        .get(..N)
-        .and_then(|first| first.to_vec().try_into().ok());
-    first.ok_or(BoardError::TooFew {
-        gtag,
-        expected: N,
-        found: made.len(),
-    })
 }
 
 /// The switches of drives 0 to 3 are one pin of the FPGA, the enable of generator 0.

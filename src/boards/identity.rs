@@ -140,6 +140,20 @@ impl RemoteTable {
         }
     }
 
+    /// Checks that it is not another kind of card, or another part of it. A unit number that
+    /// belongs to no part that is known passes, because an owner can set it: the pins decide.
+    pub(crate) fn require(&self, descriptor: &RemoteDescriptor) -> Result<(), IdentityError> {
+        let class = (descriptor.unit_number >> 24) as u8;
+        let is_named = |table: &&Self| table.name == self.name;
+        let mut parts = Self::KNOWN.into_iter().filter(is_named).peekable();
+        let is_odd =
+            parts.peek().is_some() && parts.all(|part| part.unit_class.is_some_and(|c| c != class));
+        match self.identify(descriptor, None) {
+            Err(IdentityError::Class { .. }) if is_odd => Ok(()),
+            other => other,
+        }
+    }
+
     /// Whether a remote is of this kind.
     pub fn matches(&self, descriptor: &RemoteDescriptor) -> bool {
         self.identify(descriptor, None).is_ok()

@@ -49,9 +49,48 @@ pub struct RemoteTable {
     pub unit_class: Option<u8>,
     /// Its elements, in the order of its PTOC.
     pub elements: &'static [ElementTable],
+    /// Where its tables of contents are, for each software mode in which that is known. A remote
+    /// that is absent at start is held against it when it is plugged in.
+    pub contents: &'static [Contents],
+}
+
+/// Where a remote has its tables of contents in a software mode, which differs from firmware to
+/// firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contents {
+    /// The software mode.
+    pub mode: u8,
+    /// Address of the PTOC.
+    pub ptoc: u16,
+    /// Address of the GTOC.
+    pub gtoc: u16,
 }
 
 impl RemoteTable {
+    /// A kind of remote that its name alone tells.
+    pub const fn new(
+        title: &'static str,
+        name: [u8; 4],
+        elements: &'static [ElementTable],
+    ) -> Self {
+        Self {
+            title,
+            name,
+            unit_class: None,
+            elements,
+            contents: &[],
+        }
+    }
+
+    /// One part of a card, which has this top byte in its unit number.
+    #[must_use]
+    pub const fn of_class(self, class: u8) -> Self {
+        Self {
+            unit_class: Some(class),
+            ..self
+        }
+    }
+
     /// The element of that name and direction.
     pub fn element(&self, name: &str, direction: DataDirection) -> Option<&ElementTable> {
         self.elements
@@ -88,7 +127,7 @@ impl RemoteTable {
 pub(super) const ALL_MODES: u16 = u16::MAX;
 
 impl ElementTable {
-    pub(super) const fn bits(name: &'static str, bits: u8, direction: DataDirection) -> Self {
+    const fn new(name: &'static str, bits: u8, direction: DataDirection) -> Self {
         Self {
             name,
             bits,
@@ -102,50 +141,70 @@ impl ElementTable {
         }
     }
 
-    pub(super) const fn volts_in(name: &'static str, bits: u8, max: f32) -> Self {
+    /// Single bits that are read.
+    pub const fn bits_in(name: &'static str, bits: u8) -> Self {
+        Self::new(name, bits, DataDirection::Input)
+    }
+
+    /// Single bits that are written.
+    pub const fn bits_out(name: &'static str, bits: u8) -> Self {
+        Self::new(name, bits, DataDirection::Output)
+    }
+
+    /// A voltage from 0 to `max` that is read.
+    pub const fn volts_in(name: &'static str, bits: u8, max: f32) -> Self {
         Self {
             data_type: DataType::Unsigned,
             limits: Some((0.0, max)),
             unit: "V",
-            ..Self::bits(name, bits, DataDirection::Input)
+            ..Self::new(name, bits, DataDirection::Input)
         }
     }
 
-    pub(super) const fn volts_out(name: &'static str, bits: u8, max: f32) -> Self {
+    /// A voltage from -`max` to `max` that is written.
+    pub const fn volts_out(name: &'static str, bits: u8, max: f32) -> Self {
         Self {
             data_type: DataType::Signed,
             limits: Some((-max, max)),
             unit: "V",
-            ..Self::bits(name, bits, DataDirection::Output)
+            ..Self::new(name, bits, DataDirection::Output)
         }
     }
 
-    pub(super) const fn switch(name: &'static str) -> Self {
+    /// A truth value that is written.
+    pub const fn switch(name: &'static str) -> Self {
         Self {
             data_type: DataType::Boolean,
-            ..Self::bits(name, 1, DataDirection::Output)
+            ..Self::new(name, 1, DataDirection::Output)
         }
     }
 
-    pub(super) const fn counter(name: &'static str, bits: u8) -> Self {
+    /// A counter.
+    pub const fn counter(name: &'static str, bits: u8) -> Self {
         Self {
             data_type: DataType::Encoder,
-            ..Self::bits(name, bits, DataDirection::Input)
+            ..Self::new(name, bits, DataDirection::Input)
         }
     }
 
-    pub(super) const fn at(self, terminals: &'static [Terminals]) -> Self {
+    /// At these terminals.
+    #[must_use]
+    pub const fn at(self, terminals: &'static [Terminals]) -> Self {
         Self { terminals, ..self }
     }
 
-    pub(super) const fn with_limits_unknown(self) -> Self {
+    /// Its limits are the remote's business.
+    #[must_use]
+    pub const fn with_limits_unknown(self) -> Self {
         Self {
             limits: None,
             ..self
         }
     }
 
-    pub(super) const fn in_modes(self, modes: u16) -> Self {
+    /// In these software modes only: bit n for mode n.
+    #[must_use]
+    pub const fn in_modes(self, modes: u16) -> Self {
         Self { modes, ..self }
     }
 }

@@ -2,11 +2,12 @@
 
 use core::time::Duration;
 
-use crate::boards::{BoardError, IdentityError};
+use crate::boards::IdentityError;
 use crate::bus::{BusError, ImageError};
 use crate::discovery::{Problem, RemoteName};
 use crate::hal::PinError;
 use crate::hostmot2::{DpllError, IdentifyError, IoPinError, LocateError};
+use crate::remote::RemoteError;
 use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
 
 use super::RemoteParameterError;
@@ -232,7 +233,7 @@ pub enum MissingReason {
         /// Its name.
         name: RemoteName,
         /// Why.
-        error: BoardError,
+        error: RemoteError,
     },
     /// There is no such channel.
     #[error("this firmware has only {channels} channels on the port")]

@@ -34,6 +34,7 @@
 //! to the words of process data. They do not allocate, log, or panic, and they do not wait, but
 //! `read` for the next period of a board that paces.
 
+mod attach;
 mod board;
 mod build;
 mod config;

@@ -24,9 +24,9 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use self::make::{Bindings, Maker};
-use crate::boards::{BoardError, IdentityError, RemoteTable};
-use crate::discovery::{RemoteDescriptor, RemoteName};
-use crate::hal::{GroupId, PinStore};
+use crate::boards::RemoteTable;
+use crate::discovery::RemoteDescriptor;
+use crate::hal::{GroupId, PinError, PinStore};
 
 /// The pins of a remote, and the way of their values from and to the interface registers.
 ///
@@ -39,12 +39,32 @@ use crate::hal::{GroupId, PinStore};
 #[derive(Debug)]
 pub struct RemotePins {
     prefix: String,
-    name: RemoteName,
-    unit_number: u32,
     group: GroupId,
     plan: PackingPlan,
     bindings: Bindings,
     parameters: Vec<RemoteParameter>,
+}
+
+/// Why the pins of a remote were not made.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RemoteError {
+    /// A pin of it can not be made.
+    #[error("element {element} of the process data: {source}")]
+    Element {
+        /// The place of the record in the descriptor's `process_data`.
+        element: usize,
+        /// Why.
+        source: PinError,
+    },
+    /// A parameter of it can not be made.
+    #[error("parameter {parameter}: {source}")]
+    Parameter {
+        /// The place of the record in the descriptor's `parameters`.
+        parameter: usize,
+        /// Why.
+        source: PinError,
+    },
 }
 
 /// Where a remote is: what its pins are named after.
@@ -65,7 +85,7 @@ impl RemotePins {
     /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
     ///
     /// # Errors
-    /// [`BoardError`] with the element or parameter that did not fit; pins made before it stay in
+    /// [`RemoteError`] with the element or parameter that did not fit; pins made before it stay in
     /// the store, never valid.
     pub fn new(
         pins: &mut PinStore,
@@ -73,7 +93,7 @@ impl RemotePins {
         descriptor: &RemoteDescriptor,
         plan: PackingPlan,
         table: Option<&RemoteTable>,
-    ) -> Result<Self, BoardError> {
+    ) -> Result<Self, RemoteError> {
         let group = pins.add_group();
         let prefix = make::prefix(location, descriptor.name);
         let mut bindings = Bindings::default();
@@ -93,7 +113,7 @@ impl RemotePins {
                 bindings: &mut bindings,
             }
             .make();
-            made.map_err(|source| BoardError::Element {
+            made.map_err(|source| RemoteError::Element {
                 element: element.record,
                 source,
             })?;
@@ -101,8 +121,6 @@ impl RemotePins {
         let parameters = parameter::make(pins, group, &prefix, &descriptor.parameters)?;
         Ok(Self {
             prefix,
-            name: descriptor.name,
-            unit_number: descriptor.unit_number,
             group,
             plan,
             bindings,
@@ -113,27 +131,6 @@ impl RemotePins {
     /// What its pins' names begin with, for example `hm2_7i92.0.7i77.0.0`.
     pub fn prefix(&self) -> &str {
         &self.prefix
-    }
-
-    /// That it is not another part of the card than `table` is about. Cards of unknown unit numbers
-    /// pass: their pins decide.
-    pub(crate) fn require(&self, table: &RemoteTable) -> Result<(), BoardError> {
-        let actual = self.unit_number;
-        let class = Some((actual >> 24) as u8);
-        let mut others = RemoteTable::KNOWN.into_iter();
-        let is_other = |other: &RemoteTable| other.name == table.name && other.unit_class == class;
-        match table.unit_class {
-            Some(expected)
-                if class != Some(expected) && self.name.0 == table.name && others.any(is_other) =>
-            {
-                Err(BoardError::Identity(IdentityError::Class {
-                    name: self.name,
-                    expected,
-                    actual,
-                }))
-            }
-            _ => Ok(()),
-        }
     }
 
     /// Its pins' group: for validity, age and arming.

@@ -5,8 +5,7 @@ use alloc::vec::Vec;
 
 use super::make::{in_unit, lower};
 use super::plan::kind_of;
-use super::{ElementKind, sign_extend};
-use crate::boards::BoardError;
+use super::{ElementKind, RemoteError, sign_extend};
 use crate::discovery::{DataDirection, DataRecord, DataType, RemoteParameters};
 use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinStore, Spec, Value};
 use crate::sslbp::AccessSize;
@@ -307,7 +306,7 @@ pub(super) fn make(
     group: GroupId,
     prefix: &str,
     records: &[DataRecord],
-) -> Result<Vec<RemoteParameter>, BoardError> {
+) -> Result<Vec<RemoteParameter>, RemoteError> {
     let mut parameters = Vec::with_capacity(records.len());
     for (index, record) in records.iter().enumerate() {
         if record.data_type == DataType::Pad || !(1..=64).contains(&record.bits) {
@@ -317,7 +316,7 @@ pub(super) fn make(
         parameters.push(RemoteParameter {
             record: index,
             bits: record.bits,
-            handle: handle.map_err(|source| BoardError::Parameter {
+            handle: handle.map_err(|source| RemoteError::Parameter {
                 parameter: index,
                 source,
             })?,

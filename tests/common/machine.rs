@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Builder, CycleReport, Driver, RemoteState, RemoteStatus};
 use mesa_hal::sim::devices::{
@@ -86,15 +86,9 @@ impl Machine {
 
 impl<B: Simulated> Machine<B> {
     pub fn with(driver: Driver<B>) -> Self {
-        let remote = |channel: u8| {
-            let port = driver.ports().first().expect("port");
-            let channel = Channel::new(channel).expect("channel");
-            port.remote(channel).expect("remote")
-        };
-        let pins = driver.pins();
-        let field = I7i77Field::new(pins, remote(0).pins(), OutputType::Sourcing).expect("pins");
-        let analog = I7i77Analog::new(pins, remote(1).pins()).expect("pins");
-        let outputs = I7i72::new(pins, remote(2).pins()).expect("pins");
+        let field = driver.attach(0, 0).expect("field I/O");
+        let analog = driver.attach(0, 1).expect("analog outputs");
+        let outputs = driver.attach(0, 2).expect("outputs");
         let period = driver.period();
         Self {
             driver,

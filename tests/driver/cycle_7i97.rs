@@ -10,9 +10,10 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use crate::common::ethernet::{SimLink, WIRE, is_request};
-use mesa_hal::boards::I7i97;
+use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, I7i97, i7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Builder, CycleReport, Driver, GpioConfig};
+use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins, Value};
 use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
@@ -45,7 +46,61 @@ fn ethernet(fpga: SimFpga) -> UdpBus<SimLink> {
     UdpBus::new(link, UdpConfig::default()).expect("the board answers")
 }
 
+/// Everything of the module at the isolated inputs, InMux or InM.
+#[derive(Clone, Copy)]
+struct Inputs {
+    raw: [DigitalIn; 16],
+    filtered: [DigitalIn; 16],
+    slow: [Output<bool>; 16],
+    mpg_4x: [Param<bool>; 4],
+    mpg_counts: [Input<i32>; 4],
+    mpg_resets: [Output<bool>; 4],
+}
+
+impl BoardHandles for Inputs {
+    const TABLE: &'static BoardTable = &i7i97::BOARD;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        let module = if pins.has("inmux.00.scan_rate") {
+            "inmux.00"
+        } else {
+            "inm.00"
+        };
+        let slow = |n| pins.one(&format!("{module}.input-{n:02}-slow"), Pins::output);
+        let mode = |n| pins.one(&format!("{module}.enc{n}_4xmode"), Pins::parameter);
+        let count = |n| pins.one(&format!("{module}.enc{n}-count"), Pins::input);
+        let reset = |n| pins.one(&format!("{module}.enc{n}-reset"), Pins::output);
+        Ok(Self {
+            raw: pins.numbered(&format!("{module}.raw-input-"), DigitalIn::find)?,
+            filtered: pins.numbered(&format!("{module}.input-"), DigitalIn::find)?,
+            slow: pins.each(slow)?,
+            mpg_4x: pins.each(mode)?,
+            mpg_counts: pins.each(count)?,
+            mpg_resets: pins.each(reset)?,
+        })
+    }
+}
+
 impl<B: World> Machine<B> {
+    fn inputs(&self) -> Inputs {
+        self.driver.attach_board().expect("InMux or InM")
+    }
+
+    fn input<T: Value>(&self, name: &str) -> Input<T> {
+        let pin = self.driver.pins().input(&format!("hm2_7i97.0.{name}"));
+        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    fn output<T: Value>(&self, name: &str) -> Output<T> {
+        let pin = self.driver.pins().output(&format!("hm2_7i97.0.{name}"));
+        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    fn param<T: Value>(&self, name: &str) -> Param<T> {
+        let pin = self.driver.pins().parameter(&format!("hm2_7i97.0.{name}"));
+        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
     fn new(bus: B) -> Self {
         Self::build(bus, |builder| builder)
     }
@@ -53,7 +108,7 @@ impl<B: World> Machine<B> {
     fn build(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Self {
         let builder = configure(Driver::builder(bus).period(PERIOD));
         let driver = builder.build().expect("the board is complete");
-        let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+        let card = driver.attach_board::<I7i97>().expect("a 7I97");
         let mut this = Self { driver, card };
         // However long the set-up took, the first cycle has a whole period.
         this.rest();
@@ -103,7 +158,7 @@ fn both_firmwares() -> [SimFpga; 2] {
 
 /// Follows a sine on each axis, 0.3 s of it; gives the largest error after the start.
 fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
-    let card = machine.card.clone();
+    let card = machine.card;
     for encoder in card.encoders {
         machine
             .driver
@@ -199,11 +254,12 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
                 },
             )
         });
-        let card = machine.card.clone();
-        let (out, [analog, ..]) = (card.io[40].out.expect("an output"), card.analog_out);
+        let card = machine.card;
+        let (out, [analog, ..]) = (machine.output("gpio.040.out"), card.analog_out);
         // A setting that is not the one of the set-up.
-        let later = card.io[41];
-        let (is_output, later_out) = (later.is_output.expect("one"), later.out.expect("one"));
+        let is_output = machine.param("gpio.041.is_output");
+        let later_out = machine.output("gpio.041.out");
+        let inputs = machine.inputs();
         machine
             .driver
             .pins_mut()
@@ -213,8 +269,8 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
             let pins = machine.driver.pins_mut();
             pins.set(analog.volts, 3.0);
             pins.set(analog.enable, true);
-            pins.set(card.outputs.outputs[1].out, true);
-            pins.set(card.outputs.outputs[4].invert, true);
+            card.outputs[1].set(pins, true);
+            card.outputs[4].set_inverted(pins, true).expect("a pin");
             pins.set(out, true);
             pins.set(later_out, true);
         };
@@ -228,8 +284,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
             )
         };
         command(&mut machine);
-        let slow = card.inputs.inputs[2];
-        machine.driver.pins_mut().set(slow.slow, true);
+        machine.driver.pins_mut().set(inputs.slow[2], true);
         machine.cycles(3);
         assert_eq!(state(&mut machine), (30, true, [true; 2]));
         machine.driver.bus_mut().wait(Duration::from_millis(20));
@@ -242,10 +297,10 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
         assert_eq!(machine.cycle().board, BoardState::WatchdogBitten);
         let pins = machine.driver.pins();
         assert!(!pins.commanded(out), "what was set before is forgotten");
-        assert!(!pins.commanded(card.outputs.outputs[1].out));
+        assert!(!pins.commanded(card.outputs[1].pin));
         assert!(!pins.read(card.encoders[0].count).valid);
-        assert!(!pins.read(card.inputs.inputs[0].filtered.pin).valid);
-        assert!(!pins.read(card.inputs.mpg_counts[0]).valid);
+        assert!(!pins.read(card.inputs[0].pin).valid);
+        assert!(!pins.read(card.mpg_counts[0]).valid);
         command(&mut machine);
         machine.cycles(3);
         assert_eq!(state(&mut machine), (0, false, [false; 2]), "not rearmed");
@@ -271,7 +326,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
         machine.fpga().set_input(2, true);
         machine.cycles(10);
         let read = |pin| machine.driver.pins().read(pin);
-        let (raw, filtered) = (read(slow.raw.pin), read(slow.filtered.pin));
+        let (raw, filtered) = (read(inputs.raw[2].pin), read(inputs.filtered[2].pin));
         assert!(raw.valid && raw.value, "inverted again");
         assert!(filtered.valid && !filtered.value, "slow again");
         let rate = machine.fpga().encoders().expect("encoders").sample_rate();
@@ -299,7 +354,7 @@ fn a_setting_whose_write_was_lost_is_written_again() {
         UdpBus::new(link, UdpConfig::default()).expect("the board answers")
     };
     let mut machine = Machine::new(bus);
-    let led = machine.card.leds.leds[0];
+    let led = machine.card.leds[0];
     machine.cycles(5);
     machine.driver.pins_mut().set(led, true);
     lose.set(true);
@@ -313,9 +368,9 @@ fn a_setting_whose_write_was_lost_is_written_again() {
 #[test]
 fn the_dpll_locks_to_the_cycle() {
     let mut machine = board();
-    let dpll = machine.card.dpll.expect("a DPLL");
+    let phase_error = machine.input::<f64>("dpll.phase-error-us");
     machine.cycles(500);
-    let error = machine.driver.pins().read(dpll.phase_error_us);
+    let error = machine.driver.pins().read(phase_error);
     assert!(error.valid && error.value.abs() < 20.0, "{error:?}");
     let period = machine
         .fpga()
@@ -331,14 +386,14 @@ fn another_board_or_a_lacking_module_is_named() {
     let other = Driver::builder(machines::i7i92_7i77())
         .build()
         .expect("a 7I92");
-    let error = I7i97::of(other.fpga_pins(), other.firmware()).expect_err("not a 7I97");
+    let error = other.attach_board::<I7i97>().expect_err("not a 7I97");
     assert!(error.to_string().contains("7I92"), "{error}");
     let mut firmware = machines::firmware_7i97(1);
     firmware.modules.retain(|module| module.gtag != 0xC3);
     let lacking = Driver::builder(SimFpga::new(firmware))
         .build()
         .expect("a board");
-    let error = I7i97::of(lacking.fpga_pins(), lacking.firmware()).expect_err("no outputs");
+    let error = lacking.attach_board::<I7i97>().expect_err("no outputs");
     let text = error.to_string();
     assert!(
         text.contains("SSR") && text.contains("PWM"),

@@ -2,7 +2,7 @@
 //! arrive, and nobody is missing.
 
 use crate::common::machine::Simulated;
-use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType, i7i77};
+use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{BuildError, Driver, MissingReason, RemarkKind, RemoteConfig, SerialConfig};
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_mut};
@@ -236,9 +236,8 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
         panic!("{:?}", driver.remarks());
     };
     assert_eq!(remark.kind, RemarkKind::Swapped);
-    let remotes: Vec<_> = driver.ports()[0].remotes().collect();
-    let field = I7i77Field::new(driver.pins(), remotes[0].pins(), OutputType::Sourcing);
-    let analog = I7i77Analog::new(driver.pins(), remotes[1].pins());
+    let field = driver.attach::<I7i77Field>(0, 0);
+    let analog = driver.attach::<I7i77Analog>(0, 1);
     let texts = [
         field.expect_err("analog").to_string(),
         analog.expect_err("field").to_string(),

@@ -198,7 +198,7 @@ fn after_a_reset_the_board_paces_again_when_it_is_set_up_again() {
 #[test]
 fn six_position_loops_are_closed_at_the_boards_pace() {
     let mut driver = machine(Pace::Board);
-    let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+    let card: I7i97 = driver.attach_board().expect("a 7I97");
     let pins = driver.pins_mut();
     for output in card.analog_out {
         pins.set(output.enable, true);
@@ -344,7 +344,7 @@ fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
 #[test]
 fn inputs_that_wait_for_their_cycle_are_as_old_as_that() {
     let mut driver = machine(Pace::Board);
-    let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+    let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut cycle = |delay: u64| {
         driver.bus_mut().link().to_host = Box::new(move |_| vec![WIRE + delay]);
         driver.write().expect("the board is there");

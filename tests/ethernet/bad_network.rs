@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE};
-use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
 use mesa_hal::hal::{Input, Output};
@@ -90,8 +90,7 @@ fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> Et
 }
 
 fn field(driver: &EthernetDriver) -> I7i77Field {
-    let remote = driver.ports()[0].remotes().next().expect("channel 0");
-    I7i77Field::new(driver.pins(), remote.pins(), OutputType::Sourcing).expect("field I/O")
+    driver.attach(0, 0).expect("field I/O")
 }
 
 fn set_inputs(driver: &mut EthernetDriver, pattern: u32) {
@@ -225,8 +224,7 @@ fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back
 fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed() {
     let period = Duration::from_millis(1);
     let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
-    let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
-    let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
+    let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
     let drive: Output<f64> = analog.analog_out[0].volts;
     let cycle = |driver: &mut EthernetDriver, n: u32| {
         let mut good = 0;
@@ -337,8 +335,7 @@ fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
 fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free() {
     let period = Duration::from_millis(1);
     let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
-    let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
-    let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
+    let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
     let volts = |driver: &mut EthernetDriver| {
         let fpga = driver.bus_mut().link().board.gateware_mut();
         fpga.device::<Remote<Device<Analog>>>(0, 1)

@@ -90,10 +90,10 @@ fn addresses_in_the_eeprom_are_written_and_read_back() {
 
 /// What a person sees while the driver sets one LED after the other: CR01 first.
 fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
-    let card = I7i97::of(driver.fpga_pins(), driver.firmware()).expect("a 7I97");
+    let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut seen = Vec::new();
     for n in 0..4 {
-        for (k, &led) in card.leds.leds.iter().enumerate() {
+        for (k, &led) in card.leds.iter().enumerate() {
             driver.pins_mut().set(led, k == n);
         }
         let _ = driver.read().expect("the board answers");

@@ -2,7 +2,8 @@
 // Exact values are exact here: nothing else would show a rounding mistake.
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
 use mesa_hal::boards::{
-    Difference, I7i72, I7i77Analog, I7i77Field, IdentityError, OutputType, RemoteTable, i7i77,
+    AttachError, Difference, Finder, I7i72, I7i77Analog, I7i77Field, IdentityError, RemoteHandles,
+    RemoteTable, i7i77,
 };
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataType, RemoteDescriptor};
@@ -21,6 +22,10 @@ fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> Re
     RemotePins::new(pins, location, descriptor, plan, table).unwrap()
 }
 
+fn handles<T: RemoteHandles>(pins: &PinStore, remote: &RemotePins) -> Result<T, AttachError> {
+    T::find(&Finder::new(pins, remote.prefix(), T::TABLE.title))
+}
+
 fn cycle(pins: &mut PinStore) {
     let now = pins.now().after(std::time::Duration::from_millis(1));
     pins.begin_cycle(now);
@@ -31,7 +36,7 @@ fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
     // Manual 7I77: INTERFACE 0 inputs TB7 31..16, TB8 15..0; outputs TB7 15..8, TB8 7..0.
     let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &field_io(0));
-    let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
+    let field = handles::<I7i77Field>(&pins, &remote).unwrap();
     assert_eq!(
         (
             remote.plan().input_bytes() + 1,
@@ -63,7 +68,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     for (mode, receive) in [(0, 5), (1, 9), (2, 10), (3, 12)] {
         let mut pins = PinStore::new();
         let remote = remote(&mut pins, 0, &field_io(mode));
-        let field = I7i77Field::new(&pins, &remote, OutputType::Sinking).unwrap();
+        let field = handles::<I7i77Field>(&pins, &remote).unwrap();
         assert_eq!(remote.plan().input_bytes() + 1, receive, "mode {mode}");
         assert_eq!(field.analog_in.is_some(), mode >= 1);
         assert_eq!(field.field_voltage.is_some(), mode >= 2);
@@ -71,7 +76,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     }
     let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 0, &field_io(3));
-    let field = I7i77Field::new(&pins, &remote, OutputType::Sourcing).unwrap();
+    let field = handles::<I7i77Field>(&pins, &remote).unwrap();
     let [mpg, _] = field.mpgs.unwrap();
     pins.set_param(mpg.scale, 4.0).unwrap();
     // bytes: 4 inputs, 4 voltages, field voltage, two counters
@@ -105,7 +110,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
 fn analog_outputs_make_the_same_bits_as_linuxcnc() {
     let mut pins = PinStore::new();
     let remote = remote(&mut pins, 1, &analog());
-    let card = I7i77Analog::new(&pins, &remote).unwrap();
+    let card = handles::<I7i77Analog>(&pins, &remote).unwrap();
     assert_eq!(
         (
             remote.plan().input_bytes() + 1,
@@ -144,7 +149,7 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
 fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
     let mut pins = PinStore::new();
     let remote = remote(&mut pins, 1, &analog());
-    let [spindle, ..] = I7i77Analog::new(&pins, &remote).unwrap().analog_out;
+    let [spindle, ..] = handles::<I7i77Analog>(&pins, &remote).unwrap().analog_out;
     let raw = |pins: &mut PinStore, value: f64| {
         let mut words = [0; 3];
         pins.set(spindle.volts, value);
@@ -175,8 +180,8 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
     let mut pins = PinStore::new();
     let mut field = remote(&mut pins, 0, &field_io(0));
     let mut drives = remote(&mut pins, 1, &analog());
-    let io = I7i77Field::new(&pins, &field, OutputType::Sourcing).unwrap();
-    let card = I7i77Analog::new(&pins, &drives).unwrap();
+    let io = handles::<I7i77Field>(&pins, &field).unwrap();
+    let card = handles::<I7i77Analog>(&pins, &drives).unwrap();
     cycle(&mut pins);
     field.take_inputs(&mut pins, &[1]);
     drives.take_inputs(&mut pins, &[]);
@@ -208,7 +213,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
 fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
     let mut pins = PinStore::new();
     let mut remote = remote(&mut pins, 2, &outputs_48(1));
-    let card = I7i72::new(&pins, &remote).unwrap();
+    let card = handles::<I7i72>(&pins, &remote).unwrap();
     assert_eq!(
         (
             remote.plan().input_bytes() + 1,

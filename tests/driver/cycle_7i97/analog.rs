@@ -54,7 +54,7 @@ fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
 #[test]
 fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
     let mut machine = board();
-    let card = machine.card.clone();
+    let card = machine.card;
     for output in card.analog_out {
         machine.driver.pins_mut().set(output.enable, true);
     }
@@ -102,7 +102,7 @@ fn drives(machine: &mut Machine<SimFpga>) -> [(f64, bool); 6] {
 #[test]
 fn enables_0_to_3_switch_together_and_4_and_5_alone() {
     let mut machine = board();
-    let card = machine.card.clone();
+    let card = machine.card;
     machine.cycles(2);
     assert_eq!(drives(&mut machine), [(0.0, false); 6]);
     let enables = [card.enable_0_to_3, card.enable_4, card.enable_5];
@@ -124,7 +124,7 @@ fn enables_0_to_3_switch_together_and_4_and_5_alone() {
 fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
     for full_scale in [true, false] {
         let mut machine = board();
-        let card = machine.card.clone();
+        let card = machine.card;
         for (n, output) in card.analog_out.into_iter().enumerate() {
             let volts = if full_scale { 10.0 } else { n as f64 - 6.0 };
             machine.driver.pins_mut().set(output.volts, volts);
@@ -159,11 +159,11 @@ fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
 #[test]
 fn the_pdm_frequency_is_the_rate_of_its_steps() {
     let mut machine = board();
-    let card = machine.card.clone();
+    let card = machine.card;
     let [output, ..] = card.analog_out;
+    let frequency = machine.param::<u32>("pwmgen.pdm_frequency");
     let pins = machine.driver.pins_mut();
-    pins.set_param(card.pwm_bank.pdm_frequency, 6_000_000)
-        .expect("a frequency");
+    pins.set_param(frequency, 6_000_000).expect("a frequency");
     let output_type = pins.parameter("hm2_7i97.0.pwmgen.00.output-type");
     pins.set_param(output_type.expect("a parameter"), 3_i32)
         .expect("PDM");
@@ -190,11 +190,10 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
         fpga.pwm().expect("PWM").frequency(3, SimFpga::now(fpga))
     };
     assert!((hz(&mut machine) - 48_000.0).abs() < 1.0);
-    let bank = machine.card.pwm_bank;
+    let frequency = machine.param::<u32>("pwmgen.pwm_frequency");
     let [output, ..] = machine.card.analog_out;
     let pins = machine.driver.pins_mut();
-    pins.set_param(bank.pwm_frequency, 96_000)
-        .expect("a frequency");
+    pins.set_param(frequency, 96_000).expect("a frequency");
     pins.set(output.volts, 5.0);
     pins.set(output.enable, true);
     machine.cycles(2);

@@ -5,33 +5,26 @@ use super::*;
 #[test]
 fn inputs_arrive_filtered_and_raw() {
     for mut machine in both_firmwares().map(Machine::new) {
-        let inputs = machine.card.inputs.clone();
-        assert_eq!(inputs.inputs.len(), 16);
-        machine.driver.pins_mut().set(inputs.inputs[3].slow, true);
+        let inputs = machine.inputs();
+        machine.driver.pins_mut().set(inputs.slow[3], true);
         machine.cycles(3);
         for n in 0..16 {
             machine.fpga().set_input(n, n % 3 == 0);
         }
         machine.cycles(4);
-        for (n, input) in inputs.inputs.iter().enumerate() {
+        for (n, (raw, input)) in inputs.raw.iter().zip(inputs.filtered).enumerate() {
             let (level, pins) = (n % 3 == 0, machine.driver.pins());
             let filtered = level && n != 3;
-            assert_eq!(pins.read(input.raw.pin).value, level, "input {n}");
-            assert_eq!(pins.read(input.raw.not).value, !level, "input {n}");
-            assert_eq!(pins.read(input.filtered.pin).value, filtered, "input {n}");
-            assert_eq!(pins.read(input.filtered.not).value, !filtered, "input {n}");
-            let terminal = &pins.info(input.filtered.pin).expect("a pin").signal;
+            assert_eq!(pins.read(raw.pin).value, level, "input {n}");
+            assert_eq!(pins.read(raw.not).value, !level, "input {n}");
+            assert_eq!(pins.read(input.pin).value, filtered, "input {n}");
+            assert_eq!(pins.read(input.not).value, !filtered, "input {n}");
+            let terminal = &pins.info(input.pin).expect("a pin").signal;
             assert_eq!(*terminal, format!("IN{n}"));
         }
         // 500 scans at 20 kHz: 25 ms.
         machine.cycles(30);
-        assert!(
-            machine
-                .driver
-                .pins()
-                .read(inputs.inputs[3].filtered.pin)
-                .value
-        );
+        assert!(machine.driver.pins().read(inputs.filtered[3].pin).value);
     }
 }
 
@@ -41,12 +34,12 @@ fn inputs_become_valid_only_as_they_become_true<B: World>(
     terminals: [bool; 16],
     mpgs: [i32; 4],
 ) {
-    let card = machine.card.inputs.clone();
+    let card = machine.inputs();
     for n in 0..60 {
         let _ = machine.driver.read().expect("the bus does not fail");
         let pins = machine.driver.pins();
-        for ((k, input), truth) in card.inputs.iter().enumerate().zip(terminals) {
-            for (pair, what) in [(input.raw, "raw"), (input.filtered, "filtered")] {
+        for (k, truth) in terminals.into_iter().enumerate() {
+            for (pair, what) in [(card.raw[k], "raw"), (card.filtered[k], "filtered")] {
                 let (pin, not) = (pins.read(pair.pin), pins.read(pair.not));
                 assert_eq!(pin.valid, not.valid);
                 assert!(pin.valid || n < 40, "cycle {n}: {what} input {k}");
@@ -74,9 +67,9 @@ fn inputs_are_not_valid_before_they_were_scanned_and_filtered_again() {
             fpga.set_input(n, on);
         }
         let mut machine = Machine::new(fpga);
-        let inputs = machine.card.inputs.clone();
+        let inputs = machine.inputs();
         for n in [0, 3, 4] {
-            machine.driver.pins_mut().set(inputs.inputs[n].slow, true);
+            machine.driver.pins_mut().set(inputs.slow[n], true);
         }
         inputs_become_valid_only_as_they_become_true(&mut machine, terminals, [0; 4]);
         // MPG 2 on inputs 4 (slow) and 5, MPG 3 on inputs 6 and 7.
@@ -107,7 +100,7 @@ fn inputs_are_not_valid_before_they_were_scanned_and_filtered_again() {
                 let _ = machine.cycle();
             }
             for n in [0, 3, 4] {
-                machine.driver.pins_mut().set(inputs.inputs[n].slow, true);
+                machine.driver.pins_mut().set(inputs.slow[n], true);
             }
             inputs_become_valid_only_as_they_become_true(&mut machine, terminals, mpgs);
         }
@@ -133,7 +126,7 @@ fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, cycles: i32) {
 #[test]
 fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset() {
     for mut machine in both_firmwares().map(Machine::new) {
-        let inputs = machine.card.inputs.clone();
+        let inputs = machine.inputs();
         let count = |machine: &Machine<SimFpga>, k: usize| {
             machine.driver.pins().read(inputs.mpg_counts[k]).value
         };
@@ -176,7 +169,7 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset(
 #[test]
 fn isolated_outputs_and_leds_follow_and_can_be_turned_round() {
     for mut machine in both_firmwares().map(Machine::new) {
-        let card = machine.card.clone();
+        let card = machine.card;
         let on = |machine: &mut Machine<SimFpga>| {
             let fpga = machine.fpga();
             [0, 1, 2, 3, 4, 5].map(|n| fpga.isolated_output(n))
@@ -191,23 +184,26 @@ fn isolated_outputs_and_leds_follow_and_can_be_turned_round() {
             ([false; 6], [false; 4])
         );
         for n in 0..6 {
-            for (k, output) in card.outputs.outputs.iter().enumerate() {
-                machine.driver.pins_mut().set(output.out, k == n);
+            for (k, output) in card.outputs.iter().enumerate() {
+                machine.driver.pins_mut().set(output.pin, k == n);
             }
-            for (k, led) in card.leds.leds.iter().enumerate() {
+            for (k, led) in card.leds.iter().enumerate() {
                 machine.driver.pins_mut().set(*led, k == n);
             }
             machine.cycles(1);
             assert_eq!(on(&mut machine), [0, 1, 2, 3, 4, 5].map(|k| k == n));
             assert_eq!(lit(&mut machine), [0, 1, 2, 3].map(|k| k == n));
         }
-        machine
-            .driver
-            .pins_mut()
-            .set(card.outputs.outputs[2].invert, true);
+        card.outputs[2]
+            .set_inverted(machine.driver.pins_mut(), true)
+            .expect("a pin inverts it");
         machine.cycles(1);
         assert_eq!(on(&mut machine), [false, false, true, false, false, true]);
-        let Some(rate) = card.outputs.rate else {
+        let Ok(rate) = machine
+            .driver
+            .pins()
+            .output::<u32>("hm2_7i97.0.ssr.00.rate")
+        else {
             assert!(machine.fpga().ssr().is_none(), "only SSR has a drive");
             continue;
         };
@@ -229,9 +225,13 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
     };
     let fpga = machines::i7i97(1);
     let mut machine = Machine::build(fpga, |builder| builder.gpio(34, config).gpio(50, inverted));
-    let io = machine.card.expansion().to_vec();
-    assert_eq!(io.len(), 17);
-    let out = |n: usize| io[n].out.expect("a plain output");
+    let all: [Output<bool>; 17] =
+        core::array::from_fn(|n| machine.output(&format!("gpio.{:03}.out", 34 + n)));
+    let out = |n: usize| all[n];
+    let level: Input<bool> = machine.input("gpio.039.in");
+    let not: Input<bool> = machine.input("gpio.039.in_not");
+    let output = machine.param::<bool>("gpio.039.is_output");
+    let drain = machine.param::<bool>("gpio.039.is_opendrain");
     machine.cycles(2);
     assert!(!machine.fpga().pin_level(34) && machine.fpga().pin_level(50));
     machine.driver.pins_mut().set(out(0), true);
@@ -240,14 +240,12 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
     machine.fpga().drive_pin(39, Some(false));
     machine.cycles(2);
     assert!(machine.fpga().pin_level(34) && !machine.fpga().pin_level(50));
-    let (level, not) = io[5].input.expect("an input");
     assert!(
         !machine.driver.pins().read(level).value,
         "driven from outside"
     );
     assert!(machine.driver.pins().read(not).value);
     machine.fpga().drive_pin(39, None);
-    let output = io[5].is_output.expect("a parameter");
     machine
         .driver
         .pins_mut()
@@ -256,7 +254,6 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
     machine.driver.pins_mut().set(out(5), false);
     machine.cycles(2);
     assert!(!machine.fpga().pin_level(39));
-    let drain = io[5].is_opendrain.expect("a parameter");
     machine
         .driver
         .pins_mut()

@@ -7,9 +7,12 @@ use super::{Machine, board};
 #[test]
 fn what_all_encoders_have_in_common_can_be_set() {
     let mut machine = board();
-    let (bank, [encoder, ..]) = (machine.card.encoder_bank, machine.card.encoders);
-    let skew = bank.muxed_skew.expect("version 4");
-    let timer = bank.timer_number.expect("there is a DPLL");
+    let frequency = machine.output::<u32>("encoder.muxed-sample-frequency");
+    let skew = machine.output::<u32>("encoder.muxed-skew");
+    let fine_stamps = machine.output::<bool>("encoder.hires-timestamp");
+    let timer = machine.output::<i32>("encoder.timer-number");
+    let velocity = machine.input::<f64>("encoder.00.velocity");
+    let [encoder, ..] = machine.card.encoders;
     let registers = |machine: &mut Machine<SimFpga>| {
         let fpga = machine.fpga();
         // The rate register can not be read back.
@@ -23,7 +26,7 @@ fn what_all_encoders_have_in_common_can_be_set() {
         machine.cycles(20);
         let pins = machine.driver.pins();
         (
-            pins.read(encoder.velocity).value,
+            pins.read(velocity).value,
             pins.read(encoder.rawcounts).value,
         )
     };
@@ -34,17 +37,14 @@ fn what_all_encoders_have_in_common_can_be_set() {
         .config()
         .counts_per_unit;
     machine.cycles(2);
-    assert_eq!(
-        machine.driver.pins().commanded(bank.sample_frequency),
-        6_250_000
-    );
+    assert_eq!(machine.driver.pins().commanded(frequency), 6_250_000);
     // ClockLow/100, ClockLow/16, no latch.
     assert_eq!(registers(&mut machine), [98, 14, 0]);
     let (slow, before) = turn(&mut machine, 1.0);
     let pins = machine.driver.pins_mut();
-    pins.set(bank.sample_frequency, 12_500_000);
+    pins.set(frequency, 12_500_000);
     pins.set(skew, 50);
-    pins.set(bank.hires_timestamp, true);
+    pins.set(fine_stamps, true);
     pins.set(timer, 1);
     let (fine, after) = turn(&mut machine, 1.0);
     // ClockLow/10, ClockLow/8 and 5 clocks, timer 1.
@@ -70,8 +70,8 @@ fn what_all_encoders_have_in_common_can_be_set() {
     let pins = machine.driver.pins_mut();
     pins.set(timer, 9);
     pins.set(skew, 0);
-    pins.set(bank.hires_timestamp, false);
-    pins.set(bank.sample_frequency, 6_250_000);
+    pins.set(fine_stamps, false);
+    pins.set(frequency, 6_250_000);
     machine.cycles(1);
     assert_eq!(registers(&mut machine), [98, 14, 0]);
 }
@@ -80,6 +80,8 @@ fn what_all_encoders_have_in_common_can_be_set() {
 /// the speed is said to be near the greatest.
 fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, bool) {
     let encoder = machine.card.encoders[5];
+    let velocity = machine.input::<f64>("encoder.05.velocity");
+    let is_near = machine.input::<bool>("encoder.05.near-max-count-rate");
     let motor = machine.fpga().motor(5).expect("an axis");
     let counts = motor.config().counts_per_unit;
     motor.turn_by_hand(Some(counts_per_second / counts));
@@ -91,8 +93,8 @@ fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, 
     let pins = machine.driver.pins();
     let result = (
         f64::from(moved),
-        pins.read(encoder.velocity).value,
-        pins.read(encoder.near_max_count_rate).value,
+        pins.read(velocity).value,
+        pins.read(is_near).value,
     );
     machine.fpga().motor(5).expect("an axis").turn_by_hand(None);
     machine.cycles(20);
@@ -105,11 +107,12 @@ fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, 
 #[test]
 fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
     let mut machine = board();
-    let (bank, encoder) = (machine.card.encoder_bank, machine.card.encoders[5]);
-    machine
-        .driver
-        .pins_mut()
-        .set(encoder.quad_error_enable, true);
+    let frequency = machine.output::<u32>("encoder.muxed-sample-frequency");
+    let watched = machine.output::<bool>("encoder.05.quad-error-enable");
+    let quad_error = machine.input::<bool>("encoder.05.quad-error");
+    let long_filter = machine.param::<bool>("encoder.05.filter");
+    let max_count_rate = machine.param::<f64>("encoder.05.max-count-rate");
+    machine.driver.pins_mut().set(watched, true);
     for (filter, sample_hz, greatest) in [
         (None, 6_250_000, 100e6 / 48.0),
         (Some(true), 6_250_000, 100e6 / 240.0),
@@ -118,11 +121,11 @@ fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
     ] {
         let pins = machine.driver.pins_mut();
         if let Some(filter) = filter {
-            pins.set_param(encoder.filter, filter).expect("a switch");
+            pins.set_param(long_filter, filter).expect("a switch");
         }
-        pins.set(bank.sample_frequency, sample_hz);
+        pins.set(frequency, sample_hz);
         machine.cycles(2);
-        let told = machine.driver.pins().param(encoder.max_count_rate);
+        let told = machine.driver.pins().param(max_count_rate);
         assert!((told / greatest - 1.0).abs() < 1e-9, "{told}, {greatest}");
         // The filters come down to their new length with the first counts.
         let _ = turned(&mut machine, 10_000.0);
@@ -139,50 +142,36 @@ fn the_greatest_count_rate_is_told_followed_and_said_to_be_near() {
         let (moved, ..) = turned(&mut machine, 1.4 * greatest);
         let wrong = (moved / (0.14 * greatest) - 1.0).abs();
         assert!(wrong > 0.2, "beyond it counts are garbage: {moved}");
-        assert!(!machine.driver.pins().read(encoder.quad_error).value);
+        assert!(!machine.driver.pins().read(quad_error).value);
     }
 }
 
 #[test]
 fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
     let mut machine = board();
-    let encoder = machine.card.encoders[2];
+    let watched = machine.output::<bool>("encoder.02.quad-error-enable");
+    let quad_error = machine.input::<bool>("encoder.02.quad-error");
     let error = |machine: &mut Machine<SimFpga>| {
         machine.cycles(4);
-        let said = machine.driver.pins().read(encoder.quad_error).value;
+        let said = machine.driver.pins().read(quad_error).value;
         (said, machine.fpga().read_register(0x3608) & 0x8000 != 0)
     };
     let disturb = |machine: &mut Machine<SimFpga>| {
         machine.fpga().encoders().expect("encoders").disturb(2);
     };
-    machine
-        .driver
-        .pins_mut()
-        .set(encoder.quad_error_enable, true);
+    machine.driver.pins_mut().set(watched, true);
     assert_eq!(error(&mut machine), (false, false));
     disturb(&mut machine);
     assert_eq!(error(&mut machine), (true, true));
-    machine
-        .driver
-        .pins_mut()
-        .set(encoder.quad_error_enable, false);
+    machine.driver.pins_mut().set(watched, false);
     assert_eq!(error(&mut machine), (false, false), "cleared in the board");
-    machine
-        .driver
-        .pins_mut()
-        .set(encoder.quad_error_enable, true);
+    machine.driver.pins_mut().set(watched, true);
     assert_eq!(error(&mut machine), (false, false));
     // What came while nobody watched is not told later.
-    machine
-        .driver
-        .pins_mut()
-        .set(encoder.quad_error_enable, false);
+    machine.driver.pins_mut().set(watched, false);
     disturb(&mut machine);
     machine.cycles(4);
-    machine
-        .driver
-        .pins_mut()
-        .set(encoder.quad_error_enable, true);
+    machine.driver.pins_mut().set(watched, true);
     assert_eq!(error(&mut machine), (false, false));
 }
 
@@ -190,17 +179,19 @@ fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
 fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_refused() {
     let mut machine = board();
     let encoder = machine.card.encoders[0];
+    let probe = machine.output::<bool>("encoder.00.probe-enable");
+    let latched = machine.input::<i32>("encoder.00.count-latched");
     machine
         .fpga()
         .motor(0)
         .expect("an axis")
         .turn_by_hand(Some(1.0));
     machine.cycles(10);
-    machine.driver.pins_mut().set(encoder.probe_enable, true);
+    machine.driver.pins_mut().set(probe, true);
     machine.cycles(10);
     let pins = machine.driver.pins();
-    assert_eq!(pins.read(encoder.count_latched).value, 0);
-    assert!(pins.rejections(encoder.probe_enable).out_of_range > 0);
+    assert_eq!(pins.read(latched).value, 0);
+    assert!(pins.rejections(probe).out_of_range > 0);
     // The index still works.
     let pins = machine.driver.pins_mut();
     pins.set(encoder.index_enable, true);

@@ -61,10 +61,8 @@ fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     .map(|name| (name.to_owned(), String::new()))
     .into();
     assert_eq!(names_of(&machine.driver, "outm.00"), names);
-    let [four, five, last] = machine.driver.fpga_pins().out_m[0].outputs[..] else {
-        panic!("three outputs");
-    };
-    assert_eq!([four, five, last].map(|output| output.number), [4, 5, 31]);
+    let five = machine.output::<bool>("outm.00.out-05");
+    let last_inverted = machine.output::<bool>("outm.00.invert-31");
     let levels = |machine: &mut Machine<SimFpga>| {
         let fpga = machine.fpga();
         (
@@ -74,10 +72,10 @@ fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     };
     machine.cycles(2);
     assert_eq!(levels(&mut machine), ([false; 3], 0));
-    let relay = machine.card.outputs.outputs[5];
+    let relay = machine.card.outputs[5];
     let pins = machine.driver.pins_mut();
-    pins.set(five.out, true);
-    pins.set(last.invert, true);
+    pins.set(five, true);
+    pins.set(last_inverted, true);
     machine.cycles(1);
     assert_eq!(
         levels(&mut machine),
@@ -87,7 +85,7 @@ fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
         !machine.fpga().isolated_output(5),
         "the board's outputs are those of SSR"
     );
-    machine.driver.pins_mut().set(relay.out, true);
+    machine.driver.pins_mut().set(relay.pin, true);
     machine.cycles(1);
     assert!(machine.fpga().isolated_output(5));
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use mesa_hal::boards::{I7i77Analog, I7i77Field, OutputType};
+use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::Input;
@@ -25,8 +25,7 @@ fn volts(driver: &mut Machine) -> f64 {
 fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
     for (late, written) in [(100, false), (100, true), (950, false), (950, true)] {
         let mut driver = machine(Pace::Board);
-        let remote = driver.ports()[0].remotes().nth(1).expect("channel 1");
-        let analog = I7i77Analog::new(driver.pins(), remote.pins()).expect("analog");
+        let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
         let _ = driver.rearm();
         for _ in 0..30 {
             let _ = driver.read().expect("the board is there");
@@ -148,9 +147,8 @@ fn whatever_happens_at_whatever_point_no_input_is_older_than_it_says_and_no_loop
     for seed in 1..=12 {
         let mut driver = machine(Pace::Board);
         let mut chance = Chance(seed);
-        let remote = driver.ports()[0].remotes().next().expect("channel 0");
-        let field = I7i77Field::new(driver.pins(), remote.pins(), OutputType::Sourcing);
-        let inputs = field.expect("field I/O").inputs.map(|pair| pair.pin);
+        let field: I7i77Field = driver.attach(0, 0).expect("field I/O");
+        let inputs = field.inputs.map(|pair| pair.pin);
         let (mut valid, mut history) = (0, vec![0]);
         for n in 0..1500 {
             history.push(set_inputs(&mut driver));

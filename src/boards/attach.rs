@@ -1,0 +1,228 @@
+//! Handles of a board or a card: one way to find them, whatever they are of.
+
+use alloc::boxed::Box;
+use alloc::format;
+
+use super::{BoardTable, IdentityError, RemoteTable};
+use crate::discovery::RemoteDescriptor;
+use crate::hal::{AnalogOut, PinError, Pins};
+use crate::hostmot2::{HostMot2, MissingModule, Name8};
+
+/// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
+/// that this crate knows, or of your own.
+///
+/// ```
+/// use mesa_hal::boards::{AttachError, ElementTable, Finder, RemoteHandles, RemoteTable};
+/// use mesa_hal::hal::{AnalogIn, DigitalOut};
+///
+/// const VALVES: RemoteTable = RemoteTable::new("valve block", *b"VLV4", &[
+///     ElementTable::bits_out("Valve", 4),
+///     ElementTable::volts_in("Supply", 8, 36.3),
+/// ]);
+///
+/// struct Valves {
+///     valves: [DigitalOut; 4],
+///     supply: AnalogIn,
+/// }
+///
+/// impl RemoteHandles for Valves {
+///     const TABLE: &'static RemoteTable = &VALVES;
+///
+///     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+///         Ok(Self {
+///             valves: pins.numbered("valve-", DigitalOut::find)?,
+///             supply: pins.one("supply", AnalogIn::find)?,
+///         })
+///     }
+/// }
+/// ```
+pub trait RemoteHandles: Sized {
+    /// What the remote has to be.
+    const TABLE: &'static RemoteTable;
+
+    /// Finds the handles among the pins of a remote of this kind.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`] if it lacks one, in its software mode.
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError>;
+}
+
+/// Handles of a kind of board: the same for its own functions.
+pub trait BoardHandles: Sized {
+    /// What the board has to be.
+    const TABLE: &'static BoardTable;
+
+    /// Finds the handles among the pins of a board of this kind.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`] if it lacks one.
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError>;
+}
+
+/// Why there are no handles of a board or a remote.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AttachError {
+    /// The firmware is for another board.
+    #[error("this is a {found}, and a {expected} was asked for (is the address another board's?)")]
+    OtherBoard {
+        /// The board asked for.
+        expected: &'static str,
+        /// What the firmware says it is for.
+        found: Name8,
+    },
+    /// The firmware lacks a module of this kind of board.
+    #[error(transparent)]
+    Module(#[from] MissingModule),
+    /// No remote takes part there.
+    #[error(
+        "no remote takes part on port {port}, channel {channel}, where a {expected} was asked for; \
+         `missing` says why, if it was configured"
+    )]
+    NoRemote {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+        /// What was asked for.
+        expected: &'static str,
+    },
+    /// It is another remote, or another part of the card.
+    #[error("port {port}, channel {channel}: {source}")]
+    Identity {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+        /// What it is.
+        source: IdentityError,
+    },
+    /// A pin that belongs to this kind of board or remote is not there, or is of another kind.
+    #[error(
+        "{name}: {source}. A {kind} has it: does the software mode, the firmware or the number of \
+         instances in use differ?"
+    )]
+    Pin {
+        /// What its name begins with, or is.
+        name: Box<str>,
+        /// The kind of board or remote.
+        kind: &'static str,
+        /// Why.
+        source: PinError,
+    },
+}
+
+/// The pins of one board or remote, by the ends of their names.
+#[derive(Clone, Copy, Debug)]
+pub struct Finder<'a> {
+    pins: &'a Pins,
+    prefix: &'a str,
+    kind: &'static str,
+}
+
+impl<'a> Finder<'a> {
+    /// The pins whose names begin with `prefix` and a dot, of this kind of board or remote.
+    pub fn new(pins: &'a Pins, prefix: &'a str, kind: &'static str) -> Self {
+        Self { pins, prefix, kind }
+    }
+
+    /// A handle that `find` finds by its whole name, for example `DigitalIn::find`.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`] with the name.
+    pub fn one<T>(
+        &self,
+        name: &str,
+        find: impl Fn(&Pins, &str) -> Result<T, PinError>,
+    ) -> Result<T, AttachError> {
+        let name = format!("{}.{name}", self.prefix);
+        find(self.pins, &name).map_err(|source| AttachError::Pin {
+            name: name.into(),
+            kind: self.kind,
+            source,
+        })
+    }
+
+    /// Whether there is a pin or parameter of that name.
+    pub fn has(&self, name: &str) -> bool {
+        let name = format!("{}.{name}", self.prefix);
+        !matches!(self.pins.input::<bool>(&name), Err(PinError::NotFound))
+    }
+
+    /// Handles whose names end in two digits, from 00 on.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`] with the name of the first that is not there.
+    pub fn numbered<T: Copy + Default, const N: usize>(
+        &self,
+        stem: &str,
+        find: impl Fn(&Pins, &str) -> Result<T, PinError>,
+    ) -> Result<[T; N], AttachError> {
+        self.each(|n| self.one(&format!("{stem}{n:02}"), &find))
+    }
+
+    /// Handles by their number.
+    ///
+    /// # Errors
+    /// The first error of `find`.
+    pub fn each<T: Copy + Default, const N: usize>(
+        &self,
+        find: impl Fn(usize) -> Result<T, AttachError>,
+    ) -> Result<[T; N], AttachError> {
+        let mut all = [T::default(); N];
+        for (n, handle) in all.iter_mut().enumerate() {
+            *handle = find(n)?;
+        }
+        Ok(all)
+    }
+
+    /// An analog output and its enable.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`].
+    pub fn analog_out(&self, name: &str, enable: &str) -> Result<AnalogOut, AttachError> {
+        let enable = format!("{}.{enable}", self.prefix);
+        self.one(name, |pins, name| AnalogOut::find(pins, name, &enable))
+    }
+}
+
+impl RemoteTable {
+    /// Finds the handles of a remote of this kind, and of no other.
+    pub(crate) fn attach<T: RemoteHandles>(
+        (pins, prefix): (&Pins, &str),
+        descriptor: &RemoteDescriptor,
+        (port, channel): (u8, u8),
+    ) -> Result<T, AttachError> {
+        T::TABLE
+            .require(descriptor)
+            .map_err(|source| AttachError::Identity {
+                port,
+                channel,
+                source,
+            })?;
+        T::find(&Finder::new(pins, prefix, T::TABLE.title))
+    }
+}
+
+impl BoardTable {
+    /// Finds the handles of a board of this kind, and of no other.
+    pub(crate) fn attach<T: BoardHandles>(
+        (pins, prefix): (&Pins, &str),
+        firmware: &HostMot2,
+    ) -> Result<T, AttachError> {
+        let table = T::TABLE;
+        if !table.fits(firmware) {
+            return Err(AttachError::OtherBoard {
+                expected: table.name,
+                found: firmware.idrom().board_name,
+            });
+        }
+        for entry in table.terminals {
+            let is_there = entry.modules.iter().any(|m| firmware.find(*m).is_some());
+            if let Some(module) = entry.modules.first().filter(|_| !is_there) {
+                firmware.require(*module)?;
+            }
+        }
+        T::find(&Finder::new(pins, prefix, table.name))
+    }
+}
