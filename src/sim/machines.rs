@@ -5,7 +5,7 @@ use crate::sim::fpga::{
     AxisWiring, DriveSignal, DriveSource, Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor,
     SimFpga, device, gtag,
 };
-use crate::sim::remote::{Application, Remote};
+use crate::sim::remote::{Application, Cable, Remote};
 use crate::sim::wire::RemoteEnd;
 use crate::sim::world::MotorConfig;
 
@@ -287,6 +287,12 @@ pub fn i7i97_inm_outm(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97_inm_outm(channels))
 }
 
+/// A 7I92 with a 7I77 and a 7I72 on the 7I77's expansion port, each remote behind a
+/// [`Cable`](crate::sim::remote::Cable).
+pub fn i7i92_with_cards() -> SimFpga {
+    with_cards(i7i92_7i77())
+}
+
 /// A 7I92 with a 7I77, a 7I72 on the 7I77's expansion port, and six motors.
 pub fn six_axes_7i92(motor: MotorConfig) -> SimFpga {
     six_axes_7i77(i7i92_7i77(), motor)
@@ -299,9 +305,7 @@ pub fn six_axes_5i25(motor: MotorConfig) -> SimFpga {
 
 /// A 7I97 with six motors, and on three serial channels a 7I77's two remotes and a 7I72.
 pub fn six_axes_7i97(motor: MotorConfig) -> SimFpga {
-    let mut fpga = i7i97(3);
-    plug_7i77(&mut fpga, 0, 0);
-    plug_7i72(&mut fpga, 0, EXPANSION);
+    let mut fpga = with_cards(i7i97(3));
     wire_7i97(&mut fpga, motor);
     fpga
 }
@@ -362,9 +366,14 @@ pub fn wire_7i97(fpga: &mut SimFpga, motor: MotorConfig) {
     }
 }
 
-fn six_axes_7i77(mut fpga: SimFpga, motor: MotorConfig) -> SimFpga {
+fn with_cards(mut fpga: SimFpga) -> SimFpga {
     plug_7i77(&mut fpga, 0, 0);
     plug_7i72(&mut fpga, 0, EXPANSION);
+    fpga
+}
+
+fn six_axes_7i77(fpga: SimFpga, motor: MotorConfig) -> SimFpga {
+    let mut fpga = with_cards(fpga);
     wire_7i77(&mut fpga, 0, ANALOG, 0, motor);
     fpga
 }
@@ -377,7 +386,9 @@ fn plug<A: Application>(
     remote: Result<Remote<A>, DescriptionError>,
 ) {
     if let Ok(remote) = remote {
-        fpga.plug(port, channel, Some(Box::new(remote)));
+        let seed = (port * usize::from(MAX_CHANNELS) + channel) as u64;
+        let cable = Cable::new(Box::new(remote), seed);
+        fpga.plug(port, channel, Some(Box::new(cable)));
     }
 }
 

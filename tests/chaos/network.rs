@@ -2,7 +2,6 @@
 //! left behind by a process that was killed.
 
 use std::cell::{Cell, RefCell};
-use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -14,9 +13,7 @@ use mesa_hal::transport::udp::{Link, LinkError, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 
 use crate::common::chance::Chance;
-
-/// Time on the wire in each direction.
-pub const WIRE: u64 = 20_000;
+use crate::common::ethernet::{SimLink, WIRE};
 
 /// The simulated board, which outlives every process that talks to it.
 #[derive(Clone, Debug)]
@@ -29,7 +26,7 @@ impl Sim {
     pub fn now(&self) -> u64 {
         match self {
             Self::Embedded(fpga) => SimFpga::now(&fpga.borrow()),
-            Self::Network(network) => network.borrow().now,
+            Self::Network(network) => network.borrow().link.time(),
         }
     }
 
@@ -41,8 +38,9 @@ impl Sim {
                 fpga.advance_to(until);
             }
             Self::Network(network) => {
-                let until = network.borrow().now + time;
-                network.borrow_mut().run(until, false);
+                let link = &mut network.borrow_mut().link;
+                let until = link.time() + time;
+                link.run(until, false);
             }
         }
     }
@@ -77,7 +75,7 @@ impl Host for UdpBus<ChaosLink> {
     fn fail(&mut self, _: FaultKind, _: u64, _: u64) {}
 
     fn heal(&mut self) {
-        self.link().network.borrow_mut().faults.clear();
+        self.link().network.borrow_mut().heal();
     }
 }
 
@@ -167,48 +165,48 @@ pub struct Bad {
     pub delay: u64,
 }
 
-type Packets = BTreeMap<(u64, u64), Vec<u8>>;
-
-/// A simulated board behind a network on virtual time.
+/// A simulated board behind a network that has faults.
 #[derive(Debug)]
 pub struct Network {
-    pub board: SimBoard<SimFpga>,
-    pub faults: Vec<Bad>,
-    /// When the whole board loses its configuration, and for how long.
-    pub resets: Vec<(u64, u64)>,
-    chance: Chance,
-    now: u64,
-    sent: u64,
-    requests: Packets,
-    replies: Packets,
-    waiting: VecDeque<Vec<u8>>,
+    pub link: SimLink,
+    weather: Rc<RefCell<Weather>>,
 }
 
 impl Network {
     pub fn new(board: SimBoard<SimFpga>, seed: u64) -> Self {
-        Self {
-            board,
+        let weather = Rc::new(RefCell::new(Weather {
             faults: Vec::new(),
-            resets: Vec::new(),
             chance: Chance(seed),
-            now: 0,
-            sent: 0,
-            requests: Packets::new(),
-            replies: Packets::new(),
-            waiting: VecDeque::new(),
-        }
+        }));
+        let mut link = SimLink::to(board);
+        let way = |to_board| {
+            let weather = Rc::clone(&weather);
+            Box::new(move |now, _: &[u8]| weather.borrow_mut().fate(now, to_board))
+        };
+        (link.to_board, link.to_host) = (way(true), way(false));
+        Self { link, weather }
     }
 
-    /// A new process has a new socket: what is on its way to the old one goes nowhere.
-    pub fn new_socket(&mut self) {
-        self.waiting.clear();
-        self.replies.clear();
+    pub fn add(&mut self, fault: Bad) {
+        self.weather.borrow_mut().faults.push(fault);
     }
 
+    pub fn heal(&mut self) {
+        self.weather.borrow_mut().faults.clear();
+    }
+}
+
+/// What the network does to packets.
+#[derive(Debug)]
+struct Weather {
+    faults: Vec<Bad>,
+    chance: Chance,
+}
+
+impl Weather {
     /// What becomes of a packet: the delays with which it arrives.
-    fn fate(&mut self, to_board: bool) -> [Option<u64>; 2] {
-        let now = self.now;
-        let Self { faults, chance, .. } = self;
+    fn fate(&mut self, now: u64, to_board: bool) -> Vec<u64> {
+        let Self { faults, chance } = self;
         let mut first = Some(WIRE);
         let mut second = None;
         for bad in faults
@@ -228,58 +226,7 @@ impl Network {
                 _ => {}
             }
         }
-        [first, second]
-    }
-
-    /// Everything up to `until`; the packets that have arrived at the host wait there.
-    pub fn run(&mut self, until: u64, stop_at_reply: bool) {
-        loop {
-            if stop_at_reply && !self.waiting.is_empty() {
-                return;
-            }
-            let first =
-                |packets: &Packets| packets.first_key_value().map_or(u64::MAX, |(k, _)| k.0);
-            let reset = self
-                .resets
-                .iter()
-                .map(|(at, _)| *at)
-                .min()
-                .unwrap_or(u64::MAX);
-            let (request, reply) = (first(&self.requests), first(&self.replies));
-            let next = request.min(reply).min(reset);
-            if next > until {
-                self.now = self.now.max(until);
-                self.board.advance_to(self.now);
-                return;
-            }
-            self.now = self.now.max(next);
-            if next == reset {
-                self.reset(next);
-            } else if next == reply {
-                let packet = self.replies.pop_first();
-                self.waiting.extend(packet.map(|(_, bytes)| bytes));
-            } else if let Some((_, packet)) = self.requests.pop_first() {
-                let mut answer = Vec::new();
-                let leaves = self.board.handle_packet(self.now, &packet, &mut answer);
-                if let Some(at) = leaves {
-                    for delay in self.fate(false).into_iter().flatten() {
-                        self.sent += 1;
-                        self.replies.insert((at + delay, self.sent), answer.clone());
-                    }
-                }
-            }
-        }
-    }
-
-    fn reset(&mut self, at: u64) {
-        self.resets.retain(|(due, time)| {
-            let is_due = *due == at;
-            if is_due {
-                self.board.advance_to(at);
-                self.board.reset_for(*time);
-            }
-            !is_due
-        });
+        first.into_iter().chain(second).collect()
     }
 }
 
@@ -294,13 +241,7 @@ impl Link for ChaosLink {
         if self.life.is_over() {
             return Err(LinkError::Unreachable);
         }
-        let mut network = self.network.borrow_mut();
-        for delay in network.fate(true).into_iter().flatten() {
-            network.sent += 1;
-            let key = (network.now + delay, network.sent);
-            network.requests.insert(key, packet.to_vec());
-        }
-        Ok(())
+        self.network.borrow_mut().link.send(packet)
     }
 
     fn receive(
@@ -312,20 +253,14 @@ impl Link for ChaosLink {
             self.life.ghost_until(deadline.as_nanos());
             return Ok(None);
         }
-        let mut network = self.network.borrow_mut();
-        network.run(deadline.as_nanos(), true);
-        let Some(packet) = network.waiting.pop_front() else {
-            return Ok(None);
-        };
-        buffer[..packet.len()].copy_from_slice(&packet);
-        Ok(Some(packet.len()))
+        self.network.borrow_mut().link.receive(buffer, deadline)
     }
 
     fn now(&mut self) -> Instant {
         Instant::from_nanos(if self.life.is_over() {
             self.life.ghost.get()
         } else {
-            self.network.borrow().now
+            self.network.borrow().link.time()
         })
     }
 
@@ -333,7 +268,7 @@ impl Link for ChaosLink {
         if self.life.is_over() {
             self.life.ghost_until(deadline.as_nanos());
         } else {
-            self.network.borrow_mut().run(deadline.as_nanos(), false);
+            self.network.borrow_mut().link.sleep_until(deadline);
         }
     }
 }

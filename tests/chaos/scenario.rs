@@ -61,7 +61,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
             ..UdpConfig::default()
         };
         scenario(Sim::Network(Rc::clone(&network))).play(|life| {
-            network.borrow_mut().new_socket();
+            network.borrow_mut().link.new_socket();
             let link = ChaosLink {
                 network: Rc::clone(&network),
                 life,
@@ -173,7 +173,7 @@ impl Scenario {
                     // it can be told.
                     Pace::Board => self.plan.period / 2,
                 };
-                network.borrow_mut().faults.push(Bad {
+                network.borrow_mut().add(Bad {
                     kind,
                     from: at,
                     until: at + lasts,
@@ -186,8 +186,8 @@ impl Scenario {
                 });
             }
             (Place::Fpga, Sim::Network(network)) => match kind {
-                FaultKind::FpgaReset => network.borrow_mut().resets.push((at, 0)),
-                FaultKind::FpgaResetLong => network.borrow_mut().resets.push((at, lasts)),
+                FaultKind::FpgaReset => network.borrow_mut().link.resets.push((at, 0)),
+                FaultKind::FpgaResetLong => network.borrow_mut().link.resets.push((at, lasts)),
                 _ => {}
             },
             _ => {}
@@ -333,8 +333,8 @@ impl Scenario {
         self.host.clear();
         if let Sim::Network(network) = &self.sim {
             let mut network = network.borrow_mut();
-            network.faults.clear();
-            network.resets.clear();
+            network.heal();
+            network.link.resets.clear();
         }
         self.sim.pass(MICRO);
     }

@@ -1,16 +1,36 @@
 //! A simulated Ethernet board behind a network on virtual time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use mesa_hal::bus::Instant;
 use mesa_hal::sim::{BoardConfig, SimBoard, SimFpga};
-use mesa_hal::transport::udp::{Link, LinkError};
+use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig};
 
 /// Time on the wire in each direction.
 pub const WIRE: u64 = 20_000;
 
-/// What the network does to each packet; returns how often and with what delays it arrives.
-pub type Fate = Box<dyn FnMut(&[u8]) -> Vec<u64>>;
+/// What the network does to each packet at its time; returns with what delays it arrives, once for
+/// each.
+pub type Fate = Box<dyn FnMut(u64, &[u8]) -> Vec<u64>>;
+
+/// A bus to a simulated board behind a good network.
+pub fn bus(fpga: SimFpga) -> UdpBus<SimLink> {
+    connect(SimLink::new(fpga))
+}
+
+pub fn connect(link: SimLink) -> UdpBus<SimLink> {
+    UdpBus::new(link, UdpConfig::default()).expect("the board answers")
+}
+
+/// A network that delivers nothing.
+pub fn cut() -> Fate {
+    Box::new(|_, _| vec![])
+}
+
+/// A network that delivers everything once and in time.
+pub fn good() -> Fate {
+    Box::new(|_, _| vec![WIRE])
+}
 
 /// Requests that are answered begin with their number (`82D11C00`); writes of the cycle do not.
 pub fn is_request(packet: &[u8]) -> bool {
@@ -29,8 +49,9 @@ pub struct Sent {
     pub bytes: usize,
 }
 
-/// A packet under way: its number in the journal, the execution it is the reply of, its bytes.
+/// A packet in flight: its number in the journal, the execution it is the reply of, its bytes.
 type Packet = (usize, u64, Vec<u8>);
+type Packets = BTreeMap<(u64, u64), Packet>;
 
 /// A link to a simulated board. Every packet arrives once, after [`WIRE`], unless told otherwise.
 pub struct SimLink {
@@ -41,67 +62,104 @@ pub struct SimLink {
     pub is_unreachable: bool,
     /// Everything that was sent, and what became of it.
     pub journal: Vec<Sent>,
+    /// When the whole board loses its configuration, and for how long.
+    pub resets: Vec<(u64, u64)>,
     now: u64,
     sent: u64,
-    requests: BTreeMap<(u64, u64), Packet>,
-    replies: BTreeMap<(u64, u64), Packet>,
-    waiting: Vec<Vec<u8>>,
+    requests: Packets,
+    replies: Packets,
+    waiting: VecDeque<Vec<u8>>,
 }
 
 impl SimLink {
-    pub fn new(config: BoardConfig, fpga: SimFpga) -> Self {
+    pub fn new(fpga: SimFpga) -> Self {
+        let name = fpga.firmware().board;
+        let name = std::str::from_utf8(&name[4..]).expect("MESA and a name");
+        Self::to(SimBoard::new(BoardConfig::new(name), fpga))
+    }
+
+    pub fn to(board: SimBoard<SimFpga>) -> Self {
         Self {
-            board: SimBoard::new(config, fpga),
-            to_board: Box::new(|_| vec![WIRE]),
-            to_host: Box::new(|_| vec![WIRE]),
+            board,
+            to_board: good(),
+            to_host: good(),
             is_unreachable: false,
             journal: Vec::new(),
+            resets: Vec::new(),
             now: 0,
             sent: 0,
             requests: BTreeMap::new(),
             replies: BTreeMap::new(),
-            waiting: Vec::new(),
+            waiting: VecDeque::new(),
         }
     }
 
+    pub fn time(&self) -> u64 {
+        self.now
+    }
+
+    /// A new process has a new socket: what is on its way to the old one goes nowhere.
+    pub fn new_socket(&mut self) {
+        self.waiting.clear();
+        self.replies.clear();
+    }
+
     /// Everything up to `until`; the packets that have arrived at the host wait there.
-    fn run(&mut self, until: u64, stop_at_reply: bool) {
-        loop {
-            if stop_at_reply && !self.waiting.is_empty() {
+    pub fn run(&mut self, until: u64, stop_at_reply: bool) {
+        while !stop_at_reply || self.waiting.is_empty() {
+            let first =
+                |packets: &Packets| packets.first_key_value().map_or(u64::MAX, |(k, _)| k.0);
+            let reset = self.resets.iter().map(|(at, _)| *at).min();
+            let reset = reset.unwrap_or(u64::MAX);
+            let (request, reply) = (first(&self.requests), first(&self.replies));
+            let next = request.min(reply).min(reset);
+            if next > until {
+                self.now = self.now.max(until);
+                self.board.advance_to(self.now);
                 return;
             }
-            let request = self.requests.first_key_value().map(|(key, _)| *key);
-            let reply = self.replies.first_key_value().map(|(key, _)| *key);
-            match (request, reply) {
-                (request, Some(reply))
-                    if reply.0 <= until && request.is_none_or(|r| reply <= r) =>
-                {
-                    self.now = self.now.max(reply.0);
-                    if let Some((number, executed, bytes)) = self.replies.remove(&reply) {
-                        self.journal[number].replies.push((reply.0, executed));
-                        self.waiting.push(bytes);
-                    }
-                }
-                (Some(request), _) if request.0 <= until => {
-                    self.now = self.now.max(request.0);
-                    let (number, _, packet) = self.requests.remove(&request).unwrap_or_default();
-                    let mut answer = Vec::new();
-                    let leaves = self.board.handle_packet(request.0, &packet, &mut answer);
-                    let executed = self.board.time();
-                    self.journal[number].executed.push(executed);
-                    if let Some(at) = leaves {
-                        for delay in (self.to_host)(&answer) {
-                            self.sent += 1;
-                            let reply = (number, executed, answer.clone());
-                            self.replies.insert((at + delay, self.sent), reply);
-                        }
-                    }
-                }
-                _ => {
-                    self.now = self.now.max(until);
-                    self.board.advance_to(self.now);
-                    return;
-                }
+            self.now = self.now.max(next);
+            if next == reset {
+                self.reset(next);
+            } else if next == reply {
+                self.reply();
+            } else {
+                self.request();
+            }
+        }
+    }
+
+    fn reset(&mut self, at: u64) {
+        self.resets.retain(|(due, time)| {
+            let is_due = *due == at;
+            if is_due {
+                self.board.advance_to(at);
+                self.board.reset_for(*time);
+            }
+            !is_due
+        });
+    }
+
+    fn reply(&mut self) {
+        if let Some(((at, _), (number, executed, bytes))) = self.replies.pop_first() {
+            self.journal[number].replies.push((at, executed));
+            self.waiting.push_back(bytes);
+        }
+    }
+
+    fn request(&mut self) {
+        let Some(((at, _), (number, _, packet))) = self.requests.pop_first() else {
+            return;
+        };
+        let mut answer = Vec::new();
+        let leaves = self.board.handle_packet(at, &packet, &mut answer);
+        let executed = self.board.time();
+        self.journal[number].executed.push(executed);
+        if let Some(leaves) = leaves {
+            for delay in (self.to_host)(at, &answer) {
+                self.sent += 1;
+                let reply = (number, executed, answer.clone());
+                self.replies.insert((leaves + delay, self.sent), reply);
             }
         }
     }
@@ -127,7 +185,7 @@ impl Link for SimLink {
             bytes: packet.len(),
             ..Sent::default()
         });
-        for delay in (self.to_board)(packet) {
+        for delay in (self.to_board)(self.now, packet) {
             self.sent += 1;
             let key = (self.now + delay, self.sent);
             self.requests.insert(key, (number, 0, packet.to_vec()));
@@ -141,10 +199,9 @@ impl Link for SimLink {
         deadline: Instant,
     ) -> Result<Option<usize>, LinkError> {
         self.run(deadline.as_nanos(), true);
-        if self.waiting.is_empty() {
+        let Some(packet) = self.waiting.pop_front() else {
             return Ok(None);
-        }
-        let packet = self.waiting.remove(0);
+        };
         buffer[..packet.len()].copy_from_slice(&packet);
         Ok(Some(packet.len()))
     }

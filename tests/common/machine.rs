@@ -1,19 +1,21 @@
-//! The machine of the README for the tests of the cycle: a 7I92 with a 7I77 and a 7I72 on its
-//! expansion port, every remote at the end of a cable that can fail.
+//! A simulated board with its driver on virtual time. Every remote is at the end of a cable that can
+//! fail.
 
 use std::time::Duration;
 
-use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field};
+use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Builder, CycleReport, Driver, RemoteState, RemoteStatus};
-use mesa_hal::sim::devices::{
-    Analog, Device, FieldIo, Outputs48, SimDevice, find, find_cable, find_mut,
-};
+use mesa_hal::hal::{Input, Output, Param, Value};
+use mesa_hal::sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
 use mesa_hal::sslbp::Channel;
 use mesa_hal::transport::Faulty;
+use mesa_hal::transport::udp::UdpBus;
+
+use super::ethernet::SimLink;
 
 pub const FIELD: usize = 0;
 pub const ANALOG: usize = 1;
@@ -21,98 +23,156 @@ pub const OUTPUTS: usize = 2;
 
 /// The simulated FPGA with its three remotes.
 pub fn fpga() -> SimFpga {
-    fpga_with_field(Box::new(FieldIo::i7i77().expect("7I77")))
+    machines::i7i92_with_cards()
 }
 
 /// The same with another end on the channel of the field I/O.
 pub fn fpga_with_field(field: Box<dyn RemoteEnd>) -> SimFpga {
-    let mut fpga = machines::i7i92_7i77();
-    let analog = Analog::i7i77().expect("7I77");
-    let outputs = Outputs48::i7i72().expect("7I72");
-    let ends: [Box<dyn RemoteEnd>; 3] = [field, Box::new(analog), Box::new(outputs)];
-    for (channel, end) in ends.into_iter().enumerate() {
-        fpga.plug(0, channel, Some(Box::new(Cable::new(end, channel as u64))));
-    }
+    let mut fpga = fpga();
+    fpga.plug(0, FIELD, Some(Box::new(Cable::new(field, 0))));
     fpga
 }
 
-/// The machine with its driver.
-#[derive(Debug)]
-pub struct Machine<B: Simulated = SimFpga> {
-    pub driver: Driver<B>,
-    pub field: I7i77Field,
-    pub analog: I7i77Analog,
-    pub outputs: I7i72,
-    pub period: Duration,
-}
-
 /// A bus with a simulated FPGA at its end.
-pub trait Simulated: RegisterBus + Clock {
-    fn sim(&self) -> &SimFpga;
-    fn sim_mut(&mut self) -> &mut SimFpga;
+pub trait World: RegisterBus + Clock {
+    fn fpga(&mut self) -> &mut SimFpga;
 }
 
-impl Simulated for SimFpga {
-    fn sim(&self) -> &SimFpga {
-        self
-    }
+/// A bus whose FPGA can be looked at without asking the bus.
+pub trait Embedded: World {
+    fn look(&self) -> &SimFpga;
+}
 
-    fn sim_mut(&mut self) -> &mut SimFpga {
+impl World for SimFpga {
+    fn fpga(&mut self) -> &mut SimFpga {
         self
     }
 }
 
-impl Simulated for Faulty<SimFpga> {
-    fn sim(&self) -> &SimFpga {
-        self.inner_ref()
+impl Embedded for SimFpga {
+    fn look(&self) -> &SimFpga {
+        self
     }
+}
 
-    fn sim_mut(&mut self) -> &mut SimFpga {
+impl World for Faulty<SimFpga> {
+    fn fpga(&mut self) -> &mut SimFpga {
         self.inner()
     }
 }
 
+impl Embedded for Faulty<SimFpga> {
+    fn look(&self) -> &SimFpga {
+        self.inner_ref()
+    }
+}
+
+impl World for UdpBus<SimLink> {
+    fn fpga(&mut self) -> &mut SimFpga {
+        self.link().board.gateware_mut()
+    }
+}
+
+/// What an application holds of a board.
+pub trait Cards {
+    fn of<B: World>(driver: &Driver<B>) -> Self;
+}
+
+/// A 7I77 and a 7I72 on channels 0 to 2.
+#[derive(Clone, Debug)]
+pub struct Remotes {
+    pub field: I7i77Field,
+    pub analog: I7i77Analog,
+    pub outputs: I7i72,
+}
+
+impl Cards for Remotes {
+    fn of<B: World>(driver: &Driver<B>) -> Self {
+        Self {
+            field: driver.attach(0, FIELD as u8).expect("field I/O"),
+            analog: driver.attach(0, ANALOG as u8).expect("analog outputs"),
+            outputs: driver.attach(0, OUTPUTS as u8).expect("outputs"),
+        }
+    }
+}
+
+impl Cards for I7i97 {
+    fn of<B: World>(driver: &Driver<B>) -> Self {
+        driver.attach_board().expect("a 7I97")
+    }
+}
+
+fn status<B: World>(driver: &Driver<B>, channel: usize) -> RemoteStatus<'_> {
+    let channel = Channel::new(channel as u8).expect("channel");
+    let port = driver.ports().first().expect("port");
+    port.remote(channel).expect("remote")
+}
+
+/// A board with its driver, on virtual time.
+#[derive(Debug)]
+pub struct Machine<B: World = SimFpga, C = Remotes> {
+    pub driver: Driver<B>,
+    pub cards: C,
+    pub period: Duration,
+}
+
 impl Machine {
-    /// With all remotes in mode 0 and a cycle of 1 ms.
+    /// The machine of the README with all remotes in mode 0 and a cycle of 1 ms.
     pub fn new() -> Self {
         Self::build(|builder| builder)
     }
 
     pub fn build(configure: impl FnOnce(Builder<SimFpga>) -> Builder<SimFpga>) -> Self {
-        let builder = configure(Driver::builder(fpga()));
-        Self::with(builder.build().expect("the machine is complete"))
+        Self::on(fpga(), configure)
     }
 }
 
-impl<B: Simulated> Machine<B> {
+impl<B: World> Machine<B> {
     pub fn with(driver: Driver<B>) -> Self {
-        let field = driver.attach(0, 0).expect("field I/O");
-        let analog = driver.attach(0, 1).expect("analog outputs");
-        let outputs = driver.attach(0, 2).expect("outputs");
-        let period = driver.period();
-        Self {
-            driver,
-            field,
-            analog,
-            outputs,
-            period,
-        }
+        Self::of(driver)
+    }
+}
+
+impl<B: World, C: Cards> Machine<B, C> {
+    pub fn on(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Self {
+        let builder = configure(Driver::builder(bus));
+        Self::of(builder.build().expect("the machine is complete"))
     }
 
+    pub fn of(driver: Driver<B>) -> Self {
+        Self {
+            cards: C::of(&driver),
+            period: driver.period(),
+            driver,
+        }
+    }
+}
+
+impl<B: World, C> Machine<B, C> {
     /// One period: read, write, and the rest of the time.
     pub fn cycle(&mut self) -> CycleReport {
         let report = self.driver.read().expect("the bus does not fail");
-        self.driver.write().expect("the bus does not fail");
-        self.pass(self.period);
+        self.finish();
         report
     }
 
-    /// Up to the next multiple of `time`, so that periods do not grow by what accesses cost.
+    /// The write, and the rest of the period.
+    pub fn finish(&mut self) {
+        self.driver.write().expect("the bus does not fail");
+        self.rest();
+    }
+
+    /// Up to the next period, so that periods do not grow by what accesses cost.
+    pub fn rest(&mut self) {
+        self.pass(self.period);
+    }
+
+    /// Up to the next multiple of `time`.
     pub fn pass(&mut self, time: Duration) {
-        let sim = self.driver.bus_mut().sim_mut();
-        let period = time.as_nanos() as u64;
-        let next = (SimFpga::now(sim) / period + 1) * period;
-        sim.advance_to(next);
+        let bus = self.driver.bus_mut();
+        let time = time.as_nanos() as u64;
+        let rest = time - bus.now().as_nanos() % time;
+        bus.wait(Duration::from_nanos(rest));
     }
 
     /// The application does nothing for some milliseconds.
@@ -121,13 +181,30 @@ impl<B: Simulated> Machine<B> {
     }
 
     pub fn pass_nanos(&mut self, nanos: u64) {
-        let sim = self.driver.bus_mut().sim_mut();
-        let until = SimFpga::now(sim) + nanos;
-        sim.advance_to(until);
+        self.driver.bus_mut().wait(Duration::from_nanos(nanos));
     }
 
-    pub fn now(&self) -> u64 {
-        self.driver.bus().sim().now()
+    pub fn fpga(&mut self) -> &mut SimFpga {
+        self.driver.bus_mut().fpga()
+    }
+
+    pub fn input<T: Value>(&self, name: &str) -> Input<T> {
+        let pin = self.driver.pins().input(&self.full(name));
+        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn output<T: Value>(&self, name: &str) -> Output<T> {
+        let pin = self.driver.pins().output(&self.full(name));
+        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn param<T: Value>(&self, name: &str) -> Param<T> {
+        let pin = self.driver.pins().parameter(&self.full(name));
+        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    fn full(&self, name: &str) -> String {
+        format!("{}.{name}", self.driver.name())
     }
 
     pub fn cycles(&mut self, count: usize) {
@@ -151,9 +228,7 @@ impl<B: Simulated> Machine<B> {
     }
 
     pub fn status(&self, channel: usize) -> RemoteStatus<'_> {
-        let channel = Channel::new(channel as u8).expect("channel");
-        let port = self.driver.ports().first().expect("port");
-        port.remote(channel).expect("remote")
+        status(&self.driver, channel)
     }
 
     pub fn is_running(&self, channel: usize) -> bool {
@@ -171,33 +246,26 @@ impl<B: Simulated> Machine<B> {
     }
 
     pub fn bit(&self, name: &str) -> bool {
-        let pins = self.driver.pins();
-        let pin = pins.input(&format!("hm2_7i92.0.{name}")).expect("pin");
-        pins.read(pin).value
+        self.driver.pins().read(self.input(name)).value
     }
 
     pub fn cable(&mut self, channel: usize) -> &mut Cable {
-        let end = self
-            .driver
-            .bus_mut()
-            .sim_mut()
-            .remote_mut(0, channel)
-            .expect("remote");
+        let end = self.fpga().remote_mut(0, channel).expect("remote");
         find_cable(end).expect("cable")
     }
 
-    pub fn device(&self, channel: usize) -> &dyn SimDevice {
-        find(self.driver.bus().sim().remote(0, channel).expect("remote")).expect("device")
+    pub fn device_mut(&mut self, channel: usize) -> &mut dyn SimDevice {
+        find_mut(self.fpga().remote_mut(0, channel).expect("remote")).expect("device")
+    }
+}
+
+impl<B: Embedded, C> Machine<B, C> {
+    pub fn now(&self) -> u64 {
+        SimFpga::now(self.driver.bus().look())
     }
 
-    pub fn device_mut(&mut self, channel: usize) -> &mut dyn SimDevice {
-        let end = self
-            .driver
-            .bus_mut()
-            .sim_mut()
-            .remote_mut(0, channel)
-            .expect("remote");
-        find_mut(end).expect("device")
+    pub fn device(&self, channel: usize) -> &dyn SimDevice {
+        find(self.driver.bus().look().remote(0, channel).expect("remote")).expect("device")
     }
 }
 

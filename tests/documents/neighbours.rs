@@ -99,7 +99,7 @@ const TROUBLES: [Trouble; 10] = [
                 machine.device_mut(FIELD).set_over_current(3, true).unwrap();
             }
             let _ = machine.driver.rearm().unwrap();
-            let output = machine.field.outputs[3].pin;
+            let output = machine.cards.field.outputs[3].pin;
             machine.driver.pins_mut().set(output, true);
         },
     },

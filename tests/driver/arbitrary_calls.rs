@@ -210,7 +210,7 @@ impl Trial {
         }
         let pins = self.machine.driver.pins();
         let published = (0..32u32)
-            .zip(&self.machine.field.inputs)
+            .zip(&self.machine.cards.field.inputs)
             .fold(0, |word, (n, input)| {
                 word | u32::from(pins.read(input.pin).value) << n
             });
@@ -278,8 +278,8 @@ impl Trial {
             }
             Step::Output(value) => {
                 let pins = self.machine.driver.pins_mut();
-                pins.set(self.machine.analog.analog_out[2].volts, value);
-                pins.set(self.machine.field.outputs[3].pin, value > 0.0);
+                pins.set(self.machine.cards.analog.analog_out[2].volts, value);
+                pins.set(self.machine.cards.field.outputs[3].pin, value > 0.0);
             }
         }
     }

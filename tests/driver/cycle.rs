@@ -18,7 +18,11 @@ fn inputs_and_outputs_of_three_remotes_arrive_at_the_right_terminals() {
             .set_input(input, input % 3 == 0)
             .unwrap();
     }
-    let (field, analog, outputs) = (machine.field, machine.analog, machine.outputs);
+    let (field, analog, outputs) = (
+        machine.cards.field,
+        machine.cards.analog,
+        machine.cards.outputs,
+    );
     let pins = machine.driver.pins_mut();
     for (n, output) in field.outputs.iter().enumerate() {
         pins.set(output.pin, n % 2 == 0);
@@ -81,7 +85,10 @@ fn read_modify_write_sees_the_reply_to_its_own_write() {
         assert!(machine.driver.wait_transfers(limit).unwrap());
         let report = machine.driver.read().unwrap();
         assert_eq!((report.good, report.too_short), (3, 0));
-        let input = machine.driver.pins().read(machine.field.inputs[4].pin);
+        let input = machine
+            .driver
+            .pins()
+            .read(machine.cards.field.inputs[4].pin);
         assert_eq!((input.value, input.valid, input.age.cycles), (on, true, 0));
     }
     let port = &machine.driver.ports()[0];

@@ -9,42 +9,15 @@ use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;
 
-use crate::common::ethernet::{SimLink, WIRE, is_request};
+use crate::common::ethernet::{self, SimLink, WIRE, connect, is_request};
+use crate::common::machine::{self, World};
 use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, I7i97, i7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{BoardState, Builder, CycleReport, Driver, GpioConfig};
-use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins, Value};
-use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::driver::{BoardState, Builder, Driver, GpioConfig};
+use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins};
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 
 const PERIOD: Duration = Duration::from_millis(1);
-
-/// A bus with a simulated FPGA at its end.
-trait World: RegisterBus + Clock {
-    fn fpga(&mut self) -> &mut SimFpga;
-}
-
-impl World for SimFpga {
-    fn fpga(&mut self) -> &mut SimFpga {
-        self
-    }
-}
-
-impl World for UdpBus<SimLink> {
-    fn fpga(&mut self) -> &mut SimFpga {
-        self.link().board.gateware_mut()
-    }
-}
-
-struct Machine<B: World> {
-    driver: Driver<B>,
-    card: I7i97,
-}
-
-fn ethernet(fpga: SimFpga) -> UdpBus<SimLink> {
-    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
-    UdpBus::new(link, UdpConfig::default()).expect("the board answers")
-}
 
 /// Everything of the module at the isolated inputs, InMux or InM.
 #[derive(Clone, Copy)]
@@ -81,72 +54,25 @@ impl BoardHandles for Inputs {
     }
 }
 
-impl<B: World> Machine<B> {
-    fn inputs(&self) -> Inputs {
-        self.driver.attach_board().expect("InMux or InM")
-    }
+type Machine<B> = machine::Machine<B, I7i97>;
 
-    fn input<T: Value>(&self, name: &str) -> Input<T> {
-        let pin = self.driver.pins().input(&format!("hm2_7i97.0.{name}"));
-        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
-    }
+fn inputs<B: World>(machine: &Machine<B>) -> Inputs {
+    machine.driver.attach_board().expect("InMux or InM")
+}
 
-    fn output<T: Value>(&self, name: &str) -> Output<T> {
-        let pin = self.driver.pins().output(&format!("hm2_7i97.0.{name}"));
-        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
-    }
+fn started<B: World>(bus: B) -> Machine<B> {
+    build(bus, |builder| builder)
+}
 
-    fn param<T: Value>(&self, name: &str) -> Param<T> {
-        let pin = self.driver.pins().parameter(&format!("hm2_7i97.0.{name}"));
-        pin.unwrap_or_else(|error| panic!("{name}: {error}"))
-    }
-
-    fn new(bus: B) -> Self {
-        Self::build(bus, |builder| builder)
-    }
-
-    fn build(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Self {
-        let builder = configure(Driver::builder(bus).period(PERIOD));
-        let driver = builder.build().expect("the board is complete");
-        let card = driver.attach_board::<I7i97>().expect("a 7I97");
-        let mut this = Self { driver, card };
-        // However long the set-up took, the first cycle has a whole period.
-        this.rest();
-        this
-    }
-
-    fn cycle(&mut self) -> CycleReport {
-        let report = self.driver.read().expect("the bus does not fail");
-        self.finish();
-        report
-    }
-
-    /// The write, and the rest of the period.
-    fn finish(&mut self) {
-        self.driver.write().expect("the bus does not fail");
-        self.rest();
-    }
-
-    fn rest(&mut self) {
-        let bus = self.driver.bus_mut();
-        let period = PERIOD.as_nanos() as u64;
-        let rest = period - bus.now().as_nanos() % period;
-        bus.wait(Duration::from_nanos(rest));
-    }
-
-    fn cycles(&mut self, count: usize) {
-        for _ in 0..count {
-            let _ = self.cycle();
-        }
-    }
-
-    fn fpga(&mut self) -> &mut SimFpga {
-        self.driver.bus_mut().fpga()
-    }
+fn build<B: World>(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Machine<B> {
+    let mut machine = Machine::on(bus, |builder| configure(builder.period(PERIOD)));
+    // However long the set-up took, the first cycle has a whole period.
+    machine.rest();
+    machine
 }
 
 fn board() -> Machine<SimFpga> {
-    Machine::new(machines::six_axes_7i97(MotorConfig::default()))
+    started(machines::six_axes_7i97(MotorConfig::default()))
 }
 
 /// The usual firmware, with InMux and SSR, and a newer one with InM and OutM; motors on both.
@@ -158,7 +84,7 @@ fn both_firmwares() -> [SimFpga; 2] {
 
 /// Follows a sine on each axis, 0.3 s of it; gives the largest error after the start.
 fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
-    let card = machine.card;
+    let card = machine.cards;
     for encoder in card.encoders {
         machine
             .driver
@@ -204,14 +130,18 @@ fn six_position_loops_are_closed_on_the_boards_own_outputs_and_encoders() {
 
 #[test]
 fn six_position_loops_are_closed_over_ethernet() {
-    let mut machine = Machine::new(ethernet(machines::six_axes_7i97(MotorConfig::default())));
+    let mut machine = started(ethernet::bus(machines::six_axes_7i97(
+        MotorConfig::default(),
+    )));
     let worst = follow(&mut machine);
     assert!(worst < 0.1, "{worst}");
 }
 
 #[test]
 fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
-    let mut machine = Machine::new(ethernet(machines::six_axes_7i97(MotorConfig::default())));
+    let mut machine = started(ethernet::bus(machines::six_axes_7i97(
+        MotorConfig::default(),
+    )));
     assert!(machine.driver.missing().is_empty());
     let (size, lists) = (machine.driver.image_size(), machine.driver.lists());
     let (request, reply) = (lists.read().request_bytes(), lists.read().reply_bytes());
@@ -245,7 +175,7 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
 #[test]
 fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
     for fpga in both_firmwares() {
-        let mut machine = Machine::build(fpga, |builder| {
+        let mut machine = build(fpga, |builder| {
             builder.gpio(
                 40,
                 GpioConfig {
@@ -254,12 +184,12 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
                 },
             )
         });
-        let card = machine.card;
+        let card = machine.cards;
         let (out, [analog, ..]) = (machine.output("gpio.040.out"), card.analog_out);
         // A setting that is not the one of the set-up.
         let is_output = machine.param("gpio.041.is_output");
         let later_out = machine.output("gpio.041.out");
-        let inputs = machine.inputs();
+        let inputs = inputs(&machine);
         machine
             .driver
             .pins_mut()
@@ -342,19 +272,19 @@ fn a_setting_whose_write_was_lost_is_written_again() {
     let lose = Rc::new(Cell::new(false));
     let bus = {
         let fpga = machines::six_axes_7i97(MotorConfig::default());
-        let mut link = SimLink::new(BoardConfig::new("7I97"), fpga);
+        let mut link = SimLink::new(fpga);
         let lose = Rc::clone(&lose);
-        link.to_board = Box::new(move |packet| {
+        link.to_board = Box::new(move |_, packet| {
             if lose.get() && !is_request(packet) {
                 vec![]
             } else {
                 vec![WIRE]
             }
         });
-        UdpBus::new(link, UdpConfig::default()).expect("the board answers")
+        connect(link)
     };
-    let mut machine = Machine::new(bus);
-    let led = machine.card.leds[0];
+    let mut machine = started(bus);
+    let led = machine.cards.leds[0];
     machine.cycles(5);
     machine.driver.pins_mut().set(led, true);
     lose.set(true);

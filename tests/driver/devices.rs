@@ -1,7 +1,6 @@
 //! A driver is built with each simulated device, alone and in company: its inputs come, its outputs
 //! arrive, and nobody is missing.
 
-use crate::common::machine::Simulated;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{BuildError, Driver, MissingReason, RemarkKind, RemoteConfig, SerialConfig};
@@ -68,11 +67,11 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
     let step = |driver: &mut Driver<SimFpga>| {
         let _ = driver.read().expect("the bus works");
         driver.write().expect("the bus works");
-        let now = SimFpga::now(driver.bus().sim());
-        driver.bus_mut().sim_mut().advance_to(now + 1_000_000);
+        let now = SimFpga::now(driver.bus());
+        driver.bus_mut().advance_to(now + 1_000_000);
     };
     for on in [true, false] {
-        let end = driver.bus_mut().sim_mut().remote_mut(0, channel);
+        let end = driver.bus_mut().remote_mut(0, channel);
         let world = find_mut(end.expect("remote")).expect("device");
         for input in 0..world.inputs().len() {
             // Analog inputs are no digital ones.
@@ -83,7 +82,7 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
             .remotes()
             .find(|r| usize::from(r.started().channel.index()) == channel);
         let prefix = prefix.expect("it runs").pins().prefix().to_owned();
-        let end = driver.bus().sim().remote(0, channel).expect("remote");
+        let end = driver.bus().remote(0, channel).expect("remote");
         let outputs = find(end).expect("device").outputs();
         for (output, value) in &outputs {
             let pin = format!("{prefix}.{output}");
@@ -99,7 +98,7 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
         for _ in 0..5 {
             step(driver);
         }
-        let end = driver.bus().sim().remote(0, channel).expect("remote");
+        let end = driver.bus().remote(0, channel).expect("remote");
         let truth = find(end).expect("device");
         for (output, value) in truth.outputs() {
             let is_on = match value {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, Simulated, fpga};
+use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, fpga};
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{
     BoardState, BuildError, CycleError, Driver, MissingReason, RemoteConfig, SerialConfig,
@@ -12,8 +12,12 @@ use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 
-fn switch_on<B: Simulated>(machine: &mut Machine<B>) {
-    let (field, analog, outputs) = (machine.field, machine.analog, machine.outputs);
+fn switch_on<B: Embedded>(machine: &mut Machine<B>) {
+    let (field, analog, outputs) = (
+        machine.cards.field,
+        machine.cards.analog,
+        machine.cards.outputs,
+    );
     let pins = machine.driver.pins_mut();
     pins.set(field.outputs[3].pin, true);
     pins.set(outputs.outputs[7].pin, true);
@@ -21,7 +25,7 @@ fn switch_on<B: Simulated>(machine: &mut Machine<B>) {
     pins.set(analog.analogena.pin, true);
 }
 
-fn are_outputs_on<B: Simulated>(machine: &Machine<B>) -> [bool; 3] {
+fn are_outputs_on<B: Embedded>(machine: &Machine<B>) -> [bool; 3] {
     let world = |channel| machine.device(channel).world();
     [
         world(FIELD).output(3) == Some(true),
@@ -41,7 +45,7 @@ fn running() -> Machine {
 }
 
 /// Re-arms until everything follows again.
-fn rearm_all<B: Simulated>(machine: &mut Machine<B>) {
+fn rearm_all<B: Embedded>(machine: &mut Machine<B>) {
     machine.until(300, |machine| {
         machine
             .driver
@@ -186,7 +190,10 @@ fn a_lost_read_takes_no_input_and_stops_nothing() {
     let Err(CycleError::Read { consecutive: 1, .. }) = machine.driver.read() else {
         panic!("the read was lost");
     };
-    let input = machine.driver.pins().read(machine.field.inputs[9].pin);
+    let input = machine
+        .driver
+        .pins()
+        .read(machine.cards.field.inputs[9].pin);
     assert_eq!(
         (input.value, input.valid, input.age.cycles),
         (false, true, 1)
@@ -194,7 +201,10 @@ fn a_lost_read_takes_no_input_and_stops_nothing() {
     machine.driver.write().unwrap();
     machine.pass(Duration::from_millis(1));
     machine.cycles(3);
-    let input = machine.driver.pins().read(machine.field.inputs[9].pin);
+    let input = machine
+        .driver
+        .pins()
+        .read(machine.cards.field.inputs[9].pin);
     assert_eq!(
         (input.value, input.valid, input.age.cycles),
         (true, true, 0)

@@ -140,7 +140,11 @@ fn all_of(channel: usize) -> Vec<usize> {
 
 /// What an application sets in every cycle, whatever the driver says.
 fn switch_all_on(machine: &mut Machine) {
-    let (field, analog, outputs) = (machine.field, machine.analog, machine.outputs);
+    let (field, analog, outputs) = (
+        machine.cards.field,
+        machine.cards.analog,
+        machine.cards.outputs,
+    );
     let pins = machine.driver.pins_mut();
     for output in field.outputs {
         pins.set(output.pin, true);

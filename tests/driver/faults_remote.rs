@@ -21,7 +21,11 @@ fn busy_machine(mode: u8) -> Machine {
 
 /// What an application sets in each cycle.
 fn switch_on(machine: &mut Machine) {
-    let (field, analog, outputs) = (machine.field, machine.analog, machine.outputs);
+    let (field, analog, outputs) = (
+        machine.cards.field,
+        machine.cards.analog,
+        machine.cards.outputs,
+    );
     let pins = machine.driver.pins_mut();
     pins.set(field.outputs[3].pin, true);
     pins.set(outputs.outputs[7].pin, true);
@@ -80,7 +84,10 @@ fn one_wire_fault(
     let mut invalid_cycles = 0;
     for _ in 0..10 {
         others_go_on(&mut machine, channel, 1);
-        let input = machine.driver.pins().read(machine.field.inputs[9].pin);
+        let input = machine
+            .driver
+            .pins()
+            .read(machine.cards.field.inputs[9].pin);
         assert!(input.value, "{fault:?}: the last good value is kept");
         invalid_cycles += usize::from(!machine.is_valid(channel));
         assert!(
@@ -260,7 +267,10 @@ fn lost_field_power_makes_inputs_invalid_and_comes_back_when_power_does() {
             machine.device_mut(FIELD).set_field_volts(now, 3.0).unwrap();
             machine.cycles(3);
             assert!(machine.bit("7i77.0.0.fault-low-voltage"));
-            let input = machine.driver.pins().read(machine.field.inputs[9].pin);
+            let input = machine
+                .driver
+                .pins()
+                .read(machine.cards.field.inputs[9].pin);
             assert!(!input.valid, "an input without power tells nothing");
         },
         |machine| {

@@ -8,7 +8,7 @@ use crate::common::ethernet::{Fate, SimLink, WIRE};
 use mesa_hal::boards::fpga::EncoderPins;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{BoardConfig, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -30,7 +30,7 @@ fn motor() -> MotorConfig {
 /// What becomes of a packet: one in `n` is lost, one late, one comes twice.
 fn fates(seed: u64, n: u64) -> Fate {
     let mut chance = Chance(seed);
-    Box::new(move |_| {
+    Box::new(move |_, _| {
         let late = WIRE + chance.below(3 * PERIOD.as_nanos() as u64);
         match chance.below(n) {
             0 => vec![],
@@ -43,7 +43,7 @@ fn fates(seed: u64, n: u64) -> Fate {
 
 fn machine() -> Machine {
     let fpga = machines::six_axes_7i97(motor());
-    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
+    let link = SimLink::new(fpga);
     let config = UdpConfig {
         cycle_deadline: PERIOD * 3 / 5,
         ..UdpConfig::default()

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use crate::common::chance::Chance;
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, Simulated, fpga};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
 use mesa_hal::bus::{
     Access, AccessList, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
     Reply,
@@ -17,7 +17,7 @@ use mesa_hal::transport::{Fault, Faulty};
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 
 /// The remote is unplugged until it is set aside, then comes back.
-fn away_and_back<B: Simulated>(machine: &mut Machine<B>, channel: usize) {
+fn away_and_back<B: World>(machine: &mut Machine<B>, channel: usize) {
     machine.cable(channel).unplug();
     machine.until(40, |machine| !machine.is_running(channel));
     machine.cable(channel).replug();
@@ -29,7 +29,7 @@ fn away_and_back<B: Simulated>(machine: &mut Machine<B>, channel: usize) {
 fn a_command_from_between_two_faults_does_not_come_back_when_re_armed() {
     let mut machine = Machine::new();
     machine.cycles(3);
-    let output = machine.outputs.outputs[7].pin;
+    let output = machine.cards.outputs.outputs[7].pin;
     away_and_back(&mut machine, OUTPUTS);
     machine.driver.pins_mut().set(output, true);
     away_and_back(&mut machine, OUTPUTS);
@@ -43,7 +43,7 @@ fn a_command_from_between_two_faults_does_not_come_back_when_re_armed() {
 #[test]
 fn limits_that_cross_allow_nothing_but_the_safe_value() {
     let mut machine = Machine::new();
-    let analog = machine.analog;
+    let analog = machine.cards.analog;
     let name = "hm2_7i92.0.7i77.0.1.analogout1";
     for (min, max) in [(3.0, -3.0), (20.0, 10.0), (-10.0, -20.0), (9.0, 8.0)] {
         let pins = machine.driver.pins_mut();
@@ -76,7 +76,7 @@ fn limits_that_cross_allow_nothing_but_the_safe_value() {
 fn remotes_of_a_port_that_is_switched_off_are_told_and_not_left_to_their_watchdogs() {
     let mut machine = Machine::new();
     let pins = machine.driver.pins_mut();
-    pins.set(machine.outputs.outputs[7].pin, true);
+    pins.set(machine.cards.outputs.outputs[7].pin, true);
     let run = pins.output("hm2_7i92.0.sserial.port-0.run").unwrap();
     machine.cycles(5);
     assert_eq!(machine.device(OUTPUTS).world().output(7), Some(true));

@@ -4,21 +4,19 @@ mod disturbed;
 
 use std::time::Duration;
 
-use crate::common::ethernet::{SimLink, WIRE};
+use crate::common::ethernet::{self, SimLink, WIRE, cut, good};
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, ImageError, RegisterBus};
 use mesa_hal::driver::{BoardState, BuildError, Driver, Pace};
-use mesa_hal::sim::{BoardConfig, MotorConfig, machines};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::sim::{MotorConfig, machines};
+use mesa_hal::transport::udp::UdpBus;
 
 const PERIOD: Duration = Duration::from_millis(1);
 
 type Machine = Driver<UdpBus<SimLink>>;
 
 fn bus() -> UdpBus<SimLink> {
-    let fpga = machines::six_axes_7i97(MotorConfig::default());
-    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
-    UdpBus::new(link, UdpConfig::default()).expect("the board answers")
+    ethernet::bus(machines::six_axes_7i97(MotorConfig::default()))
 }
 
 fn machine(pace: Pace) -> Machine {
@@ -138,7 +136,7 @@ fn a_late_host_misses_a_period_and_gets_the_next() {
 
 #[test]
 fn without_a_board_the_loop_still_takes_its_time() {
-    let lost = |link: &mut SimLink| link.to_board = Box::new(|_| vec![]);
+    let lost = |link: &mut SimLink| link.to_board = cut();
     let unreachable = |link: &mut SimLink| link.is_unreachable = true;
     for cut in [lost as fn(&mut SimLink), unreachable] {
         let mut driver = machine(Pace::Board);
@@ -153,7 +151,7 @@ fn without_a_board_the_loop_still_takes_its_time() {
         }
         assert_eq!(driver.board_state(), BoardState::BusDown);
         let link = driver.bus_mut().link();
-        link.to_board = Box::new(|_| vec![WIRE]);
+        link.to_board = good();
         link.is_unreachable = false;
         for _ in 0..300 {
             let _ = driver.rearm();
@@ -245,9 +243,7 @@ fn a_pace_has_a_name() {
 #[test]
 fn what_can_not_pace_is_said_when_the_driver_is_built() {
     let fpga = machines::six_axes_7i92(MotorConfig::default());
-    let link = SimLink::new(BoardConfig::new("7I92"), fpga);
-    let i7i92 = UdpBus::new(link, UdpConfig::default()).expect("the board answers");
-    let error = Driver::builder(i7i92)
+    let error = Driver::builder(ethernet::bus(fpga))
         .pace(Pace::Board)
         .build()
         .unwrap_err();
@@ -318,7 +314,7 @@ fn after_a_stall_of_the_network_the_board_is_not_periods_behind() {
     let clock = std::rc::Rc::new(std::cell::Cell::new(0));
     let now = std::rc::Rc::clone(&clock);
     driver.bus_mut().link().to_board =
-        Box::new(move |_| vec![WIRE.max(end.saturating_sub(now.get()))]);
+        Box::new(move |_, _| vec![WIRE.max(end.saturating_sub(now.get()))]);
     while driver.bus_mut().now().as_nanos() < end {
         clock.set(driver.bus_mut().now().as_nanos());
         let _ = cycle(&mut driver);
@@ -346,7 +342,7 @@ fn inputs_that_wait_for_their_cycle_are_as_old_as_that() {
     let mut driver = machine(Pace::Board);
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut cycle = |delay: u64| {
-        driver.bus_mut().link().to_host = Box::new(move |_| vec![WIRE + delay]);
+        driver.bus_mut().link().to_host = Box::new(move |_, _| vec![WIRE + delay]);
         driver.write().expect("the board is there");
         let _ = driver.read().expect("the board is there");
         let link = driver.bus_mut().link();

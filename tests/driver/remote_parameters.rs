@@ -128,7 +128,7 @@ fn what_can_not_be_written_makes_the_build_fail_with_a_reason() {
 }
 
 fn switch_on(machine: &mut Machine) {
-    let (field, outputs) = (machine.field, machine.outputs);
+    let (field, outputs) = (machine.cards.field, machine.cards.outputs);
     let pins = machine.driver.pins_mut();
     for output in field.outputs {
         pins.set(output.pin, true);
@@ -136,7 +136,7 @@ fn switch_on(machine: &mut Machine) {
     for output in outputs.outputs {
         pins.set(output.pin, true);
     }
-    pins.set(machine.analog.analogena.pin, true);
+    pins.set(machine.cards.analog.analogena.pin, true);
 }
 
 fn are_on(machine: &Machine) -> Vec<bool> {

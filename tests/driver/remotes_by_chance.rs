@@ -104,7 +104,7 @@ impl Run {
 
     fn readings(&self) -> Vec<Reading<bool>> {
         let pins = self.machine.driver.pins();
-        let inputs = self.machine.field.inputs.iter();
+        let inputs = self.machine.cards.field.inputs.iter();
         inputs.map(|pair| pins.read(pair.pin)).collect()
     }
 
@@ -148,9 +148,9 @@ impl Run {
             self.machine.device_mut(FIELD).set_input(n, on).unwrap();
         }
         let (field, analog, outputs) = (
-            self.machine.field,
-            self.machine.analog,
-            self.machine.outputs,
+            self.machine.cards.field,
+            self.machine.cards.analog,
+            self.machine.cards.outputs,
         );
         let pins = self.machine.driver.pins_mut();
         for (n, output) in field.outputs.iter().enumerate() {

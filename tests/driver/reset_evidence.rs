@@ -6,15 +6,13 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::common::ethernet::{SimLink, WIRE, is_request};
+use crate::common::ethernet::{self, WIRE, good, is_request};
+use crate::common::machine::World;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
-use mesa_hal::sim::{
-    BoardConfig, Cause, DEFAULT_ACCESS_COST, Director, MotorConfig, SimFpga, machines,
-};
+use mesa_hal::sim::{Cause, DEFAULT_ACCESS_COST, Director, MotorConfig, SimFpga, machines};
 use mesa_hal::sslbp::Channel;
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 const BOARD: &str = "hm2_7i97.0";
 /// Pins that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
@@ -138,28 +136,6 @@ fn set<T: Value>(pins: &mut Pins, name: &str, value: T) {
 fn set_param<T: Value>(pins: &mut Pins, name: &str, value: T) {
     let param = pins.parameter(&format!("{BOARD}.{name}")).expect(name);
     pins.set_param::<T>(param, value).expect("in range");
-}
-
-/// A bus with a simulated FPGA at its end.
-trait World: RegisterBus + Clock {
-    fn fpga(&mut self) -> &mut SimFpga;
-}
-
-impl World for SimFpga {
-    fn fpga(&mut self) -> &mut SimFpga {
-        self
-    }
-}
-
-impl World for UdpBus<SimLink> {
-    fn fpga(&mut self) -> &mut SimFpga {
-        self.link().board.gateware_mut()
-    }
-}
-
-fn ethernet(fpga: SimFpga) -> UdpBus<SimLink> {
-    let link = SimLink::new(BoardConfig::new("7I97"), fpga);
-    UdpBus::new(link, UdpConfig::default()).expect("the board answers")
 }
 
 fn world(remotes: bool) -> SimFpga {
@@ -409,7 +385,7 @@ fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_hol
         let mut delay = 3_000 * n as u64;
         while delay < 300_000 {
             let name = format!("{change:?}, reset after {delay} ns");
-            reset_at(ethernet(world(remotes)), remotes, change, delay, name);
+            reset_at(ethernet::bus(world(remotes)), remotes, change, delay, name);
             delay += if remotes { 70_000 } else { 29_000 };
         }
     }
@@ -422,7 +398,7 @@ fn a_write_after_a_bite_that_nobody_has_seen_drives_nothing_whatever_it_holds() 
             let name = format!("{change:?}, over Ethernet: {over_ethernet}");
             let remotes = change == Change::Restart;
             if over_ethernet {
-                bitten(ethernet(world(remotes)), remotes, change, name);
+                bitten(ethernet::bus(world(remotes)), remotes, change, name);
             } else {
                 bitten(world(remotes), remotes, change, name);
             }
@@ -454,17 +430,17 @@ fn a_write_that_the_network_holds_until_the_watchdog_has_bitten_drives_nothing()
         }
         let remotes = change == Change::Restart;
         let name = format!("{change:?}");
-        let mut machine = Machine::running(ethernet(world(remotes)), remotes, name);
+        let mut machine = Machine::running(ethernet::bus(world(remotes)), remotes, name);
         let before = machine.counts();
         let _ = machine.driver.read();
         change.make(&mut machine.driver);
         machine.command();
-        machine.driver.bus_mut().link().to_board = Box::new(|packet| {
+        machine.driver.bus_mut().link().to_board = Box::new(|_, packet| {
             let late = if is_request(packet) { 0 } else { 10_000_000 };
             vec![WIRE + late]
         });
         let _ = machine.driver.write();
-        machine.driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+        machine.driver.bus_mut().link().to_board = good();
         machine.driver.bus_mut().wait(Duration::from_millis(11));
         assert!(machine.fpga().watchdog().has_bitten());
         machine.must_fall(before, false);

@@ -50,7 +50,7 @@ fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not
     let mut resets = 0;
     for access in 0..200 {
         let mut machine = running();
-        let field = machine.field;
+        let field = machine.cards.field;
         let encoders: Vec<_> = (0..6)
             .map(|n| {
                 let name = format!("hm2_7i92.0.encoder.{n:02}.count");

@@ -4,11 +4,10 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crate::common::ethernet::{SimLink, WIRE};
+use crate::common::ethernet::{self, WIRE, cut, good};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, BuildError, Driver, GpioConfig, RemoteConfig, SerialConfig};
-use mesa_hal::sim::{BoardConfig, Cause, Director, MotorConfig, SimFpga, machines};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
 
 const PINS: usize = 51;
 
@@ -85,9 +84,7 @@ fn watchdog_and_deadline_follow_the_period() {
         (1_000, 5_000, 800),
         (4_000, 20_000, 3_200),
     ] {
-        let link = SimLink::new(BoardConfig::new("7I97"), fpga());
-        let bus = UdpBus::new(link, UdpConfig::default()).expect("the board answers");
-        let built = Driver::builder(bus)
+        let built = Driver::builder(ethernet::bus(fpga()))
             .period(Duration::from_micros(period))
             .build();
         let mut driver = built.expect("the board is complete");
@@ -111,12 +108,12 @@ fn watchdog_and_deadline_follow_the_period() {
             time < watchdog * 100 && time > watchdog * 50,
             "{period} us: {time}"
         );
-        driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+        driver.bus_mut().link().to_board = cut();
         let before = driver.bus_mut().now();
         driver.read().expect_err("nothing comes");
         let waited = driver.bus_mut().now().since(before);
         assert_eq!(waited.as_micros(), deadline, "{period} us");
-        driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+        driver.bus_mut().link().to_board = good();
     }
 }
 
@@ -247,16 +244,15 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
 
 #[test]
 fn the_end_survives_lost_packets() {
-    let link = SimLink::new(BoardConfig::new("7I97"), fpga());
-    let bus = UdpBus::new(link, UdpConfig::default()).expect("the board answers");
-    let mut driver = Driver::builder(bus).build().expect("the board is complete");
+    let built = Driver::builder(ethernet::bus(fpga())).build();
+    let mut driver = built.expect("the board is complete");
     for _ in 0..5 {
         let _ = driver.read().expect("a good network");
         driver.write().expect("a good network");
         driver.bus_mut().wait(millis(1));
     }
     let mut n = 0;
-    driver.bus_mut().link().to_board = Box::new(move |_| {
+    driver.bus_mut().link().to_board = Box::new(move |_, _| {
         n += 1;
         if n % 3 == 0 { vec![WIRE] } else { vec![] }
     });

@@ -9,14 +9,14 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use crate::common::chance::Chance;
-use crate::common::ethernet::{SimLink, WIRE};
+use crate::common::ethernet::{SimLink, WIRE, cut, good};
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
 use mesa_hal::hal::{Input, Output};
 use mesa_hal::sim::devices::{Analog, Device, find_mut};
 use mesa_hal::sim::remote::Remote;
-use mesa_hal::sim::{BoardConfig, MotorConfig, machines};
+use mesa_hal::sim::{MotorConfig, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use truth::Truth;
 
@@ -41,7 +41,7 @@ fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<boo
     let is_bad = Rc::new(Cell::new(false));
     let fates = |seed, spread: Duration| {
         let (mut chance, is_bad) = (Chance(seed), Rc::clone(&is_bad));
-        Box::new(move |_: &[u8]| {
+        Box::new(move |_: u64, _: &[u8]| {
             if is_bad.get() {
                 fate(&mut chance, spread.as_nanos() as u64)
             } else {
@@ -63,8 +63,8 @@ fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<boo
 fn link(pace: Pace) -> SimLink {
     let motor = MotorConfig::default();
     match pace {
-        Pace::Host => SimLink::new(BoardConfig::new("7I92"), machines::six_axes_7i92(motor)),
-        Pace::Board => SimLink::new(BoardConfig::new("7I97"), machines::six_axes_7i97(motor)),
+        Pace::Host => SimLink::new(machines::six_axes_7i92(motor)),
+        Pace::Board => SimLink::new(machines::six_axes_7i97(motor)),
     }
 }
 
@@ -253,11 +253,11 @@ fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed()
         volts(&mut driver)
     );
 
-    driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+    driver.bus_mut().link().to_board = cut();
     assert_eq!(cycle(&mut driver, 120), 0, "nothing comes back");
     assert_eq!(volts(&mut driver), 0.0, "the remote's own watchdog");
 
-    driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+    driver.bus_mut().link().to_board = good();
     cycle(&mut driver, 200);
     assert_eq!(volts(&mut driver), 0.0, "not before it is re-armed");
     for _ in 0..20 {
@@ -311,11 +311,11 @@ fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
             pins.set_param::<i32>(timeout, set).expect("a number");
         }
         let _ = driver.write();
-        driver.bus_mut().link().to_board = Box::new(|_| vec![]);
+        driver.bus_mut().link().to_board = cut();
         let before = driver.bus_mut().now();
         driver.read().expect_err("nothing comes");
         let waited = driver.bus_mut().now().since(before);
-        driver.bus_mut().link().to_board = Box::new(|_| vec![WIRE]);
+        driver.bus_mut().link().to_board = good();
         waited.as_micros()
     };
     assert_eq!(waits(None), 500, "that of the bus");

@@ -4,7 +4,7 @@ use std::net::Ipv4Addr;
 use std::time::Duration;
 
 use crate::common::chance::Chance;
-use crate::common::ethernet::{SimLink, WIRE};
+use crate::common::ethernet::{SimLink, WIRE, connect, cut};
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
@@ -13,15 +13,15 @@ use mesa_hal::ethernet::{
     SECTOR, Stage, UnguardedFlash,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
-use mesa_hal::sim::{BoardConfig, machines};
+use mesa_hal::sim::{BoardConfig, SimBoard, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 fn link() -> SimLink {
-    SimLink::new(BoardConfig::new("7I97"), machines::i7i97(1))
+    SimLink::new(machines::i7i97(1))
 }
 
 fn board_on(link: SimLink) -> EthernetBoard<UdpBus<SimLink>> {
-    EthernetBoard::new(UdpBus::new(link, UdpConfig::default()).expect("the board answers"))
+    EthernetBoard::new(connect(link))
 }
 
 fn board() -> EthernetBoard<UdpBus<SimLink>> {
@@ -138,7 +138,7 @@ fn a_restart_gives_the_leds_to_whom_the_eeprom_says() {
 fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
     let mut config = BoardConfig::new("7I97");
     config.firmware_version = 14;
-    let mut board = board_on(SimLink::new(config, machines::i7i97(1)));
+    let mut board = board_on(SimLink::to(SimBoard::new(config, machines::i7i97(1))));
     assert_eq!(board.identity().expect("identity").eeprom_netmask, None);
     let error = board.set_eeprom_netmask(Ipv4Addr::BROADCAST);
     let needs = |needed| Err(EthernetError::Firmware { needed, found: 14 });
@@ -255,7 +255,7 @@ fn lost_packets_only_take_longer() {
     let seed = 0x97_u64;
     let lossy = |seed: u64| {
         let mut chance = Chance(seed);
-        move |_: &[u8]| {
+        move |_: u64, _: &[u8]| {
             if chance.one_in(16) {
                 vec![]
             } else {
@@ -295,7 +295,7 @@ fn after_reset_and_reload_the_board_answers_again() {
 #[test]
 fn a_board_that_never_answers_is_said_with_a_hint() {
     let mut link = link();
-    link.to_board = Box::new(|_| vec![]);
+    link.to_board = cut();
     let error = UdpBus::new(link, UdpConfig::default()).expect_err("nobody answers");
     assert_eq!(error.kind(), BusErrorKind::Lost);
     assert!(
@@ -416,7 +416,7 @@ fn sectors_and_pages_are_at_hand_for_who_names_the_unguarded_memory() {
 #[test]
 fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
     let board = || {
-        let link = SimLink::new(BoardConfig::new("7I92"), machines::i7i92_7i77());
+        let link = SimLink::new(machines::i7i92_7i77());
         board_on(link)
     };
     let error = board()

@@ -45,8 +45,11 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
             disturb(&mut machine, n / 10);
         }
         let pins = machine.driver.pins_mut();
-        pins.set(machine.analog.analog_out[n as usize % 6].volts, value(n));
-        pins.set(machine.field.outputs[n as usize % 16].pin, n % 3 == 0);
+        pins.set(
+            machine.cards.analog.analog_out[n as usize % 6].volts,
+            value(n),
+        );
+        pins.set(machine.cards.field.outputs[n as usize % 16].pin, n % 3 == 0);
         count.of(|| {
             let _ = std::hint::black_box(machine.driver.read());
         });

@@ -1,7 +1,7 @@
-//! Simulated remotes live on virtual time by themselves: their watchdogs bite
+//! World remotes live on virtual time by themselves: their watchdogs bite
 //! whoever accesses the FPGA, how often or how seldom.
 
-use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, fpga};
+use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, Remotes, fpga};
 use mesa_hal::driver::Driver;
 use mesa_hal::lbp::{RemoteFaults, crc8};
 use mesa_hal::sim::devices::{Outputs48, SignalValue, SimDevice};
@@ -17,14 +17,12 @@ fn running() -> Machine {
     let mut machine = Machine::with(Driver::builder(fpga).build().expect("complete"));
     let _ = machine.driver.rearm();
     machine.cycles(3);
-    let Machine {
-        driver,
+    let Remotes {
         field,
         analog,
         outputs,
-        ..
-    } = &mut machine;
-    let pins = driver.pins_mut();
+    } = machine.cards.clone();
+    let pins = machine.driver.pins_mut();
     for output in field.outputs {
         pins.set(output.pin, true);
     }

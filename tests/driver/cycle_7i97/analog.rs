@@ -45,7 +45,7 @@ fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
         fpga.set_access_cost(20);
         let seen = Arc::<Mutex<Vec<_>>>::default();
         fpga.set_director(Box::new(Onlooker(Arc::clone(&seen))));
-        let mut machine = Machine::new(fpga);
+        let mut machine = started(fpga);
         machine.cycles(5);
         assert_eq!(*seen.lock().unwrap(), []);
     }
@@ -54,7 +54,7 @@ fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
 #[test]
 fn analog_outputs_have_12_bits_of_volts_and_no_value_turns_round() {
     let mut machine = board();
-    let card = machine.card;
+    let card = machine.cards;
     for output in card.analog_out {
         machine.driver.pins_mut().set(output.enable, true);
     }
@@ -102,7 +102,7 @@ fn drives(machine: &mut Machine<SimFpga>) -> [(f64, bool); 6] {
 #[test]
 fn enables_0_to_3_switch_together_and_4_and_5_alone() {
     let mut machine = board();
-    let card = machine.card;
+    let card = machine.cards;
     machine.cycles(2);
     assert_eq!(drives(&mut machine), [(0.0, false); 6]);
     let enables = [card.enable_0_to_3, card.enable_4, card.enable_5];
@@ -124,7 +124,7 @@ fn enables_0_to_3_switch_together_and_4_and_5_alone() {
 fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
     for full_scale in [true, false] {
         let mut machine = board();
-        let card = machine.card;
+        let card = machine.cards;
         for (n, output) in card.analog_out.into_iter().enumerate() {
             let volts = if full_scale { 10.0 } else { n as f64 - 6.0 };
             machine.driver.pins_mut().set(output.volts, volts);
@@ -159,7 +159,7 @@ fn a_disabled_axis_has_0_volts_and_no_other_has_and_its_value_comes_back() {
 #[test]
 fn the_pdm_frequency_is_the_rate_of_its_steps() {
     let mut machine = board();
-    let card = machine.card;
+    let card = machine.cards;
     let [output, ..] = card.analog_out;
     let frequency = machine.param::<u32>("pwmgen.pdm_frequency");
     let pins = machine.driver.pins_mut();
@@ -191,7 +191,7 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     };
     assert!((hz(&mut machine) - 48_000.0).abs() < 1.0);
     let frequency = machine.param::<u32>("pwmgen.pwm_frequency");
-    let [output, ..] = machine.card.analog_out;
+    let [output, ..] = machine.cards.analog_out;
     let pins = machine.driver.pins_mut();
     pins.set_param(frequency, 96_000).expect("a frequency");
     pins.set(output.volts, 5.0);
@@ -201,9 +201,9 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     assert!((machine.fpga().analog_output(0).volts - 5.0).abs() < 0.01);
     let mut firmware = machines::firmware_7i97(1);
     firmware.module_mut(6).expect("PWM").version = 1;
-    let mut dithers = Machine::new(SimFpga::new(firmware));
+    let mut dithers = started(SimFpga::new(firmware));
     assert!((hz(&mut dithers) - 96_000.0).abs() < 1.0);
-    let [output, ..] = dithers.card.analog_out;
+    let [output, ..] = dithers.cards.analog_out;
     let pins = dithers.driver.pins_mut();
     pins.set(output.volts, 1.234_567);
     pins.set(output.enable, true);

@@ -4,8 +4,8 @@ use super::*;
 
 #[test]
 fn inputs_arrive_filtered_and_raw() {
-    for mut machine in both_firmwares().map(Machine::new) {
-        let inputs = machine.inputs();
+    for mut machine in both_firmwares().map(started) {
+        let inputs = inputs(&machine);
         machine.driver.pins_mut().set(inputs.slow[3], true);
         machine.cycles(3);
         for n in 0..16 {
@@ -34,7 +34,7 @@ fn inputs_become_valid_only_as_they_become_true<B: World>(
     terminals: [bool; 16],
     mpgs: [i32; 4],
 ) {
-    let card = machine.inputs();
+    let card = inputs(machine);
     for n in 0..60 {
         let _ = machine.driver.read().expect("the bus does not fail");
         let pins = machine.driver.pins();
@@ -66,8 +66,8 @@ fn inputs_are_not_valid_before_they_were_scanned_and_filtered_again() {
         for (n, on) in terminals.into_iter().enumerate() {
             fpga.set_input(n, on);
         }
-        let mut machine = Machine::new(fpga);
-        let inputs = machine.inputs();
+        let mut machine = started(fpga);
+        let inputs = inputs(&machine);
         for n in [0, 3, 4] {
             machine.driver.pins_mut().set(inputs.slow[n], true);
         }
@@ -125,8 +125,8 @@ fn turn_mpg(machine: &mut Machine<SimFpga>, k: usize, cycles: i32) {
 /// FACTS 12.9: B leading A counts up, so that 1X counts rising edges of A up and falling ones down.
 #[test]
 fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset() {
-    for mut machine in both_firmwares().map(Machine::new) {
-        let inputs = machine.inputs();
+    for mut machine in both_firmwares().map(started) {
+        let inputs = inputs(&machine);
         let count = |machine: &Machine<SimFpga>, k: usize| {
             machine.driver.pins().read(inputs.mpg_counts[k]).value
         };
@@ -168,8 +168,8 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset(
 
 #[test]
 fn isolated_outputs_and_leds_follow_and_can_be_turned_round() {
-    for mut machine in both_firmwares().map(Machine::new) {
-        let card = machine.card;
+    for mut machine in both_firmwares().map(started) {
+        let card = machine.cards;
         let on = |machine: &mut Machine<SimFpga>| {
             let fpga = machine.fpga();
             [0, 1, 2, 3, 4, 5].map(|n| fpga.isolated_output(n))
@@ -224,7 +224,7 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
         ..config
     };
     let fpga = machines::i7i97(1);
-    let mut machine = Machine::build(fpga, |builder| builder.gpio(34, config).gpio(50, inverted));
+    let mut machine = build(fpga, |builder| builder.gpio(34, config).gpio(50, inverted));
     let all: [Output<bool>; 17] =
         core::array::from_fn(|n| machine.output(&format!("gpio.{:03}.out", 34 + n)));
     let out = |n: usize| all[n];

@@ -12,7 +12,7 @@ fn what_all_encoders_have_in_common_can_be_set() {
     let fine_stamps = machine.output::<bool>("encoder.hires-timestamp");
     let timer = machine.output::<i32>("encoder.timer-number");
     let velocity = machine.input::<f64>("encoder.00.velocity");
-    let [encoder, ..] = machine.card.encoders;
+    let [encoder, ..] = machine.cards.encoders;
     let registers = |machine: &mut Machine<SimFpga>| {
         let fpga = machine.fpga();
         // The rate register can not be read back.
@@ -79,7 +79,7 @@ fn what_all_encoders_have_in_common_can_be_set() {
 /// Where the count goes in 100 ms at so many counts a second: its change, the velocity, and whether
 /// the speed is said to be near the greatest.
 fn turned(machine: &mut Machine<SimFpga>, counts_per_second: f64) -> (f64, f64, bool) {
-    let encoder = machine.card.encoders[5];
+    let encoder = machine.cards.encoders[5];
     let velocity = machine.input::<f64>("encoder.05.velocity");
     let is_near = machine.input::<bool>("encoder.05.near-max-count-rate");
     let motor = machine.fpga().motor(5).expect("an axis");
@@ -178,7 +178,7 @@ fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
 #[test]
 fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_refused() {
     let mut machine = board();
-    let encoder = machine.card.encoders[0];
+    let encoder = machine.cards.encoders[0];
     let probe = machine.output::<bool>("encoder.00.probe-enable");
     let latched = machine.input::<i32>("encoder.00.count-latched");
     machine
@@ -207,7 +207,7 @@ fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_ref
 #[test]
 fn a_scale_of_0_becomes_1_and_is_counted_as_refused() {
     let mut machine = board();
-    let encoder = machine.card.encoders[1];
+    let encoder = machine.cards.encoders[1];
     machine
         .fpga()
         .motor(1)

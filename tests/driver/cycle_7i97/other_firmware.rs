@@ -1,6 +1,6 @@
 //! Pins and outputs of firmware with InM and OutM, in the place of InMux and SSR or beside them.
 
-use super::{Machine, both_firmwares};
+use super::{Machine, both_firmwares, started};
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::{ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 
@@ -49,7 +49,7 @@ fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     for (pin, output) in [(34, 5), (35, 4), (36, 31)] {
         firmware.pins[pin] = PinDescriptor::new(gtag::OUT_M, 0, 0x81 + output);
     }
-    let mut machine = Machine::new(SimFpga::new(firmware));
+    let mut machine = started(SimFpga::new(firmware));
     let names: Vec<_> = [
         "out-04",
         "invert-04",
@@ -72,7 +72,7 @@ fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     };
     machine.cycles(2);
     assert_eq!(levels(&mut machine), ([false; 3], 0));
-    let relay = machine.card.outputs[5];
+    let relay = machine.cards.outputs[5];
     let pins = machine.driver.pins_mut();
     pins.set(five, true);
     pins.set(last_inverted, true);
