@@ -3,7 +3,8 @@
 use core::ops::Range;
 
 use super::UdpError;
-use super::ledger::{Account, Details, SLOTS};
+use super::ledger::{Account, Details, Kind, SLOTS};
+use super::receiving::Wait;
 use crate::bus::{Access, Direction};
 use crate::lbp16::{Lbp16Error, MAX_COUNT, MAX_PACKET, RequestBuilder, Space, registers};
 
@@ -17,6 +18,12 @@ const BRIEF: Tail = Tail {
     counts: 1,
     first: LAST_WRITE,
     scratch: 3,
+};
+/// Of a whole cycle, whose write is the last itself.
+const OWN: Tail = Tail {
+    counts: 1,
+    first: REQUEST_NUMBER,
+    scratch: 2,
 };
 const DETAILED: Tail = Tail {
     counts: 4,
@@ -61,17 +68,19 @@ pub(super) struct Encoding {
     waited: Option<Range<usize>>,
     /// Bytes of the reply before the board's account.
     body_len: usize,
+    /// What tells that its writes were executed, if it has any.
+    kind: Option<Kind>,
     /// Both ways to ask for the account: the packet ends with one of them.
     tails: [Vec<u8>; 2],
     /// The most words that the buffer must have, and the access that needs them.
     needs: Option<Access>,
 }
 
-/// Where a packet has the number of its write: for its turn, and as the last.
+/// Where a packet has the number of its write: for its turn, and as the last if it says so.
 #[derive(Clone, Debug)]
 struct WriteNumbers {
     slot: Range<usize>,
-    last: Range<usize>,
+    last: Option<Range<usize>>,
 }
 
 /// How a list is run.
@@ -102,9 +111,14 @@ impl Encoding {
         }
         let has = |direction| accesses.iter().any(|a| a.direction == direction);
         let answered = manner.acknowledged || has(Direction::Read);
+        let kind = has(Direction::Write).then_some(match manner {
+            Manner { wait: Some(_), .. } => Kind::Cycle,
+            _ if answered => Kind::Acknowledged,
+            _ => Kind::Alone,
+        });
         let (mut writes, mut reads) = (Vec::new(), Vec::new());
         let mut waited = None;
-        let mut this = Self::build(answered, has(Direction::Write), |request| {
+        let mut this = Self::build(answered, kind, |request| {
             let mut push = |request: &mut RequestBuilder<'_>, accesses| {
                 for run in runs(accesses) {
                     let place = run.push(request)?;
@@ -133,12 +147,12 @@ impl Encoding {
 
     /// The packet that only asks for the board's account.
     pub(super) fn question() -> Result<Self, UdpError> {
-        Self::build(true, false, |_| Ok(()))
+        Self::build(true, None, |_| Ok(()))
     }
 
     /// The packet that sets all numbers, and nothing else.
     pub(super) fn first_contact() -> Result<Self, UdpError> {
-        Self::build(true, true, |_| Ok(()))
+        Self::build(true, Some(Kind::Acknowledged), |_| Ok(()))
     }
 
     /// A packet of ready-made commands, which are answered with `reply_len` bytes.
@@ -157,65 +171,70 @@ impl Encoding {
 
     fn build(
         answered: bool,
-        writes: bool,
+        kind: Option<Kind>,
         body: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), Lbp16Error>,
     ) -> Result<Self, UdpError> {
         let mut buffer = [0; MAX_PACKET];
         let mut request = RequestBuilder::new(&mut buffer);
-        let mut this = Self::default();
+        let mut this = Self {
+            kind,
+            ..Self::default()
+        };
+        let brief = this.brief();
         let all = || -> Result<(), Lbp16Error> {
             if answered {
                 let number = request.write_words(Space::Timer, REQUEST_NUMBER, &[0, 0])?;
                 this.request_number = Some(number);
             }
             body(&mut request)?;
-            if writes {
-                this.write_numbers = Some(WriteNumbers {
-                    slot: request.write_words(Space::Timer, SLOT, &[0])?,
-                    last: request.write_words(Space::Timer, LAST_WRITE, &[0])?,
-                });
+            if let Some(kind) = kind {
+                let slot = request.write_words(Space::Timer, SLOT, &[0])?;
+                let last = match kind {
+                    Kind::Cycle => None,
+                    _ => Some(request.write_words(Space::Timer, LAST_WRITE, &[0])?),
+                };
+                this.write_numbers = Some(WriteNumbers { slot, last });
             }
             this.body_len = request.reply_len();
             if answered {
-                BRIEF.push(&mut request)?;
+                brief.push(&mut request)?;
             }
             Ok(())
         };
         all().map_err(too_long)?;
         this.packet = request.bytes().to_vec();
         if answered {
-            this.tails = [tail(BRIEF)?, tail(DETAILED)?];
+            this.tails = [tail(brief)?, tail(DETAILED)?];
         }
         check("reply", this.reply_len(true))?;
         Ok(this)
     }
 
-    /// The packet, made in `buffer`, with numbers and values put in. `detailed`: it asks for the
-    /// whole account.
+    /// The packet, made in `buffer`, with the values of `words` and the numbers of what waits for its
+    /// reply, if anything does, and of its write.
     pub(super) fn packet<'a>(
         &self,
         buffer: &'a mut [u8],
         words: &[u32],
-        request: u32,
+        wait: Option<Wait>,
         write: Option<(u32, usize)>,
-        detailed: bool,
     ) -> &'a [u8] {
         let packet = buffer.get_mut(..self.packet.len()).unwrap_or_default();
         put(packet, 0, self.packet.iter().copied());
-        if let Some(range) = &self.request_number {
-            put(packet, range.start, request.to_le_bytes());
+        if let (Some(range), Some(wait)) = (&self.request_number, wait) {
+            put(packet, range.start, wait.request.to_le_bytes());
+            let [brief, details] = &self.tails;
+            let tail = if wait.detailed { details } else { brief };
+            let at = packet.len().saturating_sub(tail.len());
+            put(packet, at, tail.iter().copied());
         }
         if let (Some(at), Some((number, slot))) = (&self.write_numbers, write) {
             let address = SLOT + 2 * slot as u16;
             put(packet, at.slot.start - 2, address.to_le_bytes());
-            for range in [&at.slot, &at.last] {
+            for range in core::iter::once(&at.slot).chain(&at.last) {
                 put(packet, range.start, (number as u16).to_le_bytes());
             }
         }
-        let [brief, details] = &self.tails;
-        let tail = if detailed { details } else { brief };
-        let at = self.packet.len().saturating_sub(tail.len());
-        put(packet, at, tail.iter().copied());
         for piece in &self.writes {
             let values = words.iter().skip(piece.first).take(piece.count);
             let bytes = values.flat_map(|word| word.to_le_bytes());
@@ -254,19 +273,18 @@ impl Encoding {
         for (word, bytes) in words.iter_mut().zip(tail.chunks_exact(2)) {
             *word = little_endian(bytes) as u16;
         }
-        if !detailed {
+        let (received, last_write, details) = if detailed {
+            let [received, _, _, sent, slots @ .., last_write, _, _] = words;
+            (received, last_write, Some(Details { slots, sent }))
+        } else {
             let [received, last_write, ..] = words;
-            return Some(Account {
-                last_write,
-                received,
-                details: None,
-            });
-        }
-        let [received, _, _, sent, slots @ .., last_write, _, _] = words;
+            (received, last_write, None)
+        };
+        let is_own = self.kind == Some(Kind::Cycle);
         Some(Account {
-            last_write,
+            last_write: (!is_own).then_some(last_write),
             received,
-            details: Some(Details { slots, sent }),
+            details,
         })
     }
 
@@ -275,9 +293,17 @@ impl Encoding {
         self.request_number.is_some()
     }
 
-    /// Whether the packet changes registers of the board.
-    pub(super) fn has_writes(&self) -> bool {
-        self.write_numbers.is_some()
+    /// What tells that its writes were executed, if the packet changes registers of the board.
+    pub(super) fn kind(&self) -> Option<Kind> {
+        self.kind
+    }
+
+    fn brief(&self) -> Tail {
+        if self.kind == Some(Kind::Cycle) {
+            OWN
+        } else {
+            BRIEF
+        }
     }
 
     /// Bytes of the packet.
@@ -287,7 +313,7 @@ impl Encoding {
 
     /// Bytes of the reply; 0 if there is none. `detailed`: with the whole account.
     pub(super) fn reply_len(&self, detailed: bool) -> usize {
-        let tail = if detailed { DETAILED } else { BRIEF };
+        let tail = if detailed { DETAILED } else { self.brief() };
         if self.is_answered() {
             self.body_len + tail.reply_len()
         } else {

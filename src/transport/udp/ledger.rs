@@ -2,7 +2,8 @@
 //!
 //! A packet that only writes is not answered. So every write leaves its number in the board: in
 //! one register, which tells the last write that was executed, and in one of [`SLOTS`] others,
-//! which tell of the last few whether they were executed at all. What came twice shows in
+//! which tell of the last few whether they were executed at all. A write that is a whole cycle is
+//! acknowledged by its own reply, and leaves the first out. What came twice shows in
 //! the board's own counts of packets (manual: 7I97, "MEMORY SPACE 6 LAYOUT").
 //!
 //! A reply usually brings the last number and the count of packets received. That explains
@@ -21,8 +22,9 @@ const KEPT: u32 = 16;
 /// The board's account, as a reply brings it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Account {
-    /// Number of the last write that was executed.
-    pub last_write: u16,
+    /// Number of the last write that was executed, of those that leave it; `None` in the reply to
+    /// one that does not: it is the last itself.
+    pub last_write: Option<u16>,
     /// RXUDPCount, this request included.
     pub received: u16,
     pub details: Option<Details>,
@@ -55,6 +57,15 @@ pub(super) struct News {
     pub doubt: bool,
 }
 
+/// What had been sent when a request was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Asked {
+    /// Number of the newest write.
+    newest: u32,
+    /// Number that the register of the last write is to hold.
+    last: u32,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fate {
     /// Never sent, or forgotten.
@@ -68,9 +79,19 @@ enum Fate {
 #[derive(Clone, Copy, Debug)]
 struct Write {
     fate: Fate,
-    /// The packet was a request as well.
-    is_request: bool,
+    kind: Kind,
     slot: usize,
+}
+
+/// What tells that a write was executed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// It is not answered: the reply to the next request.
+    Alone,
+    /// An exchange of set-up: its own reply, or another's.
+    Acknowledged,
+    /// A whole cycle: its own reply. It does not say that it was the last.
+    Cycle,
 }
 
 /// The writes sent lately, and what the board said of them.
@@ -78,6 +99,12 @@ struct Write {
 pub(super) struct Ledger {
     /// Number of the newest write.
     newest: u32,
+    /// Number that the register of the last write is to hold.
+    newest_last: u32,
+    /// After the write of this number, an older cycle may have been executed, which does not say
+    /// that it was the last.
+    overtaken: Option<u32>,
+    has_cycles: bool,
     /// Number of the newest write before those under way.
     settled: u32,
     writes: [Write; REMEMBERED as usize],
@@ -102,11 +129,14 @@ impl Ledger {
     pub(super) fn starting_after(newest: u32) -> Self {
         let unknown = Write {
             fate: Fate::Unknown,
-            is_request: false,
+            kind: Kind::Alone,
             slot: 0,
         };
         Self {
             newest,
+            newest_last: newest,
+            overtaken: None,
+            has_cycles: false,
             settled: newest,
             writes: [unknown; REMEMBERED as usize],
             owners: [newest; SLOTS],
@@ -119,10 +149,14 @@ impl Ledger {
         }
     }
 
-    /// A write is sent, perhaps with a request in the same packet: its number, and which register
-    /// it leaves that in.
-    pub(super) fn open_write(&mut self, is_request: bool) -> (u32, usize) {
+    /// A write is sent: its number, and which register it leaves that in.
+    pub(super) fn open_write(&mut self, kind: Kind) -> (u32, usize) {
         self.newest = self.newest.wrapping_add(1);
+        if kind == Kind::Cycle {
+            self.has_cycles = true;
+        } else {
+            self.newest_last = self.newest;
+        }
         if self.underway() > REMEMBERED {
             self.settled = self.settled.wrapping_add(1);
             // Its place is the new one's.
@@ -132,7 +166,7 @@ impl Ledger {
         let slot = self.choose_slot();
         let write = Write {
             fate: Fate::Underway,
-            is_request,
+            kind,
             slot,
         };
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
@@ -160,10 +194,13 @@ impl Ledger {
         slot
     }
 
-    /// A request is sent: the number of the newest write before it, which its reply tells of.
-    pub(super) fn open_request(&mut self) -> u32 {
+    /// A request is sent: what its reply tells of.
+    pub(super) fn open_request(&mut self) -> Asked {
         self.requests = self.requests.saturating_add(1);
-        self.newest
+        Asked {
+            newest: self.newest,
+            last: self.newest_last,
+        }
     }
 
     /// A packet of somebody's own commands is sent, whose effect on the counts is not known.
@@ -191,11 +228,16 @@ impl Ledger {
     /// Takes what the reply to a request brought; `asked` is what [`open_request`] gave for it.
     ///
     /// [`open_request`]: Self::open_request
-    pub(super) fn hear(&mut self, account: Account, asked: u32) -> News {
+    pub(super) fn hear(&mut self, account: Account, asked: Asked) -> News {
         let mut news = News::default();
+        let Asked {
+            newest: asked,
+            last: newest_last,
+        } = asked;
         // Of several writes nobody can tell in which order they were executed.
         let is_sequence = asked.wrapping_sub(self.settled) > 1;
-        let last = self.number(account.last_write);
+        let last_register = account.last_write.unwrap_or(asked as u16);
+        let last = self.number(last_register);
         let slots = account.details.map_or([None; SLOTS], |details| {
             details.slots.map(|word| self.number(word))
         });
@@ -205,7 +247,12 @@ impl Ledger {
             fresh += self.executed(number, &mut news);
         }
         // A newer one was executed, and this one after it.
-        let is_behind = last.is_some() && last != self.newest_executed();
+        let is_own = account.last_write.is_none();
+        let is_behind = last.is_some() && last != self.newest_executed(is_own);
+        // The newest write was executed, and none after it.
+        let expected = if is_own { asked } else { newest_last };
+        let is_newest =
+            self.fate(asked) == Fate::Executed && last_register == expected as u16 && !is_behind;
         news.late += u32::from(is_behind && was_underway);
         self.executions = self.executions.wrapping_add(fresh);
         let arrived = self
@@ -214,7 +261,7 @@ impl Ledger {
         let is_explained = arrived == Some(1 + fresh) && self.requests == 1;
         match account.details {
             Some(details) => {
-                if last.is_none() {
+                if last.is_none() && last_register != expected as u16 {
                     // Reset, or somebody else's: the counts mean nothing.
                     self.unaccounted = None;
                 }
@@ -224,10 +271,16 @@ impl Ledger {
             None => {
                 // What else came is not known yet. But had the newest write been followed by an
                 // older one, there would be three packets at least.
-                if last != Some(asked) && arrived.is_some_and(|arrived| arrived < 3) {
+                if !is_newest && arrived.is_some_and(|arrived| arrived < 3) {
                     self.nothing_else_came(asked, &mut news);
                 }
                 self.is_open = true;
+            }
+        }
+        if let (false, Some(last), Fate::Missing) = (is_own, last, self.fate(newest_last)) {
+            // It did not become the last; should it come late, the register tells.
+            if self.newest_last == newest_last {
+                self.newest_last = last;
             }
         }
         self.received = Some(account.received);
@@ -235,8 +288,13 @@ impl Ledger {
         // What is lost may still come, and is told best by the details.
         self.is_open |= news.lost > 0;
         let said = [news.lost, news.late, news.repeated, news.unconfirmed];
-        let is_certain = is_explained && last == Some(asked) && !is_behind && !is_sequence;
+        let is_newer = |overtaken: u32| asked.wrapping_sub(overtaken) as i32 > 0;
+        let is_overtaken = self.overtaken.is_some_and(|overtaken| !is_newer(overtaken));
+        let is_certain = is_explained && is_newest && !is_sequence && !is_overtaken;
         news.doubt = !is_certain || said.into_iter().any(|count| count > 0);
+        if self.has_cycles && news.doubt {
+            self.overtaken = Some(self.newest);
+        }
         news
     }
 
@@ -255,7 +313,7 @@ impl Ledger {
             Fate::Unknown | Fate::Executed => return 0,
         }
         write.fate = Fate::Executed;
-        u16::from(!write.is_request)
+        u16::from(write.kind == Kind::Alone)
     }
 
     /// Nothing came but what is known to be executed: the rest is lost.
@@ -326,10 +384,18 @@ impl Ledger {
         (self.fate(number) != Fate::Unknown).then_some(number)
     }
 
-    fn newest_executed(&self) -> Option<u32> {
+    /// The newest write that was executed: of all, or of those that say that they were the last.
+    fn newest_executed(&self, of_all: bool) -> Option<u32> {
         (0..REMEMBERED)
             .map(|age| self.newest.wrapping_sub(age))
+            .filter(|number| of_all || self.leaves_last(*number))
             .find(|number| self.fate(*number) == Fate::Executed)
+    }
+
+    /// Whether a remembered write says that it was the last.
+    fn leaves_last(&self, number: u32) -> bool {
+        let write = self.writes.get((number % REMEMBERED) as usize);
+        write.is_some_and(|write| write.kind != Kind::Cycle)
     }
 
     fn underway(&self) -> u32 {

@@ -25,7 +25,7 @@ use crate::bus::{Access, BusStatistics, Clock, Direction, Hold, Instant, Registe
 use crate::ethernet::Lbp16Board;
 use crate::lbp16::MAX_PACKET;
 use encoding::{Encoding, Manner, write_packet};
-use ledger::Ledger;
+use ledger::{Kind, Ledger};
 use matching::Requests;
 use receiving::Wait;
 
@@ -231,7 +231,7 @@ impl<L: Link> UdpBus<L> {
                 }
                 Err(error) => tries = another_try(tries, error)?,
             }
-            if encoding.has_writes() && self.ask_whether_executed(&mut tries)? {
+            if encoding.kind().is_some() && self.ask_whether_executed(&mut tries)? {
                 let reads: Vec<Access> = only_reads(accesses).collect();
                 if reads.is_empty() {
                     return Ok(());
@@ -264,11 +264,10 @@ impl<L: Link> UdpBus<L> {
         words: &[u32],
         deadline: Duration,
     ) -> Result<usize, UdpError> {
-        let wait = self.send(encoding, words, deadline, Duration::ZERO)?;
-        if !encoding.is_answered() {
-            return Ok(0);
+        match self.send(encoding, words, deadline, Duration::ZERO)? {
+            Some(wait) => self.receive(encoding, wait),
+            None => Ok(0),
         }
-        self.receive(encoding, wait)
     }
 
     /// One packet out, which the board may hold back for `held`. If it is answered, nobody waits any
@@ -279,34 +278,29 @@ impl<L: Link> UdpBus<L> {
         words: &[u32],
         deadline: Duration,
         held: Duration,
-    ) -> Result<Wait, UdpError> {
-        let is_answered = encoding.is_answered();
-        let writes = encoding.has_writes();
-        let write = writes.then(|| self.ledger.open_write(is_answered));
-        let (mut request, mut asked) = (0, 0);
-        if is_answered {
-            self.statistics.lost += u64::from(self.started.take().is_some());
-            request = self.requests.open();
-            asked = self.ledger.open_request();
-        }
-        let detailed = is_answered && self.ledger.wants_details();
-        let packet = self.packet.as_mut_slice();
-        let packet = encoding.packet(packet, words, request, write, detailed);
+    ) -> Result<Option<Wait>, UdpError> {
+        let kind = encoding.kind();
+        let write = kind.map(|kind| self.ledger.open_write(kind));
         let started = self.link.now();
+        let wait = encoding.is_answered().then(|| {
+            self.statistics.lost += u64::from(self.started.take().is_some());
+            Wait {
+                request: self.requests.open(),
+                asked: self.ledger.open_request(),
+                detailed: self.ledger.wants_details(),
+                started,
+                deadline,
+                held,
+            }
+        });
+        let packet = encoding.packet(self.packet.as_mut_slice(), words, wait, write);
         self.statistics.exchanges += 1;
         self.statistics.bytes_sent += packet.len() as u64;
         self.link.send(packet).map_err(|link| UdpError::Link {
             link,
             waited: Duration::ZERO,
         })?;
-        Ok(Wait {
-            request,
-            asked,
-            detailed,
-            started,
-            deadline,
-            held,
-        })
+        Ok(wait)
     }
 
     /// Takes the words of the reply that was received.
@@ -421,8 +415,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         list.encoding.check_words(words.len())?;
         self.is_cyclic = true;
         let deadline = self.config.cycle_deadline;
-        let wait = self.send(&list.encoding, words, deadline, list.held)?;
-        if list.encoding.is_answered() {
+        if let Some(wait) = self.send(&list.encoding, words, deadline, list.held)? {
             self.started = Some((list.number, wait));
         }
         Ok(())
@@ -456,7 +449,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     ) -> Result<(), UdpError> {
         self.is_cyclic = true;
         let some = accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted);
-        let write = self.ledger.open_write(false);
+        let write = self.ledger.open_write(Kind::Alone);
         let some = some.map(|(access, _)| *access);
         let packet = write_packet(self.packet.as_mut_slice(), some, words, write)?;
         self.statistics.exchanges += 1;

@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::encoding::Encoding;
+use super::ledger::Asked;
 use super::matching::Match;
 use super::{Link, UdpBus, UdpError};
 use crate::bus::{Instant, Reply};
@@ -12,8 +13,8 @@ use crate::lbp16::MAX_PACKET;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wait {
     pub request: u32,
-    /// The newest write that was sent before it.
-    pub asked: u32,
+    /// The writes that were sent before it.
+    pub asked: Asked,
     /// The whole account was asked for.
     pub detailed: bool,
     pub started: Instant,

@@ -17,7 +17,18 @@ impl Board {
         self.slots[slot] = number as u16;
     }
 
+    /// A cycle that is one packet, executed and answered.
+    fn cycle(&mut self, ledger: &mut Ledger) -> News {
+        let (number, slot) = ledger.open_write(Kind::Cycle);
+        self.slots[slot] = number as u16;
+        self.reply(ledger, None)
+    }
+
     fn answer(&mut self, ledger: &mut Ledger) -> News {
+        self.reply(ledger, Some(self.last))
+    }
+
+    fn reply(&mut self, ledger: &mut Ledger, last_write: Option<u16>) -> News {
         let asked = ledger.open_request();
         let detailed = ledger.wants_details();
         self.received = self.received.wrapping_add(1);
@@ -27,7 +38,7 @@ impl Board {
         };
         self.sent = self.sent.wrapping_add(1);
         let account = Account {
-            last_write: self.last,
+            last_write,
             received: self.received,
             details: detailed.then_some(details),
         };
@@ -48,7 +59,7 @@ const DOUBT: News = News {
 fn pair() -> (Ledger, Board) {
     let mut ledger = Ledger::starting_after(u32::MAX - 2);
     let mut board = Board::default();
-    board.write(ledger.open_write(false));
+    board.write(ledger.open_write(Kind::Alone));
     // Nothing is known of what came before.
     assert_eq!(board.answer(&mut ledger), DOUBT);
     (ledger, board)
@@ -58,7 +69,7 @@ fn pair() -> (Ledger, Board) {
 fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
     let (mut ledger, mut board) = pair();
     for _ in 0..200_000 {
-        board.write(ledger.open_write(false));
+        board.write(ledger.open_write(Kind::Alone));
         assert_eq!(board.answer(&mut ledger), News::default());
         assert!(!ledger.wants_details() && ledger.is_executed());
     }
@@ -66,18 +77,64 @@ fn where_all_goes_well_nothing_is_asked_and_nothing_said() {
 }
 
 #[test]
+fn a_cycle_acknowledges_its_own_write_and_leaves_nothing_for_other_requests_to_doubt() {
+    let (mut ledger, mut board) = pair();
+    for _ in 0..3 * REMEMBERED {
+        assert_eq!(board.cycle(&mut ledger), News::default());
+    }
+    assert!(!ledger.wants_details() && ledger.is_executed());
+    assert_eq!(board.answer(&mut ledger), News::default());
+    board.write(ledger.open_write(Kind::Alone));
+    assert_eq!(board.cycle(&mut ledger), DOUBT, "two writes, in some order");
+    assert_eq!(board.cycle(&mut ledger), News::default());
+    // An older one comes a second time.
+    board.received += 1;
+    assert_eq!(board.cycle(&mut ledger), DOUBT);
+}
+
+#[test]
+fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
+    let (mut ledger, mut board) = pair();
+    for _ in 0..SLOTS {
+        assert_eq!(board.cycle(&mut ledger), News::default());
+    }
+    let (number, slot) = ledger.open_write(Kind::Cycle);
+    ledger.open_request();
+    let said = News { lost: 1, ..DOUBT };
+    assert_eq!(board.cycle(&mut ledger), said);
+    // It is executed after all, and answered.
+    board.slots[slot] = number as u16;
+    board.received += 1;
+    board.sent += 1;
+    let late = News {
+        found: 1,
+        late: 1,
+        ..DOUBT
+    };
+    assert_eq!(board.cycle(&mut ledger), late);
+    // One that was executed, and whose reply was lost, is not lost.
+    let (number, slot) = ledger.open_write(Kind::Cycle);
+    ledger.open_request();
+    board.slots[slot] = number as u16;
+    board.received += 1;
+    board.sent += 1;
+    assert_eq!(board.cycle(&mut ledger), DOUBT);
+    assert_eq!(board.cycle(&mut ledger), News::default());
+}
+
+#[test]
 fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
     let (mut ledger, mut board) = pair();
-    let lost = ledger.open_write(false);
+    let lost = ledger.open_write(Kind::Alone);
     let said = News { lost: 1, ..DOUBT };
     assert_eq!(board.answer(&mut ledger), said);
     assert!(!ledger.is_executed() && ledger.wants_details());
     assert_eq!(board.answer(&mut ledger), DOUBT, "until the next write");
     for _ in 0..KEPT - 1 {
-        board.write(ledger.open_write(false));
+        board.write(ledger.open_write(Kind::Alone));
         assert_eq!(board.answer(&mut ledger), News::default());
     }
-    let newer = ledger.open_write(false);
+    let newer = ledger.open_write(Kind::Alone);
     board.write(lost);
     board.write(newer);
     // Something came that was not due; what it was is asked for.
@@ -94,16 +151,16 @@ fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
 #[test]
 fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
     let (mut ledger, mut board) = pair();
-    board.write(ledger.open_write(false));
+    board.write(ledger.open_write(Kind::Alone));
     let asked = ledger.open_request();
     board.received += 1;
     let account = Account {
-        last_write: board.last,
+        last_write: Some(board.last),
         received: board.received,
         details: None,
     };
     board.sent += 1;
-    let next = ledger.open_write(false);
+    let next = ledger.open_write(Kind::Alone);
     assert_eq!(ledger.hear(account, asked), News::default());
     assert!(!ledger.is_executed());
     board.write(next);
@@ -114,20 +171,20 @@ fn a_write_that_follows_a_request_is_no_matter_of_its_reply() {
 #[test]
 fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
     let (mut ledger, mut board) = pair();
-    let [first, second] = [(); 2].map(|()| ledger.open_write(false));
+    let [first, second] = [(); 2].map(|()| ledger.open_write(Kind::Alone));
     board.write(second);
     board.write(first);
     let late = News { late: 1, ..DOUBT };
     assert_eq!(board.answer(&mut ledger), late);
     assert_eq!(board.answer(&mut ledger), DOUBT, "its values still stand");
-    board.write(ledger.open_write(false));
+    board.write(ledger.open_write(Kind::Alone));
     assert_eq!(board.answer(&mut ledger), News::default());
 }
 
 #[test]
 fn a_doubled_write_is_in_doubt_at_once_and_counted_with_the_details() {
     let (mut ledger, mut board) = pair();
-    let write = ledger.open_write(false);
+    let write = ledger.open_write(Kind::Alone);
     board.write(write);
     board.write(write);
     let said = board.answer(&mut ledger);
@@ -141,7 +198,7 @@ fn a_doubled_write_is_in_doubt_at_once_and_counted_with_the_details() {
 fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothing() {
     let (mut ledger, mut board) = pair();
     for _ in 0..3 {
-        board.write(ledger.open_write(false));
+        board.write(ledger.open_write(Kind::Alone));
         board.received += 1;
         board.sent += 1;
         assert_eq!(board.answer(&mut ledger), DOUBT);
@@ -155,7 +212,7 @@ fn somebody_elses_packets_are_in_doubt_however_much_is_asked_and_count_as_nothin
 #[test]
 fn after_a_packet_whose_effect_is_not_known_nothing_is_certain_once() {
     let (mut ledger, mut board) = pair();
-    board.write(ledger.open_write(false));
+    board.write(ledger.open_write(Kind::Alone));
     ledger.lose_count();
     board.received += 1;
     assert_eq!(board.answer(&mut ledger), DOUBT);
@@ -167,7 +224,7 @@ fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnotice
     let (mut ledger, mut board) = pair();
     // Every write is lost, until the numbers come round to the one that the board has.
     for n in 1..0x2_0000_u32 {
-        ledger.open_write(false);
+        ledger.open_write(Kind::Alone);
         let said = board.answer(&mut ledger);
         assert!(said.doubt, "{n}: {said:?}");
     }
@@ -176,15 +233,15 @@ fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnotice
 #[test]
 fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
     let (mut ledger, _) = pair();
-    ledger.open_write(false);
+    ledger.open_write(Kind::Alone);
     let mut board = Board::default();
     let said = board.answer(&mut ledger);
     assert!(said.doubt && ledger.wants_details());
     let said = board.answer(&mut ledger);
     assert_eq!((said.lost, said.repeated, said.doubt), (1, 0, true));
-    board.write(ledger.open_write(false));
+    board.write(ledger.open_write(Kind::Alone));
     let _ = board.answer(&mut ledger);
-    board.write(ledger.open_write(false));
+    board.write(ledger.open_write(Kind::Alone));
     assert_eq!(board.answer(&mut ledger), News::default());
 }
 
@@ -192,7 +249,7 @@ fn after_a_reset_the_counts_begin_again_and_what_was_under_way_is_lost() {
 fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
     let (mut ledger, mut board) = pair();
     for n in 0..20 {
-        let write = ledger.open_write(false);
+        let write = ledger.open_write(Kind::Alone);
         if n % 3 != 0 {
             board.write(write);
         }
@@ -211,7 +268,7 @@ fn counts_that_stand_still_are_not_believed_and_losses_are_told_without_them() {
 fn more_writes_than_are_remembered_are_unconfirmed_and_not_lost() {
     let (mut ledger, mut board) = pair();
     for _ in 0..100 {
-        board.write(ledger.open_write(false));
+        board.write(ledger.open_write(Kind::Alone));
     }
     let said = board.answer(&mut ledger);
     assert_eq!((said.lost, said.unconfirmed), (0, 100 - SLOTS as u32));
@@ -222,15 +279,16 @@ proptest! {
     #[test]
     fn whatever_a_board_says_nothing_is_counted_that_was_not_sent(
         steps in prop::collection::vec(
-            (0..4_u32, any::<u16>(), any::<u16>(), prop::option::of(any::<[u16; SLOTS + 1]>())),
+            (0..4_u32, any::<Option<u16>>(), any::<u16>(), prop::option::of(any::<[u16; SLOTS + 1]>())),
             0..80,
         ),
     ) {
         let mut ledger = Ledger::starting_after(5);
         let (mut sent, mut known) = (0, 0);
         for (writes, last_write, received, details) in steps {
-            for _ in 0..writes {
-                ledger.open_write(false);
+            for n in 0..writes {
+                let kinds = [Kind::Alone, Kind::Cycle, Kind::Acknowledged];
+                ledger.open_write(kinds[n as usize % kinds.len()]);
             }
             sent += writes;
             let asked = ledger.open_request();

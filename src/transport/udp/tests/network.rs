@@ -202,6 +202,7 @@ impl Network {
 /// The numbers that a packet sets.
 pub(super) fn numbers(packet: &[u8]) -> Execution {
     let mut found = Execution::default();
+    let mut slot = None;
     let mut rest = packet;
     while let [low, high, a, _, tail @ ..] = rest {
         let (count, size) = (usize::from(*low & 0x7F), 1 << (*high & 3));
@@ -212,12 +213,17 @@ pub(super) fn numbers(packet: &[u8]) -> Execution {
             rest = tail;
             match (*high >> 2 & 7, *a, data) {
                 (4, 0x1A, [a, b]) => found.write = Some(u16::from_le_bytes([*a, *b])),
+                (4, 0x10..0x1A, [a, b]) => slot = Some(u16::from_le_bytes([*a, *b])),
                 (4, 0x1C, &[a, b, c, d]) => {
                     found.request = Some(u32::from_le_bytes([a, b, c, d]));
                 }
                 _ => {}
             }
         }
+    }
+    if found.request.is_some() {
+        // A whole cycle does not say that it was the last.
+        found.write = found.write.or(slot);
     }
     found
 }
