@@ -1,8 +1,6 @@
 //! Pass-through accesses to a remote: what they are as registers.
 
-use super::{Channel, CsStatus};
 use core::fmt;
-use thiserror::Error;
 
 /// How much of a remote's memory one access moves.
 ///
@@ -75,12 +73,6 @@ impl LocalLocation {
     pub const NONVOLATILE: Self = Self(0x0C);
     /// First character of the name; the other three follow.
     pub const NAME: Self = Self(0x10);
-    /// Capability bits: 01 CRC, 04 EEPROM, 08 flash.
-    pub const CAPABILITIES: Self = Self(0x14);
-    /// Software revision.
-    pub const SOFTWARE_REVISION: Self = Self(0x15);
-    /// Hardware mode.
-    pub const HARDWARE_MODE: Self = Self(0x16);
     /// Fault byte.
     pub const FAULTS: Self = Self(0x17);
     /// Always 5A.
@@ -213,53 +205,6 @@ impl fmt::Display for RemoteAccess {
             }
         }
     }
-}
-
-/// Why an access to a remote failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum AccessError {
-    /// The remote did not answer, or not as it should, however often it was asked.
-    #[error(
-        "channel {channel}, {access}: no good reply in {attempts} attempts ({cs}): check the \
-         cable; if only this address fails, the remote does not have it"
-    )]
-    Failed {
-        /// The channel.
-        channel: Channel,
-        /// What was asked for.
-        access: RemoteAccess,
-        /// How often.
-        attempts: u8,
-        /// CS after the last one.
-        cs: CsStatus,
-    },
-    /// What was written to non-volatile memory does not read back.
-    #[error(
-        "channel {channel}: non-volatile memory at {address:#06X} reads {read:#X} after \
-         {written:#X} was written: it may be write-protected (see the card's jumpers) or worn out"
-    )]
-    NotKept {
-        /// The channel.
-        channel: Channel,
-        /// Where.
-        address: u16,
-        /// What was written.
-        written: u64,
-        /// What was last read.
-        read: u64,
-    },
-    /// Access to non-volatile memory could not be switched off again.
-    #[error(
-        "channel {channel}: access to non-volatile memory could not be switched off ({cs}): power \
-         the remote off and on before anything else is written to it"
-    )]
-    LeftNonvolatile {
-        /// The channel.
-        channel: Channel,
-        /// CS after the last attempt.
-        cs: CsStatus,
-    },
 }
 
 #[cfg(test)]

@@ -86,11 +86,6 @@ impl Command {
     pub const fn word(self) -> u32 {
         self.0
     }
-
-    /// What COMMAND reads while this command is in progress.
-    pub const fn while_busy(self) -> u32 {
-        self.0 & 0xFFFF
-    }
 }
 
 impl fmt::Display for Command {

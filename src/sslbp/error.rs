@@ -1,7 +1,7 @@
 //! What can go wrong with a port, and what to do then.
 
 use super::{
-    AccessError, Channel, ChannelMask, Command, CsStatus, DataStatus, LocalAddress, MAX_CHANNELS,
+    Channel, ChannelMask, Command, CsStatus, DataStatus, LocalAddress, MAX_CHANNELS, RemoteAccess,
 };
 use crate::bus::BusError;
 use core::{fmt, time::Duration};
@@ -17,13 +17,66 @@ pub enum PortError<E: BusError> {
     /// A bounded wait came to its end.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// Gateware that this crate can not work with.
-    #[error("SSLBP port {port}: {reason}")]
-    Unsupported {
+    /// Local parameter 0.
+    #[error(
+        "SSLBP port {port}: the interface type is {found:#04X}, expected 0x12 (SSLBP): this \
+         firmware has another serial protocol on that port"
+    )]
+    InterfaceType {
         /// The port.
         port: u8,
-        /// What is not as expected.
-        reason: Unsupported,
+        /// What it is.
+        found: u8,
+    },
+    /// Local parameter 1.
+    #[error(
+        "SSLBP port {port}: the data port is {found} bits wide, expected 8: this firmware is not \
+         known"
+    )]
+    InterfaceWidth {
+        /// The port.
+        port: u8,
+        /// What it is.
+        found: u8,
+    },
+    /// Local parameters 2 and 3.
+    #[error(
+        "SSLBP port {port}: the firmware is SSLBP {major}.{minor}, supported is 1.{oldest} and \
+         newer 1.x: flash a newer firmware"
+    )]
+    Version {
+        /// The port.
+        port: u8,
+        /// Major revision.
+        major: u8,
+        /// Minor revision.
+        minor: u8,
+        /// The oldest minor revision that is supported.
+        oldest: u8,
+    },
+    /// Local parameter 6.
+    #[error(
+        "SSLBP port {port}: the interface processor is {found:#04X}, expected 0xD8 (Dumb8): this \
+         firmware is not known"
+    )]
+    Processor {
+        /// The port.
+        port: u8,
+        /// What it is.
+        found: u8,
+    },
+    /// Local parameters 4 and 5.
+    #[error(
+        "SSLBP port {port}: the channel variables start at {start:#04X} with stride {stride:#04X}, \
+         which does not hold what version 1.43 keeps there: this firmware is not known"
+    )]
+    ChannelVariables {
+        /// The port.
+        port: u8,
+        /// Local parameter 4.
+        start: u8,
+        /// Local parameter 5.
+        stride: u8,
     },
     /// The firmware and its own pin descriptors disagree.
     #[error(
@@ -96,13 +149,53 @@ pub enum PortError<E: BusError> {
         /// What is there.
         read: u8,
     },
-    /// A pass-through access to a remote failed.
-    #[error("SSLBP port {port}: {error}")]
-    Access {
+    /// The remote did not answer, or not as it should, however often it was asked.
+    #[error(
+        "SSLBP port {port}: channel {channel}, {access}: no good reply in {attempts} attempts \
+         ({cs}): check the cable; if only this address fails, the remote does not have it"
+    )]
+    AccessFailed {
         /// The port.
         port: u8,
-        /// What happened.
-        error: AccessError,
+        /// The channel.
+        channel: Channel,
+        /// What was asked for.
+        access: RemoteAccess,
+        /// How often.
+        attempts: u8,
+        /// CS after the last one.
+        cs: CsStatus,
+    },
+    /// What was written to non-volatile memory does not read back.
+    #[error(
+        "SSLBP port {port}: channel {channel}: non-volatile memory at {address:#06X} reads \
+         {read:#X} after {written:#X} was written: it may be write-protected (see the card's \
+         jumpers) or worn out"
+    )]
+    NotKept {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: Channel,
+        /// Where.
+        address: u16,
+        /// What was written.
+        written: u64,
+        /// What was last read.
+        read: u64,
+    },
+    /// Access to non-volatile memory could not be switched off again.
+    #[error(
+        "SSLBP port {port}: channel {channel}: access to non-volatile memory could not be switched \
+         off ({cs}): power the remote off and on before anything else is written to it"
+    )]
+    LeftNonvolatile {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: Channel,
+        /// CS after the last attempt.
+        cs: CsStatus,
     },
 }
 
@@ -154,59 +247,6 @@ impl fmt::Display for PortState {
             Self::Normal => "in normal mode",
         })
     }
-}
-
-/// What is not as this crate needs it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum Unsupported {
-    /// Local parameter 0.
-    #[error(
-        "the interface type is {found:#04X}, expected 0x12 (SSLBP): this firmware has another \
-         serial protocol on that port"
-    )]
-    InterfaceType {
-        /// What it is.
-        found: u8,
-    },
-    /// Local parameter 1.
-    #[error("the data port is {found} bits wide, expected 8: this firmware is not known")]
-    InterfaceWidth {
-        /// What it is.
-        found: u8,
-    },
-    /// Local parameters 2 and 3.
-    #[error(
-        "the firmware is SSLBP {major}.{minor}, supported is 1.{oldest} and newer 1.x: flash a \
-         newer firmware"
-    )]
-    Version {
-        /// Major revision.
-        major: u8,
-        /// Minor revision.
-        minor: u8,
-        /// The oldest minor revision that is supported.
-        oldest: u8,
-    },
-    /// Local parameter 6.
-    #[error(
-        "the interface processor is {found:#04X}, expected 0xD8 (Dumb8): this firmware is not known"
-    )]
-    Processor {
-        /// What it is.
-        found: u8,
-    },
-    /// Local parameters 4 and 5.
-    #[error(
-        "the channel variables start at {start:#04X} with stride {stride:#04X}, which does not \
-         hold what version 1.43 keeps there: this firmware is not known"
-    )]
-    ChannelVariables {
-        /// Local parameter 4.
-        start: u8,
-        /// Local parameter 5.
-        stride: u8,
-    },
 }
 
 /// What is waited for.

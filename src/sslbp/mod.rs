@@ -15,17 +15,17 @@ mod started;
 mod status;
 
 pub use crate::lbp::RemoteFaults;
-pub use access::{AccessError, AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
+pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS};
 pub use command::{Command, LocalAddress};
 pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange, Processor, USUAL_REMOTE_LATENCY};
-pub use error::{Needed, PortError, PortState, Registers, Unsupported, WaitError, WaitingFor};
+pub use error::{Needed, PortError, PortState, Registers, WaitError, WaitingFor};
 pub use layout::{ChannelRegisters, Layout, LayoutError, MAX_INTERFACE_REGISTERS, SslbpModule};
 pub use machine::{
     Complete, Event, Failure, FailureCounts, Link, Machine, Observed, Operation, StartMode, Times,
     Verdict, software_mode_word,
 };
-pub use parameters::{ChannelVariable, ChannelVariables, ErrorCounters, PortParameters};
+pub use parameters::{ChannelVariable, PortParameters};
 pub use port::{ChannelStart, ChannelWords, Port, PortResult, PortWords, Transfer};
 pub use started::{
     FailedRegisters, ProcessDataSizes, ReplyFormat, StartFailure, StartFailureReason, StartReport,

@@ -283,9 +283,6 @@ impl DataStatus {
     /// What DATA reads after STOPALL or reset: the port is initialised, or about to be.
     pub const INITIALISED: u8 = 0xAA;
 
-    /// What DATA reads after a command that the port does not know.
-    pub const REJECTED: u8 = 0xFF;
-
     /// From the register; DATA has 8 bits.
     pub const fn from_register(word: u32) -> Self {
         Self(word as u8)

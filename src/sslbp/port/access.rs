@@ -2,10 +2,10 @@
 
 use super::{Port, PortResult, run::Wanted};
 use crate::{
-    bus::{BusError, Clock, RegisterBus},
+    bus::{Clock, RegisterBus},
     sslbp::{
-        AccessError, AccessSize, Channel, CsStatus, LocalLocation, NonvolatileMemory, PortError,
-        PortState, RemoteAccess, machine::Operation,
+        AccessSize, Channel, CsStatus, LocalLocation, NonvolatileMemory, PortError, PortState,
+        RemoteAccess, machine::Operation,
     },
 };
 use core::time::Duration;
@@ -134,12 +134,13 @@ impl Port {
             bus.wait(KEEP_PAUSE);
             read = self.remote_read(bus, channel, address, size)?;
         }
-        Err(self.access_error(AccessError::NotKept {
+        Err(PortError::NotKept {
+            port: self.layout.instance(),
             channel,
             address,
             written,
             read,
-        }))
+        })
     }
 
     /// Runs `work` with non-volatile memory selected, and deselects it afterwards even if `work`,
@@ -158,10 +159,9 @@ impl Port {
             .and_then(|()| work(self, bus));
         match self.remote_local_write(bus, channel, location, 0) {
             Ok(()) => result,
-            Err(PortError::Access {
-                error: AccessError::Failed { cs, .. },
-                ..
-            }) => Err(self.access_error(AccessError::LeftNonvolatile { channel, cs })),
+            Err(PortError::AccessFailed { port, cs, .. }) => {
+                Err(PortError::LeftNonvolatile { port, channel, cs })
+            }
             Err(other) => Err(other),
         }
     }
@@ -183,12 +183,13 @@ impl Port {
             }
             bus.wait(QUIET);
         }
-        Err(self.access_error(AccessError::Failed {
+        Err(PortError::AccessFailed {
+            port: self.layout.instance(),
             channel,
             access,
             attempts: ATTEMPTS,
             cs,
-        }))
+        })
     }
 
     fn access_once<B: RegisterBus + Clock>(
@@ -209,13 +210,6 @@ impl Port {
             Ok(Ok(access.value(snapshot.interface(channel))))
         } else {
             Ok(Err(snapshot.channel_status(channel)))
-        }
-    }
-
-    fn access_error<E: BusError>(&self, error: AccessError) -> PortError<E> {
-        PortError::Access {
-            port: self.layout.instance(),
-            error,
         }
     }
 }

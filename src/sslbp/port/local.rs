@@ -4,8 +4,8 @@ use super::{Port, PortResult, run::Wanted};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelVariable, ChannelVariables, ErrorCounters, LocalAddress, PortError,
-        PortParameters, ProcessDataSizes, machine::Operation,
+        Channel, ChannelVariable, LocalAddress, PortError, PortParameters, ProcessDataSizes,
+        machine::Operation,
     },
 };
 
@@ -50,9 +50,7 @@ impl Port {
         bus: &mut B,
     ) -> PortResult<PortParameters, B> {
         let parameters = self.read_parameters(bus)?;
-        parameters
-            .check()
-            .map_err(|reason| self.unsupported(reason))?;
+        parameters.check(self.layout.instance())?;
         if parameters.channels != self.layout.channels() {
             return Err(PortError::ChannelCount {
                 port: self.layout.instance(),
@@ -104,35 +102,6 @@ impl Port {
             }
         }
         Ok(bytes)
-    }
-
-    /// The variables that tell how a channel does.
-    pub fn channel_variables<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        channel: Channel,
-    ) -> PortResult<ChannelVariables, B> {
-        let [error_limit] = self.read_variable(bus, channel, ChannelVariable::ErrorLimit)?;
-        let [disable_crc] = self.read_variable(bus, channel, ChannelVariable::DisableCrc)?;
-        let [ticks] = self.read_variable(bus, channel, ChannelVariable::RpcTime)?;
-        Ok(ChannelVariables {
-            counters: self.error_counters(bus, channel)?,
-            error_limit,
-            crc_disabled: disable_crc != 0,
-            baud_rate: self.baud_rate(bus, channel)?,
-            sizes: self.process_data_sizes(bus, channel)?,
-            rpc_time: ChannelVariables::RPC_TIME_STEP * u32::from(ticks),
-        })
-    }
-
-    /// The errors of a channel since its last stop.
-    pub fn error_counters<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        channel: Channel,
-    ) -> PortResult<ErrorCounters, B> {
-        let bytes = self.read_variable(bus, channel, ChannelVariable::ErrorCounters)?;
-        Ok(ErrorCounters::from_bytes(bytes))
     }
 
     /// RXSize and TXSize of the remote on `channel`, as START has asked for them.

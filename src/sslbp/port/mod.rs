@@ -12,7 +12,7 @@ pub use transfer::{ChannelWords, PortWords, Transfer};
 
 use super::{
     Channel, ChannelMask, ChannelRegisters, Layout, Machine, Needed, PortError, PortParameters,
-    PortState, Processor, Unsupported,
+    PortState, Processor,
 };
 use crate::bus::{BusError, RegisterBus};
 
@@ -147,13 +147,6 @@ impl Port {
             needed,
             state: self.state(),
             running: self.running(),
-        }
-    }
-
-    fn unsupported<E: BusError>(&self, reason: Unsupported) -> PortError<E> {
-        PortError::Unsupported {
-            port: self.layout.instance(),
-            reason,
         }
     }
 }
