@@ -5,6 +5,7 @@
 
 mod command;
 mod crc;
+mod error;
 mod local;
 mod parser;
 mod request;
@@ -13,9 +14,10 @@ mod status;
 
 pub use command::{Access, Command, DataSize, RpcNumber};
 pub use crc::crc8;
+pub use error::LbpError;
 pub use local::{LocalRead, LocalWrite};
 pub use parser::{Parsed, Parser, ParserCounts, ReceivedRequest, RpcSizes};
-pub use request::{DiscoveryReply, Frame, FrameError, MAX_FRAME, Request};
-pub use rpc::{MemoryError, RPC_PITCH, RPC_TABLE_SIZE, RpcError, RpcMemory, RpcReply, RpcTable};
+pub use request::{DiscoveryReply, Frame, MAX_FRAME, Request};
+pub use rpc::{RPC_PITCH, RPC_TABLE_SIZE, RpcMemory, RpcReply, RpcTable};
 pub(crate) use status::write_flags;
 pub use status::{COOKIE, Capabilities, LbpStatus, Nonvolatile, RemoteFaults, flash};

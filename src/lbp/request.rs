@@ -1,8 +1,6 @@
 //! What a host sends, and the check of what it gets back.
 
-use thiserror::Error;
-
-use super::{Access, Command, LocalRead, LocalWrite, RpcNumber, crc8};
+use super::{Access, Command, LbpError, LocalRead, LocalWrite, RpcNumber, crc8};
 
 /// The most bytes a frame of this crate holds, CRC included.
 pub const MAX_FRAME: usize = 64;
@@ -47,66 +45,6 @@ impl core::fmt::Debug for Frame {
     }
 }
 
-/// Why a request or its reply is not one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum FrameError {
-    /// The data does not fit the command.
-    #[error(
-        "command {command:02X} takes {expected} data bytes, {actual} were given; pass exactly as many as its data size says"
-    )]
-    DataLength {
-        /// The command byte.
-        command: u8,
-        /// Bytes the command takes.
-        expected: usize,
-        /// Bytes given.
-        actual: usize,
-    },
-    /// More data than a frame holds.
-    #[error(
-        "RPC {command:02X} with {actual} data bytes is longer than a frame of {MAX_FRAME}; split the process data"
-    )]
-    TooLong {
-        /// The command byte.
-        command: u8,
-        /// Bytes given.
-        actual: usize,
-    },
-    /// The access form has no address, or needs one.
-    #[error(
-        "command {command:02X} and its address do not go together; give an address exactly when its address-size bit is set"
-    )]
-    Address {
-        /// The command byte.
-        command: u8,
-    },
-    /// The reply is shorter or longer than the command's answer.
-    #[error(
-        "reply to command {command:02X} has {actual} bytes, expected {expected}; check wiring, and that the size in the discovery answer is that of the current mode"
-    )]
-    ReplyLength {
-        /// The command byte.
-        command: u8,
-        /// Bytes expected, CRC included.
-        expected: usize,
-        /// Bytes received.
-        actual: usize,
-    },
-    /// The reply's CRC is wrong.
-    #[error(
-        "reply to command {command:02X} has CRC {actual:02X}, its data gives {expected:02X}; check cable, termination and shield"
-    )]
-    ReplyCrc {
-        /// The command byte.
-        command: u8,
-        /// CRC of the data received.
-        expected: u8,
-        /// CRC received.
-        actual: u8,
-    },
-}
-
 /// A request of the host: its frame, and how long the answer must be.
 ///
 /// # Real time
@@ -119,10 +57,10 @@ pub struct Request {
 
 impl Request {
     /// Reads or writes the remote's memory. `address` is given exactly if `access` is with address.
-    pub fn access(access: Access, address: Option<u16>, data: &[u8]) -> Result<Self, FrameError> {
+    pub fn access(access: Access, address: Option<u16>, data: &[u8]) -> Result<Self, LbpError> {
         let command = access.to_byte();
         if access.with_address != address.is_some() {
-            return Err(FrameError::Address { command });
+            return Err(LbpError::Address { command });
         }
         let address = address.map(u16::to_le_bytes);
         let address = address.as_ref().map_or(&[][..], |bytes| &bytes[..]);
@@ -157,10 +95,10 @@ impl Request {
     }
 
     /// Calls an RPC with `data`, which answers with `reply_len` bytes of data.
-    pub fn rpc(number: RpcNumber, data: &[u8], reply_len: usize) -> Result<Self, FrameError> {
+    pub fn rpc(number: RpcNumber, data: &[u8], reply_len: usize) -> Result<Self, LbpError> {
         let command = number.to_byte();
         if data.len() + 2 > MAX_FRAME {
-            return Err(FrameError::TooLong {
+            return Err(LbpError::TooLong {
                 command,
                 actual: data.len(),
             });
@@ -174,9 +112,9 @@ impl Request {
         data: &[u8],
         expected: usize,
         reply_len: usize,
-    ) -> Result<Self, FrameError> {
+    ) -> Result<Self, LbpError> {
         if data.len() != expected {
-            return Err(FrameError::DataLength {
+            return Err(LbpError::RequestLength {
                 command,
                 expected,
                 actual: data.len(),
@@ -209,9 +147,9 @@ impl Request {
     }
 
     /// Checks an answer and returns its data without the CRC.
-    pub fn check_reply<'a>(&self, reply: &'a [u8]) -> Result<&'a [u8], FrameError> {
+    pub fn check_reply<'a>(&self, reply: &'a [u8]) -> Result<&'a [u8], LbpError> {
         let command = self.command_byte();
-        let wrong_length = FrameError::ReplyLength {
+        let wrong_length = LbpError::ReplyLength {
             command,
             expected: self.reply_len(),
             actual: reply.len(),
@@ -224,7 +162,7 @@ impl Request {
         if actual == expected {
             Ok(data)
         } else {
-            Err(FrameError::ReplyCrc {
+            Err(LbpError::ReplyCrc {
                 command,
                 expected,
                 actual,

@@ -1,8 +1,6 @@
 //! The programmable RPC table of a remote.
 
-use thiserror::Error;
-
-use super::{Access, MAX_FRAME, RpcNumber};
+use super::{Access, LbpError, MAX_FRAME, RpcNumber};
 
 /// Distance of two lists in the table, in bytes.
 ///
@@ -15,54 +13,10 @@ pub const RPC_TABLE_SIZE: u16 = 64 * RPC_PITCH as u16;
 /// Memory that accesses, direct or stored in an RPC list, go to.
 pub trait RpcMemory {
     /// One byte.
-    fn read(&mut self, address: u16) -> Result<u8, MemoryError>;
+    fn read(&mut self, address: u16) -> Result<u8, LbpError>;
 
     /// Writes one byte.
-    fn write(&mut self, address: u16, value: u8) -> Result<(), MemoryError>;
-}
-
-/// An access to an address that does not exist or must not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("address {address:04X} is not there or is write-protected")]
-pub struct MemoryError {
-    /// The address.
-    pub address: u16,
-}
-
-/// Why a stored list was not carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum RpcError {
-    /// A byte in the list is no read or write command.
-    #[error(
-        "{byte:02X} at {address:04X} of the RPC table is no read or write command; end the list with 00"
-    )]
-    NotAnAccess {
-        /// Where in the table.
-        address: u16,
-        /// What stands there.
-        byte: u8,
-    },
-    /// An entry runs over the end of the table.
-    #[error("RPC list entry at {address:04X} runs over the end of the table; move the list down")]
-    EndOfTable {
-        /// Where the entry begins.
-        address: u16,
-    },
-    /// The request carries fewer or more bytes than the list takes.
-    #[error("RPC list takes {expected} bytes from the stream, {actual} came")]
-    DataLength {
-        /// Bytes the list's writes take.
-        expected: usize,
-        /// Bytes that came with the request.
-        actual: usize,
-    },
-    /// The list's reads give more than a frame holds.
-    #[error("RPC list reads more than a frame of {MAX_FRAME} bytes holds; split it")]
-    ReplyTooLong,
-    /// A memory access was refused.
-    #[error(transparent)]
-    Memory(#[from] MemoryError),
+    fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError>;
 }
 
 /// The data that a list's reads gave.
@@ -78,10 +32,10 @@ impl RpcReply {
         self.bytes.get(..self.len).unwrap_or(&[])
     }
 
-    fn push(&mut self, byte: u8) -> Result<(), RpcError> {
+    fn push(&mut self, byte: u8) -> Result<(), LbpError> {
         // one byte is kept for the CRC
         if self.len + 1 >= MAX_FRAME {
-            return Err(RpcError::ReplyTooLong);
+            return Err(LbpError::ReplyTooLong);
         }
         if let Some(slot) = self.bytes.get_mut(self.len) {
             *slot = byte;
@@ -118,17 +72,17 @@ struct Entry<'a> {
 
 impl RpcTable {
     /// One byte of the table, as accesses see it while the RPCMEM access flag is set.
-    pub fn read(&self, address: u16) -> Result<u8, MemoryError> {
+    pub fn read(&self, address: u16) -> Result<u8, LbpError> {
         self.bytes
             .get(usize::from(address))
             .copied()
-            .ok_or(MemoryError { address })
+            .ok_or(LbpError::Memory { address })
     }
 
     /// Writes one byte of the table.
-    pub fn write(&mut self, address: u16, value: u8) -> Result<(), MemoryError> {
+    pub fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
         let byte = self.bytes.get_mut(usize::from(address));
-        *byte.ok_or(MemoryError { address })? = value;
+        *byte.ok_or(LbpError::Memory { address })? = value;
         Ok(())
     }
 
@@ -138,7 +92,7 @@ impl RpcTable {
     }
 
     /// Bytes that a request for RPC `number` carries: those of its writes without included data.
-    pub fn request_len(&self, number: RpcNumber) -> Result<usize, RpcError> {
+    pub fn request_len(&self, number: RpcNumber) -> Result<usize, LbpError> {
         let mut len = 0;
         let mut at = start(number);
         while let Some((entry, next)) = self.entry(at)? {
@@ -161,10 +115,10 @@ impl RpcTable {
         data: &[u8],
         current: &mut u16,
         memory: &mut impl RpcMemory,
-    ) -> Result<RpcReply, RpcError> {
+    ) -> Result<RpcReply, LbpError> {
         let expected = self.request_len(number)?;
         if data.len() != expected {
-            return Err(RpcError::DataLength {
+            return Err(LbpError::StreamLength {
                 expected,
                 actual: data.len(),
             });
@@ -197,17 +151,17 @@ impl RpcTable {
     }
 
     /// The entry at `at` and where the next one begins.
-    fn entry(&self, at: usize) -> Result<Option<(Entry<'_>, usize)>, RpcError> {
+    fn entry(&self, at: usize) -> Result<Option<(Entry<'_>, usize)>, LbpError> {
         let rest = self.bytes.get(at..).unwrap_or(&[]);
         let (byte, rest) = match rest.split_first() {
             None | Some((0, _)) => return Ok(None),
             Some((&byte, rest)) => (byte, rest),
         };
-        let access = Access::from_byte(byte).ok_or(RpcError::NotAnAccess {
+        let access = Access::from_byte(byte).ok_or(LbpError::NotAnAccess {
             address: at as u16,
             byte,
         })?;
-        let end = RpcError::EndOfTable { address: at as u16 };
+        let end = LbpError::EndOfTable { address: at as u16 };
         let (address, rest) = match rest {
             _ if !access.with_address => (None, rest),
             [low, high, rest @ ..] => (Some(u16::from_le_bytes([*low, *high])), rest),
@@ -235,7 +189,7 @@ fn start(number: RpcNumber) -> usize {
     usize::from(number.get()) * usize::from(RPC_PITCH)
 }
 
-fn write_all(memory: &mut impl RpcMemory, address: u16, data: &[u8]) -> Result<(), MemoryError> {
+fn write_all(memory: &mut impl RpcMemory, address: u16, data: &[u8]) -> Result<(), LbpError> {
     for (offset, &byte) in data.iter().enumerate() {
         memory.write(address.wrapping_add(offset as u16), byte)?;
     }
@@ -250,11 +204,11 @@ mod tests {
     struct Ram(Vec<u8>);
 
     impl RpcMemory for Ram {
-        fn read(&mut self, address: u16) -> Result<u8, MemoryError> {
+        fn read(&mut self, address: u16) -> Result<u8, LbpError> {
             Ok(self.0[usize::from(address)])
         }
 
-        fn write(&mut self, address: u16, value: u8) -> Result<(), MemoryError> {
+        fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
             self.0[usize::from(address)] = value;
             Ok(())
         }
@@ -289,7 +243,7 @@ mod tests {
         let broken = table(504, &[0x40, 0x12]);
         assert_eq!(
             broken.request_len(number),
-            Err(RpcError::NotAnAccess {
+            Err(LbpError::NotAnAccess {
                 address: 505,
                 byte: 0x12
             })
@@ -297,7 +251,7 @@ mod tests {
         let over = table(504, &[0x40, 0x40, 0x40, 0x40, 0x40, 0x40, 0x44, 0x12]);
         assert_eq!(
             over.request_len(number),
-            Err(RpcError::EndOfTable { address: 510 })
+            Err(LbpError::EndOfTable { address: 510 })
         );
     }
 

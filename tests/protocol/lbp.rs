@@ -1,8 +1,8 @@
 //! The examples of the 7I77 manual's LBP chapter, byte by byte.
 
 use mesa_hal::lbp::{
-    Access, COOKIE, Command, DataSize, FrameError, LbpStatus, LocalRead, LocalWrite, MemoryError,
-    Parsed, Parser, Request, RpcMemory, RpcNumber, RpcSizes, RpcTable, crc8,
+    Access, COOKIE, Command, DataSize, LbpError, LbpStatus, LocalRead, LocalWrite, Parsed, Parser,
+    Request, RpcMemory, RpcNumber, RpcSizes, RpcTable, crc8,
 };
 
 /// A frame without its CRC, which the manual's tables leave out; the CRC itself is checked here.
@@ -15,14 +15,14 @@ fn without_crc(request: &Request) -> &[u8] {
 struct Ram([u8; 0x100]);
 
 impl RpcMemory for Ram {
-    fn read(&mut self, address: u16) -> Result<u8, MemoryError> {
+    fn read(&mut self, address: u16) -> Result<u8, LbpError> {
         let byte = self.0.get(usize::from(address));
-        byte.copied().ok_or(MemoryError { address })
+        byte.copied().ok_or(LbpError::Memory { address })
     }
 
-    fn write(&mut self, address: u16, value: u8) -> Result<(), MemoryError> {
+    fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
         let byte = self.0.get_mut(usize::from(address));
-        *byte.ok_or(MemoryError { address })? = value;
+        *byte.ok_or(LbpError::Memory { address })? = value;
         Ok(())
     }
 }
@@ -201,7 +201,7 @@ fn replies_are_checked_for_length_and_crc() {
     assert_eq!(cookie.check_reply(&[COOKIE, 0xA5]), Ok(&[COOKIE][..]));
     assert_eq!(
         cookie.check_reply(&[COOKIE, 0xF0]),
-        Err(FrameError::ReplyCrc {
+        Err(LbpError::ReplyCrc {
             command: 0xDF,
             expected: 0xA5,
             actual: 0xF0
@@ -209,7 +209,7 @@ fn replies_are_checked_for_length_and_crc() {
     );
     assert_eq!(
         cookie.check_reply(&[COOKIE]),
-        Err(FrameError::ReplyLength {
+        Err(LbpError::ReplyLength {
             command: 0xDF,
             expected: 2,
             actual: 1

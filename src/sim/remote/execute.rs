@@ -3,8 +3,8 @@
 use super::{Application, Remote, buffers::Reply};
 use crate::{
     lbp::{
-        Access, Command, LbpStatus, LocalRead, LocalWrite, MemoryError, Nonvolatile, RPC_PITCH,
-        RPC_TABLE_SIZE, ReceivedRequest, RemoteFaults, RpcError, RpcMemory, RpcNumber,
+        Access, Command, LbpError, LbpStatus, LocalRead, LocalWrite, Nonvolatile, RPC_PITCH,
+        RPC_TABLE_SIZE, ReceivedRequest, RemoteFaults, RpcMemory, RpcNumber,
     },
     sim::wire::Nanos,
 };
@@ -16,7 +16,7 @@ struct Reach<'a, A> {
 }
 
 impl<A: Application> RpcMemory for Reach<'_, A> {
-    fn read(&mut self, address: u16) -> Result<u8, MemoryError> {
+    fn read(&mut self, address: u16) -> Result<u8, LbpError> {
         let remote = &*self.remote;
         match (remote.state.nonvolatile, &remote.flash) {
             (Nonvolatile::Off, _) => Ok(remote.memory.byte(address)),
@@ -25,7 +25,7 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
         }
     }
 
-    fn write(&mut self, address: u16, value: u8) -> Result<(), MemoryError> {
+    fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
         let remote = &mut *self.remote;
         let busy = match (remote.state.nonvolatile, &mut remote.flash) {
             (Nonvolatile::Off, _) => return remote.memory.write_from_line(address, value),
@@ -115,7 +115,7 @@ impl<A: Application> Remote<A> {
         reply
     }
 
-    fn read(&mut self, at: Nanos, address: u16) -> Result<u8, MemoryError> {
+    fn read(&mut self, at: Nanos, address: u16) -> Result<u8, LbpError> {
         if self.state.rpc_access != 0 && address < RPC_TABLE_SIZE {
             self.state.rpc_table.read(address)
         } else {
@@ -123,7 +123,7 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    fn write(&mut self, at: Nanos, address: u16, value: u8) -> Result<(), MemoryError> {
+    fn write(&mut self, at: Nanos, address: u16, value: u8) -> Result<(), LbpError> {
         if self.state.rpc_access != 0 && address < RPC_TABLE_SIZE {
             self.state.rpc_table.write(address, value)
         } else {
@@ -131,7 +131,7 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    fn note(&mut self, result: Result<(), MemoryError>) {
+    fn note(&mut self, result: Result<(), LbpError>) {
         if result.is_err() {
             self.state.status |= LbpStatus::INVALID_ADDRESS;
         }
@@ -156,7 +156,7 @@ impl<A: Application> Remote<A> {
             Ok(reply) => Reply::new(reply.as_bytes()),
             Err(error) => {
                 self.state.status |= match error {
-                    RpcError::ReplyTooLong => LbpStatus::BUFFER_OVERFLOW,
+                    LbpError::ReplyTooLong => LbpStatus::BUFFER_OVERFLOW,
                     _ => LbpStatus::INVALID_ADDRESS,
                 };
                 Reply::EMPTY
