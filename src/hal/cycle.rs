@@ -1,10 +1,8 @@
 //! The driver's side in the cycle.
 
 use super::handle::{Key, sealed::Keyed};
-use super::rule::{NONE, Rule};
-use super::{
-    GroupId, Input, OutOfRange, PinStore, Publishable, Rejection, Rejections, Settable, Value,
-};
+use super::rule::NONE;
+use super::{GroupId, Input, PinStore, Pins, Publishable, Rejection, Rejections, Settable, Value};
 use crate::bus::Instant;
 
 /// The cycle. Constant time for each pin, no allocation, no panic.
@@ -32,6 +30,7 @@ impl PinStore {
         let bits = value.to_bits();
         if core::mem::replace(&mut slot.bits, bits) != bits && P::IS_SHARED {
             self.changed(key);
+            self.settings = self.settings.wrapping_add(1);
         }
     }
 
@@ -132,64 +131,35 @@ impl PinStore {
 
     /// What an output is by its rule when it was set to `set`, and follows that or does not.
     fn ruled<T: Value>(&mut self, key: Key, set: T, follows: bool) -> T {
-        let Some(rule) = self.index(key).and_then(|index| self.rules.get(index)) else {
+        let Some(index) = self.index(key) else {
             return T::default();
         };
+        let Pins {
+            rules,
+            slots,
+            settings,
+            ..
+        } = &mut self.pins;
+        let Some(rule) = rules.get_mut(index) else {
+            return T::default();
+        };
+        if rule.now.settings != *settings {
+            rule.apply::<T>(slots, *settings);
+        }
         let (value, mut rejection) = if follows {
-            self.sanitised(rule, set)
+            rule.sanitise(set)
         } else {
             (T::from_bits(rule.safe), None)
         };
-        let value = match self.raw_param(rule.scale) {
-            Some(scale) => value.map_real(|value| {
-                let (value, refused) = on_wire(rule, f64::from_bits(scale), value);
-                rejection = rejection.or(refused);
-                value
-            }),
-            None => value,
-        };
+        let value = value.map_real(|value| {
+            let (value, refused) = rule.on_wire(value);
+            rejection = rejection.or(refused);
+            value
+        });
         if let Some(rejection) = rejection {
             self.reject(key, rejection);
         }
         value
-    }
-
-    fn sanitised<T: Value>(&self, rule: &Rule, value: T) -> (T, Option<Rejection>) {
-        let safe = T::from_bits(rule.safe);
-        if !value.is_finite() {
-            return (safe, Some(Rejection::NotFinite));
-        }
-        let own = (T::from_bits(rule.min), T::from_bits(rule.max));
-        let min = self.limit(rule.min_limit, own).unwrap_or(own.0);
-        let max = self.limit(rule.max_limit, own).unwrap_or(own.1);
-        if min > max {
-            // Nothing is allowed: neither limit is a value that anybody meant.
-            return (safe, Some(Rejection::OutOfRange));
-        }
-        let limited = if value > max {
-            max
-        } else if value < min {
-            min
-        } else {
-            return (value, None);
-        };
-        let value = match rule.out_of_range {
-            OutOfRange::Limit => limited,
-            OutOfRange::Safe => safe,
-        };
-        (value, Some(Rejection::OutOfRange))
-    }
-
-    /// The limit a parameter sets, but never beyond the pin's own limits.
-    fn limit<T: Value>(&self, param: u32, (min, max): (T, T)) -> Option<T> {
-        let set = T::from_f64(f64::from_bits(self.raw_param(param)?));
-        Some(if set < min {
-            min
-        } else if set > max {
-            max
-        } else {
-            set
-        })
     }
 
     fn raw_param(&self, index: u32) -> Option<u64> {
@@ -210,30 +180,6 @@ impl PinStore {
         }
         // It is looked at, and counted, each time.
         self.changed(key);
-    }
-}
-
-/// A value in the units of the wire, where the application's full scale is `scale`.
-// The scale is compared with what it was made with: nothing was computed.
-#[allow(clippy::float_cmp)]
-fn on_wire(rule: &Rule, scale: f64, value: f64) -> (f64, Option<Rejection>) {
-    let (end, full) = rule.wire;
-    let (lowest, highest) = (end.min(full), end.max(full));
-    let value = if scale == full {
-        value
-    } else {
-        value / scale * full
-    };
-    if !value.is_finite() {
-        let safe = f64::from_bits(rule.safe).clamp(lowest, highest);
-        return (safe, Some(Rejection::NotFinite));
-    }
-    if value > highest {
-        (highest, Some(Rejection::OutOfRange))
-    } else if value < lowest {
-        (lowest, Some(Rejection::OutOfRange))
-    } else {
-        (value, None)
     }
 }
 

@@ -48,6 +48,8 @@ pub struct Pins {
     pub(super) groups: Vec<Group>,
     /// What a [`GroupId`] is the index of.
     pub(super) parts: Vec<Part>,
+    /// Rises when a parameter changes.
+    pub(super) settings: u64,
     pub(super) cycle: u64,
     pub(super) now: Instant,
     pub(super) totals: Rejections,
@@ -165,6 +167,7 @@ impl Pins {
         }
         slot.bits = value.to_bits();
         self.changed(param.key);
+        self.settings = self.settings.wrapping_add(1);
         Ok(())
     }
 

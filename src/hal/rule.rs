@@ -1,7 +1,7 @@
 //! What an output may be, and what becomes of values that it may not.
 
 use super::handle::Key;
-use super::{HalType, OutOfRange, Output, Param, PinError, Rejections, Value};
+use super::{HalType, OutOfRange, Output, Param, PinError, Rejection, Rejections, Value};
 
 /// How an output is kept safe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -116,6 +116,96 @@ pub(super) struct Rule {
     /// The ends of that on the wire.
     pub wire: (f64, f64),
     pub rejections: Rejections,
+    pub now: Now,
+}
+
+/// What the parameters make of a rule.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Now {
+    /// The state of the parameters that this is of.
+    pub settings: u64,
+    min: u64,
+    max: u64,
+    scale: f64,
+}
+
+impl Now {
+    /// Of no state of the parameters.
+    pub const UNKNOWN: Self = Self {
+        settings: u64::MAX,
+        min: 0,
+        max: 0,
+        scale: 0.0,
+    };
+}
+
+impl Rule {
+    /// Takes over what the parameters are now. A limit is never beyond the pin's own limits.
+    pub fn apply<T: Value>(&mut self, slots: &[Slot], settings: u64) {
+        let param = |index: u32| Some(f64::from_bits(slots.get(index as usize)?.bits));
+        let (min, max) = (T::from_bits(self.min), T::from_bits(self.max));
+        let limit = |index: u32, otherwise: T| match param(index).map(T::from_f64) {
+            None => otherwise,
+            Some(set) if set < min => min,
+            Some(set) if set > max => max,
+            Some(set) => set,
+        };
+        self.now = Now {
+            settings,
+            min: limit(self.min_limit, min).to_bits(),
+            max: limit(self.max_limit, max).to_bits(),
+            scale: param(self.scale).unwrap_or(0.0),
+        };
+    }
+
+    /// What becomes of a value that the application has set.
+    pub fn sanitise<T: Value>(&self, value: T) -> (T, Option<Rejection>) {
+        if !value.is_finite() {
+            return (T::from_bits(self.safe), Some(Rejection::NotFinite));
+        }
+        let (min, max) = (T::from_bits(self.now.min), T::from_bits(self.now.max));
+        if min <= value && value <= max {
+            return (value, None);
+        }
+        let allowed = match self.out_of_range {
+            // Nothing is allowed: neither limit is a value that anybody meant.
+            _ if min > max => self.safe,
+            OutOfRange::Safe => self.safe,
+            OutOfRange::Limit if value > max => self.now.max,
+            OutOfRange::Limit => self.now.min,
+        };
+        (T::from_bits(allowed), Some(Rejection::OutOfRange))
+    }
+
+    /// A value in the units of the wire, if it has any.
+    // The scale is compared with what it was made with: nothing was computed.
+    #[allow(clippy::float_cmp)]
+    pub fn on_wire(&self, value: f64) -> (f64, Option<Rejection>) {
+        if self.scale == NONE {
+            return (value, None);
+        }
+        let (end, full) = self.wire;
+        let value = if self.now.scale == full {
+            value
+        } else {
+            value / self.now.scale * full
+        };
+        let (lowest, highest) = if end <= full {
+            (end, full)
+        } else {
+            (full, end)
+        };
+        if lowest <= value && value <= highest {
+            (value, None)
+        } else if !value.is_finite() {
+            let safe = f64::from_bits(self.safe).clamp(lowest, highest);
+            (safe, Some(Rejection::NotFinite))
+        } else if value > highest {
+            (highest, Some(Rejection::OutOfRange))
+        } else {
+            (lowest, Some(Rejection::OutOfRange))
+        }
+    }
 }
 
 pub(super) const NONE: u32 = u32::MAX;
@@ -159,6 +249,7 @@ pub(super) fn make_slot<T: Value>(
         scale: NONE,
         wire: (0.0, 0.0),
         rejections: Rejections::default(),
+        now: Now::UNKNOWN,
     };
     Ok((slot, rule))
 }

@@ -12,7 +12,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use super::handle::Key;
 use super::info::{MAX_PINS, check_name};
 use super::pins::{Group, Part};
-use super::rule::{NONE, Rule, make_slot};
+use super::rule::{NONE, Now, Rule, make_slot};
 use super::{
     GroupId, HalType, InOut, Input, Invert, Output, OutputModifiers, OutputRule, Param, PinError,
     PinInfo, Pins, Rejections, Role, Settable, Spec, Value,
@@ -66,6 +66,7 @@ impl PinStore {
             by_name: Vec::new(),
             groups: Vec::new(),
             parts: Vec::new(),
+            settings: 0,
             cycle: 0,
             now: Instant::default(),
             totals: Rejections::default(),
@@ -206,6 +207,7 @@ impl PinStore {
         slot.invert = invert;
         slot.is_free &= max_limit == NONE && min_limit == NONE;
         if let Some(rule) = self.rule_mut(key) {
+            rule.now = Now::UNKNOWN;
             rule.max_limit = max_limit;
             rule.min_limit = min_limit;
             (rule.scale, rule.wire) = (scale, wire);
