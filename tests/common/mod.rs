@@ -5,6 +5,7 @@
     reason = "each program that includes this uses what it needs"
 )]
 
+pub mod bus;
 pub mod chance;
 pub mod descriptors;
 pub mod ethernet;

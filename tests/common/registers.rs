@@ -1,22 +1,20 @@
 //! Registers in memory, with the descriptors of FACTS 9.2 and 9.3.
 
-use core::convert::Infallible;
-use core::time::Duration;
-use mesa_hal::bus::{Access, AccessList, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use std::collections::BTreeMap;
 
-/// A bus whose registers are words in memory: what is written is read back. Reads of registers
-/// that were never set give 0.
+use super::bus::{FakeBus, Registers};
+
+/// Words in memory: what is written is read back. Registers that were never set read 0.
 #[derive(Clone, Debug, Default)]
-pub struct MapBus {
+pub struct Memory {
     words: BTreeMap<u16, u32>,
-    now: u64,
-    pub exchanges: usize,
     /// Every write, in order.
     pub writes: Vec<(u16, u32)>,
 }
 
-impl MapBus {
+pub type MapBus = FakeBus<Memory>;
+
+impl Memory {
     pub fn set(&mut self, address: u16, value: u32) {
         self.words.insert(address, value);
     }
@@ -26,46 +24,14 @@ impl MapBus {
     }
 }
 
-impl RegisterBus for MapBus {
-    type Error = Infallible;
-    type List = AccessList;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Infallible> {
-        self.exchanges += 1;
-        self.now += 1_000;
-        for access in accesses {
-            for (n, word) in words[access.words()].iter_mut().enumerate() {
-                let address = access.address + 4 * n as u16;
-                assert!(address.is_multiple_of(4));
-                match access.direction {
-                    Direction::Read => *word = self.get(address),
-                    Direction::Write => {
-                        self.set(address, *word);
-                        self.writes.push((address, *word));
-                    }
-                }
-            }
-        }
-        Ok(())
+impl Registers for Memory {
+    fn read(&mut self, address: u16, _: u64) -> u32 {
+        self.get(address)
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Infallible> {
-        Ok(AccessList::new(accesses))
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Infallible> {
-        self.exchange(list.accesses(), words)?;
-        Ok(Reply::CERTAIN)
-    }
-}
-
-impl Clock for MapBus {
-    fn now(&mut self) -> Instant {
-        Instant::from_nanos(self.now)
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.now += duration.as_nanos() as u64;
+    fn write(&mut self, address: u16, word: u32, _: u64) {
+        self.set(address, word);
+        self.writes.push((address, word));
     }
 }
 

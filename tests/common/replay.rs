@@ -1,18 +1,15 @@
-//! A bus that replays the host's side of a gateware transcript at register level: what the driver
+//! A fake bus that replays the host's side of a gateware transcript at register level: what the driver
 //! writes must be what was written there, and it reads what was read there.
 //!
 //! Local reads and stops of single channels that are not in the transcript are answered from a
 //! small table, because the driver asks for more than the recording did.
 
-use mesa_hal::bus::{
-    Access, AccessList, BusError, BusErrorKind, Clock, Direction, Hold, Instant, RegisterBus, Reply,
-};
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sslbp::{Channel, ChannelMask, Layout, SslbpModule};
 use std::collections::{BTreeMap, HashMap};
-use std::time::Duration;
 
+use super::bus::{FakeBus, Registers};
 use crate::common::recording::Recording;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 
@@ -135,20 +132,11 @@ pub fn size_replies(recording: &Transcript) -> Vec<(u8, u8)> {
     sizes
 }
 
-/// Replayed registers never fail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the replay does not fail")]
-pub struct NeverFails;
+pub type Replay = FakeBus<Recorded>;
 
-impl BusError for NeverFails {
-    fn kind(&self) -> BusErrorKind {
-        BusErrorKind::Other
-    }
-}
-
-/// The bus.
+/// The registers of a port as they were recorded.
 #[derive(Debug)]
-pub struct Replay {
+pub struct Recorded {
     segments: Vec<Segment>,
     next: usize,
     now: u64,
@@ -160,8 +148,6 @@ pub struct Replay {
     held: HashMap<Register, u32>,
     written: HashMap<Register, u32>,
     pub local: BTreeMap<u16, u8>,
-    pub accesses: u32,
-    pub exchanges: u32,
     /// Everything that was written to COMMAND, and whether it was busy then.
     pub commands: Vec<(u32, bool)>,
 }
@@ -172,6 +158,20 @@ impl Replay {
     }
 
     pub fn new(segments: Vec<Segment>) -> Self {
+        let mut bus = Self::over(Recorded::new(segments));
+        bus.now = bus.registers.now;
+        bus
+    }
+
+    /// Leaves out segments that the test does not play.
+    pub fn without(mut self, mut leave_out: impl FnMut(&Segment) -> bool) -> Self {
+        self.segments.retain(|segment| !leave_out(segment));
+        self
+    }
+}
+
+impl Recorded {
+    fn new(segments: Vec<Segment>) -> Self {
         let mut local: BTreeMap<u16, u8> = (0u16..)
             .zip([0x12, 0x08, 0x01, 0x2B, 0x70, 0x32, 0xD8, 0x08])
             .collect();
@@ -187,16 +187,8 @@ impl Replay {
             held: HashMap::new(),
             written: HashMap::new(),
             local,
-            accesses: 0,
-            exchanges: 0,
             commands: Vec::new(),
         }
-    }
-
-    /// Leaves out segments that the test does not play.
-    pub fn without(mut self, mut leave_out: impl FnMut(&Segment) -> bool) -> Self {
-        self.segments.retain(|segment| !leave_out(segment));
-        self
     }
 
     /// Another program has written the command of the next segment before.
@@ -403,42 +395,14 @@ fn fill_in_started(segment: &mut Segment) {
     }
 }
 
-impl RegisterBus for Replay {
-    type Error = NeverFails;
-    type List = AccessList;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
-        self.exchanges += 1;
-        for access in accesses {
-            for (address, index) in (access.address..).step_by(4).zip(access.words()) {
-                self.accesses += 1;
-                self.now += 100;
-                let register = Self::decode(address);
-                match access.direction {
-                    Direction::Read => words[index] = self.read_register(register),
-                    Direction::Write => self.write_register(register, words[index]),
-                }
-            }
-        }
-        Ok(())
+impl Registers for Recorded {
+    fn read(&mut self, address: u16, now: u64) -> u32 {
+        self.now = now;
+        self.read_register(Self::decode(address))
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
-        Ok(AccessList::new(accesses))
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
-        self.exchange(list.accesses(), words)?;
-        Ok(Reply::CERTAIN)
-    }
-}
-
-impl Clock for Replay {
-    fn now(&mut self) -> Instant {
-        Instant::from_nanos(self.now)
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.now += duration.as_nanos() as u64;
+    fn write(&mut self, address: u16, word: u32, now: u64) {
+        self.now = now;
+        self.write_register(Self::decode(address), word);
     }
 }

@@ -3,15 +3,13 @@
 
 use std::time::Duration;
 
+use crate::common::bus::{Around, Between};
 use crate::common::chance::Chance;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
-use mesa_hal::bus::{
-    Access, AccessList, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
-    Reply,
-};
+use mesa_hal::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, FaultPolicy};
 use mesa_hal::hal::{HalType, Role};
-use mesa_hal::sim::SimFpga;
+use mesa_hal::sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -130,56 +128,34 @@ fn garbage(chance: &mut Chance) -> u32 {
     }
 }
 
-/// A bus that reads garbage, but for the cookie.
+/// Reads garbage, but for the cookie.
 struct Garbage {
-    fpga: SimFpga,
     chance: Chance,
     one_in: u64,
 }
 
-impl RegisterBus for Garbage {
-    type Error = <SimFpga as RegisterBus>::Error;
-    type List = AccessList;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
-        self.fpga.exchange(accesses, words)?;
+impl Between for Garbage {
+    fn exchange(
+        &mut self,
+        fpga: &mut SimFpga,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), SimError> {
+        fpga.exchange(accesses, words)?;
         for access in accesses.iter().filter(|a| a.direction == Direction::Read) {
             for (n, word) in words[access.words()].iter_mut().enumerate() {
                 let is_cookie = access.address + 4 * n as u16 == 0x0100;
-                if self.one_in > 0 && !is_cookie && self.chance.below(self.one_in) == 0 {
+                if self.one_in > 0 && !is_cookie && self.chance.one_in(self.one_in) {
                     *word = garbage(&mut self.chance);
                 }
             }
         }
         Ok(())
     }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-        Ok(AccessList::new(accesses))
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-        self.exchange(list.accesses(), words)?;
-        Ok(Reply::CERTAIN)
-    }
-
-    fn statistics(&self) -> BusStatistics {
-        self.fpga.statistics()
-    }
-}
-
-impl Clock for Garbage {
-    fn now(&mut self) -> Instant {
-        Clock::now(&mut self.fpga)
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.fpga.wait(duration);
-    }
 }
 
 /// Sets any pin or parameter to something extreme.
-fn set_something(driver: &mut Driver<Garbage>, chance: &mut Chance) {
+fn set_something(driver: &mut Driver<Around<Garbage>>, chance: &mut Chance) {
     let pins = driver.pins_mut();
     let place = chance.below(pins.infos().len() as u64) as usize;
     let info = &pins.infos()[place];
@@ -233,16 +209,16 @@ fn set_something(driver: &mut Driver<Garbage>, chance: &mut Chance) {
 fn no_value_of_a_register_pin_or_parameter_makes_the_cycle_fail() {
     for seed in 1..=30 {
         let mut chance = Chance(seed);
-        let garbage = Garbage {
-            fpga: fpga(),
+        let between = Garbage {
             chance: Chance(seed ^ 0xFFFF),
             one_in: 0,
         };
-        let mut driver = Driver::builder(garbage)
+        let fpga = fpga();
+        let mut driver = Driver::builder(Around { fpga, between })
             .serial_port(0, "301".parse().unwrap())
             .build()
             .unwrap();
-        driver.bus_mut().one_in = [0, 3, 30, 1000][seed as usize % 4];
+        driver.bus_mut().between.one_in = [0, 3, 30, 1000][seed as usize % 4];
         for _ in 0..1500 {
             for _ in 0..3 {
                 set_something(&mut driver, &mut chance);

@@ -1,10 +1,11 @@
 //! Reading a firmware's description of itself: FACTS 9.1, 9.2, 9.3, 9.5.
 
+use crate::common::bus::NeverFails;
 use crate::common::registers::{I7I92_PINS, MapBus, i7i92_with_7i77, i7i97};
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError, IdromPart, Warning};
 use proptest::prelude::*;
 
-fn identify(bus: &mut MapBus) -> Result<HostMot2, IdentifyError<core::convert::Infallible>> {
+fn identify(bus: &mut MapBus) -> Result<HostMot2, IdentifyError<NeverFails>> {
     HostMot2::identify(bus)
 }
 
@@ -72,7 +73,7 @@ fn a_wrong_cookie_says_what_was_read_and_what_to_check() {
 
 #[test]
 fn each_wrong_word_gets_its_own_error() {
-    type Check = fn(&IdentifyError<core::convert::Infallible>) -> bool;
+    type Check = fn(&IdentifyError<NeverFails>) -> bool;
     let cases: &[(u16, u32, Check)] = &[
         (0x0104, 0x5453_4F48 ^ 1, |e| {
             matches!(e, IdentifyError::WrongName { .. })

@@ -1,72 +1,44 @@
 //! The driver on a bus that answers anything at all: every operation ends.
 
+use crate::common::bus::{FakeBus, Registers};
 use crate::common::chance::Chance;
-use crate::common::replay::{MODULE, NeverFails};
-use mesa_hal::bus::{Access, AccessList, Clock, Direction, Hold, Instant, RegisterBus, Reply};
+use crate::common::replay::MODULE;
 use mesa_hal::discovery::{DiscoveryLimits, discover_port};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, Layout, NonvolatileMemory,
     Port, PortWords, StartMode,
 };
 use proptest::prelude::*;
-use std::time::Duration;
 
 /// Registers that read what a seed makes of them.
 struct Hostile {
     chance: Chance,
     /// COMMAND reads 0 once in so many times.
     idle_every: u64,
-    /// The clock of the bus stands still.
-    frozen: bool,
-    now: u64,
-    exchanges: u64,
 }
 
-impl RegisterBus for Hostile {
-    type Error = NeverFails;
-    type List = AccessList;
+impl Hostile {
+    fn bus(seed: u64, idle_every: u64) -> FakeBus<Self> {
+        let chance = Chance(seed);
+        FakeBus::over(Self { chance, idle_every })
+    }
+}
 
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
-        self.exchanges += 1;
-        self.now += 1_000;
-        for access in accesses {
-            for (address, index) in (access.address..).step_by(4).zip(access.words()) {
-                if access.direction == Direction::Read {
-                    let word = self.chance.word();
-                    let idle = address == MODULE.base
-                        && self.idle_every != 0
-                        && self.chance.one_in(self.idle_every);
-                    // CS of a channel that is fine, every other time, so that operations get on.
-                    let fine = address >> 8 == 0x5C && word & 1 == 0;
-                    words[index] = match (idle, fine) {
-                        (true, _) => 0,
-                        (_, true) => [0x0000_C100, 0x0040_0000][(word >> 1 & 1) as usize],
-                        _ => word,
-                    };
-                }
-            }
+impl Registers for Hostile {
+    fn read(&mut self, address: u16, _: u64) -> u32 {
+        let word = self.chance.word();
+        let idle =
+            address == MODULE.base && self.idle_every != 0 && self.chance.one_in(self.idle_every);
+        // CS of a channel that is fine, every other time, so that operations get on.
+        let fine = address >> 8 == 0x5C && word & 1 == 0;
+        match (idle, fine) {
+            (true, _) => 0,
+            (_, true) => [0x0000_C100, 0x0040_0000][(word >> 1 & 1) as usize],
+            _ => word,
         }
-        Ok(())
     }
 
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
-        Ok(AccessList::new(accesses))
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
-        self.exchange(list.accesses(), words)?;
-        Ok(Reply::CERTAIN)
-    }
-}
-
-impl Clock for Hostile {
-    fn now(&mut self) -> Instant {
-        Instant::from_nanos(if self.frozen { 0 } else { self.now })
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.now += duration.as_nanos() as u64;
-    }
+    fn write(&mut self, _: u16, _: u32, _: u64) {}
 }
 
 proptest! {
@@ -76,9 +48,10 @@ proptest! {
     fn every_operation_ends_whatever_the_registers_read(
         seed: u64,
         idle_every in 0u64..4,
-        frozen: bool,
+        is_stopped: bool,
     ) {
-        let mut bus = Hostile { chance: Chance(seed), idle_every, frozen, now: 0, exchanges: 0 };
+        let mut bus = Hostile::bus(seed, idle_every);
+        bus.is_stopped = is_stopped;
         let bus = &mut bus;
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         let zero = Channel::ALL[0];
@@ -107,13 +80,7 @@ fn an_identified_port_that_goes_mad_is_survived() {
     for seed in 0..64 {
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         port.identify(&mut Replay::new(Vec::new())).unwrap();
-        let mut bus = Hostile {
-            chance: Chance(seed),
-            idle_every: 1,
-            frozen: false,
-            now: 0,
-            exchanges: 0,
-        };
+        let mut bus = Hostile::bus(seed, 1);
         let starts = [ChannelStart::new(Channel::ALL[0])];
         let limits = DiscoveryLimits {
             accesses: 64,

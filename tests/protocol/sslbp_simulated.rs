@@ -1,15 +1,16 @@
 //! The driver against the simulated FPGA and its remotes.
 
+use crate::common::bus::{Around, Between};
 use crate::common::fpga::set_up_pins;
 use crate::common::replay::{memory_of, recording, settings_of};
-use mesa_hal::bus::{Access, AccessList, Clock, Direction, Hold, Instant, RegisterBus, Reply};
+use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{
     DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
     discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::remote::{FixedData, Remote};
-use mesa_hal::sim::{SimFpga, gtag, machines};
+use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, CsStatus, Layout, Port,
     PortError, PortState, PortWords, ProcessDataSizes, StartFailureReason, StartMode,
@@ -91,49 +92,33 @@ fn every_machine_has_a_port_that_resets() {
 }
 
 /// A network that delivers every START twice, the second while the first is under way.
-struct StartsTwice(SimFpga);
+struct StartsTwice;
 
-impl RegisterBus for StartsTwice {
-    type Error = <SimFpga as RegisterBus>::Error;
-    type List = AccessList;
-
-    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+impl Between for StartsTwice {
+    fn exchange(
+        &mut self,
+        fpga: &mut SimFpga,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), SimError> {
         let mut again = words.to_vec();
-        self.0.exchange(accesses, words)?;
+        fpga.exchange(accesses, words)?;
         let is_start = again
             .last()
             .is_some_and(|command| matches!(command >> 8, 0x0F | 0x09));
         if is_start && accesses.iter().all(|a| a.direction == Direction::Write) {
-            self.0.wait(Duration::from_micros(300));
-            self.0.exchange(accesses, &mut again)?;
+            fpga.wait(Duration::from_micros(300));
+            fpga.exchange(accesses, &mut again)?;
         }
         Ok(())
-    }
-
-    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-        Ok(AccessList::new(accesses))
-    }
-
-    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-        self.exchange(list.accesses(), words)?;
-        Ok(Reply::CERTAIN)
-    }
-}
-
-impl Clock for StartsTwice {
-    fn now(&mut self) -> Instant {
-        Clock::now(&mut self.0)
-    }
-
-    fn wait(&mut self, duration: Duration) {
-        self.0.wait(duration);
     }
 }
 
 #[test]
 fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
     let (fpga, mut port) = machine();
-    let mut bus = StartsTwice(fpga);
+    let between = StartsTwice;
+    let mut bus = Around { fpga, between };
     for mode in [StartMode::Setup, StartMode::Normal] {
         port.stop_all(&mut bus).unwrap();
         let report = port.start(&mut bus, mode, &[start(ZERO, 1)]).unwrap();

@@ -1,0 +1,157 @@
+//! The fake bus: registers that a test makes up, or a test between the host and a simulated FPGA.
+
+use std::ops::{Deref, DerefMut};
+use std::time::Duration;
+
+use mesa_hal::bus::{
+    Access, AccessList, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant,
+    RegisterBus, Reply,
+};
+use mesa_hal::sim::{SimError, SimFpga};
+
+/// What a word takes, in nanoseconds.
+const ACCESS: u64 = 100;
+
+/// What stands behind a [`FakeBus`].
+pub trait Registers {
+    fn read(&mut self, address: u16, now: u64) -> u32;
+    fn write(&mut self, address: u16, word: u32, now: u64);
+}
+
+/// A bus of made-up registers on a virtual clock.
+#[derive(Clone, Debug, Default)]
+pub struct FakeBus<R> {
+    pub registers: R,
+    pub now: u64,
+    /// The clock says 0 for ever.
+    pub is_stopped: bool,
+    pub exchanges: usize,
+    /// Words that were read or written.
+    pub accesses: usize,
+}
+
+impl<R> FakeBus<R> {
+    pub fn over(registers: R) -> Self {
+        Self {
+            registers,
+            now: 0,
+            is_stopped: false,
+            exchanges: 0,
+            accesses: 0,
+        }
+    }
+}
+
+impl<R> Deref for FakeBus<R> {
+    type Target = R;
+
+    fn deref(&self) -> &R {
+        &self.registers
+    }
+}
+
+impl<R> DerefMut for FakeBus<R> {
+    fn deref_mut(&mut self) -> &mut R {
+        &mut self.registers
+    }
+}
+
+/// A fake bus never fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a fake bus does not fail")]
+pub struct NeverFails;
+
+impl BusError for NeverFails {
+    fn kind(&self) -> BusErrorKind {
+        BusErrorKind::Other
+    }
+}
+
+impl<R: Registers> RegisterBus for FakeBus<R> {
+    type Error = NeverFails;
+    type List = AccessList;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), NeverFails> {
+        self.exchanges += 1;
+        for access in accesses {
+            for (address, index) in (access.address..).step_by(4).zip(access.words()) {
+                assert!(address.is_multiple_of(4), "{address:#06X}");
+                self.accesses += 1;
+                self.now += ACCESS;
+                match access.direction {
+                    Direction::Read => words[index] = self.registers.read(address, self.now),
+                    Direction::Write => self.registers.write(address, words[index], self.now),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+}
+
+impl<R> Clock for FakeBus<R> {
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(if self.is_stopped { 0 } else { self.now })
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.now += duration.as_nanos() as u64;
+    }
+}
+
+/// What happens to an exchange on its way to a simulated FPGA.
+pub trait Between {
+    fn exchange(
+        &mut self,
+        fpga: &mut SimFpga,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), SimError>;
+}
+
+/// A simulated FPGA with something in between.
+#[derive(Debug)]
+pub struct Around<T> {
+    pub fpga: SimFpga,
+    pub between: T,
+}
+
+impl<T: Between> RegisterBus for Around<T> {
+    type Error = SimError;
+    type List = AccessList;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+        self.between.exchange(&mut self.fpga, accesses, words)
+    }
+
+    fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
+        Ok(AccessList::new(accesses))
+    }
+
+    fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
+        self.exchange(list.accesses(), words)?;
+        Ok(Reply::CERTAIN)
+    }
+
+    fn statistics(&self) -> BusStatistics {
+        self.fpga.statistics()
+    }
+}
+
+impl<T> Clock for Around<T> {
+    fn now(&mut self) -> Instant {
+        Clock::now(&mut self.fpga)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.fpga.wait(duration);
+    }
+}
