@@ -6,22 +6,13 @@ use std::time::Duration;
 
 use mesa_hal::bus::{Access, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48};
+use mesa_hal::sim::devices::FieldIo;
 use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
 use mesa_hal::sim::{SimFpga, machines};
 
 /// A 7I92 with a 7I77 and a 7I72.
 pub fn three_remotes() -> SimFpga {
-    let mut fpga = machines::i7i92_7i77();
-    let ends: [Box<dyn RemoteEnd>; 3] = [
-        Box::new(FieldIo::i7i77().expect("7I77")),
-        Box::new(Analog::i7i77().expect("7I77")),
-        Box::new(Outputs48::i7i72().expect("7I72")),
-    ];
-    for (channel, end) in ends.into_iter().enumerate() {
-        fpga.plug(0, channel, Some(end));
-    }
-    fpga
+    machines::i7i92_with_cards()
 }
 
 /// Ports of eight channels with this many field I/O cards.

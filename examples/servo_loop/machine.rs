@@ -3,13 +3,10 @@
 use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, RegisterBus, Reply};
-use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, find, find_mut};
-use mesa_hal::sim::remote::Cable;
-use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{AxisWiring, DriveSignal, DriveSource, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::devices::find_mut;
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::UdpBus;
 
-use crate::Failure;
 use crate::args::Args;
 
 pub const AXES: usize = 6;
@@ -35,46 +32,18 @@ pub struct Simulated {
 }
 
 /// A 7I92 with a 7I77, six motors, and a 7I72 on the expansion port.
-pub fn simulated(args: &Args) -> Result<Simulated, Failure> {
-    let mut fpga = machines::i7i92_7i77();
-    let ends: [Box<dyn RemoteEnd>; 3] = [
-        Box::new(FieldIo::i7i77()?),
-        Box::new(Analog::i7i77()?),
-        Box::new(Outputs48::i7i72()?),
-    ];
-    for (channel, end) in ends.into_iter().enumerate() {
-        fpga.plug(0, channel, Some(Box::new(Cable::new(end, 0))));
-    }
-    for axis in 0..AXES {
-        fpga.wire_axis(AxisWiring {
-            source: DriveSource::Remote {
-                port: 0,
-                channel: 1,
-                output: axis as u8,
-                readout: drive_signal,
-            },
-            encoder: axis,
-            motor: MotorConfig {
-                // No two axes of a machine are alike.
-                time_constant: 0.004 + 0.001 * axis as f64,
-                friction: 0.01 * axis as f64,
-                ..MotorConfig::default()
-            },
-        });
-    }
-    Ok(Simulated {
+pub fn simulated(args: &Args) -> Simulated {
+    let mut fpga = machines::i7i92_with_cards();
+    // No two axes of a machine are alike.
+    machines::wire_7i77(&mut fpga, 0, machines::ANALOG, 0, |axis| MotorConfig {
+        time_constant: 0.004 + 0.001 * axis as f64,
+        friction: 0.01 * axis as f64,
+        ..MotorConfig::default()
+    });
+    Simulated {
         paced_since: args.realtime.then(|| (Instant::now(), 0)),
         fpga,
-    })
-}
-
-fn drive_signal(remote: &dyn RemoteEnd, output: u8) -> DriveSignal {
-    let device = find(remote);
-    let volts = device.and_then(|device| device.world().analog_output(output.into()));
-    volts.map_or(DriveSignal::default(), |volts| DriveSignal {
-        volts,
-        enabled: true,
-    })
+    }
 }
 
 impl World for Simulated {

@@ -3,8 +3,7 @@
 use std::{error::Error, fs::File, io::Read};
 
 use mesa_hal::sim::{
-    DriveSignal, DriveSource,
-    devices::{Analog, FieldIo, Outputs48, Plain, SimDevice, find, find_mut},
+    devices::{Analog, FieldIo, Outputs48, Plain, find_mut},
     remote::Cable,
     wire::RemoteEnd,
 };
@@ -47,23 +46,4 @@ fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
         return Err("it is too long for a description".into());
     }
     Ok(Box::new(Plain::from_description(&text)?))
-}
-
-/// What an analog output of a 7I77 gives to a drive.
-pub fn drive(port: usize, channel: usize, output: u8) -> DriveSource {
-    DriveSource::Remote {
-        port,
-        channel,
-        output,
-        readout,
-    }
-}
-
-fn readout(end: &dyn RemoteEnd, output: u8) -> DriveSignal {
-    let world = find(end).map(SimDevice::world);
-    let output = usize::from(output);
-    DriveSignal {
-        volts: world.and_then(|w| w.analog_output(output)).unwrap_or(0.0),
-        enabled: world.and_then(|w| w.output(output)).unwrap_or(false),
-    }
 }

@@ -168,20 +168,19 @@ impl Machine {
 
     /// Six motors on the analog outputs turn the six encoders.
     fn wire_motors(&mut self) {
-        let kind = self.kind;
+        let motor = |_| MotorConfig::default();
         let analog = self.remotes.iter().find(|r| r.device == devices::ANALOG);
         let analog = analog.map(|remote| remote.channel);
-        for axis in 0..AXES {
-            let source = match (kind, analog) {
-                (Board::I7i97, _) => DriveSource::Pwm { unit: axis },
-                (_, Some(channel)) => devices::drive(PORT, channel, axis as u8),
-                _ => DriveSource::Nothing,
-            };
-            self.fpga().wire_axis(AxisWiring {
-                source,
-                encoder: axis,
-                motor: MotorConfig::default(),
-            });
+        match (self.kind, analog) {
+            (Board::I7i97, _) => machines::wire_7i97(self.fpga(), motor),
+            (_, Some(channel)) => machines::wire_7i77(self.fpga(), PORT, channel, 0, motor),
+            _ => (0..AXES).for_each(|encoder| {
+                self.fpga().wire_axis(AxisWiring {
+                    source: DriveSource::Nothing,
+                    encoder,
+                    motor: motor(encoder),
+                });
+            }),
         }
     }
 }

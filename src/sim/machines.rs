@@ -306,7 +306,7 @@ pub fn six_axes_5i25(motor: MotorConfig) -> SimFpga {
 /// A 7I97 with six motors, and on three serial channels a 7I77's two remotes and a 7I72.
 pub fn six_axes_7i97(motor: MotorConfig) -> SimFpga {
     let mut fpga = with_cards(i7i97(3));
-    wire_7i97(&mut fpga, motor);
+    wire_7i97(&mut fpga, |_| motor);
     fpga
 }
 
@@ -332,14 +332,14 @@ pub fn plug_7i72(fpga: &mut SimFpga, port: usize, channel: usize) {
     plug(fpga, port, channel, Outputs48::i7i72());
 }
 
-/// Puts a motor on each analog output of the 7I77 whose analog section is on `channel`, and its
-/// encoders on the card's inputs, from encoder `first_encoder` on.
+/// Puts a motor on each of the six analog outputs of the 7I77 whose analog section is on `channel`,
+/// and its encoder on the card's inputs, from encoder `first_encoder` on. `motor` is told which.
 pub fn wire_7i77(
     fpga: &mut SimFpga,
     port: usize,
     channel: usize,
     first_encoder: usize,
-    motor: MotorConfig,
+    motor: impl Fn(usize) -> MotorConfig,
 ) {
     for output in 0..6 {
         fpga.wire_axis(AxisWiring {
@@ -350,18 +350,19 @@ pub fn wire_7i77(
                 readout: analog_output,
             },
             encoder: first_encoder + usize::from(output),
-            motor,
+            motor: motor(usize::from(output)),
         });
     }
 }
 
-/// Puts a motor on each analog output of a 7I97, and its encoders on the board's inputs.
-pub fn wire_7i97(fpga: &mut SimFpga, motor: MotorConfig) {
+/// Puts a motor on each of the six analog outputs of a 7I97, and its encoder on the board's inputs.
+/// `motor` is told which.
+pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> MotorConfig) {
     for unit in 0..6 {
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Pwm { unit },
             encoder: unit,
-            motor,
+            motor: motor(unit),
         });
     }
 }
@@ -374,7 +375,7 @@ fn with_cards(mut fpga: SimFpga) -> SimFpga {
 
 fn six_axes_7i77(fpga: SimFpga, motor: MotorConfig) -> SimFpga {
     let mut fpga = with_cards(fpga);
-    wire_7i77(&mut fpga, 0, ANALOG, 0, motor);
+    wire_7i77(&mut fpga, 0, ANALOG, 0, |_| motor);
     fpga
 }
 

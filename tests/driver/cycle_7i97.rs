@@ -78,7 +78,7 @@ fn board() -> Machine<SimFpga> {
 /// The usual firmware, with InMux and SSR, and a newer one with InM and OutM; motors on both.
 fn both_firmwares() -> [SimFpga; 2] {
     let mut newer = machines::i7i97_inm_outm(1);
-    machines::wire_7i97(&mut newer, MotorConfig::default());
+    machines::wire_7i97(&mut newer, |_| MotorConfig::default());
     [machines::six_axes_7i97(MotorConfig::default()), newer]
 }
 

@@ -143,7 +143,7 @@ fn world(remotes: bool) -> SimFpga {
         return machines::six_axes_7i97(MotorConfig::default());
     }
     let mut fpga = machines::i7i97(1);
-    machines::wire_7i97(&mut fpga, MotorConfig::default());
+    machines::wire_7i97(&mut fpga, |_| MotorConfig::default());
     fpga
 }
 

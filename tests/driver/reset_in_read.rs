@@ -26,7 +26,7 @@ impl Director for ResetAt {
 /// All inputs of the 7I77 are on and all its encoders have counted.
 fn running() -> Machine {
     let mut fpga = fpga();
-    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, MotorConfig::default());
+    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
     let mut machine = Machine::with(Driver::builder(fpga).build().expect("complete"));
     for axis in 0..6 {
         let motor = machine.driver.bus_mut().motor(axis).expect("axis");

@@ -143,7 +143,7 @@ impl Director for Watch {
 #[test]
 fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bite() {
     let mut fpga = machines::i7i97(1);
-    machines::wire_7i97(&mut fpga, MotorConfig::default());
+    machines::wire_7i97(&mut fpga, |_| MotorConfig::default());
     fpga.write_register(0x0C00, 4_000_000);
     for port in 0..3 {
         fpga.write_register(0x1000 + 4 * port, 0x1_FFFF);

@@ -13,7 +13,7 @@ const MS: u64 = 1_000_000;
 /// A machine with six motors on its 7I77, all of whose outputs are on.
 fn running() -> Machine {
     let mut fpga = fpga();
-    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, MotorConfig::default());
+    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
     let mut machine = Machine::with(Driver::builder(fpga).build().expect("complete"));
     let _ = machine.driver.rearm();
     machine.cycles(3);
