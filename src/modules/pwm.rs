@@ -353,13 +353,12 @@ impl PwmShape {
             | dither
     }
 
-    /// The value register: bits 27..16 duty, 15..0 fraction, bit 31 direction. Never wraps: a fraction
-    /// beyond -1 to 1 becomes the nearest end.
+    /// The value register: bits 27..16 duty, 15..0 fraction, bit 31 direction. The pin's rules keep
+    /// `fraction` within -1 to 1; the duty saturates, so that nothing ever wraps.
     ///
     /// # Real time
     /// Constant time, no allocation.
     pub fn encode(&self, fraction: f64) -> u32 {
-        let fraction = fraction.clamp(-1.0, 1.0);
         let steps = f64::from(1_u32 << (self.bits & 15));
         let (duty, is_negative) = if self.offset {
             (fraction * steps / 2.0 + steps / 2.0, false)

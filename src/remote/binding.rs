@@ -96,13 +96,8 @@ impl Binding {
             // The store scales and limits it.
             Codec::Number { pin, scaling, .. } => scaling.raw(pin.fetch(pins)).bits,
             Codec::Float(pin) if self.field.bits() == 64 => pin.fetch(pins).to_bits(),
-            Codec::Float(pin) => {
-                // The pin's limits keep it below; this keeps an infinity off the wire if they do
-                // not.
-                let largest = f64::from(f32::MAX);
-                let value = pin.fetch(pins).clamp(-largest, largest);
-                u64::from((value as f32).to_bits())
-            }
+            // The pin's limits are those of 32 bits, or closer.
+            Codec::Float(pin) => u64::from((pin.fetch(pins) as f32).to_bits()),
             Codec::Raw(pin) => u64::from(pin.fetch(pins)),
             Codec::Wide(pin) => pin.fetch(pins),
         };
