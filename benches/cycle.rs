@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::{field_cards, from_doit_to_frames, frozen_driver, process_data_words};
+use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 
 const REMOTES: [usize; 4] = [1, 2, 8, 32];
@@ -43,7 +44,7 @@ fn plan(criterion: &mut Criterion) {
     for count in REMOTES {
         group.bench_function(BenchmarkId::new("build", count), |bencher| {
             bencher.iter(|| {
-                let driver = Driver::builder(field_cards(count)).build();
+                let driver = Driver::start(field_cards(count), Settings::new());
                 black_box(driver.is_ok())
             });
         });

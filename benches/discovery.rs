@@ -8,6 +8,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use cycle_support::three_remotes;
+use mesa_hal::Settings;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::{DiscoveryLimits, Inventory, discover_port};
 use mesa_hal::driver::Driver;
@@ -71,7 +72,7 @@ fn discovery(criterion: &mut Criterion) {
         bencher.iter(|| black_box(discovered(&mut fpga, &mut port, &all).remotes.len()));
     });
     group.bench_function("driver of three remotes, built and dropped", |bencher| {
-        bencher.iter(|| black_box(Driver::builder(three_remotes()).build().is_ok()));
+        bencher.iter(|| black_box(Driver::start(three_remotes(), Settings::new()).is_ok()));
     });
     group.finish();
 }

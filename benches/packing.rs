@@ -8,12 +8,13 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::three_remotes;
+use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::hal::PinStore;
 use mesa_hal::remote::{PackingPlan, RemoteLocation, RemotePins};
 
 fn packing(criterion: &mut Criterion) {
-    let driver = Driver::builder(three_remotes()).build().expect("complete");
+    let driver = Driver::start(three_remotes(), Settings::new()).expect("complete");
     let mut group = criterion.benchmark_group("packing");
     for remote in driver.ports()[0].remotes() {
         let location = RemoteLocation {

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::three_remotes;
+use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::SimFpga;
@@ -24,7 +25,7 @@ fn second(driver: &mut Driver<SimFpga>) {
 }
 
 fn simulator(criterion: &mut Criterion) {
-    let mut driver = Driver::builder(three_remotes()).build().expect("complete");
+    let mut driver = Driver::start(three_remotes(), Settings::new()).expect("complete");
     second(&mut driver);
     let start = Instant::now();
     second(&mut driver);

@@ -13,6 +13,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::process::ExitCode;
 use std::time::Duration;
 
+use mesa_hal::Settings;
 use mesa_hal::bus::{BusStatistics, Clock, RegisterBus};
 use mesa_hal::driver::{Driver, Pace};
 use mesa_hal::lbp16;
@@ -103,15 +104,17 @@ struct Measured {
 fn measure(options: Options) -> Result<Option<Signal>, Box<dyn Error>> {
     let stop = Stop::on_signals()?;
     let bus = UdpBus::connect(options.address, UdpConfig::default())?;
-    let mut driver = Driver::builder(bus)
-        .period(Duration::from_secs(1) / options.rate)
-        .pace(options.pace)
-        .watchdog((Duration::from_secs(5) / options.rate).max(Duration::from_millis(100)))
-        .build()?;
+    let mut driver = Driver::start(
+        bus,
+        Settings::new()
+            .period(Duration::from_secs(1) / options.rate)
+            .pace(options.pace)
+            .watchdog((Duration::from_secs(5) / options.rate).max(Duration::from_millis(100))),
+    )?;
     let before = driver.bus().statistics();
     let measured = run(&mut driver, options, &stop);
     let text = report(&driver, options.pace, before, &measured)?;
-    let stopped = driver.shutdown();
+    let stopped = driver.shutdown().map(drop);
     say(text);
     match (stop.signal(), stopped) {
         (None, Err(error)) => Err(error.into()),

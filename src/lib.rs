@@ -88,7 +88,6 @@ pub mod hal;
 pub mod hostmot2;
 pub mod lbp;
 pub mod lbp16;
-#[allow(dead_code)]
 pub mod modules;
 pub mod remote;
 #[cfg(feature = "std")]
@@ -98,7 +97,7 @@ pub mod sslbp;
 pub mod transport;
 
 pub use bus::{Clock, RegisterBus};
-pub use driver::{Builder, Driver};
+pub use driver::{Board, Driver, Settings};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 #[cfg(feature = "std")]
 pub use sim::SimFpga;

@@ -4,6 +4,7 @@
 
 use std::time::Duration;
 
+use mesa_hal::Settings;
 use mesa_hal::bus::{Access, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::devices::FieldIo;
@@ -62,9 +63,8 @@ impl RemoteEnd for Probe {
 /// What the gateware takes from the write of DOIT to the first bit of the frame to each of this
 /// many field I/O cards: the earliest and the latest of them, in nanoseconds of virtual time.
 pub fn from_doit_to_frames(count: usize) -> (Nanos, Nanos) {
-    let mut driver = Driver::builder(field_cards(count))
-        .build()
-        .expect("the machine is complete");
+    let mut driver =
+        Driver::start(field_cards(count), Settings::new()).expect("the machine is complete");
     let mut written = 0;
     for _ in 0..5 {
         let _ = driver.read().expect("read");
@@ -165,9 +165,7 @@ pub fn frozen_driver(count: usize) -> Driver<Frozen> {
 /// any more.
 pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
     let bus = Frozen::new(board);
-    let mut driver = Driver::builder(bus)
-        .build()
-        .expect("the machine is complete");
+    let mut driver = Driver::start(bus, Settings::new()).expect("the machine is complete");
     for _ in 0..5 {
         let _ = driver.read().expect("read");
         driver.write().expect("write");

@@ -238,8 +238,9 @@ impl<B: World> Control<B> {
         self.field.is_some()
     }
 
-    pub fn stop(mut self) -> Result<(), Failure> {
-        Ok(self.driver.shutdown()?)
+    pub fn stop(self) -> Result<(), Failure> {
+        let stopped = self.driver.shutdown();
+        Ok(stopped.map(drop).map_err(|stopped| stopped.error)?)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::discovery::ModeType;
 use mesa_hal::driver::{Driver, RemoteStatus};
 use mesa_hal::hal::Role;
@@ -53,11 +53,13 @@ fn write_all<B: RegisterBus + Clock>(
             missing.port, missing.channel, missing.reason
         )?;
     }
-    let size = driver.image_size();
+    let lists = driver.lists();
+    let words = |list: &[Access]| list.iter().map(|access| access.count).sum::<u16>();
     writeln!(
         out,
         "\nA cycle reads {} registers and writes {}.",
-        size.read_words, size.write_words
+        words(lists.reads),
+        words(lists.writes)
     )?;
     if every_pin {
         write_every_pin(out, driver)?;

@@ -17,7 +17,7 @@ mod timed;
 use std::process::ExitCode;
 
 use args::{Args, Parsed};
-use mesa_hal::driver::Driver;
+use mesa_hal::driver::{Driver, Settings};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use support::{Stop, complain, say};
 
@@ -56,13 +56,11 @@ fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
 }
 
 fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
-    let mut builder = Driver::builder(timed::Timed::new(bus))
-        .period(args.period())
-        .pace(args.pace);
+    let mut settings = Settings::new().period(args.period()).pace(args.pace);
     if let Some(watchdog) = args.watchdog {
-        builder = builder.watchdog(watchdog);
+        settings = settings.watchdog(watchdog);
     }
-    let driver = builder.build()?;
+    let driver = Driver::start(timed::Timed::new(bus), settings)?;
     say(found::list(&driver, args.pins));
     let mut control = control::Control::new(driver)?;
     let ended = control.run(args, stop);

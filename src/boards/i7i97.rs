@@ -8,7 +8,6 @@
 
 use alloc::format;
 
-use super::fpga::PwmUse;
 use super::table::terminals;
 use super::{
     AttachError, BoardHandles, BoardTable, Finder, FlashLayout, ModuleTerminals, PwmTable,
@@ -154,11 +153,6 @@ pub const ENABLE_TERMINALS: [&[Terminal]; 6] = [
     terminals!["TB3 pin 21" "ENA5-", "TB3 pin 22" "ENA5+"],
 ];
 
-/// The terminals of the switches ENA0 to ENA3, which the board switches together.
-const COMMON_ENABLE: &[Terminal] = terminals![
-    "TB3 pin 1" "ENA0-", "TB3 pin 2" "ENA0+", "TB3 pin 5" "ENA1-", "TB3 pin 6" "ENA1+", "TB3 pin 9" "ENA2-", "TB3 pin 10" "ENA2+", "TB3 pin 13" "ENA3-", "TB3 pin 14" "ENA3+"
-];
-
 /// The terminals of the six encoders, A, B and index of each.
 pub const ENCODER_TERMINALS: [&[Terminal]; 6] = [
     terminals!["TB1 pin 1" "QA0", "TB1 pin 2" "/QA0", "TB1 pin 4" "QB0", "TB1 pin 5" "/QB0", "TB1 pin 7" "IDX0", "TB1 pin 8" "/IDX0"],
@@ -220,36 +214,6 @@ pub const SERIAL_TERMINALS: &[Terminal] = terminals![
 /// Whether a firmware says that it is for a 7I97.
 pub fn is_firmware_of(firmware: &HostMot2) -> bool {
     firmware.idrom().board_name.0.ends_with(b"7I97")
-}
-
-/// The module at the isolated inputs.
-pub(crate) fn input_module(firmware: &HostMot2) -> Gtag {
-    usual_or(firmware, Gtag::IN_MUX, Gtag::IN_M)
-}
-
-/// The module at the isolated outputs.
-pub(crate) fn output_module(firmware: &HostMot2) -> Gtag {
-    usual_or(firmware, Gtag::SSR, Gtag::OUT_M)
-}
-
-/// The newer module only where the usual one is not: beside it, it is for something else.
-fn usual_or(firmware: &HostMot2, usual: Gtag, newer: Gtag) -> Gtag {
-    match (firmware.find(usual), firmware.find(newer)) {
-        (None, Some(_)) => newer,
-        _ => usual,
-    }
-}
-
-/// What PWM generator `n` is for: an analog output and its enable.
-pub(crate) fn analog_use(n: usize) -> PwmUse {
-    PwmUse {
-        output: ANALOG_TERMINALS.get(n).copied().unwrap_or(&[]),
-        enable: enable_terminals(n),
-        switched_by: (1..=3).contains(&n).then_some(0),
-        scale: FULL_SCALE,
-        unit: "V",
-        offset_mode: true,
-    }
 }
 
 /// The terminal of an isolated input's common.
@@ -327,20 +291,4 @@ impl BoardHandles for I7i97 {
             leds: pins.each(|n| pins.one(&format!("led.CR{:02}", n + 1), Pins::output))?,
         })
     }
-}
-
-/// The switches of drives 0 to 3 are one pin of the FPGA, the enable of generator 0.
-fn enable_terminals(n: usize) -> &'static [Terminal] {
-    match n {
-        0 => COMMON_ENABLE,
-        1..=3 => &[],
-        _ => ENABLE_TERMINALS.get(n).copied().unwrap_or(&[]),
-    }
-}
-
-pub(crate) fn expansion_terminals(number: usize) -> &'static [Terminal] {
-    number
-        .checked_sub(FIRST_EXPANSION_PIN)
-        .and_then(|place| EXPANSION.get(place))
-        .map_or(&[], core::slice::from_ref)
 }

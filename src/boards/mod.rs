@@ -7,7 +7,6 @@
 mod attach;
 mod board_table;
 mod flash;
-pub mod fpga;
 pub mod i7i72;
 pub mod i7i77;
 pub mod i7i97;

@@ -7,8 +7,6 @@
 
 mod error;
 mod image;
-#[allow(dead_code)]
-pub mod process_image;
 
 #[cfg(feature = "std")]
 mod host_clock;
@@ -18,10 +16,8 @@ pub use error::{BusError, BusErrorKind};
 pub use host_clock::HostClock;
 #[cfg(feature = "std")]
 pub(crate) use host_clock::SPIN;
-pub use image::{
-    CycleImage, ImageError, ImageLimits, ImageLists, ImagePlan, ImageSize, ReadPhase, ReadSlot,
-    Tier, WritePhase, WriteSlot,
-};
+pub(crate) use image::{Ask, Image, ImagePlan, ReadPhase, Started, Words, WritePhase};
+pub use image::{CycleLists, ImageError, ReadSlot, Setting, Stage, WriteSlot};
 
 use alloc::boxed::Box;
 use core::fmt::Debug;

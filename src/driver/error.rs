@@ -1,33 +1,30 @@
-//! What goes wrong when a driver is built, and in the cycle.
+//! What goes wrong when a driver starts, and in the cycle.
 
 use core::time::Duration;
 
 use crate::boards::IdentityError;
-use crate::bus::{BusError, ImageError};
+use crate::bus::BusError;
 use crate::discovery::{Problem, RemoteName};
-use crate::hal::PinError;
-use crate::hostmot2::{DpllError, IdentifyError, IoPinError, LocateError};
+use crate::hostmot2::IdentifyError;
+use crate::modules::RegisterError;
 use crate::remote::RemoteError;
 use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
 
 use super::RemoteParameterError;
 
-/// Why a driver was not built. Everything that was started is stopped again.
+/// Why a driver did not start. Everything that was started is stopped again.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum BuildError<E: BusError> {
+pub enum StartError<E: BusError> {
     /// The bus failed.
     #[error(transparent)]
     Bus(E),
     /// The firmware is not one that this crate knows.
     #[error(transparent)]
     Identify(#[from] IdentifyError<E>),
-    /// The firmware does not have a module, or has one that is not known.
+    /// A module can not be used.
     #[error(transparent)]
-    Locate(#[from] LocateError),
-    /// An I/O pin can not be used as asked for.
-    #[error(transparent)]
-    IoPin(#[from] IoPinError),
+    Register(#[from] RegisterError),
     /// The firmware's description of a serial port makes no sense.
     #[error(transparent)]
     Layout(#[from] LayoutError),
@@ -49,17 +46,6 @@ pub enum BuildError<E: BusError> {
         /// The channel.
         channel: u8,
     },
-    /// More encoders were asked for than the firmware has.
-    #[error(
-        "{count} encoders were asked for, and this firmware has {all}; ask for at most {all} \
-         (`EncoderSetup::count`), or load a firmware that has more"
-    )]
-    TooManyEncoders {
-        /// How many were asked for.
-        count: u8,
-        /// How many there are.
-        all: u8,
-    },
     /// A serial port does not do what it is told.
     #[error(transparent)]
     Port(PortError<E>),
@@ -78,21 +64,15 @@ pub enum BuildError<E: BusError> {
         /// Why.
         source: RemoteParameterError<E>,
     },
-    /// The phase-locked loop can not follow the period.
-    #[error("{0} (or `Builder::without_dpll`)")]
-    Dpll(#[source] DpllError<E>),
     /// The board was asked to pace the cycle, and has nothing to do it with.
     #[error(
         "this firmware's phase-locked loop is missing, or left alone, so the board can not pace \
          the cycle; let the host do it (`Pace::Host`)"
     )]
     NoPace,
-    /// A pin can not be made.
-    #[error("a pin of the board: {0}")]
-    Pin(#[from] PinError),
-    /// The registers of a cycle can not be exchanged.
-    #[error(transparent)]
-    Image(#[from] ImageError<E>),
+    /// The bus can not hold reads back until the board's clock begins a period.
+    #[error("this bus can not let the board pace the cycle; let the host pace it (`Pace::Host`)")]
+    NotPaced,
     /// No cycle has this period.
     #[error("a period of {period:?} can not be kept: choose one of 1 us to 800 ms")]
     BadPeriod {
@@ -103,7 +83,7 @@ pub enum BuildError<E: BusError> {
     #[error(
         "the board's watchdog bites after {watchdog:?}, and is fed once in a period of {period:?}; \
          a write that is lost must not let it bite, so it needs 2 x {period:?} = {needed:?}: choose a \
-         longer watchdog (`Builder::watchdog`) or a shorter period"
+         longer watchdog (`Settings::watchdog`) or a shorter period"
     )]
     WatchdogTooShort {
         /// The time that was asked for.
@@ -147,7 +127,7 @@ pub enum BuildError<E: BusError> {
     },
 }
 
-impl<E: BusError> From<PortError<E>> for BuildError<E> {
+impl<E: BusError> From<PortError<E>> for StartError<E> {
     fn from(error: PortError<E>) -> Self {
         match error {
             PortError::Bus(error) => Self::Bus(error),
@@ -274,7 +254,4 @@ pub enum CycleError<E: BusError> {
         /// How many reads in a row have failed, this one included.
         consecutive: u32,
     },
-    /// The driver was shut down.
-    #[error("the driver was shut down; build it anew")]
-    ShutDown,
 }

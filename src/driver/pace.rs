@@ -3,7 +3,7 @@
 use core::str::FromStr;
 use core::time::Duration;
 
-use crate::bus::{Clock, CycleImage, ImageLists, Instant, RegisterBus, Reply, Tier};
+use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply, Started};
 
 /// Who decides when a cycle begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -76,8 +76,8 @@ impl Pace {
 pub(super) struct Pacer {
     pace: Pace,
     period: Duration,
-    /// What the board was asked for ahead.
-    posted: Option<Tier>,
+    /// What was asked for ahead.
+    started: Option<Started>,
     /// When the last cycle began, ...
     begun: Option<Instant>,
     /// ... and when the last one with inputs did.
@@ -123,7 +123,8 @@ pub(super) struct Beat {
 /// What came of a read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer<E> {
-    pub tier: Tier,
+    /// It held more than usual.
+    pub extra: bool,
     /// When it came: the cycle may begin later.
     pub at: Instant,
     pub result: Result<Reply, E>,
@@ -134,7 +135,7 @@ impl Pacer {
         Self {
             pace,
             period,
-            posted: None,
+            started: None,
             begun: None,
             arrived: None,
             was_short: false,
@@ -148,38 +149,31 @@ impl Pacer {
     }
 
     /// What was asked for ahead is of no use any more. Waits for it, because the board holds back
-    /// everything that is sent meanwhile. What its reply told.
-    pub fn forget_posted<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        image: &mut CycleImage,
-        lists: &ImageLists<B::List>,
-    ) -> Reply {
-        // Whatever became of it, nothing waits in the board after it.
-        let taken = self.posted.take();
-        let reply = taken.and_then(|tier| image.finish_reads(bus, lists, tier).ok());
-        reply.unwrap_or(Reply::CERTAIN)
+    /// everything that is sent meanwhile.
+    pub fn forget_started<B: RegisterBus>(&mut self, bus: &mut B, image: &mut Image<B::List>) {
+        if let Some(started) = self.started.take() {
+            // Whatever became of it, nothing waits in the board after it.
+            let _ = image.finish(bus, started);
+        }
     }
 
-    /// Reads the board: takes what was asked for ahead, or else asks for `tier`.
+    /// Reads the board: takes what was asked for ahead, or else asks for it.
     pub fn read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        image: &mut CycleImage,
-        lists: &ImageLists<B::List>,
-        tier: Tier,
+        image: &mut Image<B::List>,
+        extra: bool,
     ) -> Answer<B::Error> {
-        let (tier, result) = match self.posted.take() {
-            Some(posted) => (posted, image.finish_reads(bus, lists, posted)),
-            None if self.is_behind() => {
-                self.rest(bus, self.period);
-                (tier, image.exchange_reads(bus, lists, tier))
-            }
-            None => {
-                let started = image.start_reads(bus, lists, tier);
-                let reply = started.and_then(|()| image.finish_reads(bus, lists, tier));
-                (tier, reply)
-            }
+        if self.started.is_none() && self.is_behind() {
+            self.rest(bus, self.period);
+        }
+        let started = match self.started.take() {
+            Some(started) => Ok(started),
+            None => image.start_read(bus, self.ask(extra)),
+        };
+        let (extra, result) = match started {
+            Ok(started) => (started.extra(), image.finish(bus, started)),
+            Err(error) => (extra, Err(error)),
         };
         let at = bus.now();
         // A read that failed may have done so without waiting, and a board may answer without
@@ -194,7 +188,7 @@ impl Pacer {
         };
         self.rest(bus, least);
         self.begun = Some(bus.now());
-        Answer { tier, at, result }
+        Answer { extra, at, result }
     }
 
     /// Where the board paces and does not, waits until the cycle before has taken `least`: the
@@ -213,29 +207,29 @@ impl Pacer {
         self.pace == Pace::Board && self.failures >= BEHIND
     }
 
-    /// Asks for the next inputs, if the board paces.
-    pub fn ask_ahead<B: RegisterBus + Clock>(
+    /// Writes, and asks for the next inputs with it if the board paces. `quiet`: without settings.
+    pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        image: &CycleImage,
-        lists: &ImageLists<B::List>,
-        tier: Tier,
-    ) {
-        if self.pace == Pace::Board && !self.is_behind() {
-            self.post(bus, image, lists, tier);
+        image: &mut Image<B::List>,
+        (extra, quiet): (bool, bool),
+    ) -> Result<(), B::Error> {
+        let ask = self.ask(extra);
+        if !ask.held {
+            return image.write(bus, quiet);
         }
+        self.started = image.start_cycle(bus, ask, quiet)?;
+        Ok(())
     }
 
     /// Asks for inputs ahead. If that fails, the next read asks again, and says why it fails.
-    pub fn post<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        image: &CycleImage,
-        lists: &ImageLists<B::List>,
-        tier: Tier,
-    ) {
-        let started = image.start_reads(bus, lists, tier);
-        self.posted = started.is_ok().then_some(tier);
+    pub fn start_read<B: RegisterBus>(&mut self, bus: &mut B, image: &Image<B::List>, extra: bool) {
+        self.started = image.start_read(bus, self.ask(extra)).ok();
+    }
+
+    fn ask(&self, extra: bool) -> Ask {
+        let held = self.pace == Pace::Board && !self.is_behind();
+        Ask { held, extra }
     }
 
     /// Whether cycle and board run together, after a read that found the loop's phase at

@@ -5,14 +5,14 @@ use core::time::Duration;
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::{DataRecord, PortMemory, RemoteDescriptor};
 use crate::hal::AnyValue;
-use crate::hostmot2::Watchdog;
+use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValueError, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Port, PortError, StartFailure, StartMode, StartedRemote,
 };
 
-use super::build::WATCHDOG_FEEDS;
 use super::serial::WATCHDOG_PARAMETER;
+use super::settings::WATCHDOG_FEEDS;
 use super::{BoardState, Driver};
 
 /// Why a parameter of a remote was not written.
@@ -91,9 +91,6 @@ pub enum RemoteParameterError<E: BusError> {
         /// What it is.
         state: BoardState,
     },
-    /// The driver was shut down.
-    #[error("the driver was shut down; build it anew")]
-    ShutDown,
 }
 
 /// The board's watchdog while nobody feeds it: longer than everything can take together, accesses
@@ -205,11 +202,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         name: &str,
         value: impl Into<AnyValue>,
     ) -> Result<(), RemoteParameterError<B::Error>> {
-        if self.is_shut_down {
-            return Err(RemoteParameterError::ShutDown);
-        }
-        let ports = self.ports.len();
-        let Some(found) = self.ports.get(usize::from(port)) else {
+        let ports = self.parts.ports.len();
+        let Some(found) = self.parts.ports.get(usize::from(port)) else {
             return Err(RemoteParameterError::NoSuchPort { port, ports });
         };
         let Some(remote) = found.remote(channel) else {
@@ -223,15 +217,15 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let started = *remote.started();
         // The remotes of other ports are not served either: all are told safe values.
         self.last_transfer().map_err(RemoteParameterError::Port)?;
-        let state = self.board.state();
-        if !self.board.is_running() {
+        if !self.is_running() {
+            let state = self.state;
             return Err(RemoteParameterError::BoardNotRunning { state });
         }
-        let usual = self.board.timeout();
+        let usual = self.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
         let result = fed.and_then(|()| self.write_in_setup(port, &started, &write));
         self.make_safe();
-        self.forget_posted();
+        self.pacer.forget_started(&mut *self.bus, &mut self.image);
         self.look_closely = true;
         self.feed_for(usual)?;
         result
@@ -240,8 +234,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
     /// the watchdog is restarted before it has the time.
     fn feed_for(&mut self, time: Duration) -> Result<(), RemoteParameterError<B::Error>> {
-        let watchdog = *self.board.watchdog();
-        let words = &mut [Watchdog::PET, watchdog.time_for(time).0];
+        let watchdog = *self.parts.watchdog.registers();
+        let words = &mut [WatchdogRegisters::PET, watchdog.time_for(time).0];
         let accesses = [
             Access::write(watchdog.reset, 0, 1),
             Access::write(watchdog.time, 1, 1),
@@ -257,9 +251,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
         remote: &StartedRemote,
         write: &ParameterWrite,
     ) -> Result<(), RemoteParameterError<B::Error>> {
-        let bus = &mut self.bus;
-        let ports = self.ports.len();
-        let Some(found) = self.ports.get_mut(usize::from(port)) else {
+        let bus = &mut *self.bus;
+        let ports = self.parts.ports.len();
+        let Some(found) = self.parts.ports.get_mut(usize::from(port)) else {
             return Err(RemoteParameterError::NoSuchPort { port, ports });
         };
         let result = in_setup(bus, &mut found.port, remote, write);

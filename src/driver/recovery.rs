@@ -1,9 +1,9 @@
 //! How everything becomes safe, and comes back.
 
-use super::board::BoardCheck;
-use super::evidence::Finding;
 use super::{BoardState, CycleError, Driver, Rearmed};
-use crate::bus::{Clock, RegisterBus, Tier};
+use crate::bus::{Clock, RegisterBus};
+use crate::modules::Module;
+use crate::modules::watchdog::Finding;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Driver<B> {
@@ -22,17 +22,14 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// As `write`, and three more exchanges when the board has to be set up again, after the reply that
     /// is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
-        if self.is_shut_down {
-            return Err(CycleError::ShutDown);
-        }
-        if !self.board.is_running() {
+        if !self.is_running() {
             self.write_set_up().map_err(|source| CycleError::Write {
                 source,
                 consecutive: self.write_failures.saturating_add(1),
             })?;
         }
         let mut armed = 0;
-        if self.board.is_running() {
+        if self.is_running() {
             armed = self.pins.rearm_all();
         }
         let waiting = self
@@ -49,8 +46,22 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// until it is re-armed.
     pub fn restart(&mut self, port: u8, channel: Channel) {
         let now = self.bus.now();
-        if let Some(port) = self.ports.get_mut(usize::from(port)) {
+        if let Some(port) = self.parts.ports.get_mut(usize::from(port)) {
             port.restart(channel, &mut self.pins, now);
+        }
+    }
+
+    pub(super) fn is_running(&self) -> bool {
+        self.state == BoardState::Running
+    }
+
+    /// Whether the application has cleared the flag of what made everything safe, and with that
+    /// asks for the set-up to be written again.
+    pub(super) fn wants_restore(&self) -> bool {
+        match self.state {
+            BoardState::Running => false,
+            BoardState::WatchdogBitten => self.parts.watchdog.is_cleared(&self.pins),
+            BoardState::Reset | BoardState::BusDown => self.connection.is_cleared(&self.pins),
         }
     }
 
@@ -58,95 +69,64 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// does its watchdog; else everything stays as it is.
     pub(super) fn write_set_up(&mut self) -> Result<(), B::Error> {
         let now = self.bus.now();
+        let Self { bus, image, .. } = self;
         // What was asked for before says nothing of the board as it is now.
-        self.forget_posted();
+        self.pacer.forget_started(&mut **bus, image);
         // An FPGA without its configuration could have it again in the middle of the exchange, and
         // take the end of the set-up, which drives the pins, without its beginning.
-        let reply = self
-            .image
-            .exchange_status(&mut self.bus, &self.lists.image)?;
-        self.heard(reply);
-        if let BoardCheck::NotThere(_) = self.board.check(&self.image) {
+        image.read_status(&mut **bus)?;
+        if self.connection.check(image.words()).is_err() {
             return Ok(());
         }
-        for (port, directions) in self.set_up.directions().enumerate() {
-            if let Some(expected) = self.board.evidence.port_mut(port) {
-                expected.outputs = directions;
-            }
-        }
-        let is_set_up = match self.set_up.run(&mut self.bus, &self.lists.set_up) {
-            Ok((reply, words)) => {
-                self.news = self.news.and(reply);
-                Ok(self.board.evidence.is_set_up(words))
-            }
-            Err(error) => Err(error),
-        };
+        let is_set_up = image
+            .set_up(&mut **bus)
+            .map(|()| self.parts.watchdog.is_set_up(image.words()));
         if !matches!(is_set_up, Ok(true)) {
             // It may be set up, and nobody feeds it.
-            let _ = self.set_up.quiesce(&mut self.bus, &self.lists.set_up);
+            let _ = image.quiesce(&mut **bus);
             return is_set_up.map(|_| ());
         }
-        self.image.forget_requests();
+        image.words_mut().all_set();
         self.look_closely = true;
-        for module in &mut self.modules {
-            module.restarted();
+        for part in self.parts.each() {
+            part.restored(&mut self.pins, now);
         }
-        for port in &mut self.ports {
-            port.restart_all(&mut self.pins, now);
-        }
-        self.board.restored();
+        self.state = BoardState::Running;
+        self.connection.restored();
         self.read_failures = 0;
         self.write_failures = 0;
         Ok(())
     }
 
-    /// Changes what drives the pins, where the application wants another pin driven. That could
-    /// drive what the rest of the set-up protects, so the board shows before and after it that it
-    /// is set up. What did not arrive is tried again with the next write.
-    pub(super) fn open_gates(&mut self) -> Result<(), B::Error> {
-        if !self.board.is_running() || self.set_up.changed().is_none() {
+    /// Writes settings that drive pins, where they have changed. That could drive what the rest of
+    /// the set-up protects, so the board shows before and after it that it is set up. What did not
+    /// arrive is tried again with the next write.
+    pub(super) fn write_guarded(&mut self) -> Result<(), B::Error> {
+        if !self.is_running() || !self.image.words().has_guarded_news() {
             return Ok(());
         }
-        self.forget_posted();
+        self.pacer.forget_started(&mut *self.bus, &mut self.image);
         self.look_closely = true;
         self.look()?;
-        while self.board.is_running() {
-            let Some((port, sure, after)) = self.set_up.changed() else {
-                break;
-            };
-            if let Some(expected) = self.board.evidence.port_mut(port) {
-                expected.outputs = sure;
-            }
-            let feed = self.board.evidence.has_time();
-            self.set_up
-                .open_gate(&mut self.bus, &self.lists.set_up, port, feed)?;
-            if feed {
-                let now = self.bus.now();
-                self.board.evidence.fed(now);
-            }
-            self.look()?;
-            if !self.board.evidence.shows(&self.image, port, after) {
-                break;
-            }
-            if let Some(expected) = self.board.evidence.port_mut(port) {
-                expected.outputs = after;
-            }
-            self.set_up.gate_is_open(port);
+        if !self.is_running() {
+            return Ok(());
+        }
+        self.image.write_guarded(&mut *self.bus)?;
+        let now = self.bus.now();
+        self.parts.watchdog.written(now, true);
+        self.look()?;
+        if self.is_running() {
+            self.image.words_mut().guarded_sent();
         }
         Ok(())
     }
 
     /// Reads all evidence alone, and makes everything safe if the board is not set up any more.
     fn look(&mut self) -> Result<(), B::Error> {
-        let reply = self
-            .image
-            .exchange_evidence(&mut self.bus, &self.lists.image)?;
-        self.heard(reply);
+        self.image.read_evidence(&mut *self.bus)?;
         let now = self.bus.now();
-        let finding = self
-            .board
-            .evidence
-            .examine(&self.image, Tier::Evidence, now, true);
+        let words = self.image.words();
+        let finding = self.parts.watchdog.examine(words, true, now, true);
         self.found(finding);
         Ok(())
     }
@@ -163,13 +143,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Makes all pins inputs, in each cycle in which the board is known not to be set up: whatever
     /// comes late drives them for no longer.
     pub(super) fn keep_quiet(&mut self) {
-        let is_lost = matches!(
-            self.board.state(),
-            BoardState::WatchdogBitten | BoardState::Reset
-        );
-        if is_lost {
+        if matches!(self.state, BoardState::WatchdogBitten | BoardState::Reset) {
             // What fails here fails in the write that follows, which says so.
-            let _ = self.set_up.quiesce(&mut self.bus, &self.lists.set_up);
+            let _ = self.image.quiesce(&mut *self.bus);
         }
     }
 
@@ -178,19 +154,24 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.statistics.read_errors += 1;
         self.read_failures = self.read_failures.saturating_add(1);
         self.look_closely = true;
-        for port in &mut self.ports {
-            port.not_read(&mut self.pins);
-        }
-        if self.board.count_exchange(&mut self.pins, true) {
+        self.not_read();
+        if self.connection.count_exchange(&mut self.pins, true) {
             self.fail(BoardState::BusDown);
         }
-        self.board.publish(&mut self.pins, &self.statistics);
+        self.publish();
         self.read_failures
+    }
+
+    pub(super) fn not_read(&mut self) {
+        for part in self.parts.each() {
+            part.not_read(&mut self.pins);
+        }
     }
 
     /// The board leaves the running state; everything is safe from now on.
     pub(super) fn fail(&mut self, state: BoardState) {
-        if self.board.fail(state) {
+        if self.is_running() {
+            self.state = state;
             let count = match state {
                 BoardState::WatchdogBitten => &mut self.statistics.watchdog_bites,
                 BoardState::Reset => &mut self.statistics.resets,
@@ -204,8 +185,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// All inputs are not valid, all outputs safe until re-armed.
     pub(super) fn make_safe(&mut self) {
         self.pins.fault(self.group);
-        for port in &mut self.ports {
-            port.make_safe(&mut self.pins);
+        for part in self.parts.each() {
+            part.make_safe(&mut self.pins);
         }
     }
 }

@@ -69,7 +69,7 @@ pub enum BoardState {
     /// [`Driver::rearm`](super::Driver::rearm).
     Reset,
     /// The bus failed too often in too short a time, see
-    /// [`Builder::bus_error_limit`](super::Builder::bus_error_limit). Everything is safe, and the watchdog is not fed, until
+    /// [`Settings::bus_error_limit`](super::Settings::bus_error_limit). Everything is safe, and the watchdog is not fed, until
     /// [`Driver::rearm`](super::Driver::rearm).
     BusDown,
 }

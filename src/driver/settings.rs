@@ -1,10 +1,13 @@
 //! What an application asks for before its driver starts.
 
-use alloc::vec::Vec;
+use alloc::{boxed::Box, vec::Vec};
 use core::time::Duration;
 
-use super::{EncoderSetup, FaultPolicy, GpioConfig, Pace, SerialConfig};
+use super::parameters::check_watchdog;
+use super::{EncoderSetup, FaultPolicy, GpioConfig, Pace, SerialConfig, StartError};
 use crate::boards::BoardTable;
+use crate::bus::BusError;
+use crate::hal::AnyValue;
 use crate::modules::watchdog::WatchdogRegisters;
 
 /// The most serial ports of a board.
@@ -34,6 +37,7 @@ pub struct Settings {
     pub(crate) policy: FaultPolicy,
     pub(crate) bus_error_limit: u32,
     pub(crate) boards: Vec<&'static BoardTable>,
+    pub(crate) parameters: Vec<ParameterChoice>,
 }
 
 impl Default for Settings {
@@ -60,6 +64,7 @@ impl Settings {
             policy: FaultPolicy::default(),
             bus_error_limit: 5,
             boards: Vec::new(),
+            parameters: Vec::new(),
         }
     }
 
@@ -120,6 +125,30 @@ impl Settings {
         self
     }
 
+    /// What a parameter is to be that the remote on `channel` (0 to 7) of `port` keeps, for example
+    /// `nvwatchdogtimeout`: as the remote spells it, or as LinuxCNC does.
+    ///
+    /// It is written while the remotes are in setup mode, and read back; a non-volatile one only if
+    /// it is another than before, and the remote uses it from its next power-up on. Of a remote
+    /// that is missing and not required, nothing is written. A parameter that the remote does not
+    /// have, or a value that it can not take, makes [`Driver::start`](super::Driver::start) fail.
+    #[must_use]
+    pub fn remote_parameter(
+        mut self,
+        port: u8,
+        channel: u8,
+        name: &str,
+        value: impl Into<AnyValue>,
+    ) -> Self {
+        self.parameters.push(ParameterChoice {
+            port,
+            channel,
+            name: name.into(),
+            value: value.into(),
+        });
+        self
+    }
+
     /// How the encoders are set up.
     #[must_use]
     pub fn encoders(mut self, setup: EncoderSetup) -> Self {
@@ -160,7 +189,7 @@ impl Settings {
     ///
     /// Fewer in a row do it, too, when others failed shortly before: failures are counted as
     /// LinuxCNC counts them, see
-    /// [`packet_error_level`](crate::boards::fpga::EthernetPins::packet_error_level). A failure adds
+    /// [`packet_error_level`](super::ConnectionPins::packet_error_level). A failure adds
     /// `packet-error-increment` (2), a read that succeeds takes `packet-error-decrement` (1) off, and
     /// `packet-error-limit` is set to `limit` increments: 10.
     #[must_use]
@@ -175,4 +204,45 @@ impl Settings {
         let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
         self.watchdog.unwrap_or(follows.max(usual))
     }
+
+    /// Refuses times that do not fit each other, and completes what follows the period.
+    pub(super) fn checked<E: BusError>(mut self) -> Result<Self, StartError<E>> {
+        let period = self.period;
+        if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
+            return Err(StartError::BadPeriod { period });
+        }
+        let (watchdog, needed) = (self.watchdog_time(), period * WATCHDOG_FEEDS);
+        if watchdog < needed {
+            return Err(StartError::WatchdogTooShort {
+                watchdog,
+                needed,
+                period,
+            });
+        }
+        for choice in &self.parameters {
+            check_watchdog(&choice.name, choice.value, period).map_err(|source| {
+                StartError::RemoteParameter {
+                    port: choice.port,
+                    channel: choice.channel,
+                    name: choice.name.clone(),
+                    source,
+                }
+            })?;
+        }
+        let rest = self.policy.rest.max(FaultPolicy::SHORTEST_REST);
+        self.policy.rest = rest.max(period * 3 / 4);
+        Ok(self)
+    }
+}
+
+/// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
+pub(super) const WATCHDOG_FEEDS: u32 = 2;
+
+/// What a parameter of a remote is to be.
+#[derive(Clone, Debug)]
+pub(crate) struct ParameterChoice {
+    pub port: u8,
+    pub channel: u8,
+    pub name: Box<str>,
+    pub value: AnyValue,
 }

@@ -1,10 +1,10 @@
 //! The end: outputs off, ports stopped, watchdog bitten.
 
+use core::fmt;
 use core::time::Duration;
 
-use super::{CycleError, Driver, SerialPort, SetupList};
+use super::{CycleError, Driver, SerialPort};
 use crate::bus::{Clock, RegisterBus};
-use crate::hostmot2::{IoPorts, Watchdog, WatchdogTime};
 use crate::sslbp::PortError;
 
 /// How often the last transfer is tried: over a network one packet may be lost.
@@ -19,16 +19,28 @@ const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
-    /// bites, so that the board drives nothing.
+    /// bites, so that the board drives nothing. Gives the bus back.
     ///
-    /// Every step is tried, whatever became of those before; the first error is returned. A second
-    /// call does nothing. Dropping the driver does the same and ignores errors.
+    /// Every step is tried, whatever became of those before. Dropping the driver does the same and
+    /// ignores errors.
+    ///
+    /// # Errors
+    /// The first error of all steps, with the bus.
     ///
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
     /// each port, or the bus's own time-outs.
-    pub fn shutdown(&mut self) -> Result<(), PortError<B::Error>> {
-        if self.is_shut_down {
+    pub fn shutdown(mut self) -> Result<B, ShutdownError<B>> {
+        let stopped = self.stop();
+        let bus = self.bus.take();
+        match stopped {
+            Ok(()) => Ok(bus),
+            Err(error) => Err(ShutdownError { bus, error }),
+        }
+    }
+
+    fn stop(&mut self) -> Result<(), PortError<B::Error>> {
+        if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
         let mut first = Ok(());
@@ -44,12 +56,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
             }
         }
         keep(last);
-        self.is_shut_down = true;
-        for port in &mut self.ports {
-            keep(port.port.stop_all(&mut self.bus));
+        for port in &mut self.parts.ports {
+            keep(port.stop_all(&mut *self.bus));
         }
-        let released = release(&mut self.bus, self.board.watchdog(), &self.places);
-        keep(released.map_err(PortError::Bus));
+        keep(self.bus.release().map_err(PortError::Bus));
         first
     }
 
@@ -59,7 +69,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let result = self.transfer_safe_values();
         self.is_last = false;
         match result {
-            Ok(()) | Err(CycleError::NotThere { .. } | CycleError::ShutDown) => Ok(()),
+            Ok(()) | Err(CycleError::NotThere { .. }) => Ok(()),
             Err(CycleError::Read { source, .. } | CycleError::Write { source, .. }) => {
                 Err(PortError::Bus(source))
             }
@@ -74,14 +84,15 @@ impl<B: RegisterBus + Clock> Driver<B> {
         for _ in 0..MOST_CYCLES {
             let _ = self.read()?;
             // A port that is not seen idle gets nothing; the board's own outputs go off at once.
-            let all_idle = self.ports.iter().all(|port| port.is_idle(&self.image));
+            let mut ports = self.parts.ports.iter();
+            let all_idle = ports.all(|port| port.is_idle(self.image.words()));
             self.make_safe();
             self.write()?;
             if all_idle || self.bus.now().since(begin) >= LAST_COMMAND {
                 break;
             }
             let pause = self.period.min(LAST_COMMAND);
-            let _ = self.wait_ports(pause, |port, image, _| port.is_idle(image));
+            let _ = self.wait_ports(pause, |port, words, _| port.is_idle(words));
         }
         // Faults that the replies tell are to be known; the values were sent whatever this read says.
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
@@ -90,22 +101,27 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 }
 
-/// Leaves the board driving nothing: all pins are inputs, and the watchdog bites. Acknowledged, so
-/// that a lost packet is repeated.
-pub(super) fn release<B: RegisterBus + Clock>(
-    bus: &mut B,
-    watchdog: &Watchdog,
-    places: &IoPorts,
-) -> Result<(), B::Error> {
-    let mut list = SetupList::default();
-    places.make_inputs(&mut list);
-    list.push(watchdog.time, WatchdogTime::AT_ONCE.0);
-    list.replay(bus)
+/// What went wrong while a driver was shut down, and its bus.
+#[derive(thiserror::Error)]
+#[error("{error}")]
+pub struct ShutdownError<B: RegisterBus> {
+    /// The bus.
+    pub bus: B,
+    /// The first error.
+    pub error: PortError<B::Error>,
+}
+
+impl<B: RegisterBus> fmt::Debug for ShutdownError<B> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ShutdownError")
+            .field("error", &self.error)
+            .finish_non_exhaustive()
+    }
 }
 
 impl<B: RegisterBus + Clock> Drop for Driver<B> {
     fn drop(&mut self) {
         // Nobody is left to tell; the watchdogs do the rest.
-        let _ = self.shutdown();
+        let _ = self.stop();
     }
 }

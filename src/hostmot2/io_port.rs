@@ -136,18 +136,6 @@ impl IoPorts {
             ],
         );
     }
-
-    /// Drives the outputs of a port; open drain comes last.
-    pub(crate) fn drive(&self, list: &mut impl Writes, port: u8, setup: &PortSetup) {
-        push_all(
-            list,
-            port,
-            [
-                (&self.direction, setup.direction),
-                (&self.open_drain, setup.open_drain),
-            ],
-        );
-    }
 }
 
 fn push_all<const N: usize>(list: &mut impl Writes, port: u8, words: [(&RegisterBlock, u32); N]) {

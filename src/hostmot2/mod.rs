@@ -25,7 +25,6 @@ pub use gtag::{Gtag, GtagList};
 pub use identify::HostMot2;
 pub use idrom::{Idrom, Name8};
 pub use in_mux::{InMux, InMuxConfig, InMuxControl, MpgCounters, MpgModes, MpgWord};
-pub(crate) use io_port::Writes;
 pub use io_port::{GpioSetup, IoPinError, IoPorts, PinPlace, PortPlan, PortSetup};
 pub use led::{LedWord, Leds};
 pub use module::{ModuleClock, ModuleDescriptor, ModuleError, RegisterBlock};

@@ -1,6 +1,6 @@
 //! Why a module can not be used.
 
-use crate::bus::process_image::ImageError;
+use crate::bus::ImageError;
 use crate::hal::PinError;
 use crate::hostmot2::{IoPinError, LocateError, MissingModule, ModuleError};
 

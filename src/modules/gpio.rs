@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
-use crate::bus::process_image::{ReadSlot, Setting, Stage, WriteSlot};
+use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{Input, Output, Param, PinError, PinMaker, PinStore};
 use crate::hostmot2::{GpioSetup, Gtag, IoPorts, PinDescriptor, PinPlace, PortSetup};
 

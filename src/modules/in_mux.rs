@@ -8,7 +8,7 @@ use core::time::Duration;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
-use crate::bus::process_image::{ReadSlot, Setting, Stage};
+use crate::bus::{ReadSlot, Setting, Stage};
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 

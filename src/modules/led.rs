@@ -10,7 +10,7 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
-use crate::bus::process_image::{Setting, Stage};
+use crate::bus::{Setting, Stage};
 use crate::hal::Output;
 use crate::hostmot2::Gtag;
 

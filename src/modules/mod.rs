@@ -17,13 +17,14 @@ mod registrar;
 pub mod watchdog;
 
 pub use error::RegisterError;
+pub(crate) use registrar::Peeking;
 pub use registrar::Registrar;
 
 use core::any::Any;
 use core::fmt;
 
 use crate::bus::Instant;
-use crate::bus::process_image::{ReadSlot, Setting, Words, WriteSlot};
+use crate::bus::{ReadSlot, Setting, Words, WriteSlot};
 use crate::driver::CycleReport;
 use crate::hal::{GroupId, PinStore};
 
@@ -132,7 +133,7 @@ impl WriteCycle<'_> {
     /// with the board's set-up.
     ///
     /// # Real time
-    /// Constant time. A setting that [drives a pin](crate::bus::process_image::Stage::Drive) costs
+    /// Constant time. A setting that [drives a pin](crate::bus::Stage::Drive) costs
     /// three exchanges more in this cycle.
     #[inline]
     pub fn set(&mut self, setting: Setting, word: u32) {

@@ -6,7 +6,7 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
-use crate::bus::process_image::{Setting, Stage, WriteSlot};
+use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{DigitalOut, Invert, Output, OutputModifiers};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 

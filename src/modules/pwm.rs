@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
 use crate::boards::{PwmTable, Terminals};
-use crate::bus::process_image::{Setting, Stage, WriteSlot};
+use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{AnalogOut, FullScale, Output, OutputModifiers, OutputRule, Param, PinStore};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 

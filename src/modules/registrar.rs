@@ -7,9 +7,7 @@ use core::time::Duration;
 use super::RegisterError;
 use crate::boards::BoardTable;
 use crate::bus::RegisterBus;
-use crate::bus::process_image::{
-    ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot,
-};
+use crate::bus::{ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
 use crate::driver::Settings;
 use crate::hal::{GroupId, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor, PortPlan};
@@ -168,6 +166,12 @@ impl Registrar<'_> {
     /// Data that is written in every cycle, and as `safe` in [`Stage::Configure`] of the set-up.
     pub fn output(&mut self, address: u16, safe: u32) -> WriteSlot {
         self.plan.output(address, safe)
+    }
+
+    /// Data that is written in every cycle, and not with the set-up: nothing uses it before a
+    /// [`trigger`](Self::trigger).
+    pub(crate) fn process_data(&mut self, address: u16) -> WriteSlot {
+        self.plan.write(WritePhase::Data, address, 0)
     }
 
     /// Written in every cycle after all data, as `idle` until something else is put.

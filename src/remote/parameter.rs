@@ -210,7 +210,7 @@ impl DataRecord {
 /// It lives in the remote, which is reached in setup mode only: the driver reads it there and
 /// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver is
 /// built or while its port stands still:
-/// [`Builder::remote_parameter`](crate::driver::Builder::remote_parameter),
+/// [`Settings::remote_parameter`](crate::driver::Settings::remote_parameter),
 /// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemoteParameter {

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{Builder, CycleReport, Driver, RemoteState, RemoteStatus};
+use mesa_hal::driver::{CycleReport, Driver, RemoteState, RemoteStatus, Settings};
 use mesa_hal::hal::{Input, Output, Param, Value};
 use mesa_hal::sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal::sim::remote::Cable;
@@ -31,6 +31,11 @@ pub fn fpga_with_field(field: Box<dyn RemoteEnd>) -> SimFpga {
     let mut fpga = fpga();
     fpga.plug(0, FIELD, Some(Box::new(Cable::new(field, 0))));
     fpga
+}
+
+/// What is on a channel.
+pub fn device(fpga: &SimFpga, channel: usize) -> &dyn SimDevice {
+    find(fpga.remote(0, channel).expect("remote")).expect("device")
 }
 
 /// A bus with a simulated FPGA at its end.
@@ -122,7 +127,7 @@ impl Machine {
         Self::build(|builder| builder)
     }
 
-    pub fn build(configure: impl FnOnce(Builder<SimFpga>) -> Builder<SimFpga>) -> Self {
+    pub fn build(configure: impl FnOnce(Settings) -> Settings) -> Self {
         Self::on(fpga(), configure)
     }
 }
@@ -134,9 +139,9 @@ impl<B: World> Machine<B> {
 }
 
 impl<B: World, C: Cards> Machine<B, C> {
-    pub fn on(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Self {
-        let builder = configure(Driver::builder(bus));
-        Self::of(builder.build().expect("the machine is complete"))
+    pub fn on(bus: B, configure: impl FnOnce(Settings) -> Settings) -> Self {
+        let driver = Driver::start(bus, configure(Settings::new()));
+        Self::of(driver.expect("the machine is complete"))
     }
 
     pub fn of(driver: Driver<B>) -> Self {
@@ -265,7 +270,7 @@ impl<B: Embedded, C> Machine<B, C> {
     }
 
     pub fn device(&self, channel: usize) -> &dyn SimDevice {
-        find(self.driver.bus().look().remote(0, channel).expect("remote")).expect("device")
+        device(self.driver.bus().look(), channel)
     }
 }
 

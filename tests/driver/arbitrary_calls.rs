@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga_with_field};
+use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::SimFpga;
@@ -157,9 +158,7 @@ impl Trial {
             is_process_data: false,
         };
         let bus = Faulty::new(fpga_with_field(Box::new(field)), 1);
-        let driver = Driver::builder(bus)
-            .build()
-            .expect("the machine is complete");
+        let driver = Driver::start(bus, Settings::new()).expect("the machine is complete");
         Self {
             machine: Machine::with(driver),
             record,

@@ -11,9 +11,10 @@ use std::time::Duration;
 
 use crate::common::ethernet::{self, SimLink, WIRE, connect, is_request};
 use crate::common::machine::{self, World};
+use mesa_hal::Settings;
 use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, I7i97, i7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{BoardState, Builder, Driver, GpioConfig};
+use mesa_hal::driver::{BoardState, Driver, GpioConfig};
 use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins};
 use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 
@@ -64,7 +65,7 @@ fn started<B: World>(bus: B) -> Machine<B> {
     build(bus, |builder| builder)
 }
 
-fn build<B: World>(bus: B, configure: impl FnOnce(Builder<B>) -> Builder<B>) -> Machine<B> {
+fn build<B: World>(bus: B, configure: impl FnOnce(Settings) -> Settings) -> Machine<B> {
     let mut machine = Machine::on(bus, |builder| configure(builder.period(PERIOD)));
     // However long the set-up took, the first cycle has a whole period.
     machine.rest();
@@ -143,10 +144,10 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
         MotorConfig::default(),
     )));
     assert!(machine.driver.missing().is_empty());
-    let (size, lists) = (machine.driver.image_size(), machine.driver.lists());
-    let (request, reply) = (lists.read().request_bytes(), lists.read().reply_bytes());
-    let write = lists.write().request_bytes();
-    println!("planned: request {request}, reply {reply}, write {write} bytes ({size:?})");
+    let lists = machine.driver.lists();
+    let (request, reply) = (lists.read.request_bytes(), lists.read.reply_bytes());
+    let write = lists.write.request_bytes();
+    println!("planned: request {request}, reply {reply}, write {write} bytes");
     // Of request and reply, four bytes each are the evidence that the board was not reset, for which
     // LinuxCNC asks no board.
     assert!(request - 4 < 80 && reply - 4 < 122 && write < 156);
@@ -313,16 +314,12 @@ fn the_dpll_locks_to_the_cycle() {
 
 #[test]
 fn another_board_or_a_lacking_module_is_named() {
-    let other = Driver::builder(machines::i7i92_7i77())
-        .build()
-        .expect("a 7I92");
+    let other = Driver::start(machines::i7i92_7i77(), Settings::new()).expect("a 7I92");
     let error = other.attach_board::<I7i97>().expect_err("not a 7I97");
     assert!(error.to_string().contains("7I92"), "{error}");
     let mut firmware = machines::firmware_7i97(1);
     firmware.modules.retain(|module| module.gtag != 0xC3);
-    let lacking = Driver::builder(SimFpga::new(firmware))
-        .build()
-        .expect("a board");
+    let lacking = Driver::start(SimFpga::new(firmware), Settings::new()).expect("a board");
     let error = lacking.attach_board::<I7i97>().expect_err("no outputs");
     let text = error.to_string();
     assert!(

@@ -1,9 +1,10 @@
 //! A driver is built with each simulated device, alone and in company: its inputs come, its outputs
 //! arrive, and nobody is missing.
 
+use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::{BuildError, Driver, MissingReason, RemarkKind, RemoteConfig, SerialConfig};
+use mesa_hal::driver::{Driver, MissingReason, RemarkKind, RemoteConfig, SerialConfig, StartError};
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_mut};
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
@@ -51,7 +52,7 @@ fn device(name: &str) -> Box<dyn RemoteEnd> {
 /// The driver of a board with these devices in these modes.
 fn build(
     devices: &[(&str, u8)],
-) -> Result<Driver<SimFpga>, BuildError<<SimFpga as RegisterBus>::Error>> {
+) -> Result<Driver<SimFpga>, StartError<<SimFpga as RegisterBus>::Error>> {
     let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
     let mut modes = String::new();
     for (channel, (name, mode)) in devices.iter().enumerate() {
@@ -59,7 +60,7 @@ fn build(
         modes.push_str(&mode.to_string());
     }
     let modes: SerialConfig = format!("{modes:x<8}").parse().expect("modes");
-    Driver::builder(fpga).serial_port(0, modes).build()
+    Driver::start(fpga, Settings::new().serial_port(0, modes))
 }
 
 /// Every digital output follows, and every digital input shows.
@@ -189,7 +190,7 @@ mode 0 analogout_enables
 ";
     let odd = Plain::from_description(text).expect("description");
     let fpga = machine(vec![Box::new(odd)]);
-    let driver = Driver::builder(fpga).build().expect("it runs");
+    let driver = Driver::start(fpga, Settings::new()).expect("it runs");
     assert_eq!(driver.ports()[0].remotes().count(), 1);
     let remarks: Vec<String> = driver.remarks().iter().map(ToString::to_string).collect();
     let has = |text: &str| remarks.iter().any(|remark| remark.contains(text));
@@ -215,9 +216,7 @@ mode 0 m
   data level 16 unsigned out 0 10 volts
 ";
     let odd = Plain::from_description(text).expect("description");
-    let driver = Driver::builder(machine(vec![Box::new(odd)]))
-        .build()
-        .expect("it runs");
+    let driver = Driver::start(machine(vec![Box::new(odd)]), Settings::new()).expect("it runs");
     assert_eq!(driver.ports()[0].remotes().count(), 1);
     let [remark] = driver.remarks() else {
         panic!("{:?}", driver.remarks());
@@ -230,7 +229,7 @@ mode 0 m
 #[test]
 fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
     let swapped = || machine(vec![device("analog"), device("7i77")]);
-    let driver = Driver::builder(swapped()).build().expect("both run");
+    let driver = Driver::start(swapped(), Settings::new()).expect("both run");
     let [remark] = driver.remarks() else {
         panic!("{:?}", driver.remarks());
     };
@@ -259,19 +258,14 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
     let kinds = SerialConfig::NONE
         .with(0, RemoteConfig::in_mode(0).required().kind(&i7i77::FIELD))
         .with(1, RemoteConfig::in_mode(0).required().kind(&i7i77::ANALOG));
-    let error = Driver::builder(swapped())
-        .serial_port(0, kinds)
-        .build()
-        .expect_err("swapped");
+    let error =
+        Driver::start(swapped(), Settings::new().serial_port(0, kinds)).expect_err("swapped");
     assert!(
         error.to_string().contains("swapped; exchange them"),
         "{error}"
     );
     let right = machine(vec![device("7i77"), device("analog")]);
-    let driver = Driver::builder(right)
-        .serial_port(0, kinds)
-        .build()
-        .expect("right");
+    let driver = Driver::start(right, Settings::new().serial_port(0, kinds)).expect("right");
     assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));
 }
 
@@ -281,10 +275,7 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     let build = |modes: &str| {
         let fpga = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
         let modes: SerialConfig = modes.parse().expect("modes");
-        Driver::builder(fpga)
-            .serial_port(0, modes)
-            .build()
-            .expect("complete")
+        Driver::start(fpga, Settings::new().serial_port(0, modes)).expect("complete")
     };
     // FACTS 8.1: TXEN2, TX2 and RX2 are I/O 0 to 2, TX1 and RX1 are 3 and 4.
     let all = build("000");

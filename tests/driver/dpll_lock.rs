@@ -5,9 +5,10 @@
 
 use std::time::Duration;
 
-use mesa_hal::boards::fpga::DpllPins;
+use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{CycleReport, Driver};
+use mesa_hal::modules::dpll::{Dpll, DpllPins};
 use mesa_hal::sim::{SimFpga, machines};
 
 const PERIOD: u64 = 1_000_000;
@@ -36,11 +37,12 @@ struct Machine {
 
 impl Machine {
     fn new(host: Host) -> Self {
-        let driver = Driver::builder(machines::i7i97(1))
-            .period(Duration::from_nanos(PERIOD))
-            .build()
-            .expect("a 7I97");
-        let dpll = driver.fpga_pins().dpll.expect("a DPLL");
+        let driver = Driver::start(
+            machines::i7i97(1),
+            Settings::new().period(Duration::from_nanos(PERIOD)),
+        )
+        .expect("a 7I97");
+        let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;
         let mut this = Self {
             driver,
             dpll,

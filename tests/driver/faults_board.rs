@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, fpga};
+use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga};
+use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{
-    BoardState, BuildError, CycleError, Driver, MissingReason, RemoteConfig, SerialConfig,
+    BoardState, CycleError, Driver, MissingReason, RemoteConfig, SerialConfig, StartError,
 };
 use mesa_hal::sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
@@ -26,7 +27,11 @@ fn switch_on<B: Embedded>(machine: &mut Machine<B>) {
 }
 
 fn are_outputs_on<B: Embedded>(machine: &Machine<B>) -> [bool; 3] {
-    let world = |channel| machine.device(channel).world();
+    are_on(machine.driver.bus().look())
+}
+
+fn are_on(fpga: &SimFpga) -> [bool; 3] {
+    let world = |channel| device(fpga, channel).world();
     [
         world(FIELD).output(3) == Some(true),
         world(ANALOG)
@@ -108,7 +113,7 @@ fn clearing_has_bit_restores_the_board_and_leaves_outputs_to_the_application() {
 fn dropping_the_driver_stops_the_ports_and_leaves_nothing_driven() {
     let mut simulated = fpga();
     {
-        let driver = Driver::builder(&mut simulated).build().unwrap();
+        let driver = Driver::start(&mut simulated, Settings::new()).unwrap();
         let mut driver = driver;
         for _ in 0..5 {
             let _ = driver.read().unwrap();
@@ -155,17 +160,15 @@ impl Pass for SimFpga {
 }
 
 #[test]
-fn a_driver_that_was_shut_down_says_so_and_stays_down() {
-    let mut machine = running();
-    machine.driver.shutdown().unwrap();
-    machine.driver.shutdown().unwrap();
-    assert_eq!(machine.driver.read(), Err(CycleError::ShutDown));
-    assert_eq!(machine.driver.write(), Err(CycleError::ShutDown));
-    assert_eq!(are_outputs_on(&machine), [false; 3]);
+fn a_driver_that_is_shut_down_gives_the_bus_back_and_leaves_nothing_on() {
+    let mut fpga = running().driver.shutdown().unwrap();
+    assert_eq!(are_on(&fpga), [false; 3]);
+    fpga.pass(1);
+    assert!(fpga.watchdog().has_bitten());
 }
 
 fn faulty() -> Machine<Faulty<SimFpga>> {
-    let driver = Driver::builder(Faulty::new(fpga(), 7)).build().unwrap();
+    let driver = Driver::start(Faulty::new(fpga(), 7), Settings::new()).unwrap();
     let mut machine = Machine::with(driver);
     switch_on(&mut machine);
     machine.cycles(5);
@@ -288,7 +291,7 @@ fn lose_a_read(machine: &mut Machine<Faulty<SimFpga>>) {
 #[test]
 fn errors_are_counted_on_from_what_the_application_sets() {
     let mut machine = faulty();
-    let total = machine.driver.fpga_pins().ethernet.packet_error_total;
+    let total = machine.driver.connection().packet_error_total;
     let count = |machine: &Machine<Faulty<SimFpga>>| machine.driver.pins().read(total).value;
     assert_eq!(count(&machine), 0);
     for _ in 0..3 {
@@ -313,7 +316,7 @@ fn errors_are_counted_on_from_what_the_application_sets() {
 #[test]
 fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
     let mut machine = faulty();
-    let pins = machine.driver.fpga_pins().ethernet;
+    let pins = machine.driver.connection();
     let level = |machine: &Machine<Faulty<SimFpga>>| {
         let read = machine.driver.pins();
         (
@@ -339,9 +342,9 @@ fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
     }
     assert!(ALL.iter().all(|&c| !machine.is_armed(c)));
 
-    let limited = Driver::builder(Faulty::new(fpga(), 7)).bus_error_limit(3);
-    let driver = limited.build().unwrap();
-    let limit = driver.fpga_pins().ethernet.packet_error_limit;
+    let settings = Settings::new().bus_error_limit(3);
+    let driver = Driver::start(Faulty::new(fpga(), 7), settings).unwrap();
+    let limit = driver.connection().packet_error_limit;
     assert_eq!(driver.pins().param(limit), 6, "three failures in a row");
 }
 
@@ -368,7 +371,7 @@ fn a_board_that_lost_its_firmware_is_not_mistaken_for_one_with_all_inputs_off() 
 fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let mut simulated = fpga();
     let removed = simulated.plug(0, OUTPUTS, None);
-    let mut driver = Driver::builder(&mut simulated).build().unwrap();
+    let mut driver = Driver::start(&mut simulated, Settings::new()).unwrap();
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
@@ -388,8 +391,7 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     drop(driver);
     simulated.plug(0, OUTPUTS, removed);
     assert!(
-        Driver::builder(&mut simulated)
-            .build()
+        Driver::start(&mut simulated, Settings::new())
             .unwrap()
             .missing()
             .is_empty()
@@ -400,8 +402,8 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
 fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
     let build = |remote: RemoteConfig, fpga: &mut SimFpga| {
         let config = SerialConfig::default().with(2, remote);
-        let result = Driver::builder(&mut *fpga).serial_port(0, config).build();
-        let Err(BuildError::Missing(missing)) = result else {
+        let result = Driver::start(&mut *fpga, Settings::new().serial_port(0, config));
+        let Err(StartError::Missing(missing)) = result else {
             panic!("built");
         };
         missing.reason
@@ -431,8 +433,8 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
 fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
     let mut simulated = fpga();
     let period = Duration::from_micros(50);
-    let result = Driver::builder(&mut simulated).period(period).build();
-    let Err(BuildError::PeriodTooShort { needed, .. }) = result else {
+    let result = Driver::start(&mut simulated, Settings::new().period(period));
+    let Err(StartError::PeriodTooShort { needed, .. }) = result else {
         panic!("built");
     };
     assert!(needed > period && needed < 2 * period, "{needed:?}");

@@ -5,9 +5,10 @@
 use core::any::Any;
 use core::ops::RangeInclusive;
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device};
 use mesa_hal::driver::{RemoteState, SetAside};
 use mesa_hal::lbp::RemoteFaults;
+use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
 use mesa_hal::sim::remote::{Application, Remote};
 use mesa_hal::sim::wire::RemoteEnd;
@@ -119,7 +120,11 @@ fn causes(channel: usize) -> Vec<Cause> {
 
 /// Which outputs are on, counted as the device has them.
 fn on(machine: &Machine, channel: usize) -> Vec<usize> {
-    let world = machine.device(channel).world();
+    on_board(machine.driver.bus(), channel)
+}
+
+fn on_board(fpga: &SimFpga, channel: usize) -> Vec<usize> {
+    let world = device(fpga, channel).world();
     let (digital, analog) = match channel {
         FIELD => (16, 0),
         OUTPUTS => (48, 0),
@@ -250,10 +255,14 @@ fn shutdown_does_not_keep_the_outputs_of_a_faulty_remote_alive() {
             for _ in 0..n {
                 cycle(&mut machine, |_| {});
             }
-            machine.driver.shutdown().unwrap();
-            let from = machine.now() + OFF_WITHIN;
-            let what = format!("channel {channel}, {cause:?}, {n} cycles");
-            pass(&mut machine, from + 100 * MS, off_from(from, channel, what));
+            let mut fpga = machine.driver.shutdown().unwrap();
+            let from = fpga.now() + OFF_WITHIN;
+            fpga.advance_to(from);
+            for _ in 0..100 * MS / STEP {
+                let on = on_board(&fpga, channel);
+                assert_eq!(on, [], "channel {channel}, {cause:?}, {n} cycles");
+                fpga.advance_to(fpga.now() + STEP);
+            }
         }
     }
 }
@@ -281,12 +290,12 @@ fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() 
             }
             let what = format!("absent: {is_absent}, {wait} cycles");
             let begin = machine.now();
-            machine.driver.shutdown().expect(&what);
+            let fpga = machine.driver.shutdown().expect(&what);
             // A START that waits for a remote which does not answer takes 17 ms (FACTS 5.7).
-            let took = machine.now() - begin;
+            let took = fpga.now() - begin;
             assert!(took < 20 * MS, "{what}: {took} ns");
             for channel in [ANALOG, OUTPUTS] {
-                assert_eq!(on(&machine, channel), [], "{what}, channel {channel}");
+                assert_eq!(on_board(&fpga, channel), [], "{what}, channel {channel}");
             }
         }
     }

@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{Fate, SimLink, WIRE};
-use mesa_hal::boards::fpga::EncoderPins;
+use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
+use mesa_hal::modules::encoder::{EncoderPins, Encoders};
 use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
@@ -49,12 +50,14 @@ fn machine() -> Machine {
         ..UdpConfig::default()
     };
     let bus = UdpBus::new(link, config).expect("the board answers");
-    Driver::builder(bus)
-        .period(PERIOD)
-        .bus_error_limit(1000)
-        .watchdog(Duration::from_millis(500))
-        .build()
-        .expect("the machine is complete")
+    Driver::start(
+        bus,
+        Settings::new()
+            .period(PERIOD)
+            .bus_error_limit(1000)
+            .watchdog(Duration::from_millis(500)),
+    )
+    .expect("the machine is complete")
 }
 
 /// A shaft that somebody turns, and what its application asked for.
@@ -69,8 +72,8 @@ impl Shaft {
     /// What the encoder says its zero is, in counts of the shaft.
     fn zero(&self, driver: &Machine) -> i64 {
         let pins = driver.pins();
-        let raw = pins.read(self.pins.rawcounts).value;
-        i64::from(raw.wrapping_sub(pins.read(self.pins.count).value))
+        let raw = pins.read(self.pins.counter.rawcounts).value;
+        i64::from(raw.wrapping_sub(pins.read(self.pins.counter.count).value))
     }
 
     /// After a read: whether the request has ended, its zero is one that the shaft has.
@@ -78,7 +81,7 @@ impl Shaft {
         let Some(asked_at) = self.asked_at else {
             return;
         };
-        if driver.pins().read(self.pins.index_enable).value {
+        if driver.pins().read(self.pins.counter.index_enable).value {
             return;
         }
         let zero = self.zero(driver);
@@ -109,7 +112,12 @@ fn counts(driver: &mut Machine, axis: usize) -> i64 {
 fn run(seed: u64, cycles: u32, n: u64) -> u32 {
     let mut driver = machine();
     let mut chance = Chance(seed);
-    let encoders = driver.fpga_pins().encoders.clone();
+    let encoders = driver
+        .modules::<Encoders>()
+        .next()
+        .expect("encoders")
+        .pins()
+        .collect::<Vec<_>>();
     let mut shafts: Vec<Shaft> = encoders
         .into_iter()
         .map(|pins| Shaft {
@@ -138,12 +146,14 @@ fn run(seed: u64, cycles: u32, n: u64) -> u32 {
             }
             match shaft.asked_at {
                 None if chance.one_in(4) => {
-                    driver.pins_mut().set(shaft.pins.index_enable, true);
+                    driver.pins_mut().set(shaft.pins.counter.index_enable, true);
                     shaft.asked_at = Some(now);
                 }
                 // Taken back, and perhaps asked for again at once.
                 Some(_) if chance.one_in(200) => {
-                    driver.pins_mut().set(shaft.pins.index_enable, false);
+                    driver
+                        .pins_mut()
+                        .set(shaft.pins.counter.index_enable, false);
                     shaft.asked_at = None;
                 }
                 _ => {}
@@ -176,8 +186,8 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
     for work in [50, 300, 600, 900_u64] {
         let mut driver = machine();
         let (pins, bank) = {
-            let made = driver.fpga_pins();
-            (made.encoders[0], made.encoder_bank.expect("encoders"))
+            let encoders = driver.modules::<Encoders>().next().expect("encoders");
+            (encoders.pins().next().expect("one"), *encoders.bank())
         };
         let _ = driver.read().expect("the board is there");
         driver.write().expect("the board is there");
@@ -191,7 +201,7 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
             // The swings are not in step with the cycle.
             driver.bus_mut().wait(Duration::from_micros(137));
             // Always from the same side, so that the latch is at the same count again.
-            driver.pins_mut().set(pins.index_enable, upwards);
+            driver.pins_mut().set(pins.counter.index_enable, upwards);
             shaft.asked_at = upwards.then(|| counts(&mut driver, 0));
             // Back to where it came from, at another speed for each pair of swings: the index comes
             // at every time of the period.

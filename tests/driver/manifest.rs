@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::common::machine::Machine;
+use mesa_hal::Settings;
 use mesa_hal::driver::{Driver, RemoteConfig, SerialConfig};
 use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
 use mesa_hal::sim::{SimFpga, machines};
@@ -94,7 +95,7 @@ fn machine_7i92() -> Driver<SimFpga> {
 }
 
 fn machine_7i97() -> Driver<SimFpga> {
-    Driver::builder(machines::i7i97(1)).build().expect("a 7I97")
+    Driver::start(machines::i7i97(1), Settings::new()).expect("a 7I97")
 }
 
 #[test]

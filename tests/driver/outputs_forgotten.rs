@@ -6,6 +6,7 @@ use std::time::Duration;
 use crate::common::bus::{Around, Between};
 use crate::common::chance::Chance;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
+use mesa_hal::Settings;
 use mesa_hal::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, FaultPolicy};
 use mesa_hal::hal::{HalType, Role};
@@ -87,10 +88,7 @@ fn remotes_of_a_port_that_is_switched_off_are_told_and_not_left_to_their_watchdo
 
 #[test]
 fn writes_alone_do_not_bring_back_a_board_whose_bus_was_down() {
-    let driver = Driver::builder(Faulty::new(fpga(), 1))
-        .bus_error_limit(1)
-        .build()
-        .unwrap();
+    let driver = Driver::start(Faulty::new(fpga(), 1), Settings::new().bus_error_limit(1)).unwrap();
     let mut machine = Machine::with(driver);
     machine.cycles(3);
     let bus = machine.driver.bus_mut();
@@ -214,10 +212,11 @@ fn no_value_of_a_register_pin_or_parameter_makes_the_cycle_fail() {
             one_in: 0,
         };
         let fpga = fpga();
-        let mut driver = Driver::builder(Around { fpga, between })
-            .serial_port(0, "301".parse().unwrap())
-            .build()
-            .unwrap();
+        let mut driver = Driver::start(
+            Around { fpga, between },
+            Settings::new().serial_port(0, "301".parse().unwrap()),
+        )
+        .unwrap();
         driver.bus_mut().between.one_in = [0, 3, 30, 1000][seed as usize % 4];
         for _ in 0..1500 {
             for _ in 0..3 {

@@ -4,9 +4,10 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use mesa_hal::Settings;
 use mesa_hal::driver::{
-    BoardState, BuildError, Driver, RemoteConfig, RemoteParameterError, RemoteWatchdog,
-    SerialConfig,
+    BoardState, Driver, RemoteConfig, RemoteParameterError, RemoteWatchdog, SerialConfig,
+    StartError,
 };
 use mesa_hal::hal::PinError;
 use mesa_hal::sslbp::Channel;
@@ -78,8 +79,8 @@ fn a_shorter_watchdog_is_not_believed_before_the_next_power_up() {
 #[test]
 fn what_can_not_be_written_makes_the_build_fail_with_a_reason() {
     let build = |port, channel, name: &str, value: u32| {
-        let builder = Driver::builder(fpga()).remote_parameter(port, channel, name, value);
-        builder.build().map(drop).unwrap_err()
+        let settings = Settings::new().remote_parameter(port, channel, name, value);
+        Driver::start(fpga(), settings).map(drop).unwrap_err()
     };
     for (error, expected) in [
         (
@@ -111,20 +112,23 @@ fn what_can_not_be_written_makes_the_build_fail_with_a_reason() {
     // Of a remote that is missing, it says that it is missing.
     let mut absent = fpga();
     absent.plug(0, FIELD, None);
-    let driver = Driver::builder(absent)
-        .remote_parameter(0, 0, "nvwatchdogtimeout", 50)
-        .build()
-        .unwrap();
+    let driver = Driver::start(
+        absent,
+        Settings::new().remote_parameter(0, 0, "nvwatchdogtimeout", 50),
+    )
+    .unwrap();
     assert_eq!(driver.missing().len(), 1);
     let mut absent = fpga();
     absent.plug(0, FIELD, None);
     let config = SerialConfig::default().with(0, RemoteConfig::in_mode(0).required());
-    let error = Driver::builder(absent)
-        .serial_port(0, config)
-        .remote_parameter(0, 0, "nvwatchdogtimeout", 50)
-        .build()
-        .map(drop);
-    assert!(matches!(error, Err(BuildError::Missing(_))));
+    let error = Driver::start(
+        absent,
+        Settings::new()
+            .serial_port(0, config)
+            .remote_parameter(0, 0, "nvwatchdogtimeout", 50),
+    )
+    .map(drop);
+    assert!(matches!(error, Err(StartError::Missing(_))));
 }
 
 fn switch_on(machine: &mut Machine) {
@@ -258,8 +262,8 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
     let text = "a watchdog of 1ms can not be fed with a period of 1ms: a transfer that is lost must \
                 not let it bite, so it needs 2 x 1ms = 2ms; choose more milliseconds, or a shorter \
                 period";
-    let built = Driver::builder(fpga()).remote_parameter(0, 1, "NVWatchDogTimeout", 1);
-    let error = built.build().map(|_| ()).unwrap_err();
+    let settings = Settings::new().remote_parameter(0, 1, "NVWatchDogTimeout", 1);
+    let error = Driver::start(fpga(), settings).map(drop).unwrap_err();
     let place = "parameter NVWatchDogTimeout on port 0, channel 1: ";
     assert_eq!(error.to_string(), format!("{place}{text}"));
 
@@ -272,17 +276,6 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
     write(2).unwrap();
     write(0).unwrap();
     assert_eq!(kept(&machine, ANALOG, "nvwatchdogtimeout"), 0);
-}
-
-#[test]
-fn a_driver_that_was_shut_down_writes_nothing() {
-    let mut machine = Machine::new();
-    machine.driver.shutdown().unwrap();
-    let result =
-        machine
-            .driver
-            .write_remote_parameter(0, Channel::ALL[FIELD], "nvwatchdogtimeout", 100);
-    assert!(matches!(result, Err(RemoteParameterError::ShutDown)));
 }
 
 #[test]

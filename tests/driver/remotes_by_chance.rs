@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use mesa_hal::Settings;
 use mesa_hal::bus::{BusErrorKind, Clock};
 use mesa_hal::driver::{Driver, FaultPolicy, SerialConfig};
 use mesa_hal::hal::Reading;
@@ -58,11 +59,11 @@ impl Run {
             ..FaultPolicy::default()
         };
         let config: SerialConfig = "301".parse().expect("modes");
-        let driver = Driver::builder(Faulty::new(fpga(), seed))
-            .serial_port(0, config)
-            .fault_policy(policy)
-            .build()
-            .expect("the machine is complete");
+        let driver = Driver::start(
+            Faulty::new(fpga(), seed),
+            Settings::new().serial_port(0, config).fault_policy(policy),
+        )
+        .expect("the machine is complete");
         Self {
             machine: Machine::with(driver),
             chance: Chance(seed),

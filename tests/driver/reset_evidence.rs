@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use crate::common::ethernet::{self, WIRE, good, is_request};
 use crate::common::machine::World;
+use mesa_hal::Settings;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
@@ -162,7 +163,7 @@ impl<B: World> Machine<B> {
         } else {
             SerialConfig::NONE
         };
-        let driver = Driver::builder(bus).serial_port(0, serial).build();
+        let driver = Driver::start(bus, Settings::new().serial_port(0, serial));
         let driver = driver.expect("the board is complete");
         let count = |n| format!("{BOARD}.encoder.{n:02}.count");
         let counts = [0, 1, 2, 3, 4, 5].map(|n| driver.pins().input(&count(n)).expect("a pin"));

@@ -2,6 +2,7 @@
 //! that time.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
+use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::Input;
@@ -33,10 +34,8 @@ fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
 #[test]
 fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
     let fpga = machines::six_axes_7i92(MotorConfig::default());
-    let mut driver = Driver::builder(fpga)
-        .serial_port(0, SerialConfig::NONE)
-        .build()
-        .unwrap();
+    let mut driver =
+        Driver::start(fpga, Settings::new().serial_port(0, SerialConfig::NONE)).unwrap();
     let counts: Vec<Input<i32>> = (0..6)
         .map(|n| {
             driver

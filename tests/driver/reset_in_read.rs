@@ -2,6 +2,7 @@
 //! not have.
 
 use crate::common::machine::{ANALOG, Machine, fpga};
+use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::DEFAULT_ACCESS_COST;
 use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
@@ -27,7 +28,7 @@ impl Director for ResetAt {
 fn running() -> Machine {
     let mut fpga = fpga();
     machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
-    let mut machine = Machine::with(Driver::builder(fpga).build().expect("complete"));
+    let mut machine = Machine::with(Driver::start(fpga, Settings::new()).expect("complete"));
     for axis in 0..6 {
         let motor = machine.driver.bus_mut().motor(axis).expect("axis");
         motor.turn_by_hand(Some(2.0));

@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::common::ethernet::{self, WIRE, cut, good};
+use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
-use mesa_hal::driver::{BoardState, BuildError, Driver, GpioConfig, RemoteConfig, SerialConfig};
+use mesa_hal::driver::{BoardState, Driver, GpioConfig, RemoteConfig, SerialConfig, StartError};
 use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
 
 const PINS: usize = 51;
@@ -26,10 +27,11 @@ fn driven(fpga: &SimFpga) -> Vec<usize> {
 
 #[test]
 fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
-    let result = Driver::builder(fpga())
-        .watchdog(Duration::from_micros(1_900))
-        .build();
-    let Err(error @ BuildError::WatchdogTooShort { needed, .. }) = result else {
+    let result = Driver::start(
+        fpga(),
+        Settings::new().watchdog(Duration::from_micros(1_900)),
+    );
+    let Err(error @ StartError::WatchdogTooShort { needed, .. }) = result else {
         panic!("built");
     };
     assert_eq!(needed, millis(2));
@@ -38,18 +40,18 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
         text.contains("1.9ms") && text.contains("2 x 1ms = 2ms"),
         "{text}"
     );
-    assert!(Driver::builder(fpga()).watchdog(millis(2)).build().is_ok());
+    assert!(Driver::start(fpga(), Settings::new().watchdog(millis(2))).is_ok());
 }
 
 #[test]
 fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
     let built = |period| {
-        Driver::builder(fpga())
-            .without_dpll()
-            .period(millis(period))
-            .build()
+        Driver::start(
+            fpga(),
+            Settings::new().without_dpll().period(millis(period)),
+        )
     };
-    let Err(error @ BuildError::RemoteWatchdogTooShort { watchdog, .. }) = built(26) else {
+    let Err(error @ StartError::RemoteWatchdogTooShort { watchdog, .. }) = built(26) else {
         panic!("built");
     };
     assert_eq!(watchdog, millis(50));
@@ -69,9 +71,9 @@ fn no_period_panics_and_what_can_not_be_kept_is_refused() {
         Duration::from_secs(1),
         Duration::from_nanos(1),
     ] {
-        let result = Driver::builder(fpga()).period(period).build();
+        let result = Driver::start(fpga(), Settings::new().period(period));
         assert!(
-            matches!(result, Err(BuildError::BadPeriod { .. })),
+            matches!(result, Err(StartError::BadPeriod { .. })),
             "{period:?}"
         );
     }
@@ -84,9 +86,10 @@ fn watchdog_and_deadline_follow_the_period() {
         (1_000, 5_000, 800),
         (4_000, 20_000, 3_200),
     ] {
-        let built = Driver::builder(ethernet::bus(fpga()))
-            .period(Duration::from_micros(period))
-            .build();
+        let built = Driver::start(
+            ethernet::bus(fpga()),
+            Settings::new().period(Duration::from_micros(period)),
+        );
         let mut driver = built.expect("the board is complete");
         for _ in 0..3 {
             let _ = driver.read().expect("a good network");
@@ -154,9 +157,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
     fpga.write_register(0x0D00, 1);
     let seen = Arc::<Mutex<Vec<String>>>::default();
     fpga.set_director(Box::new(Watch(Arc::clone(&seen))));
-    let mut driver = Driver::builder(fpga)
-        .build()
-        .expect("the board is complete");
+    let mut driver = Driver::start(fpga, Settings::new()).expect("the board is complete");
     for n in 0..50 {
         let report = driver.read().expect("the bus does not fail");
         assert_eq!(report.board, BoardState::Running, "cycle {n}");
@@ -176,9 +177,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
 
 #[test]
 fn a_bite_right_after_rearming_is_seen() {
-    let mut driver = Driver::builder(fpga())
-        .build()
-        .expect("the board is complete");
+    let mut driver = Driver::start(fpga(), Settings::new()).expect("the board is complete");
     for silence in [1, 2, 4, 6] {
         for _ in 0..5 {
             let _ = driver.rearm().expect("the bus does not fail");
@@ -215,11 +214,11 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
     };
     let mut simulated = fpga();
     {
-        let mut driver = Driver::builder(&mut simulated)
-            .gpio(40, open_drain)
-            .gpio(41, open_drain)
-            .build()
-            .expect("the board is complete");
+        let mut driver = Driver::start(
+            &mut simulated,
+            Settings::new().gpio(40, open_drain).gpio(41, open_drain),
+        )
+        .expect("the board is complete");
         for _ in 0..5 {
             let _ = driver.read().expect("the bus does not fail");
             driver.write().expect("the bus does not fail");
@@ -232,11 +231,11 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
     assert_eq!(driven(&simulated), []);
     let missing =
         SerialConfig::default().with(0, RemoteConfig::in_mode(0).named(*b"NONE").required());
-    let built = Driver::builder(&mut simulated)
-        .gpio(40, open_drain)
-        .serial_port(0, missing)
-        .build();
-    assert!(matches!(built, Err(BuildError::Missing(_))));
+    let built = Driver::start(
+        &mut simulated,
+        Settings::new().gpio(40, open_drain).serial_port(0, missing),
+    );
+    assert!(matches!(built, Err(StartError::Missing(_))));
     drop(built);
     simulated.wait(millis(1));
     assert_eq!(driven(&simulated), [], "the driver was not built");
@@ -244,7 +243,7 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
 
 #[test]
 fn the_end_survives_lost_packets() {
-    let built = Driver::builder(ethernet::bus(fpga())).build();
+    let built = Driver::start(ethernet::bus(fpga()), Settings::new());
     let mut driver = built.expect("the board is complete");
     for _ in 0..5 {
         let _ = driver.read().expect("a good network");
@@ -257,10 +256,10 @@ fn the_end_survives_lost_packets() {
         if n % 3 == 0 { vec![WIRE] } else { vec![] }
     });
     let before = driver.bus_mut().now();
-    let _ = driver.shutdown();
-    let took = driver.bus_mut().now().since(before);
-    driver.bus_mut().wait(millis(1));
-    let gateware = driver.bus_mut().link().board.gateware_mut();
+    let mut bus = driver.shutdown().unwrap_or_else(|error| error.bus);
+    let took = bus.now().since(before);
+    bus.wait(millis(1));
+    let gateware = bus.link().board.gateware_mut();
     assert!(gateware.watchdog().has_bitten());
     assert_eq!(driven(gateware), []);
     assert!(took < Duration::from_secs(5), "{took:?}");

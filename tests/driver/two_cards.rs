@@ -2,9 +2,11 @@
 
 use std::time::Duration;
 
-use mesa_hal::boards::fpga::EncoderPins;
-use mesa_hal::driver::{BuildError, Driver, EncoderSetup};
+use mesa_hal::Settings;
+use mesa_hal::driver::{Driver, EncoderSetup, StartError};
 use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
+use mesa_hal::modules::RegisterError;
+use mesa_hal::modules::encoder::{EncoderPins, Encoders};
 use mesa_hal::sim::{AxisWiring, DriveSource, Firmware, MotorConfig, SimFpga, gtag, machines};
 
 fn with_motors(firmware: Firmware, cards: usize) -> SimFpga {
@@ -48,7 +50,7 @@ fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, 
     let _ = driver.read().expect("the bus does not fail");
     let each = encoders.iter().enumerate();
     each.map(|(n, encoder)| {
-        let count = driver.pins().read(encoder.rawcounts).value;
+        let count = driver.pins().read(encoder.counter.rawcounts).value;
         let motor = driver.bus_mut().motor(n).expect("an axis");
         (count.into(), motor.counts().floor() as i64)
     })
@@ -58,8 +60,13 @@ fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, 
 #[test]
 fn all_twelve_encoders_of_two_cards_count_their_own_shafts() {
     let fpga = with_motors(machines::firmware_7i92_7i77x2(), 2);
-    let mut driver = Driver::builder(fpga).build().expect("two cards");
-    let encoders = driver.fpga_pins().encoders.clone();
+    let mut driver = Driver::start(fpga, Settings::new()).expect("two cards");
+    let encoders = driver
+        .modules::<Encoders>()
+        .next()
+        .expect("encoders")
+        .pins()
+        .collect::<Vec<_>>();
     assert_eq!(encoders.len(), 12);
     for (n, (count, truth)) in counted(&mut driver, &encoders).into_iter().enumerate() {
         assert!((count - truth).abs() <= 1, "encoder {n}: {count}, {truth}");
@@ -90,7 +97,7 @@ fn terminals(pins: &Pins) -> Vec<String> {
 #[test]
 fn each_card_has_its_own_terminals_and_what_is_no_card_has_none() {
     let fpga = with_motors(machines::firmware_7i92_7i77x2(), 2);
-    let driver = Driver::builder(fpga).build().expect("two cards");
+    let driver = Driver::start(fpga, Settings::new()).expect("two cards");
     let found = terminals(driver.pins());
     assert_eq!(found.len(), 12);
     for n in 0..6 {
@@ -103,7 +110,7 @@ fn each_card_has_its_own_terminals_and_what_is_no_card_has_none() {
     let mut firmware = machines::firmware_7i92_7i77();
     firmware.pins.swap(3, 20);
     let fpga = with_motors(firmware, 0);
-    let driver = Driver::builder(fpga).build().expect("encoders");
+    let driver = Driver::start(fpga, Settings::new()).expect("encoders");
     assert!(terminals(driver.pins()).iter().all(String::is_empty));
 }
 
@@ -115,16 +122,24 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
             count: Some(count),
             ..EncoderSetup::default()
         };
-        Driver::builder(fpga).encoders(setup).build()
+        Driver::start(fpga, Settings::new().encoders(setup))
     };
     let error = build(7).map(drop).expect_err("there are six");
     assert!(matches!(
         error,
-        BuildError::TooManyEncoders { count: 7, all: 6 }
+        StartError::Register(RegisterError::TooManyEncoders { count: 7, all: 6 })
     ));
     assert!(error.to_string().contains("at most 6"), "{error}");
     let driver = build(3).expect("three of six");
-    assert_eq!(driver.fpga_pins().encoders.len(), 3);
+    assert_eq!(
+        driver
+            .modules::<Encoders>()
+            .next()
+            .expect("encoders")
+            .pins()
+            .len(),
+        3
+    );
 }
 
 #[test]
@@ -133,11 +148,19 @@ fn multiplexed_encoders_with_a_probe_are_known_and_latch_on_it() {
         let mut firmware = machines::firmware_7i97(1);
         let module = firmware.module_mut(gtag::MUXED_ENCODER).expect("encoders");
         module.version = version;
-        let mut driver = Driver::builder(with_motors(firmware, 0))
-            .build()
+        let mut driver = Driver::start(with_motors(firmware, 0), Settings::new())
             .unwrap_or_else(|error| panic!("version {version:#x}: {error}"));
-        let encoders = driver.fpga_pins().encoders.clone();
-        let bank = driver.fpga_pins().encoder_bank.expect("encoders");
+        let encoders = driver
+            .modules::<Encoders>()
+            .next()
+            .expect("encoders")
+            .pins()
+            .collect::<Vec<_>>();
+        let bank = driver
+            .modules::<Encoders>()
+            .next()
+            .expect("encoders")
+            .bank();
         assert_eq!(bank.muxed_skew.is_some(), version == 0x84);
         let pins = driver.pins_mut();
         pins.set(encoders[0].probe_invert, true);

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, cut, good};
+use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
@@ -79,14 +80,16 @@ fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> Et
         fault_lim: 10_000,
         ..FaultPolicy::default()
     };
-    Driver::builder(bus)
-        .period(period)
-        .pace(pace)
-        .bus_error_limit(50)
-        .watchdog(Duration::from_millis(50))
-        .fault_policy(policy)
-        .build()
-        .expect("the machine is complete")
+    Driver::start(
+        bus,
+        Settings::new()
+            .period(period)
+            .pace(pace)
+            .bus_error_limit(50)
+            .watchdog(Duration::from_millis(50))
+            .fault_policy(policy),
+    )
+    .expect("the machine is complete")
 }
 
 fn field(driver: &EthernetDriver) -> I7i77Field {

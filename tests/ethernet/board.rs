@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect, cut};
+use mesa_hal::Settings;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
@@ -107,7 +108,7 @@ fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
 #[test]
 fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
     let bus = board().into_inner();
-    let mut driver = Driver::builder(bus).build().expect("a 7I97");
+    let mut driver = Driver::start(bus, Settings::new()).expect("a 7I97");
     let one_by_one: Vec<_> = (0..4).map(|n| [0, 1, 2, 3].map(|k| k == n)).collect();
     assert_ne!(running_light(&mut driver), one_by_one, "they count packets");
     for (mode, shows) in [(LedMode::HostMot2, true), (LedMode::Debug, false)] {

@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
 use linuxcnc::{Expected, Machine, ONE_AT_A_TIME, SETTLE, skipped};
+use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 
@@ -215,9 +216,7 @@ fn cycles(before: &Values, after: &Values) -> f64 {
 
 /// Our driver, built for the same machine, has the same pins and parameters.
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
-    let driver = Driver::builder(ours)
-        .build()
-        .expect("the machine is complete");
+    let driver = Driver::start(ours, Settings::new()).expect("the machine is complete");
     let (pins, params) = (machine.list("pin"), machine.list("param"));
     names::compare(prefix, &pins, &params, driver.pins());
 }

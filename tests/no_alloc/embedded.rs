@@ -2,6 +2,7 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
 use allocation_counter::{AllocationInfo, measure};
+use mesa_hal::Settings;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{Driver, RemoteState};
 use mesa_hal::sim::SimFpga;
@@ -35,9 +36,7 @@ fn the_counter_counts() {
 #[test]
 fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let bus = Faulty::new(fpga(), 0x5EED);
-    let driver = Driver::builder(bus)
-        .build()
-        .expect("the machine is complete");
+    let driver = Driver::start(bus, Settings::new()).expect("the machine is complete");
     let mut machine = Machine::with(driver);
     let mut count = Count::default();
     for n in 0..CYCLES {

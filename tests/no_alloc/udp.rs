@@ -8,6 +8,7 @@ use std::thread::{JoinHandle, spawn};
 use std::time::Duration;
 
 use allocation_counter::measure;
+use mesa_hal::Settings;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{Driver, Pace};
 use mesa_hal::sim::{BoardConfig, Mishaps, MotorConfig, SimBoard, UdpFace, machines};
@@ -71,10 +72,7 @@ fn a_thousand_cycles_over_ethernet_allocate_nothing() {
             ..UdpConfig::default()
         };
         let bus = UdpBus::connect(board.address, config).expect("the board answers");
-        let mut driver = Driver::builder(bus)
-            .pace(pace)
-            .bus_error_limit(100)
-            .build()
+        let mut driver = Driver::start(bus, Settings::new().pace(pace).bus_error_limit(100))
             .expect("the board is complete");
         let mut good = 0;
         let allocated = measure(|| {

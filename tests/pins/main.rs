@@ -2,6 +2,5 @@
 
 #[path = "../common/mod.rs"]
 mod common;
-mod fpga;
 mod packing_plan;
 mod remote;

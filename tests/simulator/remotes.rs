@@ -2,6 +2,7 @@
 //! whoever accesses the FPGA, how often or how seldom.
 
 use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, Remotes, fpga};
+use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::lbp::{RemoteFaults, crc8};
 use mesa_hal::sim::devices::{Outputs48, SignalValue, SimDevice};
@@ -14,7 +15,7 @@ const MS: u64 = 1_000_000;
 fn running() -> Machine {
     let mut fpga = fpga();
     machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
-    let mut machine = Machine::with(Driver::builder(fpga).build().expect("complete"));
+    let mut machine = Machine::with(Driver::start(fpga, Settings::new()).expect("complete"));
     let _ = machine.driver.rearm();
     machine.cycles(3);
     let Remotes {

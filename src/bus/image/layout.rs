@@ -1,252 +1,263 @@
-//! Claims become runs of neighbouring registers, and each word gets its place.
+//! Registers become runs of neighbours, and each gets its place in the word buffer.
 
 use alloc::{boxed::Box, vec, vec::Vec};
 
-use super::{Claim, ImageError, ReadPhase, Tier, WritePhase};
-use crate::bus::{Access, Direction};
+use super::parts::Parts;
+use super::plan::{Content, ImagePlan, ReadPhase, StepPlace, WritePhase};
+use super::words::{Progress, SettingState, Shown};
+use super::{ImageError, Stage, Words};
+use crate::bus::Access;
 
-/// A phase as a number to sort by.
-pub(super) trait Phase: Copy {
-    fn order(self) -> u8;
-}
+/// Reads of registers so many registers apart are merged, and what lies between is read along and
+/// ignored: on Ethernet one register more costs four bytes, as does a command.
+const BRIDGE: u16 = 1;
 
-impl Phase for ReadPhase {
-    fn order(self) -> u8 {
-        self as u8
-    }
-}
-
-impl Phase for WritePhase {
-    fn order(self) -> u8 {
-        self as u8
-    }
-}
-
-/// One register of the image.
-#[derive(Clone, Copy, Debug)]
-struct Register {
-    phase: u8,
-    address: u16,
-    tier: Tier,
-    initial: u32,
-    /// How many claims name it.
-    claims: u16,
-}
-
-/// A run of neighbouring registers, before it becomes an [`Access`].
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Run {
-    pub phase: u8,
-    pub tier: Tier,
-    address: u16,
-    first: u16,
-    count: u16,
-}
-
-/// Where each register and each claim is.
+/// Everything that is exchanged, before a bus has prepared it.
 #[derive(Debug)]
-pub(super) struct Layout {
-    /// In the order of the exchange; the position is the place in the word buffer.
-    registers: Vec<Register>,
-    bridge: u16,
-    index: Vec<u16>,
+pub struct Layout {
+    pub(super) reads: ReadLayout,
+    pub(super) writes: WriteLayout,
+    pub(super) set_up: Vec<Access>,
+    pub(super) quiesce: Vec<Access>,
+    pub(super) parts: Parts,
+    pub(super) words: Words,
 }
 
-/// Lays out `claims`; gaps of up to `bridge` registers are filled.
-pub(super) fn build<P: Phase, E>(
-    claims: &[Claim<P>],
-    bridge: u16,
-) -> Result<Layout, ImageError<E>> {
-    let mut registers = Vec::new();
-    for claim in claims {
-        add(&mut registers, claim)?;
-    }
-    registers.sort_by_key(|register| (register.phase, register.address));
-    registers.dedup_by(|other, kept| {
-        let same = (other.phase, other.address) == (kept.phase, kept.address);
-        if same {
-            kept.claims += other.claims;
-            if other.tier == Tier::Cycle {
-                kept.tier = Tier::Cycle;
-            }
-        }
-        same
-    });
-    fill_gaps(&mut registers, bridge);
-    let index = claims
-        .iter()
-        .map(|claim| {
-            let key = (claim.phase.order(), claim.address);
-            let place = registers.partition_point(|r| (r.phase, r.address) < key);
-            place as u16
-        })
-        .collect();
-    Ok(Layout {
-        registers,
-        bridge,
-        index,
-    })
-}
-
-fn add<P: Phase, E>(registers: &mut Vec<Register>, claim: &Claim<P>) -> Result<(), ImageError<E>> {
-    let last = u32::from(claim.address) + 4 * u32::from(claim.count);
-    if claim.count == 0 || !claim.address.is_multiple_of(4) || last > 0x1_0000 {
-        return Err(ImageError::BadClaim {
-            address: claim.address,
-            count: claim.count,
-        });
-    }
-    registers.extend((0..claim.count).map(|n| Register {
-        phase: claim.phase.order(),
-        address: claim.address + 4 * n,
-        tier: claim.tier,
-        initial: claim.initial,
-        claims: 1,
-    }));
-    Ok(())
-}
-
-/// Registers between neighbours that are read along. They belong to the extended exchange; a
-/// normal one that bridges the same gap uses their place.
-fn fill_gaps(registers: &mut Vec<Register>, bridge: u16) {
-    let mut filled: Vec<Register> = Vec::with_capacity(registers.len());
-    for &register in registers.iter() {
-        if let Some(&before) = filled.last() {
-            let gap = (register.address.wrapping_sub(before.address) / 4).wrapping_sub(1);
-            if before.phase == register.phase && gap <= bridge {
-                filled.extend((1..=gap).map(|n| Register {
-                    address: before.address + 4 * n,
-                    tier: Tier::Extended,
-                    initial: 0,
-                    claims: 0,
-                    ..before
-                }));
-            }
-        }
-        filled.push(register);
-    }
-    *registers = filled;
-}
-
-impl Layout {
-    /// Refuses registers that two claims name: for writes.
-    pub(super) fn unshared<E>(self) -> Result<Self, ImageError<E>> {
-        let twice = |address: u16| {
-            let named = self.registers.iter().filter(|r| r.address == address);
-            named.map(|r| r.claims).sum::<u16>() > 1
-        };
-        match self.registers.iter().find(|r| twice(r.address)) {
-            Some(&Register { address, .. }) => Err(ImageError::WrittenTwice { address }),
-            None => Ok(self),
-        }
-    }
-
-    /// Refuses registers that are claimed in several phases: for reads.
-    pub(super) fn unshared_phases<E>(self) -> Result<Self, ImageError<E>> {
-        let mut addresses: Vec<u16> = self
-            .registers
-            .iter()
-            .filter(|r| r.claims > 0)
-            .map(|r| r.address)
-            .collect();
-        addresses.sort_unstable();
-        match addresses
-            .windows(2)
-            .find(|pair| pair.first() == pair.last())
-        {
-            Some(&[address, ..]) => Err(ImageError::ReadInTwoPhases { address }),
-            _ => Ok(self),
-        }
-    }
-
-    /// The runs of the registers that `keep` wants, bridged.
-    fn runs(&self, keep: impl Fn(&Run) -> bool) -> Vec<Run> {
-        let mut runs: Vec<Run> = Vec::new();
-        for (place, register) in self.registers.iter().enumerate() {
-            let one = Run {
-                phase: register.phase,
-                tier: register.tier,
-                address: register.address,
-                first: place as u16,
-                count: 1,
+impl ImagePlan {
+    /// Sorts and merges what was registered, and gives each register its place in the word buffer.
+    ///
+    /// # Errors
+    /// Registers that can not be.
+    pub fn lay_out(&self) -> Result<Layout, ImageError> {
+        self.check()?;
+        let reads = ReadLayout::new(self)?;
+        let writes = WriteLayout::new(self, reads.words());
+        let first_setting = reads.words() + self.writes.len() as u16;
+        let mut words = vec![0; usize::from(reads.words())];
+        words.extend(writes.words());
+        words.extend(self.settings.iter().map(|setting| setting.word));
+        let mut safes = vec![u16::MAX; self.writes.len()];
+        let (mut set_up, mut quiesce) = (Vec::new(), Vec::new());
+        for step in self.sorted_steps() {
+            let mut constant = |word| {
+                words.push(word);
+                (words.len() - 1) as u16
             };
-            if register.claims == 0 || !keep(&one) {
+            let place = match step.content {
+                Content::Setting(setting) => first_setting + setting.0,
+                Content::Words { again, .. } => constant(again),
+                Content::Safe(slot) => {
+                    let place = constant(self.safe(slot).unwrap_or(0));
+                    if let Some(safe) = safes.get_mut(usize::from(slot.0)) {
+                        *safe = place;
+                    }
+                    place
+                }
+            };
+            let access = Access::write(step.address, place, 1);
+            set_up.push(access);
+            if step.place == StepPlace::In(Stage::Quiesce) {
+                quiesce.push(access);
+            }
+        }
+        let words = Words {
+            content: words.into_boxed_slice(),
+            reads: reads.index.clone().into_boxed_slice(),
+            writes: writes.index.clone().into_boxed_slice(),
+            safes: safes.into_boxed_slice(),
+            first_setting,
+            settings: self.states(),
+            asked: 0,
+            asked_guarded: 0,
+            sent: 0,
+        };
+        Ok(Layout {
+            parts: Parts::new(self, &writes, first_setting),
+            reads,
+            writes,
+            set_up,
+            quiesce,
+            words,
+        })
+    }
+
+    fn states(&self) -> Box<[SettingState]> {
+        let states = self.settings.iter().map(|register| SettingState {
+            progress: Progress::Rests,
+            is_guarded: matches!(register.stage, Some(Stage::Drive | Stage::Enable)),
+            shown: register.shown.map(|slot| Shown {
+                slot,
+                expected: register.word,
+            }),
+        });
+        states.collect()
+    }
+}
+
+/// The registers that are read.
+#[derive(Debug)]
+pub(super) struct ReadLayout {
+    /// In the order of the exchange; the position is the place in the word buffer.
+    registers: Vec<Place>,
+    /// The place of each slot.
+    pub index: Vec<u16>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    phase: ReadPhase,
+    address: u16,
+    is_extra: bool,
+    /// Nobody has registered it: it lies between two others.
+    is_gap: bool,
+}
+
+impl ReadLayout {
+    pub fn new(plan: &ImagePlan) -> Result<Self, ImageError> {
+        let mut registers: Vec<Place> = plan
+            .reads
+            .iter()
+            .map(|read| Place {
+                phase: read.phase,
+                address: read.address,
+                is_extra: read.is_extra,
+                is_gap: false,
+            })
+            .collect();
+        registers.sort_by_key(|place| (place.phase, place.address, place.is_extra));
+        registers.dedup_by_key(|place| (place.phase, place.address));
+        let mut addresses: Vec<u16> = registers.iter().map(|place| place.address).collect();
+        addresses.sort_unstable();
+        if let Some(&[address, ..]) = addresses.windows(2).find(|two| two.first() == two.last()) {
+            return Err(ImageError::ReadInTwoPhases { address });
+        }
+        let registers = with_gaps(&registers);
+        let place = |phase, address| {
+            let key = (phase, address);
+            registers.partition_point(|place| (place.phase, place.address) < key) as u16
+        };
+        let reads = plan.reads.iter();
+        let index = reads.map(|read| place(read.phase, read.address)).collect();
+        Ok(Self { registers, index })
+    }
+
+    pub fn words(&self) -> u16 {
+        self.registers.len() as u16
+    }
+
+    /// The accesses of one exchange, with `extra` ones or without.
+    pub fn reads(&self, extra: bool) -> Vec<Access> {
+        self.runs(|place| extra || !place.is_extra)
+    }
+
+    /// The accesses of one phase.
+    pub fn phase(&self, phase: ReadPhase, extra: bool) -> Vec<Access> {
+        self.runs(|place| place.phase == phase && (extra || !place.is_extra))
+    }
+
+    fn runs(&self, is_read: impl Fn(&Place) -> bool) -> Vec<Access> {
+        let mut runs: Vec<(ReadPhase, Access)> = Vec::new();
+        for (first, place) in (0u16..).zip(&self.registers) {
+            if place.is_gap || !is_read(place) {
                 continue;
             }
-            if let Some(run) = runs.last_mut() {
-                let places = one.first - run.first;
-                let gap = places - run.count;
-                let distance = one.address.checked_sub(run.address);
-                let contiguous = distance == Some(4 * places);
-                if run.phase == one.phase && contiguous && gap <= self.bridge {
+            if let Some((phase, run)) = runs.last_mut() {
+                let places = first - run.first;
+                let distance = place.address.checked_sub(run.address);
+                let is_near = places - run.count <= BRIDGE;
+                if *phase == place.phase && is_near && distance == places.checked_mul(4) {
                     run.count = places + 1;
                     continue;
                 }
             }
-            runs.push(one);
+            runs.push((place.phase, Access::read(place.address, first, 1)));
+        }
+        runs.into_iter().map(|(_, run)| run).collect()
+    }
+}
+
+/// The registers between neighbours that are read along have a place as well.
+fn with_gaps(registers: &[Place]) -> Vec<Place> {
+    let mut all: Vec<Place> = Vec::with_capacity(registers.len());
+    for &place in registers {
+        if let Some(&before) = all.last() {
+            let gap = (place.address.wrapping_sub(before.address) / 4).wrapping_sub(1);
+            if before.phase == place.phase && gap <= BRIDGE {
+                all.extend((1..=gap).map(|n| Place {
+                    address: before.address + 4 * n,
+                    is_gap: true,
+                    ..before
+                }));
+            }
+        }
+        all.push(place);
+    }
+    all
+}
+
+/// The registers that are written in every cycle.
+#[derive(Debug)]
+pub(super) struct WriteLayout {
+    /// Phase, address and first word, in the order of the exchange.
+    registers: Vec<(WritePhase, u16, u32)>,
+    /// The place of its first register in the word buffer.
+    first: u16,
+    /// The place of each slot.
+    pub index: Vec<u16>,
+}
+
+impl WriteLayout {
+    /// Behind `first` other words.
+    pub fn new(plan: &ImagePlan, first: u16) -> Self {
+        let writes = plan.writes.iter();
+        let mut registers: Vec<_> = writes
+            .map(|write| (write.phase, write.address, write.word))
+            .collect();
+        registers.sort_by_key(|&(phase, address, _)| (phase, address));
+        let place = |phase, address| {
+            let is_before = |&(p, a, _): &(_, _, _)| (p, a) < (phase, address);
+            first + registers.partition_point(is_before) as u16
+        };
+        let writes = plan.writes.iter();
+        let index = writes
+            .map(|write| place(write.phase, write.address))
+            .collect();
+        Self {
+            registers,
+            first,
+            index,
+        }
+    }
+
+    pub fn words(&self) -> impl Iterator<Item = u32> + '_ {
+        self.registers.iter().map(|&(_, _, word)| word)
+    }
+
+    /// The accesses of one phase.
+    pub fn phase(&self, wanted: WritePhase) -> Vec<Access> {
+        let mut runs: Vec<Access> = Vec::new();
+        for (place, &(phase, address, _)) in (self.first..).zip(&self.registers) {
+            if phase != wanted {
+                continue;
+            }
+            match runs.last_mut() {
+                Some(run)
+                    if u32::from(run.address) + 4 * u32::from(run.count) == u32::from(address) =>
+                {
+                    run.count += 1;
+                }
+                _ => runs.push(Access::write(address, place, 1)),
+            }
         }
         runs
     }
 
-    /// The access list of the registers that `keep` wants.
-    pub(super) fn accesses(
-        &self,
-        direction: Direction,
-        keep: impl Fn(&Run) -> bool,
-    ) -> Box<[Access]> {
-        self.runs(keep)
+    /// The accesses of a cycle.
+    pub fn writes(&self) -> Vec<Access> {
+        let phases = [WritePhase::First, WritePhase::Data, WritePhase::Trigger];
+        phases
             .into_iter()
-            .map(|run| Access {
-                address: run.address,
-                direction,
-                first: run.first,
-                count: run.count,
-            })
+            .flat_map(|phase| self.phase(phase))
             .collect()
-    }
-
-    /// Everything that is written, such that each register of the extended tier is an access of its
-    /// own; and which those are.
-    pub(super) fn separate_writes(&self) -> (Box<[Access]>, Box<[bool]>) {
-        let mut accesses: Vec<Access> = Vec::new();
-        let mut is_extended: Vec<bool> = Vec::new();
-        let mut before: Option<&Register> = None;
-        for (place, register) in self.registers.iter().enumerate() {
-            let continues = before.is_some_and(|before| {
-                (before.phase, before.tier) == (register.phase, register.tier)
-                    && register.tier == Tier::Cycle
-                    && before.address.checked_add(4) == Some(register.address)
-            });
-            before = Some(register);
-            match accesses.last_mut() {
-                Some(run) if continues => run.count += 1,
-                _ => {
-                    accesses.push(Access::write(register.address, place as u16, 1));
-                    is_extended.push(register.tier != Tier::Cycle);
-                }
-            }
-        }
-        (accesses.into(), is_extended.into())
-    }
-
-    /// Number of runs and of registers that `keep` wants, bridged ones included.
-    pub(super) fn extent(&self, keep: impl Fn(&Run) -> bool) -> (u32, u32) {
-        let runs = self.runs(keep);
-        let words = runs.iter().map(|run| u32::from(run.count)).sum();
-        (runs.len() as u32, words)
-    }
-
-    /// The word buffer before anything was put.
-    pub(super) fn initial_words(&self) -> Box<[u32]> {
-        let mut words = vec![0; self.registers.len()];
-        for (word, register) in words.iter_mut().zip(&self.registers) {
-            *word = register.initial;
-        }
-        words.into_boxed_slice()
-    }
-
-    /// The first word of each claim.
-    pub(super) fn into_index(self) -> Box<[u16]> {
-        self.index.into_boxed_slice()
     }
 }

@@ -18,7 +18,7 @@ pub use watchdog::RemoteWatchdog;
 
 use core::time::Duration;
 
-pub(super) use pins::{PortPins, RemoteFaultPins};
+pub(super) use pins::RemoteFaultPins;
 pub(super) use port::{Remote, WATCHDOG_PARAMETER};
 
 /// A remote as it is now.

@@ -4,19 +4,18 @@ use alloc::vec::Vec;
 
 use super::health::{Expected, Health};
 use super::pins::PortPins;
-use super::recovery::{Outcome, Recovery, is_transferring};
+use super::recovery::{Recovery, is_transferring};
 use super::{FailureCounts, PortStatistics, RemoteState, RemoteStatus, RemoteWatchdog, SetAside};
-use crate::bus::{
-    CycleImage, ImagePlan, Instant, ReadPhase, ReadSlot, Tier, WritePhase, WriteSlot,
-};
+use crate::bus::{Clock, Instant, ReadSlot, RegisterBus, Setting, Words, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::driver::parameters::ParameterWrite;
 use crate::hal::{GroupId, PinStore, Pins};
+use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::RemotePins;
 use crate::sslbp::{
     Channel as Number, ChannelMask, ChannelRegisters, Command, DoitTime, Layout,
-    MAX_INTERFACE_REGISTERS, Observed, Port, PortParameters, RemoteFaults, StartedRemote,
-    software_mode_word,
+    MAX_INTERFACE_REGISTERS, Observed, Port, PortError, PortParameters, RemoteFaults,
+    StartedRemote, software_mode_word,
 };
 
 /// Interface registers of one direction.
@@ -33,9 +32,9 @@ const START_REGISTERS: u8 = 3;
 #[derive(Debug)]
 pub struct SerialPort {
     pub(in crate::driver) port: Port,
-    command: Option<ReadSlot>,
-    data: Option<ReadSlot>,
-    doit: Option<WriteSlot>,
+    command: ReadSlot,
+    data: ReadSlot,
+    doit: WriteSlot,
     recovery: Recovery,
     pub(super) remotes: Vec<Remote>,
     pins: PortPins,
@@ -63,7 +62,7 @@ struct RemoteSlots {
     start: [Option<ReadSlot>; START_REGISTERS as usize],
     inputs: [Option<ReadSlot>; REGISTERS],
     outputs: [Option<WriteSlot>; REGISTERS],
-    mode: Option<WriteSlot>,
+    mode: Option<Setting>,
 }
 
 impl Remote {
@@ -84,22 +83,21 @@ impl Remote {
         }
     }
 
-    fn claim(&mut self, plan: &mut ImagePlan, registers: ChannelRegisters) {
+    fn register(&mut self, r: &mut Registrar<'_>, registers: ChannelRegisters) {
         let slots = &mut self.slots;
-        slots.cs = Some(plan.read_data(registers.cs()));
+        slots.cs = Some(r.input(registers.cs()));
         let inputs = registers.interfaces_for(self.started.input_bytes());
         for (slot, address) in slots.inputs.iter_mut().zip(inputs) {
-            *slot = Some(plan.read_data(address));
+            *slot = Some(r.input(address));
         }
         for (slot, address) in slots.start.iter_mut().zip(registers.interfaces()) {
-            *slot = Some(plan.read(ReadPhase::Data, Tier::Extended, address, 1));
+            *slot = Some(r.extra_input(address));
         }
         let outputs = registers.interfaces_for(self.started.output_bytes());
         for (slot, address) in slots.outputs.iter_mut().zip(outputs) {
-            *slot = Some(plan.write_data(address, 0));
+            *slot = Some(r.process_data(address));
         }
-        let mode = software_mode_word(self.started.software_mode);
-        slots.mode = Some(plan.write(WritePhase::Data, Tier::Extended, registers.cs(), 1, mode));
+        slots.mode = Some(r.on_demand(registers.cs()));
     }
 
     /// How long its outputs stay on without process data, as far as its parameter tells: what it
@@ -116,42 +114,53 @@ impl Remote {
     }
 
     /// Publishes the inputs of a good transfer.
-    fn take(&mut self, image: &CycleImage, pins: &mut PinStore) {
+    fn take(&mut self, cycle: &mut ReadCycle<'_>) {
         let mut words = [0; REGISTERS];
         for (word, slot) in words.iter_mut().zip(self.slots.inputs) {
-            *word = slot.and_then(|slot| image.word(slot)).unwrap_or(0);
+            *word = slot.map_or(0, |slot| cycle.word(slot));
         }
-        self.pins.take_inputs(pins, &words);
+        self.pins.take_inputs(cycle.pins, &words);
         self.without_news = 0;
     }
 
     /// Puts the outputs into the image, unless they are there already.
-    fn put(&mut self, image: &mut CycleImage, pins: &mut PinStore) {
-        let version = pins.output_version(self.pins.group());
+    fn put(&mut self, cycle: &mut WriteCycle<'_>) {
+        let version = cycle.pins.output_version(self.pins.group());
         if version.is_some() && version == self.put {
             return;
         }
         self.put = version;
         let mut words = [0; REGISTERS];
-        self.pins.put_outputs(pins, &mut words);
+        self.pins.put_outputs(cycle.pins, &mut words);
         for (word, slot) in words.into_iter().zip(self.slots.outputs) {
             if let Some(slot) = slot {
-                image.put(slot, word);
+                cycle.put(slot, word);
             }
         }
     }
 }
 
 impl SerialPort {
-    /// `port` runs in normal mode, with all `remotes` started.
-    pub(in crate::driver) fn new(
-        port: Port,
-        parameters: PortParameters,
-        remotes: Vec<Remote>,
-        policy: super::FaultPolicy,
-        pins: PortPins,
+    /// Registers COMMAND, DATA, CS and the interface registers that carry data. COMMAND is read
+    /// before the data it vouches for, and written after all data. `port` runs in normal mode, with all
+    /// `remotes` started.
+    pub(in crate::driver) fn register(
+        r: &mut Registrar<'_>,
+        (port, parameters): (Port, PortParameters),
+        mut remotes: Vec<Remote>,
         now: Instant,
-    ) -> Self {
+    ) -> Result<Self, RegisterError> {
+        let policy = r.settings().policy;
+        let layout = *port.layout();
+        let pins = PortPins::new(r.pins, r.status, r.name, layout.instance(), &policy)?;
+        let command = r.status(layout.command());
+        let data = r.input(layout.data());
+        let doit = r.trigger(layout.command(), Command::IGNORED.word());
+        for remote in &mut remotes {
+            if let Some(registers) = layout.channel(remote.started.channel) {
+                remote.register(r, registers);
+            }
+        }
         let mut recovery = Recovery::new(parameters, policy, now);
         for remote in &remotes {
             let channel = remote.started.channel;
@@ -163,136 +172,40 @@ impl SerialPort {
             recovery.add(channel, health);
         }
         let expected = port.doit_time(recovery.known());
-        Self {
+        Ok(Self {
             port,
-            command: None,
-            data: None,
-            doit: None,
+            command,
+            data,
+            doit,
             recovery,
             remotes,
             pins,
             expected,
-        }
-    }
-
-    /// Claims COMMAND, DATA, CS and the interface registers that carry data. COMMAND is read
-    /// before the data it vouches for, and written after all data.
-    pub(in crate::driver) fn claim(&mut self, plan: &mut ImagePlan) {
-        let layout = *self.port.layout();
-        let command = layout.command();
-        self.command = Some(plan.read(ReadPhase::Status, Tier::Cycle, command, 1));
-        self.data = Some(plan.read_data(layout.data()));
-        let ignored = Command::IGNORED.word();
-        self.doit = Some(plan.write(WritePhase::Trigger, Tier::Cycle, command, 1, ignored));
-        for remote in &mut self.remotes {
-            if let Some(registers) = layout.channel(remote.started.channel) {
-                remote.claim(plan, registers);
-            }
-        }
-    }
-
-    pub(in crate::driver) fn tier_of_read(&self) -> Tier {
-        tier(self.recovery.needs_start_data())
-    }
-
-    /// Takes what a good read brought.
-    pub(in crate::driver) fn take(
-        &mut self,
-        image: &CycleImage,
-        pins: &mut PinStore,
-        now: Instant,
-        writes_lost: bool,
-    ) -> Outcome {
-        self.note_armed(pins);
-        let seen = Seen {
-            image,
-            command: self.command,
-            data: self.data,
-            remotes: &self.remotes,
-        };
-        let machine = self.port.machine_mut();
-        let outcome = self.recovery.observe(machine, now, &seen, !writes_lost);
-        let stale_after = self.recovery.policy.stale_after;
-        for remote in &mut self.remotes {
-            let number = remote.started.channel;
-            if outcome.good.contains(number) {
-                remote.take(image, pins);
-                let group = remote.pins.group();
-                pins.group_good_since(group, u64::from(outcome.reads_before), outcome.started);
-            } else if outcome.set_aside.contains(number) {
-                remote.pins.fault(pins);
-                remote.pins.restarted();
-            } else if outcome.failed.contains(number) {
-                pins.invalidate(remote.pins.group());
-            } else {
-                remote.no_news(pins, stale_after);
-            }
-            if let Some(health) = self.recovery.remote(number) {
-                let link = self.port.machine().link(number);
-                remote.fault_pins.publish(pins, health, link);
-            }
-        }
-        self.pins.publish(pins, &self.recovery, self.port.machine());
-        outcome
-    }
-
-    /// A read failed, so that nothing new is known.
-    pub(in crate::driver) fn not_read(&mut self, pins: &mut PinStore) {
-        self.port.machine_mut().not_observed();
-        let stale_after = self.recovery.policy.stale_after;
-        for remote in &mut self.remotes {
-            remote.no_news(pins, stale_after);
-        }
-    }
-
-    /// Puts outputs and command into the image. `hold`: nothing is restarted, because the board is
-    /// not set up, or because safe values are to be told now.
-    pub(in crate::driver) fn put(
-        &mut self,
-        image: &mut CycleImage,
-        pins: &mut PinStore,
-        now: Instant,
-        hold: bool,
-    ) {
-        self.pins.fetch(pins, &mut self.recovery);
-        self.note_armed(pins);
-        if !self.recovery.run {
-            for remote in &self.remotes {
-                remote.pins.fault(pins);
-            }
-        }
-        let next = self.recovery.next(self.port.machine_mut(), now, hold);
-        if !next.modes.is_empty() {
-            self.put_modes(image, next.modes);
-        }
-        if next.with_data {
-            for remote in &mut self.remotes {
-                remote.put(image, pins);
-            }
-        }
-        if let Some(doit) = self.doit {
-            image.put(doit, next.command.word());
-        }
+        })
     }
 
     /// The software modes of the remotes that are restarted are written with their START.
-    fn put_modes(&self, image: &mut CycleImage, modes: ChannelMask) {
+    fn put_modes(&self, cycle: &mut WriteCycle<'_>, modes: ChannelMask) {
         for remote in &self.remotes {
             if let (Some(mode), true) = (remote.slots.mode, modes.contains(remote.started.channel))
             {
-                image.request_write(mode);
+                cycle.set(mode, software_mode_word(remote.started.software_mode));
+                cycle.repeat(mode);
             }
         }
     }
 
-    /// The write was done, or it is not known whether it was.
-    pub(in crate::driver) fn written(&mut self, now: Instant, sure: bool) {
-        self.port.machine_mut().written(now, sure);
+    /// Stops all channels, whatever they do.
+    pub(in crate::driver) fn stop_all<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+    ) -> Result<(), PortError<B::Error>> {
+        self.port.stop_all(bus)
     }
 
     /// Looks at COMMAND alone: whether a transfer is complete, or none is under way.
-    pub(in crate::driver) fn poll(&mut self, image: &CycleImage, now: Instant) -> bool {
-        let is_complete = self.is_idle(image);
+    pub(in crate::driver) fn poll(&mut self, words: &Words, now: Instant) -> bool {
+        let is_complete = self.is_idle(words);
         if is_complete {
             self.recovery.transfer_complete(self.port.machine(), now);
         }
@@ -300,15 +213,8 @@ impl SerialPort {
     }
 
     /// Whether COMMAND was 0 when it was read last.
-    pub(in crate::driver) fn is_idle(&self, image: &CycleImage) -> bool {
-        self.command.and_then(|slot| image.word(slot)) == Some(0)
-    }
-
-    /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
-    pub(in crate::driver) fn make_safe(&mut self, pins: &mut PinStore) {
-        for remote in &self.remotes {
-            remote.pins.fault(pins);
-        }
+    pub(in crate::driver) fn is_idle(&self, words: &Words) -> bool {
+        words.word(self.command) == 0
     }
 
     /// Whether it looks as if the whole board was reset: every channel that ran is stopped, and
@@ -352,9 +258,98 @@ impl SerialPort {
         }
         self.recovery.set_watchdog(channel, remote.watchdog());
     }
+}
+
+impl Module for SerialPort {
+    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
+        self.note_armed(cycle.pins);
+        let seen = Seen {
+            words: cycle.words,
+            command: self.command,
+            data: self.data,
+            remotes: &self.remotes,
+        };
+        let machine = self.port.machine_mut();
+        let outcome = self
+            .recovery
+            .observe(machine, cycle.now, &seen, cycle.certain);
+        let stale_after = self.recovery.policy.stale_after;
+        for remote in &mut self.remotes {
+            let number = remote.started.channel;
+            let group = remote.pins.group();
+            if outcome.good.contains(number) {
+                remote.take(cycle);
+                let reads_before = u64::from(outcome.reads_before);
+                cycle
+                    .pins
+                    .group_good_since(group, reads_before, outcome.started);
+            } else if outcome.set_aside.contains(number) {
+                remote.pins.fault(cycle.pins);
+                remote.pins.restarted();
+            } else if outcome.failed.contains(number) {
+                cycle.pins.invalidate(group);
+            } else {
+                remote.no_news(cycle.pins, stale_after);
+            }
+            if let Some(health) = self.recovery.remote(number) {
+                let link = self.port.machine().link(number);
+                remote.fault_pins.publish(cycle.pins, health, link);
+            }
+        }
+        self.pins
+            .publish(cycle.pins, &self.recovery, self.port.machine());
+        let report = &mut *cycle.report;
+        report.good += outcome.good.len();
+        report.failed += outcome.failed.len();
+        report.set_aside += outcome.set_aside.len();
+        report.too_short += u32::from(outcome.too_short);
+    }
+
+    fn not_read(&mut self, pins: &mut PinStore) {
+        self.port.machine_mut().not_observed();
+        let stale_after = self.recovery.policy.stale_after;
+        for remote in &mut self.remotes {
+            remote.no_news(pins, stale_after);
+        }
+    }
+
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        self.pins.fetch(cycle.pins, &mut self.recovery);
+        self.note_armed(cycle.pins);
+        if !self.recovery.run {
+            for remote in &self.remotes {
+                remote.pins.fault(cycle.pins);
+            }
+        }
+        let machine = self.port.machine_mut();
+        let next = self.recovery.next(machine, cycle.now, cycle.hold);
+        if !next.modes.is_empty() {
+            self.put_modes(cycle, next.modes);
+        }
+        if next.with_data {
+            for remote in &mut self.remotes {
+                remote.put(cycle);
+            }
+        }
+        cycle.put(self.doit, next.command.word());
+        if self.recovery.needs_start_data() {
+            cycle.ask_extra();
+        }
+    }
+
+    fn written(&mut self, now: Instant, arrived: bool) {
+        self.port.machine_mut().written(now, arrived);
+    }
+
+    /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
+    fn make_safe(&mut self, pins: &mut PinStore) {
+        for remote in &self.remotes {
+            remote.pins.fault(pins);
+        }
+    }
 
     /// All remotes that do not run are restarted in the next cycles.
-    pub(in crate::driver) fn restart_all(&mut self, pins: &mut PinStore, now: Instant) {
+    fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine_mut().doubt();
         for remote in &mut self.remotes {
             remote.pins.restarted();
@@ -490,25 +485,17 @@ impl RemoteStatus<'_> {
     }
 }
 
-fn tier(extended: bool) -> Tier {
-    if extended {
-        Tier::Extended
-    } else {
-        Tier::Cycle
-    }
-}
-
 /// The registers of a port in the image.
 struct Seen<'a> {
-    image: &'a CycleImage,
-    command: Option<ReadSlot>,
-    data: Option<ReadSlot>,
+    words: &'a Words,
+    command: ReadSlot,
+    data: ReadSlot,
     remotes: &'a [Remote],
 }
 
 impl Seen<'_> {
     fn word(&self, slot: Option<ReadSlot>) -> Option<u32> {
-        slot.and_then(|slot| self.image.word(slot))
+        slot.map(|slot| self.words.word(slot))
     }
 
     fn slots(&self, channel: Number) -> Option<&RemoteSlots> {
@@ -519,12 +506,11 @@ impl Seen<'_> {
 
 impl Observed for Seen<'_> {
     fn command(&self) -> u32 {
-        // A register that can not be read must not look idle.
-        self.word(self.command).unwrap_or(u32::MAX)
+        self.words.word(self.command)
     }
 
     fn data(&self) -> u32 {
-        self.word(self.data).unwrap_or(u32::MAX)
+        self.words.word(self.data)
     }
 
     fn cs(&self, channel: Number) -> u32 {

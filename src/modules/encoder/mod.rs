@@ -13,7 +13,7 @@ use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
-use crate::bus::process_image::{ReadSlot, Setting, Stage};
+use crate::bus::{ReadSlot, Setting, Stage};
 use crate::hal::PinStore;
 use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor};
 

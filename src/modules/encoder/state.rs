@@ -146,11 +146,6 @@ impl EncoderState {
         self.has_probe
     }
 
-    /// How it counts.
-    pub fn config(&self) -> &EncoderConfig {
-        &self.config
-    }
-
     /// Changes how it counts; the control word follows with the next write.
     pub fn set_config(&mut self, config: EncoderConfig) {
         self.config = config;

@@ -23,8 +23,8 @@ use core::time::Duration;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
-use crate::bus::process_image::{ReadSlot, Setting, Words, WritePhase, WriteSlot};
-use crate::hal::{InOut, Param, PinStore};
+use crate::bus::{ReadSlot, Setting, Words, WritePhase, WriteSlot};
+use crate::hal::{InOut, Param, PinStore, Pins};
 
 /// The board's watchdog.
 #[derive(Debug)]
@@ -191,6 +191,11 @@ impl Watchdog {
         } else {
             Finding::Bitten
         }
+    }
+
+    /// Whether the application has cleared the bite.
+    pub(crate) fn is_cleared(&self, pins: &Pins) -> bool {
+        !pins.read(self.pins.has_bit).value
     }
 
     /// Publishes whether it has bitten.

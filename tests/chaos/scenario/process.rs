@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use mesa_hal::driver::{Builder, Driver, FaultPolicy, GpioConfig, RemoteConfig, SerialConfig};
+use mesa_hal::driver::{Driver, FaultPolicy, GpioConfig, RemoteConfig, SerialConfig, Settings};
 use mesa_hal::sim::FaultKind;
 
 use super::super::application::Application;
@@ -98,7 +98,7 @@ impl Scenario {
                 format!("{} at exchange {skip} of the set-up", fault.kind),
             );
         }
-        let driver = self.configured(Driver::builder(bus)).build();
+        let driver = Driver::start(bus, self.configured());
         let driver = driver.map_err(|error| error.to_string())?;
         let application = Application::new(&driver, &self.plan, &self.gpio);
         Ok(Process {
@@ -108,14 +108,14 @@ impl Scenario {
         })
     }
 
-    pub(super) fn configured<B: Host>(&self, builder: Builder<B>) -> Builder<B> {
+    pub(super) fn configured(&self) -> Settings {
         let plan = &self.plan;
         let mut policy = FaultPolicy::default();
         if !plan.is_minute {
             policy.first_backoff = Duration::from_millis(20);
             policy.longest_backoff = Duration::from_millis(300);
         }
-        let mut builder = builder
+        let mut settings = Settings::new()
             .period(Duration::from_nanos(plan.period))
             .watchdog(Duration::from_nanos(plan.watchdog))
             .pace(plan.pace)
@@ -132,16 +132,16 @@ impl Scenario {
                 let unit = unit_number(*card, numbers.next().unwrap_or_default());
                 config = config.with(channel as u8, RemoteConfig::in_mode(mode).unit(unit));
             }
-            builder = builder.serial_port(port as u8, config);
+            settings = settings.serial_port(port as u8, config);
         }
         for &pin in &self.gpio.outputs {
             let config = GpioConfig {
                 output: true,
                 ..GpioConfig::default()
             };
-            builder = builder.gpio(pin as u16, config);
+            settings = settings.gpio(pin as u16, config);
         }
-        builder
+        settings
     }
 
     pub(super) fn kill_is_due(&self) -> bool {
@@ -165,7 +165,7 @@ impl Scenario {
     /// The process ends: 0 in order, 1 by dropping the driver, else it is killed.
     pub(super) fn leave<B: Host>(&mut self, process: Process<B>, how: u64) -> Checked {
         let Process {
-            mut driver,
+            driver,
             application,
             life,
         } = process;
@@ -178,9 +178,10 @@ impl Scenario {
             self.oracle.nobody_commands(now);
         } else {
             if how == 0 {
-                let _ = driver.shutdown();
+                drop(driver.shutdown());
+            } else {
+                drop(driver);
             }
-            drop(driver);
             self.oracle.nobody_commands(now);
             self.sim.pass(MILLI);
             self.look()?;

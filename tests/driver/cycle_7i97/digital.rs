@@ -270,9 +270,10 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
 
 #[test]
 fn a_pin_that_a_module_uses_is_no_plain_io() {
-    let error = Driver::builder(machines::i7i97(1))
-        .gpio(19, GpioConfig::default())
-        .build()
-        .expect_err("an isolated output");
+    let error = Driver::start(
+        machines::i7i97(1),
+        Settings::new().gpio(19, GpioConfig::default()),
+    )
+    .expect_err("an isolated output");
     assert!(error.to_string().contains("I/O pin 19"), "{error}");
 }

@@ -6,17 +6,19 @@ use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::Input;
+use mesa_hal::modules::dpll::Dpll;
 use mesa_hal::sim::devices::{Analog, Device, find_cable, find_mut};
 use mesa_hal::sim::remote::Remote;
 use mesa_hal::sslbp::Channel;
+use mesa_hal::transport::udp::UdpBus;
 
 use super::{Machine, PERIOD, Pace, SimLink, WIRE, machine};
 use crate::common::chance::Chance;
 use crate::common::ethernet::good;
 
 /// Volts of the analog remote's first output.
-fn volts(driver: &mut Machine) -> f64 {
-    let fpga = driver.bus_mut().link().board.gateware_mut();
+fn volts(bus: &mut UdpBus<SimLink>) -> f64 {
+    let fpga = bus.link().board.gateware_mut();
     fpga.device::<Remote<Device<Analog>>>(0, 1)
         .and_then(|remote| remote.application().world().volts(0))
         .expect("an analog output")
@@ -36,25 +38,28 @@ fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
             driver.write().expect("the board is there");
             let _ = driver.rearm();
         }
-        assert!((volts(&mut driver) - 5.0).abs() < 0.01);
+        assert!((volts(driver.bus_mut()) - 5.0).abs() < 0.01);
         let _ = driver.read().expect("the board is there");
         driver.bus_mut().wait(Duration::from_micros(late));
         if written {
             driver.write().expect("the board is there");
         }
         let before = driver.bus_mut().now();
-        driver.shutdown().expect("the board is there");
-        let took = driver.bus_mut().now().since(before);
+        let mut bus = driver.shutdown().expect("the board is there");
+        let took = bus.now().since(before);
         assert!(took < Duration::from_millis(10), "{took:?}");
-        assert_eq!(volts(&mut driver), 0.0, "{late} us late, {written}");
-        assert!(driver.read().is_err() && driver.write().is_err());
+        assert_eq!(volts(&mut bus), 0.0, "{late} us late, {written}");
     }
 }
 
 #[test]
 fn a_clock_of_another_frequency_is_said_in_every_report_and_the_loop_does_not_run_away() {
     let mut driver = machine(Pace::Board);
-    let dpll = driver.fpga_pins().dpll.expect("a 7I97 has one");
+    let dpll = driver
+        .modules::<Dpll>()
+        .next()
+        .expect("a 7I97 has one")
+        .pins;
     let run = |driver: &mut Machine, cycles: u32| {
         let mut said = 0;
         let before = driver.bus_mut().now();

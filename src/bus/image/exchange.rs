@@ -1,11 +1,12 @@
 //! The frozen image and its exchanges.
 
+use alloc::boxed::Box;
 use core::time::Duration;
 
 use super::layout::Layout;
 use super::parts::Parts;
 use super::{ReadPhase, Words};
-use crate::bus::{Hold, RegisterBus, Reply};
+use crate::bus::{Access, Hold, RegisterBus, Reply};
 
 /// A list with the usual registers, and one with the extra ones as well.
 #[derive(Debug)]
@@ -65,6 +66,8 @@ pub struct Image<L> {
 
 #[derive(Debug)]
 struct Lists<L> {
+    /// What a cycle usually reads and writes, for people who want to see it.
+    accesses: (Box<[Access]>, Box<[Access]>),
     read: Two<L>,
     paced: Option<Paced<L>>,
     write: L,
@@ -132,6 +135,7 @@ impl Layout {
         };
         Ok(Image {
             lists: Lists {
+                accesses: (reads.reads(false).into(), writes[..].into()),
                 read: Two::new(|extra| bus.prepare(&reads.reads(extra), None))?,
                 paced,
                 write: bus.prepare(&writes, None)?,
@@ -147,7 +151,34 @@ impl Layout {
     }
 }
 
+/// What a usual cycle exchanges.
+#[derive(Clone, Copy, Debug)]
+pub struct CycleLists<'a, L> {
+    /// The read, at the host's pace.
+    pub read: &'a L,
+    /// The write, at the host's pace.
+    pub write: &'a L,
+    /// All of it, at the board's pace.
+    pub paced: Option<&'a L>,
+    /// What is read.
+    pub reads: &'a [Access],
+    /// What is written.
+    pub writes: &'a [Access],
+}
+
 impl<L> Image<L> {
+    /// The lists of a usual cycle.
+    pub fn lists(&self) -> CycleLists<'_, L> {
+        let lists = &self.lists;
+        CycleLists {
+            read: &lists.read.usual,
+            write: &lists.write,
+            paced: lists.paced.as_ref().map(|paced| &paced.cycle.usual),
+            reads: &lists.accesses.0,
+            writes: &lists.accesses.1,
+        }
+    }
+
     /// The words.
     pub fn words(&self) -> &Words {
         &self.words
@@ -174,22 +205,23 @@ impl<L> Image<L> {
         self.start(bus, ask, false)
     }
 
-    /// Writes, and asks for the next reads, in one exchange where the board paces. Settings that go
-    /// with it are written ahead, with all other writes, unless everything is to be `quiet`.
+    /// Writes, and asks for the next reads in the same exchange. Settings that have changed are
+    /// written ahead, with all other writes, unless everything is to be `quiet`. `None`: the writes
+    /// were made, and the reads were not asked for.
     pub fn start_cycle<B>(
         &mut self,
         bus: &mut B,
         ask: Ask,
         quiet: bool,
-    ) -> Result<Started, B::Error>
+    ) -> Result<Option<Started>, B::Error>
     where
         B: RegisterBus<List = L>,
     {
-        let with_settings = !quiet && self.words.has_news();
-        if with_settings {
-            self.write(bus, quiet)?;
+        if quiet || !self.words.has_news() {
+            return self.start(bus, ask, true).map(Some);
         }
-        self.start(bus, ask, !with_settings)
+        self.write(bus, quiet)?;
+        Ok(self.start(bus, ask, false).ok())
     }
 
     fn start<B>(&self, bus: &mut B, ask: Ask, with_writes: bool) -> Result<Started, B::Error>
@@ -217,8 +249,8 @@ impl<L> Image<L> {
         B: RegisterBus<List = L>,
     {
         if quiet || !self.words.has_news() {
-            let reply = bus.run(&self.lists.write, &mut self.words.content)?;
-            self.note(reply);
+            // A write has no reply of its own: the next read tells what became of it.
+            let _ = bus.run(&self.lists.write, &mut self.words.content)?;
             return Ok(());
         }
         self.parts.want_cycle(&self.words);
@@ -287,15 +319,12 @@ impl<L> Image<L> {
     where
         B: RegisterBus<List = L>,
     {
-        let reply = bus.run(&self.lists.quiesce, &mut self.words.content)?;
-        self.note(reply);
+        let _ = bus.run(&self.lists.quiesce, &mut self.words.content)?;
         Ok(())
     }
 
     fn note(&mut self, reply: Reply) -> Reply {
-        if reply != Reply::UNHEARD {
-            self.news = Some(self.news.map_or(reply, |before| before.and(reply)));
-        }
+        self.news = Some(self.news.map_or(reply, |before| before.and(reply)));
         reply
     }
 }

@@ -2,7 +2,8 @@
 
 use alloc::vec::Vec;
 
-use super::{Config, ParameterChoice, Parts};
+use super::configure::Plan;
+use super::settings::{ParameterChoice, WATCHDOG_FEEDS};
 use crate::boards::{IdentityError, RemoteTable};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
@@ -10,25 +11,24 @@ use crate::discovery::{
 };
 use crate::driver::parameters::{ParameterWrite, RemoteParameterError};
 use crate::driver::remark;
-use crate::driver::serial::{PortPins, Remote, RemoteFaultPins};
+use crate::driver::serial::{Remote, RemoteFaultPins};
 use crate::driver::{
-    BuildError, MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort,
+    MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort, StartError,
 };
 use crate::hostmot2::{Gtag, PinDescriptor};
+use crate::modules::RegisterError;
 use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode, StartedRemote,
 };
 
 /// A port, and what is expected on it.
-type Located = (Port, SerialConfig);
+pub(super) type Located = (Port, SerialConfig);
 
-impl Parts {
+impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
-    pub fn locate_ports<E: BusError>(
-        &mut self,
-        config: &Config,
-    ) -> Result<Vec<Located>, BuildError<E>> {
+    pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<Located>, StartError<E>> {
+        let config = &self.settings;
         let module = [Gtag::SSERIAL, Gtag::SSERIAL_B]
             .into_iter()
             .find_map(|gtag| self.firmware.find(gtag))
@@ -41,12 +41,12 @@ impl Parts {
             .last();
         let last = last.max(config.parameters.iter().map(|choice| choice.port).max());
         if let Some(port) = config.port_beyond.or(last).filter(|&port| port >= ports) {
-            return Err(BuildError::NoSuchPort { port, ports });
+            return Err(StartError::NoSuchPort { port, ports });
         }
         let beyond =
             |(port, serial): (u8, &Option<SerialConfig>)| Some((port, serial.as_ref()?.beyond?));
         if let Some((port, channel)) = (0u8..).zip(&config.ports).find_map(beyond) {
-            return Err(BuildError::NoSuchChannel { port, channel });
+            return Err(StartError::NoSuchChannel { port, channel });
         }
         let Some(module) = module else {
             return Ok(Vec::new());
@@ -71,8 +71,9 @@ impl Parts {
                 let channel = number.checked_sub(1);
                 channel.is_none_or(|channel| serial.channel(channel).is_some())
             };
-            self.plan
-                .use_some(&self.firmware, module.gtag, instance, is_used)?;
+            self.io
+                .use_some(&self.firmware, module.gtag, instance, is_used)
+                .map_err(RegisterError::from)?;
             located.push((Port::new(layout), serial));
         }
         Ok(located)
@@ -83,40 +84,58 @@ impl Parts {
         &mut self,
         bus: &mut B,
         located: &mut [Located],
-        config: &Config,
-    ) -> Result<(), BuildError<B::Error>> {
+    ) -> Result<Vec<SerialPort>, StartError<B::Error>> {
+        let parameters = core::mem::take(&mut self.settings.parameters);
+        let mut ports = Vec::new();
         for (port, serial) in located {
-            let parameters = port.reset(bus)?;
-            let remotes = self.start_port(bus, port, serial, &config.parameters)?;
-            let instance = port.layout().instance();
-            let pins = PortPins::new(
-                &mut self.pins,
-                self.status,
-                &self.name,
-                instance,
-                &config.policy,
-            )?;
+            let of_port = port.reset(bus)?;
+            let remotes = self.start_port(bus, port, serial, &parameters)?;
             let now = bus.now();
-            let port = SerialPort::new(port.clone(), parameters, remotes, config.policy, pins, now);
-            let needed = port.expected_time().usual;
-            if needed > config.period {
-                return Err(BuildError::PeriodTooShort {
+            let status = self.status;
+            let port = self.register(bus, status, |r| {
+                SerialPort::register(r, (port.clone(), of_port), remotes, now)
+            })?;
+            self.check_port(&port)?;
+            ports.push(port);
+        }
+        self.check_parameters(&ports, &parameters)?;
+        Ok(ports)
+    }
+
+    /// Whether the period is long enough for the transfers of a port, and short enough for the
+    /// watchdogs of its remotes.
+    fn check_port<E: BusError>(&self, port: &SerialPort) -> Result<(), StartError<E>> {
+        let period = self.settings.period;
+        let instance = port.layout().instance();
+        let needed = port.expected_time().usual;
+        if needed > period {
+            return Err(StartError::PeriodTooShort {
+                port: instance,
+                needed,
+                period,
+            });
+        }
+        let needed = period * WATCHDOG_FEEDS;
+        for remote in port.remotes() {
+            if let Some(watchdog) = remote.watchdog().time().filter(|time| *time < needed) {
+                return Err(StartError::RemoteWatchdogTooShort {
                     port: instance,
+                    channel: remote.started().channel,
+                    watchdog,
                     needed,
-                    period: config.period,
+                    period,
                 });
             }
-            config.check_remotes(&port)?;
-            self.ports.push(port);
         }
-        self.check_parameters(&config.parameters)
+        Ok(())
     }
 
     /// Whether every parameter was for a remote that there is, or that is known to be missing.
     fn check_parameters<E: BusError>(
         &self,
+        ports: &[SerialPort],
         choices: &[ParameterChoice],
-    ) -> Result<(), BuildError<E>> {
+    ) -> Result<(), StartError<E>> {
         for ParameterChoice {
             port,
             channel,
@@ -125,7 +144,7 @@ impl Parts {
         } in choices
         {
             let (port, channel) = (*port, *channel);
-            let found = self.ports.get(usize::from(port));
+            let found = ports.get(usize::from(port));
             let is_there = Channel::new(channel)
                 .is_some_and(|channel| found.is_some_and(|port| port.remote(channel).is_some()));
             let is_missing = self
@@ -133,7 +152,7 @@ impl Parts {
                 .iter()
                 .any(|missing| (missing.port, missing.channel.index()) == (port, channel));
             if !is_there && !is_missing {
-                return Err(BuildError::RemoteParameter {
+                return Err(StartError::RemoteParameter {
                     port,
                     channel,
                     name: name.clone(),
@@ -151,7 +170,7 @@ impl Parts {
         port: &mut Port,
         serial: &SerialConfig,
         parameters: &[ParameterChoice],
-    ) -> Result<Vec<Remote>, BuildError<B::Error>> {
+    ) -> Result<Vec<Remote>, StartError<B::Error>> {
         let wanted = self.existing(port, serial)?;
         let inventory = discover_port(port, bus, &wanted, DiscoveryLimits::default())?;
         for failure in &inventory.failures {
@@ -185,7 +204,7 @@ impl Parts {
         &mut self,
         port: &Port,
         serial: &SerialConfig,
-    ) -> Result<Vec<ChannelStart>, BuildError<E>> {
+    ) -> Result<Vec<ChannelStart>, StartError<E>> {
         let channels = port.layout().channels();
         let mut starts = Vec::new();
         for (channel, remote) in serial.iter() {
@@ -206,7 +225,7 @@ impl Parts {
         serial: &SerialConfig,
         channel: Channel,
         reason: MissingReason,
-    ) -> Result<(), BuildError<E>> {
+    ) -> Result<(), StartError<E>> {
         let missing = MissingRemote {
             port: port.layout().instance(),
             channel,
@@ -214,7 +233,7 @@ impl Parts {
         };
         let config = serial.channel(channel.index());
         if config.is_some_and(|config| config.required) {
-            return Err(BuildError::Missing(missing));
+            return Err(StartError::Missing(missing));
         }
         self.missing.push(missing);
         Ok(())
@@ -263,7 +282,7 @@ impl Parts {
         bus: &mut B,
         port: &mut Port,
         (found, pins): &mut (DiscoveredRemote<PortError<B::Error>>, RemotePins),
-    ) -> Result<(), BuildError<B::Error>> {
+    ) -> Result<(), StartError<B::Error>> {
         let mut memory = PortMemory::new(port, bus, found.remote.channel);
         for parameter in pins.parameters_mut() {
             let records = &found.discovered.descriptor.parameters;
@@ -273,7 +292,7 @@ impl Parts {
             match record.read_parameter(&mut memory) {
                 Ok(value) => parameter.publish(&mut self.pins, value.raw),
                 Err(ParameterError::Memory(PortError::Bus(error))) => {
-                    return Err(BuildError::Bus(error));
+                    return Err(StartError::Bus(error));
                 }
                 Err(_) => {}
             }
@@ -288,13 +307,13 @@ impl Parts {
         port: &mut Port,
         (found, pins): &mut (DiscoveredRemote<PortError<B::Error>>, RemotePins),
         choices: &[ParameterChoice],
-    ) -> Result<(), BuildError<B::Error>> {
+    ) -> Result<(), StartError<B::Error>> {
         let place = (port.layout().instance(), found.remote.channel);
         let own = choices
             .iter()
             .filter(|choice| (choice.port, choice.channel) == (place.0, place.1.index()));
         for choice in own {
-            let failed = |source| BuildError::RemoteParameter {
+            let failed = |source| StartError::RemoteParameter {
                 port: place.0,
                 channel: place.1.index(),
                 name: choice.name.clone(),
@@ -317,7 +336,7 @@ impl Parts {
         port: &mut Port,
         serial: &SerialConfig,
         candidates: Vec<(DiscoveredRemote<PortError<B::Error>>, RemotePins)>,
-    ) -> Result<Vec<Remote>, BuildError<B::Error>> {
+    ) -> Result<Vec<Remote>, StartError<B::Error>> {
         let starts: Vec<ChannelStart> = candidates
             .iter()
             .map(|(found, _)| {
@@ -333,7 +352,8 @@ impl Parts {
             match report.outcome(channel) {
                 Some(Ok(started)) if is_same(&started, &found.remote) => {
                     let fault_pins =
-                        RemoteFaultPins::new(&mut self.pins, self.status, pins.prefix())?;
+                        RemoteFaultPins::new(&mut self.pins, self.status, pins.prefix())
+                            .map_err(RegisterError::from)?;
                     let descriptor = found.discovered.descriptor;
                     remotes.push(Remote::new(started, descriptor, pins, fault_pins));
                 }

@@ -88,12 +88,6 @@ impl Words {
         }
     }
 
-    /// The word of a setting.
-    pub fn setting(&self, setting: Setting) -> u32 {
-        let word = self.content.get(self.place(setting));
-        word.copied().unwrap_or(0)
-    }
-
     /// Changes a setting: it is written when that is another word than before.
     #[inline]
     pub fn set(&mut self, setting: Setting, word: u32) {

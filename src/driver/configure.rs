@@ -1,0 +1,283 @@
+//! From a bus to a driver: finding out what is there, setting it up, planning the cycle.
+
+use alloc::{boxed::Box, format, string::String, vec::Vec};
+
+use super::connection::Connection;
+use super::held::Held;
+use super::pace::Pacer;
+use super::remotes::Located;
+use super::{
+    BoardState, Driver, DriverStatistics, MissingRemote, Pace, Part, Parts, Remark, SerialPort,
+    Settings, StartError,
+};
+use crate::boards::BoardTable;
+use crate::bus::{Clock, ImagePlan, RegisterBus};
+use crate::hal::{GroupId, Input, PinStore, Pins};
+use crate::hostmot2::{HostMot2, IoPorts, PortPlan};
+use crate::modules::dpll::Dpll;
+use crate::modules::encoder::Encoders;
+use crate::modules::gpio::Gpio;
+use crate::modules::in_mux::InMux;
+use crate::modules::led::Leds;
+use crate::modules::outputs::Outputs;
+use crate::modules::pwm::Pwm;
+use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
+use crate::modules::{Module, Peeking, RegisterError, Registrar};
+
+/// A board that is being configured: its firmware is known, and nothing is driven yet.
+///
+/// Dropping it leaves the board driving nothing.
+#[derive(Debug)]
+pub struct Board<B: RegisterBus + Clock> {
+    bus: Held<B>,
+    plan: Plan,
+    watchdog: Watchdog,
+    connection: Connection,
+    modules: Vec<Part>,
+    phase_error_us: Option<Input<f64>>,
+    located: Vec<Located>,
+}
+
+/// Everything that a driver is planned from, but the bus.
+#[derive(Debug)]
+pub(super) struct Plan {
+    pub firmware: HostMot2,
+    pub name: String,
+    pub table: &'static BoardTable,
+    pub settings: Settings,
+    pub pins: PinStore,
+    /// The group of the board's own I/O.
+    pub group: GroupId,
+    /// The group of the driver's own pins.
+    pub status: GroupId,
+    pub io: PortPlan,
+    pub image: ImagePlan,
+    pub missing: Vec<MissingRemote>,
+    pub remarks: Vec<Remark>,
+}
+
+impl<B: RegisterBus + Clock> Board<B> {
+    /// Finds out what firmware the board has, and registers the modules that this crate knows.
+    ///
+    /// # Errors
+    /// [`StartError`]: the bus, the firmware, or settings that do not fit it.
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded.
+    pub fn identify(mut bus: B, settings: Settings) -> Result<Self, StartError<B::Error>> {
+        let settings = settings.checked()?;
+        bus.follow_period(settings.period);
+        let firmware = HostMot2::identify(&mut bus)?;
+        let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
+        let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
+        let mut bus = Held::new(bus, &ports, &watchdog);
+        let mut plan = Plan::new(firmware, &ports, settings);
+        let status = plan.status;
+        let watchdog = plan.register(&mut *bus, status, Watchdog::register)?;
+        let connection = plan.register(&mut *bus, status, Connection::register)?;
+        let mut board = Self {
+            bus,
+            plan,
+            watchdog,
+            connection,
+            modules: Vec::new(),
+            phase_error_us: None,
+            located: Vec::new(),
+        };
+        board.add_built_in()?;
+        board.located = board.plan.locate_ports()?;
+        Ok(board)
+    }
+
+    fn add_built_in(&mut self) -> Result<(), StartError<B::Error>> {
+        let mut phase_error_us = None;
+        self.add(|r| {
+            let dpll = Dpll::register(r)?;
+            phase_error_us = dpll.as_ref().map(|dpll| dpll.pins.phase_error_us);
+            Ok(dpll)
+        })?;
+        self.phase_error_us = phase_error_us;
+        if self.plan.settings.pace == Pace::Board && phase_error_us.is_none() {
+            return Err(StartError::NoPace);
+        }
+        self.add(Encoders::register)?;
+        self.add(Pwm::register)?;
+        self.add(InMux::register)?;
+        self.add(Outputs::register)?;
+        self.add(Leds::register)
+    }
+
+    /// Adds a part of the board: none, one or several instances of a module that `register` makes.
+    ///
+    /// # Errors
+    /// [`StartError::Register`]: why it can not be used.
+    pub fn add<M, I>(
+        &mut self,
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
+    ) -> Result<(), StartError<B::Error>>
+    where
+        M: Module,
+        I: IntoIterator<Item = M>,
+    {
+        let group = self.plan.pins.add_part(self.plan.group);
+        let group = group.map_err(RegisterError::from)?;
+        let made = self.plan.register(&mut *self.bus, group, register)?;
+        self.modules.extend(made.into_iter().map(|module| Part {
+            module: Box::new(module),
+            group,
+            version: None,
+        }));
+        Ok(())
+    }
+
+    /// What the board's firmware says of itself.
+    pub fn firmware(&self) -> &HostMot2 {
+        &self.plan.firmware
+    }
+
+    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    pub fn name(&self) -> &str {
+        &self.plan.name
+    }
+
+    /// All pins and parameters so far.
+    pub fn pins(&self) -> &Pins {
+        &self.plan.pins
+    }
+
+    /// Sets the board up, starts the remotes and plans the cycle.
+    ///
+    /// The remotes run then, with all outputs off, until the first write. If this fails, everything
+    /// that was started is stopped again.
+    ///
+    /// # Errors
+    /// [`StartError`].
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn start(mut self) -> Result<Driver<B>, StartError<B::Error>> {
+        match self.start_ports() {
+            Ok(ports) => self.into_driver(ports),
+            Err(error) => {
+                for (port, _) in &mut self.located {
+                    // The error counts; whatever can still be stopped is stopped.
+                    let _ = port.stop_all(&mut *self.bus);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    fn start_ports(&mut self) -> Result<Vec<SerialPort>, StartError<B::Error>> {
+        // I/O pins come last, when everybody has taken theirs.
+        self.add(|r| Ok([Gpio::register(r)?]))?;
+        let bus = &mut *self.bus;
+        self.plan.image.set_up(bus).map_err(StartError::Bus)?;
+        self.plan.image.watch(bus).map_err(StartError::Bus)?;
+        self.plan.start_ports(bus, &mut self.located)
+    }
+
+    fn into_driver(self, ports: Vec<SerialPort>) -> Result<Driver<B>, StartError<B::Error>> {
+        let Self {
+            mut bus,
+            plan,
+            watchdog,
+            connection,
+            modules,
+            phase_error_us,
+            ..
+        } = self;
+        let settings = plan.settings;
+        let held = settings.pace.held(settings.period);
+        if held.is_some() && !bus.can_hold() {
+            return Err(StartError::NotPaced);
+        }
+        let layout = plan.image.lay_out().map_err(RegisterError::from)?;
+        let image = layout.prepare(&mut *bus, held).map_err(StartError::Bus)?;
+        let driver = Driver {
+            bus,
+            firmware: plan.firmware,
+            name: plan.name,
+            period: settings.period,
+            image,
+            pins: plan.pins,
+            group: plan.group,
+            parts: Parts {
+                watchdog,
+                ports,
+                modules,
+            },
+            connection,
+            phase_error_us,
+            missing: plan.missing,
+            remarks: plan.remarks,
+            state: BoardState::Running,
+            shown: None,
+            statistics: DriverStatistics::default(),
+            pacer: Pacer::new(settings.pace, settings.period),
+            read_failures: 0,
+            write_failures: 0,
+            is_repeated: false,
+            look_closely: true,
+            wants_extra: false,
+            is_last: false,
+            is_stopped: false,
+        };
+        #[cfg(feature = "log")]
+        super::messages::found(&driver);
+        Ok(driver)
+    }
+}
+
+impl Plan {
+    fn new(firmware: HostMot2, ports: &IoPorts, settings: Settings) -> Self {
+        let name = {
+            let board = firmware.idrom().board_name.board();
+            format!("hm2_{board}.{}", settings.number)
+        };
+        let mut pins = PinStore::new();
+        Self {
+            table: BoardTable::for_firmware(&firmware, &settings.boards),
+            status: pins.add_group(),
+            group: pins.add_group(),
+            pins,
+            io: PortPlan::new(ports),
+            image: ImagePlan::new(),
+            name,
+            settings,
+            firmware,
+            missing: Vec::new(),
+            remarks: Vec::new(),
+        }
+    }
+
+    /// Lets something register, with pins of this group.
+    pub fn register<B: RegisterBus, T>(
+        &mut self,
+        bus: &mut B,
+        group: GroupId,
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
+    ) -> Result<T, StartError<B::Error>> {
+        let mut peeking = Peeking { bus, error: None };
+        let registered = register(&mut Registrar {
+            firmware: &self.firmware,
+            table: self.table,
+            name: &self.name,
+            settings: &self.settings,
+            group,
+            status: self.status,
+            pins: &mut self.pins,
+            io: &mut self.io,
+            plan: &mut self.image,
+            bus: &mut peeking,
+        });
+        match (registered, peeking.error) {
+            (Ok(made), _) => {
+                self.image.check().map_err(RegisterError::from)?;
+                Ok(made)
+            }
+            (Err(RegisterError::Peek { .. }), Some(error)) => Err(StartError::Bus(error)),
+            (Err(error), _) => Err(StartError::Register(error)),
+        }
+    }
+}

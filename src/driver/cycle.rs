@@ -1,0 +1,309 @@
+//! The two halves of a cycle.
+
+use core::time::Duration;
+
+use super::pace::{Answer, Beat};
+use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
+use crate::bus::{Clock, Instant, RegisterBus, Reply, Words};
+use crate::modules::{Module, ReadCycle, WriteCycle};
+
+/// Between two polls of COMMAND.
+const POLL_PAUSE: Duration = Duration::from_micros(1);
+/// Ends the polling on a bus whose clock stands still.
+const MAX_POLLS: u32 = 100_000;
+
+impl<B: RegisterBus + Clock> Driver<B> {
+    /// Reads the board once and takes what it brought.
+    ///
+    /// # Errors
+    /// [`CycleError::Read`] and [`CycleError::NotThere`]: no input was taken, all grow older.
+    /// Faults of single remotes are no errors; they are in the report and on the pins.
+    ///
+    /// # Real time
+    /// One exchange, bounded by the bus. Where the [board paces](Pace::Board), it waits for the
+    /// next period, at most for five quarters of one besides the deadline of the bus. No
+    /// allocation.
+    pub fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+        self.statistics.reads += 1;
+        let asked = self.wants_closer_look();
+        let Answer { extra, at, result } = self.pacer.read(&mut *self.bus, &mut self.image, asked);
+        let now = self.bus.now();
+        self.pins.begin_cycle(now);
+        if let Err(source) = result {
+            let consecutive = self.read_failed();
+            return Err(CycleError::Read {
+                source,
+                consecutive,
+            });
+        }
+        if let Err(found) = self.connection.check(self.image.words()) {
+            let consecutive = self.read_failed();
+            return Err(CycleError::NotThere { found, consecutive });
+        }
+        self.read_failures = 0;
+        self.connection.count_exchange(&mut self.pins, false);
+        Ok(self.take(at, extra))
+    }
+
+    /// Everybody takes its inputs from an image that is sound, and was read at `now`.
+    fn take(&mut self, now: Instant, closely: bool) -> CycleReport {
+        let Reply {
+            certain,
+            lost_writes,
+            slack,
+        } = self.image.take_news();
+        self.image.words_mut().confirm(certain);
+        self.look_closely = !certain || (self.look_closely && !closely);
+        let beat = self.pacer.arrived(now, slack);
+        let mut report = CycleReport {
+            lost_writes: lost_writes.into(),
+            missed_periods: beat.missed,
+            unpaced: beat.is_unpaced,
+            slack,
+            ..CycleReport::default()
+        };
+        self.statistics.lost_writes += report.lost_writes;
+        self.statistics.missed_periods += beat.missed;
+        self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
+        let was_running = self.is_running();
+        let words = self.image.words();
+        let finding = self.parts.watchdog.examine(words, closely, now, certain);
+        self.found(finding);
+        // What was read with bad evidence is not from the board that was set up.
+        if was_running && !self.is_running() {
+            self.not_read();
+        } else {
+            self.take_parts(now, certain, &mut report);
+        }
+        if self.is_running() {
+            report.locked = self.is_locked(beat, slack);
+        } else {
+            self.pacer.unlock();
+            self.make_safe();
+        }
+        self.publish();
+        report.board = self.state;
+        report
+    }
+
+    /// The serial ports first: they may find that the board was reset.
+    fn take_parts(&mut self, now: Instant, certain: bool, report: &mut CycleReport) {
+        let mut cycle = ReadCycle {
+            words: self.image.words(),
+            pins: &mut self.pins,
+            group: self.group,
+            now,
+            certain,
+            repeated: self.is_repeated,
+            report,
+        };
+        for port in &mut self.parts.ports {
+            port.read(&mut cycle);
+        }
+        let is_running = self.state == BoardState::Running;
+        if appears_reset(&self.parts.ports) {
+            self.fail(BoardState::Reset);
+        } else if is_running {
+            self.is_repeated = false;
+            for part in &mut self.parts.modules {
+                cycle.group = part.group;
+                part.module.read(&mut cycle);
+            }
+            self.pins.group_good_since(self.group, 0, now);
+        }
+    }
+
+    fn is_locked(&mut self, beat: Beat, slack: Option<Duration>) -> bool {
+        let Some(error) = self.phase_error_us else {
+            return false;
+        };
+        let error = self.pins.read(error).value;
+        self.pacer.lock(beat, slack, error)
+    }
+
+    /// Writes the outputs to the board and starts the transfers to its remotes.
+    ///
+    /// A port's transfer is started only when the last read has seen the one before end; otherwise
+    /// its remotes keep what they have.
+    ///
+    /// # Errors
+    /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
+    ///
+    /// # Real time
+    /// One exchange, bounded by the bus. No allocation. In a cycle in which a module has changed a
+    /// setting that drives pins, as the direction or the open drain of an I/O pin, three exchanges
+    /// more: the evidence that the board is set up is read before and after they are written.
+    pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
+        let mut now = self.bus.now();
+        self.statistics.writes += 1;
+        if self.wants_restore() && self.write_set_up().is_ok() {
+            now = self.bus.now();
+        }
+        let was_running = self.is_running();
+        self.put(now);
+        // What fails is tried again with the next write; this one goes on without it.
+        let _ = self.write_guarded();
+        self.keep_quiet();
+        if was_running && !self.is_running() {
+            self.give_up_write();
+            return Ok(());
+        }
+        self.is_repeated |= self.image.words().has_news();
+        if let Some(deadline) = self.connection.new_deadline(&self.pins, self.period) {
+            self.bus.set_cycle_deadline(deadline);
+        }
+        let ask = (self.wants_closer_look(), !self.is_running());
+        let result = self.pacer.write(&mut *self.bus, &mut self.image, ask);
+        let done = self.bus.now();
+        self.written(done, result.is_ok());
+        match result {
+            Ok(()) => {
+                self.write_failures = 0;
+                Ok(())
+            }
+            Err(source) => {
+                self.statistics.write_errors += 1;
+                self.look_closely = true;
+                self.write_failures = self.write_failures.saturating_add(1);
+                let consecutive = self.write_failures;
+                if self.connection.count_exchange(&mut self.pins, true) {
+                    self.fail(BoardState::BusDown);
+                    // Before the next write, which looks whether the application has cleared it.
+                    self.publish();
+                }
+                Err(CycleError::Write {
+                    source,
+                    consecutive,
+                })
+            }
+        }
+    }
+
+    /// The board was found not to be set up when its outputs were put already: nothing of them is
+    /// written.
+    fn give_up_write(&mut self) {
+        let now = self.bus.now();
+        self.written(now, false);
+        // Before the next write, which looks whether the application has cleared it.
+        self.publish();
+    }
+
+    fn written(&mut self, now: Instant, arrived: bool) {
+        for part in self.parts.each() {
+            part.written(now, arrived);
+        }
+    }
+
+    /// Everybody puts its outputs into the image.
+    fn put(&mut self, now: Instant) {
+        let is_running = self.is_running();
+        let mut cycle = WriteCycle {
+            words: self.image.words_mut(),
+            pins: &mut self.pins,
+            group: self.group,
+            now,
+            // A board that is not set up gets nothing of its set-up before it gets all of it.
+            hold: !is_running || self.is_last,
+            changed: true,
+            is_running,
+            wants_extra: false,
+        };
+        self.parts.watchdog.write(&mut cycle);
+        for port in &mut self.parts.ports {
+            port.write(&mut cycle);
+        }
+        for part in &mut self.parts.modules {
+            let version = cycle.pins.output_version(part.group);
+            cycle.group = part.group;
+            cycle.changed = version.is_none() || version != part.version;
+            part.version = version;
+            part.module.write(&mut cycle);
+        }
+        self.wants_extra = cycle.wants_extra;
+    }
+
+    /// Sends the request of the next read ahead, which then only takes the reply: with several
+    /// boards, send all requests, then read all boards. LinuxCNC's `read-request`.
+    ///
+    /// Call it when the board is to be sampled, after [`write`](Self::write) and right before
+    /// `read`. It does nothing where the [board paces](Pace::Board) or requests can not be in
+    /// flight, and when it fails, the next read says why.
+    ///
+    /// # Real time
+    /// One packet out. No allocation.
+    pub fn request_read(&mut self) {
+        if self.pacer.pace() == Pace::Host {
+            let extra = self.wants_closer_look();
+            self.pacer.start_read(&mut *self.bus, &self.image, extra);
+        }
+    }
+
+    /// Waits until the transfers that the last write started are complete, or `limit` is over.
+    ///
+    /// The "read-modify-write" of the manual's "NORMAL MODE OPERATION", and the way to measure how
+    /// long a transfer takes: the time goes into [`PortStatistics::doit`].
+    ///
+    /// # Errors
+    /// Those of the bus. `Ok(false)` when the limit came first, and at once where the
+    /// [board paces](Pace::Board): it is asked for the next period already.
+    ///
+    /// # Real time
+    /// Bounded by `limit` and one exchange, and by a number of polls on a bus whose clock stands
+    /// still. No allocation.
+    ///
+    /// [`PortStatistics::doit`]: super::PortStatistics::doit
+    pub fn wait_transfers(&mut self, limit: Duration) -> Result<bool, B::Error> {
+        self.wait_ports(limit, SerialPort::poll)
+    }
+
+    /// Waits until all ports are, or `limit` is over; not where the board paces.
+    pub(super) fn wait_ports(
+        &mut self,
+        limit: Duration,
+        mut are: impl FnMut(&mut SerialPort, &Words, Instant) -> bool,
+    ) -> Result<bool, B::Error> {
+        if self.pacer.pace() == Pace::Board {
+            return Ok(false);
+        }
+        // A reply that was asked for ahead is older than what is waited for.
+        self.pacer.forget_started(&mut *self.bus, &mut self.image);
+        let start = self.bus.now();
+        for _ in 0..MAX_POLLS {
+            self.image.read_status(&mut *self.bus)?;
+            let now = self.bus.now();
+            let mut all = true;
+            for port in &mut self.parts.ports {
+                all &= are(port, self.image.words(), now);
+            }
+            if all {
+                return Ok(true);
+            }
+            if now.since(start) >= limit {
+                return Ok(false);
+            }
+            self.bus.wait(POLL_PAUSE);
+        }
+        Ok(false)
+    }
+
+    /// Whether the next read must hold more than usual.
+    fn wants_closer_look(&self) -> bool {
+        self.look_closely || self.wants_extra
+    }
+
+    /// Publishes the driver's own pins.
+    pub(super) fn publish(&mut self) {
+        if self.shown.replace(self.state) != Some(self.state) {
+            let has_bitten = self.state == BoardState::WatchdogBitten;
+            self.parts.watchdog.show(&mut self.pins, has_bitten);
+            self.connection.show(&mut self.pins, self.state);
+        }
+        self.connection.publish(&mut self.pins, &self.statistics);
+    }
+}
+
+/// Whether every remote of every port is found stopped, by nobody's order.
+fn appears_reset(ports: &[SerialPort]) -> bool {
+    let mut appear = ports.iter().filter_map(SerialPort::appears_reset);
+    appear.next() == Some(true) && appear.all(|one| one)
+}
