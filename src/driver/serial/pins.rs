@@ -11,7 +11,7 @@ use crate::sslbp::{Link, Machine, RemoteFaults};
 /// What LinuxCNC shows of a port, and switches.
 ///
 /// Source: FACTS 8.6.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(in crate::driver) struct PortPins {
     run: Output<bool>,
     fault_count: Input<u32>,
@@ -27,6 +27,8 @@ pub(in crate::driver) struct PortPins {
     fault_inc: Param<u32>,
     fault_dec: Param<u32>,
     fault_lim: Param<u32>,
+    /// What the pins show, but for `transfers`.
+    shown: Option<[u32; 4]>,
 }
 
 /// Values of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when `run`
@@ -71,6 +73,7 @@ impl PortPins {
         let name = |pin: &str| Spec::new(format!("{board}.sserial.port-{port}.{pin}"));
         let count = |pin: &str| name(pin).limits(0.0, 65_535.0);
         Ok(Self {
+            shown: None,
             run: pins.add_output(group, name("run"), OutputRule::switch(true))?,
             fault_count: pins.add_input(group, name("fault-count"))?,
             port_state: pins.add_input(group, name("port_state"))?,
@@ -84,13 +87,22 @@ impl PortPins {
         })
     }
 
-    pub fn publish(&self, pins: &mut PinStore, recovery: &Recovery, machine: &Machine) {
-        pins.publish(self.fault_count, recovery.fault_count());
-        pins.publish(self.port_state, PortState::of(recovery, machine) as u32);
-        pins.publish(self.port_state2, recovery.restart_step(machine));
-        pins.publish(self.port_state3, 0);
+    pub fn publish(&mut self, pins: &mut PinStore, recovery: &Recovery, machine: &Machine) {
         pins.publish(self.transfers, recovery.statistics.transfers);
-        let too_short = u32::try_from(recovery.statistics.too_short).unwrap_or(u32::MAX);
+        let now = [
+            recovery.fault_count(),
+            PortState::of(recovery, machine) as u32,
+            recovery.restart_step(machine),
+            u32::try_from(recovery.statistics.too_short).unwrap_or(u32::MAX),
+        ];
+        if self.shown.replace(now) == Some(now) {
+            return;
+        }
+        let [fault_count, state, step, too_short] = now;
+        pins.publish(self.fault_count, fault_count);
+        pins.publish(self.port_state, state);
+        pins.publish(self.port_state2, step);
+        pins.publish(self.port_state3, 0);
         pins.publish(self.too_short, too_short);
     }
 
@@ -104,12 +116,22 @@ impl PortPins {
 
 /// What is known about the state of a remote, as pins. They belong to the group of the driver's
 /// own pins, which stays valid while the remote fails: that is what they are for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(in crate::driver) struct RemoteFaultPins {
     running: Input<bool>,
     faults: [Input<bool>; FAULTS.len()],
     failures: Input<u64>,
     restarts: Input<u64>,
+    shown: Option<Shown>,
+}
+
+/// What the fault pins of a remote show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shown {
+    is_running: bool,
+    faults: RemoteFaults,
+    failures: u64,
+    restarts: u64,
 }
 
 /// The faults a remote reports, and the names of their pins.
@@ -137,15 +159,25 @@ impl RemoteFaultPins {
             faults,
             failures: pins.add_input(group, name("failures"))?,
             restarts: pins.add_input(group, name("restarts"))?,
+            shown: None,
         })
     }
 
-    pub fn publish(&self, pins: &mut PinStore, health: &Health, link: &Link) {
-        pins.publish(self.running, health.state == RemoteState::Running);
-        for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {
-            pins.publish(pin, health.faults.contains(fault));
+    pub fn publish(&mut self, pins: &mut PinStore, health: &Health, link: &Link) {
+        let now = Shown {
+            is_running: health.state == RemoteState::Running,
+            faults: health.faults,
+            failures: link.failures().total(),
+            restarts: health.restarts,
+        };
+        if self.shown.replace(now) == Some(now) {
+            return;
         }
-        pins.publish(self.failures, link.failures().total());
-        pins.publish(self.restarts, health.restarts);
+        pins.publish(self.running, now.is_running);
+        for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {
+            pins.publish(pin, now.faults.contains(fault));
+        }
+        pins.publish(self.failures, now.failures);
+        pins.publish(self.restarts, now.restarts);
     }
 }
