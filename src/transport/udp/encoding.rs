@@ -60,18 +60,19 @@ impl Tail {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Encoding {
     packet: Vec<u8>,
-    request_number: Option<Range<usize>>,
+    /// Where the number of the request is, if it is answered.
+    request_number: Option<usize>,
     write_numbers: Option<WriteNumbers>,
     writes: Vec<Piece>,
     reads: Vec<Piece>,
     /// Where the reply has the time that the board waited, if it waits.
-    waited: Option<Range<usize>>,
+    waited: Option<usize>,
     /// Bytes of the reply before the board's account.
     body_len: usize,
     /// What tells that its writes were executed, if it has any.
     kind: Option<Kind>,
     /// Both ways to ask for the account: the packet ends with one of them.
-    tails: [Vec<u8>; 2],
+    tails: [[u8; 2 * COMMAND]; 2],
     /// The most words that the buffer must have, and the access that needs them.
     needs: Option<Access>,
 }
@@ -79,8 +80,8 @@ pub(super) struct Encoding {
 /// Where a packet has the number of its write: for its turn, and as the last if it says so.
 #[derive(Clone, Debug)]
 struct WriteNumbers {
-    slot: Range<usize>,
-    last: Option<Range<usize>>,
+    slot: usize,
+    last: Option<usize>,
 }
 
 /// How a list is run.
@@ -96,9 +97,9 @@ pub(super) struct Manner {
 /// Words of the buffer, and where their bytes are in a packet.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
-    offset: usize,
-    first: usize,
-    count: usize,
+    offset: u16,
+    first: u16,
+    count: u16,
 }
 
 impl Encoding {
@@ -137,7 +138,7 @@ impl Encoding {
             push(request, free)?;
             request.write_words(Space::Timer, registers::timer::HM2_TIMEOUT, &[limit])?;
             let wait = registers::timer::WAIT_FOR_HM2_REFERENCE;
-            waited = Some(request.read(Space::Timer, wait, 1)?);
+            waited = Some(request.read(Space::Timer, wait, 1)?.start);
             push(request, held)
         })?;
         (this.writes, this.reads, this.waited) = (writes, reads, waited);
@@ -159,7 +160,7 @@ impl Encoding {
     pub(super) fn raw(commands: &[u8], reply_len: usize) -> Result<Self, UdpError> {
         let mut this = Self::question()?;
         // Between the command that sets the request's number and those that ask for the account.
-        let at = this.request_number.clone().map_or(0, |range| range.end);
+        let at = this.request_number.map_or(0, |at| at + 4);
         let tail = this.packet.split_off(at.min(this.packet.len()));
         this.packet.extend_from_slice(commands);
         this.packet.extend(tail);
@@ -184,14 +185,14 @@ impl Encoding {
         let all = || -> Result<(), Lbp16Error> {
             if answered {
                 let number = request.write_words(Space::Timer, REQUEST_NUMBER, &[0, 0])?;
-                this.request_number = Some(number);
+                this.request_number = Some(number.start);
             }
             body(&mut request)?;
             if let Some(kind) = kind {
-                let slot = request.write_words(Space::Timer, SLOT, &[0])?;
+                let slot = request.write_words(Space::Timer, SLOT, &[0])?.start;
                 let last = match kind {
                     Kind::Cycle => None,
-                    _ => Some(request.write_words(Space::Timer, LAST_WRITE, &[0])?),
+                    _ => Some(request.write_words(Space::Timer, LAST_WRITE, &[0])?.start),
                 };
                 this.write_numbers = Some(WriteNumbers { slot, last });
             }
@@ -220,25 +221,29 @@ impl Encoding {
         write: Option<(u32, usize)>,
     ) -> &'a [u8] {
         let packet = buffer.get_mut(..self.packet.len()).unwrap_or_default();
-        put(packet, 0, self.packet.iter().copied());
-        if let (Some(range), Some(wait)) = (&self.request_number, wait) {
-            put(packet, range.start, wait.request.to_le_bytes());
+        put(packet, 0, &self.packet);
+        if let (Some(at), Some(wait)) = (self.request_number, wait) {
+            put(packet, at, &wait.request.to_le_bytes());
             let [brief, details] = &self.tails;
             let tail = if wait.detailed { details } else { brief };
             let at = packet.len().saturating_sub(tail.len());
-            put(packet, at, tail.iter().copied());
+            put(packet, at, tail);
         }
         if let (Some(at), Some((number, slot))) = (&self.write_numbers, write) {
             let address = SLOT + 2 * slot as u16;
-            put(packet, at.slot.start - 2, address.to_le_bytes());
-            for range in core::iter::once(&at.slot).chain(&at.last) {
-                put(packet, range.start, (number as u16).to_le_bytes());
+            let number = (number as u16).to_le_bytes();
+            put(packet, at.slot - 2, &address.to_le_bytes());
+            put(packet, at.slot, &number);
+            if let Some(last) = at.last {
+                put(packet, last, &number);
             }
         }
         for piece in &self.writes {
-            let values = words.iter().skip(piece.first).take(piece.count);
-            let bytes = values.flat_map(|word| word.to_le_bytes());
-            put(packet, piece.offset, bytes);
+            let values = words.get(piece.words()).unwrap_or_default();
+            let bytes = packet.get_mut(piece.bytes()).unwrap_or_default();
+            for (target, value) in bytes.chunks_exact_mut(4).zip(values) {
+                target.copy_from_slice(&value.to_le_bytes());
+            }
         }
         packet
     }
@@ -246,18 +251,18 @@ impl Encoding {
     /// Takes the words of a reply, which has the right size.
     pub(super) fn take(&self, reply: &[u8], words: &mut [u32]) {
         for piece in &self.reads {
-            let values = reply.get(piece.offset..).unwrap_or(&[]).chunks_exact(4);
-            let targets = words.iter_mut().skip(piece.first).take(piece.count);
-            for (target, value) in targets.zip(values) {
-                *target = little_endian(value);
+            let (values, _) = reply.get(piece.bytes()).unwrap_or_default().as_chunks();
+            let targets = words.get_mut(piece.words()).unwrap_or_default();
+            for (target, value) in targets.iter_mut().zip(values) {
+                *target = u32::from_le_bytes(*value);
             }
         }
     }
 
     /// How long the board waited before it answered like this, in microseconds, if it was to.
     pub(super) fn waited_us(&self, reply: &[u8]) -> Option<u16> {
-        let bytes = reply.get(self.waited.clone()?)?;
-        Some(little_endian(bytes) as u16)
+        let bytes = reply.get(self.waited?..)?.first_chunk()?;
+        Some(u16::from_le_bytes(*bytes))
     }
 
     /// The number of the request that any reply answers.
@@ -269,9 +274,9 @@ impl Encoding {
     /// whole of it.
     pub(super) fn account(&self, reply: &[u8], detailed: bool) -> Option<Account> {
         let mut words = [0; DETAILED.reply_len() / 2];
-        let tail = reply.get(self.body_len..)?;
-        for (word, bytes) in words.iter_mut().zip(tail.chunks_exact(2)) {
-            *word = little_endian(bytes) as u16;
+        let (tail, _) = reply.get(self.body_len..)?.as_chunks();
+        for (word, bytes) in words.iter_mut().zip(tail) {
+            *word = u16::from_le_bytes(*bytes);
         }
         let (received, last_write, details) = if detailed {
             let [received, _, _, sent, slots @ .., last_write, _, _] = words;
@@ -330,11 +335,23 @@ impl Encoding {
     }
 }
 
-fn tail(tail: Tail) -> Result<Vec<u8>, UdpError> {
+impl Piece {
+    fn words(self) -> Range<usize> {
+        let first = usize::from(self.first);
+        first..first + usize::from(self.count)
+    }
+
+    fn bytes(self) -> Range<usize> {
+        let offset = usize::from(self.offset);
+        offset..offset + 4 * usize::from(self.count)
+    }
+}
+
+fn tail(tail: Tail) -> Result<[u8; 2 * COMMAND], UdpError> {
     let mut buffer = [0; 2 * COMMAND];
-    let mut request = RequestBuilder::new(&mut buffer);
-    tail.push(&mut request).map_err(too_long)?;
-    Ok(request.bytes().to_vec())
+    tail.push(&mut RequestBuilder::new(&mut buffer))
+        .map_err(too_long)?;
+    Ok(buffer)
 }
 
 /// A packet of writes that is made for once, in `buffer`: what [`Encoding::packet`] gives for a
@@ -348,7 +365,7 @@ pub(super) fn write_packet<'a>(
     let mut request = RequestBuilder::new(buffer);
     let mut bad = None;
     let all = || -> Result<(), Lbp16Error> {
-        for access in accesses {
+        for access in joined(accesses) {
             let Some(values) = words.get(access.words()) else {
                 bad = Some(access);
                 break;
@@ -373,13 +390,30 @@ pub(super) fn write_packet<'a>(
     Ok(buffer.get(..length).unwrap_or_default())
 }
 
+/// Accesses in their order, those joined that go on where the one before ends, in the registers and
+/// in the buffer.
+fn joined(accesses: impl Iterator<Item = Access>) -> impl Iterator<Item = Access> {
+    let mut accesses = accesses.peekable();
+    core::iter::from_fn(move || {
+        let mut joined = accesses.next()?;
+        let goes_on = |joined: &Access, next: &Access| {
+            u32::from(next.address) == u32::from(joined.address) + 4 * u32::from(joined.count)
+                && next.words().start == joined.words().end
+        };
+        while let Some(next) = accesses.next_if(|next| goes_on(&joined, next)) {
+            joined.count += next.count;
+        }
+        Some(joined)
+    })
+}
+
 /// Neighbouring registers, as many as one command takes.
 struct Run {
     direction: Direction,
     address: u16,
     count: u16,
-    /// First word and number of words of each access, in order.
-    words: Vec<(usize, usize)>,
+    /// First word and number of words, in order, where they are not neighbours in the buffer.
+    words: Vec<(u16, u16)>,
 }
 
 /// The accesses in their order, neighbours joined and long ones split.
@@ -387,7 +421,7 @@ fn runs(accesses: &[Access]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     for access in accesses {
         let (mut address, mut left) = (access.address, access.count);
-        let mut first = access.words().start;
+        let mut first = access.first;
         while left > 0 {
             let joins = |run: &Run| {
                 let next = u32::from(run.address) + 4 * u32::from(run.count);
@@ -405,8 +439,11 @@ fn runs(accesses: &[Access]) -> Vec<Run> {
             let Some(run) = runs.last_mut() else { break };
             let count = left.min(u16::from(MAX_COUNT) - run.count);
             run.count += count;
-            run.words.push((first, usize::from(count)));
-            first += usize::from(count);
+            match run.words.last_mut() {
+                Some((start, joined)) if *start + *joined == first => *joined += count,
+                _ => run.words.push((first, count)),
+            }
+            first += count;
             address = address.wrapping_add(4 * count);
             left -= count;
         }
@@ -430,32 +467,31 @@ impl Run {
 
     /// The words of each access, from byte `offset` of the packet on.
     fn pieces(&self, offset: usize) -> impl Iterator<Item = Piece> {
-        self.words.iter().scan(offset, |offset, &(first, count)| {
-            let piece = Piece {
-                offset: *offset,
-                first,
-                count,
-            };
-            *offset += 4 * count;
-            Some(piece)
-        })
+        self.words
+            .iter()
+            .scan(offset as u16, |offset, &(first, count)| {
+                let piece = Piece {
+                    offset: *offset,
+                    first,
+                    count,
+                };
+                *offset += 4 * count;
+                Some(piece)
+            })
     }
 }
 
 fn is_sound(access: Access) -> bool {
     let end = u32::from(access.address) + 4 * u32::from(access.count);
-    access.address.is_multiple_of(4) && end <= 0x1_0000
+    access.address.is_multiple_of(4) && end <= 0x1_0000 && access.words().end <= 0xFFFF
 }
 
-fn put(packet: &mut [u8], offset: usize, bytes: impl IntoIterator<Item = u8>) {
-    for (target, byte) in packet.iter_mut().skip(offset).zip(bytes) {
-        *target = byte;
+fn put(packet: &mut [u8], offset: usize, bytes: &[u8]) {
+    let place = packet.get_mut(offset..offset + bytes.len());
+    debug_assert!(place.is_some(), "it was made with this place");
+    if let Some(place) = place {
+        place.copy_from_slice(bytes);
     }
-}
-
-fn little_endian(bytes: &[u8]) -> u32 {
-    let value = |word, &byte| word << 8 | u32::from(byte);
-    bytes.iter().rev().fold(0, value)
 }
 
 fn check(what: &'static str, bytes: usize) -> Result<(), UdpError> {

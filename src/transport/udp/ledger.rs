@@ -80,7 +80,7 @@ enum Fate {
 struct Write {
     fate: Fate,
     kind: Kind,
-    slot: usize,
+    slot: u8,
 }
 
 /// What tells that a write was executed.
@@ -167,7 +167,7 @@ impl Ledger {
         let write = Write {
             fate: Fate::Underway,
             kind,
-            slot,
+            slot: slot as u8,
         };
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
             *place = write;
@@ -417,7 +417,7 @@ impl Ledger {
 
     fn slot_of(&self, number: u32) -> usize {
         let write = self.writes.get((number % REMEMBERED) as usize);
-        write.map_or(0, |write| write.slot)
+        write.map_or(0, |write| write.slot.into())
     }
 
     fn set(&mut self, number: u32, fate: Fate) {

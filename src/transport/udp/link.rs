@@ -1,5 +1,6 @@
 //! What carries the packets: a UDP socket, or a test's network.
 
+use core::time::Duration;
 use std::{
     io::{self, ErrorKind},
     net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket},
@@ -150,10 +151,9 @@ impl UdpLink {
         self.options
     }
 
-    /// Blocks until something arrives or `deadline` is near; exact to the nanosecond that the
+    /// Blocks until something arrives or `left` is nearly over; exact to the nanosecond that the
     /// kernel is, unlike a socket's own timeout, which is rounded up to kernel ticks.
-    fn wait_readable(&mut self, deadline: Instant) -> Result<(), LinkError> {
-        let left = deadline.since(self.now());
+    fn wait_readable(&self, left: Duration) -> Result<(), LinkError> {
         if left < SPIN {
             core::hint::spin_loop();
             return Ok(());
@@ -184,9 +184,9 @@ impl Link for UdpLink {
     ) -> Result<Option<usize>, LinkError> {
         loop {
             // The time is taken before the last look, so that nothing that came in time is missed.
-            let expired = self.now() >= deadline;
-            if !expired {
-                self.wait_readable(deadline)?;
+            let left = deadline.since(self.clock.read());
+            if !left.is_zero() {
+                self.wait_readable(left)?;
             }
             match self.socket.recv(buffer) {
                 Ok(length) => return Ok(Some(length)),
@@ -194,7 +194,7 @@ impl Link for UdpLink {
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error.into()),
             }
-            if expired {
+            if left.is_zero() {
                 return Ok(None);
             }
         }
@@ -211,8 +211,6 @@ impl Link for UdpLink {
 
 #[cfg(test)]
 mod tests {
-    use core::time::Duration;
-
     use super::*;
 
     #[test]
