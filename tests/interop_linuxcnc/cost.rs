@@ -5,7 +5,7 @@ use std::{fs, net::Ipv4Addr, path::PathBuf, process::Command, time::Duration};
 use crate::interop::{board::Board, example_in};
 
 /// What LinuxCNC's realtime process has had of the CPUs so far.
-pub fn linuxcnc_cpu() -> Duration {
+fn linuxcnc_cpu() -> Duration {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let is_realtime = |directory: &fs::DirEntry| {
         let name = fs::read_to_string(directory.path().join("comm"));
@@ -23,20 +23,47 @@ pub fn linuxcnc_cpu() -> Duration {
 /// The paces that are compared, and where their boards listen.
 const PACES: [(&str, u8); 2] = [("board", 2), ("host", 3)];
 /// Each is run so often: loops of the same rate meet in another phase each time.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 5;
 
-/// Runs the example `cycle_cost`, at the board's pace and at the host's, on boards of its own while
-/// LinuxCNC is in its cycle: what it has printed, for each pace and round. It is built for speed,
-/// as LinuxCNC is.
-pub fn run_beside(board: &str) -> [Vec<String>; PACES.len()] {
+/// What a cycle costs at one pace, and what one of LinuxCNC's costs while it runs.
+#[derive(Debug, Default)]
+pub struct Beside {
+    /// Microseconds of CPU: ours and LinuxCNC's, in each round.
+    pairs: Vec<[f64; 2]>,
+    packets: String,
+    bytes: String,
+}
+
+/// Runs the example `cycle_cost` on boards of its own, while LinuxCNC is in its cycle, alternately at
+/// the board's pace and at the host's. It is built for speed, as LinuxCNC is.
+///
+/// `cycles` says how many cycles LinuxCNC's board has seen so far.
+pub fn run_beside(board: &str, mut cycles: impl FnMut() -> f64) -> [Beside; PACES.len()] {
     let program = example_in("release", "cycle_cost");
-    let mut printed = [const { Vec::new() }; PACES.len()];
+    let mut all = [const { Vec::new() }; PACES.len()].map(|pairs| Beside {
+        pairs,
+        ..Beside::default()
+    });
     for _ in 0..ROUNDS {
-        for ((pace, host), all) in PACES.into_iter().zip(&mut printed) {
-            all.push(run(board, host, pace, &program));
+        for ((pace, host), beside) in PACES.into_iter().zip(&mut all) {
+            let (begin, cpu) = (cycles(), linuxcnc_cpu());
+            let text = run(board, host, pace, &program);
+            let spent = linuxcnc_cpu().saturating_sub(cpu).as_secs_f64() * 1e6;
+            let theirs = spent / (cycles() - begin).max(1.0);
+            let ours = value(&text, "CPU per cycle:").trim_end_matches(" us");
+            let ours = ours.parse().expect("a number");
+            beside.pairs.push([ours, theirs]);
+            value(&text, "packets out per cycle:").clone_into(&mut beside.packets);
+            value(&text, "bytes per cycle:").clone_into(&mut beside.bytes);
         }
     }
-    printed
+    all
+}
+
+fn value<'a>(text: &'a str, what: &str) -> &'a str {
+    let mut lines = text.lines();
+    let value = lines.find_map(|line| line.strip_prefix(what));
+    value.expect("cycle_cost prints it").trim()
 }
 
 fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
@@ -50,7 +77,7 @@ fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
             "--pace",
             pace,
             "--seconds",
-            "2",
+            "1",
         ])
         .output()
         .expect("cycle_cost starts");
@@ -59,32 +86,27 @@ fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// Prints what they have printed, and the ratios of the CPU times.
-pub fn print(linuxcnc_per_cycle: Duration, ours: &[Vec<String>]) {
-    let linuxcnc = linuxcnc_per_cycle.as_secs_f64() * 1e6;
-    println!("a cycle of LinuxCNC's: {linuxcnc:.1} us CPU; of ours, at the same time:");
-    for ((pace, _), printed) in PACES.into_iter().zip(ours) {
-        let values = |what: &str| -> Vec<String> {
-            let lines = printed.iter().flat_map(|text| text.lines());
-            let values = lines.filter_map(|line| line.strip_prefix(what));
-            values.map(|value| value.trim().to_owned()).collect()
-        };
-        let cpu = values("CPU per cycle:");
-        let us = cpu.iter().map(|cpu| -> f64 {
-            let number = cpu.trim_end_matches(" us");
-            number.parse().expect("a number")
-        });
-        let mean = us.sum::<f64>() / cpu.len() as f64;
+/// Prints the medians, and of each pair the ratio.
+pub fn print(beside: &[Beside]) {
+    println!("CPU of a cycle beside one of LinuxCNC's at the same time, medians of {ROUNDS}:");
+    for ((pace, _), beside) in PACES.into_iter().zip(beside) {
+        let ours = median(beside.pairs.iter().map(|[ours, _]| *ours));
+        let theirs = median(beside.pairs.iter().map(|[_, theirs]| *theirs));
+        let ratios: Vec<f64> = beside.pairs.iter().map(|[o, t]| o / t).collect();
         println!(
-            "paced by the {pace}: {mean:.1} us CPU ({}), {} packets out, bytes {}; {:.2} of LinuxCNC's",
-            cpu.join(", "),
-            values("packets out per cycle:").join(", "),
-            values("bytes per cycle:")
-                .first()
-                .map_or("", String::as_str),
-            mean / linuxcnc
+            "paced by the {pace}: {:.2} of LinuxCNC's ({ratios:.2?}); {ours:.1} us, LinuxCNC {theirs:.1} us; \
+             {} packets out, bytes {}",
+            median(ratios.iter().copied()),
+            beside.packets,
+            beside.bytes,
         );
     }
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }
 
 /// The time a thread has run, from its `schedstat`.

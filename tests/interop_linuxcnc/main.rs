@@ -267,11 +267,9 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
 
 /// Prints what a cycle costs LinuxCNC, and this crate beside it.
 fn print_costs(machine: &mut Machine, board: &str) {
-    let (before, cpu) = (machine.board.show("network"), cost::linuxcnc_cpu());
-    let ours = cost::run_beside(board);
-    let spent = cost::linuxcnc_cpu().saturating_sub(cpu);
-    let cycles = cycles(&before, &machine.board.show("network"));
-    cost::print(spent.div_f64(cycles), &ours);
+    let start = machine.board.show("network");
+    let beside = cost::run_beside(board, || cycles(&start, &machine.board.show("network")));
+    cost::print(&beside);
 }
 
 fn expect_7i97(expected: &mut Expected) {
