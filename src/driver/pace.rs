@@ -30,8 +30,11 @@ pub enum Pace {
     /// than the driver was built for, shows in [`CycleReport::unpaced`]. When the host has kept pace
     /// for 120 periods, [`CycleReport::locked`] says so.
     ///
-    /// After two reads in a row that failed, the request is not held back any more until one
-    /// succeeds: what a stalled network delivers at once would stand in a row in the board.
+    /// A cycle is one packet out and one back: its reply acknowledges its own writes. It is two out
+    /// where a setting has changed, which is written ahead together with all outputs. The first read,
+    /// before which nothing was written, is held back alone. After two reads in a row that failed,
+    /// outputs are written alone and nothing is held back until a read succeeds: what a stalled
+    /// network delivers at once would stand in a row in the board.
     ///
     /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
     ///

@@ -106,8 +106,9 @@ fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcn
     let request = journal.next_back().expect("a packet").bytes;
     let reply = (after.bytes_received - before.bytes_received) / 100;
     println!("request {request}, reply {reply} bytes");
-    // Eight bytes are the evidence that the board was not reset, for which LinuxCNC asks no board.
-    assert!(request < 80 + 156 && reply - 4 < 122, "{request}, {reply}");
+    // Eight bytes are the evidence that the board was not reset, for which LinuxCNC asks no board. In
+    // two packets it would be 78 + 116 bytes out.
+    assert!(request <= 192 && reply - 4 < 122, "{request}, {reply}");
 }
 
 #[test]

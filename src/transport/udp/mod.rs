@@ -14,6 +14,7 @@ mod ledger;
 mod link;
 mod matching;
 mod receiving;
+mod runs;
 
 pub use error::UdpError;
 pub use link::{Link, LinkError, SocketOptions, UdpLink};
