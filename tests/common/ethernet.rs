@@ -37,6 +37,23 @@ pub fn is_request(packet: &[u8]) -> bool {
     packet.starts_with(&[0x82, 0xD1, 0x1C, 0x00])
 }
 
+/// Whether a packet writes registers of the FPGA: LBP16 commands with bit 15 set, of space 0.
+fn writes(packet: &[u8]) -> bool {
+    let mut rest = packet;
+    while let [low, high, tail @ ..] = rest {
+        let command = u16::from_le_bytes([*low, *high]);
+        let (is_write, space) = (command & 0x8000 != 0, command >> 10 & 7);
+        if is_write && space == 0 {
+            return true;
+        }
+        let address = if command & 0x4000 == 0 { 0 } else { 2 };
+        let data = usize::from(command & 0x7F) << (command >> 8 & 3);
+        let skipped = address + if is_write { data } else { 0 };
+        rest = tail.get(skipped..).unwrap_or_default();
+    }
+    false
+}
+
 /// What became of one packet of the host.
 #[derive(Clone, Debug, Default)]
 pub struct Sent {
@@ -46,6 +63,8 @@ pub struct Sent {
     /// For each reply that came to the host: when, and which execution it is from.
     pub replies: Vec<(u64, u64)>,
     pub is_request: bool,
+    /// It writes registers of the FPGA.
+    pub is_write: bool,
     pub bytes: usize,
 }
 
@@ -182,6 +201,7 @@ impl Link for SimLink {
         self.journal.push(Sent {
             at: self.now,
             is_request: is_request(packet),
+            is_write: writes(packet),
             bytes: packet.len(),
             ..Sent::default()
         });

@@ -29,11 +29,11 @@ impl Truth {
 
     fn writes<'a>(&self, link: &'a SimLink) -> impl Iterator<Item = (usize, &'a Sent)> {
         let packets = link.journal.iter().enumerate().skip(self.first);
-        packets.filter(|(_, sent)| !sent.is_request)
+        packets.filter(|(_, sent)| sent.is_write)
     }
 
     /// The reply to the newest request was taken. Whether the board had executed, since the reply
-    /// before, exactly the writes that were sent since, in their order.
+    /// before, exactly the writes that were sent since, its own included, in their order.
     pub fn heard(&mut self, link: &SimLink) -> bool {
         let newest = link.journal.iter().rposition(|sent| sent.is_request);
         let newest = newest.expect("a request was sent");
@@ -54,7 +54,7 @@ impl Truth {
             .collect();
         let due: Vec<usize> = self
             .writes(link)
-            .take_while(|(n, _)| *n < newest)
+            .take_while(|(n, _)| *n <= newest)
             .filter(|(_, sent)| sent.executed.iter().all(|at| *at > before))
             .map(|(n, _)| n)
             .filter(|n| !self.missing.contains(n))
@@ -82,10 +82,13 @@ impl Truth {
             lost += u64::from(request.replies.is_empty());
             doubled += request.replies.len().saturating_sub(1) as u64;
         }
-        let (mut lost_writes, mut repeated) = (0, 0);
+        let (mut lost_writes, mut repeated, mut is_answered) = (0, 0, false);
         for (_, write) in self.writes(link) {
             lost_writes += u64::from(write.executed.is_empty());
-            repeated += write.executed.len().saturating_sub(1) as u64;
+            // One that is answered, as a whole cycle is, shows by its second reply.
+            let again = write.executed.len().saturating_sub(1) as u64;
+            repeated += if write.is_request { 0 } else { again };
+            is_answered |= write.is_request;
         }
         let answered = after.exchanges - before.exchanges;
         assert_eq!(answered, packets.len() as u64, "seed {seed}: packets");
@@ -101,7 +104,11 @@ impl Truth {
             after.stale,
         );
         assert_eq!(nothing, (0, 0, 0, 0), "seed {seed}");
-        let each = [lost, after.late, doubled, lost_writes, self.late, repeated];
-        assert!(each.iter().all(|n| *n > 5), "seed {seed}: {each:?}");
+        let often = [lost, after.late, doubled, lost_writes];
+        let rare = [self.late, repeated];
+        // Of whole cycles a late one is mostly given up for lost, with its reply.
+        let least = if is_answered { 0 } else { 6 };
+        let all_happened = often.iter().all(|n| *n > 5) && rare.iter().all(|n| *n >= least);
+        assert!(all_happened, "seed {seed}: {often:?}, {rare:?}");
     }
 }
