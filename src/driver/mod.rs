@@ -17,9 +17,9 @@
 //! # What can fail, and what happens then
 //! In short; fault by fault in [`faults`].
 //! - A transfer of a remote: its inputs are not taken, not valid, and grow older. Too many of
-//!   them: the remote is set aside alone, its outputs are safe, and it is tried again with growing
+//!   them: the remote goes offline alone, its outputs are safe, and it is tried again with growing
 //!   pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
-//! - A remote reports a fault: it is set aside at once and not talked to, so that its own watchdog
+//! - A remote reports a fault: it goes offline at once and not talked to, so that its own watchdog
 //!   switches all its outputs off, and it is started again afterwards. See [`FaultPolicy`],
 //!   [`RemoteStatus::faults`], [`RemoteStatus::first_fault`].
 //! - The bus: nothing is taken; when it fails too often, everything is safe. See
@@ -54,12 +54,15 @@ mod recovery;
 mod remark;
 mod remotes;
 mod report;
-mod serial;
 mod settings;
 mod stop;
 
 pub use crate::modules::encoder::EncoderSetup;
 pub use crate::modules::gpio::GpioConfig;
+pub use crate::modules::serial::{
+    Failure, FailureCounts, FaultPolicy, OfflineReason, PortStatistics, RemoteState, RemoteStatus,
+    RemoteWatchdog, SerialPort, TimeHistogram,
+};
 pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
 pub use configure::Board;
 pub use connection::ConnectionPins;
@@ -68,10 +71,6 @@ pub use pace::{Pace, PaceError};
 pub use parameters::RemoteParameterError;
 pub use remark::{Remark, RemarkKind};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
-pub use serial::{
-    Failure, FailureCounts, FaultPolicy, PortStatistics, RemoteState, RemoteStatus, RemoteWatchdog,
-    SerialPort, SetAside, TimeHistogram,
-};
 pub use settings::Settings;
 pub use stop::ShutdownError;
 

@@ -11,9 +11,9 @@ use crate::sslbp::{
     Channel, ChannelStart, Port, PortError, StartFailure, StartMode, StartedRemote,
 };
 
-use super::serial::WATCHDOG_PARAMETER;
 use super::settings::WATCHDOG_FEEDS;
 use super::{BoardState, Driver};
+use crate::modules::serial::WATCHDOG_PARAMETER;
 
 /// Why a parameter of a remote was not written.
 #[derive(Debug, thiserror::Error)]
@@ -256,11 +256,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let Some(found) = self.parts.ports.get_mut(usize::from(port)) else {
             return Err(RemoteParameterError::NoSuchPort { port, ports });
         };
-        let result = in_setup(bus, &mut found.port, remote, write);
-        let stopped = found.port.stop_all(bus);
+        let result = in_setup(bus, found.port_mut(), remote, write);
+        let stopped = found.stop_all(bus);
         found.taken_over(&mut self.pins, bus.now());
         result?;
-        found.parameter_written(&mut self.pins, remote.channel, write);
+        found.parameter_written(&mut self.pins, remote.channel, write.place, write.raw);
         stopped.map_err(RemoteParameterError::Port)
     }
 }

@@ -42,7 +42,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Restarts a remote in the next cycles, which clears the faults it reports: at once, but for
-    /// one that was set aside not before its own watchdog must have bitten. Its outputs are safe
+    /// one that is offline not before its own watchdog must have bitten. Its outputs are safe
     /// until it is re-armed.
     pub fn restart(&mut self, port: u8, channel: Channel) {
         let now = self.bus.now();

@@ -11,12 +11,12 @@ use crate::discovery::{
 };
 use crate::driver::parameters::{ParameterWrite, RemoteParameterError};
 use crate::driver::remark;
-use crate::driver::serial::{Remote, RemoteFaultPins};
 use crate::driver::{
     MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort, StartError,
 };
 use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::modules::RegisterError;
+use crate::modules::serial::{Remote, RemoteFaultPins};
 use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode, StartedRemote,

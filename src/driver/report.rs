@@ -13,8 +13,8 @@ pub struct CycleReport {
     pub good: u32,
     /// Remotes whose transfer failed.
     pub failed: u32,
-    /// Remotes that were set aside just now.
-    pub set_aside: u32,
+    /// Remotes that went offline just now.
+    pub offline: u32,
     /// Ports whose transfer was not complete: the period is too short.
     pub too_short: u32,
     /// Writes that the bus has lost since the last read.
@@ -47,7 +47,7 @@ impl CycleReport {
     pub const fn is_good(&self) -> bool {
         matches!(self.board, BoardState::Running)
             && self.failed == 0
-            && self.set_aside == 0
+            && self.offline == 0
             && self.too_short == 0
             && self.lost_writes == 0
             && self.missed_periods == 0

@@ -178,7 +178,7 @@ impl Settings {
         self
     }
 
-    /// When remotes are set aside, and how they come back.
+    /// When remotes go offline, and how they come back.
     #[must_use]
     pub fn fault_policy(mut self, policy: FaultPolicy) -> Self {
         self.policy = policy;

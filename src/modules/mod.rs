@@ -14,6 +14,7 @@ pub mod led;
 pub mod outputs;
 pub mod pwm;
 mod registrar;
+pub mod serial;
 pub mod watchdog;
 
 pub use error::RegisterError;

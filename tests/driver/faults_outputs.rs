@@ -6,7 +6,7 @@ use core::any::Any;
 use core::ops::RangeInclusive;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device};
-use mesa_hal::driver::{RemoteState, SetAside};
+use mesa_hal::driver::{OfflineReason, RemoteState};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
@@ -349,9 +349,9 @@ fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_o
     }
 }
 
-fn reason(machine: &Machine, channel: usize) -> Option<SetAside> {
+fn reason(machine: &Machine, channel: usize) -> Option<OfflineReason> {
     match machine.status(channel).state() {
-        RemoteState::SetAside { reason, .. } | RemoteState::Restarting { reason } => Some(reason),
+        RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => Some(reason),
         _ => None,
     }
 }
@@ -368,8 +368,8 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
         cycle(&mut machine, |_| {});
         let status = machine.status(FIELD);
         if let Some(reason) = reason(&machine, FIELD) {
-            assert_eq!(reason, SetAside::FieldPower(low));
-            assert_eq!(status.first_fault(), Some(SetAside::FieldPower(low)));
+            assert_eq!(reason, OfflineReason::FieldPower(low));
+            assert_eq!(status.first_fault(), Some(OfflineReason::FieldPower(low)));
         }
         attempts = machine.driver.ports()[0].statistics().starts;
     }
@@ -378,7 +378,11 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
     field.set_field_volts(now, 24.0).unwrap();
     machine.until(2000, |machine| machine.is_valid(FIELD));
     let first = machine.status(FIELD).first_fault();
-    assert_eq!(first, Some(SetAside::FieldPower(low)), "still not re-armed");
+    assert_eq!(
+        first,
+        Some(OfflineReason::FieldPower(low)),
+        "still not re-armed"
+    );
     // Another fault before anybody has re-armed it changes nothing.
     machine.cable(FIELD).unplug();
     machine.until(40, |machine| !machine.is_running(FIELD));

@@ -2,7 +2,7 @@
 //! safe, and how a remote comes back.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::driver::{Failure, RemoteConfig, RemoteState, SerialConfig, SetAside};
+use mesa_hal::driver::{Failure, OfflineReason, RemoteConfig, RemoteState, SerialConfig};
 use mesa_hal::sim::devices::{FieldIo, Outputs48};
 use mesa_hal::sim::remote::{Cable, Toward, WireFault};
 use mesa_hal::sslbp::RemoteFaults;
@@ -140,7 +140,7 @@ fn faults_of_one_request_are_survived_as_a_missing_reply() {
     }
 }
 
-/// A remote's whole way: gone, set aside, back, safe, re-armed.
+/// A remote's whole way: gone, offline, back, safe, re-armed.
 fn comes_back(
     mut machine: Machine,
     channel: usize,
@@ -153,7 +153,7 @@ fn comes_back(
     assert!(machine.bit(&format!("{}.running", prefix(&machine, ANALOG))));
     // The others are served while nothing is tried.
     others_go_on(&mut machine, channel, 60);
-    assert!(gone <= 22, "set aside after {gone} cycles");
+    assert!(gone <= 22, "offline after {gone} cycles");
     repair(&mut machine);
     machine.until(11_000, |machine| machine.is_running(channel));
     machine.cycles(5);
@@ -221,7 +221,7 @@ fn an_unplugged_remote_switches_off_by_itself_and_says_so_when_it_is_back() {
     );
 }
 
-/// The plug is out for shorter than it takes to be set aside, and longer than the remote's
+/// The plug is out for shorter than it takes to go offline, and longer than the remote's
 /// watchdog allows: it answers again, with a bitten watchdog.
 #[test]
 fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
@@ -233,7 +233,7 @@ fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
     let mut seen = None;
     machine.until(10, |machine| {
         seen = match machine.status(FIELD).state() {
-            RemoteState::SetAside { reason, .. } | RemoteState::Restarting { reason } => {
+            RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
                 assert!(machine.bit("7i77.0.0.fault-watchdog"));
                 Some(reason)
             }
@@ -241,7 +241,7 @@ fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
         };
         seen.is_some()
     });
-    assert_eq!(seen, Some(SetAside::Watchdog));
+    assert_eq!(seen, Some(OfflineReason::Watchdog));
     for channel in [FIELD, ANALOG, OUTPUTS] {
         assert!(!machine.is_armed(channel) && !machine.is_valid(channel));
     }
@@ -332,8 +332,8 @@ fn another_device_on_the_channel_is_not_taken_over() {
     machine.until(2000, |machine| {
         matches!(
             machine.status(FIELD).state(),
-            RemoteState::SetAside {
-                reason: SetAside::AnotherDevice { .. },
+            RemoteState::Offline {
+                reason: OfflineReason::AnotherDevice { .. },
                 ..
             }
         )
@@ -365,8 +365,8 @@ fn a_card_of_the_same_kind_with_another_unit_number_is_not_taken_over() {
     assert!(
         matches!(
             state,
-            RemoteState::SetAside {
-                reason: SetAside::AnotherDevice { unit_number, .. },
+            RemoteState::Offline {
+                reason: OfflineReason::AnotherDevice { unit_number, .. },
                 ..
             } if unit_number == 0x1200_0002
         ),

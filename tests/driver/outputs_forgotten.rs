@@ -15,7 +15,7 @@ use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 
-/// The remote is unplugged until it is set aside, then comes back.
+/// The remote is unplugged until it is offline, then comes back.
 fn away_and_back<B: World>(machine: &mut Machine<B>, channel: usize) {
     machine.cable(channel).unplug();
     machine.until(40, |machine| !machine.is_running(channel));

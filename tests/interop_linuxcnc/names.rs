@@ -68,7 +68,7 @@ const ONLY_OURS: Reasons = &[
         "LinuxCNC shows it under its other name",
     ),
     ("7i*.fault-*", "each fault of a remote is a pin of its own"),
-    ("7i*.running", "remotes are set aside alone"),
+    ("7i*.running", "remotes go offline alone"),
     ("7i*.failures", "failures are counted for each remote"),
     ("7i*.restarts", "remotes come back by themselves"),
     ("sserial.port-*.transfers", "statistics"),

@@ -144,7 +144,7 @@ fn assert_has_lived(machine: &Machine<Faulty<SimFpga>>) {
         assert!(remote.transfers() > 10_000);
         assert!(!matches!(
             remote.state(),
-            RemoteState::SetAside {
+            RemoteState::Offline {
                 next_attempt: None,
                 ..
             }

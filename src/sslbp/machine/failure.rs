@@ -59,37 +59,44 @@ impl fmt::Display for Failure {
 
 /// How often each [`Failure`] happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FailureCounts([u64; Failure::ALL.len()]);
+pub struct FailureCounts {
+    counts: [u64; Failure::ALL.len()],
+    total: u64,
+}
 
 impl FailureCounts {
     pub(super) const fn new() -> Self {
-        Self([0; Failure::ALL.len()])
+        Self {
+            counts: [0; Failure::ALL.len()],
+            total: 0,
+        }
     }
 
     /// How often this one happened.
     pub fn of(&self, failure: Failure) -> u64 {
-        self.0.get(failure as usize).copied().unwrap_or(0)
+        self.counts.get(failure as usize).copied().unwrap_or(0)
     }
 
     /// All failures together, without the transfers discarded after them.
-    pub fn total(&self) -> u64 {
-        self.0.iter().sum::<u64>() - self.of(Failure::Doubtful)
+    pub const fn total(&self) -> u64 {
+        self.total
     }
 
     /// Each failure with its count.
     pub fn iter(&self) -> impl Iterator<Item = (Failure, u64)> + '_ {
-        Failure::ALL.into_iter().zip(self.0)
+        Failure::ALL.into_iter().zip(self.counts)
     }
 
     pub(super) fn add(&mut self, failure: Failure) {
-        if let Some(count) = self.0.get_mut(failure as usize) {
+        if let Some(count) = self.counts.get_mut(failure as usize) {
             *count += 1;
         }
+        self.total += u64::from(failure != Failure::Doubtful);
     }
 
     /// A reply that was taken for lost turns out to be late.
     pub(super) fn lost_was_late(&mut self) {
-        let [no_reply, late, ..] = &mut self.0;
+        let [no_reply, late, ..] = &mut self.counts;
         *no_reply = no_reply.saturating_sub(1);
         *late += 1;
     }

@@ -94,6 +94,7 @@ impl Link {
         self.cs = cs;
         self.told = told;
         self.known_faults = cs.local_faults();
+        self.verdict = Verdict::Failed(Failure::NotRunning);
         self.last_failure = None;
         self.discard = 0;
         self.good = 0;
@@ -102,6 +103,11 @@ impl Link {
     /// Judges a transfer that is complete: CS, and the channel's bit in DATA.
     pub(super) fn judge(&mut self, cs: CsStatus, has_failed: bool) -> Verdict {
         self.transfers += 1;
+        if cs == self.cs && self.verdict == Verdict::Good && !has_failed && self.discard == 0 {
+            // As the one before.
+            self.good += 1;
+            return Verdict::Good;
+        }
         self.cs = cs;
         let new_faults = cs.local_faults().difference(self.known_faults);
         self.known_faults = cs.local_faults();

@@ -1,3 +1,5 @@
+mod absent;
+
 use super::super::health::Expected;
 use super::super::{Failure, RemoteWatchdog};
 use super::*;
@@ -79,10 +81,7 @@ impl Rig {
         rig.machine.written(rig.now, true);
         rig.read();
         for channel in both.iter() {
-            let expected = Expected {
-                told: told(channel.index()),
-                unit_mask: u32::MAX,
-            };
+            let expected = Expected::exactly(told(channel.index()));
             let health = Health::new(expected, RemoteWatchdog::Assumed, policy.first_backoff);
             rig.recovery.add(channel, health);
         }
@@ -113,11 +112,11 @@ impl Rig {
         self.write()
     }
 
-    fn set_aside_channel_1(&mut self) {
+    fn channel_1_goes_offline(&mut self) {
         self.write();
         self.seen.cs[1] = STOPPED;
         let outcome = self.read();
-        assert_eq!(outcome.set_aside.bits(), 2);
+        assert_eq!(outcome.offline.bits(), 2);
     }
 
     /// Runs cycles until another command than a DOIT is written.
@@ -201,7 +200,7 @@ fn a_write_that_failed_is_treated_as_one_that_may_have_happened() {
 }
 
 #[test]
-fn twenty_cycles_without_data_set_one_remote_aside_and_the_other_goes_on() {
+fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
     let mut rig = Rig::new();
     rig.seen.data = 2;
     rig.seen.cs[1] = 0x0042_2008;
@@ -209,15 +208,15 @@ fn twenty_cycles_without_data_set_one_remote_aside_and_the_other_goes_on() {
         assert_eq!(rig.write(), 0x1003);
         let outcome = rig.read();
         assert_eq!(outcome.good.bits(), 1);
-        assert_eq!(outcome.set_aside.bits(), if n == 11 { 2 } else { 0 });
+        assert_eq!(outcome.offline.bits(), if n == 11 { 2 } else { 0 });
         assert_eq!(rig.write(), 0x1001, "its line has to be idle for a while");
         assert_eq!(rig.read().good.bits(), 1);
     }
     assert_eq!(rig.write(), 0x1001, "it is no longer asked");
     assert!(matches!(
         rig.recovery.remote(Channel::ALL[1]).unwrap().state,
-        RemoteState::SetAside {
-            reason: SetAside::TooManyFailures(Failure::NoReply),
+        RemoteState::Offline {
+            reason: OfflineReason::TooManyFailures(Failure::NoReply),
             next_attempt: Some(_)
         }
     ));
@@ -227,7 +226,7 @@ fn twenty_cycles_without_data_set_one_remote_aside_and_the_other_goes_on() {
 #[test]
 fn a_remote_comes_back_in_small_steps() {
     let mut rig = Rig::new();
-    rig.set_aside_channel_1();
+    rig.channel_1_goes_offline();
     assert_eq!(rig.until_not_doit(), 0x0802);
     assert_eq!(rig.cycle(), 0x1001, "the other is served before the START");
     rig.seen.cs[1] = STOPPED;
@@ -257,7 +256,7 @@ fn a_remote_comes_back_in_small_steps() {
 fn another_device_on_the_channel_is_not_taken_over() {
     for change in [0, 1, 2] {
         let mut rig = Rig::new();
-        rig.set_aside_channel_1();
+        rig.channel_1_goes_offline();
         rig.until_not_doit();
         rig.seen.cs[1] = STOPPED;
         rig.cycle();
@@ -266,13 +265,10 @@ fn another_device_on_the_channel_is_not_taken_over() {
         rig.seen.start[1][change] ^= 1;
         rig.read();
         let state = rig.recovery.remote(Channel::ALL[1]).unwrap().state;
-        assert!(matches!(
-            state,
-            RemoteState::SetAside {
-                reason: SetAside::AnotherDevice { .. },
-                ..
-            }
-        ));
+        let RemoteState::Offline { reason, .. } = state else {
+            panic!("{state:?}");
+        };
+        assert!(reason.is_about_identity(), "{reason}");
         assert_eq!(rig.write(), 0x1001);
     }
 }
@@ -280,7 +276,7 @@ fn another_device_on_the_channel_is_not_taken_over() {
 #[test]
 fn an_absent_remote_is_tried_less_and_less_often() {
     let mut rig = Rig::new();
-    rig.set_aside_channel_1();
+    rig.channel_1_goes_offline();
     let mut attempts = Vec::new();
     while rig.now < Instant::from_nanos(20_000_000_000) {
         rig.seen.cs[1] = STOPPED;
@@ -302,7 +298,7 @@ fn a_bitten_watchdog_restarts_the_remote_at_once() {
     rig.write();
     rig.seen.cs[1] = 0x0142_2140;
     let outcome = rig.read();
-    assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
+    assert_eq!((outcome.good.bits(), outcome.offline.bits()), (1, 2));
     assert_eq!(rig.write(), 0x0802);
 }
 
@@ -314,7 +310,7 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
         rig.write();
         rig.seen.cs[1] = 0x0042_2140 | 1 << (24 + bit);
         let outcome = rig.read();
-        assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
+        assert_eq!((outcome.good.bits(), outcome.offline.bits()), (1, 2));
         let told = rig.now;
         assert_eq!(rig.write(), 0x1001);
         // Whatever the application asks for.
@@ -373,10 +369,10 @@ fn pauses_grow_also_for_a_remote_that_was_healthy_before() {
     for _ in 0..2000 {
         rig.cycle();
     }
-    rig.set_aside_channel_1();
-    let set_aside = rig.now;
+    rig.channel_1_goes_offline();
+    let offline = rig.now;
     let mut starts = 0;
-    while rig.now.since(set_aside) < Duration::from_secs(60) {
+    while rig.now.since(offline) < Duration::from_secs(60) {
         rig.seen.cs[1] = STOPPED;
         if rig.cycle() == 0x0902 {
             starts += 1;
@@ -395,7 +391,7 @@ fn inputs_without_field_power_are_not_taken_and_the_remote_is_tried_again_later(
     rig.write();
     rig.seen.cs[1] = 0x2042_2140;
     let outcome = rig.read();
-    assert_eq!((outcome.good.bits(), outcome.set_aside.bits()), (1, 2));
+    assert_eq!((outcome.good.bits(), outcome.offline.bits()), (1, 2));
     let before = rig.now;
     assert_eq!(rig.until_not_doit(), 0x0802);
     assert_eq!(rig.now.since(before), Duration::from_millis(100));
@@ -413,7 +409,7 @@ fn a_stuck_command_is_freed_by_the_one_safe_way_out() {
     assert_eq!(cycles, 20);
     assert_eq!(rig.recovery.statistics.stuck, 1);
     rig.seen.command = 0;
-    assert_eq!(rig.read().set_aside.bits(), 3, "nobody knows what was sent");
+    assert_eq!(rig.read().offline.bits(), 3, "nobody knows what was sent");
     assert_eq!(rig.write(), 0x8000_0000);
     assert_eq!(
         rig.until_not_stopped(),

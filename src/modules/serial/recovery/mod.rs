@@ -1,17 +1,20 @@
-//! The remotes of a port in the cycle: which operation is next, who is set aside, and how they come
+//! The remotes of a port in the cycle: which operation is next, who is offline, and how they come
 //! back. A layer on [`Machine`]: it knows neither bus nor pins.
+
+mod restart;
+#[cfg(test)]
+mod tests;
 
 use core::time::Duration;
 
 use super::attempts::Cost;
 use super::health::Health;
 use super::statistics::PortStatistics;
-use super::{FaultPolicy, RemoteState, RemoteWatchdog, SetAside};
+use super::{FaultPolicy, OfflineReason, RemoteState};
 use crate::bus::Instant;
 use crate::sslbp::{
-    Channel, ChannelMask, ChannelVariable, Command, Complete, CsStatus, Event, Failure,
-    MAX_CHANNELS, Machine, Observed, Operation, PortParameters, ProcessDataSizes, StartMode,
-    Verdict,
+    Channel, ChannelMask, ChannelVariable, Command, Complete, Event, Failure, MAX_CHANNELS,
+    Machine, Observed, Operation, PortParameters, StartMode, Verdict,
 };
 
 /// What a read means.
@@ -21,8 +24,8 @@ pub(crate) struct Outcome {
     pub good: ChannelMask,
     /// Channels with a transfer whose data must not be used.
     pub failed: ChannelMask,
-    /// Channels that were set aside just now.
-    pub set_aside: ChannelMask,
+    /// Channels that went offline just now.
+    pub offline: ChannelMask,
     /// The transfer was not complete in time.
     pub too_short: bool,
     /// When the transfer was started that `good` and `failed` are about, and how many reads could
@@ -64,10 +67,17 @@ enum Restart {
 #[derive(Debug)]
 pub(crate) struct Recovery {
     remotes: [Option<Health>; MAX_CHANNELS as usize],
+    known: ChannelMask,
+    /// Those that transfer.
+    running: ChannelMask,
+    /// Those with failures that good transfers have not made up for.
+    troubled: ChannelMask,
+    /// Those that were offline since they were armed last.
+    marked: ChannelMask,
     parameters: PortParameters,
     pub policy: FaultPolicy,
     pub run: bool,
-    /// The port is switched off, and its remotes have been told safe values.
+    /// The port is switched off, and safe values were sent to its remotes.
     told_off: bool,
     pub statistics: PortStatistics,
     restart: Restart,
@@ -81,15 +91,16 @@ pub(crate) struct Recovery {
 
 /// The way out is not tried more often than this.
 const BETWEEN_FREES: Duration = Duration::from_secs(1);
-/// Other remotes' watchdogs allow 50 ms without process data (FACTS 1.5); a restart takes up to
-/// 18 ms, and this much lies between two.
-const BETWEEN_RESTARTS: Duration = Duration::from_millis(60);
 
 impl Recovery {
     /// A port without remotes.
     pub fn new(parameters: PortParameters, policy: FaultPolicy, now: Instant) -> Self {
         Self {
             remotes: [const { None }; MAX_CHANNELS as usize],
+            known: ChannelMask::NONE,
+            running: ChannelMask::NONE,
+            troubled: ChannelMask::NONE,
+            marked: ChannelMask::NONE,
             parameters,
             policy,
             run: true,
@@ -107,7 +118,16 @@ impl Recovery {
     pub fn add(&mut self, channel: Channel, health: Health) {
         if let Some(place) = self.remotes.get_mut(usize::from(channel.index())) {
             *place = Some(health);
+            self.known = self.known.union(channel.mask());
+            self.update();
         }
+    }
+
+    /// Something other than good transfers has happened.
+    fn update(&mut self) {
+        self.running = self.mask(Health::is_running);
+        self.troubled = self.mask(Health::is_troubled);
+        self.marked = self.mask(|remote| remote.first_fault.is_some());
     }
 
     pub fn remote(&self, channel: Channel) -> Option<&Health> {
@@ -129,21 +149,27 @@ impl Recovery {
         mask
     }
 
+    /// Channels to be looked at whether their remotes have been armed.
+    pub const fn marked(&self) -> ChannelMask {
+        self.marked.intersection(self.running)
+    }
+
     /// The outputs of a remote follow the application.
     pub fn armed(&mut self, channel: Channel) {
         if let Some(remote) = self.remote_mut(channel) {
             remote.armed();
+            self.update();
         }
     }
 
     /// Channels with a remote.
-    pub fn known(&self) -> ChannelMask {
-        self.mask(|_| true)
+    pub const fn known(&self) -> ChannelMask {
+        self.known
     }
 
     /// Channels that transfer.
-    pub fn running(&self) -> ChannelMask {
-        self.mask(Health::is_running)
+    pub const fn running(&self) -> ChannelMask {
+        self.running
     }
 
     /// Whether the next read must show the interface registers as START leaves them.
@@ -162,19 +188,26 @@ impl Recovery {
 
     /// The largest `fault-count` of its remotes.
     pub fn fault_count(&self) -> u32 {
+        if self.troubled.is_empty() {
+            return 0;
+        }
         let counts = self.remotes.iter().flatten().map(|r| r.fault_count);
         counts.max().unwrap_or(0)
     }
 
-    /// Whether every remote was found stopped, without a STOP command.
-    pub fn appears_reset(&self) -> bool {
-        self.remotes.iter().flatten().all(|remote| {
-            matches!(remote.state, RemoteState::SetAside { .. })
-                && matches!(remote.cause, Some(SetAside::NotRunning(cs)) if cs.is_stopped())
-        })
+    /// Whether every remote that has run was found stopped, without a STOP command; `None` if none
+    /// has run.
+    pub fn appears_reset(&self) -> Option<bool> {
+        let mut ran = self.remotes.iter().flatten().filter(|r| r.has_run);
+        let is_stopped = |remote: &Health| {
+            matches!(remote.state, RemoteState::Offline { .. })
+                && matches!(remote.cause, Some(OfflineReason::NotRunning(cs)) if cs.is_stopped())
+        };
+        let first = ran.next()?;
+        Some(is_stopped(first) && ran.all(is_stopped))
     }
 
-    /// Notes when a transfer was complete, where somebody polled for it.
+    /// Counts the time of a transfer that is polled for and is complete.
     pub fn transfer_complete(&mut self, machine: &Machine, now: Instant) {
         if let (true, Some(issued)) = (is_transferring(machine), machine.issued())
             && !core::mem::replace(&mut self.is_measured, true)
@@ -203,21 +236,45 @@ impl Recovery {
             }
             Event::Idle | Event::Settling(_) => return Outcome::default(),
         };
+        if let Operation::Transfer(mask) = complete.operation
+            && complete.good == mask
+            && self.troubled.is_empty()
+        {
+            self.statistics.transfers += 1;
+            return Outcome {
+                good: complete.good,
+                started: complete.issued,
+                reads_before: complete.reads_before,
+                ..Outcome::default()
+            };
+        }
+        let outcome = self.completed(machine, now, &complete, seen);
+        self.update();
+        outcome
+    }
+
+    fn completed(
+        &mut self,
+        machine: &Machine,
+        now: Instant,
+        complete: &Complete,
+        seen: &impl Observed,
+    ) -> Outcome {
         match complete.operation {
             Operation::Transfer(_) if complete.certain => {
                 self.statistics.transfers += 1;
-                self.transferred(machine, now, &complete)
+                self.transferred(machine, now, complete)
             }
             Operation::Transfer(_) => {
                 self.statistics.unknown += 1;
-                self.transferred(machine, now, &complete)
+                self.transferred(machine, now, complete)
             }
             Operation::Stop(_) => {
-                self.stopped(machine, now, &complete, seen);
+                self.stopped(machine, now, complete, seen);
                 Outcome::default()
             }
             Operation::Start(..) => {
-                self.started(machine, now, &complete, seen);
+                self.started(machine, now, complete, seen);
                 Outcome::default()
             }
             // Otherwise it is read again.
@@ -225,7 +282,7 @@ impl Recovery {
                 self.measured(machine, now, seen.data() as u8);
                 Outcome::default()
             }
-            Operation::Free => self.set_all_aside(machine, now),
+            Operation::Free => self.all_offline(machine, now),
             _ => Outcome::default(),
         }
     }
@@ -238,7 +295,7 @@ impl Recovery {
             reads_before: complete.reads_before,
             ..Outcome::default()
         };
-        for channel in complete.good.iter() {
+        for channel in complete.good.intersection(self.troubled).iter() {
             if let Some(remote) = self.remote_mut(channel) {
                 remote.count_good(policy.fault_dec);
             }
@@ -252,9 +309,9 @@ impl Recovery {
                 Verdict::Good => None,
                 Verdict::Faulty(faults) => {
                     remote.faults = faults;
-                    SetAside::of_faults(faults)
+                    OfflineReason::of_faults(faults)
                 }
-                Verdict::Failed(Failure::NotRunning) => Some(SetAside::NotRunning(link.cs())),
+                Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs())),
                 Verdict::Failed(Failure::Doubtful) => {
                     outcome.failed = outcome.failed.union(channel.mask());
                     None
@@ -264,15 +321,15 @@ impl Recovery {
                     remote.rest_until = now.after(policy.rest);
                     remote.count_fault(policy.fault_inc);
                     (remote.fault_count >= policy.fault_lim)
-                        .then_some(SetAside::TooManyFailures(failure))
+                        .then_some(OfflineReason::TooManyFailures(failure))
                 }
             };
             if let Some(reason) = reason {
-                outcome.set_aside = outcome.set_aside.union(channel.mask());
-                remote.set_aside(now, reason, link.good_since_start(), &policy);
+                outcome.offline = outcome.offline.union(channel.mask());
+                remote.go_offline(now, reason, link.good_since_start(), &policy);
             }
         }
-        outcome.failed = outcome.failed.difference(outcome.set_aside);
+        outcome.failed = outcome.failed.difference(outcome.offline);
         outcome
     }
 
@@ -312,12 +369,17 @@ impl Recovery {
     }
 
     fn choose(&mut self, now: Instant, hold: bool) -> Option<Operation> {
-        let running = self.running();
-        let ready = self.mask(|remote| remote.is_running() && remote.rest_until <= now);
+        let running = self.running;
+        // What rests has failed.
+        let ready = if self.troubled.is_empty() {
+            running
+        } else {
+            self.mask(|remote| remote.is_running() && remote.rest_until <= now)
+        };
         let transfer = |mask: ChannelMask| (!mask.is_empty()).then_some(Operation::Transfer(mask));
         if !self.run {
             self.end_restart(now);
-            // Outputs are safe already: the remotes are told before nobody talks to them any more.
+            // Outputs are safe already, and a last transfer takes that to the remotes.
             if !running.is_empty() && !core::mem::replace(&mut self.told_off, true) {
                 return transfer(running);
             }
@@ -367,226 +429,6 @@ impl Recovery {
     }
 }
 
-/// How remotes come back: STOP, START, and what START found.
-impl Recovery {
-    /// Tries a remote again at once, whatever its pause; not before its outputs must be off.
-    pub fn restart_now(&mut self, channel: Channel, now: Instant) {
-        let policy = self.policy;
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.ask_for_restart(now, &policy);
-        }
-    }
-
-    /// The port was used for something else: all remotes are stopped.
-    pub fn taken_over(&mut self) {
-        self.restart = Restart::None;
-        self.cost = Cost::default();
-    }
-
-    pub fn set_watchdog(&mut self, channel: Channel, watchdog: RemoteWatchdog) {
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.watchdog = watchdog;
-        }
-    }
-
-    fn set_aside(&mut self, machine: &Machine, now: Instant, channel: Channel, reason: SetAside) {
-        let policy = self.policy;
-        let good = machine.link(channel).good_since_start();
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.set_aside(now, reason, good, &policy);
-        }
-    }
-
-    /// COMMAND had to be freed: what was sent to whom is not known.
-    fn set_all_aside(&mut self, machine: &Machine, now: Instant) -> Outcome {
-        self.end_restart(now);
-        let known = self.known();
-        for channel in known.iter() {
-            self.set_aside(machine, now, channel, SetAside::PortStuck);
-        }
-        Outcome {
-            set_aside: known,
-            ..Outcome::default()
-        }
-    }
-
-    /// Channels whose time to be tried again has come.
-    fn due(&self, now: Instant) -> ChannelMask {
-        if now < self.no_restart_before {
-            return ChannelMask::NONE;
-        }
-        let due = self.mask(|remote| match remote.state {
-            RemoteState::SetAside { next_attempt, .. } => {
-                next_attempt.is_some_and(|time| time <= now)
-            }
-            // Left over from a command that was lost.
-            RemoteState::Restarting { .. } => true,
-            RemoteState::Running => false,
-        });
-        if due.is_empty() || !self.is_free(due) && !self.cost.allows(now, &self.policy) {
-            return ChannelMask::NONE;
-        }
-        due.union(self.along_with(due, now))
-    }
-
-    /// One START that waits for a remote which does not answer takes as long as one that waits for
-    /// several: those that did not answer before are all tried with the first of them.
-    fn along_with(&self, due: ChannelMask, now: Instant) -> ChannelMask {
-        let failed = self.mask(|remote| remote.attempts.has_failed);
-        if due.intersection(failed).is_empty() {
-            return ChannelMask::NONE;
-        }
-        self.mask(|remote| {
-            let is_planned = matches!(
-                remote.state,
-                RemoteState::SetAside {
-                    next_attempt: Some(_),
-                    ..
-                }
-            );
-            is_planned && remote.attempts.has_failed && remote.attempts.silent_until <= now
-        })
-    }
-
-    /// Nobody else is there, or the application has asked for it: the cost does not count.
-    fn is_free(&self, due: ChannelMask) -> bool {
-        let asked = self.mask(|remote| remote.attempts.is_asked_for);
-        self.running().is_empty() || !due.intersection(asked).is_empty()
-    }
-
-    fn begin_restart(&mut self, now: Instant, due: ChannelMask) -> Operation {
-        if !self.is_free(due) {
-            self.cost.begin(now);
-        }
-        for channel in due.iter() {
-            if let Some(remote) = self.remote_mut(channel) {
-                remote.restarting();
-            }
-        }
-        Operation::Stop(due)
-    }
-
-    fn end_restart(&mut self, now: Instant) {
-        self.restart = Restart::None;
-        self.cost.end(now, &self.policy);
-    }
-
-    /// STOP is complete.
-    fn stopped(
-        &mut self,
-        machine: &Machine,
-        now: Instant,
-        complete: &Complete,
-        seen: &impl Observed,
-    ) {
-        for channel in complete.bad.iter() {
-            let cs = CsStatus::from_register(seen.cs(channel));
-            self.set_aside(machine, now, channel, SetAside::DidNotStart(cs));
-        }
-        let wanted = self.mask(|remote| matches!(remote.state, RemoteState::Restarting { .. }));
-        let mask = complete.good.intersection(wanted);
-        if mask.is_empty() {
-            self.end_restart(now);
-        } else {
-            self.restart = Restart::Stopped {
-                mask,
-                others_served: false,
-            };
-        }
-    }
-
-    /// START is complete.
-    fn started(
-        &mut self,
-        machine: &Machine,
-        now: Instant,
-        complete: &Complete,
-        seen: &impl Observed,
-    ) {
-        if self.restart == Restart::Starting {
-            self.no_restart_before = now.after(BETWEEN_RESTARTS);
-        }
-        for channel in complete.bad.iter() {
-            let cs = CsStatus::from_register(seen.cs(channel));
-            if let Some(remote) = self.remote_mut(channel) {
-                remote.did_not_start(cs);
-                self.set_aside(machine, now, channel, SetAside::DidNotStart(cs));
-            }
-        }
-        let mut unknown = ChannelMask::NONE;
-        for channel in complete.good.iter() {
-            let told = machine.link(channel).told();
-            let Some(remote) = self.remote_mut(channel) else {
-                continue;
-            };
-            if !remote.expected.fits(told) {
-                let [unit_number, name, _] = told;
-                self.set_aside(
-                    machine,
-                    now,
-                    channel,
-                    SetAside::AnotherDevice { name, unit_number },
-                );
-            } else if remote.has_run {
-                remote.restarted(told);
-            } else {
-                unknown = unknown.union(channel.mask());
-            }
-        }
-        if unknown.is_empty() {
-            self.end_restart(now);
-        } else {
-            self.restart = Restart::Measuring {
-                mask: unknown,
-                rx: None,
-            };
-        }
-    }
-
-    /// A size of a remote that has not run before was read.
-    fn measured(&mut self, machine: &Machine, now: Instant, size: u8) {
-        let Restart::Measuring { mask, rx } = self.restart else {
-            return;
-        };
-        let Some(channel) = mask.iter().next() else {
-            return self.end_restart(now);
-        };
-        let Some(rx) = rx else {
-            self.restart = Restart::Measuring {
-                mask,
-                rx: Some(size),
-            };
-            return;
-        };
-        let found = ProcessDataSizes { rx, tx: size };
-        let expected = machine.link(channel).sizes();
-        if found != expected {
-            self.set_aside(
-                machine,
-                now,
-                channel,
-                SetAside::OtherSizes { found, expected },
-            );
-        } else if let Some(remote) = self.remote_mut(channel) {
-            remote.restarted(machine.link(channel).told());
-        }
-        let mask = mask.difference(channel.mask());
-        if mask.is_empty() {
-            self.end_restart(now);
-        } else {
-            self.restart = Restart::Measuring { mask, rx: None };
-        }
-    }
-
-    /// The application has switched the port off.
-    fn stop_for_good(&mut self, running: ChannelMask) -> Option<Operation> {
-        for remote in self.remotes.iter_mut().flatten() {
-            remote.stop_for_good();
-        }
-        (!running.is_empty()).then_some(Operation::Stop(running))
-    }
-}
-
 /// Whether a transfer is in flight.
 pub(crate) fn is_transferring(machine: &Machine) -> bool {
     matches!(machine.in_flight(), Some(Operation::Transfer(_)))
@@ -596,6 +438,3 @@ pub(crate) fn is_transferring(machine: &Machine) -> bool {
 pub(crate) fn is_stopping(machine: &Machine) -> bool {
     matches!(machine.in_flight(), Some(Operation::Stop(_)))
 }
-
-#[cfg(test)]
-mod tests;

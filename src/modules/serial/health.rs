@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::attempts::Attempts;
-use super::{FaultPolicy, RemoteWatchdog, SetAside};
+use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::sslbp::{ComState, CsStatus, RemoteFaults};
 
@@ -13,22 +13,52 @@ const HEALTHY: u64 = 1000;
 /// What START must tell of a remote: interface registers 0 to 2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Expected {
+    /// Unit number, name, GTOC and PTOC.
     pub told: [u32; 3],
-    /// The bits of its unit number that count: all of one that has run, its class of one that has
-    /// not.
+    /// The bits of its unit number that count: its class is known of one that was never there.
     pub unit_mask: u32,
+    /// The bits of its tables that count: none if they are not known, and its sizes decide.
+    pub tables_mask: u32,
 }
 
 impl Expected {
-    pub fn fits(&self, told: [u32; 3]) -> bool {
-        let ([unit, name, tables], [other, other_name, other_tables]) = (self.told, told);
-        (unit ^ other) & self.unit_mask == 0 && name == other_name && tables == other_tables
+    /// This one, and no other of its kind.
+    pub const fn exactly(told: [u32; 3]) -> Self {
+        Self {
+            told,
+            unit_mask: u32::MAX,
+            tables_mask: u32::MAX,
+        }
+    }
+
+    /// One that was never there. `unit_number` holds its class in the top byte, or is 0; `tables`
+    /// hold GTOC and PTOC, or are 0.
+    pub const fn of_kind(unit_number: u32, name: u32, tables: u32) -> Self {
+        Self {
+            told: [unit_number, name, tables],
+            unit_mask: if unit_number == 0 { 0 } else { 0xFF00_0000 },
+            tables_mask: if tables == 0 { 0 } else { u32::MAX },
+        }
+    }
+
+    /// Why the remote that tells this is not the one.
+    pub fn refuses(&self, told: [u32; 3]) -> Option<OfflineReason> {
+        let ([unit, name, tables], [unit_number, told_name, found]) = (self.told, told);
+        if (unit ^ unit_number) & self.unit_mask != 0 || name != told_name {
+            let name = told_name;
+            return Some(OfflineReason::AnotherDevice { name, unit_number });
+        }
+        let is_other = (tables ^ found) & self.tables_mask != 0;
+        is_other.then_some(OfflineReason::OtherTables {
+            found,
+            expected: tables,
+        })
     }
 }
 
 /// What a remote on a channel is doing.
 ///
-/// A remote that is set aside gets no frame: neither process data nor a START, until the time of
+/// A remote that is offline gets no frame: neither process data nor a START, until the time of
 /// its [watchdog](super::RemoteWatchdog) and a fifth more is over since it was last talked to. By
 /// then its outputs are off, all of them, whatever it had been told and whatever fault it has. After
 /// a START that succeeds it gets safe values until it is re-armed.
@@ -37,18 +67,18 @@ impl Expected {
 pub enum RemoteState {
     /// It transfers process data.
     Running,
-    /// It is set aside; the driver tries to bring it back at the given time.
-    SetAside {
+    /// It is offline; the driver tries to bring it back at the given time.
+    Offline {
         /// Why: the first reason since it was re-armed last, until another device is found in its
         /// place.
-        reason: SetAside,
+        reason: OfflineReason,
         /// When it is tried next, at the earliest; `None`: when the application asks for it.
         next_attempt: Option<Instant>,
     },
     /// It is being restarted.
     Restarting {
-        /// Why it was set aside.
-        reason: SetAside,
+        /// Why it was offline.
+        reason: OfflineReason,
     },
 }
 
@@ -58,17 +88,17 @@ pub(crate) struct Health {
     pub expected: Expected,
     pub watchdog: RemoteWatchdog,
     pub state: RemoteState,
-    /// Why it was set aside last.
-    pub cause: Option<SetAside>,
-    /// Why it was set aside first since it was re-armed.
-    pub first_fault: Option<SetAside>,
+    /// Why it went offline last.
+    pub cause: Option<OfflineReason>,
+    /// Why it went offline first since it was re-armed.
+    pub first_fault: Option<OfflineReason>,
     pub restarts: u64,
     /// LinuxCNC's `fault-count`: rises with failures, falls with good transfers.
     pub fault_count: u32,
     /// What it reported last.
     pub faults: RemoteFaults,
     pub attempts: Attempts,
-    /// It has run before, so that its sizes are known to be right.
+    /// It has run before, so that its sizes are known to be right, and it can have been stopped.
     pub has_run: bool,
     /// It is left out of transfers until then. After a failed one the line needs an idle interval,
     /// in which a late reply or extra characters show themselves: a transfer at once could have
@@ -97,13 +127,30 @@ impl Health {
         }
     }
 
-    /// It is set aside, or stays so for one more reason; the next attempt is planned. `good`:
+    /// A remote that was never there. Nobody talked to it, so that it is silent already.
+    pub fn absent(expected: Expected, policy: &FaultPolicy, now: Instant) -> Self {
+        let mut health = Self::new(expected, RemoteWatchdog::Assumed, policy.first_backoff);
+        health.has_run = false;
+        health.attempts.has_failed = true;
+        let wait = health.attempts.next_pause(OfflineReason::Absent, policy);
+        let next_attempt = policy.automatic.then(|| now.after(wait));
+        health.show(OfflineReason::Absent, next_attempt);
+        health
+    }
+
+    /// It goes offline, or stays so for one more reason; the next attempt is planned. `good`:
     /// transfers since it was started.
-    pub fn set_aside(&mut self, now: Instant, reason: SetAside, good: u64, policy: &FaultPolicy) {
+    pub fn go_offline(
+        &mut self,
+        now: Instant,
+        reason: OfflineReason,
+        good: u64,
+        policy: &FaultPolicy,
+    ) {
         // A remote whose watchdog has bitten has switched its outputs off. A START that fails may
         // have fed it again.
         let silence = match reason {
-            SetAside::Watchdog => Duration::ZERO,
+            OfflineReason::Watchdog => Duration::ZERO,
             _ => self.watchdog.silence(),
         };
         self.attempts.silent_until = now.after(silence);
@@ -132,24 +179,25 @@ impl Health {
         }
         if !matches!(self.state, RemoteState::Restarting { .. }) {
             let next_attempt = now.max(self.attempts.silent_until);
-            self.show(SetAside::Requested, Some(next_attempt));
+            self.show(OfflineReason::Requested, Some(next_attempt));
         }
     }
 
     /// The application has switched its port off; it is tried when it is on again.
     pub fn stop_for_good(&mut self) {
         self.attempts.is_asked_for = true;
-        self.show(SetAside::Stopped, Some(self.attempts.silent_until));
+        self.show(OfflineReason::Stopped, Some(self.attempts.silent_until));
     }
 
-    fn show(&mut self, reason: SetAside, next_attempt: Option<Instant>) {
+    fn show(&mut self, reason: OfflineReason, next_attempt: Option<Instant>) {
         self.cause = Some(reason);
         let first = *self.first_fault.get_or_insert(reason);
-        let reason = match reason {
-            SetAside::AnotherDevice { .. } => reason,
-            _ => first,
+        let reason = if reason.is_about_identity() {
+            reason
+        } else {
+            first
         };
-        self.state = RemoteState::SetAside {
+        self.state = RemoteState::Offline {
             reason,
             next_attempt,
         };
@@ -184,10 +232,15 @@ impl Health {
         self.fault_count = self.fault_count.saturating_sub(decrement);
     }
 
+    /// Whether a transfer has failed that good ones have not made up for.
+    pub const fn is_troubled(&self) -> bool {
+        self.fault_count > 0 || self.has_just_failed
+    }
+
     /// A restart begins.
     pub fn restarting(&mut self) {
         self.attempts.is_asked_for = false;
-        if let RemoteState::SetAside { reason, .. } = self.state {
+        if let RemoteState::Offline { reason, .. } = self.state {
             self.state = RemoteState::Restarting { reason };
         }
     }
@@ -202,10 +255,7 @@ impl Health {
 
     /// It runs again. From now on it is this one, and no other of its kind.
     pub fn restarted(&mut self, told: [u32; 3]) {
-        self.expected = Expected {
-            told,
-            unit_mask: u32::MAX,
-        };
+        self.expected = Expected::exactly(told);
         self.state = RemoteState::Running;
         self.attempts.has_failed = false;
         self.has_run = true;

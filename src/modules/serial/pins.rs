@@ -2,17 +2,17 @@
 
 use alloc::format;
 
-use super::RemoteState;
 use super::health::Health;
 use super::recovery::{Recovery, is_stopping};
 use crate::hal::{GroupId, Input, Output, OutputRule, Param, PinError, PinStore, Spec};
+use crate::modules::{RegisterError, Registrar};
 use crate::sslbp::{Link, Machine, RemoteFaults};
 
 /// What LinuxCNC shows of a port, and switches.
 ///
 /// Source: FACTS 8.6.
 #[derive(Debug)]
-pub(in crate::driver) struct PortPins {
+pub(super) struct PortPins {
     run: Output<bool>,
     fault_count: Input<u32>,
     port_state: Input<u32>,
@@ -27,20 +27,31 @@ pub(in crate::driver) struct PortPins {
     fault_inc: Param<u32>,
     fault_dec: Param<u32>,
     fault_lim: Param<u32>,
-    /// What the pins show, but for `transfers`.
-    shown: Option<[u32; 4]>,
+    /// What the application sets is a part of the driver's own group, which tells when it is set.
+    part: GroupId,
+    fetched: Option<u64>,
+    shown: Option<Shown>,
+}
+
+/// What seldom changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shown {
+    fault_count: u32,
+    state: ShownState,
+    step: u32,
+    too_short: u64,
 }
 
 /// Values of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when `run`
 /// is false; the others as LinuxCNC 2.9 was seen to go through them).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-enum PortState {
+enum ShownState {
     /// Nothing is transferred: switched off, or no remote runs.
     Idle = 0,
     /// Remotes have been started, and none of them has transferred yet.
     Started = 2,
-    /// Normal operation. Single remotes may be set aside: see their `running`.
+    /// Normal operation. Single remotes may be offline: see their `running`.
     Normal = 3,
     /// `run` is false: the remotes are told safe values.
     Stopping = 4,
@@ -48,7 +59,7 @@ enum PortState {
     Stopped = 5,
 }
 
-impl PortState {
+impl ShownState {
     fn of(recovery: &Recovery, machine: &Machine) -> Self {
         let running = recovery.running();
         let has_transferred = |channel| machine.link(channel).good_since_start() > 0;
@@ -63,50 +74,55 @@ impl PortState {
 }
 
 impl PortPins {
-    pub fn new(
-        pins: &mut PinStore,
-        group: GroupId,
-        board: &str,
-        port: u8,
-        policy: &super::FaultPolicy,
-    ) -> Result<Self, PinError> {
+    pub fn register(r: &mut Registrar<'_>, port: u8) -> Result<Self, RegisterError> {
+        let policy = r.settings().policy;
+        let (status, board) = (r.status, r.name);
+        let part = r.pins.add_part(status)?;
+        let pins = r.pins();
         let name = |pin: &str| Spec::new(format!("{board}.sserial.port-{port}.{pin}"));
         let count = |pin: &str| name(pin).limits(0.0, 65_535.0);
         Ok(Self {
+            run: pins.add_output(part, name("run"), OutputRule::switch(true))?,
+            fault_count: pins.add_input(status, name("fault-count"))?,
+            port_state: pins.add_input(status, name("port_state"))?,
+            port_state2: pins.add_input(status, name("port_state2"))?,
+            port_state3: pins.add_input(status, name("port_state3"))?,
+            transfers: pins.add_input(status, name("transfers"))?,
+            too_short: pins.add_input(status, name("too-short"))?,
+            fault_inc: pins.add_setting(part, count("fault-inc"), policy.fault_inc)?,
+            fault_dec: pins.add_setting(part, count("fault-dec"), policy.fault_dec)?,
+            fault_lim: pins.add_setting(part, count("fault-lim"), policy.fault_lim)?,
+            part,
+            fetched: None,
             shown: None,
-            run: pins.add_output(group, name("run"), OutputRule::switch(true))?,
-            fault_count: pins.add_input(group, name("fault-count"))?,
-            port_state: pins.add_input(group, name("port_state"))?,
-            port_state2: pins.add_input(group, name("port_state2"))?,
-            port_state3: pins.add_input(group, name("port_state3"))?,
-            transfers: pins.add_input(group, name("transfers"))?,
-            too_short: pins.add_input(group, name("too-short"))?,
-            fault_inc: pins.add_setting(group, count("fault-inc"), policy.fault_inc)?,
-            fault_dec: pins.add_setting(group, count("fault-dec"), policy.fault_dec)?,
-            fault_lim: pins.add_setting(group, count("fault-lim"), policy.fault_lim)?,
         })
     }
 
     pub fn publish(&mut self, pins: &mut PinStore, recovery: &Recovery, machine: &Machine) {
         pins.publish(self.transfers, recovery.statistics.transfers);
-        let now = [
-            recovery.fault_count(),
-            PortState::of(recovery, machine) as u32,
-            recovery.restart_step(machine),
-            u32::try_from(recovery.statistics.too_short).unwrap_or(u32::MAX),
-        ];
-        if self.shown.replace(now) == Some(now) {
+        let shown = Shown {
+            fault_count: recovery.fault_count(),
+            state: ShownState::of(recovery, machine),
+            step: recovery.restart_step(machine),
+            too_short: recovery.statistics.too_short,
+        };
+        if self.shown.replace(shown) == Some(shown) {
             return;
         }
-        let [fault_count, state, step, too_short] = now;
-        pins.publish(self.fault_count, fault_count);
-        pins.publish(self.port_state, state);
-        pins.publish(self.port_state2, step);
+        pins.publish(self.fault_count, shown.fault_count);
+        pins.publish(self.port_state, shown.state as u32);
+        pins.publish(self.port_state2, shown.step);
         pins.publish(self.port_state3, 0);
+        let too_short = u32::try_from(shown.too_short).unwrap_or(u32::MAX);
         pins.publish(self.too_short, too_short);
     }
 
-    pub fn fetch(&self, pins: &mut PinStore, recovery: &mut Recovery) {
+    pub fn fetch(&mut self, pins: &mut PinStore, recovery: &mut Recovery) {
+        let version = pins.output_version(self.part);
+        if version.is_some() && version == self.fetched {
+            return;
+        }
+        self.fetched = version;
         recovery.run = pins.fetch(self.run);
         recovery.policy.fault_inc = pins.param(self.fault_inc);
         recovery.policy.fault_dec = pins.param(self.fault_dec);
@@ -117,21 +133,13 @@ impl PortPins {
 /// What is known about the state of a remote, as pins. They belong to the group of the driver's
 /// own pins, which stays valid while the remote fails: that is what they are for.
 #[derive(Debug)]
-pub(in crate::driver) struct RemoteFaultPins {
+pub(crate) struct RemoteFaultPins {
     running: Input<bool>,
     faults: [Input<bool>; FAULTS.len()],
     failures: Input<u64>,
     restarts: Input<u64>,
-    shown: Option<Shown>,
-}
-
-/// What the fault pins of a remote show.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Shown {
-    is_running: bool,
-    faults: RemoteFaults,
-    failures: u64,
-    restarts: u64,
+    /// What they show, in this order.
+    shown: Option<(bool, RemoteFaults, u64, u64)>,
 }
 
 /// The faults a remote reports, and the names of their pins.
@@ -164,20 +172,16 @@ impl RemoteFaultPins {
     }
 
     pub fn publish(&mut self, pins: &mut PinStore, health: &Health, link: &Link) {
-        let now = Shown {
-            is_running: health.state == RemoteState::Running,
-            faults: health.faults,
-            failures: link.failures().total(),
-            restarts: health.restarts,
-        };
-        if self.shown.replace(now) == Some(now) {
+        let (running, failures) = (health.is_running(), link.failures().total());
+        let shown = (running, health.faults, failures, health.restarts);
+        if self.shown.replace(shown) == Some(shown) {
             return;
         }
-        pins.publish(self.running, now.is_running);
+        pins.publish(self.running, running);
         for (&pin, (fault, _)) in self.faults.iter().zip(FAULTS) {
-            pins.publish(pin, now.faults.contains(fault));
+            pins.publish(pin, health.faults.contains(fault));
         }
-        pins.publish(self.failures, now.failures);
-        pins.publish(self.restarts, now.restarts);
+        pins.publish(self.failures, failures);
+        pins.publish(self.restarts, health.restarts);
     }
 }

@@ -39,7 +39,7 @@ impl RemoteWatchdog {
         }
     }
 
-    /// How long nothing is sent to a remote that was set aside, so that its watchdog must have
+    /// How long nothing is sent to a remote that is offline, so that its watchdog must have
     /// bitten: a fifth more than its time, for the tolerance of its clock. None at all for one that
     /// never bites.
     pub fn silence(self) -> Duration {

@@ -1,46 +1,19 @@
-//! SSLBP ports in the cycle.
-
-mod attempts;
-mod health;
-mod pins;
-mod port;
-mod recovery;
-mod set_aside;
-mod statistics;
-mod watchdog;
-
-pub use crate::sslbp::{Failure, FailureCounts};
-pub use health::RemoteState;
-pub use port::SerialPort;
-pub use set_aside::SetAside;
-pub use statistics::{PortStatistics, TimeHistogram};
-pub use watchdog::RemoteWatchdog;
+//! When a remote goes offline, and what may be done to bring it back.
 
 use core::time::Duration;
 
-pub(super) use pins::RemoteFaultPins;
-pub(super) use port::{Remote, WATCHDOG_PARAMETER};
-
-/// A remote as it is now.
-#[derive(Clone, Copy, Debug)]
-pub struct RemoteStatus<'a> {
-    remote: &'a Remote,
-    health: &'a health::Health,
-    link: &'a crate::sslbp::Link,
-}
-
-/// When a remote is set aside, and how it comes back.
+/// When a remote goes offline, and how it comes back.
 ///
 /// # What is promised
-/// - A remote that reports any fault is set aside with the reply that told it. It gets no frame of
-///   any kind from then on, so that its own [watchdog](RemoteWatchdog) bites and switches *all* its
+/// - A remote that reports any fault goes offline with the reply that told it. It gets no frame of
+///   any kind from then on, so that its own [watchdog](super::RemoteWatchdog) bites and switches *all* its
 ///   outputs off: 50 ms after that reply for a remote as it is delivered, within 60 ms at most; for
 ///   one with another watchdog within that time and a fifth more. They stay off until the
 ///   application re-arms the remote: through the cause of the fault going away, attempts to start
 ///   it, and [`Driver::shutdown`](crate::driver::Driver::shutdown). A remote whose watchdog is
 ///   switched off is started again at once instead, which switches its outputs off unless START can
 ///   not clear the fault.
-/// - A remote whose transfers fail is set aside when its `fault-count` reaches `fault_lim`, with
+/// - A remote whose transfers fail goes offline when its `fault-count` reaches `fault_lim`, with
 ///   the same silence and the same end.
 /// - A START follows when the silence is over, at the earliest, and
 ///   sends safe values only. If it fails, the next one follows after a pause that doubles from
@@ -61,9 +34,9 @@ pub struct FaultPolicy {
     pub fault_inc: u32,
     /// What a good transfer takes away.
     pub fault_dec: u32,
-    /// The `fault-count` at which it is set aside.
+    /// The `fault-count` at which it goes offline.
     pub fault_lim: u32,
-    /// Whether remotes that were set aside are tried again by themselves.
+    /// Whether remotes that are offline are tried again by themselves.
     pub automatic: bool,
     /// Time before the first attempt. The first one after a fault that START may clear (watchdog,
     /// mode, over-current, over-temperature …) follows when the silence is over.

@@ -1,8 +1,8 @@
-//! When a remote that was set aside is tried again, and what that may cost its neighbours.
+//! When a remote that is offline is tried again, and what that may cost its neighbours.
 
 use core::time::Duration;
 
-use super::{FaultPolicy, SetAside};
+use super::{FaultPolicy, OfflineReason};
 use crate::bus::Instant;
 
 /// The attempts to bring one remote back.
@@ -30,12 +30,12 @@ impl Attempts {
 
     /// How long to wait before the next attempt. The first one after a fault that a START clears
     /// waits for nothing but the silence.
-    pub fn next_pause(&mut self, reason: SetAside, policy: &FaultPolicy) -> Duration {
+    pub fn next_pause(&mut self, reason: OfflineReason, policy: &FaultPolicy) -> Duration {
         let pause = self.pause;
         self.pause = pause.saturating_mul(2).min(policy.longest_backoff);
         let clears = matches!(
             reason,
-            SetAside::Watchdog | SetAside::IllegalMode | SetAside::Reported(_)
+            OfflineReason::Watchdog | OfflineReason::IllegalMode | OfflineReason::Reported(_)
         );
         if clears && pause == policy.first_backoff {
             Duration::ZERO

@@ -1,14 +1,16 @@
-//! Why a remote is set aside.
+//! Why a remote is offline.
 
 use core::fmt;
 
 use super::Failure;
 use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
 
-/// Why a remote is set aside.
+/// Why a remote is offline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum SetAside {
+pub enum OfflineReason {
+    /// It was not there when the driver was started.
+    Absent,
     /// Too many transfers failed in too short a time.
     TooManyFailures(Failure),
     /// Its channel does not run any more.
@@ -30,6 +32,13 @@ pub enum SetAside {
         /// Interface register 0 after START: its unit number.
         unit_number: u32,
     },
+    /// The right device is on its channel, with tables in another place: another firmware.
+    OtherTables {
+        /// Interface register 2 after START: its GTOC and PTOC.
+        found: u32,
+        /// What its pins are made for.
+        expected: u32,
+    },
     /// The right device is on its channel, with other process data: another firmware.
     OtherSizes {
         /// What it exchanges.
@@ -45,8 +54,8 @@ pub enum SetAside {
     Requested,
 }
 
-impl SetAside {
-    /// Why a remote that reports these faults is set aside; `None` without a fault.
+impl OfflineReason {
+    /// Why a remote that reports these faults goes offline; `None` without a fault.
     ///
     /// All of them alike: a remote with a fault does not take outputs over, and every transfer
     /// feeds its watchdog, so that what was on stays on while it is talked to (FACTS 1.5).
@@ -66,11 +75,20 @@ impl SetAside {
             Some(Self::Reported(faults))
         }
     }
+
+    /// Whether what answers is not what was expected: more important than why it went.
+    pub(super) const fn is_about_identity(&self) -> bool {
+        matches!(
+            self,
+            Self::AnotherDevice { .. } | Self::OtherTables { .. } | Self::OtherSizes { .. }
+        )
+    }
 }
 
-impl fmt::Display for SetAside {
+impl fmt::Display for OfflineReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Absent => f.write_str("it was absent at the start; plug it in"),
             Self::TooManyFailures(failure) => {
                 write!(f, "too many failed transfers, the last: {failure}")
             }
@@ -90,6 +108,11 @@ impl fmt::Display for SetAside {
                 "another device answers ({}, unit number {unit_number:#010X}); it is not taken \
                  over: plug the right one in, or build the driver anew",
                 crate::discovery::RemoteName::from_register(*name)
+            ),
+            Self::OtherTables { found, expected } => write!(
+                f,
+                "its tables (GTOC and PTOC) are at {found:08X}, expected {expected:08X}: it has \
+                 another firmware; build the driver anew with it plugged in"
             ),
             Self::OtherSizes { found, expected } => write!(
                 f,

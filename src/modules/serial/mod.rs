@@ -1,0 +1,29 @@
+//! Smart-serial ports in the cycle: their registers, their pins, and what happens to their remotes.
+//!
+//! [`Machine`](crate::sslbp::Machine) knows what a port can be told and what it answers. On it lies
+//! `recovery`: which remotes take part, which are offline, and when those are tried again. A
+//! [`SerialPort`] does one step of both for each read and each write.
+
+mod attempts;
+mod health;
+mod offline;
+mod pins;
+mod policy;
+mod port;
+mod recovery;
+mod remote;
+mod statistics;
+mod status;
+mod watchdog;
+
+pub use crate::sslbp::{Failure, FailureCounts};
+pub use health::RemoteState;
+pub use offline::OfflineReason;
+pub use policy::FaultPolicy;
+pub use port::SerialPort;
+pub use statistics::{PortStatistics, TimeHistogram};
+pub use status::RemoteStatus;
+pub use watchdog::RemoteWatchdog;
+
+pub(crate) use pins::RemoteFaultPins;
+pub(crate) use remote::{Remote, WATCHDOG_PARAMETER};

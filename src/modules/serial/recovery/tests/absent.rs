@@ -1,0 +1,139 @@
+//! Remotes that were absent at the start.
+
+use super::*;
+use crate::sslbp::ProcessDataSizes;
+
+const TWO: Channel = Channel::ALL[2];
+const SIZES: ProcessDataSizes = ProcessDataSizes { rx: 5, tx: 2 };
+
+impl Rig {
+    /// With a third remote that is absent at the start, of which its kind is known.
+    fn with_absent() -> Self {
+        let mut rig = Self::new();
+        let [unit_number, name, tables] = told(2);
+        let expected = Expected::of_kind(unit_number & 0xFF00_0000 | 0x1200_0000, name, tables);
+        let health = Health::absent(expected, &FaultPolicy::default(), rig.now);
+        rig.recovery.add(TWO, health);
+        rig.machine.set_sizes(TWO, SIZES, false);
+        rig.seen.cs[2] = STOPPED;
+        rig.seen.start[2] = [0x1200_0000 | unit_number, name, tables];
+        rig
+    }
+
+    /// Cycles until the START of channel 2, which finds what `cs` and `sizes` say; its state then.
+    fn attempt(&mut self, cs: u32, sizes: ProcessDataSizes) -> RemoteState {
+        while self.cycle() != 0x0904 {}
+        self.seen.cs[2] = cs;
+        let mut asked = Vec::new();
+        loop {
+            let word = self.cycle();
+            match word {
+                // The channel variables of channel 2 begin at 0x70 + 2 * 0x32 (FACTS 2.4).
+                0x2102 => self.seen.data = sizes.rx.into(),
+                0x2103 => self.seen.data = sizes.tx.into(),
+                _ => break,
+            }
+            asked.push(word);
+        }
+        self.seen.data = 0;
+        let is_there = cs == CHATTER;
+        assert!(asked.is_empty() || is_there && asked == [0x2102, 0x2103]);
+        self.seen.cs[2] = RUNNING;
+        self.recovery.remote(TWO).unwrap().state
+    }
+}
+
+/// What was absent at the start runs when it is plugged in, and waits for nothing but its attempt.
+#[test]
+fn a_remote_that_was_absent_at_the_start_runs_when_it_is_plugged_in() {
+    let mut rig = Rig::with_absent();
+    for _ in 0..3 {
+        let state = rig.attempt(0x0001_E188, SIZES);
+        let absent = matches!(
+            state,
+            RemoteState::Offline {
+                reason: OfflineReason::Absent,
+                next_attempt: Some(_)
+            }
+        );
+        assert!(absent, "{state:?}");
+        rig.seen.cs[2] = STOPPED;
+    }
+    assert_eq!(rig.attempt(CHATTER, SIZES), RemoteState::Running);
+    rig.write();
+    assert_eq!(rig.read().good.bits(), 7);
+    // From now on it is this one: another of its kind is another device.
+    rig.seen.cs[2] = STOPPED;
+    rig.write();
+    rig.read();
+    rig.seen.start[2][0] ^= 1;
+    let state = rig.attempt(CHATTER, SIZES);
+    assert!(
+        matches!(
+            state,
+            RemoteState::Offline {
+                reason: OfflineReason::AnotherDevice { .. },
+                ..
+            }
+        ),
+        "{state:?}"
+    );
+}
+
+#[test]
+fn what_is_plugged_in_instead_of_an_absent_remote_is_not_taken_over() {
+    let larger = ProcessDataSizes { rx: 9, tx: 2 };
+    let changes: [(usize, u32, ProcessDataSizes); 4] = [
+        (0, 0x0100_0000, SIZES),
+        (1, 1, SIZES),
+        (2, 0x0002_0000, SIZES),
+        (0, 0, larger),
+    ];
+    for (register, bits, sizes) in changes {
+        let mut rig = Rig::with_absent();
+        rig.seen.start[2][register] ^= bits;
+        let state = rig.attempt(CHATTER, sizes);
+        let RemoteState::Offline { reason, .. } = state else {
+            panic!("{state:?}");
+        };
+        assert!(reason.is_about_identity(), "{reason}");
+        rig.read();
+        assert_eq!(rig.write(), 0x1003, "it gets no transfer");
+    }
+    let mut rig = Rig::with_absent();
+    rig.seen.start[2][0] ^= 0x0012_3456;
+    assert_eq!(
+        rig.attempt(CHATTER, SIZES),
+        RemoteState::Running,
+        "any one of its class"
+    );
+}
+
+/// The sizes are read again when the answer may be another read's.
+#[test]
+fn a_size_is_not_taken_from_a_read_that_may_be_lost() {
+    let mut rig = Rig::with_absent();
+    while rig.cycle() != 0x0904 {}
+    rig.seen.cs[2] = CHATTER;
+    assert_eq!(rig.cycle(), 0x2102);
+    rig.seen.data = 0xAA;
+    rig.read_with(false);
+    assert_eq!(rig.write(), 0x2102, "once more");
+    rig.seen.data = SIZES.rx.into();
+    assert_eq!(rig.cycle(), 0x2103);
+    rig.seen.data = SIZES.tx.into();
+    rig.read();
+    assert!(rig.recovery.remote(TWO).unwrap().is_running());
+}
+
+#[test]
+fn a_reset_is_told_by_the_remotes_that_have_run() {
+    let mut rig = Rig::with_absent();
+    assert_eq!(rig.recovery.appears_reset(), Some(false));
+    rig.write();
+    rig.seen.cs = [STOPPED; 8];
+    rig.read();
+    assert_eq!(rig.recovery.appears_reset(), Some(true));
+    let empty = Recovery::new(PARAMETERS, FaultPolicy::default(), rig.now);
+    assert_eq!(empty.appears_reset(), None);
+}
