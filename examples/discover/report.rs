@@ -236,7 +236,7 @@ where
                 .collect();
             let problems = found.discovered.problems.iter().map(ToString::to_string);
             let failed = found.discovered.read_error.iter().map(ToString::to_string);
-            let table = RemoteTable::for_remote(&descriptor);
+            let table = RemoteTable::for_remote(&descriptor, &[]);
             let differences = table.map(|table| table.differences(&descriptor));
             let differences = differences.unwrap_or_default();
             Ok(RemoteReport {

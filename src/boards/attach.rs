@@ -4,9 +4,10 @@ use alloc::boxed::Box;
 use alloc::format;
 
 use super::{BoardTable, IdentityError, RemoteTable};
-use crate::discovery::RemoteDescriptor;
+use crate::discovery::{Problem, RemoteDescriptor};
 use crate::hal::{AnalogOut, PinError, Pins};
 use crate::hostmot2::{HostMot2, MissingModule, Name8};
+use crate::remote::RemoteError;
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
 /// that this crate knows, or of your own.
@@ -97,6 +98,23 @@ pub enum AttachError {
         /// What it is.
         source: IdentityError,
     },
+    /// The table does not say everything that a remote does which is not there.
+    #[error(
+        "the table of a {kind} does not say all of its process data in software mode {mode}, so that \
+         it has to be there at the start; plug it in, or complete the table"
+    )]
+    TableIncomplete {
+        /// The kind of remote.
+        kind: &'static str,
+        /// The software mode it is configured for.
+        mode: u8,
+    },
+    /// The table can not be that of a remote on this port.
+    #[error("the table of a remote that is absent: {0}")]
+    Layout(Problem),
+    /// The pins of a remote that is absent can not be made.
+    #[error("a remote that is absent: {0}")]
+    Remote(#[from] RemoteError),
     /// A pin that belongs to this kind of board or remote is not there, or is of another kind.
     #[error(
         "{name}: {source}. A {kind} has it: does the software mode, the firmware or the number of \

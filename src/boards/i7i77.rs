@@ -2,18 +2,15 @@
 //!
 //! For SSLBP it is two remotes that share a name, and are told apart by their unit number: field
 //! I/O ([`FIELD`], channel 0) and analog ([`ANALOG`], channel 1). Channel 2 is the RS-422 terminal
-//! block TB6. The encoders belong to the FPGA: see [`ENCODER_TERMINALS`].
+//! block TB6. The encoders belong to the FPGA: see [`CARD`].
 //!
 //! Source: manual 7I77, "CONNECTORS" and "OPERATION"; FACTS 8.
 
 use alloc::format;
 
-use super::table::terminals;
-use super::{
-    AttachError, CardTable, ElementTable, Finder, RemoteHandles, RemoteTable, Terminal, Terminals,
-};
+use super::{AttachError, CardTable, ElementTable, Finder, RemoteHandles, RemoteTable, Terminals};
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
-use crate::hostmot2::{Gtag, HostMot2};
+use crate::hostmot2::Gtag;
 
 /// Field I/O in all its modes: 0 inputs and outputs; 1 with four analog inputs; 2 with field voltage
 /// as well; 3 with two MPGs as well.
@@ -106,34 +103,15 @@ pub const CARD: CardTable = CardTable {
     ],
 };
 
-/// The terminals of the six encoders, A, B and index of each.
-pub const ENCODER_TERMINALS: [&[Terminal]; 6] = [
-    terminals![
-        "TB3 pin 1" "QA0", "TB3 pin 2" "/QA0", "TB3 pin 4" "QB0", "TB3 pin 5" "/QB0", "TB3 pin 7" "IDX0", "TB3 pin 8" "/IDX0"
-    ],
-    terminals![
-        "TB3 pin 9" "QA1", "TB3 pin 10" "/QA1", "TB3 pin 12" "QB1", "TB3 pin 13" "/QB1", "TB3 pin 15" "IDX1", "TB3 pin 16" "/IDX1"
-    ],
-    terminals![
-        "TB3 pin 17" "QA2", "TB3 pin 18" "/QA2", "TB3 pin 20" "QB2", "TB3 pin 21" "/QB2", "TB3 pin 23" "IDX2", "TB3 pin 24" "/IDX2"
-    ],
-    terminals![
-        "TB4 pin 1" "QA3", "TB4 pin 2" "/QA3", "TB4 pin 4" "QB3", "TB4 pin 5" "/QB3", "TB4 pin 7" "IDX3", "TB4 pin 8" "/IDX3"
-    ],
-    terminals![
-        "TB4 pin 9" "QA4", "TB4 pin 10" "/QA4", "TB4 pin 12" "QB4", "TB4 pin 13" "/QB4", "TB4 pin 15" "IDX4", "TB4 pin 16" "/IDX4"
-    ],
-    terminals![
-        "TB4 pin 17" "QA5", "TB4 pin 18" "/QA5", "TB4 pin 20" "QB5", "TB4 pin 21" "/QB5", "TB4 pin 23" "IDX5", "TB4 pin 24" "/IDX5"
-    ],
-];
-
 /// The terminals of channel 2 of each card, for a remote of its own.
 ///
 /// Source: manual 7I77, "RS-422 INTERFACE".
-pub const SERIAL_TERMINALS: &[Terminal] = terminals![
-    "TB6 pin 3" "RX+", "TB6 pin 4" "RX-", "TB6 pin 5" "TX+", "TB6 pin 6" "TX-"
-];
+pub const SERIAL_TERMINALS: &[Terminals] = &[Terminals::new(
+    "TB6 pin ",
+    0,
+    &["RX+", "RX-", "TX+", "TX-"],
+    &[3, 4, 5, 6],
+)];
 
 const INPUTS: &[Terminals] = &[
     Terminals::new("TB8 pin ", 0, &["INPUT#"], FIRST_16),
@@ -222,36 +200,13 @@ impl RemoteHandles for I7i77Analog {
     }
 }
 
-/// Which encoder of its card encoder `number` of a firmware is, 0 to 5: its pins, and all others of
-/// their connector, have to be those of a 7I77.
-///
-/// Source: FACTS 8.1 and 12.7.
-pub fn encoder_of_card(firmware: &HostMot2, number: usize) -> Option<usize> {
-    let unit = u8::try_from(number / 2).ok()?;
-    let mut pins = firmware.pins_of(Gtag::MUXED_ENCODER, unit);
-    let (a, _) = pins.find(|(_, pin)| pin.secondary_pin == 1)?;
-    let width = CONNECTOR_PINS.len();
-    if firmware.idrom().port_width as usize != width {
-        return None;
-    }
-    let (connector, place) = (usize::from(a) / width, usize::from(a) % width);
-    let pins = firmware.pins().iter().skip(connector * width);
-    let is_card = pins.zip(CONNECTOR_PINS).all(|(pin, (kind, signal))| {
-        let is_kind = match kind {
-            Gtag::SSERIAL => [Gtag::SSERIAL, Gtag::SSERIAL_B].contains(&pin.secondary),
-            kind => pin.secondary == kind,
-        };
-        // The low half of a serial pin is its channel, which differs from card to card.
-        let mask = if kind == Gtag::SSERIAL { 0xF0 } else { 0xFF };
-        is_kind && pin.secondary_pin & mask == signal & mask
-    });
-    is_card.then(|| place.saturating_sub(FIRST_ENCODER_PIN) / 3 * 2 + number % 2)
-}
-
 /// Where on its connector the pins of the encoders begin.
 const FIRST_ENCODER_PIN: usize = 8;
 
-/// The modules and secondary pins of [`CONNECTOR_SIGNALS`].
+/// The modules and secondary pins of I/O 0 to 16 of the connector that the card is plugged to:
+/// TXEN2, TX2, RX2, TX1, RX1, TX0, RX0, EncMux, then A, B and index of each pair of encoders.
+///
+/// Source: FACTS 8.1.
 const CONNECTOR_PINS: [(Gtag, u8); 17] = [
     (Gtag::SSERIAL, 0x90),
     (Gtag::SSERIAL, 0x80),
@@ -270,12 +225,4 @@ const CONNECTOR_PINS: [(Gtag, u8); 17] = [
     (Gtag::MUXED_ENCODER, 1),
     (Gtag::MUXED_ENCODER, 2),
     (Gtag::MUXED_ENCODER, 3),
-];
-
-/// What is at I/O 0 to 16 of the connector that the card is plugged to.
-///
-/// Source: FACTS 8.1.
-pub const CONNECTOR_SIGNALS: [&str; 17] = [
-    "TXEN2", "TX2", "RX2", "TX1", "RX1", "TX0", "RX0", "EncMux", "QA01", "QB01", "IDX01", "QA23",
-    "QB23", "IDX23", "QA45", "QB45", "IDX45",
 ];

@@ -8,13 +8,12 @@
 
 use alloc::format;
 
-use super::table::terminals;
 use super::{
     AttachError, BoardHandles, BoardTable, Finder, FlashLayout, ModuleTerminals, PwmTable,
-    Terminal, Terminals,
+    Terminals,
 };
 use crate::hal::{AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins};
-use crate::hostmot2::{Gtag, HostMot2, TickRate};
+use crate::hostmot2::{Gtag, TickRate};
 
 /// The 7I97.
 pub const BOARD: BoardTable = BoardTable {
@@ -133,93 +132,11 @@ const SERIAL_AT: &[Terminals] = &[Terminals {
     pins: &[15, 16, 17, 18],
 }];
 
-/// The terminals of the six analog outputs.
-pub const ANALOG_TERMINALS: [&[Terminal]; 6] = [
-    terminals!["TB3 pin 4" "AOUT0"],
-    terminals!["TB3 pin 8" "AOUT1"],
-    terminals!["TB3 pin 12" "AOUT2"],
-    terminals!["TB3 pin 16" "AOUT3"],
-    terminals!["TB3 pin 20" "AOUT4"],
-    terminals!["TB3 pin 24" "AOUT5"],
+/// The common terminals of the isolated inputs: number n is shared by inputs 2n and 2n + 1.
+pub const INPUT_COMMONS: &[Terminals] = &[
+    Terminals::new("TB4 pin ", 0, &["IN COMMON"], &[3, 6, 9, 12]),
+    Terminals::new("TB5 pin ", 4, &["IN COMMON"], &[3, 6, 9, 12]),
 ];
-
-/// The terminals of the six enable switches. ENA0 to ENA3 switch together.
-pub const ENABLE_TERMINALS: [&[Terminal]; 6] = [
-    terminals!["TB3 pin 1" "ENA0-", "TB3 pin 2" "ENA0+"],
-    terminals!["TB3 pin 5" "ENA1-", "TB3 pin 6" "ENA1+"],
-    terminals!["TB3 pin 9" "ENA2-", "TB3 pin 10" "ENA2+"],
-    terminals!["TB3 pin 13" "ENA3-", "TB3 pin 14" "ENA3+"],
-    terminals!["TB3 pin 17" "ENA4-", "TB3 pin 18" "ENA4+"],
-    terminals!["TB3 pin 21" "ENA5-", "TB3 pin 22" "ENA5+"],
-];
-
-/// The terminals of the six encoders, A, B and index of each.
-pub const ENCODER_TERMINALS: [&[Terminal]; 6] = [
-    terminals!["TB1 pin 1" "QA0", "TB1 pin 2" "/QA0", "TB1 pin 4" "QB0", "TB1 pin 5" "/QB0", "TB1 pin 7" "IDX0", "TB1 pin 8" "/IDX0"],
-    terminals!["TB1 pin 9" "QA1", "TB1 pin 10" "/QA1", "TB1 pin 12" "QB1", "TB1 pin 13" "/QB1", "TB1 pin 15" "IDX1", "TB1 pin 16" "/IDX1"],
-    terminals!["TB1 pin 17" "QA2", "TB1 pin 18" "/QA2", "TB1 pin 20" "QB2", "TB1 pin 21" "/QB2", "TB1 pin 23" "IDX2", "TB1 pin 24" "/IDX2"],
-    terminals!["TB2 pin 1" "QA3", "TB2 pin 2" "/QA3", "TB2 pin 4" "QB3", "TB2 pin 5" "/QB3", "TB2 pin 7" "IDX3", "TB2 pin 8" "/IDX3"],
-    terminals!["TB2 pin 9" "QA4", "TB2 pin 10" "/QA4", "TB2 pin 12" "QB4", "TB2 pin 13" "/QB4", "TB2 pin 15" "IDX4", "TB2 pin 16" "/IDX4"],
-    terminals!["TB2 pin 17" "QA5", "TB2 pin 18" "/QA5", "TB2 pin 20" "QB5", "TB2 pin 21" "/QB5", "TB2 pin 23" "IDX5", "TB2 pin 24" "/IDX5"],
-];
-
-/// The terminals of the 16 isolated inputs.
-pub const INPUT_TERMINALS: &[Terminal] = terminals![
-    "TB4 pin 1" "IN0", "TB4 pin 2" "IN1", "TB4 pin 4" "IN2", "TB4 pin 5" "IN3", "TB4 pin 7" "IN4", "TB4 pin 8" "IN5", "TB4 pin 10" "IN6", "TB4 pin 11" "IN7", "TB5 pin 1" "IN8", "TB5 pin 2" "IN9", "TB5 pin 4" "IN10", "TB5 pin 5" "IN11", "TB5 pin 7" "IN12", "TB5 pin 8" "IN13", "TB5 pin 10" "IN14", "TB5 pin 11" "IN15"
-];
-
-/// The common terminals of the isolated inputs: each is shared by two inputs.
-pub const INPUT_COMMONS: &[Terminal] = terminals![
-    "TB4 pin 3" "IN COMMON 0,1", "TB4 pin 6" "IN COMMON 2,3", "TB4 pin 9" "IN COMMON 4,5", "TB4 pin 12" "IN COMMON 6,7", "TB5 pin 3" "IN COMMON 8,9", "TB5 pin 6" "IN COMMON 10,11", "TB5 pin 9" "IN COMMON 12,13", "TB5 pin 12" "IN COMMON 14,15"
-];
-
-/// The terminals of the six isolated outputs.
-pub const OUTPUT_TERMINALS: [&[Terminal]; 6] = [
-    terminals!["TB5 pin 13" "OUT0-", "TB5 pin 14" "OUT0+"],
-    terminals!["TB5 pin 15" "OUT1-", "TB5 pin 16" "OUT1+"],
-    terminals!["TB5 pin 17" "OUT2-", "TB5 pin 18" "OUT2+"],
-    terminals!["TB5 pin 19" "OUT3-", "TB5 pin 20" "OUT3+"],
-    terminals!["TB5 pin 21" "OUT4-", "TB5 pin 22" "OUT4+"],
-    terminals!["TB5 pin 23" "OUT5-", "TB5 pin 24" "OUT5+"],
-];
-
-/// The expansion pins, I/O 34 to 50.
-pub const EXPANSION: &[Terminal] = terminals![
-    "P1 pin 1, DB25 pin 1" "IO34", "P1 pin 2, DB25 pin 14" "IO35", "P1 pin 3, DB25 pin 2" "IO36", "P1 pin 4, DB25 pin 15" "IO37", "P1 pin 5, DB25 pin 3" "IO38", "P1 pin 6, DB25 pin 16" "IO39", "P1 pin 7, DB25 pin 4" "IO40", "P1 pin 8, DB25 pin 17" "IO41", "P1 pin 9, DB25 pin 5" "IO42", "P1 pin 11, DB25 pin 6" "IO43", "P1 pin 13, DB25 pin 7" "IO44", "P1 pin 15, DB25 pin 8" "IO45", "P1 pin 17, DB25 pin 9" "IO46", "P1 pin 19, DB25 pin 10" "IO47", "P1 pin 21, DB25 pin 11" "IO48", "P1 pin 23, DB25 pin 12" "IO49", "P1 pin 25, DB25 pin 13" "IO50"
-];
-
-/// The first I/O pin of the expansion connector.
-pub const FIRST_EXPANSION_PIN: usize = 34;
-
-/// Full scale of the analog outputs in volts.
-pub const FULL_SCALE: f64 = 10.0;
-
-/// The rate at which the encoders are multiplexed: ClockLow/16.
-/// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
-pub const ENCODER_HZ: u32 = 6_250_000;
-
-/// The PWM frequency of the analog outputs: the manual allows 48 or 96 kHz.
-pub const PWM_HZ: u32 = 48_000;
-
-/// The same for firmware whose generators dither.
-/// Manual: 7I97, "SUGGESTED PWM SETUP".
-pub const PWM_HZ_DITHER: u32 = 96_000;
-
-/// The terminals of the serial port's first channel.
-/// Manual: 7I97, "TB4 ISOLATED INPUT + RS-422 CONNECTOR".
-pub const SERIAL_TERMINALS: &[Terminal] = terminals![
-    "TB4 pin 15" "RX+", "TB4 pin 16" "RX-", "TB4 pin 17" "TX+", "TB4 pin 18" "TX-"
-];
-
-/// Whether a firmware says that it is for a 7I97.
-pub fn is_firmware_of(firmware: &HostMot2) -> bool {
-    firmware.idrom().board_name.0.ends_with(b"7I97")
-}
-
-/// The terminal of an isolated input's common.
-pub fn input_common(input: usize) -> Option<&'static Terminal> {
-    INPUT_COMMONS.get(input / 2)
-}
 
 /// The pins of a 7I97's own functions. Remotes on its serial port have handles of their own; pins
 /// that only this board's firmware has, such as the rates of its modules, are found by name.

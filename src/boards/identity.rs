@@ -169,7 +169,11 @@ impl RemoteTable {
                 .enumerate()
                 .filter(|(_, record)| record.data_type != DataType::Pad)
         };
-        for (expected, element) in self.of_mode(descriptor.software_mode).enumerate() {
+        let known = || {
+            self.of_mode(descriptor.software_mode)
+                .filter(|element| element.data_type != DataType::Pad)
+        };
+        for (expected, element) in known().enumerate() {
             let place = records().position(|(_, record)| is(element, record));
             match place.and_then(|place| records().nth(place).map(|(_, r)| (place, r))) {
                 None => found.push(Difference::Missing {
@@ -189,11 +193,7 @@ impl RemoteTable {
         }
         found.extend(
             records()
-                .filter(|(_, record)| {
-                    !self
-                        .of_mode(descriptor.software_mode)
-                        .any(|element| is(element, record))
-                })
+                .filter(|(_, record)| !known().any(|element| is(element, record)))
                 .map(|(record, _)| Difference::Unexpected { record }),
         );
         found

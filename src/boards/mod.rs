@@ -21,5 +21,5 @@ pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;
 pub use identity::{Difference, IdentityError};
-pub use table::{Contents, ElementTable, RemoteTable, Terminal};
+pub use table::{Contents, ElementTable, RemoteTable};
 pub use terminals::{Place, Terminals};

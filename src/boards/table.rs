@@ -1,16 +1,9 @@
 //! What is known of a remote beforehand: thin data over what it says of itself.
 
-use super::Terminals;
-use crate::discovery::{DataDirection, DataType, RemoteDescriptor};
+use alloc::vec::Vec;
 
-/// A screw terminal and what the manual calls it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Terminal {
-    /// Connector and pin, for example `TB8 pin 3`.
-    pub place: &'static str,
-    /// The manual's name, for example `INPUT2`.
-    pub signal: &'static str,
-}
+use super::Terminals;
+use crate::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor, RemoteName};
 
 /// What is known of one element of a remote's process data.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,11 +108,46 @@ impl RemoteTable {
         &super::i7i72::REMOTE,
     ];
 
-    /// The built-in table for a remote, by name and unit number.
-    pub fn for_remote(descriptor: &RemoteDescriptor) -> Option<&'static Self> {
-        Self::KNOWN
-            .into_iter()
-            .find(|table| table.matches(descriptor))
+    /// The table for a remote, by name and unit number: the first of `added` and of those that are
+    /// built in that fits.
+    pub fn for_remote(
+        descriptor: &RemoteDescriptor,
+        added: &[&'static Self],
+    ) -> Option<&'static Self> {
+        let mut tables = added.iter().copied().chain(Self::KNOWN);
+        tables.find(|table| table.matches(descriptor))
+    }
+
+    /// What a remote of this kind says of itself in a software mode; `None` if the table does not
+    /// know all of it.
+    pub(crate) fn descriptor(&self, mode: u8) -> Option<RemoteDescriptor> {
+        let mut process_data = Vec::new();
+        for element in self.of_mode(mode) {
+            let is_scaled = matches!(element.data_type, DataType::Unsigned | DataType::Signed);
+            let (min, max) = match element.limits {
+                None if is_scaled => return None,
+                limits => limits.unwrap_or_default(),
+            };
+            process_data.push(DataRecord {
+                record_address: 0,
+                bits: element.bits,
+                data_type: element.data_type,
+                direction: element.direction,
+                min,
+                max,
+                address: 0,
+                unit: element.unit.into(),
+                name: element.name.into(),
+            });
+        }
+        (!process_data.is_empty()).then(|| RemoteDescriptor {
+            name: RemoteName(self.name),
+            unit_number: u32::from(self.unit_class.unwrap_or(0)) << 24,
+            software_mode: mode,
+            process_data,
+            parameters: Vec::new(),
+            modes: Vec::new(),
+        })
     }
 }
 
@@ -179,6 +207,14 @@ impl ElementTable {
         }
     }
 
+    /// Bits that mean nothing, in one direction.
+    pub const fn pad(bits: u8, direction: DataDirection) -> Self {
+        Self {
+            data_type: DataType::Pad,
+            ..Self::new("", bits, direction)
+        }
+    }
+
     /// A counter.
     pub const fn counter(name: &'static str, bits: u8) -> Self {
         Self {
@@ -208,11 +244,3 @@ impl ElementTable {
         Self { modes, ..self }
     }
 }
-
-/// Terminals written as `"TB8 pin 1" INPUT0, ...`.
-macro_rules! terminals {
-    ($($place:literal $signal:literal),* $(,)?) => {
-        &[$($crate::boards::Terminal { place: $place, signal: $signal }),*]
-    };
-}
-pub(super) use terminals;

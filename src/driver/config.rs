@@ -7,7 +7,7 @@ use crate::discovery::RemoteName;
 use crate::sslbp::{Channel, MAX_CHANNELS};
 
 /// What is expected of the remote on a channel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RemoteConfig {
     /// The software mode it is started in.
     pub mode: u8,
@@ -21,6 +21,8 @@ pub struct RemoteConfig {
     pub unit_class: Option<u8>,
     /// The unit number it must have: printed on the card's label.
     pub unit_number: Option<u32>,
+    /// It may be plugged in later: what it is then.
+    pub optional: Option<&'static RemoteTable>,
 }
 
 impl RemoteConfig {
@@ -32,6 +34,7 @@ impl RemoteConfig {
             name: None,
             unit_class: None,
             unit_number: None,
+            optional: None,
         }
     }
 
@@ -68,6 +71,15 @@ impl RemoteConfig {
         self
     }
 
+    /// It must be the remote of this table, and may be absent at the start: its pins exist then,
+    /// never valid, and it comes up when it is plugged in. See
+    /// [`Board::attach_optional`](super::Board::attach_optional).
+    #[must_use]
+    pub const fn optional(mut self, table: &'static RemoteTable) -> Self {
+        self.optional = Some(table);
+        self.kind(table)
+    }
+
     /// It must have this unit number.
     #[must_use]
     pub const fn unit(mut self, unit_number: u32) -> Self {
@@ -90,7 +102,7 @@ impl RemoteConfig {
 /// assert_eq!(config.channel(2), None);
 /// # Ok::<(), mesa_hal::driver::SerialConfigError>(())
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SerialConfig {
     channels: [Option<RemoteConfig>; MAX_CHANNELS as usize],
     /// A channel that was configured and that no port has.

@@ -5,12 +5,12 @@ use alloc::{boxed::Box, format, string::String, vec::Vec};
 use super::connection::Connection;
 use super::held::Held;
 use super::pace::Pacer;
-use super::remotes::Located;
+use super::remotes::{PortStage, Remotes};
 use super::{
     BoardState, Driver, DriverStatistics, MissingRemote, Pace, Part, Parts, Remark, SerialPort,
     Settings, StartError,
 };
-use crate::boards::BoardTable;
+use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles, RemoteTable};
 use crate::bus::{Clock, ImagePlan, RegisterBus};
 use crate::hal::{GroupId, Input, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts, PortPlan};
@@ -35,7 +35,8 @@ pub struct Board<B: RegisterBus + Clock> {
     connection: Connection,
     modules: Vec<Part>,
     phase_error_us: Option<Input<f64>>,
-    located: Vec<Located>,
+    ports: Vec<PortStage>,
+    is_discovered: bool,
 }
 
 /// Everything that a driver is planned from, but the bus.
@@ -54,6 +55,8 @@ pub(super) struct Plan {
     pub image: ImagePlan,
     pub missing: Vec<MissingRemote>,
     pub remarks: Vec<Remark>,
+    /// Kinds of remotes that this crate does not know.
+    pub tables: Vec<&'static RemoteTable>,
 }
 
 impl<B: RegisterBus + Clock> Board<B> {
@@ -82,10 +85,11 @@ impl<B: RegisterBus + Clock> Board<B> {
             connection,
             modules: Vec::new(),
             phase_error_us: None,
-            located: Vec::new(),
+            ports: Vec::new(),
+            is_discovered: false,
         };
         board.add_built_in()?;
-        board.located = board.plan.locate_ports()?;
+        board.ports = board.plan.locate_ports()?;
         Ok(board)
     }
 
@@ -110,7 +114,8 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Adds a part of the board: none, one or several instances of a module that `register` makes.
     ///
     /// # Errors
-    /// [`StartError::Register`]: why it can not be used.
+    /// [`StartError::Register`]: why it can not be used. [`StartError::AddedLate`] after
+    /// [`discover`](Self::discover).
     pub fn add<M, I>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
@@ -119,6 +124,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         M: Module,
         I: IntoIterator<Item = M>,
     {
+        if self.is_discovered {
+            return Err(StartError::AddedLate);
+        }
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
         let made = self.plan.register(&mut *self.bus, group, register)?;
@@ -156,25 +164,106 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
     pub fn start(mut self) -> Result<Driver<B>, StartError<B::Error>> {
-        match self.start_ports() {
+        self.discover()?;
+        let ports = self.plan.start_ports(&mut *self.bus, &mut self.ports);
+        match ports {
             Ok(ports) => self.into_driver(ports),
-            Err(error) => {
-                for (port, _) in &mut self.located {
-                    // The error counts; whatever can still be stopped is stopped.
-                    let _ = port.stop_all(&mut *self.bus);
-                }
-                Err(error)
-            }
+            Err(error) => Err(self.stopped(error)),
         }
     }
 
-    fn start_ports(&mut self) -> Result<Vec<SerialPort>, StartError<B::Error>> {
+    /// Adds a kind of remote that this crate does not know: it names terminals, units and safe
+    /// values. Those that are added count before those that are built in.
+    ///
+    /// # Errors
+    /// [`StartError::AddedLate`] after [`discover`](Self::discover).
+    pub fn add_remote(&mut self, table: &'static RemoteTable) -> Result<(), StartError<B::Error>> {
+        if self.is_discovered {
+            return Err(StartError::AddedLate);
+        }
+        self.plan.tables.push(table);
+        Ok(())
+    }
+
+    /// Sets the board up, with everything off, and finds out what remotes there are. They stay in
+    /// setup mode until the [start](Self::start): here their parameters are read and written.
+    ///
+    /// The first call does so; [`start`](Self::start) does, if nobody has.
+    ///
+    /// # Errors
+    /// [`StartError`]. Everything that was started is stopped again.
+    ///
+    /// # Real time
+    /// Not for the cycle. Bounded; up to some seconds with many remotes.
+    pub fn discover(&mut self) -> Result<Remotes<'_, B>, StartError<B::Error>> {
+        if !self.is_discovered
+            && let Err(error) = self.find_remotes()
+        {
+            return Err(self.stopped(error));
+        }
+        Ok(Remotes::new(
+            &mut *self.bus,
+            &mut self.plan,
+            &mut self.ports,
+        ))
+    }
+
+    fn find_remotes(&mut self) -> Result<(), StartError<B::Error>> {
         // I/O pins come last, when everybody has taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
+        self.is_discovered = true;
         let bus = &mut *self.bus;
         self.plan.image.set_up(bus).map_err(StartError::Bus)?;
         self.plan.image.watch(bus).map_err(StartError::Bus)?;
-        self.plan.start_ports(bus, &mut self.located)
+        self.plan.discover(bus, &mut self.ports)
+    }
+
+    fn stopped(&mut self, error: StartError<B::Error>) -> StartError<B::Error> {
+        for stage in &mut self.ports {
+            // The error counts; whatever can still be stopped is stopped.
+            let _ = stage.port.stop_all(&mut *self.bus);
+        }
+        error
+    }
+
+    /// The handles of the remote on `channel` (0 to 7) of `port`, which has to be of their kind.
+    /// After [`discover`](Self::discover).
+    ///
+    /// # Errors
+    /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
+    /// (swapped channels), or it lacks a pin in its software mode.
+    pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
+        self.plan.attach(&self.ports, (port, channel))
+    }
+
+    /// The same for a remote that the machine can do without: if it is absent now, its pins are made
+    /// from the table of its kind, never valid and with safe outputs, and it comes up when it is
+    /// plugged in later. It waits to be armed then.
+    ///
+    /// What is plugged in has to be what the table says: name, part of the card, process data, and
+    /// the place of its tables of contents where the table knows that. Anything else stays offline,
+    /// and says what was expected and found. Its parameters have no pins.
+    ///
+    /// # Errors
+    /// [`AttachError`], also if the channel is not configured to be used.
+    pub fn attach_optional<T: RemoteHandles>(
+        &mut self,
+        port: u8,
+        channel: u8,
+    ) -> Result<T, AttachError> {
+        if let Some(stage) = self.ports.get_mut(usize::from(port)) {
+            self.plan.make_optional(stage, channel, T::TABLE)?;
+        }
+        self.attach(port, channel)
+    }
+
+    /// The handles of the board's own functions.
+    ///
+    /// # Errors
+    /// [`AttachError`]: it is another board, its firmware lacks a module, or not all instances are
+    /// in use.
+    pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
+        BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
 
     fn into_driver(self, ports: Vec<SerialPort>) -> Result<Driver<B>, StartError<B::Error>> {
@@ -248,6 +337,7 @@ impl Plan {
             firmware,
             missing: Vec::new(),
             remarks: Vec::new(),
+            tables: Vec::new(),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::boards::IdentityError;
+use crate::boards::{AttachError, IdentityError};
 use crate::bus::BusError;
 use crate::discovery::{Problem, RemoteName};
 use crate::hostmot2::IdentifyError;
@@ -52,7 +52,25 @@ pub enum StartError<E: BusError> {
     /// A remote that the machine can not do without is missing.
     #[error("port {}, channel {}: {}", .0.port, .0.channel, .0.reason)]
     Missing(MissingRemote),
-    /// A parameter of a remote was not written.
+    /// No remote takes part there.
+    #[error(
+        "no remote takes part on port {port}, channel {channel}; `missing` says why, if it was configured"
+    )]
+    NoRemote {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+    },
+    /// There are no handles of a board or a remote.
+    #[error(transparent)]
+    Attach(#[from] AttachError),
+    /// Something was added when the board was set up already.
+    #[error(
+        "modules and kinds of remotes are added before `discover`, which sets the board up; add them first"
+    )]
+    AddedLate,
+    /// A parameter of a remote was not read or written.
     #[error("parameter {name} on port {port}, channel {channel}: {source}")]
     RemoteParameter {
         /// The port.

@@ -70,6 +70,7 @@ pub use error::{CycleError, MissingReason, MissingRemote, StartError};
 pub use pace::{Pace, PaceError};
 pub use parameters::RemoteParameterError;
 pub use remark::{Remark, RemarkKind};
+pub use remotes::{FoundRemote, RemoteInSetup, Remotes};
 pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
 pub use settings::Settings;
 pub use stop::ShutdownError;

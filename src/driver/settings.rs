@@ -1,13 +1,11 @@
 //! What an application asks for before its driver starts.
 
-use alloc::{boxed::Box, vec::Vec};
+use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::parameters::check_watchdog;
 use super::{EncoderSetup, FaultPolicy, GpioConfig, Pace, SerialConfig, StartError};
 use crate::boards::BoardTable;
 use crate::bus::BusError;
-use crate::hal::AnyValue;
 use crate::modules::watchdog::WatchdogRegisters;
 
 /// The most serial ports of a board.
@@ -37,7 +35,6 @@ pub struct Settings {
     pub(crate) policy: FaultPolicy,
     pub(crate) bus_error_limit: u32,
     pub(crate) boards: Vec<&'static BoardTable>,
-    pub(crate) parameters: Vec<ParameterChoice>,
 }
 
 impl Default for Settings {
@@ -64,7 +61,6 @@ impl Settings {
             policy: FaultPolicy::default(),
             bus_error_limit: 5,
             boards: Vec::new(),
-            parameters: Vec::new(),
         }
     }
 
@@ -122,30 +118,6 @@ impl Settings {
             Some(slot) => *slot = Some(config),
             None => self.port_beyond = Some(port),
         }
-        self
-    }
-
-    /// What a parameter is to be that the remote on `channel` (0 to 7) of `port` keeps, for example
-    /// `nvwatchdogtimeout`: as the remote spells it, or as LinuxCNC does.
-    ///
-    /// It is written while the remotes are in setup mode, and read back; a non-volatile one only if
-    /// it is another than before, and the remote uses it from its next power-up on. Of a remote
-    /// that is missing and not required, nothing is written. A parameter that the remote does not
-    /// have, or a value that it can not take, makes [`Driver::start`](super::Driver::start) fail.
-    #[must_use]
-    pub fn remote_parameter(
-        mut self,
-        port: u8,
-        channel: u8,
-        name: &str,
-        value: impl Into<AnyValue>,
-    ) -> Self {
-        self.parameters.push(ParameterChoice {
-            port,
-            channel,
-            name: name.into(),
-            value: value.into(),
-        });
         self
     }
 
@@ -219,16 +191,6 @@ impl Settings {
                 period,
             });
         }
-        for choice in &self.parameters {
-            check_watchdog(&choice.name, choice.value, period).map_err(|source| {
-                StartError::RemoteParameter {
-                    port: choice.port,
-                    channel: choice.channel,
-                    name: choice.name.clone(),
-                    source,
-                }
-            })?;
-        }
         let rest = self.policy.rest.max(FaultPolicy::SHORTEST_REST);
         self.policy.rest = rest.max(period * 3 / 4);
         Ok(self)
@@ -237,12 +199,3 @@ impl Settings {
 
 /// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
 pub(super) const WATCHDOG_FEEDS: u32 = 2;
-
-/// What a parameter of a remote is to be.
-#[derive(Clone, Debug)]
-pub(crate) struct ParameterChoice {
-    pub port: u8,
-    pub channel: u8,
-    pub name: Box<str>,
-    pub value: AnyValue,
-}

@@ -208,9 +208,8 @@ impl DataRecord {
 /// A parameter of a remote in the pin store.
 ///
 /// It lives in the remote, which is reached in setup mode only: the driver reads it there and
-/// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver is
-/// built or while its port stands still:
-/// [`Settings::remote_parameter`](crate::driver::Settings::remote_parameter),
+/// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver
+/// starts or while its port stands still: [`Remotes::at`](crate::driver::Remotes::at),
 /// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemoteParameter {

@@ -5,8 +5,8 @@
 use core::any::Any;
 use core::ops::RangeInclusive;
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device};
-use mesa_hal::driver::{OfflineReason, RemoteState};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
+use mesa_hal::driver::{Board, OfflineReason, RemoteState, Settings};
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
@@ -406,11 +406,14 @@ fn every_bit_of_the_fault_byte_has_a_name() {
 
 /// A 7I72 that has been powered up with this watchdog, and drives all its outputs.
 fn busy_machine_with_watchdog(millis: u32) -> Machine {
-    let mut machine = Machine::build(|builder| {
-        builder
-            .watchdog(std::time::Duration::from_secs(1))
-            .remote_parameter(0, 2, "nvwatchdogtimeout", millis)
-    });
+    let settings = Settings::new().watchdog(std::time::Duration::from_secs(1));
+    let mut board = Board::identify(fpga(), settings).expect("a board");
+    let mut remotes = board.discover().expect("its remotes");
+    let mut outputs = remotes.at(0, 2).expect("a 7I72");
+    outputs
+        .write("nvwatchdogtimeout", millis)
+        .expect("it takes it");
+    let mut machine = Machine::with(board.start().expect("all of them run"));
     cycle(&mut machine, |_| {});
     let now = machine.now();
     machine.device_mut(OUTPUTS).set_power(now, false);

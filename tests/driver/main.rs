@@ -12,6 +12,7 @@ mod faults_outputs;
 mod faults_remote;
 mod index_on_network;
 mod manifest;
+mod optional_remotes;
 mod outputs_forgotten;
 mod pace;
 mod remote_parameters;

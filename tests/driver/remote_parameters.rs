@@ -4,12 +4,12 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
-use mesa_hal::Settings;
+use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{
-    BoardState, Driver, RemoteConfig, RemoteParameterError, RemoteWatchdog, SerialConfig,
-    StartError,
+    Board, BoardState, RemoteParameterError, RemoteWatchdog, Settings, StartError,
 };
 use mesa_hal::hal::PinError;
+use mesa_hal::sim::SimFpga;
 use mesa_hal::sslbp::Channel;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -40,14 +40,40 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_and_says_how() {
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
 }
 
+/// A board whose remotes are in setup mode.
+fn discovered(fpga: SimFpga) -> Board<SimFpga> {
+    let mut board = Board::identify(fpga, Settings::new()).expect("a board");
+    drop(board.discover().expect("its remotes"));
+    board
+}
+
+fn write(
+    board: &mut Board<SimFpga>,
+    channel: usize,
+    name: &str,
+    value: u32,
+) -> Result<(), StartError<<SimFpga as RegisterBus>::Error>> {
+    let mut remotes = board.discover()?;
+    remotes.at(0, channel as u8)?.write(name, value)
+}
+
 #[test]
-fn a_builder_writes_parameters_in_setup_mode() {
-    let mut machine = Machine::build(|builder| {
-        builder
-            .remote_parameter(0, 0, "NVWatchDogTimeout", 100)
-            .remote_parameter(0, 2, "nvwatchdogtimeout", 0)
-            .remote_parameter(0, 2, "nvunitnumber", 0x7200_0009)
-    });
+fn parameters_are_written_in_setup_mode_before_the_start() {
+    let mut board = discovered(fpga());
+    for (channel, name, value) in [
+        (FIELD, "NVWatchDogTimeout", 100),
+        (OUTPUTS, "nvwatchdogtimeout", 0),
+        (OUTPUTS, "nvunitnumber", 0x7200_0009),
+    ] {
+        write(&mut board, channel, name, value).expect("it takes it");
+    }
+    let mut remotes = board.discover().expect("they stay discovered");
+    let mut field = remotes.at(0, 0).expect("field I/O");
+    assert_eq!(
+        field.read("nvwatchdogtimeout").expect("it is read").raw,
+        100
+    );
+    let mut machine = Machine::with(board.start().expect("all of them run"));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
     assert_eq!(kept(&machine, ANALOG, "nvwatchdogtimeout"), 50);
     assert_eq!(kept(&machine, OUTPUTS, "nvwatchdogtimeout"), 0);
@@ -70,65 +96,61 @@ fn a_builder_writes_parameters_in_setup_mode() {
 
 #[test]
 fn a_shorter_watchdog_is_not_believed_before_the_next_power_up() {
-    let machine = Machine::build(|builder| builder.remote_parameter(0, 0, "nvwatchdogtimeout", 20));
+    let mut board = discovered(fpga());
+    write(&mut board, FIELD, "nvwatchdogtimeout", 20).expect("it takes it");
+    let machine = Machine::with(board.start().expect("all of them run"));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 20);
     let fifty = RemoteWatchdog::Known(Duration::from_millis(50));
     assert_eq!(machine.status(FIELD).watchdog(), fifty);
 }
 
 #[test]
-fn what_can_not_be_written_makes_the_build_fail_with_a_reason() {
-    let build = |port, channel, name: &str, value: u32| {
-        let settings = Settings::new().remote_parameter(port, channel, name, value);
-        Driver::start(fpga(), settings).map(drop).unwrap_err()
-    };
-    for (error, expected) in [
+fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_the_same() {
+    let mut absent = fpga();
+    absent.plug(0, ANALOG, None);
+    let mut board = discovered(absent);
+    for (channel, name, value, expected) in [
         (
-            build(0, 0, "nvwatchdog", 50),
+            0,
+            "nvwatchdog",
+            50,
             "parameter nvwatchdog on port 0, channel 0: port 0, channel 0: the remote has no \
              parameter of that name; its parameters are in `RemoteStatus::descriptor`",
         ),
         (
-            build(0, 0, "nvwatchdogtimeout", 65_536),
+            0,
+            "nvwatchdogtimeout",
+            65_536,
             "parameter nvwatchdogtimeout on port 0, channel 0: 65536 does not fit: the parameter \
              is u32, 16 bits wide",
         ),
         (
-            build(0, 0, "swrevision", 1),
+            0,
+            "swrevision",
+            1,
             "parameter swrevision on port 0, channel 0: the remote's parameter can only be read",
         ),
         (
-            build(0, 9, "nvwatchdogtimeout", 100),
-            "parameter nvwatchdogtimeout on port 0, channel 9: no remote takes part on port 0, \
-             channel 9; `Driver::missing` says why, if it was configured",
+            9,
+            "nvwatchdogtimeout",
+            100,
+            "no remote takes part on port 0, channel 9; `missing` says why, if it was configured",
         ),
         (
-            build(3, 0, "nvwatchdogtimeout", 100),
-            "there is no serial port 3: this firmware has 1; leave its configuration out",
+            ANALOG,
+            "nvwatchdogtimeout",
+            100,
+            "no remote takes part on port 0, channel 1; `missing` says why, if it was configured",
         ),
     ] {
+        let error = write(&mut board, channel, name, value).unwrap_err();
         assert_eq!(error.to_string(), expected);
     }
-    // Of a remote that is missing, it says that it is missing.
-    let mut absent = fpga();
-    absent.plug(0, FIELD, None);
-    let driver = Driver::start(
-        absent,
-        Settings::new().remote_parameter(0, 0, "nvwatchdogtimeout", 50),
-    )
-    .unwrap();
-    assert_eq!(driver.missing().len(), 1);
-    let mut absent = fpga();
-    absent.plug(0, FIELD, None);
-    let config = SerialConfig::default().with(0, RemoteConfig::in_mode(0).required());
-    let error = Driver::start(
-        absent,
-        Settings::new()
-            .serial_port(0, config)
-            .remote_parameter(0, 0, "nvwatchdogtimeout", 50),
-    )
-    .map(drop);
-    assert!(matches!(error, Err(StartError::Missing(_))));
+    let mut remotes = board.discover().expect("they stay discovered");
+    assert_eq!(remotes.missing().len(), 1);
+    assert!(remotes.at(3, 0).is_err());
+    let driver = board.start().expect("the others run");
+    assert_eq!(driver.ports()[0].remotes().count(), 2);
 }
 
 fn switch_on(machine: &mut Machine) {
@@ -262,8 +284,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
     let text = "a watchdog of 1ms can not be fed with a period of 1ms: a transfer that is lost must \
                 not let it bite, so it needs 2 x 1ms = 2ms; choose more milliseconds, or a shorter \
                 period";
-    let settings = Settings::new().remote_parameter(0, 1, "NVWatchDogTimeout", 1);
-    let error = Driver::start(fpga(), settings).map(drop).unwrap_err();
+    let error = write(&mut discovered(fpga()), ANALOG, "NVWatchDogTimeout", 1).unwrap_err();
     let place = "parameter NVWatchDogTimeout on port 0, channel 1: ";
     assert_eq!(error.to_string(), format!("{place}{text}"));
 

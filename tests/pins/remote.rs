@@ -17,7 +17,7 @@ fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> Re
         port: 0,
         channel,
     };
-    let table = RemoteTable::for_remote(descriptor);
+    let table = RemoteTable::for_remote(descriptor, &[]);
     let plan = PackingPlan::new(descriptor, 3).unwrap();
     RemotePins::new(pins, location, descriptor, plan, table).unwrap()
 }
@@ -319,7 +319,7 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
     let refused = pins.set_param(baud, 10).unwrap_err();
     assert_eq!(refused, PinError::InRemote);
     let text = refused.to_string();
-    assert!(text.contains("`Settings::remote_parameter`"), "{text}");
+    assert!(text.contains("`Remotes::at`"), "{text}");
     assert!(text.contains("`Driver::write_remote_parameter`"), "{text}");
 
     let field = field_io(0);

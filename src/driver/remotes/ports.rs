@@ -2,15 +2,16 @@
 
 use alloc::vec::Vec;
 
-use super::configure::Plan;
-use super::settings::{ParameterChoice, WATCHDOG_FEEDS};
+use super::FoundRemote;
 use crate::boards::{IdentityError, RemoteTable};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
-    DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor, discover_port,
+    Discovered, DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor,
+    discover_port,
 };
-use crate::driver::parameters::{ParameterWrite, RemoteParameterError};
+use crate::driver::configure::Plan;
 use crate::driver::remark;
+use crate::driver::settings::WATCHDOG_FEEDS;
 use crate::driver::{
     MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort, StartError,
 };
@@ -19,15 +20,36 @@ use crate::modules::RegisterError;
 use crate::modules::serial::{Remote, RemoteFaultPins};
 use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
-    Channel, ChannelStart, Layout, Port, PortError, SslbpModule, StartMode, StartedRemote,
+    Channel, ChannelStart, Layout, Port, PortError, PortParameters, SslbpModule, StartMode,
+    StartedRemote,
 };
 
-/// A port, and what is expected on it.
-pub(super) type Located = (Port, SerialConfig);
+/// A serial port while its board is configured.
+#[derive(Debug)]
+pub(in crate::driver) struct PortStage {
+    pub port: Port,
+    pub(super) serial: SerialConfig,
+    /// Known once it is discovered.
+    parameters: Option<PortParameters>,
+    /// By channel.
+    pub(super) remotes: Vec<FoundRemote>,
+}
+
+impl PortStage {
+    pub(super) fn number(&self) -> u8 {
+        self.port.layout().instance()
+    }
+
+    /// The remote on a channel, and its place.
+    pub(super) fn place(&self, channel: u8) -> Option<(usize, &FoundRemote)> {
+        let mut remotes = self.remotes.iter().enumerate();
+        remotes.find(|(_, found)| found.started.channel.index() == channel)
+    }
+}
 
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
-    pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<Located>, StartError<E>> {
+    pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, StartError<E>> {
         let config = &self.settings;
         let module = [Gtag::SSERIAL, Gtag::SSERIAL_B]
             .into_iter()
@@ -39,7 +61,6 @@ impl Plan {
             .filter(|(_, config)| config.is_some())
             .map(|(port, _)| port)
             .last();
-        let last = last.max(config.parameters.iter().map(|choice| choice.port).max());
         if let Some(port) = config.port_beyond.or(last).filter(|&port| port >= ports) {
             return Err(StartError::NoSuchPort { port, ports });
         }
@@ -74,31 +95,57 @@ impl Plan {
             self.io
                 .use_some(&self.firmware, module.gtag, instance, is_used)
                 .map_err(RegisterError::from)?;
-            located.push((Port::new(layout), serial));
+            located.push(PortStage {
+                port: Port::new(layout),
+                serial,
+                parameters: None,
+                remotes: Vec::new(),
+            });
         }
         Ok(located)
     }
 
-    /// Resets the ports, discovers their remotes and starts them.
+    /// Resets the ports and discovers their remotes, which are in setup mode then.
+    pub fn discover<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        stages: &mut [PortStage],
+    ) -> Result<(), StartError<B::Error>> {
+        for stage in stages {
+            stage.parameters = Some(stage.port.reset(bus)?);
+            self.discover_on(bus, stage)?;
+            let serial = stage.serial;
+            for (channel, config) in serial.iter() {
+                if let Some(table) = config.optional {
+                    self.make_optional(stage, channel.index(), table)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts the remotes in normal mode.
     pub fn start_ports<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        located: &mut [Located],
+        stages: &mut [PortStage],
     ) -> Result<Vec<SerialPort>, StartError<B::Error>> {
-        let parameters = core::mem::take(&mut self.settings.parameters);
         let mut ports = Vec::new();
-        for (port, serial) in located {
-            let of_port = port.reset(bus)?;
-            let remotes = self.start_port(bus, port, serial, &parameters)?;
+        for stage in stages {
+            let Some(parameters) = stage.parameters else {
+                debug_assert!(false, "a port is discovered before it is started");
+                continue;
+            };
+            stage.port.stop_all(bus)?;
+            let remotes = self.start_normal(bus, stage)?;
             let now = bus.now();
             let status = self.status;
-            let port = self.register(bus, status, |r| {
-                SerialPort::register(r, (port.clone(), of_port), remotes, now)
-            })?;
+            let port = (stage.port.clone(), parameters);
+            let port =
+                self.register(bus, status, |r| SerialPort::register(r, port, remotes, now))?;
             self.check_port(&port)?;
             ports.push(port);
         }
-        self.check_parameters(&ports, &parameters)?;
         Ok(ports)
     }
 
@@ -130,89 +177,53 @@ impl Plan {
         Ok(())
     }
 
-    /// Whether every parameter was for a remote that there is, or that is known to be missing.
-    fn check_parameters<E: BusError>(
-        &self,
-        ports: &[SerialPort],
-        choices: &[ParameterChoice],
-    ) -> Result<(), StartError<E>> {
-        for ParameterChoice {
-            port,
-            channel,
-            name,
-            ..
-        } in choices
-        {
-            let (port, channel) = (*port, *channel);
-            let found = ports.get(usize::from(port));
-            let is_there = Channel::new(channel)
-                .is_some_and(|channel| found.is_some_and(|port| port.remote(channel).is_some()));
-            let is_missing = self
-                .missing
-                .iter()
-                .any(|missing| (missing.port, missing.channel.index()) == (port, channel));
-            if !is_there && !is_missing {
-                return Err(StartError::RemoteParameter {
-                    port,
-                    channel,
-                    name: name.clone(),
-                    source: RemoteParameterError::NoSuchRemote { port, channel },
-                });
-            }
-        }
-        Ok(())
-    }
-
-    /// Discovery in setup mode, then normal START, as LinuxCNC does it.
-    fn start_port<B: RegisterBus + Clock>(
+    fn discover_on<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        port: &mut Port,
-        serial: &SerialConfig,
-        parameters: &[ParameterChoice],
-    ) -> Result<Vec<Remote>, StartError<B::Error>> {
-        let wanted = self.existing(port, serial)?;
-        let inventory = discover_port(port, bus, &wanted, DiscoveryLimits::default())?;
+        stage: &mut PortStage,
+    ) -> Result<(), StartError<B::Error>> {
+        let wanted = self.existing(stage)?;
+        let inventory = discover_port(&mut stage.port, bus, &wanted, DiscoveryLimits::default())?;
         for failure in &inventory.failures {
             let reason = MissingReason::DidNotStart(*failure);
-            self.miss(port, serial, failure.channel, reason)?;
+            self.miss(stage, failure.channel, reason)?;
         }
-        let mut candidates = Vec::new();
-        for found in inventory.remotes {
-            let channel = found.remote.channel;
-            let expected = serial.channel(channel.index()).unwrap_or_default();
-            match self.candidate(port, &found, expected) {
+        for DiscoveredRemote { remote, discovered } in inventory.remotes {
+            let channel = remote.channel;
+            match self.candidate(stage, &remote, &discovered) {
                 Ok(pins) => {
-                    let mut remote = (found, pins);
-                    self.read_parameters(bus, port, &mut remote)?;
-                    self.write_parameters(bus, port, &mut remote, parameters)?;
-                    candidates.push(remote);
+                    let mut found = FoundRemote {
+                        started: remote,
+                        descriptor: discovered.descriptor,
+                        problems: discovered.problems,
+                        pins,
+                        is_absent: false,
+                    };
+                    self.read_parameters(bus, &mut stage.port, &mut found)?;
+                    stage.remotes.push(found);
                 }
-                Err(reason) => self.miss(port, serial, channel, reason)?,
+                Err(reason) => self.miss(stage, channel, reason)?,
             }
         }
-        let of = candidates.iter();
-        let of = of.map(|(found, _)| (found.remote.channel, &found.discovered.descriptor));
-        let instance = port.layout().instance();
-        self.remarks.extend(remark::on_order(instance, of));
-        port.stop_all(bus)?;
-        self.start_normal(bus, port, serial, candidates)
+        let of = stage.remotes.iter();
+        let of = of.map(|found| (found.started.channel, &found.descriptor));
+        self.remarks.extend(remark::on_order(stage.number(), of));
+        Ok(())
     }
 
     /// The channels to start; those that do not exist and were asked for by name are missing.
     fn existing<E: BusError>(
         &mut self,
-        port: &Port,
-        serial: &SerialConfig,
+        stage: &PortStage,
     ) -> Result<Vec<ChannelStart>, StartError<E>> {
-        let channels = port.layout().channels();
+        let channels = stage.port.layout().channels();
         let mut starts = Vec::new();
-        for (channel, remote) in serial.iter() {
+        for (channel, remote) in stage.serial.iter() {
             if channel.index() < channels {
                 starts.push(ChannelStart::new(channel).with_software_mode(remote.mode));
             } else if remote.required {
                 let reason = MissingReason::NoSuchChannel { channels };
-                self.miss(port, serial, channel, reason)?;
+                self.miss(stage, channel, reason)?;
             }
         }
         Ok(starts)
@@ -221,17 +232,16 @@ impl Plan {
     /// A remote does not take part. Fails if the machine can not do without it.
     fn miss<E: BusError>(
         &mut self,
-        port: &Port,
-        serial: &SerialConfig,
+        stage: &PortStage,
         channel: Channel,
         reason: MissingReason,
     ) -> Result<(), StartError<E>> {
         let missing = MissingRemote {
-            port: port.layout().instance(),
+            port: stage.number(),
             channel,
             reason,
         };
-        let config = serial.channel(channel.index());
+        let config = stage.serial.channel(channel.index());
         if config.is_some_and(|config| config.required) {
             return Err(StartError::Missing(missing));
         }
@@ -242,37 +252,32 @@ impl Plan {
     /// Makes the pins of a remote that is the right one and that is understood.
     fn candidate<E>(
         &mut self,
-        port: &Port,
-        found: &DiscoveredRemote<E>,
-        expected: RemoteConfig,
+        stage: &PortStage,
+        remote: &StartedRemote,
+        discovered: &Discovered<E>,
     ) -> Result<RemotePins, MissingReason> {
-        let descriptor = &found.discovered.descriptor;
-        let name = descriptor.name;
+        let descriptor = &discovered.descriptor;
+        let (name, channel) = (descriptor.name, remote.channel);
+        let expected = stage.serial.channel(channel.index()).unwrap_or_default();
         check_identity(descriptor, expected).map_err(MissingReason::WrongRemote)?;
         check_mode(descriptor)?;
-        if let Some(problem) = found
-            .discovered
-            .problems
-            .iter()
-            .find(|problem| problem.affects_process_data())
-        {
-            let problem = *problem;
+        let mut problems = discovered.problems.iter();
+        if let Some(&problem) = problems.find(|problem| problem.affects_process_data()) {
             return Err(MissingReason::Tables { name, problem });
         }
-        let plan = PackingPlan::new(descriptor, port.layout().interface_registers());
+        let plan = PackingPlan::new(descriptor, stage.port.layout().interface_registers());
         let plan = plan.map_err(|problem| MissingReason::Tables { name, problem })?;
-        check_sizes(&found.remote, &plan)?;
+        check_sizes(remote, &plan)?;
         let location = RemoteLocation {
             board: &self.name,
-            port: port.layout().instance(),
-            channel: found.remote.channel.index(),
+            port: stage.number(),
+            channel: channel.index(),
         };
-        let table = RemoteTable::for_remote(descriptor);
+        let table = RemoteTable::for_remote(descriptor, &self.tables);
         let pins = RemotePins::new(&mut self.pins, location, descriptor, plan, table);
         let pins = pins.map_err(|error| MissingReason::Pins { name, error })?;
-        let (port, channel) = (location.port, found.remote.channel);
         self.remarks
-            .extend(Remark::on(port, channel, &found.discovered, table));
+            .extend(Remark::on(stage.number(), channel, discovered, table));
         Ok(pins)
     }
 
@@ -281,12 +286,11 @@ impl Plan {
         &mut self,
         bus: &mut B,
         port: &mut Port,
-        (found, pins): &mut (DiscoveredRemote<PortError<B::Error>>, RemotePins),
+        found: &mut FoundRemote,
     ) -> Result<(), StartError<B::Error>> {
-        let mut memory = PortMemory::new(port, bus, found.remote.channel);
-        for parameter in pins.parameters_mut() {
-            let records = &found.discovered.descriptor.parameters;
-            let Some(record) = records.get(parameter.record) else {
+        let mut memory = PortMemory::new(port, bus, found.started.channel);
+        for parameter in found.pins.parameters_mut() {
+            let Some(record) = found.descriptor.parameters.get(parameter.record) else {
                 continue;
             };
             match record.read_parameter(&mut memory) {
@@ -300,71 +304,51 @@ impl Plan {
         Ok(())
     }
 
-    /// Writes the parameters that were chosen for a remote in setup mode.
-    fn write_parameters<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        port: &mut Port,
-        (found, pins): &mut (DiscoveredRemote<PortError<B::Error>>, RemotePins),
-        choices: &[ParameterChoice],
-    ) -> Result<(), StartError<B::Error>> {
-        let place = (port.layout().instance(), found.remote.channel);
-        let own = choices
-            .iter()
-            .filter(|choice| (choice.port, choice.channel) == (place.0, place.1.index()));
-        for choice in own {
-            let failed = |source| StartError::RemoteParameter {
-                port: place.0,
-                channel: place.1.index(),
-                name: choice.name.clone(),
-                source,
-            };
-            let parts = (&found.discovered.descriptor, &*pins);
-            let write =
-                ParameterWrite::new(place, parts, &choice.name, choice.value).map_err(failed)?;
-            write.write(bus, port, place.1).map_err(failed)?;
-            if let Some(parameter) = pins.parameters_mut().get_mut(write.place) {
-                parameter.publish(&mut self.pins, write.raw);
-            }
-        }
-        Ok(())
-    }
-
     fn start_normal<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        port: &mut Port,
-        serial: &SerialConfig,
-        candidates: Vec<(DiscoveredRemote<PortError<B::Error>>, RemotePins)>,
+        stage: &mut PortStage,
     ) -> Result<Vec<Remote>, StartError<B::Error>> {
-        let starts: Vec<ChannelStart> = candidates
-            .iter()
-            .map(|(found, _)| {
-                ChannelStart::new(found.remote.channel)
-                    .with_software_mode(found.remote.software_mode)
+        let there = stage.remotes.iter().filter(|found| !found.is_absent);
+        let starts: Vec<ChannelStart> = there
+            .map(|found| {
+                ChannelStart::new(found.started.channel)
+                    .with_software_mode(found.started.software_mode)
             })
             .collect();
-        let report = port.start(bus, StartMode::Normal, &starts)?;
+        let report = stage.port.start(bus, StartMode::Normal, &starts)?;
         let mut remotes = Vec::new();
-        for (found, pins) in candidates {
-            let channel = found.remote.channel;
-            let name = found.remote.name;
+        for found in core::mem::take(&mut stage.remotes) {
+            let channel = found.started.channel;
+            let name = found.started.name;
             match report.outcome(channel) {
-                Some(Ok(started)) if is_same(&started, &found.remote) => {
-                    let fault_pins =
-                        RemoteFaultPins::new(&mut self.pins, self.status, pins.prefix())
-                            .map_err(RegisterError::from)?;
-                    let descriptor = found.discovered.descriptor;
-                    remotes.push(Remote::new(started, descriptor, pins, fault_pins));
+                None if found.is_absent => remotes.push(self.remote(found.started, found)?),
+                Some(Ok(started)) if is_same(&started, &found.started) => {
+                    remotes.push(self.remote(started, found)?);
                 }
                 Some(Err(failure)) => {
                     let reason = MissingReason::DidNotStart(failure);
-                    self.miss(port, serial, channel, reason)?;
+                    self.miss(stage, channel, reason)?;
                 }
-                _ => self.miss(port, serial, channel, MissingReason::Changed { name })?,
+                _ => self.miss(stage, channel, MissingReason::Changed { name })?,
             }
         }
         Ok(remotes)
+    }
+
+    fn remote(
+        &mut self,
+        started: StartedRemote,
+        found: FoundRemote,
+    ) -> Result<Remote, RegisterError> {
+        let prefix = found.pins.prefix();
+        let fault_pins = RemoteFaultPins::new(&mut self.pins, self.status, prefix)?;
+        let new = if found.is_absent {
+            Remote::absent
+        } else {
+            Remote::new
+        };
+        Ok(new(started, found.descriptor, found.pins, fault_pins))
     }
 }
 

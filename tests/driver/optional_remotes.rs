@@ -1,0 +1,372 @@
+//! A kind of card that this crate does not know, and remotes that may be absent at the start: they
+//! come up when they are plugged in, and what is something else does not.
+
+use std::time::Duration;
+
+use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
+use mesa_hal::boards::{
+    AttachError, Contents, ElementTable, Finder, I7i72, I7i77Field, RemoteHandles, RemoteTable,
+    Terminals, i7i77,
+};
+use mesa_hal::discovery::DataDirection;
+use mesa_hal::driver::{Board, Driver, RemoteConfig, RemoteState, SerialConfig, Settings};
+use mesa_hal::hal::{AnalogIn, DigitalIn, DigitalOut};
+use mesa_hal::sim::SimFpga;
+use mesa_hal::sim::devices::{FieldIo, Outputs48, Plain};
+use mesa_hal::sim::remote::Cable;
+use mesa_hal::sim::wire::RemoteEnd;
+
+/// A valve block, as its maker's manual tells.
+const VALVES: RemoteTable = RemoteTable::new(
+    "valve block",
+    *b"VLV4",
+    &[
+        ElementTable::bits_out("Valve", 4).at(&[Terminals::new("X2.", 0, &["Y#"], &[3, 4, 5, 6])]),
+        ElementTable::pad(4, DataDirection::Output),
+        ElementTable::bits_in("Closed", 4),
+        ElementTable::pad(4, DataDirection::Input),
+        ElementTable::volts_in("Supply", 8, 36.3),
+    ],
+);
+
+/// The same, with the place of the tables of the firmware that the machine was built with.
+const VALVES_OF_FIRMWARE_1: RemoteTable = RemoteTable {
+    contents: &[Contents {
+        mode: 0,
+        ptoc: 0x1234,
+        gtoc: 0x1240,
+    }],
+    ..VALVES
+};
+
+/// The block itself, with so many more inputs in a later firmware.
+fn valve_block(more: &str) -> Box<dyn RemoteEnd> {
+    let text = format!(
+        "remote VLV4\nunit 0x00000055\nhardware 0 standard\nmode 0 standard\n\
+         data Valve 4 bits out\ndata PadOut 4 pad out\n\
+         data Closed 4 bits in\ndata PadIn 4 pad in\n\
+         data Supply 8 unsigned in 0 36.3 volts\n{more}\
+         parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50\n\
+         working WatchDogTime 16 NVWatchDogTimeout\nwatchdog WatchDogTime\n"
+    );
+    let device = Plain::from_description(&text).expect("a description");
+    Box::new(Cable::new(Box::new(device), 7))
+}
+
+fn outputs_48() -> Box<dyn RemoteEnd> {
+    Box::new(Cable::new(Box::new(Outputs48::i7i72().expect("a 7I72")), 8))
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Valves {
+    valves: [DigitalOut; 4],
+    closed: [DigitalIn; 4],
+    supply: AnalogIn,
+}
+
+impl RemoteHandles for Valves {
+    const TABLE: &'static RemoteTable = &VALVES;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        Ok(Self {
+            valves: pins.numbered("valve-", DigitalOut::find)?,
+            closed: pins.numbered("closed-", DigitalIn::find)?,
+            supply: pins.one("supply", AnalogIn::find)?,
+        })
+    }
+}
+
+impl Cards for Valves {
+    fn of<B: World>(driver: &Driver<B>) -> Self {
+        driver.attach(0, OUTPUTS as u8).expect("valves")
+    }
+}
+
+type Shop = Machine<SimFpga, Valves>;
+
+fn board(end: Option<Box<dyn RemoteEnd>>) -> Board<SimFpga> {
+    let mut fpga = fpga();
+    let _ = fpga.plug(0, OUTPUTS, end);
+    let mut board = Board::identify(fpga, Settings::new()).expect("a 7I92");
+    board.add_remote(&VALVES).expect("before discovery");
+    board
+}
+
+/// A machine whose valve block is not there yet.
+fn shop() -> Shop {
+    let mut board = board(None);
+    let remotes = board.discover().expect("two remotes");
+    assert_eq!(remotes.iter().count(), 2);
+    assert_eq!(remotes.missing().len(), 1);
+    let absent = board.attach_optional::<Valves>(0, OUTPUTS as u8);
+    let absent = absent.expect("its pins are made");
+    let shop = Shop::of(board.start().expect("two remotes run"));
+    assert_eq!(shop.cards, absent);
+    assert_eq!(shop.driver.missing(), []);
+    shop
+}
+
+fn plug(shop: &mut Shop, end: Option<Box<dyn RemoteEnd>>) {
+    let _ = shop.fpga().plug(0, OUTPUTS, end);
+}
+
+fn open_valves(shop: &mut Shop) {
+    let valves = shop.cards.valves;
+    for valve in valves {
+        valve.set(shop.driver.pins_mut(), true);
+    }
+}
+
+fn are_open(shop: &Shop) -> bool {
+    let world = shop.device(OUTPUTS).world();
+    let open = [0, 1, 2, 3].map(|n| world.output(n) == Some(true));
+    assert!(open == [true; 4] || open == [false; 4], "{open:?}");
+    open[0]
+}
+
+/// Why it does not run.
+fn reason(shop: &Shop) -> String {
+    match shop.status(OUTPUTS).state() {
+        RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
+            reason.to_string()
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
+    let mut shop = {
+        let mut board = board(Some(valve_block("")));
+        let mut remotes = board.discover().expect("three remotes");
+        assert_eq!(remotes.iter().count(), 3);
+        assert_eq!(remotes.remarks(), []);
+        let mut block = remotes.at(0, OUTPUTS as u8).expect("it is there");
+        block.write("NVWatchDogTimeout", 100).expect("it takes it");
+        let watchdog = block.read("nvwatchdogtimeout").expect("it tells it");
+        assert_eq!(watchdog.raw, 100);
+        let valves = board.attach::<Valves>(0, OUTPUTS as u8).expect("valves");
+        // What is there is what it is, optional or not.
+        assert_eq!(board.attach_optional(0, OUTPUTS as u8), Ok(valves));
+        Shop::of(board.start().expect("all of it runs"))
+    };
+    let handles = shop.cards;
+    shop.device_mut(OUTPUTS)
+        .set_input(2, true)
+        .expect("an input");
+    shop.device_mut(OUTPUTS)
+        .set_input_volts(0, 24.0)
+        .expect("a supply");
+    open_valves(&mut shop);
+    shop.cycles(4);
+    assert!(are_open(&shop));
+    let pins = shop.driver.pins();
+    let closed = handles.closed.map(|input| input.read(pins).ok());
+    assert_eq!(closed, [false, false, true, false].map(Some));
+    let volts = handles.supply.read(pins).ok().expect("a voltage");
+    assert!((volts - 24.0).abs() < 0.1, "{volts}");
+    let info = pins.info(handles.valves[3].pin).expect("a pin");
+    assert_eq!((&*info.terminal, &*info.signal), ("X2.6", "Y3"));
+    // The handles are for this card only.
+    let other = shop.driver.attach::<Valves>(0, FIELD as u8).unwrap_err();
+    assert_eq!(
+        other.to_string(),
+        "port 0, channel 0: a 7I77 answers where a VLV4 was expected (are the cables swapped?)"
+    );
+    let other = shop.driver.attach::<I7i72>(0, OUTPUTS as u8).unwrap_err();
+    assert!(other.to_string().contains("a VLV4 answers"), "{other}");
+    let nothing = shop.driver.attach::<Valves>(0, 5).unwrap_err();
+    assert!(
+        nothing
+            .to_string()
+            .contains("channel 5, where a valve block was asked for"),
+        "{nothing}"
+    );
+}
+
+#[test]
+fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
+    let mut board = board(None);
+    let error = board
+        .discover()
+        .expect("two remotes")
+        .at(0, OUTPUTS as u8)
+        .map(drop)
+        .unwrap_err();
+    assert!(error.to_string().contains("channel 2"), "{error}");
+    let attached = board.attach::<Valves>(0, OUTPUTS as u8);
+    assert!(matches!(attached, Err(AttachError::NoRemote { .. })));
+    let mut driver = board.start().expect("two remotes run");
+    let _ = driver.bus_mut().plug(0, OUTPUTS, Some(valve_block("")));
+    for _ in 0..10_000 {
+        let _ = driver.read().expect("the bus does not fail");
+        driver.write().expect("the bus does not fail");
+        mesa_hal::bus::Clock::wait(driver.bus_mut(), Duration::from_micros(900));
+    }
+    assert_eq!(driver.missing().len(), 1);
+    assert_eq!(driver.ports()[0].remotes().count(), 2);
+}
+
+#[test]
+fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
+    let mut shop = shop();
+    let handles = shop.cards;
+    assert_eq!(reason(&shop), "it was absent at the start; plug it in");
+    for _ in 0..300 {
+        open_valves(&mut shop);
+        shop.cycles(1);
+        assert!(!shop.is_valid(OUTPUTS) && !shop.is_armed(OUTPUTS));
+        assert!(!shop.driver.pins().read(handles.supply.volts).valid);
+    }
+    for _ in 0..2 {
+        plug(&mut shop, Some(valve_block("")));
+        shop.device_mut(OUTPUTS)
+            .set_input_volts(0, 12.0)
+            .expect("a supply");
+        let cycles = shop.until(6_000, |shop| {
+            open_valves(shop);
+            shop.is_running(OUTPUTS) && shop.is_valid(OUTPUTS)
+        });
+        assert!(cycles > 1, "it takes a START");
+        for _ in 0..50 {
+            open_valves(&mut shop);
+            shop.cycles(1);
+            assert!(!are_open(&shop), "it was not armed");
+        }
+        let volts = handles.supply.read(shop.driver.pins()).ok();
+        assert!(volts.is_some_and(|volts| (volts - 12.0).abs() < 0.1));
+        let _ = shop.driver.rearm().expect("the bus does not fail");
+        shop.cycles(3);
+        assert!(!are_open(&shop), "what was set before is forgotten");
+        open_valves(&mut shop);
+        shop.cycles(3);
+        assert!(are_open(&shop) && shop.is_valid(OUTPUTS));
+        assert!(!shop.status(OUTPUTS).descriptor().process_data.is_empty());
+
+        plug(&mut shop, None);
+        shop.until(2_000, |shop| !shop.is_running(OUTPUTS));
+        shop.cycles(10);
+        assert!(!shop.is_valid(OUTPUTS) && !shop.is_armed(OUTPUTS));
+    }
+}
+
+#[test]
+fn something_else_that_is_plugged_in_for_an_optional_remote_stays_offline_and_says_so() {
+    let mut shop = shop();
+    let stays_offline = |shop: &mut Shop, text: &[&str]| {
+        shop.until(12_000, |shop| reason(shop).contains(text[0]));
+        for _ in 0..200 {
+            open_valves(shop);
+            shop.cycles(1);
+            assert!(!shop.is_running(OUTPUTS) && !shop.is_valid(OUTPUTS));
+        }
+        let reason = reason(shop);
+        assert!(text.iter().all(|&part| reason.contains(part)), "{reason}");
+    };
+    plug(&mut shop, Some(outputs_48()));
+    stays_offline(
+        &mut shop,
+        &["another device answers (7I72", "plug the right one in"],
+    );
+    assert!(!are_open_somewhere(&shop));
+    plug(&mut shop, Some(valve_block("data More 12 bits in\n")));
+    stays_offline(
+        &mut shop,
+        &["RX 5, TX 1", "expected RX 3, TX 1", "firmware"],
+    );
+    plug(&mut shop, Some(valve_block("")));
+    shop.until(12_000, |shop| shop.is_running(OUTPUTS));
+}
+
+fn are_open_somewhere(shop: &Shop) -> bool {
+    let world = shop.device(OUTPUTS).world();
+    (0..48).any(|n| world.output(n) == Some(true))
+}
+
+#[test]
+fn a_table_that_knows_its_firmware_takes_no_other() {
+    let mut fpga = fpga();
+    let _ = fpga.plug(0, OUTPUTS, None);
+    let config = RemoteConfig::in_mode(0).optional(&VALVES_OF_FIRMWARE_1);
+    let config = SerialConfig::default().with(OUTPUTS as u8, config);
+    let driver = Driver::start(fpga, Settings::new().serial_port(0, config));
+    let mut shop = Shop::of(driver.expect("two remotes run"));
+    plug(&mut shop, Some(valve_block("")));
+    shop.until(12_000, |shop| reason(shop).contains("tables"));
+    let reason = reason(&shop);
+    assert!(reason.contains("expected 12401234"), "{reason}");
+    assert!(reason.contains("another firmware"), "{reason}");
+}
+
+#[test]
+fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_for() {
+    let mut fpga = fpga();
+    let _ = fpga.plug(0, FIELD, None);
+    let config = RemoteConfig::in_mode(2).optional(&i7i77::FIELD);
+    let config = SerialConfig::default().with(FIELD as u8, config);
+    let driver = Driver::start(fpga, Settings::new().serial_port(0, config));
+    let mut machine: Machine = Machine::of(driver.expect("the others run"));
+    let field: I7i77Field = machine.driver.attach(0, FIELD as u8).expect("field I/O");
+    let supply = field.field_voltage.expect("mode 2");
+    let device = FieldIo::i7i77().expect("field I/O");
+    let _ = machine
+        .fpga()
+        .plug(0, FIELD, Some(Box::new(Cable::new(Box::new(device), 9))));
+    machine.until(6_000, |machine| machine.is_valid(FIELD));
+    machine
+        .device_mut(FIELD)
+        .set_input(31, true)
+        .expect("an input");
+    machine.cycles(3);
+    let pins = machine.driver.pins();
+    assert_eq!(field.inputs[31].read(pins).ok(), Some(true));
+    assert!(supply.read(pins).valid);
+}
+
+/// FACTS 5.7: an attempt at a channel without a remote takes the port for 17 ms.
+#[test]
+fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output() {
+    let mut shop = shop();
+    shop.cycles(5);
+    let before = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers());
+    let cycles = 60_000;
+    let mut without = [0_u64; 2];
+    for _ in 0..cycles {
+        let seen = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers());
+        shop.cycles(1);
+        for (n, channel) in [FIELD, ANALOG].into_iter().enumerate() {
+            let status = shop.status(channel);
+            let is_new = status.transfers() > seen[n];
+            without[n] = if is_new { 0 } else { without[n] + 1 };
+            assert!(without[n] <= 20, "no gap longer than an attempt");
+            assert_eq!(status.failures().total(), 0);
+            assert!(shop.is_running(channel) && shop.is_armed(channel));
+        }
+    }
+    for (n, channel) in [FIELD, ANALOG].into_iter().enumerate() {
+        let done = shop.status(channel).transfers() - before[n];
+        assert!(done > cycles - cycles / 100, "{done} of {cycles}");
+    }
+    assert!(!shop.is_running(OUTPUTS));
+}
+
+#[test]
+fn an_optional_remote_of_which_the_table_does_not_know_all_is_refused() {
+    let mut fpga = fpga();
+    let _ = fpga.plug(0, OUTPUTS, None);
+    let config = SerialConfig::default().with(OUTPUTS as u8, RemoteConfig::in_mode(1));
+    let mut board = Board::identify(fpga, Settings::new().serial_port(0, config)).expect("a 7I92");
+    drop(board.discover().expect("two remotes"));
+    let error = board
+        .attach_optional::<I7i72>(0, OUTPUTS as u8)
+        .unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.contains("7I72") && text.contains("software mode 1"),
+        "{text}"
+    );
+    assert!(matches!(
+        board.attach_optional::<I7i72>(0, 6),
+        Err(AttachError::NoRemote { .. })
+    ));
+}
