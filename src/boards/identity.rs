@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use super::{ElementTable, RemoteTable};
-use crate::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor, RemoteName};
+use crate::discovery::{DataRecord, DataType, RemoteDescriptor, RemoteName};
 
 /// A remote that is not the one asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -43,6 +43,33 @@ pub enum IdentityError {
         /// The unit number it has.
         actual: u32,
     },
+}
+
+/// Checks what is given of name, top byte of the unit number, and unit number.
+pub(crate) fn check_identity(
+    descriptor: &RemoteDescriptor,
+    (name, class, unit_number): (Option<RemoteName>, Option<u8>, Option<u32>),
+) -> Result<(), IdentityError> {
+    let actual = descriptor.name;
+    if let Some(expected) = name.filter(|&expected| expected != actual) {
+        return Err(IdentityError::Name { expected, actual });
+    }
+    let (name, actual) = (actual, descriptor.unit_number);
+    if let Some(expected) = class.filter(|&expected| u32::from(expected) != actual >> 24) {
+        return Err(IdentityError::Class {
+            name,
+            expected,
+            actual,
+        });
+    }
+    match unit_number.filter(|&expected| expected != actual) {
+        Some(expected) => Err(IdentityError::Unit {
+            name,
+            expected,
+            actual,
+        }),
+        None => Ok(()),
+    }
 }
 
 /// What a part of a card is called, by the top byte of its unit number. FACTS 8.1.
@@ -114,30 +141,8 @@ impl RemoteTable {
         descriptor: &RemoteDescriptor,
         unit_number: Option<u32>,
     ) -> Result<(), IdentityError> {
-        let name = descriptor.name;
-        let actual = descriptor.unit_number;
-        if name.0 != self.name {
-            return Err(IdentityError::Name {
-                expected: RemoteName(self.name),
-                actual: name,
-            });
-        }
-        let class = (actual >> 24) as u8;
-        if let Some(expected) = self.unit_class.filter(|&expected| expected != class) {
-            return Err(IdentityError::Class {
-                name,
-                expected,
-                actual,
-            });
-        }
-        match unit_number {
-            Some(expected) if expected != actual => Err(IdentityError::Unit {
-                name,
-                expected,
-                actual,
-            }),
-            _ => Ok(()),
-        }
+        let name = Some(RemoteName(self.name));
+        check_identity(descriptor, (name, self.unit_class, unit_number))
     }
 
     /// Checks that it is not another kind of card, or another part of it. A unit number that
@@ -265,20 +270,5 @@ impl core::fmt::Display for Difference {
                 "{element} goes from {least} to {most}, by the table from {min} to {max}"
             ),
         }
-    }
-}
-
-impl Difference {
-    /// Whether it concerns an output of the table: then values may not mean what they should.
-    pub fn concerns_output(&self, table: &RemoteTable) -> bool {
-        let name = match *self {
-            Self::Missing { element }
-            | Self::Order { element, .. }
-            | Self::Bits { element, .. }
-            | Self::Type { element, .. }
-            | Self::Limits { element, .. } => element,
-            Self::Unexpected { .. } => return false,
-        };
-        table.element(name, DataDirection::Output).is_some()
     }
 }

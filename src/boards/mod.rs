@@ -20,6 +20,7 @@ pub use flash::FlashLayout;
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;
+pub(crate) use identity::check_identity;
 pub use identity::{Difference, IdentityError};
 pub use table::{Contents, ElementTable, RemoteTable};
 pub use terminals::{Place, Terminals};

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use super::FoundRemote;
-use crate::boards::{IdentityError, RemoteTable};
+use crate::boards::{RemoteTable, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
     Discovered, DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor,
@@ -12,9 +12,7 @@ use crate::discovery::{
 use crate::driver::configure::Plan;
 use crate::driver::remark;
 use crate::driver::settings::WATCHDOG_FEEDS;
-use crate::driver::{
-    MissingReason, MissingRemote, Remark, RemoteConfig, SerialConfig, SerialPort, StartError,
-};
+use crate::driver::{MissingReason, MissingRemote, Remark, SerialConfig, SerialPort, StartError};
 use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::modules::RegisterError;
 use crate::modules::serial::{Remote, RemoteFaultPins};
@@ -259,7 +257,8 @@ impl Plan {
         let descriptor = &discovered.descriptor;
         let (name, channel) = (descriptor.name, remote.channel);
         let expected = stage.serial.channel(channel.index()).unwrap_or_default();
-        check_identity(descriptor, expected).map_err(MissingReason::WrongRemote)?;
+        let identity = (expected.name, expected.unit_class, expected.unit_number);
+        check_identity(descriptor, identity).map_err(MissingReason::WrongRemote)?;
         check_mode(descriptor)?;
         let mut problems = discovered.problems.iter();
         if let Some(&problem) = problems.find(|problem| problem.affects_process_data()) {
@@ -349,36 +348,6 @@ impl Plan {
             Remote::new
         };
         Ok(new(started, found.descriptor, found.pins, fault_pins))
-    }
-}
-
-fn check_identity(
-    descriptor: &RemoteDescriptor,
-    expected: RemoteConfig,
-) -> Result<(), IdentityError> {
-    let name = descriptor.name;
-    if let Some(expected) = expected.name.filter(|&expected| expected != name) {
-        return Err(IdentityError::Name {
-            expected,
-            actual: name,
-        });
-    }
-    let actual = descriptor.unit_number;
-    let class = (actual >> 24) as u8;
-    if let Some(expected) = expected.unit_class.filter(|&expected| expected != class) {
-        return Err(IdentityError::Class {
-            name,
-            expected,
-            actual,
-        });
-    }
-    match expected.unit_number {
-        Some(expected) if expected != actual => Err(IdentityError::Unit {
-            name,
-            expected,
-            actual,
-        }),
-        _ => Ok(()),
     }
 }
 
