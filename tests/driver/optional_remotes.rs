@@ -59,7 +59,7 @@ fn outputs_48() -> Box<dyn RemoteEnd> {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Valves {
-    valves: [DigitalOut; 4],
+    outputs: [DigitalOut; 4],
     closed: [DigitalIn; 4],
     supply: AnalogIn,
 }
@@ -69,7 +69,7 @@ impl RemoteHandles for Valves {
 
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
         Ok(Self {
-            valves: pins.numbered("valve-", DigitalOut::find)?,
+            outputs: pins.numbered("valve-", DigitalOut::find)?,
             closed: pins.numbered("closed-", DigitalIn::find)?,
             supply: pins.one("supply", AnalogIn::find)?,
         })
@@ -111,7 +111,7 @@ fn plug(shop: &mut Shop, end: Option<Box<dyn RemoteEnd>>) {
 }
 
 fn open_valves(shop: &mut Shop) {
-    let valves = shop.cards.valves;
+    let valves = shop.cards.outputs;
     for valve in valves {
         valve.set(shop.driver.pins_mut(), true);
     }
@@ -165,7 +165,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     assert_eq!(closed, [false, false, true, false].map(Some));
     let volts = handles.supply.read(pins).ok().expect("a voltage");
     assert!((volts - 24.0).abs() < 0.1, "{volts}");
-    let info = pins.info(handles.valves[3].pin).expect("a pin");
+    let info = pins.info(handles.outputs[3].pin).expect("a pin");
     assert_eq!((&*info.terminal, &*info.signal), ("X2.6", "Y3"));
     // The handles are for this card only.
     let other = shop.driver.attach::<Valves>(0, FIELD as u8).unwrap_err();
@@ -356,7 +356,7 @@ fn an_optional_remote_of_which_the_table_does_not_know_all_is_refused() {
     let _ = fpga.plug(0, OUTPUTS, None);
     let config = SerialConfig::default().with(OUTPUTS as u8, RemoteConfig::in_mode(1));
     let mut board = Board::identify(fpga, Settings::new().serial_port(0, config)).expect("a 7I92");
-    drop(board.discover().expect("two remotes"));
+    let _ = board.discover().expect("two remotes");
     let error = board
         .attach_optional::<I7i72>(0, OUTPUTS as u8)
         .unwrap_err();

@@ -43,7 +43,7 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_and_says_how() {
 /// A board whose remotes are in setup mode.
 fn discovered(fpga: SimFpga) -> Board<SimFpga> {
     let mut board = Board::identify(fpga, Settings::new()).expect("a board");
-    drop(board.discover().expect("its remotes"));
+    let _ = board.discover().expect("its remotes");
     board
 }
 
