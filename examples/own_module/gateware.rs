@@ -1,0 +1,92 @@
+//! The gateware of the pulse generator, for the simulated FPGA.
+
+use mesa_hal::sim::wire::Nanos;
+use mesa_hal::sim::{
+    Firmware, ForeignModule, ModuleDescriptor, PinDescriptor, SimFpga, UNDRIVEN, machines,
+};
+
+use crate::pulser::GTAG;
+
+/// The I/O pin that carries the pulses: the second connector of a 7I92.
+pub const PIN: usize = 20;
+
+/// A 7I92 with a 7I77, whose gateware has a pulse generator.
+pub fn board() -> SimFpga {
+    with_pulser(machines::firmware_7i92_7i77())
+}
+
+/// The FPGA of a firmware that has a pulse generator besides.
+pub fn with_pulser(mut firmware: Firmware) -> SimFpga {
+    let descriptor = ModuleDescriptor::new(GTAG.0, 0, 1, 1, 0xA000, 3, 0x00, 0);
+    firmware.modules.push(descriptor);
+    firmware.pins[PIN] = PinDescriptor::new(GTAG.0, 0, 0x81);
+    let clock_hz = u64::from(firmware.clock_low);
+    let mut fpga = SimFpga::new(firmware);
+    fpga.add_module(GTAG.0, Box::new(Gateware::new(clock_hz)));
+    fpga
+}
+
+/// Registers, and the phase of the pulses.
+#[derive(Debug)]
+pub struct Gateware {
+    clock_hz: u64,
+    /// The frequency in 2^-32 of the clock.
+    pub rate: u32,
+    /// The width of a pulse in clocks.
+    pub width: u32,
+    /// Pulses in 2^-32, and since when they are not counted.
+    phase: u128,
+    since: Nanos,
+}
+
+impl Gateware {
+    fn new(clock_hz: u64) -> Self {
+        Self {
+            clock_hz,
+            rate: 0,
+            width: 0,
+            phase: 0,
+            since: 0,
+        }
+    }
+
+    /// Pulses so far.
+    pub fn pulses(&self, now: Nanos) -> u32 {
+        (self.phase(now) >> 32) as u32
+    }
+
+    fn phase(&self, now: Nanos) -> u128 {
+        let clocks = u128::from(now - self.since) * u128::from(self.clock_hz) / 1_000_000_000;
+        self.phase + clocks * u128::from(self.rate)
+    }
+}
+
+impl ForeignModule for Gateware {
+    fn read(&mut self, now: Nanos, register: u8, _: u8) -> u32 {
+        match register {
+            2 => self.pulses(now),
+            _ => UNDRIVEN,
+        }
+    }
+
+    fn write(&mut self, now: Nanos, register: u8, _: u8, value: u32) {
+        (self.phase, self.since) = (self.phase(now), now);
+        match register {
+            0 => self.rate = value,
+            1 => self.width = value,
+            _ => {}
+        }
+    }
+
+    fn level(&self, now: Nanos, _: u8, _: u8) -> bool {
+        let fraction = self.phase(now) & 0xFFFF_FFFF;
+        self.rate > 0 && fraction < u128::from(self.width) * u128::from(self.rate)
+    }
+
+    fn reload(&mut self, now: Nanos) {
+        *self = Self {
+            since: now,
+            ..Self::new(self.clock_hz)
+        };
+    }
+}

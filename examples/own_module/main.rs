@@ -1,0 +1,59 @@
+//! A module that this crate does not know, in the cycle of a driver: `pulser.rs` is all of it.
+//!
+//! ```sh
+//! cargo run --example own_module
+//! ```
+//!
+//! The board is a simulated one, whose gateware has the module; in between, the board is reset.
+
+mod gateware;
+mod pulser;
+
+use std::error::Error;
+use std::time::Duration;
+
+use mesa_hal::bus::Clock;
+use mesa_hal::driver::{Board, BoardState, Driver, Settings};
+use mesa_hal::sim::SimFpga;
+use pulser::Pulser;
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut board = Board::identify(gateware::board(), Settings::new().period(PERIOD))?;
+    board.add(Pulser::register)?;
+    let mut driver = board.start()?;
+    let pulser = driver.modules::<Pulser>().next();
+    let Pulser {
+        frequency, count, ..
+    } = *pulser.ok_or("the firmware has no pulse generator")?;
+
+    driver.pins_mut().set(frequency, 5_000.0);
+    run(&mut driver, 100)?;
+    println!("after 100 ms: {:?}", driver.pins().read(count));
+
+    driver.bus_mut().reload();
+    run(&mut driver, 10)?;
+    println!("after a reset: {:?}", driver.board_state());
+
+    // What an operator does who has seen it.
+    let _ = driver.rearm()?;
+    run(&mut driver, 2)?;
+    let _ = driver.rearm()?;
+    driver.pins_mut().set(frequency, 5_000.0);
+    run(&mut driver, 100)?;
+    println!("after 100 ms more: {:?}", driver.pins().read(count));
+    assert_eq!(driver.board_state(), BoardState::Running);
+    driver.shutdown()?;
+    Ok(())
+}
+
+fn run(driver: &mut Driver<SimFpga>, cycles: u32) -> Result<(), Box<dyn Error>> {
+    for _ in 0..cycles {
+        // A read of a board that was reset gives no inputs; the driver says so in its state.
+        let _ = driver.read();
+        driver.write()?;
+        driver.bus_mut().wait(PERIOD);
+    }
+    Ok(())
+}

@@ -1,0 +1,91 @@
+//! A module that mesa-hal does not know: a pulse generator that counts its pulses.
+//!
+//! | register | what |
+//! |---|---|
+//! | 0 | written: frequency in 2^-32 of the clock |
+//! | 1 | written: width of a pulse in clocks |
+//! | 2 | read: pulses so far |
+//!
+//! Pin 0x81 carries the pulses.
+
+use mesa_hal::bus::{Instant, ReadSlot, Setting, Stage, WriteSlot};
+use mesa_hal::hal::{Input, Output, Param, PinStore};
+use mesa_hal::hostmot2::Gtag;
+use mesa_hal::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+
+/// The number that the gateware has for it.
+pub const GTAG: Gtag = Gtag(0x99);
+
+const WIDTH_US: u32 = 10;
+
+/// The pulse generator: `hm2_7i92.0.pulser.frequency` and so on.
+#[derive(Debug)]
+pub struct Pulser {
+    /// Pulses a second; safe at 0.
+    pub frequency: Output<f64>,
+    /// How long a pulse is, in microseconds.
+    pub width_us: Param<u32>,
+    /// Pulses since the start, also over a reset of the board.
+    pub count: Input<i32>,
+    clock_hz: u32,
+    total: i32,
+    /// The counter at the read before; `None` where it may have begun anew.
+    last: Option<u32>,
+    rate: WriteSlot,
+    width: Setting,
+    counter: ReadSlot,
+}
+
+impl Pulser {
+    /// The pulse generator of a firmware, if it has one.
+    pub fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
+        let Some(module) = r.module(GTAG) else {
+            return Ok(None);
+        };
+        r.use_io(GTAG, 0)?;
+        let mut make = r.maker("pulser.");
+        let frequency = make.output("frequency")?;
+        let width_us = make.setting("width-us", WIDTH_US)?;
+        let count = make.input("count")?;
+        let clock_hz = module.clock_hz;
+        let width = clocks(WIDTH_US, clock_hz);
+        Ok(Some(Self {
+            frequency,
+            width_us,
+            count,
+            clock_hz,
+            total: 0,
+            last: None,
+            rate: r.output(module.register(0, 0)?, 0),
+            width: r.setting(Stage::Configure, module.register(1, 0)?, width),
+            counter: r.input(module.register(2, 0)?),
+        }))
+    }
+}
+
+impl Module for Pulser {
+    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
+        let now = cycle.word(self.counter);
+        let last = self.last.replace(now).unwrap_or(now);
+        self.total = self.total.wrapping_add(now.wrapping_sub(last) as i32);
+        cycle.pins.publish(self.count, self.total);
+    }
+
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        if !cycle.changed {
+            return;
+        }
+        let turns = cycle.pins.fetch(self.frequency) / f64::from(self.clock_hz);
+        cycle.put(self.rate, (turns * 4_294_967_296.0) as u32);
+        let width_us = cycle.pins.param(self.width_us);
+        cycle.set(self.width, clocks(width_us, self.clock_hz));
+    }
+
+    fn restored(&mut self, _: &mut PinStore, _: Instant) {
+        self.last = None;
+    }
+}
+
+fn clocks(us: u32, clock_hz: u32) -> u32 {
+    us.saturating_mul(clock_hz / 1_000_000)
+}

@@ -1,0 +1,333 @@
+//! A board, a module of its gateware and a remote card that this crate does not know, in one driver
+//! and without a change to the crate. The module is that of the example `own_module`.
+
+#[path = "../../examples/own_module/gateware.rs"]
+#[allow(dead_code, reason = "the example begins with a board of its own")]
+mod gateware;
+#[path = "../../examples/own_module/pulser.rs"]
+mod pulser;
+
+use std::time::Duration;
+
+use gateware::{Gateware, PIN};
+use mesa_hal::boards::{
+    AttachError, BoardHandles, BoardTable, ElementTable, Finder, ModuleTerminals, RemoteHandles,
+    RemoteTable, Terminals,
+};
+use mesa_hal::bus::Clock;
+use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
+use mesa_hal::hal::{AnalogIn, DigitalOut, Input, Output, Param, Pins};
+use mesa_hal::hostmot2::Gtag;
+use mesa_hal::sim::devices::{Plain, SimDevice, find, find_mut};
+use mesa_hal::sim::{SimFpga, machines};
+use pulser::{GTAG, Pulser};
+
+const PERIOD: Duration = Duration::from_millis(1);
+/// The I/O pin of the board's lamp.
+const LAMP: u16 = 21;
+
+/// What the card says of itself.
+const DESCRIPTION: &str = "
+remote VLV4
+unit 0x55000001
+hardware 0 standard
+mode 0 valves
+  data Valve 4 bits out
+  data Supply 8 unsigned in 0 36.3 volts
+parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
+working WatchDogTime 16 NVWatchDogTimeout
+watchdog WatchDogTime
+";
+
+/// What is known of it beforehand.
+const VALVES: RemoteTable = RemoteTable::new(
+    "valve block",
+    *b"VLV4",
+    &[
+        ElementTable {
+            terminals: &[Terminals {
+                connector: "X1 pin ",
+                first: 0,
+                signals: &["V#"],
+                pins: &[1, 2, 3, 4],
+            }],
+            ..ElementTable::bits_out("Valve", 4)
+        },
+        ElementTable::volts_in("Supply", 8, 36.3),
+    ],
+);
+
+#[derive(Clone, Copy)]
+struct Valves {
+    valves: [DigitalOut; 4],
+    supply: AnalogIn,
+}
+
+impl RemoteHandles for Valves {
+    const TABLE: &'static RemoteTable = &VALVES;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        Ok(Self {
+            valves: pins.numbered("valve-", DigitalOut::find)?,
+            supply: pins.one("supply", AnalogIn::find)?,
+        })
+    }
+}
+
+/// The board.
+const BOARD: BoardTable = BoardTable {
+    name: "9X99",
+    terminals: &[ModuleTerminals {
+        modules: &[Gtag::IO_PORT],
+        terminals: &[Terminals {
+            connector: "X2 pin ",
+            first: LAMP,
+            signals: &["LAMP"],
+            pins: &[7],
+        }],
+    }],
+    ..BoardTable::CONNECTORS
+};
+
+#[derive(Clone, Copy)]
+struct Lamp {
+    on: Output<bool>,
+}
+
+impl BoardHandles for Lamp {
+    const TABLE: &'static BoardTable = &BOARD;
+
+    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
+        let on = pins.one(&format!("gpio.{LAMP:03}.out"), Pins::output)?;
+        Ok(Self { on })
+    }
+}
+
+fn fpga() -> SimFpga {
+    let mut firmware = machines::firmware_7i92_7i77();
+    firmware.board = *b"MESA9X99";
+    let mut fpga = gateware::with_pulser(firmware);
+    let card = Plain::from_description(DESCRIPTION).expect("a sound description");
+    fpga.plug(0, 0, Some(Box::new(card)));
+    fpga
+}
+
+fn settings() -> Settings {
+    let lamp = GpioConfig {
+        output: true,
+        ..GpioConfig::default()
+    };
+    Settings::new()
+        .period(PERIOD)
+        .board(&BOARD)
+        .gpio(LAMP, lamp)
+}
+
+struct Machine {
+    driver: Driver<SimFpga>,
+    lamp: Lamp,
+    valves: Valves,
+    pulses: Pulses,
+}
+
+/// What an application holds of the module.
+#[derive(Clone, Copy)]
+struct Pulses {
+    frequency: Output<f64>,
+    width_us: Param<u32>,
+    count: Input<i32>,
+}
+
+impl Machine {
+    fn new() -> Self {
+        let mut board = Board::identify(fpga(), settings()).expect("a board");
+        board.add(Pulser::register).expect("the module");
+        board.add_remote(&VALVES).expect("before the discovery");
+        board.discover().expect("the card");
+        let valves = board.attach(0, 0).expect("the card");
+        let lamp = board.attach_board().expect("the board");
+        let driver = board.start().expect("the machine is complete");
+        let pulser = driver.modules::<Pulser>().next().expect("the module");
+        let pulses = Pulses {
+            frequency: pulser.frequency,
+            width_us: pulser.width_us,
+            count: pulser.count,
+        };
+        Self {
+            driver,
+            lamp,
+            valves,
+            pulses,
+        }
+    }
+
+    fn cycles(&mut self, count: u32) {
+        for _ in 0..count {
+            // A read of a board that was reset gives no inputs, and says so in its report.
+            let _ = self.driver.read();
+            self.driver.write().expect("the bus does not fail");
+            self.driver.bus_mut().wait(PERIOD);
+        }
+    }
+
+    fn set(&mut self, hertz: f64, lamp: bool, valve: bool) {
+        let pins = self.driver.pins_mut();
+        pins.set(self.pulses.frequency, hertz);
+        pins.set(self.lamp.on, lamp);
+        self.valves.valves[2].set(pins, valve);
+    }
+
+    fn count(&self) -> Option<i32> {
+        let count = self.driver.pins().read(self.pulses.count);
+        count.valid.then_some(count.value)
+    }
+
+    /// Counts 5 pulses a millisecond on, after a count from the cycle before.
+    fn pulses_for_100_cycles(&mut self, before: i32) {
+        let begin = SimFpga::now(self.driver.bus());
+        self.cycles(100);
+        let expected = (SimFpga::now(self.driver.bus()) - begin) / 200_000;
+        let counted = self.count().expect("valid") - before;
+        let differs = expected.abs_diff(counted as u64);
+        assert!(differs <= 6, "{counted} pulses, expected {expected}");
+    }
+
+    fn gateware(&self) -> &Gateware {
+        self.driver.bus().module(GTAG.0).expect("it was added")
+    }
+
+    fn card(&self) -> &dyn SimDevice {
+        find(self.driver.bus().remote(0, 0).expect("plugged in")).expect("a device")
+    }
+
+    /// What lamp, valve and the pin with the pulses are driven to.
+    fn driven(&self) -> (Option<bool>, Option<bool>, bool) {
+        let fpga = self.driver.bus();
+        let pulses = fpga.driven_level(PIN).is_some();
+        let lamp = fpga.driven_level(LAMP.into());
+        (lamp, self.card().world().output(2), pulses)
+    }
+
+    fn terminal(&self, name: &str) -> &str {
+        let name = format!("hm2_9x99.0.{name}");
+        let infos = self.driver.pins().infos();
+        let info = infos.iter().find(|info| info.name == name);
+        &info.unwrap_or_else(|| panic!("no {name}")).terminal
+    }
+}
+
+#[test]
+fn board_module_and_card_from_outside_have_names_terminals_and_values_as_any_other() {
+    let mut machine = Machine::new();
+    assert_eq!(machine.terminal("gpio.021.out"), "X2 pin 7");
+    assert_eq!(machine.terminal("vlv4.0.0.valve-02"), "X1 pin 3");
+    machine.set(5_000.0, true, true);
+    let supply = find_mut(
+        machine
+            .driver
+            .bus_mut()
+            .remote_mut(0, 0)
+            .expect("plugged in"),
+    );
+    let set = supply.expect("a device").set_input_volts(0, 24.0);
+    set.expect("it has a supply");
+    machine.cycles(5);
+    let before = machine.count().expect("valid");
+    machine.pulses_for_100_cycles(before);
+    assert_eq!(machine.driven(), (Some(true), Some(true), true));
+    let supply = machine.valves.supply.read(machine.driver.pins());
+    assert!(
+        supply.valid && (supply.value - 24.0).abs() < 0.1,
+        "{supply:?}"
+    );
+}
+
+#[test]
+fn a_reset_switches_all_of_it_off_and_rearming_brings_its_settings_back_and_no_command() {
+    let mut machine = Machine::new();
+    machine.set(5_000.0, true, true);
+    let width = machine.pulses.width_us;
+    machine
+        .driver
+        .pins_mut()
+        .set_param(width, 20)
+        .expect("a setting");
+    machine.cycles(50);
+    assert_eq!(machine.gateware().width, 20 * 100, "clocks of 10 ns");
+    let before = machine.count().expect("valid");
+
+    machine.driver.bus_mut().reload();
+    assert_eq!(machine.gateware().width, 0);
+    machine.cycles(100);
+    assert_eq!(machine.driver.board_state(), BoardState::Reset);
+    assert_eq!(machine.count(), None);
+    assert_eq!(machine.driven(), (None, Some(false), false));
+    assert_eq!((machine.gateware().rate, machine.gateware().width), (0, 0));
+
+    for _ in 0..300 {
+        let _ = machine.driver.rearm().expect("the bus does not fail");
+        machine.cycles(1);
+    }
+    assert_eq!(machine.driver.board_state(), BoardState::Running);
+    assert_eq!(machine.gateware().width, 20 * 100, "as it was set");
+    assert_eq!(
+        machine.gateware().rate,
+        0,
+        "what was commanded is forgotten"
+    );
+    assert_eq!(machine.driven(), (Some(false), Some(false), true));
+    let after = machine.count().expect("valid again");
+    assert!((before..before + 10).contains(&after), "{before}, {after}");
+
+    machine.set(5_000.0, true, true);
+    machine.pulses_for_100_cycles(after);
+    assert_eq!(machine.driven(), (Some(true), Some(true), true));
+}
+
+#[test]
+fn the_end_leaves_nothing_of_it_on() {
+    let mut machine = Machine::new();
+    machine.set(5_000.0, true, true);
+    machine.cycles(10);
+    assert_eq!(machine.driven(), (Some(true), Some(true), true));
+    let mut fpga = machine.driver.shutdown().expect("the bus does not fail");
+    fpga.wait(Duration::from_millis(60));
+    assert_eq!(fpga.driven_level(PIN), None);
+    assert_eq!(fpga.driven_level(LAMP.into()), None);
+    let card = find(fpga.remote(0, 0).expect("plugged in")).expect("a device");
+    assert_eq!(card.world().output(2), Some(false));
+}
+
+#[test]
+fn what_is_not_there_or_there_already_is_told() {
+    let mut board = Board::identify(fpga(), settings()).expect("a board");
+    board.add(Pulser::register).expect("the module");
+    let twice = board
+        .add(Pulser::register)
+        .expect_err("its I/O pin is taken");
+    println!("{twice}");
+    board.add_remote(&VALVES).expect("before the discovery");
+    board.discover().expect("the card");
+    let absent = board
+        .attach::<Valves>(0, 1)
+        .err()
+        .expect("nothing is there");
+    assert!(absent.to_string().contains("valve block"), "{absent}");
+    let late = board.add_remote(&VALVES).expect_err("after the discovery");
+    println!("{late}");
+
+    let mut other = Board::identify(machines::i7i92_7i77(), Settings::new()).expect("a 7I92");
+    other
+        .add(Pulser::register)
+        .expect("there is none, which is fine");
+    let error = other.attach_board::<Lamp>().err().expect("another board");
+    assert!(error.to_string().contains("9X99"), "{error}");
+    let driver = other.start().expect("a 7I92");
+    assert!(driver.modules::<Pulser>().next().is_none());
+}
+
+#[test]
+fn the_module_takes_less_than_100_lines() {
+    let module = include_str!("../../examples/own_module/pulser.rs");
+    assert!(module.lines().count() < 100);
+}
