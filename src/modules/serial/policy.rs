@@ -15,11 +15,12 @@ use core::time::Duration;
 ///   not clear the fault.
 /// - A remote whose transfers fail goes offline when its `fault-count` reaches `fault_lim`, with
 ///   the same silence and the same end.
-/// - A START follows when the silence is over, at the earliest, and
-///   sends safe values only. If it fails, the next one follows after a pause that doubles from
+/// - A START follows when the silence is over, at the earliest, and sends safe values only. If it
+///   fails, the next one follows after a pause that doubles from
 ///   `first_backoff` to `longest_backoff`; it begins anew after 1000 good transfers.
-/// - Attempts take the port from the other remotes: 2 to 4 cycles if the remote is there, 17 ms if
-///   not, as the gateware does it (FACTS 5.7). So they are limited for the port as a whole,
+/// - Attempts take the port from the other remotes: 2 to 4 cycles if the remote is there (2 more the
+///   first time that one runs which was absent at the start: its sizes are read), 17 ms if not, as
+///   the gateware does it (FACTS 5.7). So they are limited for the port as a whole,
 ///   whatever its remotes do: when attempts have taken 60 ms, further ones wait until one of 20 ms
 ///   for each `longest_backoff` is paid off. With the defaults that is less than 0.6 % of any
 ///   minute, and no gap is longer than one attempt: measured in
