@@ -23,3 +23,6 @@ mod words;
 pub use exchange::{Ask, CycleLists, Image, Started};
 pub use plan::{ImageError, ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
 pub use words::Words;
+
+#[cfg(test)]
+mod tests;
