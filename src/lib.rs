@@ -37,7 +37,7 @@
 //!
 //! # What becomes of packets
 //! Over Ethernet every reply tells which write was the last that the board executed, and how many
-//! packets it has received. A packet that was lost, late, doubled or overtaken is noticed with the
+//! packets it has received. A packet that was lost, late, duplicate or reordered is noticed with the
 //! next reply, and counted as what it was as far as the board can tell: see
 //! [`BusStatistics`](bus::BusStatistics). The inputs that depend on it are not taken.
 //!

@@ -242,14 +242,14 @@ fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
             bytes,
             lost,
             late,
-            doubled,
+            duplicate,
         } = counters;
         let all = [
             ("packets", packets),
             ("bytes", bytes),
             ("lost", lost),
             ("late", late),
-            ("doubled", doubled),
+            ("duplicate", duplicate),
         ];
         for (name, count) in all {
             line(text, &format!("network.{direction}.{name}"), count);

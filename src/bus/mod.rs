@@ -194,7 +194,7 @@ pub struct BusStatistics {
     /// one. They are not counted as lost any more. A bus that can remember only so many takes one
     /// that comes very late for a repeated one.
     pub late_writes: u64,
-    /// Executions of write exchanges that were executed before: the network doubled them, or
+    /// Executions of write exchanges that were executed before: the network duplicated them, or
     /// another program writes to this board.
     pub repeated_writes: u64,
     /// Write exchanges that nothing is known of, because too many others followed before the board

@@ -287,6 +287,6 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     }
     assert_eq!(two.ports()[0].remotes().count(), 2);
     let directions = [all, two].map(|mut driver| driver.bus_mut().read_register(0x1100) & 7);
-    // TXEN2 and TX2 are driven by the channel, and by nobody until plain I/O is asked to.
+    // TXEN2 and TX2 are driven by the channel, and not driven until plain I/O is asked to.
     assert_eq!(directions, [0b011, 0]);
 }

@@ -1,5 +1,5 @@
 //! Set-up and end: times that fit each other, a watchdog that bites by nothing but silence, and pins
-//! that are driven by nobody before and after.
+//! that are not driven before and after.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -1,5 +1,5 @@
 //! The driver on an Ethernet board behind a bad network, on virtual time: packets of every kind
-//! that are lost, doubled, late and behind later ones are each counted, and no pin ever shows what
+//! that are lost, duplicate, late and reordered are each counted, and no pin ever shows what
 //! was not true at its time.
 
 mod truth;
@@ -165,7 +165,7 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
             driver.bus_mut().wait(left);
         }
     }
-    // What is still under way comes, and is counted.
+    // What is still in flight comes, and is counted.
     driver.bus_mut().wait(period * 4);
     for _ in 0..3 {
         if driver.read().is_ok() {

@@ -16,7 +16,7 @@ pub fn within_tolerance(expected: Nanos, actual: Nanos) -> bool {
 
 /// A reply that comes so late is not waited for any more.
 const LATE: Nanos = 300_000;
-/// A DOIT meets a chatter frame that is under way, or begins or ends within one pass of the firmware.
+/// A DOIT meets a chatter frame in progress, or begins or ends within one pass of the firmware.
 const MEETING: Nanos = 12_000;
 /// Two replies follow each other without a pause.
 const BACK_TO_BACK: Nanos = 20;
@@ -165,7 +165,7 @@ impl<'t> WireLog<'t> {
     }
 
     /// How long the chatter frames last that were sent too often or not often enough so far: a DOIT
-    /// that finds one more or one less of them under way waits that much longer or shorter.
+    /// that finds one more or one less of them in progress waits that much longer or shorter.
     pub fn uneven_chatter(&self) -> Nanos {
         self.channels
             .iter()

@@ -55,7 +55,7 @@ fn six_loops_hold_over_ethernet() {
 }
 
 #[test]
-fn six_loops_hold_while_packets_are_lost_late_and_doubled() {
+fn six_loops_hold_while_packets_are_lost_late_and_duplicate() {
     let mishaps = [
         "--loss", "0.01", "--late", "0.01", "--dup", "0.02", "--seed", "77",
     ];

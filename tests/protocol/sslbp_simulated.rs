@@ -91,7 +91,7 @@ fn every_machine_has_a_port_that_resets() {
     }
 }
 
-/// A network that delivers every START twice, the second while the first is under way.
+/// A network that delivers every START twice, the second while the first runs.
 struct StartsTwice;
 
 impl Between for StartsTwice {

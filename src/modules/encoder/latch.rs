@@ -47,7 +47,7 @@ const ENABLES: u32 =
 /// The bits of the control register that any request sets.
 const ANY_REQUEST: u32 = ENABLES | ControlWord::JUST_ONCE;
 
-/// After so many reads no packet of an earlier request is under way any more.
+/// After so many reads no packet of an earlier request is in flight any more.
 const HORIZON: u32 = 100;
 
 /// How far a request has come.

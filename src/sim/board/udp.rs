@@ -51,7 +51,7 @@ pub struct UdpCounters {
     /// Delayed on purpose.
     pub late: u64,
     /// Doubled on purpose.
-    pub doubled: u64,
+    pub duplicate: u64,
 }
 
 /// A UDP socket in front of a [`SimBoard`], in real time.
@@ -260,7 +260,7 @@ impl UdpFace {
         } = self.mishaps;
         let is_lost = self.dice.hit(loss);
         let is_late = self.dice.hit(late);
-        let is_doubled = self.dice.hit(dup);
+        let is_duplicate = self.dice.hit(dup);
         let delay = self.dice.between(LATE);
         let counters = if is_reply {
             &mut self.sent
@@ -274,9 +274,9 @@ impl UdpFace {
             return [None; 2];
         }
         counters.late += u64::from(is_late);
-        counters.doubled += u64::from(is_doubled);
+        counters.duplicate += u64::from(is_duplicate);
         let delay = if is_late { delay } else { 0 };
-        [Some(delay), is_doubled.then_some(delay)]
+        [Some(delay), is_duplicate.then_some(delay)]
     }
 }
 
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_and_doubled_packets_are_counted() {
+    fn lost_and_duplicate_packets_are_counted() {
         let all = |loss, dup| Mishaps {
             loss,
             dup,
@@ -399,8 +399,8 @@ mod tests {
         for _ in 0..4 {
             assert_eq!(pair.reply(SECOND).unwrap().0, COOKIE);
         }
-        assert_eq!(pair.face.received().doubled, 1);
-        assert_eq!(pair.face.sent().doubled, 2);
+        assert_eq!(pair.face.received().duplicate, 1);
+        assert_eq!(pair.face.sent().duplicate, 2);
     }
 
     #[test]

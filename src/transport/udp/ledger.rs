@@ -105,12 +105,12 @@ pub(super) struct Ledger {
     /// that it was the last.
     overtaken: Option<u32>,
     has_cycles: bool,
-    /// Number of the newest write before those under way.
+    /// Number of the newest write before those in flight.
     settled: u32,
     writes: [Write; REMEMBERED as usize],
     /// The last write of each register.
     owners: [u32; SLOTS],
-    /// Writes that were still under way when they were forgotten.
+    /// Writes that were still in flight when they were forgotten.
     forgotten: u32,
     /// Requests since the last account.
     requests: u32,
@@ -176,7 +176,7 @@ impl Ledger {
     }
 
     /// The register that is needed least: whose write is settled, then lost and hardly to come,
-    /// then under way; of those the oldest.
+    /// then in flight; of those the oldest.
     fn choose_slot(&mut self) -> usize {
         let need = |owner: u32| match self.fate(owner) {
             Fate::Underway => 2,
@@ -368,7 +368,7 @@ impl Ledger {
         self.is_open = false;
     }
 
-    /// A write that is still under way is lost: 1 if it was.
+    /// A write that is still in flight is lost: 1 if it was.
     fn miss(&mut self, number: u32) -> u32 {
         if self.fate(number) != Fate::Underway {
             return 0;

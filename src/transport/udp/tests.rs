@@ -188,7 +188,7 @@ fn a_board_is_looked_at_before_a_register_of_it_is_changed() {
 }
 
 #[test]
-fn lost_and_doubled_packets_are_not_taken_for_somebody_elses() {
+fn lost_and_duplicate_packets_are_not_taken_for_somebody_elses() {
     let fates = [
         vec![Fate::Doubled(10_000, 20_000); 4],
         vec![GOOD, Fate::Lost, Fate::Doubled(10_000, 300_000), Fate::Lost],
@@ -234,7 +234,7 @@ fn a_late_reply_is_counted_late_and_never_taken_by_the_next_request() {
 }
 
 #[test]
-fn a_doubled_reply_is_counted_and_taken_once() {
+fn a_duplicate_reply_is_counted_and_taken_once() {
     let mut bus = bus();
     let cycle = Cycle::new(&mut bus);
     bus.link().replies = vec![Fate::Doubled(10_000, 20_000)];

@@ -77,10 +77,10 @@ impl Truth {
     pub fn check(&self, link: &SimLink, before: BusStatistics, after: BusStatistics, seed: u64) {
         let packets = &link.journal[self.first..];
         let requests = packets.iter().filter(|sent| sent.is_request);
-        let (mut lost, mut doubled) = (0, 0);
+        let (mut lost, mut duplicate) = (0, 0);
         for request in requests.clone() {
             lost += u64::from(request.replies.is_empty());
-            doubled += request.replies.len().saturating_sub(1) as u64;
+            duplicate += request.replies.len().saturating_sub(1) as u64;
         }
         let (mut lost_writes, mut repeated, mut is_answered) = (0, 0, false);
         for (_, write) in self.writes(link) {
@@ -93,7 +93,7 @@ impl Truth {
         let answered = after.exchanges - before.exchanges;
         assert_eq!(answered, packets.len() as u64, "seed {seed}: packets");
         assert_eq!(after.lost - before.lost, lost, "seed {seed}: lost");
-        assert_eq!(after.duplicate, doubled, "seed {seed}: doubled replies");
+        assert_eq!(after.duplicate, duplicate, "seed {seed}: duplicate replies");
         assert_eq!(after.lost_writes, lost_writes, "seed {seed}: lost writes");
         assert_eq!(after.late_writes, self.late, "seed {seed}: late writes");
         assert_eq!(after.repeated_writes, repeated, "seed {seed}: repeated");
@@ -104,7 +104,7 @@ impl Truth {
             after.stale,
         );
         assert_eq!(nothing, (0, 0, 0, 0), "seed {seed}");
-        let often = [lost, after.late, doubled, lost_writes];
+        let often = [lost, after.late, duplicate, lost_writes];
         let rare = [self.late, repeated];
         // Of whole cycles a late one is mostly given up for lost, with its reply.
         let least = if is_answered { 0 } else { 6 };

@@ -175,7 +175,7 @@ impl Stamps {
 
     /// A new divisor holds from the next count on; the clock itself at once.
     pub fn write(&mut self, now: Clocks, register: u16) {
-        // A count that is under way still comes.
+        // A count in progress still comes.
         let soon = now + 1;
         self.base = (self.after(soon), soon);
         self.next = if self.register & Self::UNDIVIDED != 0 || self.next > soon {

@@ -182,7 +182,7 @@ fn a_write_behind_a_newer_one_is_in_doubt_until_the_next() {
 }
 
 #[test]
-fn a_doubled_write_is_in_doubt_at_once_and_counted_with_the_details() {
+fn a_duplicate_write_is_in_doubt_at_once_and_counted_with_the_details() {
     let (mut ledger, mut board) = pair();
     let write = ledger.open_write(Kind::Alone);
     board.write(write);

@@ -1,4 +1,4 @@
-//! Requests that are under way, and those that wait in the board.
+//! Requests in flight, and those that wait in the board.
 
 use super::*;
 
