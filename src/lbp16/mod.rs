@@ -17,9 +17,10 @@ mod pointers;
 pub mod registers;
 mod reply;
 
-pub use access::check_access;
+pub(crate) use access::check_access;
 pub use builder::RequestBuilder;
-pub use command::{Command, ElementSize, MAX_COUNT, Space};
+pub(crate) use command::MAX_COUNT;
+pub use command::{Command, ElementSize, Space};
 pub use error::Lbp16Error;
 pub use info::{COOKIE, InfoArea, MemoryRanges, MemorySizes, MemoryType};
 pub use parser::{Operation, Operations};
