@@ -1,43 +1,83 @@
 //! Mesa Electronics' motion I/O from Rust: a HAL driver in the style of LinuxCNC, and a simulated
 //! FPGA to develop against.
 //!
-//! A [`Driver`] is built on a bus, finds out what is there, and is then cycled:
-//! `read`, the application's own work on [`Pins`], `write`. These types, and those an
-//! application names beside them, are here; everything else is one module down.
+//! A [`Board`] is identified and configured, started as a [`Driver`], and cycled: `read`, the
+//! application's own work on [`Pins`], `write`.
 //!
-//! # The layers
-//! Bottom to top; a layer knows only those above it in this list.
+//! ```
+//! use std::time::Duration;
+//! use mesa_hal::{Clock, Driver, I7i77Analog, I7i77Field, Settings, sim::machines};
 //!
-//! | module | what it owns |
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let period = Duration::from_millis(1);
+//! let bus = machines::six_axes_7i92(Default::default()); // a board: UdpBus::connect(...)?
+//! let mut driver = Driver::start(bus, Settings::new().period(period))?;
+//! let field: I7i77Field = driver.attach(0, 0)?; // port 0, channel 0
+//! let drive = driver.attach::<I7i77Analog>(0, 1)?.analog_out[0];
+//! for _ in 0..100 {
+//!     let _ = driver.read()?; // what failed in part
+//!     let limit = field.inputs[2].read(driver.pins()); // TB8 pin 3: value, valid, age
+//!     let may_move = limit.valid && !limit.value;
+//!     drive.enable(driver.pins_mut(), may_move);
+//!     drive.set(driver.pins_mut(), if may_move { 1.5 } else { 0.0 }); // TB5 pin 4, volts
+//!     driver.write()?;
+//!     driver.bus_mut().wait(period); // your realtime thread's pace
+//! }
+//! let bus = driver.shutdown()?; // outputs off, ports stopped
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Who needs what
+//! An application needs the names at the root, and of [`driver`] and [`hal`] what it wants to know
+//! beyond them. Each module says whom it is for:
+//!
+//! | module | for |
 //! |---|---|
-//! | [`bus`] | 32-bit registers at 16-bit byte addresses: one primitive, and the process image |
-//! | [`lbp`] | the serial Little Binary Protocol as bytes |
-//! | [`lbp16`] | LBP16 packets as bytes |
-//! | [`hostmot2`] | cookie, IDROM, descriptors, and one file for each kind of module |
-//! | [`sslbp`] | one smart serial port |
-//! | [`discovery`] | what a remote tells about itself |
-//! | [`process_data`] | descriptor to packing plan; register bits to engineering values |
-//! | [`hal`] | typed pins and parameters, LinuxCNC names |
-//! | [`boards`] | which remote or module is which pin, on which terminal |
-//! | [`driver`] | the cycle, faults, recovery, statistics |
-//! | [`ethernet`] | Ethernet boards beside their registers: identity, EEPROM, flash memory |
-//! | [`transport`] | buses: LBP16 over UDP, and wrappers that record and that fail on purpose |
-//! | [`sim`] | the simulated FPGA, its remotes and motors, and a simulated Ethernet board |
+//! | [`driver`] | applications: settings, the cycle, faults, recovery, statistics |
+//! | [`hal`] | applications: typed pins and parameters, LinuxCNC's names |
+//! | [`boards`] | applications: handles and terminals of known cards; whoever adds a card or a board |
+//! | [`modules`] | whoever adds a HostMot2 module: registers, pins and cycle of one in one place |
+//! | [`bus`] | whoever brings another bus, or adds a module |
+//! | [`transport`] | applications on Ethernet; wrappers of buses that record, and that fail on purpose |
+//! | [`ethernet`] | maintenance: identity, EEPROM, flash memory |
+//! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
+//! | [`hostmot2`], [`sslbp`], [`discovery`], [`remote`] | tools: what a firmware has, what remotes tell |
+//! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
+//! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
 //!
-//! The simulator shares wire formats and register addresses with the driver and nothing else, so
-//! that the two can not agree on the same mistake.
+//! A layer knows only those below it: `bus`, the wire formats and `hal` know nothing else, `modules`
+//! and `sslbp` stand on them, then `discovery` and `remote`, `boards`, `driver`. The simulator shares
+//! wire formats and register addresses with the driver and nothing else, so that the two can not
+//! agree on the same mistake.
+//!
+//! # Words
+//! | word | means |
+//! |---|---|
+//! | board | an FPGA card that a host talks to, such as a 7I97 |
+//! | module | a part of its firmware, such as the PWM generators or a smart-serial port |
+//! | port | one smart-serial module with its channels. Ports of I/O pins are always I/O ports |
+//! | channel | one serial line of a port, 0 to 7 |
+//! | remote | the device at the end of a channel. A card may hold several: a 7I77 holds two |
+//! | transfer | one exchange of process data between a port and its remotes; the command is DOIT |
+//! | process data | the inputs and outputs that a transfer moves, as the remote describes them |
+//! | group | the pins that become valid, old and safe together: those of a remote, or of the board |
+//! | safe state | what outputs do that nobody drives: off, or 0 |
+//! | armed | a group's outputs follow the application. After a fault they are safe until re-armed |
+//! | offline | a remote that takes no part in transfers: it failed too often, or reported a fault |
+//! | setting | a register that is written at set-up, when it changes, and after a reset |
+//! | evidence | registers read in every cycle, which tell that the board still has its set-up |
 //!
 //! # The real-time contract
-//! [`Driver::read`](driver::Driver::read) and [`Driver::write`](driver::Driver::write) do one
-//! exchange each, which the bus bounds by a deadline. They do not allocate, log, panic, or wait
-//! for hardware: a busy port is a state, not a loop. Only where the application asks for it does
-//! `read` wait for the next period of the board's own clock ([`Pace::Board`](driver::Pace::Board)).
-//! Everything else belongs to set-up or maintenance, is bounded as well, and may allocate. Each
-//! item says so under "Real time".
+//! [`Driver::read`] and [`Driver::write`] do one exchange each, which the bus bounds by a deadline.
+//! They do not allocate, log, panic, or wait for hardware: a busy port is a state, not a loop. Only
+//! where the application asks for it does `read` wait for the next period of the board's own clock
+//! ([`Pace::Board`]). Everything else belongs to set-up or maintenance, is bounded as well, and may
+//! allocate. Each item says so under "Real time".
 //!
 //! # What becomes of packets
 //! Over Ethernet every reply tells which write was the last that the board executed, and how many
-//! packets it has received. A packet that was lost, late, duplicate or reordered is noticed with the
+//! packets it has received. A packet that is lost, late, duplicate or reordered is noticed with the
 //! next reply, and counted as what it was as far as the board can tell: see
 //! [`BusStatistics`](bus::BusStatistics). The inputs that depend on it are not taken.
 //!
@@ -45,7 +85,7 @@
 //! Reading an input gives its value, whether it is valid, and its age: the age of the data, from
 //! the moment its transfer was started. An output that is not finite becomes its safe value, one
 //! that is out of range its nearest limit; both are counted. After a failure, outputs are safe
-//! until the application re-arms them.
+//! until the application re-arms them: [`driver::faults`] has every fault.
 //!
 //! # What nothing can notice
 //! - An encoder counts 16 bits: one that moves more than 32,767 counts between two good reads is
@@ -96,8 +136,11 @@ pub mod sslbp;
 #[cfg(feature = "std")]
 pub mod transport;
 
+pub use boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
 pub use driver::{Board, Driver, Settings};
+pub use driver::{BoardState, CycleError, CycleReport, Pace, RemoteState, StartError};
+pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 #[cfg(feature = "std")]
 pub use sim::SimFpga;
