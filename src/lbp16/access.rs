@@ -6,7 +6,7 @@ use super::{Command, ElementSize, Lbp16Error, MemorySizes};
 /// space.
 ///
 /// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
-pub fn check_access(command: &Command, sizes: Option<MemorySizes>) -> Result<(), Lbp16Error> {
+pub fn check_access(command: Command, sizes: Option<MemorySizes>) -> Result<(), Lbp16Error> {
     let (space, size) = (command.space, command.size);
     let sizes = sizes.ok_or(Lbp16Error::NoSpace { space })?;
     let allowed = if command.info {
@@ -45,11 +45,11 @@ mod tests {
         let space = Space::HostMot2;
         let read = Command::read(space, 1).unwrap();
         let write = Command::write(space, 1).unwrap();
-        assert_eq!(check_access(&read, Some(RW32)), Ok(()));
-        assert_eq!(check_access(&write, Some(RW32)), Ok(()));
+        assert_eq!(check_access(read, Some(RW32)), Ok(()));
+        assert_eq!(check_access(write, Some(RW32)), Ok(()));
         let size = ElementSize::Double;
         assert_eq!(
-            check_access(&read, Some(RO16)),
+            check_access(read, Some(RO16)),
             Err(Lbp16Error::Size {
                 space,
                 info: false,
@@ -57,23 +57,20 @@ mod tests {
             })
         );
         assert_eq!(
-            check_access(&write.with_size(ElementSize::Word), Some(RO16)),
+            check_access(write.with_size(ElementSize::Word), Some(RO16)),
             Err(Lbp16Error::ReadOnly { space, info: false })
         );
-        assert_eq!(
-            check_access(&read, None),
-            Err(Lbp16Error::NoSpace { space })
-        );
+        assert_eq!(check_access(read, None), Err(Lbp16Error::NoSpace { space }));
     }
 
     #[test]
     fn info_areas_are_read_only_and_16_bits() {
         let space = Space::HostMot2;
         let info = Command::read_info(space, 1).unwrap();
-        assert_eq!(check_access(&info, Some(RW32)), Ok(()));
+        assert_eq!(check_access(info, Some(RW32)), Ok(()));
         let size = ElementSize::Double;
         assert_eq!(
-            check_access(&info.with_size(size), Some(RW32)),
+            check_access(info.with_size(size), Some(RW32)),
             Err(Lbp16Error::Size {
                 space,
                 info: true,
@@ -83,7 +80,7 @@ mod tests {
         let mut write = info;
         write.write = true;
         assert_eq!(
-            check_access(&write, Some(RW32)),
+            check_access(write, Some(RW32)),
             Err(Lbp16Error::ReadOnly { space, info: true })
         );
     }

@@ -248,7 +248,7 @@ impl<G: Gateware> SimBoard<G> {
         let command = &operation.command;
         self.pointers.begin(operation);
         let area = info_area(command.space);
-        let allowed = check_access(command, area.map(|area| area.sizes));
+        let allowed = check_access(*command, area.map(|area| area.sizes));
         if let Err(error) = allowed {
             self.refuse(error);
             for _ in 0..command.count() {
