@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
-use crate::hal::{Input, Output, Param, PinError, PinMaker, PinStore};
+use crate::hal::{DigitalIn, Output, Param, PinError, PinMaker, PinStore};
 use crate::hostmot2::{GpioSetup, Gtag, IoPorts, PinDescriptor, PinPlace, PortSetup};
 
 /// How an I/O pin that no module uses begins. The same can be set later by its parameters.
@@ -25,7 +25,7 @@ pub struct GpioConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpioPins {
     /// The level, and its opposite; not of a pin that a module drives.
-    pub input: Option<(Input<bool>, Input<bool>)>,
+    pub input: Option<DigitalIn>,
     /// The level to drive, before inversion; of a pin that no module uses.
     pub out: Option<Output<bool>>,
     /// Whether it is driven; of a pin that no module uses.
@@ -151,7 +151,10 @@ impl GpioPins {
         let is_driven = usage != PinUse::ModuleInput;
         let mut input = None;
         if is_read {
-            input = Some((make.input("in")?, make.input("in_not")?));
+            input = Some(DigitalIn {
+                pin: make.input("in")?,
+                not: make.input("in_not")?,
+            });
         }
         let mut flag = |there: bool, name: &str| {
             let flag = there.then(|| make.setting(name, false));
@@ -248,9 +251,9 @@ impl Module for Gpio {
             let word = self.ports.get(usize::from(place.port));
             let word = word.and_then(|port| port.taken);
             let has_changed = changed >> (place.port & 63) & 1 != 0;
-            if let (Some(word), Some((input, not)), true) = (word, pin.input, has_changed) {
-                cycle.pins.publish(input, place.get(word));
-                cycle.pins.publish(not, !place.get(word));
+            if let (Some(word), Some(input), true) = (word, pin.input, has_changed) {
+                cycle.pins.publish(input.pin, place.get(word));
+                cycle.pins.publish(input.not, !place.get(word));
             }
         }
     }
