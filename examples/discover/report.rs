@@ -9,7 +9,8 @@ use mesa_hal::discovery::{
     DataRecord, DiscoveryLimits, ModeRecord, ModeType, PortMemory, RemoteDescriptor, discover_port,
 };
 use mesa_hal::ethernet::Identity;
-use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan, Watchdog};
+use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan};
+use mesa_hal::modules::watchdog::{WatchdogRegisters, WatchdogTime};
 use mesa_hal::remote::ParameterValue;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
 
@@ -161,10 +162,12 @@ where
     B::Error: Send + Sync,
 {
     let io_ports = IoPorts::locate(firmware)?;
-    let watchdog = Watchdog::locate(firmware)?;
+    let watchdog = WatchdogRegisters::locate(firmware)?;
     // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
     // is left to do that, it shall.
-    watchdog.arm(bus, AT_MOST)?;
+    bus.write(watchdog.time, watchdog.time_for(AT_MOST).0)?;
+    bus.write(watchdog.reset, WatchdogRegisters::PET)?;
+    bus.write(watchdog.status, 0)?;
     let mut pins = PortPlan::new(&io_ports);
     pins.use_module(firmware, gtag, number)?;
     io_ports.apply(bus, &pins)?;
@@ -173,7 +176,7 @@ where
     let restored = io_ports.apply(bus, &PortPlan::new(&io_ports));
     let report = taken?;
     restored?;
-    watchdog.disable(bus)?;
+    bus.write(watchdog.time, WatchdogTime::DISABLED.0)?;
     Ok(report)
 }
 

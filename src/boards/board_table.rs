@@ -3,7 +3,8 @@
 use super::flash::FlashLayout;
 use super::terminals::{Place, Terminals};
 use super::{i7i77, i7i97};
-use crate::hostmot2::{Gtag, HostMot2, TickRate};
+use crate::hostmot2::{Gtag, HostMot2};
+use crate::modules::encoder::TickRate;
 
 /// A kind of board: rates that it is made for, and where its modules come out.
 ///

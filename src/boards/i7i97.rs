@@ -13,7 +13,8 @@ use super::{
     Terminals,
 };
 use crate::hal::{AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins};
-use crate::hostmot2::{Gtag, TickRate};
+use crate::hostmot2::Gtag;
+use crate::modules::encoder::TickRate;
 
 /// The 7I97.
 pub const BOARD: BoardTable = BoardTable {

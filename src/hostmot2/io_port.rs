@@ -88,92 +88,28 @@ impl IoPorts {
     }
 
     /// Sets all ports up, in one exchange and in an order in which no pin is driven with a level
-    /// that nobody asked for: nothing driven, then levels, inversions and sources, then directions
-    /// and open drain.
+    /// that nobody asked for: nothing driven, then levels, inversions and sources, then directions,
+    /// and open drain last, because a pin with open drain is driven whatever its direction
+    /// (FACTS 12.2).
     ///
     /// # Real time
     /// For set-up: allocates.
     pub fn apply<B: RegisterBus>(&self, bus: &mut B, plan: &PortPlan) -> Result<(), B::Error> {
-        let mut list = WriteList::default();
-        self.make_inputs(&mut list);
-        self.set_up(&mut list, plan);
-        list.run(bus)
-    }
-
-    /// What [`apply`](Self::apply) writes after it has made all pins inputs.
-    pub(crate) fn set_up(&self, list: &mut impl Writes, plan: &PortPlan) {
-        let ports = || (0u8..).zip(&plan.ports);
-        for (port, setup) in ports() {
-            self.route(list, port, setup);
-        }
-        for (port, setup) in ports() {
-            push_all(list, port, [(&self.direction, setup.direction)]);
-        }
-        for (port, setup) in ports() {
-            push_all(list, port, [(&self.open_drain, setup.open_drain)]);
-        }
-    }
-
-    /// Makes all pins inputs. Open drain is cleared as well, because a pin with open drain is driven
-    /// whatever its direction (FACTS 12.2).
-    pub(crate) fn make_inputs(&self, list: &mut impl Writes) {
-        for block in [&self.direction, &self.open_drain] {
-            for address in block.addresses() {
-                list.push(address, 0);
+        let (mut accesses, mut words) = (Vec::new(), Vec::new());
+        let mut push = |block: &RegisterBlock, word: fn(&PortSetup) -> u32| {
+            for (address, setup) in block.addresses().zip(&plan.ports) {
+                accesses.push(Access::write(address, words.len() as u16, 1));
+                words.push(word(setup));
             }
-        }
-    }
-
-    /// Says what the pins of a port have to drive, and drives nothing.
-    pub(crate) fn route(&self, list: &mut impl Writes, port: u8, setup: &PortSetup) {
-        push_all(
-            list,
-            port,
-            [
-                (&self.data, setup.data),
-                (&self.invert, setup.invert),
-                (&self.alternate_source, setup.alternate_source),
-            ],
-        );
-    }
-}
-
-fn push_all<const N: usize>(list: &mut impl Writes, port: u8, words: [(&RegisterBlock, u32); N]) {
-    for (block, word) in words {
-        if let Some(address) = block.address(port) {
-            list.push(address, word);
-        }
-    }
-}
-
-/// A list of writes in the making.
-pub(crate) trait Writes {
-    /// Adds a write.
-    fn push(&mut self, address: u16, word: u32);
-}
-
-impl Writes for WriteList {
-    fn push(&mut self, address: u16, word: u32) {
-        Self::push(self, address, word);
-    }
-}
-
-/// Writes to registers that are run in one exchange.
-#[derive(Debug, Default)]
-pub(super) struct WriteList {
-    accesses: Vec<Access>,
-    words: Vec<u32>,
-}
-
-impl WriteList {
-    pub(super) fn push(&mut self, address: u16, value: u32) {
-        self.accesses
-            .push(Access::write(address, self.words.len() as u16, 1));
-        self.words.push(value);
-    }
-
-    pub(super) fn run<B: RegisterBus>(mut self, bus: &mut B) -> Result<(), B::Error> {
-        bus.exchange(&self.accesses, &mut self.words)
+        };
+        push(&self.direction, |_| 0);
+        push(&self.open_drain, |_| 0);
+        push(&self.data, |setup| setup.data);
+        push(&self.invert, |setup| setup.invert);
+        push(&self.alternate_source, |setup| setup.alternate_source);
+        push(&self.direction, |setup| setup.direction);
+        push(&self.open_drain, |setup| setup.open_drain);
+        bus.exchange(&accesses, &mut words)
     }
 }
 

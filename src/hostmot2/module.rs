@@ -176,28 +176,6 @@ impl ModuleDescriptor {
         }
     }
 
-    /// Checks that this is a module of kind `gtag` and has an instance `instance`.
-    pub(super) fn expect_gtag_and_instance(
-        &self,
-        gtag: Gtag,
-        instance: u8,
-    ) -> Result<(), ModuleError> {
-        if self.gtag != gtag {
-            return Err(ModuleError::WrongModule {
-                expected: gtag,
-                found: self.gtag,
-            });
-        }
-        if instance >= self.instances {
-            return Err(ModuleError::NoSuchInstance {
-                gtag,
-                instance,
-                instances: self.instances,
-            });
-        }
-        Ok(())
-    }
-
     /// Checks that this is a module of kind `gtag` with at least `registers` registers, of which
     /// those of `multiple` exist once for each instance, as the code that asks has them.
     ///
@@ -262,11 +240,6 @@ impl RegisterBlock {
     /// The addresses of all instances.
     pub fn addresses(&self) -> impl Iterator<Item = u16> + '_ {
         (0..self.count).filter_map(|instance| self.address(instance))
-    }
-
-    /// Whether the instances are neighbours, so that one access moves all of them.
-    pub const fn is_contiguous(&self) -> bool {
-        self.count <= 1 || self.stride == 4
     }
 }
 
@@ -379,7 +352,6 @@ mod tests {
         assert_eq!(encoders.address(1, 5), Some(0x3614));
         assert_eq!(encoders.address(2, 5), Some(0x3700));
         assert_eq!(encoders.block(2).unwrap().count(), 1);
-        assert!(encoders.block(0).unwrap().is_contiguous());
     }
 
     #[test]

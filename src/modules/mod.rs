@@ -151,3 +151,6 @@ impl WriteCycle<'_> {
         self.wants_extra = true;
     }
 }
+
+#[cfg(all(test, feature = "std"))]
+mod tests;

@@ -11,13 +11,14 @@ use std::time::Duration;
 
 use gateware::{Gateware, PIN};
 use mesa_hal::boards::{
-    AttachError, BoardHandles, BoardTable, ElementTable, Finder, ModuleTerminals, RemoteHandles,
-    RemoteTable, Terminals,
+    AttachError, BoardHandles, BoardTable, ElementTable, Finder, ModuleTerminals, PwmTable,
+    RemoteHandles, RemoteTable, Terminals,
 };
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
 use mesa_hal::hal::{AnalogIn, DigitalOut, Input, Output, Param, Pins};
 use mesa_hal::hostmot2::Gtag;
+use mesa_hal::modules::encoder::TickRate;
 use mesa_hal::sim::devices::{Plain, SimDevice, find, find_mut};
 use mesa_hal::sim::{SimFpga, machines};
 use pulser::{GTAG, Pulser};
@@ -330,4 +331,53 @@ fn what_is_not_there_or_there_already_is_told() {
 fn the_module_takes_less_than_100_lines() {
     let module = include_str!("../../examples/own_module/pulser.rs");
     assert!(module.lines().count() < 100);
+}
+
+#[test]
+fn a_module_that_the_firmware_does_not_have_is_left_out() {
+    let fpga = machines::i7i92_7i77();
+    let mut board = Board::identify(fpga, Settings::new()).expect("a 7I92");
+    board.add(Pulser::register).expect("nothing to refuse");
+    let driver = board.start().expect("a set-up");
+    assert!(driver.modules::<Pulser>().next().is_none());
+}
+
+/// What a 7I97 would be with other rates, terminals and full scales.
+const OTHER: BoardTable = BoardTable {
+    name: "9I99",
+    encoder_rate: TickRate(30),
+    pwm: PwmTable {
+        hz: 24_000,
+        hz_dither: 24_000,
+        full_scale: 5.0,
+        unit: "V",
+        is_offset: true,
+        ..PwmTable::PLAIN
+    },
+    terminals: &[ModuleTerminals {
+        modules: &[Gtag::MUXED_ENCODER],
+        terminals: &[Terminals::encoders("X1 pin ", 0)],
+    }],
+    ..BoardTable::CONNECTORS
+};
+
+#[test]
+fn a_board_table_from_outside_tells_rates_terminals_and_full_scales() {
+    let mut firmware = machines::firmware_7i97(1);
+    firmware.board = *b"MESA9I99";
+    let settings = Settings::new().board(&OTHER);
+    let driver = Driver::start(SimFpga::new(firmware), settings).expect("a 9I99");
+    let pins = driver.pins();
+    let hz = pins.parameter::<u32>("hm2_9i99.0.pwmgen.pwm_frequency");
+    assert_eq!(pins.param(hz.expect("PWM")), 24_000);
+    let value = pins.output::<f64>("hm2_9i99.0.pwmgen.00.value");
+    let info = pins.info(value.expect("PWM")).expect("a pin");
+    assert_eq!((info.limits, &*info.unit), (Some((-5.0, 5.0)), "V"));
+    let count = pins.input::<i32>("hm2_9i99.0.encoder.01.count");
+    let info = pins.info(count.expect("encoders")).expect("a pin");
+    assert!(info.terminal.starts_with("X1 pin 9, X1 pin 10"), "{info:?}");
+    let mut fpga = driver.shutdown().expect("the bus does not fail");
+    // ClockLow/32, each encoder in every other tick.
+    let rate = fpga.encoders().expect("encoders").sample_rate();
+    assert!((rate - 100e6 / 32.0 / 2.0).abs() < 1.0, "{rate}");
 }

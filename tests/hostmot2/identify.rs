@@ -3,6 +3,7 @@
 use crate::common::bus::NeverFails;
 use crate::common::registers::{I7I92_PINS, MapBus, i7i92_with_7i77, i7i97};
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError, IdromPart, Warning};
+use mesa_hal::sim::{SimFpga, machines};
 use proptest::prelude::*;
 
 fn identify(bus: &mut MapBus) -> Result<HostMot2, IdentifyError<NeverFails>> {
@@ -219,6 +220,25 @@ proptest! {
                     }
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn machines_identify_with_both_idrom_types() {
+    for idrom_type in [2, 3] {
+        for (mut firmware, channels) in [
+            (machines::firmware_7i92_7i77(), 3),
+            (machines::firmware_5i25_7i77(), 3),
+            (machines::firmware_7i97(1), 1),
+            (machines::firmware_7i97(3), 3),
+        ] {
+            firmware.idrom_type = idrom_type;
+            let mut fpga = SimFpga::new(firmware);
+            let found = HostMot2::identify(&mut fpga).unwrap();
+            assert_eq!(found.idrom().idrom_type, idrom_type);
+            assert_eq!(found.sserial_channels(Gtag::SSERIAL, 0), channels);
+            assert_eq!(found.warnings(), &[], "{}", found.idrom().board_name);
         }
     }
 }

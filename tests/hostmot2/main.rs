@@ -1,7 +1,5 @@
-//! HostMot2: what a firmware says about itself, and its modules.
+//! HostMot2: what a firmware says about itself.
 
 #[path = "../common/mod.rs"]
 mod common;
 mod identify;
-mod modules;
-mod simulated;

@@ -1,9 +1,8 @@
 //! The DPLL: its registers, the edges of its outputs, and the words that the driver computes for it.
 
 use std::collections::BTreeSet;
-use std::convert::Infallible;
 
-use mesa_hal::hostmot2::{DpllConfig, DpllSetup};
+use mesa_hal::modules::dpll::{DpllConfig, DpllWords};
 use mesa_hal::sim::machines;
 use mesa_hal::sim::wire::Nanos;
 
@@ -198,18 +197,16 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
         time_constant: (word("DPLL_CTL1") >> 16) as u16,
         timers_us: timers.map(|timer| offset_us(timer as u16, hz)),
     };
-    let setup: Result<_, mesa_hal::hostmot2::DpllError<Infallible>> =
-        DpllSetup::new(CLOCK, DDS_BITS, &config);
-    let setup = match setup {
-        Ok(setup) => setup,
+    let words = match DpllWords::new(CLOCK, DDS_BITS, &config) {
+        Ok(words) => words,
         Err(error) => return outcome.fail(0, format!("{hz} Hz"), error.to_string()),
     };
     for (name, word) in [
-        ("DPLL_BASE", setup.base_rate),
-        ("DPLL_CTL0", setup.control_0),
-        ("DPLL_CTL1", setup.control_1),
-        ("DPLL_T12", setup.timers_12),
-        ("DPLL_T34", setup.timers_34),
+        ("DPLL_BASE", words.base_rate),
+        ("DPLL_CTL0", words.control_0),
+        ("DPLL_CTL1", words.control_1),
+        ("DPLL_T12", words.timers_12),
+        ("DPLL_T34", words.timers_34),
     ] {
         if let Some((line, expected)) = written(name) {
             let (expected, actual) = (

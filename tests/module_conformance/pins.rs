@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use mesa_hal::hostmot2::WatchdogTime;
+use mesa_hal::modules::watchdog::WatchdogTime;
 use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sim::{Firmware, PinDescriptor, gtag, machines};
 

@@ -1,6 +1,6 @@
 //! The PWM generators; the driver's duties and rates.
 
-use mesa_hal::hostmot2::{PwmRate, PwmScale};
+use mesa_hal::modules::pwm::{PwmOutput, PwmRate, PwmShape};
 use mesa_hal::sim::wire::Nanos;
 
 use crate::Replay;
@@ -132,8 +132,8 @@ fn asked_hz(transcript: &Transcript) -> Option<f64> {
 /// The driver's rate and width for a frequency are those of the file, and its frequency is that
 /// of the recorded edges.
 fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
-    let rate = PwmRate::new(CLOCK_HZ, hz, false);
-    if !has_width(transcript, rate.width.bits().into()) {
+    let rate = PwmRate::new(CLOCK_HZ, hz);
+    if !has_width(transcript, rate.bits.into()) {
         // A width that was chosen otherwise than by the driver, which takes the widest.
         return;
     }
@@ -143,7 +143,7 @@ fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
         };
         let (driver, mask) = match register.kind.name {
             "PWM_RATE" => (u32::from(rate.rate), u32::MAX),
-            "PWM_MODE" => (u32::from(rate.width.bits() - 9), 3),
+            "PWM_MODE" => (u32::from(rate.bits - 9), 3),
             _ => continue,
         };
         outcome.compare(driver == value & mask, entry.line, || {
@@ -161,7 +161,8 @@ fn compare_rate(transcript: &Transcript, hz: f64, outcome: &mut Outcome) {
     };
     let periods = (edges.len() - 2) as f64;
     let recorded = (last - first) as f64 / periods;
-    let driver = 1e9 / rate.hz(CLOCK_HZ);
+    let pwm_clock = f64::from(CLOCK_HZ) * f64::from(rate.rate) / 65_536.0;
+    let driver = 1e9 / (pwm_clock / f64::from(1 << rate.bits));
     outcome.compare(
         periods >= 3.0 && (recorded - driver).abs() <= CLOCK as f64 / periods,
         *line,
@@ -195,9 +196,13 @@ fn rising_edges(transcript: &Transcript, name: &str) -> Vec<(usize, Nanos)> {
 
 /// What the driver writes for the voltages that the recorded duties stand for is what was written.
 fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
-    let rate = PwmRate::new(CLOCK_HZ, 48_000.0, false);
-    let scale = PwmScale::volts_7i97(rate, false);
-    let mode = scale.mode().0;
+    let shape = PwmShape {
+        bits: PwmRate::new(CLOCK_HZ, 48_000.0).bits,
+        output: PwmOutput::PwmDir,
+        offset: true,
+        dither: false,
+    };
+    let mode = shape.mode();
     for entry in &transcript.entries {
         if let Event::Write { register, value } = &entry.event
             && register.kind.name == "PWM_MODE"
@@ -215,7 +220,7 @@ fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
             continue;
         };
         let volts = (duty.high as f64 / duty.of as f64 * 2.0 - 1.0) * FULL_SCALE;
-        let word = scale.encode(volts).word;
+        let word = shape.encode(volts / FULL_SCALE);
         outcome.compare(word == value, duty.line, || {
             (
                 format!("the driver's word for {volts} V {value:#010X}"),
@@ -229,7 +234,7 @@ fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
         (FULL_SCALE, 0x0FFF_0000),
     ];
     for (volts, value) in ends {
-        let word = scale.encode(volts).word;
+        let word = shape.encode(volts / FULL_SCALE);
         let (expected, actual) = (format!("{volts} V {value:#010X}"), format!("{word:#010X}"));
         outcome.compare(word == value, 1, || (expected, actual));
     }

@@ -4,7 +4,7 @@
 
 mod latch;
 mod pins;
-pub(crate) mod registers;
+mod registers;
 mod state;
 mod velocity;
 
@@ -345,3 +345,6 @@ impl Module for Encoders {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -123,8 +123,6 @@ pub struct ControlWord(pub u32);
 impl ControlWord {
     /// Both inputs changed at once: counts may be wrong. Stays until a 1 is written.
     pub const QUADRATURE_ERROR: u32 = 1 << 15;
-    /// Polarity of A·B as a mask of the index.
-    pub const AB_MASK_POLARITY: u32 = 1 << 14;
     /// Latch the count on the probe input.
     pub const LATCH_ON_PROBE: u32 = 1 << 13;
     /// Polarity of the probe input.

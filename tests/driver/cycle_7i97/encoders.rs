@@ -223,3 +223,82 @@ fn a_scale_of_0_becomes_1_and_is_counted_as_refused() {
     let count = f64::from(pins.read(encoder.count).value);
     assert!((pins.read(encoder.position).value - count).abs() < f64::EPSILON);
 }
+
+/// Axis 0 at a velocity in units a second, by hand, for so many cycles.
+fn turn(machine: &mut Machine<SimFpga>, velocity: f64, cycles: usize) {
+    let motor = machine.fpga().motor(0).expect("an axis");
+    motor.turn_by_hand(Some(velocity));
+    machine.cycles(cycles);
+}
+
+/// Encoder 0, with the counts of a unit of its motor.
+fn scaled(machine: &mut Machine<SimFpga>) -> f64 {
+    let motor = machine.fpga().motor(0).expect("an axis");
+    let counts = motor.config().counts_per_unit;
+    let scale = machine.cards.encoders[0].scale;
+    let pins = machine.driver.pins_mut();
+    pins.set_param(scale, counts).expect("a scale");
+    counts
+}
+
+#[test]
+fn counts_follow_the_motor_across_many_wraps_of_the_counter() {
+    let mut machine = board();
+    let encoder = machine.cards.encoders[0];
+    let counts = scaled(&mut machine);
+    turn(&mut machine, 0.0, 2);
+    let at = |machine: &mut Machine<SimFpga>| machine.fpga().motor(0).expect("an axis").counts();
+    let start = at(&mut machine);
+    let first = machine.driver.pins().read(encoder.rawcounts).value;
+    for velocity in [700.0, -350.0, 2_000.0] {
+        turn(&mut machine, velocity, 500);
+        turn(&mut machine, 0.0, 1);
+        let moved = at(&mut machine) - start;
+        let pins = machine.driver.pins();
+        let counted = f64::from(pins.read(encoder.rawcounts).value - first);
+        assert!((counted - moved).abs() <= 1.0, "{counted} and {moved}");
+        let position = pins.read(encoder.position).value;
+        assert!((position - moved / counts).abs() < 0.003, "{position}");
+    }
+}
+
+#[test]
+fn velocities_are_right_from_a_count_in_ten_cycles_to_thousands_in_one() {
+    for velocity in [0.1, -0.45, 3.0, 250.0, -1_500.0] {
+        let mut machine = board();
+        scaled(&mut machine);
+        let pin = machine.input::<f64>("encoder.00.velocity");
+        turn(&mut machine, velocity, 400);
+        let measured = machine.driver.pins().read(pin).value;
+        let error = (measured - velocity).abs();
+        assert!(error < velocity.abs() * 0.01, "{velocity}: {measured}");
+        turn(&mut machine, 0.0, 600);
+        let measured = machine.driver.pins().read(pin).value;
+        assert!(measured.abs() < 1e-12, "{velocity}: {measured}");
+    }
+}
+
+#[test]
+fn index_enable_finds_the_index_at_every_speed() {
+    for velocity in [5.0, -5.0, 900.0] {
+        let mut machine = board();
+        scaled(&mut machine);
+        let encoder = machine.cards.encoders[0];
+        turn(&mut machine, 0.0, 2);
+        turn(&mut machine, velocity, 10);
+        machine.driver.pins_mut().set(encoder.index_enable, true);
+        let mut cycles = 0;
+        while machine.driver.pins().read(encoder.index_enable).value {
+            machine.cycles(1);
+            cycles += 1;
+            assert!(cycles < 2_000, "no index at {velocity}");
+        }
+        turn(&mut machine, 0.0, 1);
+        let count = machine.driver.pins().read(encoder.count).value;
+        let counts = machine.fpga().motor(0).expect("an axis").counts();
+        // Zero is at a multiple of the 4000 counts of a revolution.
+        let off = (counts - f64::from(count)).rem_euclid(4_000.0);
+        let is_there = off <= 2.0 || off >= 3_998.0;
+        assert!(is_there, "{velocity}: count {count} at {counts}");
+    }
+}

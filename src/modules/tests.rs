@@ -1,0 +1,235 @@
+//! What the built-in modules register on the firmwares of FACTS 9.2 and 9.3.
+
+use alloc::{string::ToString, vec::Vec};
+
+use super::dpll::Dpll;
+use super::encoder::{EncoderSetup, Encoders};
+use super::in_mux::InMux;
+use super::outputs::Outputs;
+use super::pwm::Pwm;
+use super::registrar::Peeking;
+use super::{RegisterError, Registrar};
+use crate::boards::BoardTable;
+use crate::bus::ImagePlan;
+use crate::driver::Settings;
+use crate::hal::{GroupId, PinStore};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan};
+use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
+
+/// Everything that a module registers with.
+struct Bench {
+    fpga: SimFpga,
+    firmware: HostMot2,
+    settings: Settings,
+    pins: PinStore,
+    group: GroupId,
+    io: PortPlan,
+    plan: ImagePlan,
+}
+
+impl Bench {
+    fn new(firmware: Firmware) -> Self {
+        let mut fpga = SimFpga::new(firmware);
+        let firmware = HostMot2::identify(&mut fpga).unwrap();
+        let mut pins = PinStore::new();
+        Self {
+            fpga,
+            settings: Settings::new(),
+            group: pins.add_group(),
+            pins,
+            io: PortPlan::new(&IoPorts::locate(&firmware).unwrap()),
+            plan: ImagePlan::new(),
+            firmware,
+        }
+    }
+
+    fn register<T>(
+        &mut self,
+        register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
+    ) -> Result<T, RegisterError> {
+        let mut bus = Peeking {
+            bus: &mut self.fpga,
+            error: None,
+        };
+        register(&mut Registrar {
+            firmware: &self.firmware,
+            table: BoardTable::for_firmware(&self.firmware, &[]),
+            name: "hm2_7i97.0",
+            settings: &self.settings,
+            group: self.group,
+            status: self.group,
+            pins: &mut self.pins,
+            io: &mut self.io,
+            plan: &mut self.plan,
+            bus: &mut bus,
+        })
+    }
+
+    /// The writes of the set-up to registers from `from` on, in order.
+    fn set_up(&self, from: u16, to: u16) -> Vec<(u16, u32)> {
+        let all = self.plan.first_set_up().into_iter();
+        all.filter(|(address, _)| (from..to).contains(address))
+            .collect()
+    }
+
+    /// The directions that the modules give their pins.
+    fn outputs(&self) -> Vec<u32> {
+        let ports = self.io.ports().iter();
+        assert!(
+            ports
+                .clone()
+                .all(|port| port.direction == port.alternate_source)
+        );
+        ports.map(|port| port.direction).collect()
+    }
+}
+
+fn i7i97() -> Bench {
+    Bench::new(machines::firmware_7i97(1))
+}
+
+/// ClockLow/16, microseconds, the short filter, and counts of 0.
+#[test]
+fn encoders_are_set_up_at_the_rate_of_their_board() {
+    let mut bench = i7i97();
+    let encoders = bench.register(Encoders::register).unwrap().unwrap();
+    assert_eq!(encoders.pins().len(), 6);
+    let words = bench.set_up(0x3500, 0x4000);
+    assert_eq!(words[..2], [(0x3700, 98), (0x3900, 14)]);
+    assert_eq!(words[2..4], [(0x3600, 0), (0x3500, 0)]);
+    assert_eq!(words[12..14], [(0x3614, 0), (0x3514, 0)]);
+    // Which timer of the DPLL latches them.
+    assert_eq!(words[14..], [(0x3A00, 0)]);
+    assert_eq!(bench.outputs(), [0, 1 << 1, 0], "the select line");
+}
+
+#[test]
+fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
+    let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
+    bench.settings = Settings::new().encoders(EncoderSetup {
+        count: Some(7),
+        rate: None,
+    });
+    let encoders = bench.register(Encoders::register).unwrap().unwrap();
+    assert_eq!(encoders.pins().len(), 7);
+    // EncMux: FACTS 8.1, 12.7.
+    assert_eq!(bench.outputs(), [1 << 7, 1 << 7]);
+    assert_eq!(bench.set_up(0x3900, 0x3904), [(0x3900, 6)], "ClockLow/8");
+}
+
+/// At rest when it is over: the mode without double buffering, the value, the mode.
+#[test]
+fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
+    let mut bench = i7i97();
+    let pwm = bench.register(Pwm::register).unwrap().unwrap();
+    assert_eq!(pwm.pins().len(), 6);
+    let words = bench.set_up(0x4000, 0x5000);
+    // 48 kHz; 20 kHz of PDM.
+    assert_eq!(words[..3], [(0x4400, 0), (0x4200, 64_425), (0x4300, 7)]);
+    for (n, generator) in (0..).zip(words[3..].chunks(3)) {
+        let (value, mode) = (0x4000 + 4 * n, 0x4100 + 4 * n);
+        assert_eq!(
+            generator,
+            [(mode, 0x03), (value, 0x0800_0000), (mode, 0x23)]
+        );
+    }
+    assert_eq!(words.len(), 3 + 18);
+    // Outputs 0 to 5, and three enables.
+    assert_eq!(bench.outputs(), [0x1FF, 0, 0]);
+}
+
+#[test]
+fn relays_have_no_drive_before_their_pins_are_driven() {
+    let mut bench = i7i97();
+    let outputs = bench.register(Outputs::register).unwrap();
+    assert_eq!(outputs[0].pins.outputs.len(), 6);
+    let words = bench.set_up(0x7D00, 0x7F00);
+    assert_eq!(words, [(0x7D00, 0), (0x7E00, 0), (0x7E00, 0x1030)]);
+    // Six outputs and the reference.
+    assert_eq!(bench.outputs(), [0, 0x7F << 2, 0]);
+}
+
+#[test]
+fn input_scans_and_the_dpll_are_set_up_from_what_the_hardware_says() {
+    let mut bench = i7i97();
+    let inputs = bench.register(InMux::register).unwrap();
+    assert_eq!(inputs[0].pins.inputs.len(), 16);
+    let control = 15 | 1 << 5 | 77 << 6 | 5 << 16 | 500 << 22;
+    let expected = [(0x8000, control), (0x8100, 0), (0x8400, 0)];
+    assert_eq!(bench.set_up(0x8000, 0x9000), expected);
+    bench.register(Dpll::register).unwrap().unwrap();
+    let words = bench.set_up(0x7000, 0x7700);
+    // 1 kHz with 42 bits; 100 us after the read.
+    assert_eq!(words[..2], [(0x7000, 1_055_531_162), (0x7200, 0x1840_0000)]);
+    assert_eq!(
+        words[2..],
+        [
+            (0x7300, 2000 << 16),
+            (0x7400, 0xE666_E666),
+            (0x7500, 0xE666_E666)
+        ]
+    );
+}
+
+#[test]
+fn addresses_follow_the_descriptor_and_not_the_usual_place() {
+    let mut firmware = machines::firmware_7i97(1);
+    firmware.module_mut(gtag::PWM).unwrap().base = 0x9000;
+    let mut bench = Bench::new(firmware);
+    bench.register(Pwm::register).unwrap();
+    assert_eq!(bench.set_up(0x4000, 0x5000), []);
+    assert_eq!(bench.set_up(0x9000, 0x9500)[0], (0x9400, 0));
+}
+
+#[test]
+fn each_instance_of_outm_has_its_register() {
+    let mut firmware = machines::firmware_7i97(1);
+    let out_m = ModuleDescriptor::new(gtag::OUT_M, 0, 1, 2, 0xB000, 1, 0x00, 1);
+    firmware.modules.push(out_m);
+    for (instance, pin) in [(0, 40), (1, 41)] {
+        firmware.pins[pin] = PinDescriptor::new(gtag::OUT_M, instance, 0x81);
+    }
+    let mut bench = Bench::new(firmware);
+    let outputs = bench.register(Outputs::register).unwrap();
+    assert_eq!(outputs.len(), 3, "one of SSR");
+    assert_eq!(bench.set_up(0xB000, 0xB100), [(0xB000, 0), (0xB004, 0)]);
+}
+
+#[test]
+fn what_is_missing_is_left_out_and_what_is_not_known_is_refused_by_name() {
+    let mut bench = Bench::new(machines::firmware_7i92_7i77());
+    assert!(bench.register(Pwm::register).unwrap().is_none());
+    assert!(bench.register(Dpll::register).unwrap().is_none());
+    assert!(bench.register(InMux::register).unwrap().is_empty());
+    assert!(bench.register(Outputs::register).unwrap().is_empty());
+
+    let mut firmware = machines::firmware_7i97(1);
+    firmware.module_mut(gtag::MUXED_ENCODER).unwrap().version = 5;
+    firmware.module_mut(gtag::PWM).unwrap().multiple = 7;
+    let mut bench = Bench::new(firmware);
+    assert_eq!(
+        bench.register(Encoders::register).unwrap_err().to_string(),
+        "MuxedEncoder (0C) has version 5, known are 2 to 4: use a firmware with one of them"
+    );
+    assert_eq!(
+        bench.register(Pwm::register).unwrap_err().to_string(),
+        "PWM (06) version 0 has 5 registers with multiple-register mask 0x7, expected at least 5 \
+         and 0x3: this firmware has a layout that this crate does not know"
+    );
+}
+
+#[test]
+fn an_io_pin_has_one_user() {
+    let mut bench = i7i97();
+    bench.register(Pwm::register).unwrap();
+    let again = bench.register(|r| r.use_io(Gtag::PWM, 3));
+    assert_eq!(
+        again.unwrap_err().to_string(),
+        "I/O pin 3 is used by a module or as plain I/O already: choose another one"
+    );
+    let missing = bench.register(|r| r.use_io(Gtag::SSR, 1));
+    assert_eq!(
+        missing.unwrap_err().to_string(),
+        "SSR (C3) 1 has no pins in this firmware: choose another instance or firmware"
+    );
+}
