@@ -12,7 +12,7 @@ use crate::hostmot2::{Gtag, HostMot2, LocateError};
 /// The watchdog also bites when it is [disabled](WatchdogTime::DISABLED) while it runs, and when it is
 /// restarted before it was ever given a time. After a bite both are harmless.
 ///
-/// Source: REGISTERS.md, "Watchdog", and FACTS 12.1.
+/// Source: FACTS 13.2, 12.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WatchdogRegisters {
     /// Address of the time register, see [`WatchdogTime`].
