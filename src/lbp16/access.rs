@@ -1,11 +1,13 @@
 //! Whether a space takes an access.
 
+#[cfg(feature = "std")]
 use super::{Command, ElementSize, Lbp16Error, MemorySizes};
 
 /// Checks a command against what its space allows (its MEMSIZES word); `None`: there is no such
 /// space.
 ///
 /// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
+#[cfg(feature = "std")]
 pub fn check_access(command: Command, sizes: Option<MemorySizes>) -> Result<(), Lbp16Error> {
     let (space, size) = (command.space, command.size);
     let sizes = sizes.ok_or(Lbp16Error::NoSpace { space })?;

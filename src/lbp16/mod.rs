@@ -17,8 +17,10 @@ mod pointers;
 pub mod registers;
 mod reply;
 
+#[cfg(feature = "std")]
 pub(crate) use access::check_access;
 pub use builder::RequestBuilder;
+#[cfg(feature = "std")]
 pub(crate) use command::MAX_COUNT;
 pub use command::{Command, ElementSize, Space};
 pub use error::Lbp16Error;
