@@ -97,19 +97,41 @@ fn run(machine: &str) {
         })
         .collect();
     assert_eq!(analog.len(), if machine == "three" { 6 } else { 0 });
-    for round in 0..CYCLES {
+    let set = |driver: &mut Driver<Frozen>, round: u64| {
         for (n, &output) in analog.iter().enumerate() {
             let volts = ((round + n as u64) % 20) as f64 - 9.5;
             driver.pins_mut().set(output, volts);
         }
-        counted_cycle(&mut driver);
+    };
+    let remotes: u32 = machine.parse().unwrap_or(3);
+    driver.bus_mut().written = Some(Vec::new());
+    let mut written = |round| {
+        set(&mut driver, round);
+        assert_eq!(cycle(&mut driver), remotes, "the remotes answer");
+        driver.bus_mut().written.clone()
+    };
+    assert_eq!(
+        written(1) != written(2),
+        !analog.is_empty(),
+        "outputs arrive"
+    );
+    driver.bus_mut().written = None;
+    for round in 0..CYCLES {
+        set(&mut driver, round);
+        assert_eq!(counted_cycle(&mut driver), remotes);
     }
 }
 
 /// What is counted.
 #[inline(never)]
-fn counted_cycle(driver: &mut Driver<Frozen>) {
+fn counted_cycle(driver: &mut Driver<Frozen>) -> u32 {
+    cycle(driver)
+}
+
+/// Gives the number of remotes with new, sound data.
+fn cycle(driver: &mut Driver<Frozen>) -> u32 {
     let report = driver.read().expect("the bus always answers");
     assert!(report.is_good(), "{report:?}");
     driver.write().expect("the bus always answers");
+    report.good
 }

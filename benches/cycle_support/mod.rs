@@ -88,6 +88,10 @@ pub struct Frozen {
     sim: SimFpga,
     answers: Vec<Vec<u32>>,
     stands_still: bool,
+    /// Its time since it stands still, in nanoseconds: half a period for each exchange.
+    passed: u64,
+    /// Keeps the words of the last write, while it is there.
+    pub written: Option<Vec<u32>>,
 }
 
 impl Frozen {
@@ -96,6 +100,8 @@ impl Frozen {
             sim,
             answers: Vec::new(),
             stands_still: false,
+            passed: 0,
+            written: None,
         }
     }
 }
@@ -126,12 +132,22 @@ impl RegisterBus for Frozen {
             if reads {
                 self.answers[list.place] = words.to_vec();
             }
-        } else if reads {
+            return Ok(Reply::CERTAIN);
+        }
+        self.passed += 500_000;
+        if reads {
             let answers = &self.answers[list.place];
-            words
-                .iter_mut()
-                .zip(answers)
-                .for_each(|(word, answer)| *word = *answer);
+            for access in &list.accesses {
+                let place = access.words();
+                // Nothing yet to a list of the shutdown.
+                if let Some(answer) = answers.get(place.clone()) {
+                    words[place].copy_from_slice(answer);
+                }
+            }
+        } else if let Some(written) = &mut self.written {
+            written.clear();
+            let accesses = list.accesses.iter();
+            written.extend(accesses.flat_map(|access| &words[access.words()]));
         }
         Ok(Reply::CERTAIN)
     }
@@ -146,7 +162,7 @@ pub struct Answers {
 
 impl Clock for Frozen {
     fn now(&mut self) -> Instant {
-        Clock::now(&mut self.sim)
+        Instant::from_nanos(self.sim.now() + self.passed)
     }
 
     fn wait(&mut self, duration: Duration) {

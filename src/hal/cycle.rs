@@ -105,7 +105,7 @@ impl PinStore {
     /// What an output must be now: sanitised, limited, and inverted where asked for. The safe
     /// value if its group is not armed.
     ///
-    /// Not finite: the safe value. Out of range: see [`OutOfRange`]. Both are counted, for the pin
+    /// Not finite: the safe value. Out of range: see [`OutOfRange`](super::OutOfRange). Both are counted, for the pin
     /// and in total, each time the driver takes such a value. Nothing ever wraps round.
     pub fn fetch<P: Settable>(&mut self, pin: P) -> P::Value {
         let key = pin.key();

@@ -19,11 +19,6 @@ pub use local::{LocalRead, LocalWrite};
 pub use parser::{Parsed, Parser, ParserCounts, ReceivedRequest, RpcSizes};
 pub(crate) use request::MAX_FRAME;
 pub use request::{DiscoveryReply, Request};
-// Only the simulated remotes use these.
-#[cfg(feature = "std")]
-pub(crate) use rpc::{RPC_PITCH, RPC_TABLE_SIZE};
-pub use rpc::{RpcMemory, RpcReply, RpcTable};
+pub use rpc::{RPC_PITCH, RPC_TABLE_SIZE, RpcMemory, RpcReply, RpcTable};
 pub(crate) use status::write_flags;
-pub use status::{COOKIE, LbpStatus, RemoteFaults, flash};
-#[cfg(feature = "std")]
-pub(crate) use status::{Capabilities, Nonvolatile};
+pub use status::{COOKIE, Capabilities, LbpStatus, Nonvolatile, RemoteFaults, flash};

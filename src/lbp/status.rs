@@ -105,10 +105,9 @@ pub(crate) fn write_flags(
     Ok(())
 }
 
-/// Which memory the access commands reach (EC, CC): the simulated remotes ask.
+/// Which memory the access commands reach (EC, CC).
 ///
 /// FACTS 1.3, 6.3.
-#[cfg(feature = "std")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Nonvolatile {
     /// 0: the working memory.
@@ -122,7 +121,6 @@ pub enum Nonvolatile {
     Other(u8),
 }
 
-#[cfg(feature = "std")]
 impl Nonvolatile {
     /// From the byte of EC or CC.
     pub const fn from_byte(byte: u8) -> Self {

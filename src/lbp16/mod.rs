@@ -20,9 +20,7 @@ mod reply;
 #[cfg(feature = "std")]
 pub(crate) use access::check_access;
 pub use builder::RequestBuilder;
-#[cfg(feature = "std")]
-pub(crate) use command::MAX_COUNT;
-pub use command::{Command, ElementSize, Space};
+pub use command::{Command, ElementSize, MAX_COUNT, Space};
 pub use error::Lbp16Error;
 pub use info::{COOKIE, InfoArea, MemoryRanges, MemorySizes, MemoryType};
 pub use parser::{Operation, Operations};

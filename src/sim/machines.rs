@@ -288,7 +288,7 @@ pub fn i7i97_inm_outm(channels: u8) -> SimFpga {
 }
 
 /// A 7I92 with a 7I77 and a 7I72 on the 7I77's expansion port, each remote behind a
-/// [`Cable`](crate::sim::remote::Cable).
+/// [`Cable`].
 pub fn i7i92_with_cards() -> SimFpga {
     with_cards(i7i92_7i77())
 }
