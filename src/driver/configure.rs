@@ -11,7 +11,7 @@ use super::{
     Settings, StartError,
 };
 use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles, RemoteTable};
-use crate::bus::{Clock, ImagePlan, RegisterBus};
+use crate::bus::{Clock, Image, ImagePlan, RegisterBus};
 use crate::hal::{GroupId, Input, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts, PortPlan};
 use crate::modules::dpll::Dpll;
@@ -69,6 +69,9 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Not for the cycle. Bounded.
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, StartError<B::Error>> {
         let settings = settings.checked()?;
+        if settings.pace == Pace::Board && !bus.can_hold() {
+            return Err(StartError::NotPaced);
+        }
         bus.follow_period(settings.period);
         let firmware = HostMot2::identify(&mut bus)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
@@ -165,9 +168,9 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
     pub fn start(mut self) -> Result<Driver<B>, StartError<B::Error>> {
         self.discover()?;
-        let ports = self.plan.start_ports(&mut *self.bus, &mut self.ports);
-        match ports {
-            Ok(ports) => self.into_driver(ports),
+        let started = self.plan.start_ports(&mut *self.bus, &mut self.ports);
+        match started.and_then(|ports| Ok((self.plan.prepare(&mut *self.bus)?, ports))) {
+            Ok((image, ports)) => Ok(self.into_driver(image, ports)),
             Err(error) => Err(self.stopped(error)),
         }
     }
@@ -266,9 +269,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
 
-    fn into_driver(self, ports: Vec<SerialPort>) -> Result<Driver<B>, StartError<B::Error>> {
+    fn into_driver(self, image: Image<B::List>, ports: Vec<SerialPort>) -> Driver<B> {
         let Self {
-            mut bus,
+            bus,
             plan,
             watchdog,
             connection,
@@ -277,12 +280,6 @@ impl<B: RegisterBus + Clock> Board<B> {
             ..
         } = self;
         let settings = plan.settings;
-        let held = settings.pace.held(settings.period);
-        if held.is_some() && !bus.can_hold() {
-            return Err(StartError::NotPaced);
-        }
-        let layout = plan.image.lay_out().map_err(RegisterError::from)?;
-        let image = layout.prepare(&mut *bus, held).map_err(StartError::Bus)?;
         let driver = Driver {
             bus,
             firmware: plan.firmware,
@@ -314,7 +311,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         };
         #[cfg(feature = "log")]
         super::messages::found(&driver);
-        Ok(driver)
+        driver
     }
 }
 
@@ -339,6 +336,13 @@ impl Plan {
             remarks: Vec::new(),
             tables: Vec::new(),
         }
+    }
+
+    /// Lays out all that was registered, and has the bus prepare its lists.
+    fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B::List>, StartError<B::Error>> {
+        let layout = self.image.lay_out().map_err(RegisterError::from)?;
+        let held = self.settings.pace.held(self.settings.period);
+        layout.prepare(bus, held).map_err(StartError::Bus)
     }
 
     /// Lets something register, with pins of this group.

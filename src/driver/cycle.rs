@@ -141,6 +141,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         let was_running = self.is_running();
         self.put(now);
+        self.is_repeated |= self.image.words().has_news();
         // What fails is tried again with the next write; this one goes on without it.
         let _ = self.write_guarded();
         self.keep_quiet();
@@ -148,7 +149,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.give_up_write();
             return Ok(());
         }
-        self.is_repeated |= self.image.words().has_news();
         if let Some(deadline) = self.connection.new_deadline(&self.pins, self.period) {
             self.bus.set_cycle_deadline(deadline);
         }

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::Settings;
-use mesa_hal::bus::BusErrorKind;
+use mesa_hal::bus::{Access, AccessList, BusErrorKind, Clock, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::driver::{
     BoardState, CycleError, Driver, MissingReason, RemoteConfig, SerialConfig, StartError,
 };
-use mesa_hal::sim::SimFpga;
+use mesa_hal::sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -438,6 +438,54 @@ fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
         panic!("built");
     };
     assert!(needed > period && needed < 2 * period, "{needed:?}");
+}
+
+/// A bus that takes no list of the cycle, as one whose packets are too small.
+#[derive(Debug)]
+struct TooSmall(SimFpga);
+
+impl RegisterBus for &mut TooSmall {
+    type Error = SimError;
+    type List = AccessList;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+        self.0.exchange(accesses, words)
+    }
+
+    fn prepare(&mut self, _: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
+        Err(SimError::OutsideBuffer {
+            address: 0,
+            first: 0,
+            count: 0,
+            len: 0,
+        })
+    }
+
+    fn finish(&mut self, _: &AccessList, _: &mut [u32]) -> Result<Reply, SimError> {
+        panic!("there is no list")
+    }
+}
+
+impl Clock for &mut TooSmall {
+    fn now(&mut self) -> Instant {
+        Clock::now(&mut self.0)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.0.wait(duration);
+    }
+}
+
+#[test]
+fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stopped() {
+    let mut bus = TooSmall(fpga());
+    let error = Driver::start(&mut bus, Settings::new()).unwrap_err();
+    assert!(matches!(error, StartError::Bus(_)), "{error}");
+    for channel in 0..3u16 {
+        let cs = bus.0.read_register(0x5C00 + 4 * channel);
+        assert_eq!(cs & 0xFFFF, 0xC100, "channel {channel}");
+    }
+    assert_eq!(bus.0.read_register(0x1100), 0, "all pins are inputs");
 }
 
 /// Reads that come before the transfer is complete.

@@ -85,10 +85,12 @@ enum Change {
     Direction,
     OpenDrain,
     Inversion,
+    TimeAndDirection,
+    TimeAndDriveRate,
     Restart,
 }
 
-const CHANGES: [Change; 11] = [
+const CHANGES: [Change; 13] = [
     Change::Nothing,
     Change::Led,
     Change::Filter,
@@ -99,13 +101,17 @@ const CHANGES: [Change; 11] = [
     Change::Direction,
     Change::OpenDrain,
     Change::Inversion,
+    Change::TimeAndDirection,
+    Change::TimeAndDriveRate,
     Change::Restart,
 ];
 
 impl Change {
     fn make<B: RegisterBus + Clock>(self, driver: &mut Driver<B>) {
-        if self == Self::Restart {
-            driver.restart(0, Channel::ALL[0]);
+        match self {
+            Self::Restart => return driver.restart(0, Channel::ALL[0]),
+            Self::TimeAndDirection | Self::TimeAndDriveRate => Self::WatchdogTime.make(driver),
+            _ => {}
         }
         let pins = driver.pins_mut();
         match self {
@@ -114,9 +120,11 @@ impl Change {
             Self::Filter => set_param(pins, "inmux.00.fast_scans", 9_u32),
             Self::Sampling => set(pins, "encoder.muxed-sample-frequency", 3_000_000_u32),
             Self::PwmFrequency => set_param(pins, "pwmgen.pwm_frequency", 24_000_u32),
-            Self::DriveRate => set(pins, "ssr.00.rate", 500_000_u32),
+            Self::DriveRate | Self::TimeAndDriveRate => set(pins, "ssr.00.rate", 500_000_u32),
             Self::WatchdogTime => set_param(pins, "watchdog.timeout_ns", 6_000_000_u32),
-            Self::Direction => set_param(pins, "gpio.040.is_output", true),
+            Self::Direction | Self::TimeAndDirection => {
+                set_param(pins, "gpio.040.is_output", true);
+            }
             Self::OpenDrain => set_param(pins, "gpio.041.is_opendrain", true),
             Self::Inversion => set_param(pins, "gpio.040.invert_output", true),
         }
@@ -125,7 +133,10 @@ impl Change {
     /// It says what pins drive. No board can be asked not to take it when it has lost its set-up in
     /// the microsecond before; then it must not take it for longer.
     fn drives_pins(self) -> bool {
-        matches!(self, Self::Direction | Self::OpenDrain)
+        matches!(
+            self,
+            Self::Direction | Self::TimeAndDirection | Self::OpenDrain
+        )
     }
 }
 

@@ -5,6 +5,7 @@ use core::time::Duration;
 
 use super::layout::Layout;
 use super::parts::Parts;
+use super::words::By;
 use super::{ReadPhase, Words};
 use crate::bus::{Access, Hold, RegisterBus, Reply};
 
@@ -255,12 +256,12 @@ impl<L> Image<L> {
         }
         self.parts.want_cycle(&self.words);
         self.write_parts(bus)?;
-        self.words.sent();
+        self.words.sent(By::Cycle);
         Ok(())
     }
 
-    /// Writes the settings that have changed, those included that drive pins. The evidence has to be
-    /// read before and [after](Words::guarded_sent) it.
+    /// Writes the settings of the set-up that have changed, those included that drive pins. The
+    /// evidence has to be read before and [after](Words::guarded_sent) it.
     pub fn write_guarded<B>(&mut self, bus: &mut B) -> Result<(), B::Error>
     where
         B: RegisterBus<List = L>,
@@ -268,7 +269,7 @@ impl<L> Image<L> {
         self.words.expect_either();
         self.parts.want_guarded(&self.words);
         self.write_parts(bus)?;
-        self.words.sent();
+        self.words.sent(By::Guarded);
         Ok(())
     }
 

@@ -84,6 +84,7 @@ impl ImagePlan {
     fn states(&self) -> Box<[SettingState]> {
         let states = self.settings.iter().map(|register| SettingState {
             progress: Progress::Rests,
+            is_of_set_up: register.stage.is_some(),
             is_guarded: matches!(register.stage, Some(Stage::Drive | Stage::Enable)),
             shown: register.shown.map(|slot| Shown {
                 slot,

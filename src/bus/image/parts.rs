@@ -4,6 +4,7 @@ use alloc::{boxed::Box, vec, vec::Vec};
 
 use super::layout::WriteLayout;
 use super::plan::Register;
+use super::words::By;
 use super::{ImagePlan, Words, WritePhase};
 use crate::bus::Access;
 
@@ -51,23 +52,21 @@ impl Parts {
     /// Everything of a cycle, and the settings that go with it.
     pub fn want_cycle(&mut self, words: &Words) {
         self.wanted.fill(true);
-        self.want_settings(|setting| words.is_asked(setting, false));
+        self.want_settings(|setting| words.is_asked(setting, By::Cycle));
         self.wanted
             .iter_mut()
             .skip(self.last)
             .for_each(|one| *one = false);
     }
 
-    /// Data and settings, then what drives the pins, and the watchdog's word at the end: it bites on a
-    /// board that was reset before or meanwhile.
+    /// Data and settings of the set-up, then what drives the pins, and the watchdog's word at the end:
+    /// it bites on a board that was reset before or meanwhile, whose watchdog has no time.
     pub fn want_guarded(&mut self, words: &Words) {
         let (data, settings, last) = (self.data, self.settings, self.last);
         for (n, wanted) in self.wanted.iter_mut().enumerate() {
             *wanted = (data..settings).contains(&n) || n >= last;
         }
-        self.want_settings(|setting| {
-            words.is_asked(setting, false) || words.is_asked(setting, true)
-        });
+        self.want_settings(|setting| words.is_asked(setting, By::Guarded));
     }
 
     fn want_settings(&mut self, is_wanted: impl Fn(u16) -> bool) {

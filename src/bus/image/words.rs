@@ -35,6 +35,8 @@ const HORIZON: u8 = 100;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SettingState {
     pub progress: Progress,
+    /// The set-up holds it; otherwise it is written on demand.
+    pub is_of_set_up: bool,
     /// It drives a pin, or enables what is driven.
     pub is_guarded: bool,
     pub shown: Option<Shown>,
@@ -57,6 +59,25 @@ pub(super) enum Progress {
     /// It was sent. It may have been lost, or be undone by an older one that comes late, for so many
     /// reads more.
     Sent(u8),
+}
+
+/// A write that holds settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum By {
+    /// That of the cycle.
+    Cycle,
+    /// The one that drives pins, between two looks at the evidence. What is written on demand is not
+    /// in it: the watchdog's time would hide a reset from the second look.
+    Guarded,
+}
+
+impl By {
+    const fn holds(self, state: &SettingState) -> bool {
+        match self {
+            Self::Cycle => !state.is_guarded,
+            Self::Guarded => state.is_of_set_up,
+        }
+    }
 }
 
 impl Words {
@@ -167,22 +188,22 @@ impl Words {
         }
     }
 
-    /// Whether a setting of this kind is to be written.
-    pub(super) fn is_asked(&self, setting: u16, is_guarded: bool) -> bool {
+    /// Whether a setting is to be written by this write.
+    pub(super) fn is_asked(&self, setting: u16, by: By) -> bool {
         let state = self.settings.get(usize::from(setting));
-        state.is_some_and(|state| {
-            state.progress == Progress::Asked && state.is_guarded == is_guarded
-        })
+        state.is_some_and(|state| state.progress == Progress::Asked && by.holds(state))
     }
 
-    /// The settings that were asked for and do not wait for a look at the evidence were sent.
-    pub(super) fn sent(&mut self) {
+    /// The settings that this write holds were sent; those that need a look at the evidence are
+    /// [confirmed](Self::guarded_sent) by it.
+    pub(super) fn sent(&mut self, by: By) {
         for state in &mut self.settings {
-            if state.progress == Progress::Asked && !state.is_guarded {
+            if state.progress == Progress::Asked && !state.is_guarded && by.holds(state) {
                 state.progress = Progress::Sent(HORIZON);
+                self.asked -= 1;
+                self.sent += 1;
             }
         }
-        self.sent += core::mem::take(&mut self.asked);
     }
 
     /// Guarded settings are about to be written: until they have arrived, only what was set before

@@ -139,7 +139,7 @@ impl Numbers {
     }
 }
 
-/// Where the two differ first in a session.
+/// Where the two differ first in a run.
 fn difference(seed: u64) -> Option<String> {
     let firmware = machines::firmware_7i97(1);
     let module = *firmware.module(gtag::PWM).expect("a 7I97 has PWM");
