@@ -4,13 +4,14 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{
-    Board, BoardState, RemoteParameterError, RemoteWatchdog, Settings, StartError,
+    Board, BoardState, Driver, RemoteParameterError, RemoteWatchdog, Settings, StartError,
 };
 use mesa_hal::hal::PinError;
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sslbp::Channel;
+use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 
@@ -330,4 +331,50 @@ fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power
     });
     let second = bites_after(&mut machine);
     assert!((199..=202).contains(&second), "{second} ms");
+}
+
+/// The bus fails from any exchange of the call on, for two exchanges or to its end. Whatever the port
+/// was told last, in setup mode or not, is not the cycle's: no remote runs, and none is valid, before
+/// the cycle has started it.
+#[test]
+fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_own() {
+    let lost = Fault::NotExecuted(BusErrorKind::Lost);
+    let late = Fault::Executed(BusErrorKind::Late);
+    for (fault, exchanges) in [(lost, 2), (late, 2), (lost, 2000), (late, 2000)] {
+        let driver = Driver::start(Faulty::new(fpga(), 1), Settings::new()).unwrap();
+        let mut machine = Machine::with(driver);
+        machine.cycles(5);
+        let mut write = |from: u64, value: u32| {
+            let first = machine.driver.bus().exchanges();
+            for exchange in first + from..first + from + exchanges {
+                machine.driver.bus_mut().fail_at(exchange, fault);
+            }
+            let starts = machine.driver.ports()[0].statistics().starts;
+            let (driver, channel) = (&mut machine.driver, Channel::ALL[FIELD]);
+            let _ = driver.write_remote_parameter(0, channel, "nvwatchdogtimeout", value);
+            let used = machine.driver.bus().exchanges() - first;
+            machine.driver.bus_mut().heal();
+            // It may have failed before anything was stopped.
+            let mut is_started = ALL.iter().all(|&channel| machine.is_running(channel));
+            let mut left = 500;
+            while !(ALL.iter().all(|&channel| machine.is_valid(channel))
+                && machine.driver.rearm().unwrap().waiting == 0)
+            {
+                let _ = machine.cycle();
+                let _ = machine.driver.rearm().unwrap();
+                is_started |= machine.driver.ports()[0].statistics().starts > starts;
+                let taken =
+                    |&channel: &usize| machine.is_running(channel) || machine.is_valid(channel);
+                assert!(is_started || !ALL.iter().any(taken), "from exchange {from}");
+                left -= 1;
+                assert!(left > 0, "from exchange {from}: they do not come back");
+            }
+            used
+        };
+        let mut from = 0;
+        while from < write(from, if from % 2 == 0 { 100 } else { 200 }) {
+            from += 1;
+        }
+        assert!(from > 50, "{from}");
+    }
 }

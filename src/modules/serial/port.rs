@@ -146,6 +146,7 @@ impl SerialPort {
     /// All remotes were stopped, and the port was used for something else: they are restarted in the
     /// next cycles.
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
+        self.port.machine_mut().taken_over();
         self.recovery.taken_over();
         for channel in self.recovery.known().iter() {
             self.restart(channel, pins, now);

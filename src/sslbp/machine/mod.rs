@@ -250,6 +250,14 @@ impl Machine {
         }
     }
 
+    /// The port was used for something else: what is in flight is not the caller's, and COMMAND is as
+    /// the next read shows it.
+    pub(crate) fn taken_over(&mut self) {
+        self.idle = false;
+        self.begun = None;
+        self.in_flight = None;
+    }
+
     /// What is in flight may not have happened.
     pub fn doubt(&mut self) {
         if let Some(pending) = &mut self.in_flight {
