@@ -242,7 +242,7 @@ impl Recovery {
         {
             self.statistics.transfers += 1;
             return Outcome {
-                good: complete.good,
+                good: self.that_run(complete.good),
                 started: complete.issued,
                 reads_before: complete.reads_before,
                 ..Outcome::default()
@@ -251,6 +251,11 @@ impl Recovery {
         let outcome = self.completed(machine, now, &complete, seen);
         self.update();
         outcome
+    }
+
+    /// Those of them that were not told to restart while their transfer was in flight.
+    const fn that_run(&self, good: ChannelMask) -> ChannelMask {
+        good.intersection(self.running)
     }
 
     fn completed(
@@ -290,7 +295,7 @@ impl Recovery {
     fn transferred(&mut self, machine: &Machine, now: Instant, complete: &Complete) -> Outcome {
         let policy = self.policy;
         let mut outcome = Outcome {
-            good: complete.good,
+            good: self.that_run(complete.good),
             started: complete.issued,
             reads_before: complete.reads_before,
             ..Outcome::default()

@@ -222,6 +222,23 @@ fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
     ));
 }
 
+/// Its outputs are safe from the call on, and a group that is valid could be armed.
+#[test]
+fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
+    for trouble in [0, 1] {
+        let mut rig = Rig::new();
+        rig.recovery
+            .remote_mut(Channel::ALL[0])
+            .unwrap()
+            .fault_count = trouble;
+        rig.recovery.update();
+        rig.write();
+        rig.recovery.restart_now(Channel::ALL[1], rig.now);
+        assert_eq!(rig.read().good.bits(), 1);
+        assert_eq!(rig.write(), 0x0802);
+    }
+}
+
 /// FACTS 5.7: 08NN, then 09NN; the other remote gets a transfer in between.
 #[test]
 fn a_remote_comes_back_in_small_steps() {
