@@ -4,10 +4,16 @@
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::{Driver, MissingReason, RemarkKind, RemoteConfig, SerialConfig, StartError};
-use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_mut};
+use mesa_hal::driver::{
+    Driver, MissingReason, RemarkKind, RemoteConfig, RemoteState, SerialConfig, StartError,
+};
+use mesa_hal::sim::devices::{
+    Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
+};
+use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal::sslbp::Channel;
 
 /// The devices, and the software modes they have.
 const DEVICES: [(&str, u8); 6] = [
@@ -63,14 +69,15 @@ fn build(
     Driver::start(fpga, Settings::new().serial_port(0, modes))
 }
 
+fn step(driver: &mut Driver<SimFpga>) {
+    let _ = driver.read().expect("the bus works");
+    driver.write().expect("the bus works");
+    let now = SimFpga::now(driver.bus());
+    driver.bus_mut().advance_to(now + 1_000_000);
+}
+
 /// Every digital output follows, and every digital input shows.
 fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
-    let step = |driver: &mut Driver<SimFpga>| {
-        let _ = driver.read().expect("the bus works");
-        driver.write().expect("the bus works");
-        let now = SimFpga::now(driver.bus());
-        driver.bus_mut().advance_to(now + 1_000_000);
-    };
     for on in [true, false] {
         let end = driver.bus_mut().remote_mut(0, channel);
         let world = find_mut(end.expect("remote")).expect("device");
@@ -143,6 +150,55 @@ fn a_driver_runs_all_devices_in_company_in_any_order() {
             drive(&mut driver, channel, name);
         }
     }
+}
+
+/// While it transfers, its channel is in another state than those of the other cards (FACTS 4.6).
+#[test]
+fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
+    let channel = Channel::ALL[1];
+    let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
+    fpga.plug(0, 0, Some(device("7i72")));
+    fpga.plug(0, 1, Some(Box::new(Cable::new(device("7i64"), 64))));
+    let mut driver = Driver::start(fpga, Settings::new()).expect("both of them");
+    drive(&mut driver, 1, "7i64");
+    for (restarts, is_unplugged) in [(1, false), (2, true)] {
+        if is_unplugged {
+            cable(&mut driver, 1).unplug();
+        } else {
+            driver.restart(0, channel);
+        }
+        let mut was_offline = false;
+        for cycle in 0..1000 {
+            let status = driver.ports()[0].remote(channel).expect("remote");
+            let (state, group) = (status.state(), status.group());
+            let is_running = state == RemoteState::Running;
+            was_offline |= !is_running;
+            if was_offline && is_running {
+                break;
+            }
+            let group = driver.pins().group_state(group).expect("group");
+            assert!(is_running || !group.valid && !group.armed, "{state:?}");
+            let _ = driver.rearm().expect("the bus works");
+            if cycle == 150 {
+                cable(&mut driver, 1).replug();
+            }
+            step(&mut driver);
+        }
+        let status = driver.ports()[0].remote(channel).expect("remote");
+        assert_eq!(status.state(), RemoteState::Running);
+        assert_eq!(status.restarts(), restarts);
+        assert!(was_offline);
+        for _ in 0..3 {
+            step(&mut driver);
+        }
+        drive(&mut driver, 1, "7i64");
+        drive(&mut driver, 0, "7i72");
+    }
+}
+
+fn cable(driver: &mut Driver<SimFpga>, channel: usize) -> &mut Cable {
+    let end = driver.bus_mut().remote_mut(0, channel).expect("remote");
+    find_cable(end).expect("cable")
 }
 
 /// FACTS 11.5: it has a start path of its own in the gateware, and no tables.

@@ -215,6 +215,8 @@ fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
     for _ in 0..300 {
         open_valves(&mut shop);
         shop.cycles(1);
+        let rearmed = shop.driver.rearm().expect("the bus does not fail");
+        assert_eq!((rearmed.armed, rearmed.waiting), (0, 1));
         assert!(!shop.is_valid(OUTPUTS) && !shop.is_armed(OUTPUTS));
         assert!(!shop.driver.pins().read(handles.supply.volts).valid);
     }

@@ -46,10 +46,6 @@ impl Remote {
         }
     }
 
-    #[allow(
-        dead_code,
-        reason = "called as soon as remotes may be declared optional"
-    )]
     /// One that was absent at the start. `expected` is what is known of its kind: the unit number
     /// holds its class in the top byte, or is 0; so are the tables where they are not known.
     pub fn absent(

@@ -82,7 +82,7 @@ impl Operation {
     /// were recorded.
     ///
     /// Source: FACTS 2.5, 3, 3.3, 4.2, 5.2, 6.2; the longest times against all recordings in
-    /// `tests/sslbp_machine.rs`.
+    /// `tests/protocol/sslbp_stepped.rs`.
     pub fn times(&self) -> Times {
         match self {
             // The registers are wiped 1 to 6 us after COMMAND is 0.
