@@ -157,14 +157,14 @@ impl Health {
         if self.is_running() && good >= HEALTHY {
             self.attempts.pause = policy.first_backoff;
         }
-        let mut wait = self.attempts.next_pause(reason, policy);
-        if self.watchdog == RemoteWatchdog::Off && self.is_running() && self.first_fault.is_none() {
-            // It may have outputs on, which nothing but a START switches off.
-            self.attempts.is_asked_for = true;
-            wait = Duration::ZERO;
-        }
-        let next_attempt = policy
-            .automatic
+        let pause = self.attempts.next_pause(reason, policy);
+        let may_drive =
+            self.watchdog == RemoteWatchdog::Off && self.is_running() && self.first_fault.is_none();
+        // It may have outputs on, which nothing but a START switches off.
+        self.attempts.is_asked_for |= may_drive && policy.automatic;
+        let is_asked_for = self.attempts.is_asked_for;
+        let wait = if is_asked_for { Duration::ZERO } else { pause };
+        let next_attempt = (policy.automatic || is_asked_for)
             .then(|| now.after(wait).max(self.attempts.silent_until));
         self.show(reason, next_attempt);
     }
@@ -258,6 +258,7 @@ impl Health {
         self.expected = Expected::exactly(told);
         self.state = RemoteState::Running;
         self.attempts.has_failed = false;
+        self.attempts.is_asked_for = false;
         self.has_run = true;
         self.restarts += 1;
         self.fault_count = 0;

@@ -239,6 +239,24 @@ fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
     }
 }
 
+/// A fault in it has the outputs off before the START that clears it, and no more: nothing else would
+/// try again.
+#[test]
+fn a_restart_that_was_asked_for_follows_whatever_the_transfer_in_flight_brings() {
+    for (cs, at_least) in [(0x0842_2140, 60), (0x0142_2140, 0), (STOPPED, 60)] {
+        let mut rig = Rig::new();
+        rig.recovery.policy.automatic = false;
+        rig.cycle();
+        rig.cycle();
+        rig.recovery.restart_now(Channel::ALL[1], rig.now);
+        rig.seen.cs[1] = cs;
+        let asked = rig.now;
+        assert_eq!(rig.until_not_doit(), 0x0802, "{cs:08X}");
+        let took = rig.now.since(asked).as_millis();
+        assert!((at_least..=62).contains(&took), "{cs:08X}: {took} ms");
+    }
+}
+
 /// FACTS 5.7: 08NN, then 09NN; the other remote gets a transfer in between.
 #[test]
 fn a_remote_comes_back_in_small_steps() {
