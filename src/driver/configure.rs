@@ -243,9 +243,12 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// from the table of its kind, never valid and with safe outputs, and it comes up when it is
     /// plugged in later. It waits to be armed then.
     ///
-    /// What is plugged in has to be what the table says: name, part of the card, process data, and
-    /// the place of its tables of contents where the table knows that. Anything else stays offline,
-    /// and says what was expected and found. Its parameters have no pins.
+    /// What is plugged in has to be what the table says: name, part of the card, size of the process
+    /// data, and the place of its tables of contents where the table knows that. Anything else stays
+    /// offline, and says what was expected and found. Another firmware with process data of the same
+    /// size is seen by the place of its tables alone, which the built-in tables do not know: if it
+    /// may have another meaning, use a table of your own with [`Contents`](crate::boards::Contents).
+    /// Its parameters have no pins.
     ///
     /// # Errors
     /// [`AttachError`], also if the channel is not configured to be used.
