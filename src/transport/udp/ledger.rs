@@ -237,7 +237,9 @@ impl Ledger {
         // Of several writes nobody can tell in which order they were executed.
         let is_sequence = asked.wrapping_sub(self.settled) > 1;
         let last_register = account.last_write.unwrap_or(asked as u16);
-        let last = self.number(last_register);
+        // A number of a cycle there is that of a write of long ago.
+        let says_last = |last: &u32| account.last_write.is_none() || self.leaves_last(*last);
+        let last = self.number(last_register).filter(says_last);
         let slots = account.details.map_or([None; SLOTS], |details| {
             details.slots.map(|word| self.number(word))
         });
@@ -288,9 +290,10 @@ impl Ledger {
         // What is lost may still come, and is told best by the details.
         self.is_open |= news.lost > 0;
         let said = [news.lost, news.late, news.repeated, news.unconfirmed];
-        let is_newer = |overtaken: u32| asked.wrapping_sub(overtaken) as i32 > 0;
-        let is_overtaken = self.overtaken.is_some_and(|overtaken| !is_newer(overtaken));
-        let is_certain = is_explained && is_newest && !is_sequence && !is_overtaken;
+        // Forgotten as soon as it is past: numbers that have gone half round look older again.
+        let is_past = |overtaken: &u32| asked.wrapping_sub(*overtaken) as i32 > 0;
+        self.overtaken = self.overtaken.filter(|overtaken| !is_past(overtaken));
+        let is_certain = is_explained && is_newest && !is_sequence && self.overtaken.is_none();
         news.doubt = !is_certain || said.into_iter().any(|count| count > 0);
         if self.has_cycles && news.doubt {
             self.overtaken = Some(self.newest);

@@ -123,6 +123,25 @@ fn a_cycle_that_is_lost_is_said_by_the_next_and_found_when_it_comes_late() {
 }
 
 #[test]
+fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round() {
+    let (mut ledger, mut board) = pair();
+    assert_eq!(board.cycle(&mut ledger), News::default());
+    board.received += 1;
+    assert_eq!(board.cycle(&mut ledger), DOUBT);
+    assert_eq!(board.cycle(&mut ledger).repeated, 1, "the details tell");
+    assert_eq!(board.cycle(&mut ledger), News::default());
+    // As after so many cycles in which all went well: 25 days at 1 kHz.
+    for number in [
+        &mut ledger.newest,
+        &mut ledger.newest_last,
+        &mut ledger.settled,
+    ] {
+        *number = number.wrapping_add(0x8000_0000);
+    }
+    assert_eq!(board.cycle(&mut ledger), News::default());
+}
+
+#[test]
 fn a_lost_write_is_said_once_and_found_when_it_comes_late() {
     let (mut ledger, mut board) = pair();
     let lost = ledger.open_write(Kind::Alone);
@@ -224,6 +243,22 @@ fn a_number_that_the_board_has_from_long_ago_is_not_taken_for_a_new_one_unnotice
     let (mut ledger, mut board) = pair();
     // Every write is lost, until the numbers come round to the one that the board has.
     for n in 1..0x2_0000_u32 {
+        ledger.open_write(Kind::Alone);
+        let said = board.answer(&mut ledger);
+        assert!(said.doubt, "{n}: {said:?}");
+    }
+}
+
+#[test]
+fn the_last_number_of_long_ago_is_not_taken_for_that_of_a_cycle() {
+    let (mut ledger, mut board) = pair();
+    for n in 0..0x1_0100 {
+        assert_eq!(board.cycle(&mut ledger), News::default(), "{n}");
+        assert_eq!(board.answer(&mut ledger), News::default(), "{n}");
+    }
+    // Nor is a write that is lost among cycles executed, whatever its number.
+    for n in 0..0x1_0100 {
+        let _ = board.cycle(&mut ledger);
         ledger.open_write(Kind::Alone);
         let said = board.answer(&mut ledger);
         assert!(said.doubt, "{n}: {said:?}");
