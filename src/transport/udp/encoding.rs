@@ -142,7 +142,15 @@ impl Encoding {
         Self::build(true, None, |_| Ok(()))
     }
 
-    /// The packet that sets all numbers, and nothing else.
+    /// The packet that clears the numbers of all writes. It may be executed more than once.
+    pub(super) fn clearing() -> Result<Self, UdpError> {
+        Self::build(true, None, |request| {
+            request.write_words(Space::Timer, SLOT, &[0; SLOTS + 1])?;
+            Ok(())
+        })
+    }
+
+    /// The packet that is a write with a number, and nothing else.
     pub(super) fn first_contact() -> Result<Self, UdpError> {
         Self::build(true, Some(Kind::Acknowledged), |_| Ok(()))
     }

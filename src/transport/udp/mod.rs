@@ -175,7 +175,9 @@ impl<L: Link> UdpBus<L> {
         if !config.beside_others {
             bus.watch_for_others()?;
         }
-        // Without this, the number that an earlier program left would look like a lost write.
+        // Without these, numbers that an earlier program left would look like writes that were
+        // executed, or like a lost one.
+        bus.with_retries(&Encoding::clearing()?, &[], &mut [])?;
         bus.with_retries(&Encoding::first_contact()?, &[], &mut [])?;
         bus.statistics = BusStatistics::default();
         Ok(bus)
