@@ -281,6 +281,30 @@ fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_sh
 }
 
 #[test]
+fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
+    let mut plan = ImagePlan::new();
+    let invert = plan.setting(Stage::Configure, 0x1400, 0);
+    let direction = plan.setting(Stage::Drive, 0x1100, 0);
+    let mode = plan.on_demand(0x7700);
+    let mut bus = Memory::default();
+    let mut image = prepared(&plan, &mut bus);
+    for word in [1, 2] {
+        image.words_mut().set(invert, word);
+        written(&mut image, &mut bus);
+    }
+    image.words_mut().set(direction, 3);
+    image.words_mut().set(mode, 4);
+    let Ok(()) = image.set_up(&mut bus);
+    image.words_mut().all_set();
+    bus.take_written();
+    assert_eq!(written(&mut image, &mut bus), []);
+    // The first of the writes has come once more.
+    image.words_mut().confirm(false);
+    assert!(image.words().has_guarded_news());
+    assert_eq!(written(&mut image, &mut bus), [(0x1400, 2)]);
+}
+
+#[test]
 fn every_reply_since_the_news_were_taken_counts() {
     let mut plan = ImagePlan::new();
     plan.read(ReadPhase::Status, 0x0100);

@@ -255,14 +255,14 @@ impl Words {
         }
     }
 
-    /// The board has the set-up: what was asked for before has not to be written any more. Changes of
-    /// what drives the pins may still come late.
+    /// The board has the set-up: what was asked for before has not to be written any more. Writes of
+    /// what the set-up holds may still come late.
     pub fn all_set(&mut self) {
         (self.asked, self.asked_guarded, self.sent) = (0, 0, 0);
         for state in &mut self.settings {
             state.progress = match state.progress {
-                Progress::Sent(left) if state.is_guarded => Progress::Sent(left),
-                Progress::Asked if state.is_guarded => Progress::Sent(HORIZON),
+                Progress::Sent(left) if state.is_of_set_up => Progress::Sent(left),
+                Progress::Asked if state.is_of_set_up => Progress::Sent(HORIZON),
                 _ => Progress::Rests,
             };
             self.sent += u16::from(state.progress != Progress::Rests);
