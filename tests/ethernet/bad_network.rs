@@ -14,7 +14,8 @@ use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
-use mesa_hal::hal::{Input, Output};
+use mesa_hal::hal::{Input, Output, Param};
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sim::devices::{Analog, Device, find_mut};
 use mesa_hal::sim::remote::Remote;
 use mesa_hal::sim::{MotorConfig, machines};
@@ -50,13 +51,9 @@ fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<boo
             }
         })
     };
-    // Where packets also wait in the board, longer delays make a write later than it can be told.
-    let spread = match pace {
-        Pace::Host => period * 3 / 2,
-        Pace::Board => period / 2,
-    };
+    let spread = period * 3 / 2;
     link.to_board = fates(seed, spread);
-    link.to_host = fates(seed ^ 0xABCD, period * 3 / 2);
+    link.to_host = fates(seed ^ 0xABCD, spread);
     (link, is_bad)
 }
 
@@ -126,6 +123,32 @@ fn read_pattern(driver: &EthernetDriver, inputs: &[Input<bool>; 32]) -> Option<(
     ))
 }
 
+/// The bit of an encoder's control register for the long filter.
+const FILTER: u32 = 1 << 11;
+
+/// After so many cycles the setting is changed, and until then the board must have it.
+const SETTING: u32 = 16;
+
+/// A setting of an encoder.
+fn filter(driver: &EthernetDriver) -> Param<bool> {
+    let name = format!("{}.encoder.00.filter", driver.name());
+    driver.pins().parameter(&name).expect("a parameter")
+}
+
+/// The board has the setting, whatever became of the first packet that held it.
+fn check_filter(driver: &mut EthernetDriver, filter: Param<bool>, seed: u64, cycle: u32) {
+    let is_set = driver.pins().param(filter);
+    let firmware = driver.firmware();
+    let encoders = [Gtag::ENCODER, Gtag::MUXED_ENCODER];
+    let encoders = encoders.iter().find_map(|gtag| firmware.find(*gtag));
+    let control = encoders.expect("encoders").register(1, 0);
+    let control = control.expect("a control register");
+    let gateware = driver.bus_mut().link().board.gateware_mut();
+    let control = gateware.read_register(control);
+    let has = control & FILTER != 0;
+    assert_eq!(has, is_set, "seed {seed}, cycle {cycle}: {control:#X}");
+}
+
 /// Runs the machine for some cycles; returns how many cycles had new inputs.
 fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
     let period = Duration::from_secs(1) / rate;
@@ -135,6 +158,7 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
     let inputs = field(&driver).inputs.map(|pair| pair.pin);
     let before = driver.bus().statistics();
     let mut truth = Truth::from(driver.bus_mut().link());
+    let filter = filter(&driver);
     is_bad.set(true);
     let mut good = 0;
     for n in 1..=cycles {
@@ -155,6 +179,13 @@ fn run(seed: u64, rate: u32, cycles: u32, pace: Pace) -> u32 {
             good += u32::from(age == 0);
         }
         set_inputs(&mut driver, n);
+        if n % SETTING == 0 {
+            check_filter(&mut driver, filter, seed, n);
+            // Where the board paces, a changed setting makes the cycle two packets.
+            let is_set = !driver.pins().param(filter);
+            let pins = driver.pins_mut();
+            pins.set_param(filter, is_set).expect("a setting");
+        }
         if n == cycles {
             is_bad.set(false);
         }

@@ -82,13 +82,12 @@ impl Truth {
             lost += u64::from(request.replies.is_empty());
             duplicate += request.replies.len().saturating_sub(1) as u64;
         }
-        let (mut lost_writes, mut repeated, mut is_answered) = (0, 0, false);
+        let (mut lost_writes, mut repeated) = (0, 0);
         for (_, write) in self.writes(link) {
             lost_writes += u64::from(write.executed.is_empty());
             // One that is answered, as a whole cycle is, shows by its second reply.
             let again = write.executed.len().saturating_sub(1) as u64;
             repeated += if write.is_request { 0 } else { again };
-            is_answered |= write.is_request;
         }
         let answered = after.exchanges - before.exchanges;
         assert_eq!(answered, packets.len() as u64, "seed {seed}: packets");
@@ -104,11 +103,14 @@ impl Truth {
             after.stale,
         );
         assert_eq!(nothing, (0, 0, 0, 0), "seed {seed}");
-        let often = [lost, after.late, duplicate, lost_writes];
-        let rare = [self.late, repeated];
-        // Of whole cycles a late one is mostly given up for lost, with its reply.
-        let least = if is_answered { 0 } else { 6 };
-        let all_happened = often.iter().all(|n| *n > 5) && rare.iter().all(|n| *n >= least);
-        assert!(all_happened, "seed {seed}: {often:?}, {rare:?}");
+        let each = [
+            lost,
+            after.late,
+            duplicate,
+            lost_writes,
+            self.late,
+            repeated,
+        ];
+        assert!(each.iter().all(|n| *n > 5), "seed {seed}: {each:?}");
     }
 }
