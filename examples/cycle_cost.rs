@@ -32,7 +32,7 @@ Exits with 0, 1 if it could not be measured, 2 for bad arguments, 130 after SIGI
 #[derive(Clone, Copy, Debug)]
 struct Options {
     address: SocketAddrV4,
-    seconds: u32,
+    seconds: f64,
     rate: u32,
     pace: Pace,
 }
@@ -60,7 +60,7 @@ fn main() -> ExitCode {
 
 fn options(mut arguments: lexopt::Parser) -> Result<Option<Options>, lexopt::Error> {
     use lexopt::prelude::*;
-    let (mut address, mut seconds, mut rate) = (None, 5, 1000);
+    let (mut address, mut seconds, mut rate) = (None, 5.0, 1000);
     let mut pace = Pace::Host;
     while let Some(argument) = arguments.next()? {
         match argument {
@@ -72,8 +72,8 @@ fn options(mut arguments: lexopt::Parser) -> Result<Option<Options>, lexopt::Err
             _ => return Err(argument.unexpected()),
         }
     }
-    if !(1..=3600).contains(&seconds) || !(10..=10_000).contains(&rate) {
-        return Err("--seconds is 1 to 3600, --rate 10 to 10000".into());
+    if !(0.1..=3600.0).contains(&seconds) || !(10..=10_000).contains(&rate) {
+        return Err("--seconds is 0.1 to 3600, --rate 10 to 10000".into());
     }
     let address = address.ok_or("say which board: --addr IP")?;
     Ok(Some(Options {
@@ -131,7 +131,7 @@ fn run(driver: &mut Driver<UdpBus>, options: Options, stop: &Stop) -> Measured {
     let mut measured = Measured::default();
     let cpu_before = cpu_time();
     let mut next = driver.bus_mut().now();
-    for _ in 0..u64::from(options.seconds) * u64::from(options.rate) {
+    for _ in 0..(options.seconds * f64::from(options.rate)) as u64 {
         if stop.signal().is_some() {
             break;
         }

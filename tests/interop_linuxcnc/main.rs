@@ -14,10 +14,13 @@ mod names;
 use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
-use linuxcnc::{Expected, Machine, ONE_AT_A_TIME, SETTLE, skipped};
+use linuxcnc::{Expected, Machine, SETTLE, alone, skipped};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+
+/// For so long at least the rate of the cycle is watched.
+const LEAST: Duration = Duration::from_secs(10);
 
 fn numbered(count: usize, name: impl Fn(usize) -> String) -> impl Iterator<Item = String> {
     (0..count).map(name)
@@ -226,9 +229,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     if skipped() {
         return;
     }
-    let _alone = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let _alone = alone();
     let remotes = "--remote 0=7i77-io --remote 1=7i77-analog --remote 2=7i72";
     let mut expected = Expected::default();
     expect_7i77(&mut expected);
@@ -252,7 +253,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     check_analog_outputs(&mut machine);
     check_run_and_stop(&mut machine);
     check_unplugging(&mut machine, 2);
-    std::thread::sleep(Duration::from_secs(20).saturating_sub(start.elapsed()));
+    std::thread::sleep(LEAST.saturating_sub(start.elapsed()));
     let after = machine.board.show("network");
     assert_cycled(&before, &after, start.elapsed());
     assert_eq!(machine.get("io_error"), "FALSE");
@@ -402,9 +403,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     if skipped() {
         return;
     }
-    let _alone = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let _alone = alone();
     let mut expected = Expected::default();
     expect_7i77(&mut expected);
     expect_board(&mut expected);
@@ -424,7 +423,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
     assert!((velocity - 50.0).abs() < 2.0, "{velocity}");
     check_run_and_stop(&mut machine);
     check_unplugging(&mut machine, 1);
-    std::thread::sleep(Duration::from_secs(20).saturating_sub(start.elapsed()));
+    std::thread::sleep(LEAST.saturating_sub(start.elapsed()));
     let after = machine.board.show("network");
     assert_cycled(&before, &after, start.elapsed());
     assert_eq!(machine.get("io_error"), "FALSE");
@@ -437,9 +436,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
     if skipped() {
         return;
     }
-    let _alone = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let _alone = alone();
     let script = "examples/sim_board/linuxcnc.sh";
     assert!(include_str!("../../README.md").contains(script));
     for (options, name) in [
