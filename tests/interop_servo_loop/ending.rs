@@ -269,7 +269,7 @@ fn when_the_board_dies_the_summary_is_printed_and_counts_no_more_failures_than_c
     assert!(err.contains("servo_loop: "), "{err}");
 }
 
-/// That who drives is not disturbed either is held on virtual time in `udp_driver.rs`.
+/// That who drives is not disturbed either is held on virtual time in `tests/ethernet/bad_network.rs`.
 #[test]
 fn a_board_that_somebody_drives_is_left_to_him() {
     let address = Ipv4Addr::new(127, 94, 0, 15);
