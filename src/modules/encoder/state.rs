@@ -227,6 +227,7 @@ impl EncoderState {
 
     /// Makes the count 0 here.
     pub fn reset(&mut self) {
+        self.is_awake |= self.is_unsure || self.zero != self.rawcounts;
         self.zero = self.rawcounts;
         self.is_unsure = false;
     }

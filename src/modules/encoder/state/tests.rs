@@ -331,8 +331,9 @@ proptest! {
             (
                 prop_oneof![6 => Just(0), 1 => -40i64..=40],
                 prop_oneof![9 => Just(1_000u64), 1 => 1u64..60_000],
-                prop_oneof![40 => Just(None), 1 => (0u8..6).prop_map(Some)],
+                prop_oneof![40 => Just(None), 1 => (0u8..7).prop_map(Some)],
                 prop::bool::weighted(0.02),
+                prop::bool::weighted(0.2),
             ),
             100..700,
         ),
@@ -344,7 +345,8 @@ proptest! {
             state.set_tick_hz(HZ);
         }
         let mut shown = EncoderReading::default();
-        for (change, us, what, error) in steps {
+        let mut latched = 0;
+        for (change, us, what, error, latches) in steps {
             for state in [&mut close, &mut restful] {
                 match what {
                     Some(0) => state.reset(),
@@ -353,13 +355,17 @@ proptest! {
                     Some(3) => state.resume(),
                     Some(4) => state.clear_quadrature_error(),
                     Some(5) => state.disturbed(true, true),
+                    Some(6) => state.request(LatchRequest::Probe),
                     _ => {}
                 }
-                if what.is_some() {
-                    state.wake();
-                }
             }
-            hardware.control = close.control().0 & 0x7FFF | u32::from(error) << 15;
+            let mut control = close.control().0 & 0x7FFF | u32::from(error) << 15;
+            let enables = ControlWord::LATCH_ON_INDEX | ControlWord::LATCH_ON_PROBE;
+            if latches && control & enables != 0 {
+                control &= !enables;
+                latched = u32::from(hardware.count as u16);
+            }
+            hardware.control = control | latched << 16;
             prop_assert_eq!(close.control(), restful.control());
             prop_assert_eq!(close.wants_write(), restful.wants_write());
             let sample = hardware.step(change, us);
@@ -370,6 +376,22 @@ proptest! {
             prop_assert_eq!(reading, shown);
         }
     }
+}
+
+#[test]
+fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back() {
+    let (mut hardware, mut encoder) = (Hardware::default(), encoder());
+    encoder.set_max_count_rates([4e6, 1e6], 6e6);
+    let _ = encoder.read(hardware.step(0, 1_000));
+    let _ = encoder.read(hardware.step(0, 1_000));
+    encoder.reset();
+    let next = hardware.step(0, 1_000);
+    assert!(encoder.rests(&next), "it was at 0");
+    assert!(encoder.read(hardware.step(0, 20_000)).is_unsure);
+    encoder.reset();
+    let next = hardware.step(0, 1_000);
+    assert!(!encoder.rests(&next));
+    assert!(!encoder.read(next).is_unsure);
 }
 
 #[test]
