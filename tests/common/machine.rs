@@ -6,7 +6,7 @@ use std::time::Duration;
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{CycleReport, Driver, RemoteState, RemoteStatus, Settings};
-use mesa_hal::hal::{Input, Output, Param, Value};
+use mesa_hal::hal::{Input, Output, Param, Pins, Value};
 use mesa_hal::sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
@@ -89,6 +89,31 @@ pub struct Remotes {
     pub field: I7i77Field,
     pub analog: I7i77Analog,
     pub outputs: I7i72,
+}
+
+impl Remotes {
+    /// Switches an output of each card on: 3 of the field I/O, 7 of the 7I72, and 5 V on output 1.
+    pub fn set_one_of_each(&self, pins: &mut Pins) {
+        pins.set(self.field.outputs[3].pin, true);
+        pins.set(self.outputs.outputs[7].pin, true);
+        pins.set(self.analog.analog_out[1].volts, 5.0);
+        pins.set(self.analog.analogena.pin, true);
+    }
+
+    /// Switches all outputs on, those that are analog at 5 V.
+    pub fn set_all(&self, pins: &mut Pins) {
+        for output in self.field.outputs {
+            pins.set(output.pin, true);
+        }
+        for output in self.outputs.outputs {
+            pins.set(output.pin, true);
+        }
+        for output in self.analog.analog_out {
+            pins.set(output.volts, 5.0);
+        }
+        pins.set(self.analog.analogena.pin, true);
+        pins.set(self.analog.spinena.pin, true);
+    }
 }
 
 impl Cards for Remotes {

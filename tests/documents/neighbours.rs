@@ -34,6 +34,14 @@ fn plugged(machine: &mut Machine, is_in: bool) {
     }
 }
 
+/// From the first millisecond on, so many replies of one have a bad CRC.
+fn corrupted(machine: &mut Machine, ms: u64, part: f64) {
+    if ms == 0 {
+        let cable = machine.cable(FIELD);
+        cable.inject_by_chance(Toward::Fpga, WireFault::Corrupted, part);
+    }
+}
+
 const TROUBLES: [Trouble; 10] = [
     Trouble {
         name: "none",
@@ -57,21 +65,11 @@ const TROUBLES: [Trouble; 10] = [
     },
     Trouble {
         name: "corrupt: no reply has a good CRC",
-        step: |machine, ms| {
-            if ms == 0 {
-                let cable = machine.cable(FIELD);
-                cable.inject_by_chance(Toward::Fpga, WireFault::Corrupted, 1.0);
-            }
-        },
+        step: |machine, ms| corrupted(machine, ms, 1.0),
     },
     Trouble {
         name: "corrupt: one reply in five has a bad CRC",
-        step: |machine, ms| {
-            if ms == 0 {
-                let cable = machine.cable(FIELD);
-                cable.inject_by_chance(Toward::Fpga, WireFault::Corrupted, 0.2);
-            }
-        },
+        step: |machine, ms| corrupted(machine, ms, 0.2),
     },
     Trouble {
         name: "flapping: 0.5 s out, 0.5 s in",

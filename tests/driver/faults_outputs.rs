@@ -145,23 +145,7 @@ fn all_of(channel: usize) -> Vec<usize> {
 
 /// What an application sets in every cycle, whatever the driver says.
 fn switch_all_on(machine: &mut Machine) {
-    let (field, analog, outputs) = (
-        machine.cards.field,
-        machine.cards.analog,
-        machine.cards.outputs,
-    );
-    let pins = machine.driver.pins_mut();
-    for output in field.outputs {
-        pins.set(output.pin, true);
-    }
-    for output in outputs.outputs {
-        pins.set(output.pin, true);
-    }
-    for output in analog.analog_out {
-        pins.set(output.volts, 5.0);
-    }
-    pins.set(analog.analogena.pin, true);
-    pins.set(analog.spinena.pin, true);
+    machine.cards.set_all(machine.driver.pins_mut());
 }
 
 fn busy_machine() -> Machine {

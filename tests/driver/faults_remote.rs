@@ -21,16 +21,7 @@ fn busy_machine(mode: u8) -> Machine {
 
 /// What an application sets in each cycle.
 fn switch_on(machine: &mut Machine) {
-    let (field, analog, outputs) = (
-        machine.cards.field,
-        machine.cards.analog,
-        machine.cards.outputs,
-    );
-    let pins = machine.driver.pins_mut();
-    pins.set(field.outputs[3].pin, true);
-    pins.set(outputs.outputs[7].pin, true);
-    pins.set(analog.analog_out[1].volts, 5.0);
-    pins.set(analog.analogena.pin, true);
+    machine.cards.set_one_of_each(machine.driver.pins_mut());
     machine.device_mut(FIELD).set_input(9, true).unwrap();
 }
 

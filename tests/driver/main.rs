@@ -15,6 +15,7 @@ mod manifest;
 mod optional_remotes;
 mod outputs_forgotten;
 mod pace;
+mod refused_start;
 mod remote_parameters;
 mod remotes_by_chance;
 mod reset_evidence;

@@ -1,7 +1,7 @@
 //! World remotes live on virtual time by themselves: their watchdogs bite
 //! whoever accesses the FPGA, how often or how seldom.
 
-use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, Remotes, fpga};
+use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, fpga};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::lbp::{RemoteFaults, crc8};
@@ -18,23 +18,7 @@ fn running() -> Machine {
     let mut machine = Machine::with(Driver::start(fpga, Settings::new()).expect("complete"));
     let _ = machine.driver.rearm();
     machine.cycles(3);
-    let Remotes {
-        field,
-        analog,
-        outputs,
-    } = machine.cards.clone();
-    let pins = machine.driver.pins_mut();
-    for output in field.outputs {
-        pins.set(output.pin, true);
-    }
-    for output in outputs.outputs {
-        pins.set(output.pin, true);
-    }
-    for output in analog.analog_out {
-        pins.set(output.volts, 5.0);
-    }
-    pins.set(analog.analogena.pin, true);
-    pins.set(analog.spinena.pin, true);
+    machine.cards.set_all(machine.driver.pins_mut());
     machine.cycles(100);
     for channel in [FIELD, ANALOG, OUTPUTS] {
         assert!(all_on(machine.device(channel)), "channel {channel}");

@@ -1,0 +1,99 @@
+//! What can not run is refused at the start, with what is missing, and everything is stopped.
+
+use std::time::Duration;
+
+use crate::common::machine::{OUTPUTS, fpga};
+use mesa_hal::Settings;
+use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
+use mesa_hal::driver::{Driver, MissingReason, RemoteConfig, SerialConfig, StartError};
+use mesa_hal::sim::{SimError, SimFpga};
+
+#[test]
+fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
+    let build = |remote: RemoteConfig, fpga: &mut SimFpga| {
+        let config = SerialConfig::default().with(2, remote);
+        let result = Driver::start(&mut *fpga, Settings::new().serial_port(0, config));
+        let Err(StartError::Missing(missing)) = result else {
+            panic!("built");
+        };
+        missing.reason
+    };
+    let any = RemoteConfig::in_mode(0).required();
+    let mut simulated = fpga();
+    let wrong = build(any.named(*b"7I84"), &mut simulated);
+    assert!(matches!(wrong, MissingReason::WrongRemote(_)), "{wrong}");
+    let wrong = build(any.unit(1), &mut simulated);
+    assert!(matches!(wrong, MissingReason::WrongRemote(_)), "{wrong}");
+    let wrong = build(RemoteConfig::in_mode(7).required(), &mut simulated);
+    assert!(
+        matches!(wrong, MissingReason::UnknownMode { mode: 7, .. }),
+        "{wrong}"
+    );
+    simulated.plug(0, OUTPUTS, None);
+    let wrong = build(any, &mut simulated);
+    assert!(matches!(wrong, MissingReason::DidNotStart(_)), "{wrong}");
+    assert_eq!(
+        simulated.read_register(0x5C00) & 0xFFFF,
+        0xC100,
+        "the others are stopped"
+    );
+}
+
+#[test]
+fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
+    let mut simulated = fpga();
+    let period = Duration::from_micros(50);
+    let result = Driver::start(&mut simulated, Settings::new().period(period));
+    let Err(StartError::PeriodTooShort { needed, .. }) = result else {
+        panic!("built");
+    };
+    assert!(needed > period && needed < 2 * period, "{needed:?}");
+}
+
+/// A bus that takes no list of the cycle, as one whose packets are too small.
+#[derive(Debug)]
+struct TooSmall(SimFpga);
+
+impl RegisterBus for &mut TooSmall {
+    type Error = SimError;
+    type List = AccessList;
+
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), SimError> {
+        self.0.exchange(accesses, words)
+    }
+
+    fn prepare(&mut self, _: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
+        Err(SimError::OutsideBuffer {
+            address: 0,
+            first: 0,
+            count: 0,
+            len: 0,
+        })
+    }
+
+    fn finish(&mut self, _: &AccessList, _: &mut [u32]) -> Result<Reply, SimError> {
+        panic!("there is no list")
+    }
+}
+
+impl Clock for &mut TooSmall {
+    fn now(&mut self) -> Instant {
+        Clock::now(&mut self.0)
+    }
+
+    fn wait(&mut self, duration: Duration) {
+        self.0.wait(duration);
+    }
+}
+
+#[test]
+fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stopped() {
+    let mut bus = TooSmall(fpga());
+    let error = Driver::start(&mut bus, Settings::new()).unwrap_err();
+    assert!(matches!(error, StartError::Bus(_)), "{error}");
+    for channel in 0..3u16 {
+        let cs = bus.0.read_register(0x5C00 + 4 * channel);
+        assert_eq!(cs & 0xFFFF, 0xC100, "channel {channel}");
+    }
+    assert_eq!(bus.0.read_register(0x1100), 0, "all pins are inputs");
+}
