@@ -12,6 +12,7 @@ mod faults_outputs;
 mod faults_remote;
 mod index_on_network;
 mod manifest;
+mod only_what_changed;
 mod optional_remotes;
 mod outputs_forgotten;
 mod pace;

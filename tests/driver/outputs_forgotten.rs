@@ -9,7 +9,7 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
 use mesa_hal::Settings;
 use mesa_hal::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, FaultPolicy};
-use mesa_hal::hal::{HalType, Role};
+use mesa_hal::hal::{HalType, Pins, Role};
 use mesa_hal::sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
 
@@ -153,8 +153,7 @@ impl Between for Garbage {
 }
 
 /// Sets any pin or parameter to something extreme.
-fn set_something(driver: &mut Driver<Around<Garbage>>, chance: &mut Chance) {
-    let pins = driver.pins_mut();
+pub fn set_something(pins: &mut Pins, chance: &mut Chance) {
     let place = chance.below(pins.infos().len() as u64) as usize;
     let info = &pins.infos()[place];
     let (name, role, hal_type) = (info.name.clone(), info.role, info.hal_type);
@@ -220,7 +219,7 @@ fn no_value_of_a_register_pin_or_parameter_makes_the_cycle_fail() {
         driver.bus_mut().between.one_in = [0, 3, 30, 1000][seed as usize % 4];
         for _ in 0..1500 {
             for _ in 0..3 {
-                set_something(&mut driver, &mut chance);
+                set_something(driver.pins_mut(), &mut chance);
             }
             let _ = driver.read();
             if chance.below(20) == 0 {
