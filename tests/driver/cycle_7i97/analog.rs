@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
+use mesa_hal::boards::PwmTable;
+use mesa_hal::hal::Value;
 use mesa_hal::sim::{Cause, Director};
 
 use super::*;
@@ -48,6 +50,104 @@ fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
         let mut machine = started(fpga);
         machine.cycles(5);
         assert_eq!(*seen.lock().unwrap(), []);
+    }
+}
+
+/// Sets a parameter of each of the six generators.
+fn set_all<T: Value>(driver: &mut Driver<SimFpga>, name: &str, value: T) {
+    for n in 0..6 {
+        let name = format!("hm2_9i99.0.pwmgen.{n:02}.{name}");
+        let pins = driver.pins_mut();
+        let param = pins.parameter(&name).expect("a parameter");
+        pins.set_param(param, value).expect("a value that it takes");
+    }
+}
+
+fn set_hz(driver: &mut Driver<SimFpga>, name: &str, hz: u32) {
+    let pins = driver.pins_mut();
+    let param = pins.parameter(&format!("hm2_9i99.0.pwmgen.{name}"));
+    let set = pins.set_param(param.expect("a parameter"), hz);
+    set.expect("a frequency");
+}
+
+/// A 7I97 whose generators do not begin in offset mode, so that 0 would be -10 V for them.
+const WITHOUT_OFFSET: BoardTable = BoardTable {
+    name: "9I99",
+    pwm: PwmTable {
+        is_offset: false,
+        ..i7i97::BOARD.pwm
+    },
+    ..BoardTable::CONNECTORS
+};
+
+/// What a generator was set to after the first set-up.
+type Change = fn(&mut Driver<SimFpga>);
+
+#[test]
+fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators_were_set_to() {
+    let offset: Change = |driver| set_all(driver, "offset-mode", true);
+    let other_width: Change = |driver| set_hz(driver, "pwm_frequency", 96_000);
+    let pdm: Change = |driver| {
+        set_all(driver, "output-type", 3);
+        set_hz(driver, "pdm_frequency", 6_000_000);
+    };
+    for changes in [
+        vec![offset],
+        vec![offset, other_width],
+        vec![offset, pdm],
+        vec![offset, other_width, pdm],
+    ] {
+        let mut firmware = machines::firmware_7i97(1);
+        firmware.board = *b"MESA9I99";
+        let mut fpga = SimFpga::new(firmware);
+        fpga.set_access_cost(20);
+        let settings = Settings::new().period(PERIOD).board(&WITHOUT_OFFSET);
+        let mut driver = Driver::start(fpga, settings).expect("a 9I99");
+        let cycles = |driver: &mut Driver<SimFpga>, count| {
+            for _ in 0..count {
+                let _ = driver.read();
+                driver.write().expect("the bus does not fail");
+                driver.bus_mut().wait(PERIOD);
+            }
+        };
+        cycles(&mut driver, 2);
+        for change in &changes {
+            change(&mut driver);
+        }
+        let drive = |driver: &mut Driver<SimFpga>, volts: f64| {
+            for n in 0..6 {
+                let name = format!("hm2_9i99.0.pwmgen.{n:02}.");
+                let pins = driver.pins_mut();
+                let value = pins.output(&format!("{name}value")).expect("a pin");
+                let enable = pins.output(&format!("{name}enable")).expect("a pin");
+                pins.set(value, volts);
+                pins.set(enable, true);
+            }
+            cycles(driver, 2);
+            for n in 0..6 {
+                let has = driver.bus().analog_output(n).volts;
+                assert!((has - volts).abs() < 0.02, "drive {n}: {has}, not {volts}");
+            }
+        };
+        drive(&mut driver, 5.0);
+        for is_bite in [false, true] {
+            if is_bite {
+                driver.bus_mut().wait(Duration::from_millis(20));
+            } else {
+                driver.bus_mut().reload();
+            }
+            cycles(&mut driver, 2);
+            assert_ne!(driver.board_state(), BoardState::Running);
+            let seen = Arc::<Mutex<Vec<_>>>::default();
+            let onlooker = Onlooker(Arc::clone(&seen));
+            driver.bus_mut().set_director(Box::new(onlooker));
+            let _ = driver.rearm().expect("the bus does not fail");
+            cycles(&mut driver, 5);
+            assert_eq!(driver.board_state(), BoardState::Running);
+            assert_eq!(*seen.lock().unwrap(), [], "bite: {is_bite}");
+            let _ = driver.rearm().expect("the bus does not fail");
+            drive(&mut driver, -7.0);
+        }
     }
 }
 
