@@ -24,6 +24,8 @@ use mesa_hal::sim::{SimFpga, machines};
 use pulser::{GTAG, Pulser};
 
 const PERIOD: Duration = Duration::from_millis(1);
+/// The register of the module's output.
+const RATE: u16 = 0xA000;
 /// The I/O pin of the board's lamp.
 const LAMP: u16 = 21;
 
@@ -141,7 +143,11 @@ struct Pulses {
 
 impl Machine {
     fn new() -> Self {
-        let mut board = Board::identify(fpga(), settings()).expect("a board");
+        Self::on(fpga())
+    }
+
+    fn on(fpga: SimFpga) -> Self {
+        let mut board = Board::identify(fpga, settings()).expect("a board");
         board.add(Pulser::register).expect("the module");
         board.add_remote(&VALVES).expect("before the discovery");
         board.discover().expect("the card");
@@ -283,6 +289,28 @@ fn a_reset_switches_all_of_it_off_and_rearming_brings_its_settings_back_and_no_c
     machine.set(5_000.0, true, true);
     machine.pulses_for_100_cycles(after);
     assert_eq!(machine.driven(), (Some(true), Some(true), true));
+}
+
+#[test]
+fn between_set_up_and_first_write_an_output_from_outside_has_its_safe_word() {
+    // Left by a program before.
+    let mut used = fpga();
+    used.write_register(RATE, 0x0100_0000);
+    let mut machine = Machine::on(used);
+    assert_eq!(machine.gateware().rate, 0, "it was set up");
+    machine.set(5_000.0, false, false);
+    machine.cycles(5);
+    assert_ne!(machine.gateware().rate, 0);
+
+    machine.driver.bus_mut().reload();
+    machine.cycles(3);
+    assert_eq!(machine.driver.board_state(), BoardState::Reset);
+    // A write that the network held back.
+    machine.driver.bus_mut().write_register(RATE, 0x0100_0000);
+    let _ = machine.driver.rearm().expect("the bus does not fail");
+    assert_eq!(machine.driver.board_state(), BoardState::Running);
+    assert_eq!(machine.gateware().rate, 0, "it was set up again");
+    assert_eq!(machine.gateware().width, 10 * 100, "with its settings");
 }
 
 #[test]
