@@ -33,11 +33,19 @@ use crate::bus::Instant;
 /// }
 /// ```
 ///
+/// Nor can the pins of two drivers be exchanged:
+/// ```compile_fail,E0277
+/// use mesa_hal::hal::Pins;
+/// fn wrong(one: &mut Pins, other: &mut Pins) {
+///     core::mem::swap(one, other);
+/// }
+/// ```
+///
 /// Pins come in groups that work or fail together: those of a remote, or of the board. A group is
 /// *valid* while its transfers succeed, and *armed* unless a fault disarmed it: outputs of a group
 /// that is not armed have their safe values, until the application calls [`rearm`](Self::rearm).
 #[derive(Debug)]
-pub struct Pins {
+pub struct Pins<End: ?Sized = [()]> {
     pub(super) id: u32,
     pub(super) slots: Vec<Slot>,
     /// One for each slot.
@@ -54,6 +62,10 @@ pub struct Pins {
     pub(super) now: Instant,
     pub(super) totals: Rejections,
     pub(super) foreign: AtomicU32,
+    /// Empty. Behind a reference its length is not known, so that nothing can be put in the place of
+    /// a driver's pins.
+    #[expect(dead_code, reason = "only what it is made of counts")]
+    pub(super) end: End,
 }
 
 #[derive(Debug)]

@@ -30,7 +30,7 @@ static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
 /// pin, never allocates and never panics.
 #[derive(Debug)]
 pub struct PinStore {
-    pub(super) pins: Pins,
+    pub(super) pins: Pins<[(); 0]>,
 }
 
 impl Default for PinStore {
@@ -71,6 +71,7 @@ impl PinStore {
             now: Instant::default(),
             totals: Rejections::default(),
             foreign: AtomicU32::new(0),
+            end: [],
         };
         Self { pins }
     }
