@@ -94,16 +94,7 @@ const RAW_SCANS: u32 = 3;
 impl InMux {
     /// All instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
-        let mut all = Vec::new();
-        for gtag in [Gtag::IN_MUX, Gtag::IN_M] {
-            let Some(module) = r.module(gtag) else {
-                continue;
-            };
-            for instance in 0..module.instances {
-                all.push(Self::new(r, &module, instance)?);
-            }
-        }
-        Ok(all)
+        r.each_instance(&[Gtag::IN_MUX, Gtag::IN_M], Self::new)
     }
 
     fn new(

@@ -54,16 +54,7 @@ const DRIVE_HZ: u32 = 1_000_000;
 impl Outputs {
     /// All instances of both kinds.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
-        let mut all = Vec::new();
-        for gtag in [Gtag::SSR, Gtag::OUT_M] {
-            let Some(module) = r.module(gtag) else {
-                continue;
-            };
-            for instance in 0..module.instances {
-                all.push(Self::new(r, &module, instance)?);
-            }
-        }
-        Ok(all)
+        r.each_instance(&[Gtag::SSR, Gtag::OUT_M], Self::new)
     }
 
     fn new(

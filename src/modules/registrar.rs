@@ -1,6 +1,7 @@
 //! Where a module registers what it reads, writes and is set up with.
 
 use alloc::format;
+use alloc::vec::Vec;
 use core::fmt;
 use core::time::Duration;
 
@@ -61,6 +62,24 @@ impl Registrar<'_> {
     /// What the firmware says of a module; `None` if it has none.
     pub fn module(&self, gtag: Gtag) -> Option<ModuleDescriptor> {
         self.firmware.find(gtag).copied()
+    }
+
+    /// Makes something of each instance of these modules, as far as the firmware has them.
+    pub(crate) fn each_instance<T>(
+        &mut self,
+        kinds: &[Gtag],
+        make: impl Fn(&mut Self, &ModuleDescriptor, u8) -> Result<T, RegisterError>,
+    ) -> Result<Vec<T>, RegisterError> {
+        let mut all = Vec::new();
+        for &gtag in kinds {
+            let Some(module) = self.module(gtag) else {
+                continue;
+            };
+            for instance in 0..module.instances {
+                all.push(make(self, &module, instance)?);
+            }
+        }
+        Ok(all)
     }
 
     /// What is known of this kind of board.
