@@ -1,144 +1,113 @@
 //! What a host sends, and the check of what it gets back.
 
-use super::{Access, Command, LbpError, LocalRead, LocalWrite, RpcNumber, crc8};
+use alloc::{vec, vec::Vec};
 
-/// The most bytes a frame of this crate holds, CRC included.
-pub const MAX_FRAME: usize = 64;
+use super::{LocalLocation, RemoteAccess, crc8};
 
-/// A complete frame in a buffer of its own: what goes over the wire.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct Frame {
-    bytes: [u8; MAX_FRAME],
-    len: u8,
+/// What is wrong with the reply to a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LbpError {
+    /// The reply is shorter or longer than the command's answer.
+    #[error(
+        "reply to command {command:02X} has {actual} bytes, expected {expected}; check wiring, and that the size in the discovery answer is that of the current mode"
+    )]
+    ReplyLength {
+        /// The command byte.
+        command: u8,
+        /// Bytes expected, CRC included.
+        expected: usize,
+        /// Bytes received.
+        actual: usize,
+    },
+    /// The reply's CRC is wrong.
+    #[error(
+        "reply to command {command:02X} has CRC {actual:02X}, its data gives {expected:02X}; check cable, termination and shield"
+    )]
+    ReplyCrc {
+        /// The command byte.
+        command: u8,
+        /// CRC of the data received.
+        expected: u8,
+        /// CRC received.
+        actual: u8,
+    },
 }
 
-impl Frame {
-    const fn empty() -> Self {
-        Self {
-            bytes: [0; MAX_FRAME],
-            len: 0,
-        }
-    }
+/// Command byte of the discovery RPC, which is answered by a [`DiscoveryReply`].
+///
+/// FACTS 1.2: one section of the manual swaps it with the unit number RPC.
+pub const DISCOVERY: u8 = 0xBB;
 
-    /// The bytes, CRC last.
-    pub fn as_bytes(&self) -> &[u8] {
-        self.bytes.get(..usize::from(self.len)).unwrap_or(&[])
-    }
+/// Command byte of the RPC that is answered by the unit number, 4 bytes.
+pub const UNIT_NUMBER: u8 = 0xBC;
 
-    fn push(&mut self, byte: u8) {
-        if let Some(slot) = self.bytes.get_mut(usize::from(self.len)) {
-            *slot = byte;
-            self.len += 1;
-        }
-    }
-
-    fn sealed(mut self) -> Self {
-        let crc = crc8(self.as_bytes());
-        self.push(crc);
-        self
-    }
-}
-
-impl core::fmt::Debug for Frame {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "Frame({:02X?})", self.as_bytes())
-    }
-}
+/// Command byte of the RPC that exchanges process data; the reply begins with the fault byte.
+pub const PROCESS_DATA: u8 = 0xBD;
 
 /// A request of the host: its frame, and how long the answer must be.
 ///
 /// # Real time
-/// Made and checked without allocation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// For set-up: allocates.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Request {
-    frame: Frame,
+    frame: Vec<u8>,
     reply_len: usize,
 }
 
 impl Request {
-    /// Reads or writes the remote's memory. `address` is given exactly if `access` is with address.
-    pub fn access(access: Access, address: Option<u16>, data: &[u8]) -> Result<Self, LbpError> {
-        let command = access.to_byte();
-        if access.with_address != address.is_some() {
-            return Err(LbpError::Address { command });
-        }
-        let address = address.map(u16::to_le_bytes);
-        let address = address.as_ref().map_or(&[][..], |bytes| &bytes[..]);
-        Self::new(
-            command,
-            address,
-            data,
-            access.data_len(),
-            access.reply_len(),
-        )
+    /// Reads or writes the remote's memory, or one of its local locations.
+    pub fn access(access: RemoteAccess) -> Self {
+        let mut body = vec![access.command()];
+        let reply_len = match access {
+            RemoteAccess::Read { address, size } => {
+                body.extend(address.to_le_bytes());
+                size.bytes()
+            }
+            RemoteAccess::Write {
+                address,
+                size,
+                value,
+            } => {
+                let data = value.to_le_bytes().into_iter();
+                body.extend(address.to_le_bytes());
+                body.extend(data.take(size.bytes().into()));
+                0
+            }
+            RemoteAccess::ReadLocal(_) => 1,
+            RemoteAccess::WriteLocal(LocalLocation::RESET_PARSER, _) => 0,
+            RemoteAccess::WriteLocal(_, value) => {
+                body.push(value);
+                0
+            }
+        };
+        Self::new(body, reply_len.into())
     }
 
-    /// Reads one of the remote's own registers.
-    pub fn local_read(read: LocalRead) -> Self {
+    /// Calls the RPC with the command byte `command`, 80 to BF, with `data`. It answers with
+    /// `reply_len` bytes of data.
+    pub fn rpc(command: u8, data: &[u8], reply_len: usize) -> Self {
+        debug_assert_eq!(
+            command & 0xC0,
+            0x80,
+            "an RPC has a command byte of 80 to BF"
+        );
+        let mut body = vec![command];
+        body.extend(data);
+        Self::new(body, reply_len)
+    }
+
+    fn new(mut body: Vec<u8>, reply_len: usize) -> Self {
+        body.push(crc8(&body));
         Self {
-            frame: frame(read.to_byte(), &[], &[]),
-            reply_len: 1,
-        }
-    }
-
-    /// Writes one of the remote's own registers; the data of a parser reset is not sent.
-    pub fn local_write(write: LocalWrite, data: u8) -> Self {
-        let data = [data];
-        Self {
-            frame: frame(
-                write.to_byte(),
-                &[],
-                data.get(..write.data_len()).unwrap_or(&[]),
-            ),
-            reply_len: 0,
-        }
-    }
-
-    /// Calls an RPC with `data`, which answers with `reply_len` bytes of data.
-    pub fn rpc(number: RpcNumber, data: &[u8], reply_len: usize) -> Result<Self, LbpError> {
-        let command = number.to_byte();
-        if data.len() + 2 > MAX_FRAME {
-            return Err(LbpError::TooLong {
-                command,
-                actual: data.len(),
-            });
-        }
-        Self::new(command, &[], data, data.len(), reply_len)
-    }
-
-    fn new(
-        command: u8,
-        address: &[u8],
-        data: &[u8],
-        expected: usize,
-        reply_len: usize,
-    ) -> Result<Self, LbpError> {
-        if data.len() != expected {
-            return Err(LbpError::RequestLength {
-                command,
-                expected,
-                actual: data.len(),
-            });
-        }
-        Ok(Self {
-            frame: frame(command, address, data),
+            frame: body,
             reply_len,
-        })
+        }
     }
 
     /// What goes over the wire, CRC included.
     pub fn as_bytes(&self) -> &[u8] {
-        self.frame.as_bytes()
-    }
-
-    /// The command byte.
-    pub fn command_byte(&self) -> u8 {
-        self.as_bytes().first().copied().unwrap_or(0)
-    }
-
-    /// The command.
-    pub fn command(&self) -> Option<Command> {
-        Command::from_byte(self.command_byte())
+        &self.frame
     }
 
     /// Bytes of the answer, CRC included.
@@ -147,40 +116,31 @@ impl Request {
     }
 
     /// Checks an answer and returns its data without the CRC.
+    ///
+    /// # Errors
+    /// [`LbpError`] for a reply of another length, or with a wrong CRC.
     pub fn check_reply<'a>(&self, reply: &'a [u8]) -> Result<&'a [u8], LbpError> {
-        let command = self.command_byte();
-        let wrong_length = LbpError::ReplyLength {
-            command,
-            expected: self.reply_len(),
-            actual: reply.len(),
-        };
-        if reply.len() != self.reply_len() {
-            return Err(wrong_length);
-        }
-        let (&actual, data) = reply.split_last().ok_or(wrong_length)?;
-        let expected = crc8(data);
-        if actual == expected {
-            Ok(data)
-        } else {
-            Err(LbpError::ReplyCrc {
+        let command = self.frame.first().copied().unwrap_or(0);
+        let (&actual, data) = reply
+            .split_last()
+            .filter(|(_, data)| data.len() == self.reply_len)
+            .ok_or(LbpError::ReplyLength {
+                command,
+                expected: self.reply_len(),
+                actual: reply.len(),
+            })?;
+        match crc8(data) {
+            expected if expected == actual => Ok(data),
+            expected => Err(LbpError::ReplyCrc {
                 command,
                 expected,
                 actual,
-            })
+            }),
         }
     }
 }
 
-fn frame(command: u8, address: &[u8], data: &[u8]) -> Frame {
-    let mut frame = Frame::empty();
-    frame.push(command);
-    for &byte in address.iter().chain(data) {
-        frame.push(byte);
-    }
-    frame.sealed()
-}
-
-/// The answer to the discovery RPC.
+/// The answer to the [`DISCOVERY`] RPC.
 ///
 /// Manual: 7I77, "DISCOVERY RPC"; FACTS 1.2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -3,7 +3,7 @@
 use bitflags::bitflags;
 use core::fmt;
 
-/// What [`LocalRead::Cookie`](super::LocalRead::Cookie) returns.
+/// What [`LocalLocation::COOKIE`](super::LocalLocation::COOKIE) returns.
 pub const COOKIE: u8 = 0x5A;
 
 bitflags! {
@@ -105,45 +105,8 @@ pub(crate) fn write_flags(
     Ok(())
 }
 
-/// Which memory the access commands reach (EC, CC).
-///
-/// FACTS 1.3, 6.3.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Nonvolatile {
-    /// 0: the working memory.
-    #[default]
-    Off,
-    /// 1: the EEPROM.
-    Eeprom,
-    /// 2: the program flash, see [`flash`](super::flash).
-    Flash,
-    /// Not in use.
-    Other(u8),
-}
-
-impl Nonvolatile {
-    /// From the byte of EC or CC.
-    pub const fn from_byte(byte: u8) -> Self {
-        match byte {
-            0 => Self::Off,
-            1 => Self::Eeprom,
-            2 => Self::Flash,
-            other => Self::Other(other),
-        }
-    }
-
-    /// The byte of EC or CC.
-    pub const fn to_byte(self) -> u8 {
-        match self {
-            Self::Off => 0,
-            Self::Eeprom => 1,
-            Self::Flash => 2,
-            Self::Other(other) => other,
-        }
-    }
-}
-
-/// Where a remote's program flash is reached while EC is [`Nonvolatile::Flash`].
+/// Where a remote's program flash is reached while [`NonvolatileMemory::Flash`](super::NonvolatileMemory::Flash) is
+/// selected.
 ///
 /// FACTS 1.6.
 pub mod flash {
@@ -171,8 +134,5 @@ mod tests {
         assert_eq!(LbpStatus::from_bits_truncate(0x82).bits(), 0x82);
         assert_eq!(RemoteFaults::from_bits_truncate(0x41).bits(), 0x41);
         assert_eq!(Capabilities::from_bits_truncate(0x05).bits(), 0x05);
-        for byte in 0..=255 {
-            assert_eq!(Nonvolatile::from_byte(byte).to_byte(), byte);
-        }
     }
 }

@@ -1,156 +1,18 @@
 //! Pass-through accesses to a remote: what they are as registers.
 
-use core::fmt;
+use crate::lbp::RemoteAccess;
 
-/// How much of a remote's memory one access moves.
-///
-/// Manual: 7I77, "LBP DATA READ/WRITE COMMAND".
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum AccessSize {
-    /// 1 byte.
-    Byte,
-    /// 2 bytes.
-    Word,
-    /// 4 bytes.
-    Long,
-    /// 8 bytes.
-    Double,
-}
-
-impl AccessSize {
-    /// Number of bytes.
-    pub const fn bytes(self) -> u8 {
-        match self {
-            Self::Byte => 1,
-            Self::Word => 2,
-            Self::Long => 4,
-            Self::Double => 8,
-        }
-    }
-
-    /// The smallest size that holds `bits` bits; `None` above 64 and for 0.
-    pub const fn for_bits(bits: u8) -> Option<Self> {
-        match bits {
-            1..=8 => Some(Self::Byte),
-            9..=16 => Some(Self::Word),
-            17..=32 => Some(Self::Long),
-            33..=64 => Some(Self::Double),
-            _ => None,
-        }
-    }
-
-    /// The bits of a value of this size.
-    pub const fn mask(self) -> u64 {
-        u64::MAX >> (64 - 8 * self.bytes() as u32)
-    }
-
-    const fn code(self) -> u8 {
-        match self {
-            Self::Byte => 0,
-            Self::Word => 1,
-            Self::Long => 2,
-            Self::Double => 3,
-        }
-    }
-}
-
-/// A local location of a remote: read by C0 to DF, written by E0 to FF.
-///
-/// Manual: 7I77, "LOCAL LBP COMMANDS"; FACTS 1.3.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct LocalLocation(u8);
-
-impl LocalLocation {
-    /// LBP status bits; writing 00 clears them.
-    pub const STATUS: Self = Self(0x01);
-    /// Software mode.
-    pub const SOFTWARE_MODE: Self = Self(0x06);
-    /// Writing FF clears faults; reads back non-zero until that is done.
-    pub const CLEAR_FAULTS: Self = Self(0x07);
-    /// Frame timeout in bit times.
-    pub const FRAME_TIMEOUT: Self = Self(0x0B);
-    /// Which memory the read and write commands address: see [`NonvolatileMemory`].
-    pub const NONVOLATILE: Self = Self(0x0C);
-    /// First character of the name; the other three follow.
-    pub const NAME: Self = Self(0x10);
-    /// Fault byte.
-    pub const FAULTS: Self = Self(0x17);
-    /// Always 5A.
-    pub const COOKIE: Self = Self(0x1F);
-
-    /// Location `index`; `None` above 1F.
-    pub const fn new(index: u8) -> Option<Self> {
-        if index < 0x20 {
-            Some(Self(index))
-        } else {
-            None
-        }
-    }
-
-    /// Its number, 0 to 1F.
-    pub const fn index(self) -> u8 {
-        self.0
-    }
-}
-
-/// The memory that survives a power cycle of the remote.
-///
-/// FACTS 1.3.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum NonvolatileMemory {
-    /// Parameters are here.
-    #[default]
-    Eeprom,
-    /// Its firmware is here.
-    Flash,
-}
-
-impl NonvolatileMemory {
-    /// What selects it at [`LocalLocation::NONVOLATILE`]; 0 deselects it.
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::Eeprom => 1,
-            Self::Flash => 2,
-        }
-    }
-}
-
-/// One access to a remote in setup mode.
+/// What a port takes for an access, and how it answers.
 ///
 /// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; FACTS 6.1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum RemoteAccess {
-    /// Read of memory.
-    Read {
-        /// Where.
-        address: u16,
-        /// How much.
-        size: AccessSize,
-    },
-    /// Write of memory.
-    Write {
-        /// Where.
-        address: u16,
-        /// How much.
-        size: AccessSize,
-        /// What, right-justified.
-        value: u64,
-    },
-    /// Read of a local location.
-    ReadLocal(LocalLocation),
-    /// Write of a local location.
-    WriteLocal(LocalLocation, u8),
-}
-
 impl RemoteAccess {
     /// The word for CS: the LBP command in the top byte, the address in the low word.
     pub const fn cs_word(self) -> u32 {
-        match self {
-            Self::Read { address, size } => command_word(0x44 | size.code(), address),
-            Self::Write { address, size, .. } => command_word(0x64 | size.code(), address),
-            Self::ReadLocal(location) => command_word(0xC0 | location.index(), 0),
-            Self::WriteLocal(location, _) => command_word(0xE0 | location.index(), 0),
-        }
+        let address = match self {
+            Self::Read { address, .. } | Self::Write { address, .. } => address,
+            Self::ReadLocal(_) | Self::WriteLocal(..) => 0,
+        };
+        (self.command() as u32) << 24 | address as u32
     }
 
     /// The words for interface registers 0 and 1, if it writes.
@@ -174,43 +36,12 @@ impl RemoteAccess {
             Self::ReadLocal(_) | Self::WriteLocal(..) => value & 0xFF,
         }
     }
-
-    /// Characters on the line, both ways, without the remote's own time.
-    pub const fn characters(self) -> u32 {
-        match self {
-            // command, address and CRC; then the data, and the other CRC
-            Self::Read { size, .. } | Self::Write { size, .. } => 4 + size.bytes() as u32 + 1,
-            // command and CRC; then a byte, and the other CRC
-            Self::ReadLocal(_) | Self::WriteLocal(..) => 2 + 1 + 1,
-        }
-    }
-}
-
-const fn command_word(command: u8, address: u16) -> u32 {
-    (command as u32) << 24 | address as u32
-}
-
-impl fmt::Display for RemoteAccess {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Read { address, size } => {
-                write!(f, "read of {} bytes at {address:#06X}", size.bytes())
-            }
-            Self::Write { address, size, .. } => {
-                write!(f, "write of {} bytes at {address:#06X}", size.bytes())
-            }
-            Self::ReadLocal(location) => write!(f, "local read {:02X}", 0xC0 | location.index()),
-            Self::WriteLocal(location, value) => {
-                write!(f, "local write {:02X} {value:02X}", 0xE0 | location.index())
-            }
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alloc::string::ToString;
+    use crate::lbp::{AccessSize, LocalLocation};
     use proptest::prelude::*;
 
     const SIZES: [AccessSize; 4] = [
@@ -263,28 +94,6 @@ mod tests {
         assert_eq!(
             RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 1).cs_word(),
             0xEC00_0000
-        );
-    }
-
-    /// Gateware transcript t05: a read of eight bytes has 4 + 9 characters.
-    #[test]
-    fn characters_on_the_line_are_counted_with_their_crc() {
-        assert_eq!(read(0x200, AccessSize::Double).characters(), 13);
-        assert_eq!(
-            RemoteAccess::ReadLocal(LocalLocation::COOKIE).characters(),
-            4
-        );
-    }
-
-    #[test]
-    fn an_access_says_what_it_is() {
-        assert_eq!(
-            read(0x49A, AccessSize::Word).to_string(),
-            "read of 2 bytes at 0x049A"
-        );
-        assert_eq!(
-            RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 1).to_string(),
-            "local write EC 01"
         );
     }
 

@@ -14,8 +14,7 @@ mod port;
 mod started;
 mod status;
 
-pub use crate::lbp::RemoteFaults;
-pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
+pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteFaults};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS};
 pub use command::{Command, LocalAddress};
 pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange, Processor, USUAL_REMOTE_LATENCY};

@@ -1,8 +1,8 @@
-//! The examples of the 7I77 manual's LBP chapter, byte by byte.
+//! What a host sends and takes, against the LBP chapter of the 7I77's manual. Its examples that a
+//! remote carries out are in `src/sim/devices/tests`.
 
 use mesa_hal::lbp::{
-    Access, COOKIE, Command, DataSize, LbpError, LbpStatus, LocalRead, LocalWrite, Parsed, Parser,
-    Request, RpcMemory, RpcNumber, RpcSizes, RpcTable, crc8,
+    AccessSize, COOKIE, LbpError, LbpStatus, LocalLocation as L, RemoteAccess, Request, crc8,
 };
 
 /// A frame without its CRC, which the manual's tables leave out; the CRC itself is checked here.
@@ -12,174 +12,86 @@ fn without_crc(request: &Request) -> &[u8] {
     body
 }
 
-struct Ram([u8; 0x100]);
-
-impl RpcMemory for Ram {
-    fn read(&mut self, address: u16) -> Result<u8, LbpError> {
-        let byte = self.0.get(usize::from(address));
-        byte.copied().ok_or(LbpError::Memory { address })
-    }
-
-    fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
-        let byte = self.0.get_mut(usize::from(address));
-        *byte.ok_or(LbpError::Memory { address })? = value;
-        Ok(())
-    }
-}
-
-/// "EXAMPLE LBP COMMANDS": write AA BB CC DD to 0010 with auto-increment.
+/// "EXAMPLE LBP COMMANDS": read eight bytes at 0010; a write of four without auto-increment.
 #[test]
-fn example_write_of_four_bytes_with_auto_increment() {
-    let access = Access::write(DataSize::Long).incrementing();
-    assert_eq!(access.to_byte(), 0b0110_1110);
-    let request = Request::access(access, Some(0x10), &[0xAA, 0xBB, 0xCC, 0xDD]).unwrap();
-    assert_eq!(
-        without_crc(&request),
-        [
-            0b0110_1110,
-            0b0001_0000,
-            0b0000_0000,
-            0b1010_1010,
-            0b1011_1011,
-            0b1100_1100,
-            0b1101_1101
-        ]
-    );
-}
-
-/// "EXAMPLE LBP COMMANDS": write two more bytes at the current address.
-#[test]
-fn example_write_of_two_more_bytes() {
-    let access = Access::write(DataSize::Word).at_current_address();
-    let request = Request::access(access, None, &[0xEE, 0xFF]).unwrap();
-    assert_eq!(
-        without_crc(&request),
-        [0b0110_0001, 0b1110_1110, 0b1111_1111]
-    );
-}
-
-/// "EXAMPLE LBP COMMANDS": read eight bytes at 0010.
-#[test]
-fn example_read_of_eight_bytes() {
-    let request = Request::access(Access::read(DataSize::Double), Some(0x10), &[]).unwrap();
+fn example_read_of_eight_bytes_and_a_write_of_four() {
+    let (address, size) = (0x10, AccessSize::Double);
+    let request = Request::access(RemoteAccess::Read { address, size });
     assert_eq!(
         without_crc(&request),
         [0b0100_0111, 0b0001_0000, 0b0000_0000]
     );
     assert_eq!(request.reply_len(), 9);
-}
-
-/// The three examples one after the other on a remote: the address pointer is left at 0014, and
-/// the eight bytes come back.
-#[test]
-fn examples_in_a_row_leave_the_memory_and_the_pointer_that_the_manual_says() {
-    // a list in the RPC table is the same three accesses
-    let mut table = RpcTable::default();
-    let list = [0x6E, 0x10, 0x00, 0x61, 0x47, 0x10, 0x00, 0x00];
-    for (address, byte) in (0..).zip(list) {
-        table.write(address, byte).unwrap();
-    }
-    let mut ram = Ram([0; 0x100]);
-    let mut current = 0;
-    let number = RpcNumber::new(0).unwrap();
-    let data = [0xAA, 0xBB, 0xCC, 0xDD, 0xEE, 0xFF];
-    let reply = table
-        .execute(number, &data, &mut current, &mut ram)
-        .unwrap();
-    assert_eq!(
-        reply.as_bytes(),
-        [0xAA, 0xBB, 0xCC, 0xDD, 0xEE, 0xFF, 0x00, 0x00]
-    );
-    assert_eq!(ram.0[0x10..0x16], data);
-    assert_eq!(
-        current, 0x10,
-        "a read without auto-increment sets, but does not move it"
-    );
-}
-
-/// "EXAMPLE RPC COMMAND LIST": RPC5 at 0028, seven bytes, two of them data from the host.
-#[test]
-fn example_rpc_command_list() {
-    let list = [
-        0b0110_0101,
-        0b0001_0000,
-        0b0000_0000,
-        0b0100_0101,
-        0b0001_0010,
-        0b0000_0000,
-        0b0000_0000,
-    ];
-    let mut table = RpcTable::default();
-    for (address, byte) in (0x28..).zip(list) {
-        table.write(address, byte).unwrap();
-    }
-    let number = RpcNumber::new(5).unwrap();
-    assert_eq!(table.request_len(number), Ok(2));
-
-    let request = Request::rpc(number, &[0b0101_0101, 0b1100_1100], 2).unwrap();
+    let (size, value) = (AccessSize::Long, 0xDDCC_BBAA);
+    let request = Request::access(RemoteAccess::Write {
+        address,
+        size,
+        value,
+    });
     assert_eq!(
         without_crc(&request),
-        [0b1000_0101, 0b0101_0101, 0b1100_1100],
-        "the data stream for this RPC"
+        [0b0110_0110, 0x10, 0x00, 0xAA, 0xBB, 0xCC, 0xDD]
     );
+    assert_eq!(request.reply_len(), 1);
+}
 
-    let mut ram = Ram([0; 0x100]);
-    ram.0[0x12..0x14].copy_from_slice(&[0x34, 0x12]);
-    let mut current = 0;
-    let data = &without_crc(&request)[1..];
-    let reply = table.execute(number, data, &mut current, &mut ram).unwrap();
-    assert_eq!(ram.0[0x10..0x12], [0x55, 0xCC]);
-    assert_eq!(reply.as_bytes(), [0x34, 0x12]);
+/// "EXAMPLE RPC COMMAND LIST": the data stream for RPC5.
+#[test]
+fn example_rpc_command_list() {
+    let request = Request::rpc(0x85, &[0b0101_0101, 0b1100_1100], 2);
+    assert_eq!(
+        without_crc(&request),
+        [0b1000_0101, 0b0101_0101, 0b1100_1100]
+    );
+    assert_eq!(request.reply_len(), 3);
 }
 
 /// "LOCAL LBP READ COMMANDS" and "LOCAL LBP WRITE COMMANDS": codes of the two lists.
 #[test]
 fn local_commands_have_the_codes_of_the_lists() {
     let reads = [
-        (0xC0, LocalRead::UnitAddress),
-        (0xC1, LocalRead::Status),
-        (0xC2, LocalRead::CrcEnable),
-        (0xC3, LocalRead::CrcErrorCount),
-        (0xC4, LocalRead::Reserved(0xC4)),
-        (0xCA, LocalRead::RpcMemoryAccess),
-        (0xCB, LocalRead::FrameTimeout),
-        (0xD0, LocalRead::Name(0)),
-        (0xD3, LocalRead::Name(3)),
-        (0xD8, LocalRead::AddressLow),
-        (0xD9, LocalRead::AddressHigh),
-        (0xDA, LocalRead::LbpVersion),
-        (0xDB, LocalRead::UnitId),
-        (0xDC, LocalRead::RpcPitch),
-        (0xDD, LocalRead::RpcSizeLow),
-        (0xDE, LocalRead::RpcSizeHigh),
-        (0xDF, LocalRead::Cookie),
+        (0xC0, L::UNIT_ADDRESS),
+        (0xC1, L::STATUS),
+        (0xC2, L::CRC_ENABLE),
+        (0xC3, L::CRC_ERROR_COUNT),
+        (0xC4, L::new(4).unwrap()),
+        (0xCA, L::RPC_MEMORY_ACCESS),
+        (0xCB, L::FRAME_TIMEOUT),
+        (0xD0, L::NAME),
+        (0xD8, L::ADDRESS_LOW),
+        (0xD9, L::ADDRESS_HIGH),
+        (0xDA, L::LBP_VERSION),
+        (0xDB, L::UNIT_ID),
+        (0xDC, L::RPC_PITCH),
+        (0xDD, L::RPC_SIZE_LOW),
+        (0xDE, L::RPC_SIZE_HIGH),
+        (0xDF, L::COOKIE),
     ];
-    for (code, read) in reads {
-        let request = Request::local_read(read);
+    for (code, location) in reads {
+        let request = Request::access(RemoteAccess::ReadLocal(location));
         assert_eq!(without_crc(&request), [code]);
         assert_eq!(request.reply_len(), 2, "one byte of data and its CRC");
-        assert_eq!(Command::from_byte(code), Some(Command::LocalRead(read)));
     }
     let writes = [
-        (0xE0, LocalWrite::Reserved(0xE0)),
-        (0xE1, LocalWrite::Status),
-        (0xE2, LocalWrite::CrcEnable),
-        (0xE3, LocalWrite::CrcErrorCount),
-        (0xEA, LocalWrite::RpcMemoryAccess),
-        (0xEB, LocalWrite::FrameTimeout),
-        (0xF7, LocalWrite::Leds),
-        (0xF8, LocalWrite::AddressLow),
-        (0xF9, LocalWrite::AddressHigh),
-        (0xFA, LocalWrite::AddressAdd),
-        (0xFD, LocalWrite::UnitId),
-        (0xFE, LocalWrite::ResetProcessor),
+        (0xE0, L::new(0).unwrap()),
+        (0xE1, L::STATUS),
+        (0xE2, L::CRC_ENABLE),
+        (0xE3, L::CRC_ERROR_COUNT),
+        (0xEA, L::RPC_MEMORY_ACCESS),
+        (0xEB, L::FRAME_TIMEOUT),
+        (0xF7, L::LEDS),
+        (0xF8, L::ADDRESS_LOW),
+        (0xF9, L::ADDRESS_HIGH),
+        (0xFA, L::ADDRESS_ADD),
+        (0xFD, L::SET_UNIT_ID),
+        (0xFE, L::RESET_PROCESSOR),
     ];
-    for (code, write) in writes {
-        let request = Request::local_write(write, 0x5A);
+    for (code, location) in writes {
+        let request = Request::access(RemoteAccess::WriteLocal(location, 0x5A));
         assert_eq!(without_crc(&request), [code, 0x5A]);
         assert_eq!(request.reply_len(), 1, "the CRC of no data");
     }
-    let reset = Request::local_write(LocalWrite::ResetParser, 0x5A);
+    let reset = Request::access(RemoteAccess::WriteLocal(L::RESET_PARSER, 0x5A));
     assert_eq!(without_crc(&reset), [0xFF], "no data follows this command");
 }
 
@@ -196,7 +108,7 @@ fn status_bits_are_where_the_manual_puts_them() {
 /// "CRC": a reply's CRC covers its data; a command without reply data is answered by 00.
 #[test]
 fn replies_are_checked_for_length_and_crc() {
-    let cookie = Request::local_read(LocalRead::Cookie);
+    let cookie = Request::access(RemoteAccess::ReadLocal(L::COOKIE));
     assert_eq!(cookie.as_bytes(), [0xDF, 0x16]);
     assert_eq!(cookie.check_reply(&[COOKIE, 0xA5]), Ok(&[COOKIE][..]));
     assert_eq!(
@@ -215,34 +127,9 @@ fn replies_are_checked_for_length_and_crc() {
             actual: 1
         })
     );
-    let status = Request::local_write(LocalWrite::Status, 0);
+    let status = Request::access(RemoteAccess::WriteLocal(L::STATUS, 0));
     assert_eq!(status.as_bytes(), [0xE1, 0x00, 0xB1]);
     assert_eq!(status.check_reply(&[0x00]), Ok(&[][..]));
     assert!(status.check_reply(&[0x01]).is_err());
     assert!(status.check_reply(&[]).is_err());
-}
-
-/// "FRAMING": four character times of silence, 16 us at 2.5 Mbaud, reset the parser.
-#[test]
-fn a_gap_of_more_than_four_characters_resets_the_parser() {
-    struct NoRpcs;
-    impl RpcSizes for NoRpcs {
-        fn request_len(&self, _number: RpcNumber) -> usize {
-            0
-        }
-    }
-    let mut parser = Parser::new(400);
-    parser.set_timeout(40);
-    assert_eq!(parser.push(4_000, 0x44, &NoRpcs), Parsed::Pending);
-    assert_eq!(parser.push(8_000, 0x00, &NoRpcs), Parsed::Pending);
-    // the next character begins 16.1 us after the last one has ended
-    assert_eq!(
-        parser.push(8_000 + 16_100 + 4_000, 0xDF, &NoRpcs),
-        Parsed::Pending
-    );
-    let Parsed::Request(request) = parser.push(32_100, 0x16, &NoRpcs) else {
-        panic!("the cookie request after the gap was not seen");
-    };
-    assert_eq!(request.command, Command::LocalRead(LocalRead::Cookie));
-    assert_eq!(parser.counts().timeouts, 1);
 }

@@ -1,10 +1,9 @@
 //! What a remote keeps on its way out: replies, and what it did besides.
 
-use crate::{
-    lbp::MAX_FRAME,
-    sim::wire::{Burst, Nanos},
-};
+use crate::sim::wire::{Burst, Nanos};
 
+/// The most bytes a frame holds, CRC included.
+pub(super) const MAX_FRAME: usize = 64;
 /// The most replies that are on their way at the same time.
 const QUEUE: usize = 8;
 /// The most events that are kept.

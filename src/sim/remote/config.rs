@@ -130,7 +130,7 @@ impl Default for RemoteConfig {
             watchdog_address: None,
             bit: BIT_2M5,
             baud_address: None,
-            frame_timeout: crate::lbp::Parser::DEFAULT_TIMEOUT,
+            frame_timeout: super::parser::DEFAULT_TIMEOUT,
             initial_faults: RemoteFaults::WATCHDOG,
             stuck_faults: RemoteFaults::empty(),
             clear_delay: 0,

@@ -2,15 +2,14 @@
 
 use super::{
     Application, Eeprom, Flash, Memory, RemoteConfig, ReplyFaults,
-    buffers::{Events, Queue, RemoteEvent, Reply},
+    buffers::{Events, MAX_FRAME, Queue, RemoteEvent, Reply},
     config::{WorkingCopy, bit_of_index},
     line,
+    parser::{Parsed, Parser, ReceivedRequest},
+    rpc::RpcTable,
 };
 use crate::{
-    lbp::{
-        Capabilities, LbpStatus, MAX_FRAME, Nonvolatile, Parsed, Parser, ParserCounts,
-        ReceivedRequest, RemoteFaults, RpcNumber, RpcSizes, RpcTable, crc8,
-    },
+    lbp::{Capabilities, DISCOVERY, LbpStatus, PROCESS_DATA, RemoteFaults, UNIT_NUMBER, crc8},
     sim::wire::{Burst, Nanos, RemoteEnd},
 };
 
@@ -44,7 +43,8 @@ pub(super) struct State {
     pub(super) status: LbpStatus,
     pub(super) clear_count: u32,
     pub(super) crc_errors: u8,
-    pub(super) nonvolatile: Nonvolatile,
+    /// What EC was written with.
+    pub(super) nonvolatile: u8,
     pub(super) rpc_access: u8,
     pub(super) rpc_table: RpcTable,
     pub(super) current: u16,
@@ -63,7 +63,7 @@ impl State {
             status: config.initial_status,
             clear_count: 0,
             crc_errors: 0,
-            nonvolatile: Nonvolatile::Off,
+            nonvolatile: 0,
             rpc_access: 0,
             rpc_table: RpcTable::default(),
             current: 0,
@@ -79,22 +79,6 @@ impl State {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watchdog {
     deadline: Option<Nanos>,
-}
-
-/// What the parser needs to know about the remote.
-struct Sizes<'a> {
-    process_data: usize,
-    table: &'a RpcTable,
-}
-
-impl RpcSizes for Sizes<'_> {
-    fn request_len(&self, number: RpcNumber) -> usize {
-        match number {
-            RpcNumber::PROCESS_DATA => self.process_data,
-            RpcNumber::DISCOVERY | RpcNumber::UNIT_NUMBER => 0,
-            stored => self.table.request_len(stored).unwrap_or(0),
-        }
-    }
 }
 
 impl<A: Application> Remote<A> {
@@ -162,7 +146,7 @@ impl<A: Application> Remote<A> {
         }
         self.state = State::power_up(&self.config);
         self.parser = Parser::new(self.config.bit);
-        self.parser.set_timeout(self.config.frame_timeout);
+        self.parser.timeout_bits = self.config.frame_timeout;
         self.watchdog.deadline = None;
         self.application.power_up(&mut self.memory);
     }
@@ -181,7 +165,7 @@ impl<A: Application> Remote<A> {
     /// power-up on.
     pub fn configure(&mut self, change: impl FnOnce(&mut RemoteConfig)) {
         change(&mut self.config);
-        self.parser.set_bit(self.config.bit);
+        self.parser.bit = self.config.bit;
     }
 
     /// The faults of the next replies.
@@ -261,11 +245,6 @@ impl<A: Application> Remote<A> {
         self.state.leds
     }
 
-    /// Requests and errors since power-up.
-    pub const fn counts(&self) -> ParserCounts {
-        self.parser.counts()
-    }
-
     /// The oldest event that has not been taken yet. Sixteen are kept.
     pub fn take_event(&mut self) -> Option<(Nanos, RemoteEvent)> {
         self.events.pop()
@@ -312,16 +291,18 @@ impl<A: Application> Remote<A> {
 
     fn character(&mut self, at: Nanos, byte: u8) {
         self.pass_time(at);
-        self.parser.set_timeout(self.state.frame_timeout);
+        self.parser.timeout_bits = self.state.frame_timeout;
         if let Some(dropped) = self.parser.expire(at) {
             self.state.status |= LbpStatus::FRAME_TIMEOUT;
             self.events.push(at, RemoteEvent::FrameTimeout(dropped));
         }
-        let sizes = Sizes {
-            process_data: usize::from(self.config.sizes(self.state.mode).tx_size),
-            table: &self.state.rpc_table,
+        let (config, state) = (&self.config, &self.state);
+        let rpc_len = |command| match command {
+            PROCESS_DATA => usize::from(config.sizes(state.mode).tx_size),
+            DISCOVERY | UNIT_NUMBER => 0,
+            stored => state.rpc_table.request_len(stored).unwrap_or(0),
         };
-        match self.parser.push(at, byte, &sizes) {
+        match self.parser.push(at, byte, rpc_len) {
             Parsed::Request(request) => self.answer(at, &request),
             Parsed::CrcError => {
                 self.state.status |= LbpStatus::CRC_ERROR;

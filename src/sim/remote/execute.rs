@@ -1,13 +1,21 @@
 //! What a remote does with a request.
 
-use super::{Application, Remote, buffers::Reply};
+use super::{
+    Application, Remote,
+    buffers::Reply,
+    parser::{Access, ReceivedRequest},
+    rpc::{RPC_PITCH, RPC_TABLE_SIZE, RpcMemory},
+};
 use crate::{
     lbp::{
-        Access, Command, LbpError, LbpStatus, LocalRead, LocalWrite, Nonvolatile, RPC_PITCH,
-        RPC_TABLE_SIZE, ReceivedRequest, RemoteFaults, RpcMemory, RpcNumber,
+        DISCOVERY, LbpStatus, LocalLocation, NonvolatileMemory, PROCESS_DATA, RemoteFaults,
+        UNIT_NUMBER,
     },
     sim::wire::Nanos,
 };
+
+/// What EC is while accesses reach the flash.
+const FLASH: u8 = NonvolatileMemory::Flash.code();
 
 /// What the line can reach: working memory, EEPROM, flash or the RPC table.
 struct Reach<'a, A> {
@@ -16,20 +24,20 @@ struct Reach<'a, A> {
 }
 
 impl<A: Application> RpcMemory for Reach<'_, A> {
-    fn read(&mut self, address: u16) -> Result<u8, LbpError> {
+    fn read(&mut self, address: u16) -> Result<u8, LbpStatus> {
         let remote = &*self.remote;
         match (remote.state.nonvolatile, &remote.flash) {
-            (Nonvolatile::Off, _) => Ok(remote.memory.byte(address)),
-            (Nonvolatile::Flash, Some(flash)) => flash.read(address),
+            (0, _) => Ok(remote.memory.byte(address)),
+            (FLASH, Some(flash)) => flash.read(address),
             _ => Ok(remote.eeprom.cells().byte(address)),
         }
     }
 
-    fn write(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
+    fn write(&mut self, address: u16, value: u8) -> Result<(), LbpStatus> {
         let remote = &mut *self.remote;
         let busy = match (remote.state.nonvolatile, &mut remote.flash) {
-            (Nonvolatile::Off, _) => return remote.memory.write_from_line(address, value),
-            (Nonvolatile::Flash, Some(flash)) => self.at + flash.write(address, value)?,
+            (0, _) => return remote.memory.write_from_line(address, value),
+            (FLASH, Some(flash)) => self.at + flash.write(address, value)?,
             _ => remote.eeprom.write(self.at, address, value),
         };
         remote.state.busy_until = remote.state.busy_until.max(busy);
@@ -40,20 +48,21 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
 impl<A: Application> Remote<A> {
     /// Carries out a request; `None`: it stays silent.
     pub(super) fn execute(&mut self, at: Nanos, request: &ReceivedRequest) -> Option<Reply> {
-        match request.command {
-            Command::Access(access) => Some(self.access(at, access, request)),
-            Command::Rpc(RpcNumber::DISCOVERY) => (!self.config.no_discovery)
+        let location = LocalLocation::new(request.command & 0x1F);
+        match (request.command, location) {
+            (DISCOVERY, _) => (!self.config.no_discovery)
                 .then(|| Reply::new(&self.config.sizes(self.state.mode).to_bytes())),
-            Command::Rpc(RpcNumber::UNIT_NUMBER) => {
+            (UNIT_NUMBER, _) => {
                 (!self.config.no_unit_number).then(|| Reply::new(&self.unit_number().to_le_bytes()))
             }
-            Command::Rpc(RpcNumber::PROCESS_DATA) => Some(self.process_data(at, request.data())),
-            Command::Rpc(number) => Some(self.stored(at, number, request.data())),
-            Command::LocalRead(read) => Some(Reply::new(&[self.local_read(read)])),
-            Command::LocalWrite(write) => {
-                self.local_write(at, write, request.byte());
+            (PROCESS_DATA, _) => Some(self.process_data(at, request.data())),
+            (command @ 0x80..=0xBF, _) => Some(self.stored(at, command, request.data())),
+            (0xC0..=0xDF, Some(location)) => Some(Reply::new(&[self.local_read(location)])),
+            (0xE0..=0xFF, Some(location)) => {
+                self.local_write(at, location, request.byte());
                 Some(Reply::EMPTY)
             }
+            (command, _) => Some(self.access(at, Access::from_byte(command)?, request)),
         }
     }
 
@@ -94,10 +103,8 @@ impl<A: Application> Remote<A> {
 
     fn access(&mut self, at: Nanos, access: Access, request: &ReceivedRequest) -> Reply {
         let address = request.address.unwrap_or(self.state.current);
-        let size = access.size.bytes();
-        let step = if access.auto_increment { size } else { 0 };
-        self.state.current = address.wrapping_add(step as u16);
-        if access.write {
+        self.state.current = address.wrapping_add(access.step());
+        if access.is_write() {
             for (offset, &byte) in request.data().iter().enumerate() {
                 let result = self.write(at, address.wrapping_add(offset as u16), byte);
                 self.note(result);
@@ -107,7 +114,7 @@ impl<A: Application> Remote<A> {
         }
         self.application.sample(self.state.mode, &mut self.memory);
         let mut reply = Reply::EMPTY;
-        for offset in 0..size {
+        for offset in 0..access.bytes() {
             let result = self.read(at, address.wrapping_add(offset as u16));
             reply.extend(&[*result.as_ref().unwrap_or(&0)]);
             self.note(result.map(|_| ()));
@@ -115,7 +122,7 @@ impl<A: Application> Remote<A> {
         reply
     }
 
-    fn read(&mut self, at: Nanos, address: u16) -> Result<u8, LbpError> {
+    fn read(&mut self, at: Nanos, address: u16) -> Result<u8, LbpStatus> {
         if self.state.rpc_access != 0 && address < RPC_TABLE_SIZE {
             self.state.rpc_table.read(address)
         } else {
@@ -123,7 +130,7 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    fn write(&mut self, at: Nanos, address: u16, value: u8) -> Result<(), LbpError> {
+    fn write(&mut self, at: Nanos, address: u16, value: u8) -> Result<(), LbpStatus> {
         if self.state.rpc_access != 0 && address < RPC_TABLE_SIZE {
             self.state.rpc_table.write(address, value)
         } else {
@@ -131,9 +138,9 @@ impl<A: Application> Remote<A> {
         }
     }
 
-    fn note(&mut self, result: Result<(), LbpError>) {
-        if result.is_err() {
-            self.state.status |= LbpStatus::INVALID_ADDRESS;
+    fn note(&mut self, result: Result<(), LbpStatus>) {
+        if let Err(status) = result {
+            self.state.status |= status;
         }
     }
 
@@ -144,55 +151,50 @@ impl<A: Application> Remote<A> {
     }
 
     /// An RPC of the table. A list that can not be carried out answers nothing but the CRC.
-    fn stored(&mut self, at: Nanos, number: RpcNumber, data: &[u8]) -> Reply {
+    fn stored(&mut self, at: Nanos, command: u8, data: &[u8]) -> Reply {
         self.application.sample(self.state.mode, &mut self.memory);
         let table = self.state.rpc_table.clone();
         let mut current = self.state.current;
         let mut reach = Reach { remote: self, at };
-        let result = table.execute(number, data, &mut current, &mut reach);
+        let result = table.execute(command, data, &mut current, &mut reach);
         self.state.current = current;
         self.written();
-        match result {
-            Ok(reply) => Reply::new(reply.as_bytes()),
-            Err(error) => {
-                self.state.status |= match error {
-                    LbpError::ReplyTooLong => LbpStatus::BUFFER_OVERFLOW,
-                    _ => LbpStatus::INVALID_ADDRESS,
-                };
-                Reply::EMPTY
-            }
-        }
+        result.unwrap_or_else(|status| {
+            self.state.status |= status;
+            Reply::EMPTY
+        })
     }
 
-    fn local_read(&mut self, read: LocalRead) -> u8 {
+    fn local_read(&mut self, location: LocalLocation) -> u8 {
         let [address_low, address_high] = self.state.current.to_le_bytes();
         let [size_low, size_high] = RPC_TABLE_SIZE.to_le_bytes();
-        match read {
-            LocalRead::UnitAddress | LocalRead::UnitId => self.state.unit_id,
-            LocalRead::Status => self.state.status.bits(),
-            LocalRead::CrcEnable => 1,
-            LocalRead::CrcErrorCount => self.state.crc_errors,
-            LocalRead::SoftwareMode => self.state.mode,
-            LocalRead::ClearFaults => self.clearing(),
-            LocalRead::RpcMemoryAccess => self.state.rpc_access,
-            LocalRead::FrameTimeout => self.state.frame_timeout,
-            LocalRead::Nonvolatile => self.state.nonvolatile.to_byte(),
-            LocalRead::Name(index) => {
-                let character = self.config.name.get(usize::from(index));
+        match location {
+            LocalLocation::UNIT_ADDRESS | LocalLocation::UNIT_ID => self.state.unit_id,
+            LocalLocation::STATUS => self.state.status.bits(),
+            LocalLocation::CRC_ENABLE => 1,
+            LocalLocation::CRC_ERROR_COUNT => self.state.crc_errors,
+            LocalLocation::SOFTWARE_MODE => self.state.mode,
+            LocalLocation::CLEAR_FAULTS => self.clearing(),
+            LocalLocation::RPC_MEMORY_ACCESS => self.state.rpc_access,
+            LocalLocation::FRAME_TIMEOUT => self.state.frame_timeout,
+            LocalLocation::NONVOLATILE => self.state.nonvolatile,
+            LocalLocation::CAPABILITIES => self.config.capabilities.bits(),
+            LocalLocation::SOFTWARE_REVISION => self.config.software_revision,
+            LocalLocation::HARDWARE_MODE => self.config.hardware_mode,
+            LocalLocation::FAULTS => self.state.faults.bits(),
+            LocalLocation::ADDRESS_LOW => address_low,
+            LocalLocation::ADDRESS_HIGH => address_high,
+            LocalLocation::LBP_VERSION => self.config.lbp_version,
+            LocalLocation::RPC_PITCH => RPC_PITCH,
+            LocalLocation::RPC_SIZE_LOW => size_low,
+            LocalLocation::RPC_SIZE_HIGH => size_high,
+            LocalLocation::COOKIE => self.config.cookie,
+            // a character of the name, or reserved
+            _ => {
+                let character = location.index().checked_sub(LocalLocation::NAME.index());
+                let character = character.and_then(|n| self.config.name.get(usize::from(n)));
                 character.copied().unwrap_or_default()
             }
-            LocalRead::Capabilities => self.config.capabilities.bits(),
-            LocalRead::SoftwareRevision => self.config.software_revision,
-            LocalRead::HardwareMode => self.config.hardware_mode,
-            LocalRead::Faults => self.state.faults.bits(),
-            LocalRead::AddressLow => address_low,
-            LocalRead::AddressHigh => address_high,
-            LocalRead::LbpVersion => self.config.lbp_version,
-            LocalRead::RpcPitch => RPC_PITCH,
-            LocalRead::RpcSizeLow => size_low,
-            LocalRead::RpcSizeHigh => size_high,
-            LocalRead::Cookie => self.config.cookie,
-            LocalRead::Reserved(_) => 0,
         }
     }
 
@@ -205,35 +207,32 @@ impl<A: Application> Remote<A> {
         0xFF
     }
 
-    fn local_write(&mut self, at: Nanos, write: LocalWrite, value: u8) {
+    fn local_write(&mut self, at: Nanos, location: LocalLocation, value: u8) {
         let [low, high] = self.state.current.to_le_bytes();
-        match write {
-            LocalWrite::Status => {
-                if !self.config.status_stuck {
-                    self.state.status = LbpStatus::from_bits_retain(value);
-                }
+        match location {
+            LocalLocation::STATUS if !self.config.status_stuck => {
+                self.state.status = LbpStatus::from_bits_retain(value);
             }
-            LocalWrite::CrcErrorCount => self.state.crc_errors = value,
-            LocalWrite::SoftwareMode => self.set_mode(value),
-            LocalWrite::ClearFaults => {
-                if value != 0 {
-                    self.state.clear_count = self.config.clear_delay;
-                    self.clear_faults(at);
-                }
+            LocalLocation::CRC_ERROR_COUNT => self.state.crc_errors = value,
+            LocalLocation::SOFTWARE_MODE => self.set_mode(value),
+            LocalLocation::CLEAR_FAULTS if value != 0 => {
+                self.state.clear_count = self.config.clear_delay;
+                self.clear_faults(at);
             }
-            LocalWrite::RpcMemoryAccess => self.state.rpc_access = value,
-            LocalWrite::FrameTimeout => self.state.frame_timeout = value,
-            LocalWrite::Nonvolatile => self.state.nonvolatile = Nonvolatile::from_byte(value),
-            LocalWrite::Leds => self.state.leds = value,
-            LocalWrite::AddressLow => self.state.current = u16::from_le_bytes([value, high]),
-            LocalWrite::AddressHigh => self.state.current = u16::from_le_bytes([low, value]),
-            LocalWrite::AddressAdd => {
+            LocalLocation::RPC_MEMORY_ACCESS => self.state.rpc_access = value,
+            LocalLocation::FRAME_TIMEOUT => self.state.frame_timeout = value,
+            LocalLocation::NONVOLATILE => self.state.nonvolatile = value,
+            LocalLocation::LEDS => self.state.leds = value,
+            LocalLocation::ADDRESS_LOW => self.state.current = u16::from_le_bytes([value, high]),
+            LocalLocation::ADDRESS_HIGH => self.state.current = u16::from_le_bytes([low, value]),
+            LocalLocation::ADDRESS_ADD => {
                 self.state.current = self.state.current.wrapping_add(u16::from(value));
             }
-            LocalWrite::UnitId => self.state.unit_id = value,
-            LocalWrite::ResetProcessor => self.state.reset = value == 0x5A,
-            // the parser is between two frames anyway; a 7I77 always checks CRCs
-            LocalWrite::ResetParser | LocalWrite::CrcEnable | LocalWrite::Reserved(_) => {}
+            LocalLocation::SET_UNIT_ID => self.state.unit_id = value,
+            LocalLocation::RESET_PROCESSOR => self.state.reset = value == 0x5A,
+            // does nothing now; or reserved; or a reset of the parser, which is between two frames anyway; or CRC_ENABLE:
+            // a 7I77 always checks CRCs
+            _ => {}
         }
     }
 

@@ -3,7 +3,7 @@
 use core::ops::Range;
 
 use crate::{
-    lbp::{LbpError, flash},
+    lbp::{LbpStatus, flash},
     sim::wire::Nanos,
 };
 
@@ -69,9 +69,9 @@ impl Memory {
     }
 
     /// A write from the line.
-    pub fn write_from_line(&mut self, address: u16, value: u8) -> Result<(), LbpError> {
+    pub fn write_from_line(&mut self, address: u16, value: u8) -> Result<(), LbpStatus> {
         if self.protected.contains(&address) {
-            return Err(LbpError::Memory { address });
+            return Err(LbpStatus::INVALID_ADDRESS);
         }
         self.set_byte(address, value);
         Ok(())
@@ -188,8 +188,8 @@ impl Flash {
     }
 
     /// One byte as accesses see it.
-    pub fn read(&self, address: u16) -> Result<u8, LbpError> {
-        let error = LbpError::Memory { address };
+    pub fn read(&self, address: u16) -> Result<u8, LbpStatus> {
+        let error = LbpStatus::INVALID_ADDRESS;
         match address {
             flash::LOG2_ERASE_SIZE => Ok(self.log2_erase),
             flash::LOG2_WRITE_SIZE => Ok(self.log2_write),
@@ -206,8 +206,8 @@ impl Flash {
     }
 
     /// Writes one byte as accesses do. Returns how long the remote is busy with it.
-    pub fn write(&mut self, address: u16, value: u8) -> Result<Nanos, LbpError> {
-        let error = LbpError::Memory { address };
+    pub fn write(&mut self, address: u16, value: u8) -> Result<Nanos, LbpStatus> {
+        let error = LbpStatus::INVALID_ADDRESS;
         match address {
             0..flash::OFFSET => {
                 *self.page.get_mut(usize::from(address)).ok_or(error)? = value;

@@ -12,6 +12,8 @@ mod faults;
 mod line;
 mod memory;
 mod model;
+mod parser;
+mod rpc;
 
 pub use application::{Application, FixedData};
 pub use buffers::RemoteEvent;

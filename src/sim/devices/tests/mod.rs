@@ -10,8 +10,8 @@ use std::collections::BTreeMap;
 use super::*;
 use crate::{
     lbp::{
-        DataSize, DiscoveryReply, LbpStatus, LocalRead, LocalWrite, RemoteFaults, Request,
-        RpcNumber,
+        AccessSize, DISCOVERY, DiscoveryReply, LbpStatus, LocalLocation, RemoteAccess,
+        RemoteFaults, Request,
     },
     sim::remote::{Toward, WireFault},
 };
@@ -35,15 +35,15 @@ fn sizes_and_names_of_each_mode_are_those_of_the_cards() {
     ];
     for (remote, name, modes) in cards {
         let mut host = Host::new(remote);
-        let card = [0, 1, 2, 3].map(|n| host.local(LocalRead::Name(n)));
+        let card = [0x10, 0x11, 0x12, 0x13].map(|n| host.local(LocalLocation::new(n).unwrap()));
         assert_eq!(&card, name);
         for (mode, &(rx, tx)) in (0..).zip(modes) {
-            host.set(LocalWrite::SoftwareMode, mode);
+            host.set(LocalLocation::SOFTWARE_MODE, mode);
             let sizes = host.discovery();
             assert_eq!((sizes.rx_size, sizes.tx_size), (rx, tx), "mode {mode}");
         }
-        host.set(LocalWrite::SoftwareMode, modes.len() as u8);
-        assert_eq!(host.local(LocalRead::Faults), 0x41, "illegal mode");
+        host.set(LocalLocation::SOFTWARE_MODE, modes.len() as u8);
+        assert_eq!(host.local(LocalLocation::FAULTS), 0x41, "illegal mode");
     }
 }
 
@@ -51,7 +51,7 @@ fn sizes_and_names_of_each_mode_are_those_of_the_cards() {
 fn records_of_the_field_io_have_the_names_and_order_of_the_card() {
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
-    host.set(LocalWrite::SoftwareMode, 3);
+    host.set(LocalLocation::SOFTWARE_MODE, 3);
     let sizes = host.discovery();
     let ptoc = host.table(sizes.ptoc);
     let names: Vec<&str> = ptoc.iter().map(|(name, _)| name.as_str()).collect();
@@ -104,7 +104,7 @@ fn records_of_the_field_io_have_the_names_and_order_of_the_card() {
 fn outputs_follow_the_host_only_while_no_fault_is_set() {
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
-    host.set(LocalWrite::SoftwareMode, 0);
+    host.set(LocalLocation::SOFTWARE_MODE, 0);
     let sizes = host.discovery();
     // FACTS 1.5: powers up with fault 01
     assert_eq!(
@@ -126,7 +126,7 @@ fn outputs_follow_the_host_only_while_no_fault_is_set() {
     host.now = now + 51_000_000;
     assert_eq!(host.exchange(sizes, &[0xFF, 0]).0, RemoteFaults::WATCHDOG);
     assert_eq!(
-        host.local(LocalRead::Status),
+        host.local(LocalLocation::STATUS),
         LbpStatus::WATCHDOG.bits(),
         "LBP status says it too"
     );
@@ -173,9 +173,9 @@ fn an_mpg_counts_all_edges_after_its_parameter_and_a_power_cycle() {
     let mut remote = FieldIo::i7i77().unwrap();
     let address = remote.application().layout().address("NVEncMode0").unwrap();
     let mut host = Host::new(&mut remote);
-    host.set(LocalWrite::Nonvolatile, 1);
-    host.write(address, DataSize::Byte, 1);
-    host.set(LocalWrite::Nonvolatile, 0);
+    host.set(LocalLocation::NONVOLATILE, 1);
+    host.write(address, AccessSize::Byte, 1);
+    host.set(LocalLocation::NONVOLATILE, 0);
     let now = host.now;
     remote.set_power(now, false);
     remote.set_power(now + 1_000_000, true);
@@ -224,7 +224,7 @@ fn field_faults_show_in_the_fault_byte_and_go_when_their_cause_has_gone() {
             now,
         };
         assert_eq!(host.exchange(sizes, &[0x02, 0]).0, fault);
-        host.set(LocalWrite::ClearFaults, 0xFF);
+        host.set(LocalLocation::CLEAR_FAULTS, 0xFF);
         let left = host.exchange(sizes, &[0x02, 0]).0;
         now = host.now;
         assert_eq!(left, fault, "its cause still holds");
@@ -233,7 +233,7 @@ fn field_faults_show_in_the_fault_byte_and_go_when_their_cause_has_gone() {
             remote: &mut remote,
             now,
         };
-        host.set(LocalWrite::ClearFaults, 0xFF);
+        host.set(LocalLocation::CLEAR_FAULTS, 0xFF);
         assert!(host.exchange(sizes, &[0x02, 0]).0.is_empty(), "{fault:?}");
         now = host.now;
         assert_eq!(lit(&remote), 2, "{fault:?}");
@@ -267,7 +267,7 @@ fn a_card_that_is_supplied_by_field_power_is_silent_without_it() {
     let mut remote = FieldIo::i7i77().unwrap();
     remote.application_mut().world_mut().set_separate_vin(false);
     SimDevice::set_field_volts(&mut remote, 1_000, 0.0).unwrap();
-    let cookie = Request::local_read(LocalRead::Cookie);
+    let cookie = Request::access(RemoteAccess::ReadLocal(LocalLocation::COOKIE));
     let mut host = Host::new(&mut remote);
     host.now = 10_000;
     assert_eq!(host.ask(&cookie), None);
@@ -345,18 +345,18 @@ fn a_7i64_has_no_discovery_and_its_faults_are_cleared_by_process_data() {
         ..DiscoveryReply::default()
     };
     let mut host = Host::new(&mut remote);
-    let request = Request::rpc(RpcNumber::DISCOVERY, &[], 6).unwrap();
+    let request = Request::rpc(DISCOVERY, &[], 6);
     assert_eq!(host.ask(&request), None);
     host.now += 1_000_000;
     // The reply has no fault byte, so what the helper takes for it is the first data byte.
     host.exchange(sizes, &[0xFF; 3]);
     assert_eq!(
-        host.local(LocalRead::Faults),
+        host.local(LocalLocation::FAULTS),
         0x01,
         "watchdog, from power-up"
     );
     host.exchange(sizes, &[0, 0, 0, 8]);
-    assert_eq!(host.local(LocalRead::Faults), 0);
+    assert_eq!(host.local(LocalLocation::FAULTS), 0);
     let (first, data) = host.exchange(sizes, &[0xEE, 0xFF, 0xC0, 0]);
     assert_eq!(first.bits(), 0);
     assert_eq!(data, [1, 0, 0, 0xFF, 0xFF, 0, 0]);
@@ -383,7 +383,7 @@ parameter Gain 16 unsigned out 0 65535 = 300
     SimDevice::set_input(&mut remote, 69, true).unwrap();
     let gain = remote.application().layout().address("Gain").unwrap();
     let mut host = Host::new(&mut remote);
-    assert_eq!(host.read(gain, DataSize::Word), 300);
+    assert_eq!(host.read(gain, AccessSize::Word), 300);
     let small = host.start(0);
     assert_eq!((small.rx_size, small.tx_size), (3, 1));
     let (_, data) = host.exchange(small, &[1]);

@@ -2,7 +2,7 @@
 
 use super::{super::*, Host, lit};
 use crate::{
-    lbp::{DataSize, LbpStatus, LocalRead, LocalWrite, Request, RpcNumber, flash},
+    lbp::{AccessSize, LbpStatus, LocalLocation, RemoteAccess, Request, UNIT_NUMBER, flash},
     sim::{
         remote::Application,
         wire::{BIT_2M5, Burst},
@@ -16,24 +16,24 @@ fn nonvolatile_parameters_survive_a_power_cycle_and_take_effect_after_it() {
     let nv = layout.address("NVWatchDogTimeout").unwrap();
     let working = layout.address("WatchDogTime").unwrap();
     let mut host = Host::new(&mut remote);
-    assert_eq!(host.read(working, DataSize::Word), 50);
-    host.set(LocalWrite::Nonvolatile, 1);
+    assert_eq!(host.read(working, AccessSize::Word), 50);
+    host.set(LocalLocation::NONVOLATILE, 1);
     let before = host.now;
-    host.write(nv, DataSize::Word, 100);
+    host.write(nv, AccessSize::Word, 100);
     assert!(
         host.now - before > 4_000_000,
         "an EEPROM takes milliseconds"
     );
-    assert_eq!(host.read(nv, DataSize::Word), 100, "read back");
-    host.set(LocalWrite::Nonvolatile, 0);
-    assert_eq!(host.read(working, DataSize::Word), 50, "not yet");
-    host.write(working, DataSize::Word, 7);
+    assert_eq!(host.read(nv, AccessSize::Word), 100, "read back");
+    host.set(LocalLocation::NONVOLATILE, 0);
+    assert_eq!(host.read(working, AccessSize::Word), 50, "not yet");
+    host.write(working, AccessSize::Word, 7);
     let now = host.now;
     remote.set_power(now, false);
     remote.set_power(now + 1_000_000, true);
     let mut host = Host::new(&mut remote);
     host.now = now + 2_000_000;
-    assert_eq!(host.read(working, DataSize::Word), 100);
+    assert_eq!(host.read(working, AccessSize::Word), 100);
     let sizes = host.start(0);
     host.exchange(sizes, &[1, 0]);
     host.wait(99_000_000);
@@ -51,11 +51,11 @@ fn the_unit_number_can_be_changed_for_good() {
         .layout()
         .address("NVUnitNumber")
         .unwrap();
-    let unit = Request::rpc(RpcNumber::UNIT_NUMBER, &[], 4).unwrap();
+    let unit = Request::rpc(UNIT_NUMBER, &[], 4);
     let mut host = Host::new(&mut remote);
     assert_eq!(host.ask(&unit), Some(vec![1, 0, 0, 0x12]));
-    host.set(LocalWrite::Nonvolatile, 1);
-    host.write(nv, DataSize::Long, 0x12AB_CDEF);
+    host.set(LocalLocation::NONVOLATILE, 1);
+    host.write(nv, AccessSize::Long, 0x12AB_CDEF);
     let now = host.now;
     remote.set_power(now, false);
     remote.set_power(now, true);
@@ -70,15 +70,15 @@ fn the_unit_number_can_be_changed_for_good() {
 fn records_are_protected_and_an_attempt_is_told() {
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
-    let before = host.read(0x0400, DataSize::Double);
-    host.write(0x0400, DataSize::Double, 0);
-    assert_eq!(host.read(0x0400, DataSize::Double), before);
+    let before = host.read(0x0400, AccessSize::Double);
+    host.write(0x0400, AccessSize::Double, 0);
+    assert_eq!(host.read(0x0400, AccessSize::Double), before);
     assert_eq!(
-        host.local(LocalRead::Status),
+        host.local(LocalLocation::STATUS),
         LbpStatus::INVALID_ADDRESS.bits()
     );
-    host.set(LocalWrite::Status, 0);
-    assert_eq!(host.local(LocalRead::Status), 0);
+    host.set(LocalLocation::STATUS, 0);
+    assert_eq!(host.local(LocalLocation::STATUS), 0);
 }
 
 #[test]
@@ -86,16 +86,34 @@ fn the_rpc_list_of_the_manual_runs_on_a_remote() {
     // manual 7I77, "EXAMPLE RPC COMMAND LIST": RPC5 at 0028
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
-    host.set(LocalWrite::RpcMemoryAccess, 1);
+    host.set(LocalLocation::RPC_MEMORY_ACCESS, 1);
     for (address, byte) in (0x28..).zip([0x65, 0x10, 0x00, 0x45, 0x12, 0x00, 0x00]) {
-        host.write(address, DataSize::Byte, byte);
+        host.write(address, AccessSize::Byte, byte);
     }
-    assert_eq!(host.read(0x28, DataSize::Long), 0x4500_1065);
-    host.set(LocalWrite::RpcMemoryAccess, 0);
-    host.write(0x12, DataSize::Word, 0x1234);
-    let rpc = Request::rpc(RpcNumber::new(5).unwrap(), &[0x55, 0xCC], 2).unwrap();
+    assert_eq!(host.read(0x28, AccessSize::Long), 0x4500_1065);
+    host.set(LocalLocation::RPC_MEMORY_ACCESS, 0);
+    host.write(0x12, AccessSize::Word, 0x1234);
+    let rpc = Request::rpc(0x85, &[0x55, 0xCC], 2);
     assert_eq!(host.ask(&rpc), Some(vec![0x34, 0x12]));
-    assert_eq!(host.read(0x10, DataSize::Word), 0xCC55);
+    assert_eq!(host.read(0x10, AccessSize::Word), 0xCC55);
+}
+
+/// Manual 7I77, "EXAMPLE LBP COMMANDS": write AA BB CC DD to 0010 with auto-increment, write two more
+/// bytes at the current address, which leaves the address pointer at 0014, and read eight at 0010.
+#[test]
+fn the_example_commands_of_the_manual_in_a_row() {
+    let mut remote = crate::sim::remote::Remote::model();
+    remote.apply("present=1").unwrap();
+    let mut host = Host::new(&mut remote);
+    let write = [0x6E, 0x10, 0x00, 0xAA, 0xBB, 0xCC, 0xDD];
+    assert!(host.raw(&write).is_empty());
+    assert!(host.raw(&[0x61, 0xEE, 0xFF]).is_empty());
+    assert_eq!(host.local(LocalLocation::ADDRESS_LOW), 0x14);
+    assert_eq!(host.local(LocalLocation::ADDRESS_HIGH), 0);
+    assert_eq!(
+        host.raw(&[0x47, 0x10, 0x00]),
+        [0xAA, 0xBB, 0xCC, 0xDD, 0xEE, 0xFF, 0x00, 0x00]
+    );
 }
 
 #[test]
@@ -103,16 +121,16 @@ fn the_program_can_be_updated_through_the_flash_registers() {
     // FACTS 1.6
     let mut remote = FieldIo::i7i77().unwrap();
     let mut host = Host::new(&mut remote);
-    assert_eq!(host.local(LocalRead::Capabilities), 0x0D);
-    host.set(LocalWrite::Nonvolatile, 2);
-    host.write(flash::OFFSET, DataSize::Long, 0x1000);
-    let erase = host.read(flash::LOG2_ERASE_SIZE, DataSize::Byte);
+    assert_eq!(host.local(LocalLocation::CAPABILITIES), 0x0D);
+    host.set(LocalLocation::NONVOLATILE, 2);
+    host.write(flash::OFFSET, AccessSize::Long, 0x1000);
+    let erase = host.read(flash::LOG2_ERASE_SIZE, AccessSize::Byte);
     assert!((8..=16).contains(&erase));
-    host.write(flash::COMMIT, DataSize::Byte, flash::COMMIT_ERASE.into());
-    host.write(0, DataSize::Double, 0x0102_0304_0506_0708);
-    host.write(flash::COMMIT, DataSize::Byte, flash::COMMIT_WRITE.into());
-    assert_eq!(host.read(0, DataSize::Double), 0x0102_0304_0506_0708);
-    host.set(LocalWrite::Nonvolatile, 0);
+    host.write(flash::COMMIT, AccessSize::Byte, flash::COMMIT_ERASE.into());
+    host.write(0, AccessSize::Double, 0x0102_0304_0506_0708);
+    host.write(flash::COMMIT, AccessSize::Byte, flash::COMMIT_WRITE.into());
+    assert_eq!(host.read(0, AccessSize::Double), 0x0102_0304_0506_0708);
+    host.set(LocalLocation::NONVOLATILE, 0);
     assert_eq!(remote.flash().unwrap().cells()[0x1000], 0x08);
 }
 
@@ -141,9 +159,9 @@ fn another_baud_rate_takes_effect_after_a_power_cycle() {
     let mut remote = FieldIo::i7i77().unwrap();
     let nv = remote.application().layout().address("NVBaudRate").unwrap();
     let mut host = Host::new(&mut remote);
-    host.set(LocalWrite::Nonvolatile, 1);
-    host.write(nv, DataSize::Word, 4);
-    assert_eq!(host.local(LocalRead::Cookie), 0x5A);
+    host.set(LocalLocation::NONVOLATILE, 1);
+    host.write(nv, AccessSize::Word, 4);
+    assert_eq!(host.local(LocalLocation::COOKIE), 0x5A);
     let now = host.now;
     remote.set_power(now, false);
     remote.set_power(now, true);
@@ -151,7 +169,8 @@ fn another_baud_rate_takes_effect_after_a_power_cycle() {
         remote: &mut remote,
         now,
     };
-    assert_eq!(host.ask(&Request::local_read(LocalRead::Cookie)), None);
+    let cookie = Request::access(RemoteAccess::ReadLocal(LocalLocation::COOKIE));
+    assert_eq!(host.ask(&cookie), None);
     let burst = Burst::new(now + 10_000_000, 8_681, &[0xDF, 0x16]);
     remote.advance(burst.end());
     remote.receive(&burst);

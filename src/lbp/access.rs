@@ -1,0 +1,239 @@
+//! What a host does with a remote's memory and its local locations.
+
+use core::fmt;
+
+/// How much of a remote's memory one access moves.
+///
+/// Manual: 7I77, "LBP DATA READ/WRITE COMMAND".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum AccessSize {
+    /// 1 byte.
+    Byte,
+    /// 2 bytes.
+    Word,
+    /// 4 bytes.
+    Long,
+    /// 8 bytes.
+    Double,
+}
+
+impl AccessSize {
+    /// Number of bytes: 1, 2, 4 or 8.
+    pub const fn bytes(self) -> u8 {
+        1 << self as u8
+    }
+
+    /// The smallest size that holds `bits` bits; `None` above 64 and for 0.
+    pub const fn for_bits(bits: u8) -> Option<Self> {
+        match bits {
+            1..=8 => Some(Self::Byte),
+            9..=16 => Some(Self::Word),
+            17..=32 => Some(Self::Long),
+            33..=64 => Some(Self::Double),
+            _ => None,
+        }
+    }
+
+    /// The bits of a value of this size.
+    pub const fn mask(self) -> u64 {
+        u64::MAX >> (64 - 8 * self.bytes() as u32)
+    }
+}
+
+/// A local location of a remote, one byte: read by C0 to DF, written by E0 to FF. What the manual
+/// calls reserved is read as 0, and not changed by a write.
+///
+/// Manual: 7I77, "LOCAL LBP READ COMMANDS", "LOCAL LBP WRITE COMMANDS"; FACTS 1.3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct LocalLocation(u8);
+
+impl LocalLocation {
+    /// Unit address (read).
+    pub const UNIT_ADDRESS: Self = Self(0x00);
+    /// [`LbpStatus`](super::LbpStatus); writing 00 clears it.
+    pub const STATUS: Self = Self(0x01);
+    /// Whether CRCs are checked; always on a 7I77.
+    pub const CRC_ENABLE: Self = Self(0x02);
+    /// Number of CRC errors.
+    pub const CRC_ERROR_COUNT: Self = Self(0x03);
+    /// Software mode.
+    pub const SOFTWARE_MODE: Self = Self(0x06);
+    /// Writing FF clears faults; reads back non-zero until that is done.
+    pub const CLEAR_FAULTS: Self = Self(0x07);
+    /// Non-zero: accesses reach the RPC table instead of the memory.
+    pub const RPC_MEMORY_ACCESS: Self = Self(0x0A);
+    /// Frame timeout in bit times.
+    pub const FRAME_TIMEOUT: Self = Self(0x0B);
+    /// Which memory the read and write commands address: see [`NonvolatileMemory`].
+    pub const NONVOLATILE: Self = Self(0x0C);
+    /// First character of the name; the other three follow (read).
+    pub const NAME: Self = Self(0x10);
+    /// [`Capabilities`](super::Capabilities) (read).
+    pub const CAPABILITIES: Self = Self(0x14);
+    /// Software revision (read).
+    pub const SOFTWARE_REVISION: Self = Self(0x15);
+    /// Hardware mode (read).
+    pub const HARDWARE_MODE: Self = Self(0x16);
+    /// The fault byte, [`RemoteFaults`](super::RemoteFaults) (read).
+    pub const FAULTS: Self = Self(0x17);
+    /// LEDs (write).
+    pub const LEDS: Self = Self(0x17);
+    /// Low byte of the current address.
+    pub const ADDRESS_LOW: Self = Self(0x18);
+    /// High byte of the current address.
+    pub const ADDRESS_HIGH: Self = Self(0x19);
+    /// Version of LBP (read).
+    pub const LBP_VERSION: Self = Self(0x1A);
+    /// Adds the byte to the current address (write).
+    pub const ADDRESS_ADD: Self = Self(0x1A);
+    /// Unit identification of a serial remote (read).
+    pub const UNIT_ID: Self = Self(0x1B);
+    /// Bytes from one list of the RPC table to the next (read).
+    pub const RPC_PITCH: Self = Self(0x1C);
+    /// Low byte of the size of the RPC table (read).
+    pub const RPC_SIZE_LOW: Self = Self(0x1D);
+    /// Sets the unit identification of a serial remote (write).
+    pub const SET_UNIT_ID: Self = Self(0x1D);
+    /// High byte of the size of the RPC table (read).
+    pub const RPC_SIZE_HIGH: Self = Self(0x1E);
+    /// Writing 5A resets the remote's processor (write).
+    pub const RESET_PROCESSOR: Self = Self(0x1E);
+    /// [`COOKIE`](super::COOKIE) (read).
+    pub const COOKIE: Self = Self(0x1F);
+    /// Resets the remote's parser; the only write without data.
+    pub const RESET_PARSER: Self = Self(0x1F);
+
+    /// Location `index`; `None` above 1F.
+    pub const fn new(index: u8) -> Option<Self> {
+        if index < 0x20 {
+            Some(Self(index))
+        } else {
+            None
+        }
+    }
+
+    /// Its number, 0 to 1F.
+    pub const fn index(self) -> u8 {
+        self.0
+    }
+}
+
+/// The memory that survives a power cycle of the remote.
+///
+/// FACTS 1.3.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum NonvolatileMemory {
+    /// Parameters are here.
+    #[default]
+    Eeprom,
+    /// Its firmware is here: see [`flash`](super::flash).
+    Flash,
+}
+
+impl NonvolatileMemory {
+    /// What selects it at [`LocalLocation::NONVOLATILE`]; 0 deselects it.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Eeprom => 1,
+            Self::Flash => 2,
+        }
+    }
+}
+
+/// One access to a remote in setup mode.
+///
+/// Manual: 7I77, "LBP DATA READ/WRITE COMMAND", "LOCAL LBP COMMANDS"; FACTS 1.4.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum RemoteAccess {
+    /// Read of memory.
+    Read {
+        /// Where.
+        address: u16,
+        /// How much.
+        size: AccessSize,
+    },
+    /// Write of memory.
+    Write {
+        /// Where.
+        address: u16,
+        /// How much.
+        size: AccessSize,
+        /// What, right-justified.
+        value: u64,
+    },
+    /// Read of a local location.
+    ReadLocal(LocalLocation),
+    /// Write of a local location.
+    WriteLocal(LocalLocation, u8),
+}
+
+impl RemoteAccess {
+    /// The command byte: 44 to 47, 64 to 67, C0 to FF.
+    pub const fn command(self) -> u8 {
+        match self {
+            Self::Read { size, .. } => 0x44 | size as u8,
+            Self::Write { size, .. } => 0x64 | size as u8,
+            Self::ReadLocal(location) => 0xC0 | location.index(),
+            Self::WriteLocal(location, _) => 0xE0 | location.index(),
+        }
+    }
+
+    /// Characters on the line, both ways, without the remote's own time.
+    pub const fn characters(self) -> u32 {
+        match self {
+            // command, address and CRC; then the data, and the other CRC
+            Self::Read { size, .. } | Self::Write { size, .. } => 4 + size.bytes() as u32 + 1,
+            // command and CRC; then a byte, and the other CRC
+            Self::ReadLocal(_) | Self::WriteLocal(..) => 2 + 1 + 1,
+        }
+    }
+}
+
+impl fmt::Display for RemoteAccess {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read { address, size } => {
+                write!(f, "read of {} bytes at {address:#06X}", size.bytes())
+            }
+            Self::Write { address, size, .. } => {
+                write!(f, "write of {} bytes at {address:#06X}", size.bytes())
+            }
+            Self::ReadLocal(_) => write!(f, "local read {:02X}", self.command()),
+            Self::WriteLocal(_, value) => {
+                write!(f, "local write {:02X} {value:02X}", self.command())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::string::ToString;
+
+    fn read(address: u16, size: AccessSize) -> RemoteAccess {
+        RemoteAccess::Read { address, size }
+    }
+
+    /// Gateware transcript t05: a read of eight bytes has 4 + 9 characters.
+    #[test]
+    fn characters_on_the_line_are_counted_with_their_crc() {
+        assert_eq!(read(0x200, AccessSize::Double).characters(), 13);
+        assert_eq!(
+            RemoteAccess::ReadLocal(LocalLocation::COOKIE).characters(),
+            4
+        );
+    }
+
+    #[test]
+    fn an_access_says_what_it_is() {
+        assert_eq!(
+            read(0x49A, AccessSize::Word).to_string(),
+            "read of 2 bytes at 0x049A"
+        );
+        assert_eq!(
+            RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 1).to_string(),
+            "local write EC 01"
+        );
+    }
+}
