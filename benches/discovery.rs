@@ -12,7 +12,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::discovery::{DiscoveryLimits, Inventory, discover_port};
 use mesa_hal::driver::Driver;
-use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan};
+use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortError, SslbpModule};
 
@@ -30,10 +30,10 @@ fn located(fpga: &mut SimFpga) -> Port {
         instances: module.instances,
     };
     let layout = Layout::new(&description, 0, 3).expect("layout");
-    let ports = IoPorts::locate(&firmware).expect("I/O ports");
-    let mut plan = PortPlan::new(&ports);
-    plan.use_module(&firmware, Gtag::SSERIAL, 0).expect("pins");
-    ports.apply(fpga, &plan).expect("set-up");
+    let mut ports = IoPorts::locate(&firmware).expect("I/O ports");
+    let pins = ports.use_module(&firmware, Gtag::SSERIAL, 0, |_| true);
+    pins.expect("pins");
+    ports.apply(fpga).expect("set-up");
     Port::new(layout)
 }
 

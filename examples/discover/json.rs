@@ -8,7 +8,7 @@ use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
 use crate::terminals;
 
 pub fn of(report: &Report) -> Value {
-    let idrom = report.firmware.idrom();
+    let idrom = report.firmware.idrom;
     json!({
         "ethernet": report.identity.map(|identity| json!({
             "card": identity.card_name(),
@@ -25,8 +25,8 @@ pub fn of(report: &Report) -> Value {
             "connectors": idrom.io_ports,
             "clock_low_hz": idrom.clock_low_hz,
             "clock_high_hz": idrom.clock_high_hz,
-            "warnings": report.firmware.warnings().iter().map(ToString::to_string).collect::<Vec<_>>(),
-            "modules": report.firmware.modules().iter().map(|module| json!({
+            "warnings": report.firmware.warnings.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "modules": report.firmware.modules.iter().map(|module| json!({
                 "module": module.gtag.to_string(),
                 "gtag": module.gtag.0,
                 "version": module.version,
@@ -34,7 +34,7 @@ pub fn of(report: &Report) -> Value {
                 "base": module.base,
                 "clock_hz": module.clock_hz,
             })).collect::<Vec<_>>(),
-            "pins": report.firmware.pins().iter().enumerate().map(|(number, pin)| json!({
+            "pins": report.firmware.pins.iter().enumerate().map(|(number, pin)| json!({
                 "number": number,
                 "terminals": terminals::of(&report.firmware, number, *pin),
                 "function": pin.to_string(),

@@ -9,7 +9,7 @@ use mesa_hal::discovery::{
     DataRecord, DiscoveryLimits, ModeRecord, ModeType, PortMemory, RemoteDescriptor, discover_port,
 };
 use mesa_hal::ethernet::Identity;
-use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan};
+use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
 use mesa_hal::modules::watchdog::{WatchdogRegisters, WatchdogTime};
 use mesa_hal::remote::ParameterValue;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
@@ -161,19 +161,19 @@ fn take_port<B: RegisterBus + Clock>(
 where
     B::Error: Send + Sync,
 {
-    let io_ports = IoPorts::locate(firmware)?;
+    let mut io_ports = IoPorts::locate(firmware)?;
+    let inputs = io_ports.clone();
     let watchdog = WatchdogRegisters::locate(firmware)?;
     // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
     // is left to do that, it shall.
     bus.write(watchdog.time, watchdog.time_for(AT_MOST).0)?;
     bus.write(watchdog.reset, WatchdogRegisters::PET)?;
     bus.write(watchdog.status, 0)?;
-    let mut pins = PortPlan::new(&io_ports);
-    pins.use_module(firmware, gtag, number)?;
-    io_ports.apply(bus, &pins)?;
+    io_ports.use_module(firmware, gtag, number, |_| true)?;
+    io_ports.apply(bus)?;
     let taken = take_channels(bus, firmware, gtag, number, modes);
     // Also when that has failed; what it failed of is worth more than what this may fail of.
-    let restored = io_ports.apply(bus, &PortPlan::new(&io_ports));
+    let restored = inputs.apply(bus);
     let report = taken?;
     restored?;
     bus.write(watchdog.time, WatchdogTime::DISABLED.0)?;

@@ -18,8 +18,8 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
         }
         return list(&of_module(board, firmware, pin));
     }
-    match DB25.get(number % firmware.idrom().port_width.max(1) as usize) {
-        Some(db25) if firmware.idrom().port_width == 17 => format!("DB25 pin {db25}"),
+    match DB25.get(number % firmware.idrom.port_width.max(1) as usize) {
+        Some(db25) if firmware.idrom.port_width == 17 => format!("DB25 pin {db25}"),
         _ => String::new(),
     }
 }

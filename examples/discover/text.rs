@@ -36,7 +36,7 @@ fn print_report(out: &mut String, report: &Report) -> fmt::Result {
 }
 
 fn print_firmware(out: &mut String, report: &Report) -> fmt::Result {
-    let idrom = report.firmware.idrom();
+    let idrom = &report.firmware.idrom;
     writeln!(
         out,
         "HostMot2 firmware for {}: {} I/O pins on {} connectors, ClockLow {:.3} MHz, ClockHigh {:.3} MHz",
@@ -46,7 +46,7 @@ fn print_firmware(out: &mut String, report: &Report) -> fmt::Result {
         f64::from(idrom.clock_low_hz) / 1e6,
         f64::from(idrom.clock_high_hz) / 1e6,
     )?;
-    for warning in report.firmware.warnings() {
+    for warning in &report.firmware.warnings {
         writeln!(out, "  Warning: {warning}")?;
     }
     writeln!(out, "\nModules")?;
@@ -55,7 +55,7 @@ fn print_firmware(out: &mut String, report: &Report) -> fmt::Result {
         "  {:<28} {:>7} {:>9}   base    clock",
         "", "version", "instances"
     )?;
-    for module in report.firmware.modules() {
+    for module in &report.firmware.modules {
         writeln!(
             out,
             "  {:<28} {:>7} {:>9}   0x{:04X}  {:.3} MHz",
@@ -68,7 +68,7 @@ fn print_firmware(out: &mut String, report: &Report) -> fmt::Result {
     }
     writeln!(out, "\nI/O pins")?;
     let width = idrom.port_width.max(1) as usize;
-    for (number, pin) in report.firmware.pins().iter().enumerate() {
+    for (number, pin) in report.firmware.pins.iter().enumerate() {
         let way = match (pin.has_module(), pin.is_output()) {
             (true, true) => "out",
             (true, false) => "in",

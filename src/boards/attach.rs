@@ -6,7 +6,7 @@ use alloc::format;
 use super::{BoardTable, IdentityError, RemoteTable};
 use crate::discovery::{Problem, RemoteDescriptor};
 use crate::hal::{AnalogOut, PinError, Pins};
-use crate::hostmot2::{HostMot2, MissingModule, Name8};
+use crate::hostmot2::{HostMot2, HostMot2Error, Name8};
 use crate::remote::RemoteError;
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
@@ -74,7 +74,7 @@ pub enum AttachError {
     },
     /// The firmware lacks a module of this kind of board.
     #[error(transparent)]
-    Module(#[from] MissingModule),
+    Module(#[from] HostMot2Error),
     /// No remote takes part there.
     #[error(
         "no remote takes part on port {port}, channel {channel}, where a {expected} was asked for; \
@@ -232,7 +232,7 @@ impl BoardTable {
         if !table.fits(firmware) {
             return Err(AttachError::OtherBoard {
                 expected: table.name,
-                found: firmware.idrom().board_name,
+                found: firmware.idrom.board_name,
             });
         }
         for entry in table.terminals {

@@ -122,7 +122,12 @@ impl BoardTable {
 
     /// Whether a firmware says that it is for this kind of board.
     pub fn fits(&self, firmware: &HostMot2) -> bool {
-        firmware.idrom().board_name.is_board(self.name)
+        !self.name.is_empty()
+            && firmware
+                .idrom
+                .board_name
+                .board()
+                .eq_ignore_ascii_case(self.name)
     }
 
     /// Where encoder, input, output or I/O pin `number` of an instance of a module comes out. Of
@@ -167,11 +172,11 @@ impl CardTable {
         let mut pins = firmware.pins_of(Gtag::MUXED_ENCODER, unit);
         let (a, _) = pins.find(|(_, pin)| pin.secondary_pin == 1)?;
         let width = self.pins.len();
-        if width == 0 || firmware.idrom().port_width as usize != width {
+        if width == 0 || firmware.idrom.port_width as usize != width {
             return None;
         }
         let (connector, place) = (usize::from(a) / width, usize::from(a) % width);
-        let pins = firmware.pins().iter().skip(connector * width);
+        let pins = firmware.pins.iter().skip(connector * width);
         let is_card = pins.zip(self.pins).all(|(pin, &(kind, signal))| {
             let is_serial = kind == Gtag::SSERIAL;
             let is_kind = pin.secondary == kind || is_serial && pin.secondary == Gtag::SSERIAL_B;

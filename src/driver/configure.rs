@@ -13,7 +13,7 @@ use super::{
 use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles, RemoteTable};
 use crate::bus::{Clock, Image, ImagePlan, RegisterBus};
 use crate::hal::{GroupId, Input, PinStore, Pins};
-use crate::hostmot2::{HostMot2, IoPorts, PortPlan};
+use crate::hostmot2::{HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
 use crate::modules::gpio::Gpio;
@@ -51,7 +51,7 @@ pub(super) struct Plan {
     pub group: GroupId,
     /// The group of the driver's own pins.
     pub status: GroupId,
-    pub io: PortPlan,
+    pub io: IoPorts,
     pub image: ImagePlan,
     pub missing: Vec<MissingRemote>,
     pub remarks: Vec<Remark>,
@@ -77,7 +77,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
         let mut bus = Held::new(bus, &ports, &watchdog);
-        let mut plan = Plan::new(firmware, &ports, settings);
+        let mut plan = Plan::new(firmware, ports, settings);
         let status = plan.status;
         let watchdog = plan.register(&mut *bus, status, Watchdog::register)?;
         let connection = plan.register(&mut *bus, status, Connection::register)?;
@@ -319,9 +319,9 @@ impl<B: RegisterBus + Clock> Board<B> {
 }
 
 impl Plan {
-    fn new(firmware: HostMot2, ports: &IoPorts, settings: Settings) -> Self {
+    fn new(firmware: HostMot2, io: IoPorts, settings: Settings) -> Self {
         let name = {
-            let board = firmware.idrom().board_name.board();
+            let board = firmware.idrom.board_name.board();
             format!("hm2_{board}.{}", settings.number)
         };
         let mut pins = PinStore::new();
@@ -330,7 +330,7 @@ impl Plan {
             status: pins.add_group(),
             group: pins.add_group(),
             pins,
-            io: PortPlan::new(ports),
+            io,
             image: ImagePlan::new(),
             name,
             settings,

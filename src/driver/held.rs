@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::ops::{Deref, DerefMut};
 
 use crate::bus::{Access, RegisterBus};
-use crate::hostmot2::{IoPorts, RegisterBlock};
+use crate::hostmot2::IoPorts;
 use crate::modules::watchdog::{WatchdogRegisters, WatchdogTime};
 
 /// A bus. When it is dropped, the board is [released](Self::release).
@@ -19,8 +19,12 @@ pub(super) struct Held<B: RegisterBus> {
 
 impl<B: RegisterBus> Held<B> {
     pub fn new(bus: B, ports: &IoPorts, watchdog: &WatchdogRegisters) -> Self {
-        let blocks = [&ports.direction, &ports.open_drain];
-        let inputs = blocks.into_iter().flat_map(RegisterBlock::addresses);
+        let ports = || ports.ports.iter().map(|port| port.address);
+        let (directions, open_drains) = (
+            ports().map(|at| at.direction),
+            ports().map(|at| at.open_drain),
+        );
+        let inputs = directions.chain(open_drains);
         let mut release: Vec<_> = inputs.map(|address| (address, 0)).collect();
         release.push((watchdog.time, WatchdogTime::AT_ONCE.0));
         Self {

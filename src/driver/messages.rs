@@ -9,10 +9,10 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     log::info!(
         "{}: firmware for {} with {}",
         driver.name(),
-        firmware.idrom().board_name,
+        firmware.idrom.board_name,
         firmware.gtags()
     );
-    for warning in firmware.warnings() {
+    for warning in &firmware.warnings {
         log::warn!("{}: {warning}", driver.name());
     }
     for (number, port) in driver.ports().iter().enumerate() {

@@ -132,65 +132,6 @@ impl fmt::Display for Gtag {
     }
 }
 
-/// The kinds of modules of a firmware, and how many there are of each: what an error names when
-/// something is not there.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct GtagList {
-    entries: [(Gtag, u8); Self::CAPACITY],
-    len: u8,
-}
-
-impl GtagList {
-    /// As many as a firmware has module descriptors.
-    pub const CAPACITY: usize = 32;
-
-    /// An empty list.
-    pub const fn new() -> Self {
-        Self {
-            entries: [(Gtag::NONE, 0); Self::CAPACITY],
-            len: 0,
-        }
-    }
-
-    /// The entries: tag and instances.
-    pub fn iter(&self) -> impl Iterator<Item = (Gtag, u8)> + '_ {
-        self.entries.iter().copied().take(self.len as usize)
-    }
-
-    /// Appends an entry; a full list stays as it is.
-    pub(super) fn push(&mut self, gtag: Gtag, instances: u8) {
-        if let Some(entry) = self.entries.get_mut(self.len as usize) {
-            *entry = (gtag, instances);
-            self.len += 1;
-        }
-    }
-}
-
-impl Default for GtagList {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl fmt::Debug for GtagList {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_list().entries(self.iter()).finish()
-    }
-}
-
-impl fmt::Display for GtagList {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.len == 0 {
-            return f.write_str("nothing");
-        }
-        for (index, (gtag, instances)) in self.iter().enumerate() {
-            let separator = if index == 0 { "" } else { ", " };
-            write!(f, "{separator}{gtag} x{instances}")?;
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -201,17 +142,5 @@ mod tests {
         assert_eq!(Gtag::WATCHDOG.to_string(), "Watchdog (02)");
         assert_eq!(Gtag::SSERIAL_B.to_string(), "SSerialB (C6)");
         assert_eq!(Gtag(0x99).to_string(), "unknown module (99)");
-    }
-
-    #[test]
-    fn a_list_keeps_at_most_its_capacity() {
-        let mut list = GtagList::new();
-        assert_eq!(list.to_string(), "nothing");
-        for n in 0..40 {
-            list.push(Gtag(n), n);
-        }
-        assert_eq!(list.iter().count(), GtagList::CAPACITY);
-        assert_eq!(list.iter().last(), Some((Gtag(31), 31)));
-        assert!(list.to_string().starts_with("None (00) x0, IRQ (01) x1, "));
     }
 }

@@ -1,12 +1,11 @@
 //! Reading the firmware's description of itself.
 
-use super::idrom::{IDROM_WORDS, IdromFault, MAX_PINS};
-use super::module::{DescriptorFault, MODULE_WORDS};
-use super::{
-    Gtag, GtagList, IdentifyError, Idrom, IdromPart, MissingModule, ModuleDescriptor, Name8,
-    PinDescriptor, Warning,
-};
+use super::idrom::{IDROM_WORDS, MAX_PINS};
+use super::module::MODULE_WORDS;
+use super::{Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, Name8, PinDescriptor};
 use crate::bus::{Access, RegisterBus};
+use alloc::format;
+use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 
 /// Address of the cookie; configuration name and IDROM address follow it.
@@ -15,7 +14,7 @@ const COOKIE: u32 = 0x55AA_CAFE;
 const CONFIG_NAME: Name8 = Name8(*b"HOSTMOT2");
 
 /// The most module descriptors there are.
-const MAX_MODULES: usize = GtagList::CAPACITY;
+const MAX_MODULES: usize = 32;
 
 /// Words of one access: fewer than any bus can move at once.
 const ACCESS_WORDS: u16 = 64;
@@ -27,17 +26,21 @@ const ACCESS_WORDS: u16 = 64;
 /// # fn f<B: mesa_hal::bus::RegisterBus>(mut bus: B) -> Result<(), Box<dyn std::error::Error>> {
 /// use mesa_hal::hostmot2::{Gtag, HostMot2};
 /// let firmware = HostMot2::identify(&mut bus)?;
-/// println!("{} with {}", firmware.idrom().board_name, firmware.gtags());
+/// println!("{} with {}", firmware.idrom.board_name, firmware.gtags());
 /// let encoders = firmware.require(Gtag::MUXED_ENCODER)?;
 /// println!("{} encoders at {:#06X}", encoders.instances, encoders.base);
 /// # Ok(()) }
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HostMot2 {
-    idrom: Idrom,
-    modules: Vec<ModuleDescriptor>,
-    pins: Vec<PinDescriptor>,
-    warnings: Vec<Warning>,
+    /// The header of the IDROM: board, widths, clocks.
+    pub idrom: Idrom,
+    /// All modules, in the order of their descriptors.
+    pub modules: Vec<ModuleDescriptor>,
+    /// All pins, by I/O number.
+    pub pins: Vec<PinDescriptor>,
+    /// What is odd about this firmware and does not keep it from being used.
+    pub warnings: Vec<String>,
 }
 
 impl HostMot2 {
@@ -48,49 +51,53 @@ impl HostMot2 {
     ///
     /// Source: FACTS 9.1, 9.5.
     ///
+    /// # Errors
+    /// [`IdentifyError`]: the bus, or the firmware.
+    ///
     /// # Real time
     /// For set-up: allocates.
     pub fn identify<B: RegisterBus>(bus: &mut B) -> Result<Self, IdentifyError<B::Error>> {
-        let start = read_cookie(bus)?;
-        let idrom = read_header(bus, start)?;
-        let modules = read_modules(bus, start, &idrom)?;
-        let pins = read_pins(bus, start, &idrom)?;
-        let warnings = warnings(&idrom, &modules, &pins);
+        let mut words = [0; 4];
+        read(bus, COOKIE_ADDRESS, &mut words)?;
+        let start = idrom_address(words)?;
+        let mut words = [0; IDROM_WORDS];
+        read(bus, place("header", start, 0, words.len())?, &mut words)?;
+        let idrom = Idrom::parse(words)?;
+        let mut words = [0; MAX_MODULES * MODULE_WORDS];
+        let offset = idrom.offset_to_modules;
+        let address = place("module descriptors", start, offset, words.len())?;
+        read(bus, address, &mut words)?;
+        let (descriptors, _) = words.as_chunks();
+        let descriptors = descriptors.iter().enumerate();
+        let modules = descriptors
+            .map_while(|(n, &words)| ModuleDescriptor::parse(n, words, &idrom).transpose())
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut buffer = [0; MAX_PINS as usize];
+        // The header was refused if there were more pins than the buffer has words.
+        let words = buffer
+            .get_mut(..idrom.io_width as usize)
+            .unwrap_or_default();
+        let address = place("pin descriptors", start, idrom.offset_to_pins, words.len())?;
+        read(bus, address, words)?;
+        let pins: Vec<_> = words.iter().copied().map(PinDescriptor::parse).collect();
         Ok(Self {
+            warnings: warnings(&idrom, &modules, &pins),
             idrom,
             modules,
             pins,
-            warnings,
         })
     }
 
-    /// The header of the IDROM: board, widths, clocks.
-    pub fn idrom(&self) -> &Idrom {
-        &self.idrom
-    }
-
-    /// All modules, in the order of their descriptors.
-    pub fn modules(&self) -> &[ModuleDescriptor] {
-        &self.modules
-    }
-
-    /// All pins, by I/O number.
-    pub fn pins(&self) -> &[PinDescriptor] {
-        &self.pins
-    }
-
-    /// What is odd about this firmware.
-    pub fn warnings(&self) -> &[Warning] {
-        &self.warnings
-    }
-
-    /// The kinds of modules and how many there are of each.
-    pub fn gtags(&self) -> GtagList {
-        let mut list = GtagList::new();
-        for module in &self.modules {
-            list.push(module.gtag, module.instances);
+    /// The kinds of modules and how many there are of each, for people: `Watchdog (02) x1, …`.
+    pub fn gtags(&self) -> String {
+        let modules = self.modules.iter();
+        let texts: Vec<_> = modules
+            .map(|module| format!("{} x{}", module.gtag, module.instances))
+            .collect();
+        match texts.len() {
+            0 => "nothing".to_string(),
+            _ => texts.join(", "),
         }
-        list
     }
 
     /// The module of a kind, if the firmware has it. A descriptor without instances is none.
@@ -100,22 +107,25 @@ impl HostMot2 {
             .find(|module| module.gtag == gtag && module.instances > 0)
     }
 
-    /// The module of a kind; an error that names what is there if the firmware does not have it.
-    pub fn require(&self, gtag: Gtag) -> Result<&ModuleDescriptor, MissingModule> {
-        self.find(gtag).ok_or_else(|| MissingModule {
+    /// The module of a kind.
+    ///
+    /// # Errors
+    /// [`HostMot2Error::Missing`], which names what is there, if the firmware does not have it.
+    pub fn require(&self, gtag: Gtag) -> Result<&ModuleDescriptor, HostMot2Error> {
+        self.find(gtag).ok_or_else(|| HostMot2Error::Missing {
             wanted: gtag,
             present: self.gtags(),
         })
     }
 
     /// The smart serial module: [`Gtag::SSERIAL`], or else [`Gtag::SSERIAL_B`].
-    pub fn require_sserial(&self) -> Result<&ModuleDescriptor, MissingModule> {
-        self.find(Gtag::SSERIAL)
-            .map_or_else(|| self.require(Gtag::SSERIAL_B), Ok)
-            .map_err(|missing| MissingModule {
-                wanted: Gtag::SSERIAL,
-                ..missing
-            })
+    ///
+    /// # Errors
+    /// As [`require`](Self::require).
+    pub fn require_sserial(&self) -> Result<&ModuleDescriptor, HostMot2Error> {
+        let wide = self.find(Gtag::SSERIAL_B);
+        self.require(Gtag::SSERIAL)
+            .or_else(|error| wide.ok_or(error))
     }
 
     /// The pins of instance `unit` of a module, with their I/O numbers.
@@ -126,7 +136,7 @@ impl HostMot2 {
     ) -> impl Iterator<Item = (u16, &PinDescriptor)> + '_ {
         (0..)
             .zip(&self.pins)
-            .filter(move |(_, pin)| pin.belongs_to(gtag, unit))
+            .filter(move |(_, pin)| (pin.secondary, pin.unit) == (gtag, unit))
     }
 
     /// How many channels instance `instance` of the smart serial module `gtag` brings to pins:
@@ -141,116 +151,33 @@ impl HostMot2 {
     }
 }
 
-/// Checks cookie and name, and gives the address of the IDROM.
-fn read_cookie<B: RegisterBus>(bus: &mut B) -> Result<u32, IdentifyError<B::Error>> {
-    let mut words = [0; 4];
-    read(bus, COOKIE_ADDRESS, &mut words)?;
-    let [cookie, name_low, name_high, start] = words;
+/// The address of the IDROM: the last of the words that begin with the cookie.
+fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Error> {
     if cookie != COOKIE {
-        return Err(IdentifyError::NoCookie { found: cookie });
+        return Err(HostMot2Error::NoCookie { found: cookie });
     }
-    let name = Name8::from_words(name_low, name_high);
+    let name = Name8::from_words(low, high);
     if name != CONFIG_NAME {
-        return Err(IdentifyError::WrongName { found: name });
+        return Err(HostMot2Error::Description {
+            what: "configuration name at 0x0104".to_string(),
+            found: name.to_string(),
+            expected: "HOSTMOT2",
+        });
     }
     Ok(start)
 }
 
-fn read_header<B: RegisterBus>(bus: &mut B, start: u32) -> Result<Idrom, IdentifyError<B::Error>> {
-    let address = place(IdromPart::Header, start, 0, IDROM_WORDS as u32)?;
-    let mut words = [0; IDROM_WORDS];
-    read(bus, address, &mut words)?;
-    Idrom::parse(words).map_err(|fault| match fault {
-        IdromFault::Type(found) => IdentifyError::UnknownIdromType { found },
-        IdromFault::Widths {
-            ports,
-            port_width,
-            io_width,
-        } => IdentifyError::Widths {
-            ports,
-            port_width,
-            io_width,
-        },
-        IdromFault::Clock { low, hz } => IdentifyError::Clock { low, hz },
-        IdromFault::Stride(found) => IdentifyError::Stride { found },
-    })
-}
-
-fn read_modules<B: RegisterBus>(
-    bus: &mut B,
-    start: u32,
-    idrom: &Idrom,
-) -> Result<Vec<ModuleDescriptor>, IdentifyError<B::Error>> {
-    let mut words = [0; MAX_MODULES * MODULE_WORDS];
-    let address = place(
-        IdromPart::Modules,
-        start,
-        idrom.offset_to_modules,
-        words.len() as u32,
-    )?;
-    read(bus, address, &mut words)?;
-    let (descriptors, _) = words.as_chunks::<MODULE_WORDS>();
-    let mut modules = Vec::new();
-    for (index, &descriptor) in (0u8..).zip(descriptors) {
-        let [what, ..] = descriptor;
-        let gtag = Gtag(what as u8);
-        let parsed = ModuleDescriptor::parse(descriptor, idrom).map_err(|fault| match fault {
-            DescriptorFault::ClockTag(found) => IdentifyError::ClockTag { index, gtag, found },
-            DescriptorFault::Strides { register, instance } => IdentifyError::StrideChoice {
-                index,
-                gtag,
-                register,
-                instance,
-            },
-        })?;
-        let Some(module) = parsed else { break };
-        if module.instances > 0 && (0..module.registers).any(|r| module.block(r).is_err()) {
-            return Err(IdentifyError::ModuleOutsideAddressSpace {
-                index,
-                gtag,
-                base: module.base,
-                registers: module.registers,
-                instances: module.instances,
-            });
-        }
-        modules.push(module);
-    }
-    Ok(modules)
-}
-
-fn read_pins<B: RegisterBus>(
-    bus: &mut B,
-    start: u32,
-    idrom: &Idrom,
-) -> Result<Vec<PinDescriptor>, IdentifyError<B::Error>> {
-    let count = idrom.io_width;
-    let address = place(IdromPart::Pins, start, idrom.offset_to_pins, count)?;
-    let mut buffer = [0; MAX_PINS as usize];
-    // The header was refused if there were more pins than the buffer has words.
-    let words = buffer.get_mut(..count as usize).unwrap_or_default();
-    read(bus, address, words)?;
-    Ok(words
-        .iter()
-        .map(|&word| PinDescriptor::parse(word))
-        .collect())
-}
-
 /// The address of a part of the IDROM, checked against the address space.
-fn place<E: core::error::Error>(
-    part: IdromPart,
-    start: u32,
-    offset: u32,
-    words: u32,
-) -> Result<u16, IdentifyError<E>> {
+fn place(part: &str, start: u32, offset: u32, words: usize) -> Result<u16, HostMot2Error> {
     let address = u64::from(start) + u64::from(offset);
-    let end = address + 4 * u64::from(words);
+    let end = address + 4 * words as u64;
     u16::try_from(address)
         .ok()
         .filter(|address| address.is_multiple_of(4) && end <= 0x1_0000)
-        .ok_or(IdentifyError::OutsideAddressSpace {
-            part,
-            address,
-            words,
+        .ok_or_else(|| HostMot2Error::Description {
+            what: format!("IDROM {part}"),
+            found: format!("{words} words at {address:#X}"),
+            expected: "a multiple of 4 in the 16-bit address space",
         })
 }
 
@@ -287,46 +214,43 @@ fn known_versions(gtag: Gtag) -> Option<&'static [u8]> {
     }
 }
 
-fn warnings(idrom: &Idrom, modules: &[ModuleDescriptor], pins: &[PinDescriptor]) -> Vec<Warning> {
+fn warnings(idrom: &Idrom, modules: &[ModuleDescriptor], pins: &[PinDescriptor]) -> Vec<String> {
     let mut list = Vec::new();
     if idrom.instance_strides != [4, 0x40] || idrom.register_strides != [0x100, 0x100] {
-        list.push(Warning::Strides);
+        list.push("strides are not 4/0x40 and 0x100/0x100".to_string());
     }
-    let ports = modules.iter().find(|m| m.gtag == Gtag::IO_PORT);
-    let instances = ports.map_or(0, |module| module.instances);
-    if u32::from(instances) != idrom.io_ports {
-        list.push(Warning::PortInstances {
-            ports: idrom.io_ports,
-            instances,
-        });
+    let module = modules.iter().find(|m| m.gtag == Gtag::IO_PORT);
+    let (ports, instances) = (idrom.io_ports, module.map_or(0, |m| m.instances));
+    if u32::from(instances) != ports {
+        list.push(format!(
+            "the IDROM has {ports} I/O ports, the module descriptor {instances}"
+        ));
     }
     for (index, module) in modules.iter().enumerate() {
-        let gtag = module.gtag;
+        let (gtag, version) = (module.gtag, module.version);
         if modules.iter().take(index).any(|other| other.gtag == gtag) {
-            list.push(Warning::DuplicateModule { gtag });
+            list.push(format!("{gtag} has two descriptors; the first is used"));
         }
         if module.instances == 0 {
-            list.push(Warning::NoInstances { gtag });
+            list.push(format!("{gtag} has no instances"));
         }
-        if known_versions(gtag).is_some_and(|known| !known.contains(&module.version)) {
-            list.push(Warning::Version {
-                gtag,
-                version: module.version,
-            });
+        if known_versions(gtag).is_some_and(|known| !known.contains(&version)) {
+            list.push(format!(
+                "{gtag} has version {version}, which is not known to work"
+            ));
         }
     }
-    for (index, pin) in (0u16..).zip(pins) {
-        if pin.primary != Gtag::IO_PORT {
-            list.push(Warning::PrimaryTag {
-                pin: index,
-                found: pin.primary,
-            });
+    for (number, pin) in pins.iter().enumerate() {
+        let (primary, module) = (pin.primary, pin.secondary);
+        if primary != Gtag::IO_PORT {
+            list.push(format!(
+                "pin {number} is a pin of {primary}, expected an I/O port"
+            ));
         }
-        if pin.has_module() && !modules.iter().any(|m| m.gtag == pin.secondary) {
-            list.push(Warning::PinWithoutModule {
-                pin: index,
-                gtag: pin.secondary,
-            });
+        if pin.has_module() && !modules.iter().any(|m| m.gtag == module) {
+            list.push(format!(
+                "pin {number} belongs to {module}, which has no descriptor"
+            ));
         }
     }
     list

@@ -1,66 +1,35 @@
 //! The IDROM: what board and firmware this is.
 
+use super::HostMot2Error;
+use alloc::format;
+use alloc::string::{String, ToString};
 use core::fmt;
 
-/// Eight characters as the firmware has them: not terminated, padded with anything.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+/// Eight characters as the firmware has them: not terminated, padded with anything. `Display` escapes
+/// what is not printable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Name8(pub [u8; 8]);
 
 impl Name8 {
     /// The name that two words hold.
     pub(super) fn from_words(low: u32, high: u32) -> Self {
-        let mut bytes = [0; 8];
-        for (place, byte) in bytes
-            .iter_mut()
-            .zip(low.to_le_bytes().into_iter().chain(high.to_le_bytes()))
-        {
-            *place = byte;
-        }
-        Self(bytes)
+        Self((u64::from(high) << 32 | u64::from(low)).to_le_bytes())
     }
 
     /// The name in lower case, as pin names use it: the part before the first character that is
     /// not printable, without `MESA`: `7i97` for `MESA7I97`.
-    pub fn board(&self) -> impl fmt::Display + '_ {
-        BoardName(self)
-    }
-
-    /// Whether [`board`](Self::board) is `name`, in upper or lower case.
-    pub fn is_board(&self, name: &str) -> bool {
-        let skip = if self.0.starts_with(b"MESA") { 4 } else { 0 };
-        let own = self.printable().skip(skip).map(|c| c.to_ascii_lowercase());
-        !name.is_empty() && own.eq(name.chars().map(|c| c.to_ascii_lowercase()))
-    }
-
-    fn printable(&self) -> impl Iterator<Item = char> + '_ {
-        self.0
-            .iter()
-            .take_while(|byte| byte.is_ascii_graphic())
-            .map(|&byte| byte as char)
+    pub fn board(&self) -> String {
+        let name = self.0.strip_prefix(b"MESA").unwrap_or(&self.0);
+        let printable = name.iter().take_while(|byte| byte.is_ascii_graphic());
+        printable
+            .map(|&byte| byte.to_ascii_lowercase() as char)
+            .collect()
     }
 }
 
 impl fmt::Display for Name8 {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.escape_ascii().fmt(f)
-    }
-}
-
-impl fmt::Debug for Name8 {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "\"{self}\"")
-    }
-}
-
-struct BoardName<'a>(&'a Name8);
-
-impl fmt::Display for BoardName<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let skip = if self.0.0.starts_with(b"MESA") { 4 } else { 0 };
-        for character in self.0.printable().skip(skip) {
-            write!(f, "{}", character.to_ascii_lowercase())?;
-        }
-        Ok(())
     }
 }
 
@@ -109,25 +78,9 @@ pub(super) const MAX_PINS: u32 = 256;
 /// The slowest clock that a firmware can have.
 const SLOWEST_CLOCK_HZ: u32 = 1_000_000;
 
-/// Why the words are no IDROM.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum IdromFault {
-    Type(u32),
-    Widths {
-        ports: u32,
-        port_width: u32,
-        io_width: u32,
-    },
-    Clock {
-        low: bool,
-        hz: u32,
-    },
-    Stride(u32),
-}
-
 impl Idrom {
     /// Parses the header.
-    pub(super) fn parse(words: [u32; IDROM_WORDS]) -> Result<Self, IdromFault> {
+    pub(super) fn parse(words: [u32; IDROM_WORDS]) -> Result<Self, HostMot2Error> {
         let [
             idrom_type,
             offset_to_modules,
@@ -146,23 +99,32 @@ impl Idrom {
             register_0,
             register_1,
         ] = words;
+        let bad = |what: &str, found, expected| {
+            let what = what.to_string();
+            HostMot2Error::Description {
+                what,
+                found,
+                expected,
+            }
+        };
         if !matches!(idrom_type, 2 | 3) {
-            return Err(IdromFault::Type(idrom_type));
+            return Err(bad("IDROM type", idrom_type.to_string(), "3 or 2"));
         }
         let fits = (1..=MAX_PORT_WIDTH).contains(&port_width) && (1..=MAX_PINS).contains(&io_width);
         if !fits || io_ports.checked_mul(port_width) != Some(io_width) {
-            return Err(IdromFault::Widths {
-                ports: io_ports,
-                port_width,
-                io_width,
-            });
+            let found = format!("{io_ports} ports of {port_width} pins, {io_width} pins in all");
+            let expected = "their product, 1 to 32 pins a port and 1 to 256 in all";
+            return Err(bad("I/O ports", found, expected));
         }
-        for (low, hz) in [(true, clock_low_hz), (false, clock_high_hz)] {
+        for (clock, hz) in [("ClockLow", clock_low_hz), ("ClockHigh", clock_high_hz)] {
             if hz < SLOWEST_CLOCK_HZ {
-                return Err(IdromFault::Clock { low, hz });
+                return Err(bad(clock, format!("{hz} Hz"), "at least 1 MHz"));
             }
         }
-        let stride = |word| u16::try_from(word).map_err(|_| IdromFault::Stride(word));
+        let stride = |word: u32| {
+            u16::try_from(word)
+                .map_err(|_| bad("stride", format!("{word:#X}"), "at most 0xFFFF bytes"))
+        };
         Ok(Self {
             idrom_type,
             offset_to_modules,
@@ -184,7 +146,6 @@ impl Idrom {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use alloc::string::ToString;
     use proptest::prelude::*;
 
     /// FACTS 9.1 and 9.2.
@@ -211,7 +172,7 @@ pub(super) mod tests {
         Idrom::parse(WORDS_7I97).unwrap()
     }
 
-    fn with(index: usize, value: u32) -> Result<Idrom, IdromFault> {
+    fn with(index: usize, value: u32) -> Result<Idrom, HostMot2Error> {
         let mut words = WORDS_7I97;
         words[index] = value;
         Idrom::parse(words)
@@ -221,7 +182,7 @@ pub(super) mod tests {
     fn the_idrom_of_a_7i97_is_read_field_by_field() {
         let idrom = idrom_7i97();
         assert_eq!(idrom.board_name.to_string(), "MESA7I97");
-        assert_eq!(idrom.board_name.board().to_string(), "7i97");
+        assert_eq!(idrom.board_name.board(), "7i97");
         assert_eq!((idrom.fpga_size, idrom.fpga_pins), (9, 144));
         assert_eq!(
             (idrom.io_ports, idrom.port_width, idrom.io_width),
@@ -234,36 +195,41 @@ pub(super) mod tests {
     #[test]
     fn type_2_is_accepted_and_no_other() {
         assert!(with(0, 2).is_ok());
-        assert_eq!(with(0, 4), Err(IdromFault::Type(4)));
+        let error = with(0, 4).unwrap_err().to_string();
+        assert!(
+            error.starts_with("IDROM type: 4, expected 3 or 2; "),
+            "{error}"
+        );
     }
 
     #[test]
     fn widths_must_multiply_and_clocks_be_a_megahertz() {
-        let fault = |ports, port_width, io_width| {
-            Err(IdromFault::Widths {
-                ports,
-                port_width,
-                io_width,
-            })
-        };
-        assert_eq!(with(8, 52), fault(3, 17, 52));
-        assert_eq!(with(7, u32::MAX), fault(u32::MAX, 17, 51));
-        assert_eq!(with(9, 0), fault(3, 0, 51));
-        assert_eq!(
-            with(10, 999_999),
-            Err(IdromFault::Clock {
-                low: true,
-                hz: 999_999
-            })
-        );
-        assert_eq!(with(11, 0), Err(IdromFault::Clock { low: false, hz: 0 }));
-        assert_eq!(with(12, 0x1_0000), Err(IdromFault::Stride(0x1_0000)));
+        let faults = [
+            (
+                8,
+                52,
+                "I/O ports: 3 ports of 17 pins, 52 pins in all, expected ",
+            ),
+            (7, u32::MAX, "I/O ports: 4294967295 ports of 17 pins, 51 "),
+            (9, 0, "I/O ports: 3 ports of 0 pins, 51 "),
+            (
+                10,
+                999_999,
+                "ClockLow: 999999 Hz, expected at least 1 MHz; ",
+            ),
+            (11, 0, "ClockHigh: 0 Hz, "),
+            (12, 0x1_0000, "stride: 0x10000, expected at most 0xFFFF "),
+        ];
+        for (index, value, text) in faults {
+            let error = with(index, value).unwrap_err().to_string();
+            assert!(error.starts_with(text), "{error}");
+        }
     }
 
     #[test]
     fn names_that_are_not_text_are_shown_escaped() {
         assert_eq!(Name8(*b"7I92\0\0\xFF ").to_string(), r"7I92\x00\x00\xff ");
-        assert_eq!(Name8(*b"7I92\0\0\xFF ").board().to_string(), "7i92");
+        assert_eq!(Name8(*b"7I92\0\0\xFF ").board(), "7i92");
     }
 
     proptest! {

@@ -8,10 +8,10 @@ mod io_port;
 mod module;
 mod pin;
 
-pub use error::{IdentifyError, IdromPart, LocateError, MissingModule, Warning};
-pub use gtag::{Gtag, GtagList};
+pub use error::{HostMot2Error, IdentifyError};
+pub use gtag::Gtag;
 pub use identify::HostMot2;
 pub use idrom::{Idrom, Name8};
-pub use io_port::{GpioSetup, IoPinError, IoPorts, PinPlace, PortPlan, PortSetup};
-pub use module::{ModuleClock, ModuleDescriptor, ModuleError, RegisterBlock};
+pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
+pub use module::ModuleDescriptor;
 pub use pin::PinDescriptor;

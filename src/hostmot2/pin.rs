@@ -1,6 +1,8 @@
 //! Pin descriptors: what the firmware can do with each pin.
 
 use super::Gtag;
+use alloc::format;
+use alloc::string::{String, ToString};
 use core::fmt;
 
 /// What the firmware can do with one I/O pin besides plain I/O.
@@ -15,7 +17,7 @@ pub struct PinDescriptor {
     pub secondary_pin: u8,
     /// The module that can use it; [`Gtag::NONE`] if it is plain I/O only.
     pub secondary: Gtag,
-    /// Which instance of the module; [`PinDescriptor::GLOBAL`] for all.
+    /// Which instance of the module; 0x80 for all.
     pub unit: u8,
     /// What it is without the module: an I/O port.
     pub primary: Gtag,
@@ -23,7 +25,7 @@ pub struct PinDescriptor {
 
 impl PinDescriptor {
     /// The unit of pins that belong to all instances.
-    pub const GLOBAL: u8 = 0x80;
+    const GLOBAL: u8 = 0x80;
 
     /// Parses a descriptor.
     pub const fn parse(word: u32) -> Self {
@@ -36,16 +38,6 @@ impl PinDescriptor {
         }
     }
 
-    /// The word that [`parse`](Self::parse) reads.
-    pub const fn to_word(self) -> u32 {
-        u32::from_le_bytes([
-            self.secondary_pin,
-            self.secondary.0,
-            self.unit,
-            self.primary.0,
-        ])
-    }
-
     /// Whether a module can use the pin.
     pub const fn has_module(&self) -> bool {
         self.secondary.0 != Gtag::NONE.0
@@ -54,11 +46,6 @@ impl PinDescriptor {
     /// Whether the module drives the pin.
     pub const fn is_output(&self) -> bool {
         self.has_module() && self.secondary_pin & 0x80 != 0
-    }
-
-    /// Whether this is a pin of instance `unit` of module `gtag`.
-    pub fn belongs_to(&self, gtag: Gtag, unit: u8) -> bool {
-        self.secondary == gtag && self.unit == unit
     }
 
     /// The channel of a smart serial pin, from 0 on; `None` for other pins.
@@ -74,72 +61,44 @@ impl PinDescriptor {
         }
     }
 
-    /// The name of the pin within its module, without number: `TX`, `A`, `/Enable`; and its
-    /// number, if there are several. `None` where this crate knows no name.
-    fn role(self) -> Option<(&'static str, Option<u8>)> {
-        let pin = self.secondary_pin;
-        let number = (pin & 0x7F).wrapping_sub(1);
-        let one = |name| Some((name, None));
-        let nth = |name| Some((name, Some(number)));
-        match self.secondary {
+    /// The name of the pin within its module: `TX0`, `A`, `/Enable`. `None` where this crate knows no
+    /// name.
+    fn role(self) -> Option<String> {
+        // Pins of a module are numbered from 1 on.
+        let pin = self.secondary_pin & 0x7F;
+        let nth = |stem, number: u8| Some(format!("{stem}{number}"));
+        let names: &[&str] = match self.secondary {
             Gtag::SSERIAL | Gtag::SSERIAL_B => {
-                let name = match pin & 0xF0 {
-                    0x00 => "RX",
-                    0x80 => "TX",
-                    0x90 => "TXEN",
-                    0xA0 => "/TXEN",
-                    _ => return None,
-                };
-                self.sserial_channel().map(|channel| (name, Some(channel)))
+                let channel = self.sserial_channel()?;
+                return nth(
+                    match self.secondary_pin & 0xF0 {
+                        0x00 => "RX",
+                        0x80 => "TX",
+                        0x90 => "TXEN",
+                        _ => "/TXEN",
+                    },
+                    channel,
+                );
             }
-            Gtag::ENCODER | Gtag::MUXED_ENCODER | Gtag::MUXED_ENCODER_MIM => match pin & 0x7F {
-                1 => one("A"),
-                2 => one("B"),
-                3 => one("Index"),
-                4 => one("IndexMask"),
-                5 => one("Probe"),
-                _ => None,
-            },
-            Gtag::MUX_SELECT | Gtag::MUX_SELECT_MIM => nth("Select"),
-            Gtag::PWM => match pin & 0x7F {
-                1 => one("Out"),
-                2 => one("Dir"),
-                3 => one("/Enable"),
-                _ => None,
-            },
-            Gtag::STEPGEN => match pin & 0x7F {
-                1 => one("Step"),
-                2 => one("Dir"),
-                n => Some(("Table", Some(n.wrapping_sub(1)))),
-            },
-            Gtag::IN_MUX => match pin {
-                0x81..=0x85 => nth("Addr"),
-                0x01 => one("Data"),
-                _ => None,
-            },
-            Gtag::IN_M => nth("In"),
-            Gtag::OUT_M => nth("Out"),
-            Gtag::SSR => match pin & 0x7F {
-                0x20 => one("ACRef"),
-                _ => nth("Out"),
-            },
-            Gtag::HM2DPLL => match pin & 0x7F {
-                1 => one("Sync"),
-                2 => one("Ref"),
-                3..=6 => Some(("Timer", Some((pin & 0x7F) - 2))),
-                _ => None,
-            },
-            Gtag::UART_TX | Gtag::PACKET_UART_TX => match pin & 0x7F {
-                1 => one("TX"),
-                2 => one("TXEN"),
-                _ => None,
-            },
-            Gtag::UART_RX | Gtag::PACKET_UART_RX => match pin & 0x7F {
-                1 => one("RX"),
-                _ => None,
-            },
-            _ => None,
-        }
+            Gtag::MUX_SELECT | Gtag::MUX_SELECT_MIM => return nth("Select", pin.wrapping_sub(1)),
+            Gtag::IN_M => return nth("In", pin.wrapping_sub(1)),
+            Gtag::SSR if pin == 0x20 => return Some("ACRef".to_string()),
+            Gtag::SSR | Gtag::OUT_M => return nth("Out", pin.wrapping_sub(1)),
+            Gtag::STEPGEN if pin > 2 => return nth("Table", pin - 1),
+            Gtag::STEPGEN => &["Step", "Dir"],
+            Gtag::IN_MUX if self.is_output() => &["Addr0", "Addr1", "Addr2", "Addr3", "Addr4"],
+            Gtag::IN_MUX => &["Data"],
+            Gtag::ENCODER | Gtag::MUXED_ENCODER | Gtag::MUXED_ENCODER_MIM => {
+                &["A", "B", "Index", "IndexMask", "Probe"]
+            }
+            Gtag::PWM => &["Out", "Dir", "/Enable"],
+            Gtag::HM2DPLL => &["Sync", "Ref", "Timer1", "Timer2", "Timer3", "Timer4"],
+            Gtag::UART_TX | Gtag::PACKET_UART_TX => &["TX", "TXEN"],
+            Gtag::UART_RX | Gtag::PACKET_UART_RX => &["RX"],
+            _ => return None,
+        };
+        let name = names.get(usize::from(pin).checked_sub(1)?)?;
+        Some((*name).to_string())
     }
 }
 
@@ -158,8 +117,7 @@ impl fmt::Display for PinDescriptor {
             write!(f, " {}", self.unit)?;
         }
         match self.role() {
-            Some((name, Some(number))) => write!(f, " {name}{number}"),
-            Some((name, None)) => write!(f, " {name}"),
+            Some(name) => write!(f, " {name}"),
             None => write!(f, " pin {:02X}", self.secondary_pin),
         }
     }
@@ -168,7 +126,6 @@ impl fmt::Display for PinDescriptor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alloc::string::ToString;
     use proptest::prelude::*;
 
     #[test]
@@ -194,7 +151,6 @@ mod tests {
             let pin = PinDescriptor::parse(word);
             assert_eq!(pin.to_string(), text);
             assert_eq!(pin.is_output(), output, "{text}");
-            assert_eq!(pin.to_word(), word);
         }
     }
 
@@ -210,10 +166,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_word_prints_and_comes_back(word: u32) {
-            let pin = PinDescriptor::parse(word);
-            prop_assert!(!pin.to_string().is_empty());
-            prop_assert_eq!(pin.to_word(), word);
+        fn any_word_prints(word: u32) {
+            prop_assert!(!PinDescriptor::parse(word).to_string().is_empty());
         }
     }
 }

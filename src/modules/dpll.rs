@@ -64,7 +64,7 @@ impl Dpll {
         if r.settings().no_dpll {
             return Ok(None);
         }
-        module.expect(&[module.gtag], 7, 0)?;
+        module.expect(7, 0)?;
         let register = |register| module.register(register, 0);
         let control_1 = register(3)?;
         let dds_bits = r.peek(control_1)? as u8;

@@ -2,18 +2,16 @@
 
 use crate::bus::ImageError;
 use crate::hal::PinError;
-use crate::hostmot2::{IoPinError, LocateError, MissingModule, ModuleError};
+use crate::hostmot2::HostMot2Error;
 
 /// Why a module was not registered.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
-    /// The firmware does not have it, or has one that is not known.
+    /// The firmware does not have it, or has one that is not known, or an I/O pin can not be used as
+    /// asked for.
     #[error(transparent)]
-    Locate(#[from] LocateError),
-    /// An I/O pin can not be used as asked for.
-    #[error(transparent)]
-    IoPin(#[from] IoPinError),
+    Firmware(#[from] HostMot2Error),
     /// A pin can not be made.
     #[error("a pin of the board: {0}")]
     Pin(#[from] PinError),
@@ -64,16 +62,4 @@ pub enum RegisterError {
         /// What was read.
         found: u8,
     },
-}
-
-impl From<ModuleError> for RegisterError {
-    fn from(error: ModuleError) -> Self {
-        Self::Locate(error.into())
-    }
-}
-
-impl From<MissingModule> for RegisterError {
-    fn from(error: MissingModule) -> Self {
-        Self::Locate(error.into())
-    }
 }

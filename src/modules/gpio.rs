@@ -6,18 +6,9 @@ use alloc::vec::Vec;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{DigitalIn, Output, Param, PinError, PinMaker, PinStore};
-use crate::hostmot2::{GpioSetup, Gtag, IoPorts, PinDescriptor, PinPlace, PortSetup};
+use crate::hostmot2::{Gtag, IoPort, PinDescriptor, PinPlace, PortRegisters};
 
-/// How an I/O pin that no module uses begins. The same can be set later by its parameters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct GpioConfig {
-    /// It drives; else it is an input.
-    pub output: bool,
-    /// An output that pulls low only.
-    pub open_drain: bool,
-    /// The output is inverted by the hardware.
-    pub invert: bool,
-}
+pub use crate::hostmot2::GpioConfig;
 
 /// The pins and parameters of one I/O pin: `hm2_7i92.0.gpio.000.in` and so on.
 ///
@@ -48,9 +39,9 @@ pub struct Gpio {
 #[derive(Debug)]
 struct Port {
     /// As the modules have it, ...
-    setup: PortSetup,
+    setup: PortRegisters<u32>,
     /// ... and with what the application asks for.
-    wanted: PortSetup,
+    wanted: PortRegisters<u32>,
     levels: Option<ReadSlot>,
     /// The levels that were taken last.
     taken: Option<u32>,
@@ -79,10 +70,9 @@ impl Gpio {
     ///
     /// [`Settings`]: crate::driver::Settings
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
-        let registers = IoPorts::locate(r.firmware())?;
         let (mut pins, mut places) = (Vec::new(), Vec::new());
         for number in 0.. {
-            let Some(place) = registers.place(number) else {
+            let Some(place) = r.io.place(number) else {
                 break;
             };
             let usage = PinUse::of(r, number);
@@ -94,30 +84,18 @@ impl Gpio {
         }
         let settings = r.settings;
         for &(number, config) in &settings.gpio {
-            let setup = GpioSetup {
-                output: config.output,
-                open_drain: config.open_drain,
-                invert: config.invert,
-                level: false,
-            };
-            r.io.use_gpio(number, setup)?;
+            r.io.use_gpio(number, config)?;
             if let Some(of) = pins.get(usize::from(number)) {
                 of.configure(r.pins, config)?;
             }
         }
-        let setups = r.io.ports().to_vec();
         let mut ports = Vec::new();
-        for (port, setup) in (0u8..).zip(setups) {
-            let of_port = || {
-                let all = pins.iter().zip(&places);
-                all.filter(|(_, place)| place.port == port)
-                    .map(|(pin, _)| pin)
-            };
-            let is_read = of_port().any(|pin| pin.input.is_some());
-            let is_written = of_port().any(|pin| pin.out.is_some());
-            if let Some(port) = Port::new(r, (&registers, port), setup, (is_read, is_written)) {
-                ports.push(port);
-            }
+        for (number, port) in (0..).zip(r.io.ports.clone()) {
+            let all = pins.iter().zip(&places);
+            let mut of_port = all.filter(|(_, place)| place.port == number);
+            let is_read = of_port.clone().any(|(pin, _)| pin.input.is_some());
+            let is_written = of_port.any(|(pin, _)| pin.out.is_some());
+            ports.push(Port::new(r, port, is_read, is_written));
         }
         Ok(Self {
             pins,
@@ -134,7 +112,7 @@ impl Gpio {
 
 impl PinUse {
     fn of(r: &Registrar<'_>, number: u16) -> Self {
-        let descriptor = r.firmware().pins().get(usize::from(number));
+        let descriptor = r.firmware().pins.get(usize::from(number));
         if !r.io.is_taken(number) {
             Self::Gpio
         } else if descriptor.is_some_and(PinDescriptor::is_output) {
@@ -188,7 +166,7 @@ impl GpioPins {
     }
 
     /// Puts what the application asks of the pin into the words of its port.
-    fn put(&self, words: &mut PortSetup, place: PinPlace, pins: &mut PinStore) {
+    fn put(&self, words: &mut PortRegisters<u32>, place: PinPlace, pins: &mut PinStore) {
         if let (Some(output), Some(out)) = (self.is_output, self.out) {
             words.direction = place.put(words.direction, pins.param(output));
             words.data = place.put(words.data, pins.fetch(out));
@@ -207,31 +185,30 @@ impl Port {
     /// driven whatever its direction (FACTS 12.2).
     fn new(
         r: &mut Registrar<'_>,
-        (registers, port): (&IoPorts, u8),
-        setup: PortSetup,
-        (is_read, is_written): (bool, bool),
-    ) -> Option<Self> {
-        let data = registers.data.address(port)?;
-        let direction = registers.direction.address(port)?;
-        let open_drain = registers.open_drain.address(port)?;
-        r.step(Stage::Quiesce, direction, 0);
-        r.step(Stage::Quiesce, open_drain, 0);
+        IoPort { address, setup }: IoPort,
+        is_read: bool,
+        is_written: bool,
+    ) -> Self {
+        r.step(Stage::Quiesce, address.direction, 0);
+        r.step(Stage::Quiesce, address.open_drain, 0);
         if !is_written {
-            r.step(Stage::Configure, data, setup.data);
+            r.step(Stage::Configure, address.data, setup.data);
         }
-        let source = registers.alternate_source.address(port)?;
-        r.step(Stage::Route, source, setup.alternate_source);
-        let invert = registers.invert.address(port)?;
-        Some(Self {
+        r.step(
+            Stage::Route,
+            address.alternate_source,
+            setup.alternate_source,
+        );
+        Self {
             setup,
             wanted: setup,
-            levels: is_read.then(|| r.input(data)),
+            levels: is_read.then(|| r.input(address.data)),
             taken: None,
-            data: is_written.then(|| r.output(data, setup.data)),
-            invert: r.setting(Stage::Route, invert, setup.invert),
-            direction: r.drive(direction, setup.direction),
-            open_drain: r.setting(Stage::Drive, open_drain, setup.open_drain),
-        })
+            data: is_written.then(|| r.output(address.data, setup.data)),
+            invert: r.setting(Stage::Route, address.invert, setup.invert),
+            direction: r.drive(address.direction, setup.direction),
+            open_drain: r.setting(Stage::Drive, address.open_drain, setup.open_drain),
+        }
     }
 }
 

@@ -28,13 +28,13 @@ impl Leds {
     /// The LEDs of a firmware, if it has any.
     ///
     /// # Errors
-    /// [`RegisterError::Locate`] and [`RegisterError::Pin`].
+    /// [`RegisterError::Firmware`] and [`RegisterError::Pin`].
     pub fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
         let Some(module) = r.module(Gtag::LED) else {
             return Ok(None);
         };
-        module.expect(&[Gtag::LED], 1, 0)?;
-        let data = module.block(0)?.first();
+        module.expect(1, 0)?;
+        let data = module.register(0, 0)?;
         let mut make = r.maker("led.");
         let leds = (1..=LEDS).map(|n| make.output(&format!("CR{n:02}")));
         Ok(Some(Self {

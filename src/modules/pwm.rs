@@ -93,7 +93,7 @@ impl Pwm {
         let Some(module) = r.module(Gtag::PWM) else {
             return Ok(None);
         };
-        module.expect(&[module.gtag], 5, 0x3)?;
+        module.expect(5, 0x3)?;
         module.expect_version(module.version, 0..=1)?;
         let kind = Kind {
             clock_hz: module.clock_hz,

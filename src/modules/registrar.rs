@@ -11,7 +11,7 @@ use crate::bus::RegisterBus;
 use crate::bus::{ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
 use crate::driver::Settings;
 use crate::hal::{GroupId, PinMaker, PinStore};
-use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor, PortPlan};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, PinDescriptor};
 
 /// What a module is made from.
 ///
@@ -26,7 +26,7 @@ pub struct Registrar<'a> {
     /// The group of the driver's own pins, which are valid whatever fails.
     pub(crate) status: GroupId,
     pub(crate) pins: &'a mut PinStore,
-    pub(crate) io: &'a mut PortPlan,
+    pub(crate) io: &'a mut IoPorts,
     pub(crate) plan: &'a mut ImagePlan,
     pub(crate) bus: &'a mut dyn Peek,
 }
@@ -133,7 +133,7 @@ impl Registrar<'_> {
     /// [`Stage::Drive`] on.
     ///
     /// # Errors
-    /// [`RegisterError::IoPin`]: it has none, or they are in use.
+    /// [`RegisterError::Firmware`]: it has none, or they are in use.
     pub fn use_io(&mut self, gtag: Gtag, instance: u8) -> Result<(), RegisterError> {
         self.use_some_io(gtag, instance, |_| true)
     }
@@ -148,7 +148,7 @@ impl Registrar<'_> {
         instance: u8,
         wanted: impl Fn(PinDescriptor) -> bool,
     ) -> Result<(), RegisterError> {
-        self.io.use_some(self.firmware, gtag, instance, wanted)?;
+        self.io.use_module(self.firmware, gtag, instance, wanted)?;
         Ok(())
     }
 }

@@ -13,7 +13,7 @@ use crate::boards::BoardTable;
 use crate::bus::ImagePlan;
 use crate::driver::Settings;
 use crate::hal::{GroupId, PinStore};
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, PortPlan};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts};
 use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 
 /// Everything that a module registers with.
@@ -23,7 +23,7 @@ struct Bench {
     settings: Settings,
     pins: PinStore,
     group: GroupId,
-    io: PortPlan,
+    io: IoPorts,
     plan: ImagePlan,
 }
 
@@ -37,7 +37,7 @@ impl Bench {
             settings: Settings::new(),
             group: pins.add_group(),
             pins,
-            io: PortPlan::new(&IoPorts::locate(&firmware).unwrap()),
+            io: IoPorts::locate(&firmware).unwrap(),
             plan: ImagePlan::new(),
             firmware,
         }
@@ -74,13 +74,13 @@ impl Bench {
 
     /// The directions that the modules give their pins.
     fn outputs(&self) -> Vec<u32> {
-        let ports = self.io.ports().iter();
+        let setups = self.io.ports.iter().map(|port| port.setup);
         assert!(
-            ports
+            setups
                 .clone()
-                .all(|port| port.direction == port.alternate_source)
+                .all(|setup| setup.direction == setup.alternate_source)
         );
-        ports.map(|port| port.direction).collect()
+        setups.map(|setup| setup.direction).collect()
     }
 }
 
@@ -209,12 +209,12 @@ fn what_is_missing_is_left_out_and_what_is_not_known_is_refused_by_name() {
     let mut bench = Bench::new(firmware);
     assert_eq!(
         bench.register(Encoders::register).unwrap_err().to_string(),
-        "MuxedEncoder (0C) has version 5, known are 2 to 4: use a firmware with one of them"
+        "MuxedEncoder (0C) has version 5, known is 2 to 4: use a firmware with a module that is known"
     );
     assert_eq!(
         bench.register(Pwm::register).unwrap_err().to_string(),
-        "PWM (06) version 0 has 5 registers with multiple-register mask 0x7, expected at least 5 \
-         and 0x3: this firmware has a layout that this crate does not know"
+        "PWM (06) has 5 registers with multiple-register mask 0x7 (version 0), known is at least 5 \
+         and 0x3: use a firmware with a module that is known"
     );
 }
 

@@ -1,7 +1,7 @@
 //! Where the registers of a port are.
 
 use super::{Channel, ChannelMask, MAX_CHANNELS};
-use crate::hostmot2::{HostMot2, MissingModule, ModuleDescriptor};
+use crate::hostmot2::{HostMot2, HostMot2Error, ModuleDescriptor};
 use thiserror::Error;
 
 /// The most interface registers a channel has: 224 bits.
@@ -61,12 +61,12 @@ impl From<&ModuleDescriptor> for SslbpModule {
 }
 
 /// Why a module descriptor is not one of SSLBP that this crate can use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LayoutError {
     /// The firmware has no SSLBP at all.
     #[error(transparent)]
-    Missing(#[from] MissingModule),
+    Missing(#[from] HostMot2Error),
     /// The descriptor is of another module.
     #[error(
         "module with GTAG {found:#04X} is not SSLBP (C1 or C6): look it up in the IDROM by its GTAG"

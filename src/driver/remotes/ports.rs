@@ -91,7 +91,7 @@ impl Plan {
                 channel.is_none_or(|channel| serial.channel(channel).is_some())
             };
             self.io
-                .use_some(&self.firmware, module.gtag, instance, is_used)
+                .use_module(&self.firmware, module.gtag, instance, is_used)
                 .map_err(RegisterError::from)?;
             located.push(PortStage {
                 port: Port::new(layout),

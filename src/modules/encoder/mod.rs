@@ -123,13 +123,13 @@ impl Encoders {
         let kind = Kind { clock_hz, is_muxed };
         let probe = module.version & if is_muxed { WITH_PROBE } else { 0 };
         let version = module.version & !probe;
-        module.expect(&[module.gtag], 5, 0x3)?;
+        module.expect(5, 0x3)?;
         module.expect_version(version, 2..=if is_muxed { 4 } else { 3 })?;
         let is_probe = |pin: &crate::hostmot2::PinDescriptor| {
             pin.secondary == gtag && pin.secondary_pin == PROBE_PIN
         };
         // Without a probe, its bits of the control register read 0 whatever was written (FACTS 12.5).
-        let has_probe = probe != 0 || r.firmware().pins().iter().any(is_probe);
+        let has_probe = probe != 0 || r.firmware().pins.iter().any(is_probe);
         take_pins(r, gtag, count)?;
 
         let rate = rate.unwrap_or(r.board().encoder_rate);

@@ -83,7 +83,7 @@ impl Watchdog {
     /// The watchdog of a firmware. To be registered first: its time is the first write of the set-up.
     ///
     /// # Errors
-    /// [`RegisterError::Locate`] and [`RegisterError::Pin`].
+    /// [`RegisterError::Firmware`] and [`RegisterError::Pin`].
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
         let registers = WatchdogRegisters::locate(r.firmware())?;
         let timeout = r.settings().watchdog_time();

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::hostmot2::{Gtag, HostMot2, LocateError};
+use crate::hostmot2::{Gtag, HostMot2, HostMot2Error};
 
 /// The registers of the watchdog.
 ///
@@ -35,13 +35,13 @@ impl WatchdogRegisters {
     ///
     /// # Errors
     /// The firmware has none, or one that is not known.
-    pub fn locate(firmware: &HostMot2) -> Result<Self, LocateError> {
+    pub fn locate(firmware: &HostMot2) -> Result<Self, HostMot2Error> {
         let module = firmware.require(Gtag::WATCHDOG)?;
-        module.expect(&[Gtag::WATCHDOG], 3, 0)?;
+        module.expect(3, 0)?;
         Ok(Self {
-            time: module.block(0)?.first(),
-            status: module.block(1)?.first(),
-            reset: module.block(2)?.first(),
+            time: module.register(0, 0)?,
+            status: module.register(1, 0)?,
+            reset: module.register(2, 0)?,
             clock_hz: module.clock_hz,
         })
     }
