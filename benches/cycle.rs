@@ -44,7 +44,7 @@ fn plan(criterion: &mut Criterion) {
     for count in REMOTES {
         group.bench_function(BenchmarkId::new("build", count), |bencher| {
             bencher.iter(|| {
-                let driver = Driver::start(field_cards(count), Settings::new());
+                let driver = Driver::start(field_cards(count), Settings::default());
                 black_box(driver.is_ok())
             });
         });

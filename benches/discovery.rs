@@ -72,7 +72,7 @@ fn discovery(criterion: &mut Criterion) {
         bencher.iter(|| black_box(discovered(&mut fpga, &mut port, &all).remotes.len()));
     });
     group.bench_function("driver of three remotes, built and dropped", |bencher| {
-        bencher.iter(|| black_box(Driver::start(three_remotes(), Settings::new()).is_ok()));
+        bencher.iter(|| black_box(Driver::start(three_remotes(), Settings::default()).is_ok()));
     });
     group.finish();
 }

@@ -14,7 +14,7 @@ use mesa_hal::hal::PinStore;
 use mesa_hal::remote::{PackingPlan, RemoteLocation, RemotePins};
 
 fn packing(criterion: &mut Criterion) {
-    let driver = Driver::start(three_remotes(), Settings::new()).expect("complete");
+    let driver = Driver::start(three_remotes(), Settings::default()).expect("complete");
     let mut group = criterion.benchmark_group("packing");
     for remote in driver.ports()[0].remotes() {
         let location = RemoteLocation {

@@ -25,7 +25,7 @@ fn second(driver: &mut Driver<SimFpga>) {
 }
 
 fn simulator(criterion: &mut Criterion) {
-    let mut driver = Driver::start(three_remotes(), Settings::new()).expect("complete");
+    let mut driver = Driver::start(three_remotes(), Settings::default()).expect("complete");
     second(&mut driver);
     let start = Instant::now();
     second(&mut driver);

@@ -106,10 +106,12 @@ fn measure(options: Options) -> Result<Option<Signal>, Box<dyn Error>> {
     let bus = UdpBus::connect(options.address, UdpConfig::default())?;
     let mut driver = Driver::start(
         bus,
-        Settings::new()
-            .period(Duration::from_secs(1) / options.rate)
-            .pace(options.pace)
-            .watchdog((Duration::from_secs(5) / options.rate).max(Duration::from_millis(100))),
+        Settings {
+            period: Duration::from_secs(1) / options.rate,
+            pace: options.pace,
+            watchdog: Some((Duration::from_secs(5) / options.rate).max(Duration::from_millis(100))),
+            ..Settings::default()
+        },
     )?;
     let before = driver.bus().statistics();
     let measured = run(&mut driver, options, &stop);

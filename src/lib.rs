@@ -11,7 +11,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let period = Duration::from_millis(1);
 //! let bus = machines::six_axes_7i92(Default::default()); // a board: UdpBus::connect(...)?
-//! let mut driver = Driver::start(bus, Settings::new().period(period))?;
+//! let mut driver = Driver::start(bus, Settings { period, ..Settings::default() })?;
 //! let field: I7i77Field = driver.attach(0, 0)?; // port 0, channel 0
 //! let drive = driver.attach::<I7i77Analog>(0, 1)?.analog_out[0];
 //! for _ in 0..100 {

@@ -64,7 +64,7 @@ impl RemoteEnd for Probe {
 /// many field I/O cards: the earliest and the latest of them, in nanoseconds of virtual time.
 pub fn from_doit_to_frames(count: usize) -> (Nanos, Nanos) {
     let mut driver =
-        Driver::start(field_cards(count), Settings::new()).expect("the machine is complete");
+        Driver::start(field_cards(count), Settings::default()).expect("the machine is complete");
     let mut written = 0;
     for _ in 0..5 {
         let _ = driver.read().expect("read");
@@ -181,7 +181,7 @@ pub fn frozen_driver(count: usize) -> Driver<Frozen> {
 /// any more.
 pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
     let bus = Frozen::new(board);
-    let mut driver = Driver::start(bus, Settings::new()).expect("the machine is complete");
+    let mut driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
     for _ in 0..5 {
         let _ = driver.read().expect("read");
         driver.write().expect("write");

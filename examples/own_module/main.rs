@@ -20,7 +20,13 @@ use pulser::Pulser;
 const PERIOD: Duration = Duration::from_millis(1);
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut board = Board::identify(gateware::board(), Settings::new().period(PERIOD))?;
+    let mut board = Board::identify(
+        gateware::board(),
+        Settings {
+            period: PERIOD,
+            ..Settings::default()
+        },
+    )?;
     board.add(Pulser::register)?;
     let mut driver = board.start()?;
     let pulser = driver.modules::<Pulser>().next();

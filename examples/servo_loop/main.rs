@@ -56,10 +56,12 @@ fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
 }
 
 fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
-    let mut settings = Settings::new().period(args.period()).pace(args.pace);
-    if let Some(watchdog) = args.watchdog {
-        settings = settings.watchdog(watchdog);
-    }
+    let settings = Settings {
+        period: args.period(),
+        pace: args.pace,
+        watchdog: args.watchdog,
+        ..Settings::default()
+    };
     let driver = Driver::start(timed::Timed::new(bus), settings)?;
     say(found::list(&driver, args.pins));
     let mut control = control::Control::new(driver)?;

@@ -1,17 +1,18 @@
 //! From a bus to a driver: finding out what is there, setting it up, planning the cycle.
 
 use alloc::{boxed::Box, format, string::String, vec::Vec};
+use core::time::Duration;
 
 use super::connection::Connection;
 use super::held::Held;
 use super::pace::Pacer;
 use super::remotes::{PortStage, Remotes};
 use super::{
-    BoardState, Driver, DriverStatistics, MissingRemote, Pace, Part, Parts, Remark, SerialPort,
-    Settings, StartError,
+    BoardState, Driver, DriverStatistics, FaultPolicy, MissingRemote, Pace, Part, Parts, Remark,
+    SerialPort, Settings, StartError,
 };
 use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles, RemoteTable};
-use crate::bus::{Clock, Image, ImagePlan, RegisterBus};
+use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
 use crate::hal::{GroupId, Input, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
@@ -68,7 +69,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// # Real time
     /// Not for the cycle. Bounded.
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, StartError<B::Error>> {
-        let settings = settings.checked()?;
+        let settings = checked(settings)?;
         if settings.pace == Pace::Board && !bus.can_hold() {
             return Err(StartError::NotPaced);
         }
@@ -239,30 +240,6 @@ impl<B: RegisterBus + Clock> Board<B> {
         self.plan.attach(&self.ports, (port, channel))
     }
 
-    /// The same for a remote that the machine can do without: if it is absent now, its pins are made
-    /// from the table of its kind, never valid and with safe outputs, and it comes up when it is
-    /// plugged in later. It waits to be armed then.
-    ///
-    /// What is plugged in has to be what the table says: name, part of the card, size of the process
-    /// data, and the place of its tables of contents where the table knows that. Anything else stays
-    /// offline, and says what was expected and found. Another firmware with process data of the same
-    /// size is seen by the place of its tables alone, which the built-in tables do not know: if it
-    /// may have another meaning, use a table of your own with [`Contents`](crate::boards::Contents).
-    /// Its parameters have no pins.
-    ///
-    /// # Errors
-    /// [`AttachError`], also if the channel is not configured to be used.
-    pub fn attach_optional<T: RemoteHandles>(
-        &mut self,
-        port: u8,
-        channel: u8,
-    ) -> Result<T, AttachError> {
-        if let Some(stage) = self.ports.get_mut(usize::from(port)) {
-            self.plan.make_optional(stage, channel, T::TABLE)?;
-        }
-        self.attach(port, channel)
-    }
-
     /// The handles of the board's own functions.
     ///
     /// # Errors
@@ -282,12 +259,12 @@ impl<B: RegisterBus + Clock> Board<B> {
             phase_error_us,
             ..
         } = self;
-        let settings = plan.settings;
+        let Settings { pace, period, .. } = plan.settings;
         let driver = Driver {
             bus,
             firmware: plan.firmware,
             name: plan.name,
-            period: settings.period,
+            period,
             image,
             pins: plan.pins,
             group: plan.group,
@@ -303,7 +280,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             state: BoardState::Running,
             shown: None,
             statistics: DriverStatistics::default(),
-            pacer: Pacer::new(settings.pace, settings.period),
+            pacer: Pacer::new(pace, period),
             read_failures: 0,
             write_failures: 0,
             is_repeated: false,
@@ -318,11 +295,33 @@ impl<B: RegisterBus + Clock> Board<B> {
     }
 }
 
+/// Refuses times that do not fit each other, and completes what follows the period.
+fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, StartError<E>> {
+    let period = settings.period;
+    if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
+        return Err(StartError::BadPeriod { period });
+    }
+    let (watchdog, needed) = (settings.watchdog_time(), period * WATCHDOG_FEEDS);
+    if watchdog < needed {
+        return Err(StartError::WatchdogTooShort {
+            watchdog,
+            needed,
+            period,
+        });
+    }
+    let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);
+    settings.fault_policy.rest = rest.max(period * 3 / 4);
+    Ok(settings)
+}
+
+/// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
+pub(super) const WATCHDOG_FEEDS: u32 = 2;
+
 impl Plan {
     fn new(firmware: HostMot2, io: IoPorts, settings: Settings) -> Self {
         let name = {
             let board = firmware.idrom.board_name.board();
-            format!("hm2_{board}.{}", settings.number)
+            format!("hm2_{board}.{}", settings.board_number)
         };
         let mut pins = PinStore::new();
         Self {
@@ -344,7 +343,9 @@ impl Plan {
     /// Lays out all that was registered, and has the bus prepare its lists.
     fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B::List>, StartError<B::Error>> {
         let layout = self.image.lay_out().map_err(RegisterError::from)?;
-        let held = self.settings.pace.held(self.settings.period);
+        // The board's timer comes once in a period: a longer wait means that it stands still.
+        let Settings { pace, period, .. } = self.settings;
+        let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
         layout.prepare(bus, held).map_err(StartError::Bus)
     }
 

@@ -35,7 +35,6 @@
 //! `read` for the next period of a board that paces.
 
 mod attach;
-mod config;
 mod configure;
 mod connection;
 mod cycle;
@@ -54,7 +53,6 @@ mod recovery;
 mod remark;
 mod remotes;
 mod report;
-mod settings;
 mod stop;
 
 pub use crate::modules::encoder::EncoderSetup;
@@ -63,16 +61,15 @@ pub use crate::modules::serial::{
     Failure, FailureCounts, FaultPolicy, OfflineReason, PortStatistics, RemoteState, RemoteStatus,
     RemoteWatchdog, SerialPort, TimeHistogram,
 };
-pub use config::{RemoteConfig, SerialConfig, SerialConfigError};
+pub use crate::modules::{BoardState, CycleReport};
+pub use crate::modules::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};
 pub use configure::Board;
 pub use connection::ConnectionPins;
 pub use error::{CycleError, MissingReason, MissingRemote, StartError};
-pub use pace::{Pace, PaceError};
 pub use parameters::RemoteParameterError;
 pub use remark::{Remark, RemarkKind};
 pub use remotes::{FoundRemote, RemoteInSetup, Remotes};
-pub use report::{BoardState, CycleReport, DriverStatistics, Rearmed};
-pub use settings::Settings;
+pub use report::{DriverStatistics, Rearmed};
 pub use stop::ShutdownError;
 
 use alloc::{boxed::Box, string::String, vec::Vec};

@@ -1,78 +1,9 @@
-//! Who decides when a cycle begins: the host, or the board.
+//! Keeps the pace of the host, or of the board.
 
-use core::str::FromStr;
 use core::time::Duration;
 
+use super::Pace;
 use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply, Started};
-
-/// Who decides when a cycle begins.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Pace {
-    /// The application: it waits for its own period, then calls [`Driver::read`]. A DPLL on the board
-    /// follows these reads; when it does, [`CycleReport::locked`] says so.
-    ///
-    /// [`CycleReport::locked`]: super::CycleReport::locked
-    /// [`Driver::read`]: super::Driver::read
-    #[default]
-    Host,
-    /// The board's clock. [`Driver::write`] asks for the next inputs at once, the board holds the
-    /// request back until its DPLL begins the next period, and [`Driver::read`] returns when the
-    /// inputs have come: the application has nothing to wait for.
-    ///
-    /// The inputs are sampled by the board's clock, whatever the host's scheduler does, and a
-    /// timer less on the host makes the cycle cheaper. It needs a bus that can do it (Ethernet),
-    /// and a firmware with a DPLL, which then runs free. [`Driver::wait_transfers`] has no place
-    /// in such a cycle.
-    ///
-    /// A host that is late misses the beginning of a period, and gets the next:
-    /// [`CycleReport::missed_periods`]. What it has left of a period is in
-    /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
-    /// than the driver was built for, shows in [`CycleReport::unpaced`]. When the host has kept pace
-    /// for 120 periods, [`CycleReport::locked`] says so.
-    ///
-    /// A cycle is one packet out and one back: its reply acknowledges its own writes. It is two out
-    /// where a setting has changed, which is written ahead together with all outputs. The first read,
-    /// before which nothing was written, is held back alone. After two reads in a row that failed,
-    /// outputs are written alone and nothing is held back until a read succeeds: what a stalled
-    /// network delivers at once would stand in a row in the board.
-    ///
-    /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
-    ///
-    /// [`CycleReport::locked`]: super::CycleReport::locked
-    /// [`CycleReport::missed_periods`]: super::CycleReport::missed_periods
-    /// [`CycleReport::slack`]: super::CycleReport::slack
-    /// [`CycleReport::unpaced`]: super::CycleReport::unpaced
-    /// [`Driver::read`]: super::Driver::read
-    /// [`Driver::wait_transfers`]: super::Driver::wait_transfers
-    /// [`Driver::write`]: super::Driver::write
-    Board,
-}
-
-/// A word that names no [`Pace`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("a pace is 'host' or 'board'")]
-pub struct PaceError;
-
-/// `host` or `board`, as on a command line.
-impl FromStr for Pace {
-    type Err = PaceError;
-
-    fn from_str(text: &str) -> Result<Self, PaceError> {
-        match text {
-            "host" => Ok(Self::Host),
-            "board" => Ok(Self::Board),
-            _ => Err(PaceError),
-        }
-    }
-}
-
-impl Pace {
-    /// How long the board may hold the reads of a cycle back. Its timer comes once in a period,
-    /// so that a longer wait means that it stands still.
-    pub(super) fn held(self, period: Duration) -> Option<Duration> {
-        (self == Self::Board).then(|| period.saturating_add(period / 4))
-    }
-}
 
 /// Keeps the pace.
 #[derive(Clone, Copy, Debug)]

@@ -11,7 +11,7 @@ use crate::sslbp::{
     Channel, ChannelStart, Port, PortError, StartFailure, StartMode, StartedRemote,
 };
 
-use super::settings::WATCHDOG_FEEDS;
+use super::configure::WATCHDOG_FEEDS;
 use super::{BoardState, Driver};
 use crate::modules::serial::WATCHDOG_PARAMETER;
 

@@ -4,10 +4,9 @@
 
 use alloc::format;
 
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
 use crate::bus::{ReadSlot, Setting, Stage};
-use crate::driver::Pace;
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
 use crate::hostmot2::Gtag;
 

@@ -68,7 +68,7 @@ impl Gpio {
     /// # Errors
     /// [`RegisterError`]: no I/O ports, or a pin that can not be used as [`Settings`] ask.
     ///
-    /// [`Settings`]: crate::driver::Settings
+    /// [`Settings`]: crate::modules::Settings
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
         let (mut pins, mut places) = (Vec::new(), Vec::new());
         for number in 0.. {

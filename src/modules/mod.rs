@@ -14,19 +14,22 @@ pub mod led;
 pub mod outputs;
 pub mod pwm;
 mod registrar;
+mod report;
 pub mod serial;
+mod settings;
 pub mod watchdog;
 
 pub use error::RegisterError;
 pub(crate) use registrar::Peeking;
 pub use registrar::Registrar;
+pub use report::{BoardState, CycleReport};
+pub use settings::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};
 
 use core::any::Any;
 use core::fmt;
 
 use crate::bus::Instant;
 use crate::bus::{ReadSlot, Setting, Words, WriteSlot};
-use crate::driver::CycleReport;
 use crate::hal::{GroupId, PinStore};
 
 /// A part of the board in the cycle.

@@ -5,11 +5,10 @@ use alloc::vec::Vec;
 use core::fmt;
 use core::time::Duration;
 
-use super::RegisterError;
+use super::{RegisterError, Settings};
 use crate::boards::BoardTable;
 use crate::bus::RegisterBus;
 use crate::bus::{ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
-use crate::driver::Settings;
 use crate::hal::{GroupId, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, PinDescriptor};
 

@@ -8,10 +8,9 @@ use super::in_mux::InMux;
 use super::outputs::Outputs;
 use super::pwm::Pwm;
 use super::registrar::Peeking;
-use super::{RegisterError, Registrar};
+use super::{RegisterError, Registrar, Settings};
 use crate::boards::BoardTable;
 use crate::bus::ImagePlan;
-use crate::driver::Settings;
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts};
 use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
@@ -34,7 +33,7 @@ impl Bench {
         let mut pins = PinStore::new();
         Self {
             fpga,
-            settings: Settings::new(),
+            settings: Settings::default(),
             group: pins.add_group(),
             pins,
             io: IoPorts::locate(&firmware).unwrap(),
@@ -106,10 +105,13 @@ fn encoders_are_set_up_at_the_rate_of_their_board() {
 #[test]
 fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
     let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
-    bench.settings = Settings::new().encoders(EncoderSetup {
-        count: Some(7),
-        rate: None,
-    });
+    bench.settings = Settings {
+        encoders: EncoderSetup {
+            count: Some(7),
+            rate: None,
+        },
+        ..Settings::default()
+    };
     let encoders = bench.register(Encoders::register).unwrap().unwrap();
     assert_eq!(encoders.pins().len(), 7);
     // EncMux: FACTS 8.1, 12.7.

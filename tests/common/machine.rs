@@ -165,7 +165,7 @@ impl<B: World> Machine<B> {
 
 impl<B: World, C: Cards> Machine<B, C> {
     pub fn on(bus: B, configure: impl FnOnce(Settings) -> Settings) -> Self {
-        let driver = Driver::start(bus, configure(Settings::new()));
+        let driver = Driver::start(bus, configure(Settings::default()));
         Self::of(driver.expect("the machine is complete"))
     }
 

@@ -158,7 +158,7 @@ impl Trial {
             is_process_data: false,
         };
         let bus = Faulty::new(fpga_with_field(Box::new(field)), 1);
-        let driver = Driver::start(bus, Settings::new()).expect("the machine is complete");
+        let driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
         Self {
             machine: Machine::with(driver),
             record,

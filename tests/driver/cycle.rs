@@ -121,7 +121,10 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
     let build = |port, config| {
         Driver::start(
             machines::i7i92_7i77(),
-            Settings::new().serial_port(port, config),
+            Settings {
+                serial_ports: [(port, config)].into(),
+                ..Settings::default()
+            },
         )
     };
     for port in [1, 3, 4, 200, 255] {
@@ -131,7 +134,9 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
         assert!(is_it, "port {port}: {error}");
     }
     for channel in [8, 100, 255] {
-        let config = SerialConfig::NONE.with(channel, RemoteConfig::in_mode(0));
+        let config = SerialConfig {
+            channels: [(channel, RemoteConfig::default())].into(),
+        };
         let error = build(0, config).expect_err("channels are 0 to 7");
         let is_it = matches!(error, StartError::NoSuchChannel { port: 0, channel: found } if found == channel);
         assert!(is_it, "channel {channel}: {error}");

@@ -66,7 +66,11 @@ fn started<B: World>(bus: B) -> Machine<B> {
 }
 
 fn build<B: World>(bus: B, configure: impl FnOnce(Settings) -> Settings) -> Machine<B> {
-    let mut machine = Machine::on(bus, |builder| configure(builder.period(PERIOD)));
+    let settings = configure(Settings {
+        period: PERIOD,
+        ..Settings::default()
+    });
+    let mut machine = Machine::on(bus, |_| settings);
     // However long the set-up took, the first cycle has a whole period.
     machine.rest();
     machine
@@ -176,14 +180,13 @@ fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
 #[test]
 fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
     for fpga in both_firmwares() {
-        let mut machine = build(fpga, |builder| {
-            builder.gpio(
-                40,
-                GpioConfig {
-                    output: true,
-                    ..GpioConfig::default()
-                },
-            )
+        let output = GpioConfig {
+            output: true,
+            ..GpioConfig::default()
+        };
+        let mut machine = build(fpga, |builder| Settings {
+            gpio: vec![(40, output)],
+            ..builder
         });
         let card = machine.cards;
         let (out, [analog, ..]) = (machine.output("gpio.040.out"), card.analog_out);
@@ -314,12 +317,12 @@ fn the_dpll_locks_to_the_cycle() {
 
 #[test]
 fn another_board_or_a_lacking_module_is_named() {
-    let other = Driver::start(machines::i7i92_7i77(), Settings::new()).expect("a 7I92");
+    let other = Driver::start(machines::i7i92_7i77(), Settings::default()).expect("a 7I92");
     let error = other.attach_board::<I7i97>().expect_err("not a 7I97");
     assert!(error.to_string().contains("7I92"), "{error}");
     let mut firmware = machines::firmware_7i97(1);
     firmware.modules.retain(|module| module.gtag != 0xC3);
-    let lacking = Driver::start(SimFpga::new(firmware), Settings::new()).expect("a board");
+    let lacking = Driver::start(SimFpga::new(firmware), Settings::default()).expect("a board");
     let error = lacking.attach_board::<I7i97>().expect_err("no outputs");
     let text = error.to_string();
     assert!(

@@ -5,7 +5,8 @@ use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{
-    Driver, MissingReason, RemarkKind, RemoteConfig, RemoteState, SerialConfig, StartError,
+    Driver, MissingReason, Presence, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
+    StartError,
 };
 use mesa_hal::sim::devices::{
     Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
@@ -66,7 +67,13 @@ fn build(
         modes.push_str(&mode.to_string());
     }
     let modes: SerialConfig = format!("{modes:x<8}").parse().expect("modes");
-    Driver::start(fpga, Settings::new().serial_port(0, modes))
+    Driver::start(
+        fpga,
+        Settings {
+            serial_ports: [(0, modes)].into(),
+            ..Settings::default()
+        },
+    )
 }
 
 fn step(driver: &mut Driver<SimFpga>) {
@@ -159,7 +166,7 @@ fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
     let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
     fpga.plug(0, 0, Some(device("7i72")));
     fpga.plug(0, 1, Some(Box::new(Cable::new(device("7i64"), 64))));
-    let mut driver = Driver::start(fpga, Settings::new()).expect("both of them");
+    let mut driver = Driver::start(fpga, Settings::default()).expect("both of them");
     drive(&mut driver, 1, "7i64");
     for (restarts, is_unplugged) in [(1, false), (2, true)] {
         if is_unplugged {
@@ -246,7 +253,7 @@ mode 0 analogout_enables
 ";
     let odd = Plain::from_description(text).expect("description");
     let fpga = machine(vec![Box::new(odd)]);
-    let driver = Driver::start(fpga, Settings::new()).expect("it runs");
+    let driver = Driver::start(fpga, Settings::default()).expect("it runs");
     assert_eq!(driver.ports()[0].remotes().count(), 1);
     let remarks: Vec<String> = driver.remarks().iter().map(ToString::to_string).collect();
     let has = |text: &str| remarks.iter().any(|remark| remark.contains(text));
@@ -272,7 +279,7 @@ mode 0 m
   data level 16 unsigned out 0 10 volts
 ";
     let odd = Plain::from_description(text).expect("description");
-    let driver = Driver::start(machine(vec![Box::new(odd)]), Settings::new()).expect("it runs");
+    let driver = Driver::start(machine(vec![Box::new(odd)]), Settings::default()).expect("it runs");
     assert_eq!(driver.ports()[0].remotes().count(), 1);
     let [remark] = driver.remarks() else {
         panic!("{:?}", driver.remarks());
@@ -285,7 +292,7 @@ mode 0 m
 #[test]
 fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
     let swapped = || machine(vec![device("analog"), device("7i77")]);
-    let driver = Driver::start(swapped(), Settings::new()).expect("both run");
+    let driver = Driver::start(swapped(), Settings::default()).expect("both run");
     let [remark] = driver.remarks() else {
         panic!("{:?}", driver.remarks());
     };
@@ -311,17 +318,36 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
         "{texts:?}"
     );
 
-    let kinds = SerialConfig::NONE
-        .with(0, RemoteConfig::in_mode(0).required().kind(&i7i77::FIELD))
-        .with(1, RemoteConfig::in_mode(0).required().kind(&i7i77::ANALOG));
-    let error =
-        Driver::start(swapped(), Settings::new().serial_port(0, kinds)).expect_err("swapped");
+    let required = |kind| RemoteConfig {
+        kind: Some(kind),
+        presence: Presence::Required,
+        ..RemoteConfig::default()
+    };
+    let (field, analog) = (required(&i7i77::FIELD), required(&i7i77::ANALOG));
+    let kinds = SerialConfig {
+        channels: [(0, field), (1, analog)].into(),
+    };
+    let error = Driver::start(
+        swapped(),
+        Settings {
+            serial_ports: [(0, kinds.clone())].into(),
+            ..Settings::default()
+        },
+    )
+    .expect_err("swapped");
     assert!(
         error.to_string().contains("swapped; exchange them"),
         "{error}"
     );
     let right = machine(vec![device("7i77"), device("analog")]);
-    let driver = Driver::start(right, Settings::new().serial_port(0, kinds)).expect("right");
+    let driver = Driver::start(
+        right,
+        Settings {
+            serial_ports: [(0, kinds)].into(),
+            ..Settings::default()
+        },
+    )
+    .expect("right");
     assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));
 }
 
@@ -331,7 +357,14 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     let build = |modes: &str| {
         let fpga = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
         let modes: SerialConfig = modes.parse().expect("modes");
-        Driver::start(fpga, Settings::new().serial_port(0, modes)).expect("complete")
+        Driver::start(
+            fpga,
+            Settings {
+                serial_ports: [(0, modes)].into(),
+                ..Settings::default()
+            },
+        )
+        .expect("complete")
     };
     // FACTS 8.1: TXEN2, TX2 and RX2 are I/O 0 to 2, TX1 and RX1 are 3 and 4.
     let all = build("000");

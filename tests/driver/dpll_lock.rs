@@ -39,7 +39,10 @@ impl Machine {
     fn new(host: Host) -> Self {
         let driver = Driver::start(
             machines::i7i97(1),
-            Settings::new().period(Duration::from_nanos(PERIOD)),
+            Settings {
+                period: Duration::from_nanos(PERIOD),
+                ..Settings::default()
+            },
         )
         .expect("a 7I97");
         let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;

@@ -102,7 +102,7 @@ fn clearing_has_bit_restores_the_board_and_leaves_outputs_to_the_application() {
 fn dropping_the_driver_stops_the_ports_and_leaves_nothing_driven() {
     let mut simulated = fpga();
     {
-        let driver = Driver::start(&mut simulated, Settings::new()).unwrap();
+        let driver = Driver::start(&mut simulated, Settings::default()).unwrap();
         let mut driver = driver;
         for _ in 0..5 {
             let _ = driver.read().unwrap();
@@ -157,7 +157,7 @@ fn a_driver_that_is_shut_down_gives_the_bus_back_and_leaves_nothing_on() {
 }
 
 fn faulty() -> Machine<Faulty<SimFpga>> {
-    let driver = Driver::start(Faulty::new(fpga(), 7), Settings::new()).unwrap();
+    let driver = Driver::start(Faulty::new(fpga(), 7), Settings::default()).unwrap();
     let mut machine = Machine::with(driver);
     switch_on(&mut machine);
     machine.cycles(5);
@@ -331,7 +331,10 @@ fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
     }
     assert!(ALL.iter().all(|&c| !machine.is_armed(c)));
 
-    let settings = Settings::new().bus_error_limit(3);
+    let settings = Settings {
+        bus_error_limit: 3,
+        ..Settings::default()
+    };
     let driver = Driver::start(Faulty::new(fpga(), 7), settings).unwrap();
     let limit = driver.connection().packet_error_limit;
     assert_eq!(driver.pins().param(limit), 6, "three failures in a row");
@@ -360,7 +363,7 @@ fn a_board_that_lost_its_firmware_is_not_mistaken_for_one_with_all_inputs_off() 
 fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let mut simulated = fpga();
     let removed = simulated.plug(0, OUTPUTS, None);
-    let mut driver = Driver::start(&mut simulated, Settings::new()).unwrap();
+    let mut driver = Driver::start(&mut simulated, Settings::default()).unwrap();
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
@@ -380,7 +383,7 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     drop(driver);
     simulated.plug(0, OUTPUTS, removed);
     assert!(
-        Driver::start(&mut simulated, Settings::new())
+        Driver::start(&mut simulated, Settings::default())
             .unwrap()
             .missing()
             .is_empty()

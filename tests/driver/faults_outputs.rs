@@ -307,8 +307,10 @@ fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outpu
 /// The host stands still for longer than the remotes' watchdogs allow, and the board's.
 #[test]
 fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_once() {
-    let mut machine =
-        Machine::build(|builder| builder.watchdog(std::time::Duration::from_millis(500)));
+    let mut machine = Machine::build(|builder| Settings {
+        watchdog: Some(std::time::Duration::from_millis(500)),
+        ..builder
+    });
     for _ in 0..5 {
         cycle(&mut machine, |_| {});
     }
@@ -390,7 +392,10 @@ fn every_bit_of_the_fault_byte_has_a_name() {
 
 /// A 7I72 that has been powered up with this watchdog, and drives all its outputs.
 fn busy_machine_with_watchdog(millis: u32) -> Machine {
-    let settings = Settings::new().watchdog(std::time::Duration::from_secs(1));
+    let settings = Settings {
+        watchdog: Some(std::time::Duration::from_secs(1)),
+        ..Settings::default()
+    };
     let mut board = Board::identify(fpga(), settings).expect("a board");
     let mut remotes = board.discover().expect("its remotes");
     let mut outputs = remotes.at(0, 2).expect("a 7I72");

@@ -2,15 +2,25 @@
 //! safe, and how a remote comes back.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::driver::{Failure, OfflineReason, RemoteConfig, RemoteState, SerialConfig};
+use mesa_hal::Settings;
+use mesa_hal::driver::{Failure, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig};
 use mesa_hal::sim::devices::{FieldIo, Outputs48};
 use mesa_hal::sim::remote::{Cable, Toward, WireFault};
 use mesa_hal::sslbp::RemoteFaults;
 
 /// Outputs on, volts on, inputs on.
 fn busy_machine(mode: u8) -> Machine {
-    let config = SerialConfig::default().with(0, RemoteConfig::in_mode(mode).required());
-    let mut machine = Machine::build(|builder| builder.serial_port(0, config));
+    let remote = RemoteConfig {
+        mode,
+        presence: Presence::Required,
+        ..RemoteConfig::default()
+    };
+    let mut config = SerialConfig::default();
+    config.channels.insert(0, remote);
+    let mut machine = Machine::build(|builder| Settings {
+        serial_ports: [(0, config)].into(),
+        ..builder
+    });
     switch_on(&mut machine);
     machine.cycles(5);
     assert!(are_outputs_on(&machine, FIELD));
@@ -216,8 +226,10 @@ fn an_unplugged_remote_switches_off_by_itself_and_says_so_when_it_is_back() {
 /// watchdog allows: it answers again, with a bitten watchdog.
 #[test]
 fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
-    let mut machine =
-        Machine::build(|builder| builder.watchdog(std::time::Duration::from_millis(500)));
+    let mut machine = Machine::build(|builder| Settings {
+        watchdog: Some(std::time::Duration::from_millis(500)),
+        ..builder
+    });
     switch_on(&mut machine);
     machine.cycles(5);
     machine.sleep(70);
@@ -384,11 +396,12 @@ fn attempts_to_bring_a_remote_back_never_starve_the_others() {
 
 #[test]
 fn without_automatic_recovery_the_application_decides() {
-    let mut machine = Machine::build(|builder| {
-        builder.fault_policy(mesa_hal::driver::FaultPolicy {
+    let mut machine = Machine::build(|builder| Settings {
+        fault_policy: mesa_hal::driver::FaultPolicy {
             automatic: false,
             ..Default::default()
-        })
+        },
+        ..builder
     });
     machine.cycles(5);
     machine.cable(FIELD).unplug();

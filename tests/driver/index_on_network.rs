@@ -52,10 +52,12 @@ fn machine() -> Machine {
     let bus = UdpBus::new(link, config).expect("the board answers");
     Driver::start(
         bus,
-        Settings::new()
-            .period(PERIOD)
-            .bus_error_limit(1000)
-            .watchdog(Duration::from_millis(500)),
+        Settings {
+            period: PERIOD,
+            bus_error_limit: 1000,
+            watchdog: Some(Duration::from_millis(500)),
+            ..Settings::default()
+        },
     )
     .expect("the machine is complete")
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::common::machine::Machine;
 use mesa_hal::Settings;
-use mesa_hal::driver::{Driver, RemoteConfig, SerialConfig};
+use mesa_hal::driver::{Driver, SerialConfig};
 use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
 use mesa_hal::sim::{SimFpga, machines};
 
@@ -87,15 +87,16 @@ fn differences(made: &List, written: &List) -> Vec<String> {
 
 /// A 7I77 with everything that it measures, and a 7I72 with its supply voltage.
 fn machine_7i92() -> Driver<SimFpga> {
-    let modes = SerialConfig::default()
-        .with(0, RemoteConfig::in_mode(3))
-        .with(1, RemoteConfig::in_mode(0))
-        .with(2, RemoteConfig::in_mode(1));
-    Machine::build(|builder| builder.serial_port(0, modes)).driver
+    let modes: SerialConfig = "301".parse().expect("modes");
+    Machine::build(|builder| Settings {
+        serial_ports: [(0, modes)].into(),
+        ..builder
+    })
+    .driver
 }
 
 fn machine_7i97() -> Driver<SimFpga> {
-    Driver::start(machines::i7i97(1), Settings::new()).expect("a 7I97")
+    Driver::start(machines::i7i97(1), Settings::default()).expect("a 7I97")
 }
 
 #[test]

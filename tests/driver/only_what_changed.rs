@@ -102,7 +102,10 @@ fn cycles(fpga: SimFpga, seed: u64, are_all_touched: bool) -> impl Iterator<Item
         ..GpioConfig::default()
     };
     // A pin that no module uses.
-    let settings = Settings::new().gpio(50, output);
+    let settings = Settings {
+        gpio: vec![(50, output)],
+        ..Settings::default()
+    };
     let mut driver = Driver::start(Around { fpga, between }, settings).expect("a board");
     (0..CYCLES).map(move |_| {
         if chance.one_in(10) {

@@ -6,10 +6,12 @@ use std::time::Duration;
 use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
 use mesa_hal::boards::{
     AttachError, Contents, ElementTable, Finder, I7i72, I7i77Field, RemoteHandles, RemoteTable,
-    Terminals, i7i77,
+    Terminals, i7i72, i7i77,
 };
 use mesa_hal::discovery::DataDirection;
-use mesa_hal::driver::{Board, Driver, RemoteConfig, RemoteState, SerialConfig, Settings};
+use mesa_hal::driver::{
+    Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
+};
 use mesa_hal::hal::{AnalogIn, DigitalIn, DigitalOut};
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::{FieldIo, Outputs48, Plain};
@@ -84,21 +86,37 @@ impl Cards for Valves {
 
 type Shop = Machine<SimFpga, Valves>;
 
-fn board(end: Option<Box<dyn RemoteEnd>>) -> Board<SimFpga> {
+/// Settings for a remote of this kind in this mode, on this channel, that may be absent.
+fn optional(channel: usize, mode: u8, kind: &'static RemoteTable) -> Settings {
+    let remote = RemoteConfig {
+        mode,
+        kind: Some(kind),
+        presence: Presence::Optional,
+        ..RemoteConfig::default()
+    };
+    let mut config = SerialConfig::default();
+    config.channels.insert(channel as u8, remote);
+    Settings {
+        serial_ports: [(0, config)].into(),
+        ..Settings::default()
+    }
+}
+
+fn board(end: Option<Box<dyn RemoteEnd>>, settings: Settings) -> Board<SimFpga> {
     let mut fpga = fpga();
     let _ = fpga.plug(0, OUTPUTS, end);
-    let mut board = Board::identify(fpga, Settings::new()).expect("a 7I92");
+    let mut board = Board::identify(fpga, settings).expect("a 7I92");
     board.add_remote(&VALVES).expect("before discovery");
     board
 }
 
 /// A machine whose valve block is not there yet.
 fn shop() -> Shop {
-    let mut board = board(None);
+    let mut board = board(None, optional(OUTPUTS, 0, &VALVES));
     let remotes = board.discover().expect("two remotes");
-    assert_eq!(remotes.iter().count(), 2);
-    assert_eq!(remotes.missing().len(), 1);
-    let absent = board.attach_optional::<Valves>(0, OUTPUTS as u8);
+    assert_eq!(remotes.iter().count(), 3);
+    assert_eq!(remotes.missing(), []);
+    let absent = board.attach::<Valves>(0, OUTPUTS as u8);
     let absent = absent.expect("its pins are made");
     let shop = Shop::of(board.start().expect("two remotes run"));
     assert_eq!(shop.cards, absent);
@@ -137,7 +155,8 @@ fn reason(shop: &Shop) -> String {
 #[test]
 fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let mut shop = {
-        let mut board = board(Some(valve_block("")));
+        // What is there is what it is, optional or not.
+        let mut board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
         let mut remotes = board.discover().expect("three remotes");
         assert_eq!(remotes.iter().count(), 3);
         assert_eq!(remotes.remarks(), []);
@@ -145,9 +164,8 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
         block.write("NVWatchDogTimeout", 100).expect("it takes it");
         let watchdog = block.read("nvwatchdogtimeout").expect("it tells it");
         assert_eq!(watchdog.raw, 100);
-        let valves = board.attach::<Valves>(0, OUTPUTS as u8).expect("valves");
-        // What is there is what it is, optional or not.
-        assert_eq!(board.attach_optional(0, OUTPUTS as u8), Ok(valves));
+        let valves = board.attach::<Valves>(0, OUTPUTS as u8);
+        valves.expect("valves");
         Shop::of(board.start().expect("all of it runs"))
     };
     let handles = shop.cards;
@@ -186,7 +204,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
 
 #[test]
 fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
-    let mut board = board(None);
+    let mut board = board(None, Settings::default());
     let error = board
         .discover()
         .expect("two remotes")
@@ -289,9 +307,7 @@ fn are_open_somewhere(shop: &Shop) -> bool {
 fn a_table_that_knows_its_firmware_takes_no_other() {
     let mut fpga = fpga();
     let _ = fpga.plug(0, OUTPUTS, None);
-    let config = RemoteConfig::in_mode(0).optional(&VALVES_OF_FIRMWARE_1);
-    let config = SerialConfig::default().with(OUTPUTS as u8, config);
-    let driver = Driver::start(fpga, Settings::new().serial_port(0, config));
+    let driver = Driver::start(fpga, optional(OUTPUTS, 0, &VALVES_OF_FIRMWARE_1));
     let mut shop = Shop::of(driver.expect("two remotes run"));
     plug(&mut shop, Some(valve_block("")));
     shop.until(12_000, |shop| reason(shop).contains("tables"));
@@ -304,9 +320,7 @@ fn a_table_that_knows_its_firmware_takes_no_other() {
 fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_for() {
     let mut fpga = fpga();
     let _ = fpga.plug(0, FIELD, None);
-    let config = RemoteConfig::in_mode(2).optional(&i7i77::FIELD);
-    let config = SerialConfig::default().with(FIELD as u8, config);
-    let driver = Driver::start(fpga, Settings::new().serial_port(0, config));
+    let driver = Driver::start(fpga, optional(FIELD, 2, &i7i77::FIELD));
     let mut machine: Machine = Machine::of(driver.expect("the others run"));
     let field: I7i77Field = machine.driver.attach(0, FIELD as u8).expect("field I/O");
     let supply = field.field_voltage.expect("mode 2");
@@ -356,19 +370,10 @@ fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output()
 fn an_optional_remote_of_which_the_table_does_not_know_all_is_refused() {
     let mut fpga = fpga();
     let _ = fpga.plug(0, OUTPUTS, None);
-    let config = SerialConfig::default().with(OUTPUTS as u8, RemoteConfig::in_mode(1));
-    let mut board = Board::identify(fpga, Settings::new().serial_port(0, config)).expect("a 7I92");
-    let _ = board.discover().expect("two remotes");
-    let error = board
-        .attach_optional::<I7i72>(0, OUTPUTS as u8)
-        .unwrap_err();
+    let error = Driver::start(fpga, optional(OUTPUTS, 1, &i7i72::REMOTE)).unwrap_err();
     let text = error.to_string();
     assert!(
         text.contains("7I72") && text.contains("software mode 1"),
         "{text}"
     );
-    assert!(matches!(
-        board.attach_optional::<I7i72>(0, 6),
-        Err(AttachError::NoRemote { .. })
-    ));
 }

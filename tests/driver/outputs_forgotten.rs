@@ -88,7 +88,14 @@ fn remotes_of_a_port_that_is_switched_off_are_told_and_not_left_to_their_watchdo
 
 #[test]
 fn writes_alone_do_not_bring_back_a_board_whose_bus_was_down() {
-    let driver = Driver::start(Faulty::new(fpga(), 1), Settings::new().bus_error_limit(1)).unwrap();
+    let driver = Driver::start(
+        Faulty::new(fpga(), 1),
+        Settings {
+            bus_error_limit: 1,
+            ..Settings::default()
+        },
+    )
+    .unwrap();
     let mut machine = Machine::with(driver);
     machine.cycles(3);
     let bus = machine.driver.bus_mut();
@@ -108,7 +115,10 @@ fn pauses_without_end_are_a_policy_like_any_other() {
         longest_backoff: Duration::MAX,
         ..FaultPolicy::default()
     };
-    let mut machine = Machine::build(|builder| builder.fault_policy(policy));
+    let mut machine = Machine::build(|builder| Settings {
+        fault_policy: policy,
+        ..builder
+    });
     machine.cable(FIELD).unplug();
     machine.until(40, |machine| !machine.is_running(FIELD));
     machine.cycles(300);
@@ -213,7 +223,10 @@ fn no_value_of_a_register_pin_or_parameter_makes_the_cycle_fail() {
         let fpga = fpga();
         let mut driver = Driver::start(
             Around { fpga, between },
-            Settings::new().serial_port(0, "301".parse().unwrap()),
+            Settings {
+                serial_ports: [(0, "301".parse().unwrap())].into(),
+                ..Settings::default()
+            },
         )
         .unwrap();
         driver.bus_mut().between.one_in = [0, 3, 30, 1000][seed as usize % 4];

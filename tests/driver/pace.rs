@@ -21,7 +21,15 @@ fn bus() -> UdpBus<SimLink> {
 }
 
 fn machine(pace: Pace) -> Machine {
-    Driver::start(bus(), Settings::new().period(PERIOD).pace(pace)).expect("the board is complete")
+    Driver::start(
+        bus(),
+        Settings {
+            period: PERIOD,
+            pace,
+            ..Settings::default()
+        },
+    )
+    .expect("the board is complete")
 }
 
 /// When the board answered the requests of the cycle, from the packet `first` on.
@@ -233,13 +241,30 @@ fn a_pace_has_a_name() {
 #[test]
 fn what_can_not_pace_is_said_when_the_driver_is_built() {
     let fpga = machines::six_axes_7i92(MotorConfig::default());
-    let error = Driver::start(ethernet::bus(fpga), Settings::new().pace(Pace::Board)).unwrap_err();
+    let error = Driver::start(
+        ethernet::bus(fpga),
+        Settings {
+            pace: Pace::Board,
+            ..Settings::default()
+        },
+    )
+    .unwrap_err();
     assert!(matches!(error, StartError::NoPace), "{error}");
-    let settings = Settings::new().pace(Pace::Board).without_dpll();
+    let settings = Settings {
+        pace: Pace::Board,
+        no_dpll: true,
+        ..Settings::default()
+    };
     let error = Driver::start(bus(), settings).unwrap_err();
     assert!(matches!(error, StartError::NoPace), "{error}");
     let embedded = machines::six_axes_7i97(MotorConfig::default());
-    let error = Driver::start(embedded, Settings::new().pace(Pace::Board));
+    let error = Driver::start(
+        embedded,
+        Settings {
+            pace: Pace::Board,
+            ..Settings::default()
+        },
+    );
     let error = error.unwrap_err();
     let refused = matches!(error, StartError::NotPaced);
     assert!(refused, "{error}");

@@ -4,27 +4,40 @@ use std::time::Duration;
 
 use crate::common::machine::{OUTPUTS, fpga};
 use mesa_hal::Settings;
+use mesa_hal::boards::RemoteTable;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
-use mesa_hal::driver::{Driver, MissingReason, RemoteConfig, SerialConfig, StartError};
+use mesa_hal::driver::{Driver, MissingReason, Presence, RemoteConfig, SerialConfig, StartError};
 use mesa_hal::sim::{SimError, SimFpga};
 
 #[test]
 fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
+    const OTHER: RemoteTable = RemoteTable::new("other card", *b"7I84", &[]);
     let build = |remote: RemoteConfig, fpga: &mut SimFpga| {
-        let config = SerialConfig::default().with(2, remote);
-        let result = Driver::start(&mut *fpga, Settings::new().serial_port(0, config));
+        let mut config = SerialConfig::default();
+        config.channels.insert(2, remote);
+        let result = Driver::start(
+            &mut *fpga,
+            Settings {
+                serial_ports: [(0, config)].into(),
+                ..Settings::default()
+            },
+        );
         let Err(StartError::Missing(missing)) = result else {
             panic!("built");
         };
         missing.reason
     };
-    let any = RemoteConfig::in_mode(0).required();
+    let any = RemoteConfig {
+        presence: Presence::Required,
+        ..RemoteConfig::default()
+    };
+    let (kind, unit_number) = (Some(&OTHER), Some(1));
     let mut simulated = fpga();
-    let wrong = build(any.named(*b"7I84"), &mut simulated);
+    let wrong = build(RemoteConfig { kind, ..any }, &mut simulated);
     assert!(matches!(wrong, MissingReason::WrongRemote(_)), "{wrong}");
-    let wrong = build(any.unit(1), &mut simulated);
+    let wrong = build(RemoteConfig { unit_number, ..any }, &mut simulated);
     assert!(matches!(wrong, MissingReason::WrongRemote(_)), "{wrong}");
-    let wrong = build(RemoteConfig::in_mode(7).required(), &mut simulated);
+    let wrong = build(RemoteConfig { mode: 7, ..any }, &mut simulated);
     assert!(
         matches!(wrong, MissingReason::UnknownMode { mode: 7, .. }),
         "{wrong}"
@@ -43,7 +56,13 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
 fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
     let mut simulated = fpga();
     let period = Duration::from_micros(50);
-    let result = Driver::start(&mut simulated, Settings::new().period(period));
+    let result = Driver::start(
+        &mut simulated,
+        Settings {
+            period,
+            ..Settings::default()
+        },
+    );
     let Err(StartError::PeriodTooShort { needed, .. }) = result else {
         panic!("built");
     };
@@ -89,7 +108,7 @@ impl Clock for &mut TooSmall {
 #[test]
 fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stopped() {
     let mut bus = TooSmall(fpga());
-    let error = Driver::start(&mut bus, Settings::new()).unwrap_err();
+    let error = Driver::start(&mut bus, Settings::default()).unwrap_err();
     assert!(matches!(error, StartError::Bus(_)), "{error}");
     for channel in 0..3u16 {
         let cs = bus.0.read_register(0x5C00 + 4 * channel);

@@ -43,7 +43,7 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_and_says_how() {
 
 /// A board whose remotes are in setup mode.
 fn discovered(fpga: SimFpga) -> Board<SimFpga> {
-    let mut board = Board::identify(fpga, Settings::new()).expect("a board");
+    let mut board = Board::identify(fpga, Settings::default()).expect("a board");
     let _ = board.discover().expect("its remotes");
     board
 }
@@ -179,8 +179,10 @@ fn are_on(machine: &Machine) -> Vec<bool> {
 fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_restarted() {
     // Also with a board's watchdog that is shorter than the call.
     for watchdog in [5, 1000] {
-        let mut machine =
-            Machine::build(|builder| builder.watchdog(Duration::from_millis(watchdog)));
+        let mut machine = Machine::build(|builder| Settings {
+            watchdog: Some(Duration::from_millis(watchdog)),
+            ..builder
+        });
         switch_on(&mut machine);
         machine.cycles(5);
         assert!(are_on(&machine).into_iter().all(|on| on));
@@ -302,7 +304,10 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
 
 #[test]
 fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power_up() {
-    let mut machine = Machine::build(|builder| builder.watchdog(Duration::from_secs(1)));
+    let mut machine = Machine::build(|builder| Settings {
+        watchdog: Some(Duration::from_secs(1)),
+        ..builder
+    });
     machine.cycles(5);
     let driver = &mut machine.driver;
     driver
@@ -341,7 +346,7 @@ fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_
     let lost = Fault::NotExecuted(BusErrorKind::Lost);
     let late = Fault::Executed(BusErrorKind::Late);
     for (fault, exchanges) in [(lost, 2), (late, 2), (lost, 2000), (late, 2000)] {
-        let driver = Driver::start(Faulty::new(fpga(), 1), Settings::new()).unwrap();
+        let driver = Driver::start(Faulty::new(fpga(), 1), Settings::default()).unwrap();
         let mut machine = Machine::with(driver);
         machine.cycles(5);
         let mut write = |from: u64, value: u32| {

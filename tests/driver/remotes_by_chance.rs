@@ -61,7 +61,11 @@ impl Run {
         let config: SerialConfig = "301".parse().expect("modes");
         let driver = Driver::start(
             Faulty::new(fpga(), seed),
-            Settings::new().serial_port(0, config).fault_policy(policy),
+            Settings {
+                serial_ports: [(0, config)].into(),
+                fault_policy: policy,
+                ..Settings::default()
+            },
         )
         .expect("the machine is complete");
         Self {

@@ -172,9 +172,17 @@ impl<B: World> Machine<B> {
         let serial = if remotes {
             SerialConfig::default()
         } else {
-            SerialConfig::NONE
+            SerialConfig {
+                channels: [].into(),
+            }
         };
-        let driver = Driver::start(bus, Settings::new().serial_port(0, serial));
+        let driver = Driver::start(
+            bus,
+            Settings {
+                serial_ports: [(0, serial)].into(),
+                ..Settings::default()
+            },
+        );
         let driver = driver.expect("the board is complete");
         let count = |n| format!("{BOARD}.encoder.{n:02}.count");
         let counts = [0, 1, 2, 3, 4, 5].map(|n| driver.pins().input(&count(n)).expect("a pin"));

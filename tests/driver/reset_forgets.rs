@@ -34,8 +34,17 @@ fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
 #[test]
 fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
     let fpga = machines::six_axes_7i92(MotorConfig::default());
-    let mut driver =
-        Driver::start(fpga, Settings::new().serial_port(0, SerialConfig::NONE)).unwrap();
+    let no_remotes = SerialConfig {
+        channels: [].into(),
+    };
+    let mut driver = Driver::start(
+        fpga,
+        Settings {
+            serial_ports: [(0, no_remotes)].into(),
+            ..Settings::default()
+        },
+    )
+    .unwrap();
     let counts: Vec<Input<i32>> = (0..6)
         .map(|n| {
             driver

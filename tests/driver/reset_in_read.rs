@@ -28,7 +28,7 @@ impl Director for ResetAt {
 fn running() -> Machine {
     let mut fpga = fpga();
     machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
-    let mut machine = Machine::with(Driver::start(fpga, Settings::new()).expect("complete"));
+    let mut machine = Machine::with(Driver::start(fpga, Settings::default()).expect("complete"));
     for axis in 0..6 {
         let motor = machine.driver.bus_mut().motor(axis).expect("axis");
         motor.turn_by_hand(Some(2.0));

@@ -6,8 +6,11 @@ use std::time::Duration;
 
 use crate::common::ethernet::{self, WIRE, cut, good};
 use mesa_hal::Settings;
+use mesa_hal::boards::RemoteTable;
 use mesa_hal::bus::Clock;
-use mesa_hal::driver::{BoardState, Driver, GpioConfig, RemoteConfig, SerialConfig, StartError};
+use mesa_hal::driver::{
+    BoardState, Driver, GpioConfig, Presence, RemoteConfig, SerialConfig, StartError,
+};
 use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
 
 const PINS: usize = 51;
@@ -29,7 +32,10 @@ fn driven(fpga: &SimFpga) -> Vec<usize> {
 fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
     let result = Driver::start(
         fpga(),
-        Settings::new().watchdog(Duration::from_micros(1_900)),
+        Settings {
+            watchdog: Some(Duration::from_micros(1_900)),
+            ..Settings::default()
+        },
     );
     let Err(error @ StartError::WatchdogTooShort { needed, .. }) = result else {
         panic!("built");
@@ -40,7 +46,16 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
         text.contains("1.9ms") && text.contains("2 x 1ms = 2ms"),
         "{text}"
     );
-    assert!(Driver::start(fpga(), Settings::new().watchdog(millis(2))).is_ok());
+    assert!(
+        Driver::start(
+            fpga(),
+            Settings {
+                watchdog: Some(millis(2)),
+                ..Settings::default()
+            }
+        )
+        .is_ok()
+    );
 }
 
 #[test]
@@ -48,7 +63,11 @@ fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmeti
     let built = |period| {
         Driver::start(
             fpga(),
-            Settings::new().without_dpll().period(millis(period)),
+            Settings {
+                no_dpll: true,
+                period: millis(period),
+                ..Settings::default()
+            },
         )
     };
     let Err(error @ StartError::RemoteWatchdogTooShort { watchdog, .. }) = built(26) else {
@@ -71,7 +90,13 @@ fn no_period_panics_and_what_can_not_be_kept_is_refused() {
         Duration::from_secs(1),
         Duration::from_nanos(1),
     ] {
-        let result = Driver::start(fpga(), Settings::new().period(period));
+        let result = Driver::start(
+            fpga(),
+            Settings {
+                period,
+                ..Settings::default()
+            },
+        );
         assert!(
             matches!(result, Err(StartError::BadPeriod { .. })),
             "{period:?}"
@@ -88,7 +113,10 @@ fn watchdog_and_deadline_follow_the_period() {
     ] {
         let built = Driver::start(
             ethernet::bus(fpga()),
-            Settings::new().period(Duration::from_micros(period)),
+            Settings {
+                period: Duration::from_micros(period),
+                ..Settings::default()
+            },
         );
         let mut driver = built.expect("the board is complete");
         for _ in 0..3 {
@@ -157,7 +185,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
     fpga.write_register(0x0D00, 1);
     let seen = Arc::<Mutex<Vec<String>>>::default();
     fpga.set_director(Box::new(Watch(Arc::clone(&seen))));
-    let mut driver = Driver::start(fpga, Settings::new()).expect("the board is complete");
+    let mut driver = Driver::start(fpga, Settings::default()).expect("the board is complete");
     for n in 0..50 {
         let report = driver.read().expect("the bus does not fail");
         assert_eq!(report.board, BoardState::Running, "cycle {n}");
@@ -177,7 +205,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
 
 #[test]
 fn a_bite_right_after_rearming_is_seen() {
-    let mut driver = Driver::start(fpga(), Settings::new()).expect("the board is complete");
+    let mut driver = Driver::start(fpga(), Settings::default()).expect("the board is complete");
     for silence in [1, 2, 4, 6] {
         for _ in 0..5 {
             let _ = driver.rearm().expect("the bus does not fail");
@@ -207,6 +235,7 @@ fn a_bite_right_after_rearming_is_seen() {
 /// A GPIO with open drain is driven whatever its direction: FACTS 12.2.
 #[test]
 fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
+    const NONE: RemoteTable = RemoteTable::new("card", *b"NONE", &[]);
     let open_drain = GpioConfig {
         output: true,
         open_drain: true,
@@ -216,7 +245,10 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
     {
         let mut driver = Driver::start(
             &mut simulated,
-            Settings::new().gpio(40, open_drain).gpio(41, open_drain),
+            Settings {
+                gpio: vec![(40, open_drain), (41, open_drain)],
+                ..Settings::default()
+            },
         )
         .expect("the board is complete");
         for _ in 0..5 {
@@ -229,11 +261,21 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
     simulated.wait(millis(1));
     assert!(simulated.watchdog().has_bitten());
     assert_eq!(driven(&simulated), []);
-    let missing =
-        SerialConfig::default().with(0, RemoteConfig::in_mode(0).named(*b"NONE").required());
+    let required = RemoteConfig {
+        kind: Some(&NONE),
+        presence: Presence::Required,
+        ..RemoteConfig::default()
+    };
+    let missing = SerialConfig {
+        channels: [(0, required)].into(),
+    };
     let built = Driver::start(
         &mut simulated,
-        Settings::new().gpio(40, open_drain).serial_port(0, missing),
+        Settings {
+            gpio: vec![(40, open_drain)],
+            serial_ports: [(0, missing)].into(),
+            ..Settings::default()
+        },
     );
     assert!(matches!(built, Err(StartError::Missing(_))));
     drop(built);
@@ -243,7 +285,7 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
 
 #[test]
 fn the_end_survives_lost_packets() {
-    let built = Driver::start(ethernet::bus(fpga()), Settings::new());
+    let built = Driver::start(ethernet::bus(fpga()), Settings::default());
     let mut driver = built.expect("the board is complete");
     for _ in 0..5 {
         let _ = driver.read().expect("a good network");

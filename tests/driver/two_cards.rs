@@ -60,7 +60,7 @@ fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, 
 #[test]
 fn all_twelve_encoders_of_two_cards_count_their_own_shafts() {
     let fpga = with_motors(machines::firmware_7i92_7i77x2(), 2);
-    let mut driver = Driver::start(fpga, Settings::new()).expect("two cards");
+    let mut driver = Driver::start(fpga, Settings::default()).expect("two cards");
     let encoders = driver
         .modules::<Encoders>()
         .next()
@@ -97,7 +97,7 @@ fn terminals(pins: &Pins) -> Vec<String> {
 #[test]
 fn each_card_has_its_own_terminals_and_what_is_no_card_has_none() {
     let fpga = with_motors(machines::firmware_7i92_7i77x2(), 2);
-    let driver = Driver::start(fpga, Settings::new()).expect("two cards");
+    let driver = Driver::start(fpga, Settings::default()).expect("two cards");
     let found = terminals(driver.pins());
     assert_eq!(found.len(), 12);
     for n in 0..6 {
@@ -110,7 +110,7 @@ fn each_card_has_its_own_terminals_and_what_is_no_card_has_none() {
     let mut firmware = machines::firmware_7i92_7i77();
     firmware.pins.swap(3, 20);
     let fpga = with_motors(firmware, 0);
-    let driver = Driver::start(fpga, Settings::new()).expect("encoders");
+    let driver = Driver::start(fpga, Settings::default()).expect("encoders");
     assert!(terminals(driver.pins()).iter().all(String::is_empty));
 }
 
@@ -122,7 +122,13 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
             count: Some(count),
             ..EncoderSetup::default()
         };
-        Driver::start(fpga, Settings::new().encoders(setup))
+        Driver::start(
+            fpga,
+            Settings {
+                encoders: setup,
+                ..Settings::default()
+            },
+        )
     };
     let error = build(7).map(drop).expect_err("there are six");
     assert!(matches!(
@@ -148,7 +154,7 @@ fn multiplexed_encoders_with_a_probe_are_known_and_latch_on_it() {
         let mut firmware = machines::firmware_7i97(1);
         let module = firmware.module_mut(gtag::MUXED_ENCODER).expect("encoders");
         module.version = version;
-        let mut driver = Driver::start(with_motors(firmware, 0), Settings::new())
+        let mut driver = Driver::start(with_motors(firmware, 0), Settings::default())
             .unwrap_or_else(|error| panic!("version {version:#x}: {error}"));
         let encoders = driver
             .modules::<Encoders>()

@@ -79,12 +79,14 @@ fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> Et
     };
     Driver::start(
         bus,
-        Settings::new()
-            .period(period)
-            .pace(pace)
-            .bus_error_limit(50)
-            .watchdog(Duration::from_millis(50))
-            .fault_policy(policy),
+        Settings {
+            period,
+            pace,
+            bus_error_limit: 50,
+            watchdog: Some(Duration::from_millis(50)),
+            fault_policy: policy,
+            ..Settings::default()
+        },
     )
     .expect("the machine is complete")
 }

@@ -108,7 +108,7 @@ fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
 #[test]
 fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
     let bus = board().into_inner();
-    let mut driver = Driver::start(bus, Settings::new()).expect("a 7I97");
+    let mut driver = Driver::start(bus, Settings::default()).expect("a 7I97");
     let one_by_one: Vec<_> = (0..4).map(|n| [0, 1, 2, 3].map(|k| k == n)).collect();
     assert_ne!(running_light(&mut driver), one_by_one, "they count packets");
     for (mode, shows) in [(LedMode::HostMot2, true), (LedMode::Debug, false)] {

@@ -120,10 +120,12 @@ fn settings() -> Settings {
         output: true,
         ..GpioConfig::default()
     };
-    Settings::new()
-        .period(PERIOD)
-        .board(&BOARD)
-        .gpio(LAMP, lamp)
+    Settings {
+        period: PERIOD,
+        boards: vec![&BOARD],
+        gpio: vec![(LAMP, lamp)],
+        ..Settings::default()
+    }
 }
 
 struct Machine {
@@ -345,7 +347,7 @@ fn what_is_not_there_or_there_already_is_told() {
     let late = board.add_remote(&VALVES).expect_err("after the discovery");
     println!("{late}");
 
-    let mut other = Board::identify(machines::i7i92_7i77(), Settings::new()).expect("a 7I92");
+    let mut other = Board::identify(machines::i7i92_7i77(), Settings::default()).expect("a 7I92");
     other
         .add(Pulser::register)
         .expect("there is none, which is fine");
@@ -364,7 +366,7 @@ fn the_module_takes_less_than_100_lines() {
 #[test]
 fn a_module_that_the_firmware_does_not_have_is_left_out() {
     let fpga = machines::i7i92_7i77();
-    let mut board = Board::identify(fpga, Settings::new()).expect("a 7I92");
+    let mut board = Board::identify(fpga, Settings::default()).expect("a 7I92");
     board.add(Pulser::register).expect("nothing to refuse");
     let driver = board.start().expect("a set-up");
     assert!(driver.modules::<Pulser>().next().is_none());
@@ -393,7 +395,10 @@ const OTHER: BoardTable = BoardTable {
 fn a_board_table_from_outside_tells_rates_terminals_and_full_scales() {
     let mut firmware = machines::firmware_7i97(1);
     firmware.board = *b"MESA9I99";
-    let settings = Settings::new().board(&OTHER);
+    let settings = Settings {
+        boards: vec![&OTHER],
+        ..Settings::default()
+    };
     let driver = Driver::start(SimFpga::new(firmware), settings).expect("a 9I99");
     let pins = driver.pins();
     let hz = pins.parameter::<u32>("hm2_9i99.0.pwmgen.pwm_frequency");

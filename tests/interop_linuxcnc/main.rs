@@ -219,7 +219,7 @@ fn cycles(before: &Values, after: &Values) -> f64 {
 
 /// Our driver, built for the same machine, has the same pins and parameters.
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
-    let driver = Driver::start(ours, Settings::new()).expect("the machine is complete");
+    let driver = Driver::start(ours, Settings::default()).expect("the machine is complete");
     let (pins, params) = (machine.list("pin"), machine.list("param"));
     names::compare(prefix, &pins, &params, driver.pins());
 }

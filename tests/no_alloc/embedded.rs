@@ -36,7 +36,7 @@ fn the_counter_counts() {
 #[test]
 fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let bus = Faulty::new(fpga(), 0x5EED);
-    let driver = Driver::start(bus, Settings::new()).expect("the machine is complete");
+    let driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
     let mut machine = Machine::with(driver);
     let mut count = Count::default();
     for n in 0..CYCLES {

@@ -72,8 +72,15 @@ fn a_thousand_cycles_over_ethernet_allocate_nothing() {
             ..UdpConfig::default()
         };
         let bus = UdpBus::connect(board.address, config).expect("the board answers");
-        let mut driver = Driver::start(bus, Settings::new().pace(pace).bus_error_limit(100))
-            .expect("the board is complete");
+        let mut driver = Driver::start(
+            bus,
+            Settings {
+                pace,
+                bus_error_limit: 100,
+                ..Settings::default()
+            },
+        )
+        .expect("the board is complete");
         let mut good = 0;
         let allocated = measure(|| {
             for n in 0..CYCLES {

@@ -15,7 +15,7 @@ const MS: u64 = 1_000_000;
 fn running() -> Machine {
     let mut fpga = fpga();
     machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
-    let mut machine = Machine::with(Driver::start(fpga, Settings::new()).expect("complete"));
+    let mut machine = Machine::with(Driver::start(fpga, Settings::default()).expect("complete"));
     let _ = machine.driver.rearm();
     machine.cycles(3);
     machine.cards.set_all(machine.driver.pins_mut());

@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 
 use super::configure::Plan;
 use super::parameters::{ParameterWrite, RemoteParameterError, check_watchdog};
-use super::{MissingRemote, Remark, StartError};
+use super::{MissingRemote, Remark, RemoteConfig, StartError};
 use crate::boards::{AttachError, RemoteHandles, RemoteTable};
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::{PortMemory, Problem, RemoteDescriptor};
@@ -111,7 +111,7 @@ impl<'a, B: RegisterBus + Clock> Remotes<'a, B> {
     }
 
     /// Remotes that were configured and do not take part, with the reason. They are looked for
-    /// again at the next start; see [`Board::attach_optional`](super::Board::attach_optional).
+    /// again at the next start; see [`Presence::Optional`](super::Presence::Optional).
     pub fn missing(&self) -> &[MissingRemote] {
         &self.plan.missing
     }
@@ -202,6 +202,9 @@ impl<B: RegisterBus + Clock> RemoteInSetup<'_, B> {
     }
 }
 
+/// What nothing is known of.
+const ANY: RemoteTable = RemoteTable::new("remote of any kind", [0; 4], &[]);
+
 /// Handles of remotes.
 impl Plan {
     pub fn attach<T: RemoteHandles>(
@@ -229,22 +232,22 @@ impl Plan {
         &mut self,
         stage: &mut PortStage,
         number: u8,
-        table: &'static RemoteTable,
+        config: RemoteConfig,
     ) -> Result<(), AttachError> {
         if stage.place(number).is_some() {
             return Ok(());
         }
         let port = stage.number();
-        let config = stage.serial.channel(number);
+        let RemoteConfig { mode, kind, .. } = config;
+        let table = kind.unwrap_or(&ANY);
         let channel = Channel::new(number).filter(|_| number < stage.port.layout().channels());
-        let (Some(config), Some(channel)) = (config, channel) else {
+        let Some(channel) = channel else {
             return Err(AttachError::NoRemote {
                 port,
                 channel: number,
                 expected: table.title,
             });
         };
-        let mode = config.mode;
         let descriptor = table.descriptor(mode).ok_or(AttachError::TableIncomplete {
             kind: table.title,
             mode,

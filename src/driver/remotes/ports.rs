@@ -7,19 +7,21 @@ use crate::boards::{RemoteTable, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
     Discovered, DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor,
-    discover_port,
+    RemoteName, discover_port,
 };
 use crate::driver::configure::Plan;
+use crate::driver::configure::WATCHDOG_FEEDS;
 use crate::driver::remark;
-use crate::driver::settings::WATCHDOG_FEEDS;
-use crate::driver::{MissingReason, MissingRemote, Remark, SerialConfig, SerialPort, StartError};
+use crate::driver::{
+    MissingReason, MissingRemote, Presence, Remark, SerialConfig, SerialPort, StartError,
+};
 use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::modules::RegisterError;
 use crate::modules::serial::{Remote, RemoteFaultPins};
 use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
-    Channel, ChannelStart, Layout, Port, PortError, PortParameters, SslbpModule, StartMode,
-    StartedRemote,
+    Channel, ChannelStart, Layout, MAX_CHANNELS, Port, PortError, PortParameters, SslbpModule,
+    StartMode, StartedRemote,
 };
 
 /// A serial port while its board is configured.
@@ -48,24 +50,18 @@ impl PortStage {
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
     pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, StartError<E>> {
-        let config = &self.settings;
         let module = [Gtag::SSERIAL, Gtag::SSERIAL_B]
             .into_iter()
             .find_map(|gtag| self.firmware.find(gtag))
             .copied();
         let ports = module.map_or(0, |module| module.instances);
-        let last = (0u8..)
-            .zip(&config.ports)
-            .filter(|(_, config)| config.is_some())
-            .map(|(port, _)| port)
-            .last();
-        if let Some(port) = config.port_beyond.or(last).filter(|&port| port >= ports) {
-            return Err(StartError::NoSuchPort { port, ports });
-        }
-        let beyond =
-            |(port, serial): (u8, &Option<SerialConfig>)| Some((port, serial.as_ref()?.beyond?));
-        if let Some((port, channel)) = (0u8..).zip(&config.ports).find_map(beyond) {
-            return Err(StartError::NoSuchChannel { port, channel });
+        for (&port, serial) in &self.settings.serial_ports {
+            if port >= ports {
+                return Err(StartError::NoSuchPort { port, ports });
+            }
+            if let Some((&channel, _)) = serial.channels.range(MAX_CHANNELS..).next() {
+                return Err(StartError::NoSuchChannel { port, channel });
+            }
         }
         let Some(module) = module else {
             return Ok(Vec::new());
@@ -80,15 +76,16 @@ impl Plan {
             instances: module.instances,
         };
         let mut located = Vec::new();
-        for (instance, serial) in (0..ports).zip(config.ports) {
+        for instance in 0..ports {
             let channels = self.firmware.sserial_channels(module.gtag, instance);
             let layout = Layout::new(&description, instance, channels)?;
+            let serial = self.settings.serial_ports.remove(&instance);
             let serial = serial.unwrap_or_default();
             // As in LinuxCNC, the pins of channels that are not used are plain I/O.
             let is_used = |pin: PinDescriptor| {
                 let number = pin.secondary_pin & 0x0F;
                 let channel = number.checked_sub(1);
-                channel.is_none_or(|channel| serial.channel(channel).is_some())
+                channel.is_none_or(|channel| serial.channels.contains_key(&channel))
             };
             self.io
                 .use_module(&self.firmware, module.gtag, instance, is_used)
@@ -112,10 +109,9 @@ impl Plan {
         for stage in stages {
             stage.parameters = Some(stage.port.reset(bus)?);
             self.discover_on(bus, stage)?;
-            let serial = stage.serial;
-            for (channel, config) in serial.iter() {
-                if let Some(table) = config.optional {
-                    self.make_optional(stage, channel.index(), table)?;
+            for (channel, config) in stage.serial.channels.clone() {
+                if config.presence == Presence::Optional {
+                    self.make_optional(stage, channel, config)?;
                 }
             }
         }
@@ -216,10 +212,13 @@ impl Plan {
     ) -> Result<Vec<ChannelStart>, StartError<E>> {
         let channels = stage.port.layout().channels();
         let mut starts = Vec::new();
-        for (channel, remote) in stage.serial.iter() {
-            if channel.index() < channels {
+        for (&number, remote) in &stage.serial.channels {
+            let Some(channel) = Channel::new(number) else {
+                continue;
+            };
+            if number < channels {
                 starts.push(ChannelStart::new(channel).with_software_mode(remote.mode));
-            } else if remote.required {
+            } else if remote.presence == Presence::Required {
                 let reason = MissingReason::NoSuchChannel { channels };
                 self.miss(stage, channel, reason)?;
             }
@@ -239,8 +238,8 @@ impl Plan {
             channel,
             reason,
         };
-        let config = stage.serial.channel(channel.index());
-        if config.is_some_and(|config| config.required) {
+        let config = stage.serial.channels.get(&channel.index());
+        if config.is_some_and(|config| config.presence == Presence::Required) {
             return Err(StartError::Missing(missing));
         }
         self.missing.push(missing);
@@ -256,8 +255,13 @@ impl Plan {
     ) -> Result<RemotePins, MissingReason> {
         let descriptor = &discovered.descriptor;
         let (name, channel) = (descriptor.name, remote.channel);
-        let expected = stage.serial.channel(channel.index()).unwrap_or_default();
-        let identity = (expected.name, expected.unit_class, expected.unit_number);
+        let expected = stage.serial.channels.get(&channel.index());
+        let expected = expected.copied().unwrap_or_default();
+        let identity = (
+            expected.kind.map(|kind| RemoteName(kind.name)),
+            expected.kind.and_then(|kind| kind.unit_class),
+            expected.unit_number,
+        );
         check_identity(descriptor, identity).map_err(MissingReason::WrongRemote)?;
         check_mode(descriptor)?;
         let mut problems = discovered.problems.iter();

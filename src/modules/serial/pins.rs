@@ -75,7 +75,7 @@ impl ShownState {
 
 impl PortPins {
     pub fn register(r: &mut Registrar<'_>, port: u8) -> Result<Self, RegisterError> {
-        let policy = r.settings().policy;
+        let policy = r.settings().fault_policy;
         let (status, board) = (r.status, r.name);
         let part = r.pins.add_part(status)?;
         let pins = r.pins();

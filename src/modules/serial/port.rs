@@ -47,7 +47,7 @@ impl SerialPort {
         remotes: Vec<Remote>,
         now: Instant,
     ) -> Result<Self, RegisterError> {
-        let policy = r.settings().policy;
+        let policy = r.settings().fault_policy;
         let layout = *port.layout();
         let pins = PortPins::register(r, layout.instance())?;
         let command = r.status(layout.command());

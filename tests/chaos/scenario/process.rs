@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use mesa_hal::driver::{Driver, FaultPolicy, GpioConfig, RemoteConfig, SerialConfig, Settings};
 use mesa_hal::sim::FaultKind;
+use std::collections::BTreeMap;
 
 use super::super::application::Application;
 use super::super::machine::unit_number;
@@ -115,14 +116,16 @@ impl Scenario {
             policy.first_backoff = Duration::from_millis(20);
             policy.longest_backoff = Duration::from_millis(300);
         }
-        let mut settings = Settings::new()
-            .period(Duration::from_nanos(plan.period))
-            .watchdog(Duration::from_nanos(plan.watchdog))
-            .pace(plan.pace)
-            .fault_policy(policy);
+        let mut settings = Settings {
+            period: Duration::from_nanos(plan.period),
+            watchdog: Some(Duration::from_nanos(plan.watchdog)),
+            pace: plan.pace,
+            fault_policy: policy,
+            ..Settings::default()
+        };
         let mut numbers = 0..;
         for (port, cards) in plan.ports.iter().enumerate() {
-            let mut config = SerialConfig::NONE;
+            let mut channels = BTreeMap::new();
             for (channel, card) in cards.iter().enumerate() {
                 let mode = if *card == Card::Field {
                     plan.field_mode
@@ -130,16 +133,22 @@ impl Scenario {
                     0
                 };
                 let unit = unit_number(*card, numbers.next().unwrap_or_default());
-                config = config.with(channel as u8, RemoteConfig::in_mode(mode).unit(unit));
+                let remote = RemoteConfig {
+                    mode,
+                    unit_number: Some(unit),
+                    ..RemoteConfig::default()
+                };
+                channels.insert(channel as u8, remote);
             }
-            settings = settings.serial_port(port as u8, config);
+            let config = SerialConfig { channels };
+            settings.serial_ports.insert(port as u8, config);
         }
         for &pin in &self.gpio.outputs {
             let config = GpioConfig {
                 output: true,
                 ..GpioConfig::default()
             };
-            settings = settings.gpio(pin as u16, config);
+            settings.gpio.push((pin as u16, config));
         }
         settings
     }

@@ -101,7 +101,11 @@ fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators
         firmware.board = *b"MESA9I99";
         let mut fpga = SimFpga::new(firmware);
         fpga.set_access_cost(20);
-        let settings = Settings::new().period(PERIOD).board(&WITHOUT_OFFSET);
+        let settings = Settings {
+            period: PERIOD,
+            boards: vec![&WITHOUT_OFFSET],
+            ..Settings::default()
+        };
         let mut driver = Driver::start(fpga, settings).expect("a 9I99");
         let cycles = |driver: &mut Driver<SimFpga>, count| {
             for _ in 0..count {

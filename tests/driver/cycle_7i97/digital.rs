@@ -224,7 +224,10 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
         ..config
     };
     let fpga = machines::i7i97(1);
-    let mut machine = build(fpga, |builder| builder.gpio(34, config).gpio(50, inverted));
+    let mut machine = build(fpga, |builder| Settings {
+        gpio: vec![(34, config), (50, inverted)],
+        ..builder
+    });
     let all: [Output<bool>; 17] =
         core::array::from_fn(|n| machine.output(&format!("gpio.{:03}.out", 34 + n)));
     let out = |n: usize| all[n];
@@ -272,7 +275,10 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
 fn a_pin_that_a_module_uses_is_no_plain_io() {
     let error = Driver::start(
         machines::i7i97(1),
-        Settings::new().gpio(19, GpioConfig::default()),
+        Settings {
+            gpio: vec![(19, GpioConfig::default())],
+            ..Settings::default()
+        },
     )
     .expect_err("an isolated output");
     assert!(error.to_string().contains("I/O pin 19"), "{error}");

@@ -23,7 +23,7 @@ fn names_of(driver: &Driver<SimFpga>, module: &str) -> Vec<(String, String)> {
 #[test]
 fn inm_and_outm_have_the_pins_and_terminals_of_inmux_and_ssr() {
     let [usual, newer] =
-        both_firmwares().map(|fpga| Driver::start(fpga, Settings::new()).expect("a 7I97"));
+        both_firmwares().map(|fpga| Driver::start(fpga, Settings::default()).expect("a 7I97"));
     let inputs = names_of(&newer, "inm.00");
     assert_eq!(inputs, names_of(&usual, "inmux.00"));
     assert!(inputs.contains(&("raw-input-15-not".into(), "TB5 pin 11".into())));

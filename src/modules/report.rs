@@ -1,0 +1,75 @@
+//! What a cycle tells the application.
+
+use core::time::Duration;
+
+/// What one read brought. All counts are of this cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+#[must_use = "a read can fail in part"]
+pub struct CycleReport {
+    /// State of the board itself.
+    pub board: BoardState,
+    /// Remotes with new, sound data.
+    pub good: u32,
+    /// Remotes whose transfer failed.
+    pub failed: u32,
+    /// Remotes that went offline just now.
+    pub offline: u32,
+    /// Ports whose transfer was not complete: the period is too short.
+    pub too_short: u32,
+    /// Writes that the bus has lost since the last read.
+    pub lost_writes: u64,
+    /// Periods of the board that went by without a good read since the last one, where the
+    /// [board paces](crate::driver::Pace::Board): packets were lost, or the host was late.
+    pub missed_periods: u64,
+    /// The board's clock has not begun this cycle, though the [board paces](crate::driver::Pace::Board):
+    /// it stands still, runs at another frequency than was planned, or the board did not wait for
+    /// it. Inputs are not taken at equal times.
+    pub unpaced: bool,
+    /// What the host had left of the period when its packets were with the board, where the
+    /// [board paces](crate::driver::Pace::Board).
+    pub slack: Option<Duration>,
+    /// The cycle and the clock of the board's DPLL run together, and have for the last 120 reads,
+    /// so that the DPLL's timers sample as far before the read as they are set to. The timers'
+    /// samples are not to be relied upon before.
+    ///
+    /// Where the [host paces](crate::driver::Pace::Host), the mean of the phase error, early or late,
+    /// over some 16 reads is less than a twentieth of a period. That takes 120 to 200 periods from
+    /// the start: in the first 100 the phase is set, as LinuxCNC does, such that it is 0 at the read. Where the
+    /// [board paces](crate::driver::Pace::Board), its clock began all these cycles, and none was missed.
+    ///
+    /// `false` without a DPLL, and while the board is not running.
+    pub locked: bool,
+}
+
+impl CycleReport {
+    /// Whether nothing went wrong in this cycle.
+    pub const fn is_good(&self) -> bool {
+        matches!(self.board, BoardState::Running)
+            && self.failed == 0
+            && self.offline == 0
+            && self.too_short == 0
+            && self.lost_writes == 0
+            && self.missed_periods == 0
+            && !self.unpaced
+    }
+}
+
+/// State of the board itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum BoardState {
+    /// All is well.
+    #[default]
+    Running,
+    /// The board's watchdog has bitten: all its I/O are inputs. Everything is safe until
+    /// [`Driver::rearm`](crate::driver::Driver::rearm).
+    WatchdogBitten,
+    /// The board was reset or has lost power. Everything is safe until
+    /// [`Driver::rearm`](crate::driver::Driver::rearm).
+    Reset,
+    /// The bus failed too often in too short a time, see
+    /// [`Settings::bus_error_limit`](crate::driver::Settings::bus_error_limit). Everything is safe, and the watchdog is not fed, until
+    /// [`Driver::rearm`](crate::driver::Driver::rearm).
+    BusDown,
+}

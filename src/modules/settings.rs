@@ -1,0 +1,308 @@
+//! What an application asks for before a board is configured.
+
+use alloc::collections::BTreeMap;
+use alloc::string::String;
+use alloc::vec::Vec;
+use core::str::FromStr;
+use core::time::Duration;
+
+use super::encoder::EncoderSetup;
+use super::gpio::GpioConfig;
+use super::serial::FaultPolicy;
+use super::watchdog::WatchdogRegisters;
+use crate::boards::BoardTable;
+use crate::boards::RemoteTable;
+use crate::sslbp::MAX_CHANNELS;
+
+/// What a driver is to be.
+///
+/// Everything has a default that fits a board on the bench: all ports with all their channels in
+/// mode 0, all encoders, 1 ms.
+///
+/// ```
+/// use mesa_hal::{Pace, Settings};
+///
+/// let settings = Settings {
+///     pace: Pace::Board,
+///     serial_ports: [(0, "20xxxxxx".parse()?)].into(),
+///     ..Settings::default()
+/// };
+/// # Ok::<(), mesa_hal::driver::ParseError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The number of the board in pin names, for several boards of a kind; 0 by default.
+    pub board_number: u8,
+    /// The period of the cycle: what the transfers must fit into, and what feeds the watchdogs. 1 us
+    /// to 800 ms; 1 ms by default.
+    ///
+    /// What is not set otherwise follows it: the board's [`watchdog`](Self::watchdog), and the
+    /// deadline of a reply, which is 80 % of it.
+    pub period: Duration,
+    /// Who decides when a cycle begins; the host by default.
+    pub pace: Pace,
+    /// The time after which the board's watchdog bites without a write. `None`, the default: five
+    /// periods, and at least 5 ms. It runs from the first write on.
+    ///
+    /// Less than two periods are refused, because one write that is lost must not let it bite.
+    pub watchdog: Option<Duration>,
+    /// Which channels of serial ports are used, and how, by the number of the port.
+    ///
+    /// A port that is not in it is used with the default: whatever is there, in mode 0. One that the
+    /// firmware does not have is refused.
+    pub serial_ports: BTreeMap<u8, SerialConfig>,
+    /// When remotes go offline, and how they come back.
+    pub fault_policy: FaultPolicy,
+    /// How the encoders are set up.
+    pub encoders: EncoderSetup,
+    /// The PWM frequency of all generators in Hz. `None`, the default, is what the board is made
+    /// for: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it; else 20 kHz.
+    pub pwm_hz: Option<u32>,
+    /// How I/O pins begin, by their number: pins that no module uses. The others are inputs.
+    pub gpio: Vec<(u16, GpioConfig)>,
+    /// Leaves the phase-locked loop alone: for a period that it can not follow.
+    pub no_dpll: bool,
+    /// The number of reads or writes in a row whose failure makes everything safe; at least 1, and
+    /// 5 by default.
+    ///
+    /// Fewer in a row do it, too, when others failed shortly before: failures are counted as
+    /// LinuxCNC counts them, see
+    /// [`packet_error_level`](crate::driver::ConnectionPins::packet_error_level). A failure adds
+    /// `packet-error-increment` (2), a read that succeeds takes `packet-error-decrement` (1) off, and
+    /// `packet-error-limit` is set to this number of increments: 10.
+    pub bus_error_limit: u32,
+    /// Kinds of boards that this crate does not know. They count before those that are built in.
+    pub boards: Vec<&'static BoardTable>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            board_number: 0,
+            period: Duration::from_millis(1),
+            pace: Pace::default(),
+            watchdog: None,
+            serial_ports: BTreeMap::new(),
+            fault_policy: FaultPolicy::default(),
+            encoders: EncoderSetup::default(),
+            pwm_hz: None,
+            gpio: Vec::new(),
+            no_dpll: false,
+            bus_error_limit: 5,
+            boards: Vec::new(),
+        }
+    }
+}
+
+impl Settings {
+    /// The time after which the board's watchdog bites.
+    pub(crate) fn watchdog_time(&self) -> Duration {
+        let follows = self.period.saturating_mul(5);
+        let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
+        self.watchdog.unwrap_or(follows.max(usual))
+    }
+}
+
+/// Who decides when a cycle begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Pace {
+    /// The application: it waits for its own period, then calls [`Driver::read`]. A DPLL on the board
+    /// follows these reads; when it does, [`CycleReport::locked`] says so.
+    ///
+    /// [`CycleReport::locked`]: crate::driver::CycleReport::locked
+    /// [`Driver::read`]: crate::driver::Driver::read
+    #[default]
+    Host,
+    /// The board's clock. [`Driver::write`] asks for the next inputs at once, the board holds the
+    /// request back until its DPLL begins the next period, and [`Driver::read`] returns when the
+    /// inputs have come: the application has nothing to wait for.
+    ///
+    /// The inputs are sampled by the board's clock, whatever the host's scheduler does, and a
+    /// timer less on the host makes the cycle cheaper. It needs a bus that can do it (Ethernet),
+    /// and a firmware with a DPLL, which then runs free. [`Driver::wait_transfers`] has no place
+    /// in such a cycle.
+    ///
+    /// A host that is late misses the beginning of a period, and gets the next:
+    /// [`CycleReport::missed_periods`]. What it has left of a period is in
+    /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
+    /// than the driver was built for, shows in [`CycleReport::unpaced`]. When the host has kept pace
+    /// for 120 periods, [`CycleReport::locked`] says so.
+    ///
+    /// A cycle is one packet out and one back: its reply acknowledges its own writes. It is two out
+    /// where a setting has changed, which is written ahead together with all outputs. The first read,
+    /// before which nothing was written, is held back alone. After two reads in a row that failed,
+    /// outputs are written alone and nothing is held back until a read succeeds: what a stalled
+    /// network delivers at once would stand in a row in the board.
+    ///
+    /// Manual: 7I97, "SPACE 4 LBP TIMER/UTILITY AREA", WaitForHM2RefTime.
+    ///
+    /// [`CycleReport::locked`]: crate::driver::CycleReport::locked
+    /// [`CycleReport::missed_periods`]: crate::driver::CycleReport::missed_periods
+    /// [`CycleReport::slack`]: crate::driver::CycleReport::slack
+    /// [`CycleReport::unpaced`]: crate::driver::CycleReport::unpaced
+    /// [`Driver::read`]: crate::driver::Driver::read
+    /// [`Driver::wait_transfers`]: crate::driver::Driver::wait_transfers
+    /// [`Driver::write`]: crate::driver::Driver::write
+    Board,
+}
+
+/// Which channels of a serial port are used, and how.
+///
+/// It can be parsed from what LinuxCNC takes for `sserial_port_0=`: a digit for each channel, its
+/// software mode, or `x` for a channel that is not used. Channels that are not named are used in
+/// mode 0. The I/O pins of a channel that is not used (RX, TX, TXEN) are plain I/O pins.
+///
+/// ```
+/// use mesa_hal::boards::i7i77;
+/// use mesa_hal::driver::{Presence, RemoteConfig, SerialConfig};
+///
+/// let mut port: SerialConfig = "20xxxxxx".parse()?;
+/// assert_eq!(port.channels[&0].mode, 2);
+/// assert_eq!(port.channels.get(&2), None);
+/// let analog = RemoteConfig {
+///     kind: Some(&i7i77::ANALOG),
+///     presence: Presence::Required,
+///     ..RemoteConfig::default()
+/// };
+/// port.channels.insert(1, analog);
+/// # Ok::<(), mesa_hal::driver::ParseError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct SerialConfig {
+    /// The channels that are used, 0 to 7. Other numbers are refused at the start.
+    pub channels: BTreeMap<u8, RemoteConfig>,
+}
+
+impl Default for SerialConfig {
+    /// All channels, in mode 0, none of them required.
+    fn default() -> Self {
+        let channels = (0..MAX_CHANNELS).map(|channel| (channel, RemoteConfig::default()));
+        Self {
+            channels: channels.collect(),
+        }
+    }
+}
+
+/// What is expected of the remote on a channel. By default anything may be there, or nothing; it
+/// is started in software mode 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RemoteConfig {
+    /// The software mode it is started in.
+    pub mode: u8,
+    /// What happens if it is absent, or another.
+    pub presence: Presence,
+    /// What it must be: name and part of the card, which tells parts of a card apart that share a
+    /// name, as a 7I77's field I/O and analog part do. Swapped channels are then an error that says
+    /// so. `None`: anything.
+    pub kind: Option<&'static RemoteTable>,
+    /// The unit number it must have: printed on the card's label.
+    pub unit_number: Option<u32>,
+}
+
+/// What happens if a remote is absent at the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Presence {
+    /// The rest runs, and it is reported as missing.
+    #[default]
+    Any,
+    /// The driver does not start: the machine can not do without it.
+    Required,
+    /// Its pins are made from the table of its kind, never valid and with safe outputs. It comes up
+    /// when it is plugged in later, and waits to be armed then.
+    ///
+    /// What is plugged in has to be what the table says: name, part of the card, size of the process
+    /// data, and the place of its tables of contents where the table knows that. Anything else stays
+    /// offline, and says what was expected and found. Another firmware with process data of the same
+    /// size is seen by the place of its tables alone, which the built-in tables do not know: if it
+    /// may have another meaning, use a table of your own with [`Contents`](crate::boards::Contents).
+    /// Its parameters have no pins.
+    Optional,
+}
+
+/// Why a text is not what it is to be.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{what} '{found}': expected {expected}")]
+pub struct ParseError {
+    /// What it was to be.
+    pub what: &'static str,
+    /// The text.
+    pub found: String,
+    /// What it may be.
+    pub expected: &'static str,
+}
+
+/// `host` or `board`, as on a command line.
+impl FromStr for Pace {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        match text {
+            "host" => Ok(Self::Host),
+            "board" => Ok(Self::Board),
+            _ => Err(ParseError {
+                what: "pace",
+                found: text.into(),
+                expected: "'host' or 'board'",
+            }),
+        }
+    }
+}
+
+impl FromStr for SerialConfig {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        let mut config = Self::default();
+        for (channel, character) in (0..).zip(text.chars()) {
+            let remote = config.channels.get_mut(&channel);
+            match (remote, character, character.to_digit(10)) {
+                (Some(_), 'x' | 'X', _) => drop(config.channels.remove(&channel)),
+                (Some(remote), _, Some(digit)) => remote.mode = digit as u8,
+                _ => {
+                    return Err(ParseError {
+                        what: "channels of a serial port",
+                        found: text.into(),
+                        expected: "up to 8 characters, one a channel: its software mode (0 to 9), or x if it is not used",
+                    });
+                }
+            }
+        }
+        Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn modes(text: &str) -> Result<[Option<u8>; 8], ParseError> {
+        let config: SerialConfig = text.parse()?;
+        Ok([0, 1, 2, 3, 4, 5, 6, 7].map(|n| config.channels.get(&n).map(|remote| remote.mode)))
+    }
+
+    #[test]
+    fn digits_are_modes_and_x_is_not_used() {
+        let z = Some(0);
+        assert_eq!(
+            modes("02xX9"),
+            Ok([z, Some(2), None, None, Some(9), z, z, z])
+        );
+        assert_eq!(modes(""), Ok([z; 8]));
+    }
+
+    #[test]
+    fn what_means_nothing_is_refused() {
+        for text in ["0-", "000000000", "xxxxxxxxx"] {
+            let error = modes(text).unwrap_err();
+            assert_eq!(error.found, text);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_parsed_or_refused(text in ".{0,12}") {
+            let _ = text.parse::<SerialConfig>();
+        }
+    }
+}
