@@ -160,6 +160,12 @@ pub struct Answers {
     place: usize,
 }
 
+impl AsRef<[Access]> for Answers {
+    fn as_ref(&self) -> &[Access] {
+        &self.accesses
+    }
+}
+
 impl Clock for Frozen {
     fn now(&mut self) -> Instant {
         Instant::from_nanos(self.sim.now() + self.passed)

@@ -58,8 +58,8 @@ fn write_all<B: RegisterBus + Clock>(
     writeln!(
         out,
         "\nA cycle reads {} registers and writes {}.",
-        words(lists.reads),
-        words(lists.writes)
+        words(lists.read.as_ref()),
+        words(lists.write.as_ref())
     )?;
     if every_pin {
         write_every_pin(out, driver)?;

@@ -69,11 +69,11 @@ impl RegisterBus for Simulated {
     }
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-        Ok(AccessList::new(accesses))
+        Ok(accesses.into())
     }
 
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-        self.exchange(list.accesses(), words)?;
+        self.exchange(list, words)?;
         Ok(Reply::CERTAIN)
     }
 }

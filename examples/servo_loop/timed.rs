@@ -49,6 +49,7 @@ impl<B> DerefMut for Timed<B> {
 impl<B: RegisterBus> RegisterBus for Timed<B> {
     type Error = B::Error;
     type List = B::List;
+    const CAN_HOLD: bool = B::CAN_HOLD;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
         self.measured(|bus| bus.exchange(accesses, words))
@@ -66,25 +67,12 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
         self.measured(|bus| bus.finish(list, words))
     }
 
-    fn write_some(
-        &mut self,
-        accesses: &[Access],
-        wanted: &[bool],
-        words: &mut [u32],
-    ) -> Result<(), B::Error> {
-        self.measured(|bus| bus.write_some(accesses, wanted, words))
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+        self.measured(|bus| bus.write_all(accesses, words))
     }
 
-    fn can_hold(&self) -> bool {
-        self.bus.can_hold()
-    }
-
-    fn set_cycle_deadline(&mut self, deadline: Duration) {
-        self.bus.set_cycle_deadline(deadline);
-    }
-
-    fn follow_period(&mut self, period: Duration) {
-        self.bus.follow_period(period);
+    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
+        self.bus.set_cycle(period, deadline);
     }
 
     fn statistics(&self) -> BusStatistics {

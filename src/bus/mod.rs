@@ -154,21 +154,9 @@ impl Reply {
     }
 }
 
-/// The list of a bus that has no form of its own for lists.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AccessList(Box<[Access]>);
-
-impl AccessList {
-    /// Keeps `accesses`. The caller is a bus that [holds nothing back](RegisterBus::can_hold).
-    pub fn new(accesses: &[Access]) -> Self {
-        Self(accesses.into())
-    }
-
-    /// The accesses.
-    pub fn accesses(&self) -> &[Access] {
-        &self.0
-    }
-}
+/// The list of a bus that has no form of its own for lists, and [holds](RegisterBus::CAN_HOLD) nothing
+/// back.
+pub type AccessList = Box<[Access]>;
 
 /// What a bus counted since it was made. Buses that can not lose anything leave all at zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -209,9 +197,6 @@ pub struct BusStatistics {
     /// Bytes received and accepted, without the headers of lower layers.
     pub bytes_received: u64,
 }
-
-/// The most accesses of one exchange that [`RegisterBus::write_some`] makes.
-const SOME: usize = 64;
 
 /// The time of a bus: virtual in simulation, the host's otherwise.
 pub trait Clock {
@@ -260,11 +245,11 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 ///     }
 ///
 ///     fn prepare(&mut self, list: &[Access], _: Option<Hold>) -> Result<AccessList, Self::Error> {
-///         Ok(AccessList::new(list))
+///         Ok(list.into())
 ///     }
 ///
 ///     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, Self::Error> {
-///         self.exchange(list.accesses(), words)?;
+///         self.exchange(list, words)?;
 ///         Ok(Reply::CERTAIN)
 ///     }
 /// }
@@ -278,8 +263,7 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 /// # Ok::<(), core::convert::Infallible>(())
 /// ```
 ///
-/// A driver needs a [`Clock`] as well, which the bus has itself or which is [`Clocked`] to it.
-/// A `&mut B` is a bus, too.
+/// A driver needs the bus to be a [`Clock`] as well. A `&mut B` is a bus, too.
 ///
 /// # Real time
 /// `start`, `finish` and `run` are bounded by the deadline of the bus and do not allocate: they are
@@ -289,8 +273,12 @@ pub trait RegisterBus {
     /// What can go wrong.
     type Error: BusError;
 
-    /// A list of accesses that the bus has checked, in the form it is run in.
-    type List: Debug + Send;
+    /// A list of accesses that the bus has checked, in the form it is run in. It still tells what
+    /// they are.
+    type List: AsRef<[Access]> + Debug + Send;
+
+    /// Whether the board can hold a part of a list back until its next period ([`Hold`]).
+    const CAN_HOLD: bool = false;
 
     /// Runs `accesses` in order on `words`.
     ///
@@ -300,7 +288,7 @@ pub trait RegisterBus {
 
     /// Checks a list against the limits of the bus and brings it into the form it is run in.
     ///
-    /// `hold` is for a bus that [can](Self::can_hold) do that.
+    /// `hold` is for a bus that [can](Self::CAN_HOLD) do that.
     fn prepare(
         &mut self,
         accesses: &[Access],
@@ -328,47 +316,19 @@ pub trait RegisterBus {
         self.finish(list, words)
     }
 
-    /// Writes those accesses of a list that are `wanted`, in order and as one exchange of the cycle:
-    /// for lists of which another part is written each time. All of them are writes.
+    /// Writes `accesses` as one exchange of the cycle, without a list that was prepared: for writes of
+    /// which each time another part is made.
     ///
     /// A bus whose exchanges are packets does it in one packet, without waiting and without
-    /// allocation. The provided function makes one [`exchange`](Self::exchange) of up to 64
-    /// accesses each.
-    fn write_some(
-        &mut self,
-        accesses: &[Access],
-        wanted: &[bool],
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
-        let mut chunk = [Access::write(0, 0, 0); SOME];
-        let mut count = 0;
-        for (access, _) in accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted) {
-            if let Some(place) = chunk.get_mut(count) {
-                *place = *access;
-                count += 1;
-            }
-            if count == SOME {
-                self.exchange(&chunk, words)?;
-                count = 0;
-            }
-        }
-        match chunk.get(..count) {
-            Some([]) | None => Ok(()),
-            Some(rest) => self.exchange(rest, words),
-        }
+    /// allocation. The provided function makes an [`exchange`](Self::exchange).
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        self.exchange(accesses, words)
     }
 
-    /// Whether the board can hold a part of a list back until its next period ([`Hold`]).
-    fn can_hold(&self) -> bool {
-        false
-    }
-
-    /// Sets how long an exchange of the cycle may take from now on. A bus on which nothing can be
-    /// late ignores it.
-    fn set_cycle_deadline(&mut self, _deadline: Duration) {}
-
-    /// The cycle has this period: a deadline that nobody has set otherwise follows it.
-    fn follow_period(&mut self, _period: Duration) {}
+    /// The cycle has this period, and its exchanges may take `deadline` from now on. `None`: what they
+    /// may take follows the period, unless the bus was made with something else. A bus on which
+    /// nothing can be late ignores it.
+    fn set_cycle(&mut self, _period: Duration, _deadline: Option<Duration>) {}
 
     /// What was counted so far: for people. What to do next, a [`Reply`] tells.
     fn statistics(&self) -> BusStatistics {
@@ -394,89 +354,36 @@ pub trait RegisterBus {
     }
 }
 
-/// Everything of [`RegisterBus`] but its types, done by the bus that an expression names.
-macro_rules! forward_bus {
-    ($this:ident => $inner:expr) => {
-        fn exchange(&mut $this, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
-            $inner.exchange(accesses, words)
-        }
-
-        fn prepare(
-            &mut $this,
-            accesses: &[Access],
-            hold: Option<Hold>,
-        ) -> Result<Self::List, Self::Error> {
-            $inner.prepare(accesses, hold)
-        }
-
-        fn start(&mut $this, list: &Self::List, words: &[u32]) -> Result<(), Self::Error> {
-            $inner.start(list, words)
-        }
-
-        fn finish(&mut $this, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
-            $inner.finish(list, words)
-        }
-
-        fn run(&mut $this, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
-            $inner.run(list, words)
-        }
-
-        fn write_some(
-            &mut $this,
-            accesses: &[Access],
-            wanted: &[bool],
-            words: &mut [u32],
-        ) -> Result<(), Self::Error> {
-            $inner.write_some(accesses, wanted, words)
-        }
-
-        fn can_hold(&$this) -> bool {
-            $inner.can_hold()
-        }
-
-        fn set_cycle_deadline(&mut $this, deadline: Duration) {
-            $inner.set_cycle_deadline(deadline);
-        }
-
-        fn follow_period(&mut $this, period: Duration) {
-            $inner.follow_period(period);
-        }
-
-        fn statistics(&$this) -> BusStatistics {
-            $inner.statistics()
-        }
-    };
-}
-
 impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
     type Error = B::Error;
     type List = B::List;
+    const CAN_HOLD: bool = B::CAN_HOLD;
 
-    forward_bus!(self => (**self));
-}
-
-/// A bus with a clock that is not its own.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Clocked<B, C> {
-    /// The bus.
-    pub bus: B,
-    /// The clock.
-    pub clock: C,
-}
-
-impl<B: RegisterBus, C> RegisterBus for Clocked<B, C> {
-    type Error = B::Error;
-    type List = B::List;
-
-    forward_bus!(self => self.bus);
-}
-
-impl<B, C: Clock> Clock for Clocked<B, C> {
-    fn now(&mut self) -> Instant {
-        self.clock.now()
+    fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+        (**self).exchange(accesses, words)
     }
 
-    fn wait(&mut self, duration: Duration) {
-        self.clock.wait(duration);
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, B::Error> {
+        (**self).prepare(accesses, hold)
+    }
+
+    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), B::Error> {
+        (**self).start(list, words)
+    }
+
+    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, B::Error> {
+        (**self).finish(list, words)
+    }
+
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), B::Error> {
+        (**self).write_all(accesses, words)
+    }
+
+    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
+        (**self).set_cycle(period, deadline);
+    }
+
+    fn statistics(&self) -> BusStatistics {
+        (**self).statistics()
     }
 }

@@ -70,10 +70,10 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Not for the cycle. Bounded.
     pub fn identify(mut bus: B, settings: Settings) -> Result<Self, StartError<B::Error>> {
         let settings = checked(settings)?;
-        if settings.pace == Pace::Board && !bus.can_hold() {
+        if settings.pace == Pace::Board && !B::CAN_HOLD {
             return Err(StartError::NotPaced);
         }
-        bus.follow_period(settings.period);
+        bus.set_cycle(settings.period, None);
         let firmware = HostMot2::identify(&mut bus)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;

@@ -150,7 +150,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             return Ok(());
         }
         if let Some(deadline) = self.connection.new_deadline(&self.pins, self.period) {
-            self.bus.set_cycle_deadline(deadline);
+            self.bus.set_cycle(self.period, Some(deadline));
         }
         let ask = (self.wants_closer_look(), !self.is_running());
         let result = self.pacer.write(&mut *self.bus, &mut self.image, ask);

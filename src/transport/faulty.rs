@@ -1,10 +1,9 @@
-//! A bus around a bus that fails when it is told to.
+//! A bus around a bus that fails on purpose.
 
 use core::time::Duration;
 
 use thiserror::Error;
 
-use super::WrappedList;
 use crate::bus::{
     Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
     Reply,
@@ -22,20 +21,22 @@ use crate::bus::{
 /// Does not allocate, but for the first exchanges with a buffer of more than 4096 words.
 #[derive(Debug)]
 pub struct Faulty<B> {
-    inner: B,
+    /// The bus inside.
+    pub inner: B,
     plan: Vec<(u64, Fault)>,
     random: Vec<(Fault, f64)>,
-    corrupt: f64,
-    penalty: Duration,
     generator: SplitMix,
     exchange: u64,
     /// What becomes of the list that was started.
-    started: Option<(u64, Option<Fault>)>,
+    started: Drawn,
     /// Writes that were dropped since the last reply.
     unnoticed: u32,
     counted: BusStatistics,
     scratch: Vec<u32>,
 }
+
+/// The number of an exchange, and what becomes of it.
+type Drawn = (u64, Option<Fault>);
 
 /// What goes wrong with an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -50,24 +51,6 @@ pub enum Fault {
     /// next that reads, as on Ethernet.
     /// Exchanges that read are not concerned.
     SilentWrite,
-}
-
-impl Fault {
-    /// The fault that is behind an error of this kind most often.
-    pub const fn of(kind: BusErrorKind) -> Self {
-        match kind {
-            BusErrorKind::Lost
-            | BusErrorKind::Refused
-            | BusErrorKind::Unreachable
-            | BusErrorKind::Occupied
-            | BusErrorKind::Invalid => Self::NotExecuted(kind),
-            BusErrorKind::Late
-            | BusErrorKind::Stale
-            | BusErrorKind::Short
-            | BusErrorKind::Device
-            | BusErrorKind::Other => Self::Executed(kind),
-        }
-    }
 }
 
 /// An error that was injected, or one of the bus inside.
@@ -106,14 +89,12 @@ impl<B> Faulty<B> {
             inner,
             plan: Vec::new(),
             random: Vec::new(),
-            corrupt: 0.0,
-            penalty: Duration::ZERO,
             generator: SplitMix(seed),
             exchange: 0,
-            started: None,
+            started: (0, None),
             unnoticed: 0,
             counted: BusStatistics::default(),
-            scratch: vec![0; SCRATCH_WORDS],
+            scratch: Vec::with_capacity(SCRATCH_WORDS),
         }
     }
 
@@ -129,22 +110,10 @@ impl<B> Faulty<B> {
         self.random.push((fault, probability));
     }
 
-    /// Flips one bit of one word that was read, with this probability for each exchange that reads.
-    /// No real bus does that unnoticed; it shows what plausibility checks are worth.
-    pub fn corrupt_reads(&mut self, probability: f64) {
-        self.corrupt = probability;
-    }
-
-    /// Lets so much time pass with each injected error, as a bus that waits for its deadline.
-    pub fn set_penalty(&mut self, penalty: Duration) {
-        self.penalty = penalty;
-    }
-
     /// No more faults from here on.
     pub fn heal(&mut self) {
         self.plan.clear();
         self.random.clear();
-        self.corrupt = 0.0;
     }
 
     /// Number of exchanges so far, and of the next one.
@@ -152,31 +121,13 @@ impl<B> Faulty<B> {
         self.exchange
     }
 
-    /// The bus inside, to look at it.
-    pub fn inner_ref(&self) -> &B {
-        &self.inner
-    }
-
-    /// The bus inside.
-    pub fn inner(&mut self) -> &mut B {
-        &mut self.inner
-    }
-
-    /// Takes the bus out.
-    pub fn into_inner(self) -> B {
-        self.inner
-    }
-
     /// What happens to this exchange. Draws the same number of random numbers whatever the plan,
     /// so that a planned fault does not change the random ones.
-    fn draw(&mut self) -> (u64, Option<Fault>) {
+    fn draw(&mut self) -> Drawn {
         let number = self.exchange;
         self.exchange += 1;
-        let planned = self
-            .plan
-            .iter()
-            .find(|(at, _)| *at == number)
-            .map(|(_, fault)| *fault);
+        let planned = self.plan.iter().find(|(at, _)| *at == number);
+        let planned = planned.map(|(_, fault)| *fault);
         let mut drawn = None;
         for (fault, probability) in &self.random {
             let hit = self.generator.unit() < *probability;
@@ -186,47 +137,31 @@ impl<B> Faulty<B> {
     }
 }
 
-impl<B: RegisterBus + Clock> Faulty<B> {
-    /// Executes an exchange that is not a list's, with the fault that is drawn for it.
-    fn execute(
+impl<B: RegisterBus> Faulty<B> {
+    /// Has the bus inside do an exchange, with the fault that was drawn for it. `unheard`: what it
+    /// returns when it was dropped silently.
+    fn execute<T>(
         &mut self,
+        (exchange, fault): Drawn,
         accesses: &[Access],
         words: &mut [u32],
-        inner: impl Fn(&mut B, &mut [u32]) -> Result<(), B::Error>,
-    ) -> Result<(), FaultyError<B::Error>> {
-        let (exchange, fault) = self.draw();
+        unheard: T,
+        inner: impl Fn(&mut B, &mut [u32]) -> Result<T, B::Error>,
+    ) -> Result<T, FaultyError<B::Error>> {
         match fault {
             Some(Fault::SilentWrite) if !reads(accesses) => {
                 self.unnoticed += 1;
-                return Ok(());
+                Ok(unheard)
             }
-            Some(Fault::NotExecuted(kind)) => return Err(self.fail(exchange, kind)),
+            Some(Fault::NotExecuted(kind)) => Err(self.fail(exchange, kind)),
             Some(Fault::Executed(kind)) => {
-                self.on_scratch(words, inner)?;
-                return Err(self.fail(exchange, kind));
+                self.scratch.clear();
+                self.scratch.extend_from_slice(words);
+                inner(&mut self.inner, &mut self.scratch)?;
+                Err(self.fail(exchange, kind))
             }
-            Some(Fault::SilentWrite) | None => {}
+            Some(Fault::SilentWrite) | None => Ok(inner(&mut self.inner, words)?),
         }
-        inner(&mut self.inner, words)?;
-        if reads(accesses) {
-            self.maybe_corrupt(accesses, words);
-        }
-        Ok(())
-    }
-
-    fn on_scratch<T>(
-        &mut self,
-        words: &[u32],
-        inner: impl Fn(&mut B, &mut [u32]) -> Result<T, B::Error>,
-    ) -> Result<T, B::Error> {
-        if self.scratch.len() < words.len() {
-            self.scratch.resize(words.len(), 0);
-        }
-        let scratch = self.scratch.get_mut(..words.len()).unwrap_or_default();
-        for (place, word) in scratch.iter_mut().zip(words) {
-            *place = *word;
-        }
-        inner(&mut self.inner, scratch)
     }
 
     fn fail(&mut self, exchange: u64, kind: BusErrorKind) -> FaultyError<B::Error> {
@@ -237,9 +172,6 @@ impl<B: RegisterBus + Clock> Faulty<B> {
             BusErrorKind::Stale => self.counted.stale += 1,
             BusErrorKind::Short => self.counted.short += 1,
             _ => {}
-        }
-        if !self.penalty.is_zero() {
-            self.inner.wait(self.penalty);
         }
         FaultyError::Injected { kind, exchange }
     }
@@ -255,95 +187,55 @@ impl<B: RegisterBus + Clock> Faulty<B> {
             ..reply
         }
     }
-
-    fn maybe_corrupt(&mut self, accesses: &[Access], words: &mut [u32]) {
-        if self.generator.unit() >= self.corrupt {
-            return;
-        }
-        let read = |access: &&Access| access.direction == Direction::Read;
-        let total: usize = accesses.iter().filter(read).map(|a| a.words().len()).sum();
-        let place = self.generator.below(total as u64) as usize;
-        let bit = self.generator.below(32);
-        let mut indices = accesses.iter().filter(read).flat_map(Access::words);
-        if let Some(word) = indices.nth(place).and_then(|index| words.get_mut(index)) {
-            *word ^= 1 << bit;
-        }
-    }
 }
 
-/// The clock is for the [penalty](Faulty::set_penalty).
-impl<B: RegisterBus + Clock> RegisterBus for Faulty<B> {
+impl<B: RegisterBus> RegisterBus for Faulty<B> {
     type Error = FaultyError<B::Error>;
-    type List = WrappedList<B::List>;
+    type List = B::List;
+    const CAN_HOLD: bool = B::CAN_HOLD;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
-        self.execute(accesses, words, |bus, words| bus.exchange(accesses, words))
-    }
-
-    fn prepare(
-        &mut self,
-        accesses: &[Access],
-        hold: Option<Hold>,
-    ) -> Result<Self::List, Self::Error> {
-        let inner = self.inner.prepare(accesses, hold)?;
-        Ok(WrappedList::new(accesses, inner))
-    }
-
-    fn start(&mut self, list: &Self::List, words: &[u32]) -> Result<(), Self::Error> {
-        let (exchange, fault) = self.draw();
-        self.started = Some((exchange, fault));
-        match fault {
-            Some(Fault::NotExecuted(_)) => Ok(()),
-            Some(Fault::SilentWrite) if !reads(&list.accesses) => Ok(()),
-            _ => Ok(self.inner.start(&list.inner, words)?),
-        }
-    }
-
-    fn finish(&mut self, list: &Self::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
-        let reads = reads(&list.accesses);
-        match self.started.take() {
-            Some((_, Some(Fault::SilentWrite))) if !reads => {
-                self.unnoticed += 1;
-                return Ok(Reply::UNHEARD);
-            }
-            Some((exchange, Some(Fault::NotExecuted(kind)))) => {
-                return Err(self.fail(exchange, kind));
-            }
-            Some((exchange, Some(Fault::Executed(kind)))) => {
-                self.on_scratch(words, |bus, words| bus.finish(&list.inner, words))?;
-                return Err(self.fail(exchange, kind));
-            }
-            _ => {}
-        }
-        let reply = self.inner.finish(&list.inner, words)?;
-        if !reads {
-            return Ok(reply);
-        }
-        self.maybe_corrupt(&list.accesses, words);
-        Ok(self.tell(reply))
-    }
-
-    fn write_some(
-        &mut self,
-        accesses: &[Access],
-        wanted: &[bool],
-        words: &mut [u32],
-    ) -> Result<(), Self::Error> {
-        self.execute(accesses, words, |bus, words| {
-            bus.write_some(accesses, wanted, words)
+        let drawn = self.draw();
+        self.execute(drawn, accesses, words, (), |bus, words| {
+            bus.exchange(accesses, words)
         })
     }
 
-    fn can_hold(&self) -> bool {
-        self.inner.can_hold()
+    fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<B::List, Self::Error> {
+        Ok(self.inner.prepare(accesses, hold)?)
     }
 
-    fn set_cycle_deadline(&mut self, deadline: Duration) {
-        self.inner.set_cycle_deadline(deadline);
+    fn start(&mut self, list: &B::List, words: &[u32]) -> Result<(), Self::Error> {
+        self.started = self.draw();
+        match self.started.1 {
+            Some(Fault::NotExecuted(_)) => Ok(()),
+            Some(Fault::SilentWrite) if !reads(list.as_ref()) => Ok(()),
+            _ => Ok(self.inner.start(list, words)?),
+        }
     }
 
-    fn follow_period(&mut self, period: Duration) {
-        self.inner.follow_period(period);
+    fn finish(&mut self, list: &B::List, words: &mut [u32]) -> Result<Reply, Self::Error> {
+        let drawn = core::mem::take(&mut self.started);
+        let accesses = list.as_ref();
+        let reply = self.execute(drawn, accesses, words, Reply::UNHEARD, |bus, words| {
+            bus.finish(list, words)
+        })?;
+        Ok(if reads(accesses) {
+            self.tell(reply)
+        } else {
+            reply
+        })
+    }
+
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), Self::Error> {
+        let drawn = self.draw();
+        self.execute(drawn, accesses, words, (), |bus, words| {
+            bus.write_all(accesses, words)
+        })
+    }
+
+    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
+        self.inner.set_cycle(period, deadline);
     }
 
     /// Those of the bus inside, and the injected faults.
@@ -382,24 +274,12 @@ fn reads(accesses: &[Access]) -> bool {
 struct SplitMix(u64);
 
 impl SplitMix {
-    fn next(&mut self) -> u64 {
+    /// 0 up to, and without, 1.
+    fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// 0 up to, and without, 1.
-    fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// 0 up to, and without, `end`; 0 if that is 0.
-    fn below(&mut self, end: u64) -> u64 {
-        self.next().checked_rem(end).unwrap_or(0)
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -3,26 +3,8 @@
 mod faulty;
 mod recording;
 #[cfg(test)]
-mod test_bus;
+mod tests;
 pub mod udp;
 
 pub use faulty::{Fault, Faulty, FaultyError};
 pub use recording::{Entry, Event, Recording};
-
-use crate::bus::Access;
-
-/// A list of a bus around a bus.
-#[derive(Clone, Debug)]
-pub struct WrappedList<L> {
-    accesses: Box<[Access]>,
-    inner: L,
-}
-
-impl<L> WrappedList<L> {
-    fn new(accesses: &[Access], inner: L) -> Self {
-        Self {
-            accesses: accesses.into(),
-            inner,
-        }
-    }
-}

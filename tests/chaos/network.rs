@@ -121,11 +121,11 @@ impl RegisterBus for Direct {
     }
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(AccessList::new(accesses))
+        Ok(accesses.into())
     }
 
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list.accesses(), words)?;
+        self.exchange(list, words)?;
         Ok(Reply::CERTAIN)
     }
 

@@ -88,11 +88,11 @@ impl<R: Registers> RegisterBus for FakeBus<R> {
     }
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, NeverFails> {
-        Ok(AccessList::new(accesses))
+        Ok(accesses.into())
     }
 
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, NeverFails> {
-        self.exchange(list.accesses(), words)?;
+        self.exchange(list, words)?;
         Ok(Reply::CERTAIN)
     }
 }
@@ -133,11 +133,11 @@ impl<T: Between> RegisterBus for Around<T> {
     }
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
-        Ok(AccessList::new(accesses))
+        Ok(accesses.into())
     }
 
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, SimError> {
-        self.exchange(list.accesses(), words)?;
+        self.exchange(list, words)?;
         Ok(Reply::CERTAIN)
     }
 

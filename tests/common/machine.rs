@@ -62,13 +62,13 @@ impl Embedded for SimFpga {
 
 impl World for Faulty<SimFpga> {
     fn fpga(&mut self) -> &mut SimFpga {
-        self.inner()
+        &mut self.inner
     }
 }
 
 impl Embedded for Faulty<SimFpga> {
     fn look(&self) -> &SimFpga {
-        self.inner_ref()
+        &self.inner
     }
 }
 

@@ -94,7 +94,7 @@ fn a_board_that_paces_says_when_the_host_keeps_pace() {
 fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcnc() {
     let mut driver = machine(Pace::Board);
     let sync = 0x7600;
-    let image = driver.lists().reads;
+    let image = driver.lists().read.as_ref();
     assert!(
         image.iter().all(|access| access.address != sync),
         "it runs free"

@@ -283,7 +283,7 @@ impl Run {
                 "bus"
             }
             _ => {
-                self.machine.driver.bus_mut().inner().reload();
+                self.machine.driver.bus_mut().inner.reload();
                 "reload"
             }
         };

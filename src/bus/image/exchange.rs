@@ -1,13 +1,12 @@
 //! The frozen image and its exchanges.
 
-use alloc::boxed::Box;
 use core::time::Duration;
 
 use super::layout::Layout;
 use super::parts::Parts;
 use super::words::By;
 use super::{ReadPhase, Words};
-use crate::bus::{Access, Hold, RegisterBus, Reply};
+use crate::bus::{Hold, RegisterBus, Reply};
 
 /// A list with the usual registers, and one with the extra ones as well.
 #[derive(Debug)]
@@ -67,8 +66,6 @@ pub struct Image<L> {
 
 #[derive(Debug)]
 struct Lists<L> {
-    /// What a cycle usually reads and writes, for people who want to see it.
-    accesses: (Box<[Access]>, Box<[Access]>),
     read: Two<L>,
     paced: Option<Paced<L>>,
     write: L,
@@ -136,7 +133,6 @@ impl Layout {
         };
         Ok(Image {
             lists: Lists {
-                accesses: (reads.reads(false).into(), writes[..].into()),
                 read: Two::new(|extra| bus.prepare(&reads.reads(extra), None))?,
                 paced,
                 write: bus.prepare(&writes, None)?,
@@ -161,10 +157,6 @@ pub struct CycleLists<'a, L> {
     pub write: &'a L,
     /// All of it, at the board's pace.
     pub paced: Option<&'a L>,
-    /// What is read.
-    pub reads: &'a [Access],
-    /// What is written.
-    pub writes: &'a [Access],
 }
 
 impl<L> Image<L> {
@@ -175,8 +167,6 @@ impl<L> Image<L> {
             read: &lists.read.usual,
             write: &lists.write,
             paced: lists.paced.as_ref().map(|paced| &paced.cycle.usual),
-            reads: &lists.accesses.0,
-            writes: &lists.accesses.1,
         }
     }
 
@@ -254,10 +244,7 @@ impl<L> Image<L> {
             let _ = bus.run(&self.lists.write, &mut self.words.content)?;
             return Ok(());
         }
-        self.parts.want_cycle(&self.words);
-        self.write_parts(bus)?;
-        self.words.sent(By::Cycle);
-        Ok(())
+        self.write_parts(bus, By::Cycle)
     }
 
     /// Writes the settings of the set-up that have changed, those included that drive pins. The
@@ -267,20 +254,17 @@ impl<L> Image<L> {
         B: RegisterBus<List = L>,
     {
         self.words.expect_either();
-        self.parts.want_guarded(&self.words);
-        self.write_parts(bus)?;
-        self.words.sent(By::Guarded);
-        Ok(())
+        self.write_parts(bus, By::Guarded)
     }
 
-    fn write_parts<B>(&mut self, bus: &mut B) -> Result<(), B::Error>
+    fn write_parts<B>(&mut self, bus: &mut B, by: By) -> Result<(), B::Error>
     where
         B: RegisterBus<List = L>,
     {
-        let Parts {
-            accesses, wanted, ..
-        } = &self.parts;
-        bus.write_some(accesses, wanted, &mut self.words.content)
+        let accesses = self.parts.choose(&self.words, by);
+        bus.write_all(accesses, &mut self.words.content)?;
+        self.words.sent(by);
+        Ok(())
     }
 
     /// Reads the status registers alone.

@@ -1,6 +1,6 @@
 //! Writes of which another part is made each time.
 
-use alloc::{boxed::Box, vec, vec::Vec};
+use alloc::vec::Vec;
 
 use super::layout::WriteLayout;
 use super::plan::Register;
@@ -8,71 +8,50 @@ use super::words::By;
 use super::{ImagePlan, Words, WritePhase};
 use crate::bus::Access;
 
-/// Everything that is written, for writes that hold settings: what comes first, data, each setting by
-/// itself and stage by stage, triggers, and what comes first once more.
+/// Everything that is written, for writes that hold settings.
 #[derive(Debug)]
 pub(super) struct Parts {
-    pub accesses: Box<[Access]>,
-    /// Which of them are written next.
-    pub wanted: Box<[bool]>,
-    /// Where data begins, ...
-    data: usize,
-    /// ... settings, with the number of each, ...
-    settings: usize,
-    order: Box<[u16]>,
-    /// ... and what comes first once more.
-    last: usize,
+    first: Vec<Access>,
+    data: Vec<Access>,
+    /// Each by itself, stage by stage, with its number.
+    settings: Vec<(u16, Access)>,
+    triggers: Vec<Access>,
+    /// What is written next. It has room for everything.
+    chosen: Vec<Access>,
 }
 
 impl Parts {
     pub fn new(plan: &ImagePlan, writes: &WriteLayout, first_setting: u16) -> Self {
-        let first = writes.phase(WritePhase::First);
-        let mut accesses = first.clone();
-        let data = accesses.len();
-        accesses.extend(writes.phase(WritePhase::Data));
-        let settings = accesses.len();
         let mut order: Vec<(u16, &Register)> = (0u16..).zip(&plan.settings).collect();
         order.sort_by_key(|(_, register)| register.stage);
-        for (n, register) in &order {
-            accesses.push(Access::write(register.address, first_setting + n, 1));
-        }
-        accesses.extend(writes.phase(WritePhase::Trigger));
-        let last = accesses.len();
-        accesses.extend(first);
+        let access = |n, register: &Register| Access::write(register.address, first_setting + n, 1);
         Self {
-            wanted: vec![false; accesses.len()].into_boxed_slice(),
-            accesses: accesses.into_boxed_slice(),
-            data,
-            settings,
-            order: order.iter().map(|(n, _)| *n).collect(),
-            last,
+            first: writes.phase(WritePhase::First),
+            data: writes.phase(WritePhase::Data),
+            settings: order
+                .iter()
+                .map(|(n, register)| (*n, access(*n, register)))
+                .collect(),
+            triggers: writes.phase(WritePhase::Trigger),
+            chosen: Vec::with_capacity(plan.writes.len() + plan.settings.len()),
         }
     }
 
-    /// Everything of a cycle, and the settings that go with it.
-    pub fn want_cycle(&mut self, words: &Words) {
-        self.wanted.fill(true);
-        self.want_settings(|setting| words.is_asked(setting, By::Cycle));
-        self.wanted
-            .iter_mut()
-            .skip(self.last)
-            .for_each(|one| *one = false);
-    }
-
-    /// Data and settings of the set-up, then what drives the pins, and the watchdog's word at the end:
-    /// it bites on a board that was reset before or meanwhile, whose watchdog has no time.
-    pub fn want_guarded(&mut self, words: &Words) {
-        let (data, settings, last) = (self.data, self.settings, self.last);
-        for (n, wanted) in self.wanted.iter_mut().enumerate() {
-            *wanted = (data..settings).contains(&n) || n >= last;
-        }
-        self.want_settings(|setting| words.is_asked(setting, By::Guarded));
-    }
-
-    fn want_settings(&mut self, is_wanted: impl Fn(u16) -> bool) {
-        let wanted = self.wanted.iter_mut().skip(self.settings);
-        for (wanted, &setting) in wanted.zip(&self.order) {
-            *wanted = is_wanted(setting);
-        }
+    /// Data, and the settings that go `by` this write. In that of the cycle all other writes are where
+    /// they are without settings. One that drives pins ends with what comes first otherwise, the
+    /// watchdog's word: it bites on a board that was reset before or meanwhile, whose watchdog has no
+    /// time.
+    pub fn choose(&mut self, words: &Words, by: By) -> &[Access] {
+        let (before, after) = match by {
+            By::Cycle => (&self.first[..], &self.triggers),
+            By::Guarded => (&[][..], &self.first),
+        };
+        let asked = self.settings.iter().filter(|(n, _)| words.is_asked(*n, by));
+        self.chosen.clear();
+        self.chosen.extend_from_slice(before);
+        self.chosen.extend_from_slice(&self.data);
+        self.chosen.extend(asked.map(|(_, access)| access));
+        self.chosen.extend_from_slice(after);
+        &self.chosen
     }
 }

@@ -106,6 +106,7 @@ pub struct UdpBus<L: Link = UdpLink> {
 /// A list of accesses as packets.
 #[derive(Clone, Debug)]
 pub struct UdpList {
+    accesses: Box<[Access]>,
     number: u32,
     encoding: Encoding,
     /// How long the board may hold it back.
@@ -122,6 +123,12 @@ impl UdpList {
     /// more.
     pub fn reply_bytes(&self) -> usize {
         self.encoding.reply_len(false)
+    }
+}
+
+impl AsRef<[Access]> for UdpList {
+    fn as_ref(&self) -> &[Access] {
+        &self.accesses
     }
 }
 
@@ -386,6 +393,8 @@ impl<L: Link> Clock for UdpBus<L> {
 impl<L: Link> RegisterBus for UdpBus<L> {
     type Error = UdpError;
     type List = UdpList;
+    /// The board's timer does that.
+    const CAN_HOLD: bool = true;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
         let encoding = Encoding::accesses(accesses, ACKNOWLEDGED)?;
@@ -408,6 +417,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         let held = wait.map_or(0, |(_, limit_us)| limit_us);
         self.prepared += 1;
         Ok(UdpList {
+            accesses: accesses.into(),
             number: self.prepared,
             encoding,
             held: Duration::from_micros(held.into()),
@@ -444,17 +454,11 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         })
     }
 
-    fn write_some(
-        &mut self,
-        accesses: &[Access],
-        wanted: &[bool],
-        words: &mut [u32],
-    ) -> Result<(), UdpError> {
+    fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
         self.is_cyclic = true;
-        let some = accesses.iter().zip(wanted).filter(|(_, wanted)| **wanted);
         let write = self.ledger.open_write(Kind::Alone);
-        let some = some.map(|(access, _)| *access);
-        let packet = write_packet(self.packet.as_mut_slice(), some, words, write)?;
+        let all = accesses.iter().copied();
+        let packet = write_packet(self.packet.as_mut_slice(), all, words, write)?;
         self.statistics.exchanges += 1;
         self.statistics.bytes_sent += packet.len() as u64;
         self.link.send(packet).map_err(|link| UdpError::Link {
@@ -463,19 +467,12 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         })
     }
 
-    fn can_hold(&self) -> bool {
-        true
-    }
-
-    fn set_cycle_deadline(&mut self, deadline: Duration) {
-        self.config.cycle_deadline = deadline;
-    }
-
     /// The deadline of [`UdpConfig::default`] becomes 80 % of the period, and at least 100 us.
-    fn follow_period(&mut self, period: Duration) {
-        if self.config.cycle_deadline == UdpConfig::default().cycle_deadline {
-            let most = period.saturating_mul(4) / 5;
-            self.config.cycle_deadline = most.max(SHORTEST_DEADLINE);
+    fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
+        let is_default = self.config.cycle_deadline == UdpConfig::default().cycle_deadline;
+        let following = || (period.saturating_mul(4) / 5).max(SHORTEST_DEADLINE);
+        if let Some(deadline) = deadline.or_else(|| is_default.then(following)) {
+            self.config.cycle_deadline = deadline;
         }
     }
 

@@ -1,4 +1,7 @@
-//! A bus of words in memory, for the tests of the buses around buses.
+//! The buses around buses, on a bus of words in memory.
+
+mod faulty;
+mod recording;
 
 use core::time::Duration;
 use std::collections::BTreeMap;
@@ -9,18 +12,18 @@ use crate::bus::{
 
 /// Registers keep what is written; each exchange takes a microsecond.
 #[derive(Debug, Default)]
-pub(super) struct Memory {
-    pub(super) words: BTreeMap<u16, u32>,
-    pub(super) exchanges: usize,
-    pub(super) fail_next: bool,
+struct Memory {
+    words: BTreeMap<u16, u32>,
+    exchanges: usize,
+    fail_next: bool,
     /// Lists that were started.
-    pub(super) started: usize,
+    started: usize,
     now: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("told to fail")]
-pub(super) struct MemoryError;
+#[error("fails as it is asked to")]
+struct MemoryError;
 
 impl BusError for MemoryError {
     fn kind(&self) -> BusErrorKind {
@@ -31,6 +34,7 @@ impl BusError for MemoryError {
 impl RegisterBus for Memory {
     type Error = MemoryError;
     type List = AccessList;
+    const CAN_HOLD: bool = true;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), MemoryError> {
         self.exchanges += 1;
@@ -53,11 +57,11 @@ impl RegisterBus for Memory {
     }
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, MemoryError> {
-        Ok(AccessList::new(accesses))
+        Ok(accesses.into())
     }
 
     fn finish(&mut self, list: &AccessList, words: &mut [u32]) -> Result<Reply, MemoryError> {
-        self.exchange(list.accesses(), words)?;
+        self.exchange(list, words)?;
         Ok(Reply {
             slack: Some(Duration::from_micros(5)),
             ..Reply::CERTAIN
@@ -67,10 +71,6 @@ impl RegisterBus for Memory {
     fn start(&mut self, _: &AccessList, _: &[u32]) -> Result<(), MemoryError> {
         self.started += 1;
         Ok(())
-    }
-
-    fn can_hold(&self) -> bool {
-        true
     }
 }
 
