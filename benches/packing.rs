@@ -20,16 +20,16 @@ fn packing(criterion: &mut Criterion) {
         let location = RemoteLocation {
             board: "bench.0",
             port: 0,
-            channel: remote.started().channel.index(),
+            channel: remote.started.channel.index(),
         };
         let mut pins = PinStore::new();
-        let descriptor = remote.descriptor();
+        let descriptor = remote.descriptor;
         let plan = PackingPlan::new(descriptor, 3).expect("a plan");
         let mut of = RemotePins::new(&mut pins, location, descriptor, plan, None).expect("pins");
         let mut words = [0x0F0F_1234; 7];
         let bits = of.plan().input_bits() + of.plan().output_bits();
         group.throughput(Throughput::Elements(bits.into()));
-        let name = remote.started().to_string();
+        let name = remote.started.to_string();
         group.bench_function(BenchmarkId::new("take_inputs", &name), |bencher| {
             bencher.iter(|| of.take_inputs(&mut pins, black_box(&words)));
         });

@@ -208,7 +208,7 @@ pub fn process_data_words<B: RegisterBus + Clock>(driver: &Driver<B>) -> usize {
         .flat_map(mesa_hal::driver::SerialPort::remotes);
     remotes
         .map(|remote| {
-            let plan = remote.pins().plan();
+            let plan = remote.pins.plan();
             (plan.input_bits().div_ceil(32) + plan.output_bits().div_ceil(32)) as usize
         })
         .sum()

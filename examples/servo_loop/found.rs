@@ -31,7 +31,7 @@ fn write_all<B: RegisterBus + Clock>(
         driver.firmware().gtags()
     )?;
     for (number, port) in driver.ports().iter().enumerate() {
-        let time = port.expected_time();
+        let time = port.expected_time;
         writeln!(
             out,
             "\nSerial port {number}: {} channels; a transfer takes up to {:?}, with a lost reply {:?}",
@@ -72,8 +72,8 @@ fn write_remote<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     remote: &RemoteStatus<'_>,
 ) -> fmt::Result {
-    let descriptor = remote.descriptor();
-    writeln!(out, "  {}", remote.started())?;
+    let descriptor = remote.descriptor;
+    writeln!(out, "  {}", remote.started)?;
     for mode in &descriptor.modes {
         let is_software = mode.mode_type == ModeType::Software;
         let current = if is_software && mode.index == descriptor.software_mode {
@@ -96,13 +96,13 @@ fn write_terminals<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     remote: &RemoteStatus<'_>,
 ) -> fmt::Result {
-    let prefix = remote.pins().prefix();
+    let prefix = remote.pins.prefix();
     writeln!(out, "    pins {prefix}.* with their terminals:")?;
     let pins: Vec<String> = driver
         .pins()
         .infos()
         .iter()
-        .filter(|pin| pin.group == remote.group() && !pin.role.is_param())
+        .filter(|pin| pin.group == remote.pins.group() && !pin.role.is_param())
         .filter(|pin| !pin.terminal.is_empty() && !pin.name.ends_with("-not"))
         .map(|pin| {
             let name = pin.name.strip_prefix(prefix).unwrap_or(&pin.name);

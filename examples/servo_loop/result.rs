@@ -123,7 +123,7 @@ fn write_port(out: &mut String, number: usize, port: &SerialPort, period: Durati
 
 fn doit(statistics: &PortStatistics, period: Duration) -> String {
     let times = &statistics.doit;
-    match (times.min(), times.median(), times.max()) {
+    match (times.min(), times.percentile(50), times.max()) {
         (Some(min), Some(median), Some(max)) => format!(
             "DOIT min {:.1} us, median {:.0} us, max {:.1} us; margin {:.1} us of {:.0} us",
             micros(min),
@@ -137,7 +137,7 @@ fn doit(statistics: &PortStatistics, period: Duration) -> String {
 }
 
 fn write_remote(out: &mut String, remote: &RemoteStatus<'_>) -> fmt::Result {
-    let failures = remote.failures();
+    let failures = remote.failures;
     let counted: Vec<String> = failures
         .iter()
         .filter(|&(failure, count)| count > 0 && failure != Failure::Doubtful)
@@ -151,10 +151,7 @@ fn write_remote(out: &mut String, remote: &RemoteStatus<'_>) -> fmt::Result {
     writeln!(
         out,
         "  channel {} {}: {} transfers, {counted}; faults: {}",
-        remote.started().channel,
-        remote.started().name,
-        remote.transfers(),
-        remote.faults()
+        remote.started.channel, remote.started.name, remote.transfers, remote.faults
     )
 }
 

@@ -21,8 +21,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 expected: T::TABLE.title,
             });
         };
-        let names = (self.pins(), remote.pins().prefix());
-        RemoteTable::attach(names, remote.descriptor(), (port, channel))
+        let names = (self.pins(), remote.pins.prefix());
+        RemoteTable::attach(names, remote.descriptor, (port, channel))
     }
 
     /// The handles of the board's own functions.

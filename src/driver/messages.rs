@@ -17,7 +17,7 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     }
     for (number, port) in driver.ports().iter().enumerate() {
         for remote in port.remotes() {
-            log::info!("{} port {number}: {}", driver.name(), remote.started());
+            log::info!("{} port {number}: {}", driver.name(), remote.started);
         }
     }
     for remark in driver.remarks() {

@@ -210,11 +210,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let channel = channel.index();
             return Err(RemoteParameterError::NoSuchRemote { port, channel });
         };
-        let parts = (remote.descriptor(), remote.pins());
+        let parts = (remote.descriptor, remote.pins);
         let value = value.into();
         let write = ParameterWrite::new((port, channel), parts, name, value)?;
         check_watchdog(name, value, self.period)?;
-        let started = *remote.started();
+        let started = *remote.started;
         // The remotes of other ports are not served either: all are told safe values.
         self.last_transfer().map_err(RemoteParameterError::Port)?;
         if !self.is_running() {
@@ -256,8 +256,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let Some(found) = self.parts.ports.get_mut(usize::from(port)) else {
             return Err(RemoteParameterError::NoSuchPort { port, ports });
         };
-        let result = in_setup(bus, found.port_mut(), remote, write);
-        let stopped = found.stop_all(bus);
+        let result = in_setup(bus, &mut found.port, remote, write);
+        let stopped = found.port.stop_all(bus);
         found.taken_over(&mut self.pins, bus.now());
         result?;
         found.parameter_written(&mut self.pins, remote.channel, write.place, write.raw);

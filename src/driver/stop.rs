@@ -57,7 +57,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         keep(last);
         for port in &mut self.parts.ports {
-            keep(port.stop_all(&mut *self.bus));
+            keep(port.port.stop_all(&mut *self.bus));
         }
         keep(self.bus.release().map_err(PortError::Bus));
         first

@@ -54,9 +54,9 @@ impl Application {
                 .get(port)
                 .and_then(|port| port.remote(channel));
             let Some(status) = status else { continue };
-            let prefix = status.pins().prefix();
+            let prefix = status.pins.prefix();
             let (card, place) = (plan.card(number), (port, channel));
-            let remote = Remote::new(pins, prefix, number, place, card, status.group())?;
+            let remote = Remote::new(pins, prefix, number, place, card, status.pins.group())?;
             remotes.push(remote);
         }
         let gpio_pins = gpio.outputs.iter().map(|&pin| {
@@ -423,7 +423,7 @@ impl Application {
                 let (port, channel) = remote.place;
                 let status = driver.ports()[port]
                     .remote(channel)
-                    .map(|status| status.state());
+                    .map(|status| status.state);
                 return Err(format!("remote {}: {status:?}, {group:?}", remote.number));
             }
         }
@@ -436,7 +436,7 @@ impl Application {
             let (port, channel) = remote.place;
             let state = driver.ports()[port]
                 .remote(channel)
-                .map(|status| status.state());
+                .map(|status| status.state);
             if state.is_some_and(|state| state != RemoteState::Running) {
                 driver.restart(port as u8, channel);
             }

@@ -251,10 +251,7 @@ impl<B: World, C> Machine<B, C> {
             }
             let _ = self.cycle();
         }
-        panic!(
-            "not within {limit} cycles: {:#?}",
-            self.status(FIELD).state()
-        );
+        panic!("not within {limit} cycles: {:#?}", self.status(FIELD).state);
     }
 
     pub fn status(&self, channel: usize) -> RemoteStatus<'_> {
@@ -262,16 +259,16 @@ impl<B: World, C> Machine<B, C> {
     }
 
     pub fn is_running(&self, channel: usize) -> bool {
-        self.status(channel).state() == RemoteState::Running
+        self.status(channel).state == RemoteState::Running
     }
 
     pub fn is_armed(&self, channel: usize) -> bool {
-        let group = self.status(channel).group();
+        let group = self.status(channel).pins.group();
         self.driver.pins().group_state(group).expect("group").armed
     }
 
     pub fn is_valid(&self, channel: usize) -> bool {
-        let group = self.status(channel).group();
+        let group = self.status(channel).pins.group();
         self.driver.pins().group_state(group).expect("group").valid
     }
 

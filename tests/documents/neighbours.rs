@@ -130,14 +130,14 @@ fn measure(trouble: &Trouble) -> Cost {
     let starts = |machine: &Machine| machine.driver.ports()[0].statistics().starts;
     let transfers = |machine: &Machine| {
         let status = machine.status(ANALOG);
-        status.transfers() - status.failures().total()
+        status.transfers - status.failures.total()
     };
     let before = (starts(&machine), transfers(&machine));
     let (mut longest_gap, mut running) = (0, 0);
     for ms in 0..MINUTE {
         (trouble.step)(&mut machine, ms);
         let _ = machine.cycle();
-        let group = machine.status(ANALOG).group();
+        let group = machine.status(ANALOG).pins.group();
         let age = machine.driver.pins().group_state(group).unwrap().age;
         longest_gap = longest_gap.max(age.time.as_micros() as u64);
         running += u64::from(machine.is_valid(FIELD));

@@ -197,7 +197,7 @@ impl Trial {
 
     /// What is shown as new is the remote's reply to the newest request, and is shown once.
     fn check_published(&mut self) {
-        let group = self.machine.status(FIELD).group();
+        let group = self.machine.status(FIELD).pins.group();
         let state = self
             .machine
             .driver
@@ -303,7 +303,7 @@ impl Trial {
             let armed = [FIELD, ANALOG, OUTPUTS].into_iter().all(|channel| {
                 self.machine.is_running(channel)
                     && self.machine.is_armed(channel)
-                    && self.machine.status(channel).faults().is_empty()
+                    && self.machine.status(channel).faults.is_empty()
             });
             if armed && self.published > before + 20 {
                 return;

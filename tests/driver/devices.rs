@@ -95,8 +95,8 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
         let _ = driver.rearm().expect("the bus works");
         let prefix = driver.ports()[0]
             .remotes()
-            .find(|r| usize::from(r.started().channel.index()) == channel);
-        let prefix = prefix.expect("it runs").pins().prefix().to_owned();
+            .find(|r| usize::from(r.started.channel.index()) == channel);
+        let prefix = prefix.expect("it runs").pins.prefix().to_owned();
         let end = driver.bus().remote(0, channel).expect("remote");
         let outputs = find(end).expect("device").outputs();
         for (output, value) in &outputs {
@@ -177,7 +177,7 @@ fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
         let mut was_offline = false;
         for cycle in 0..1000 {
             let status = driver.ports()[0].remote(channel).expect("remote");
-            let (state, group) = (status.state(), status.group());
+            let (state, group) = (status.state, status.pins.group());
             let is_running = state == RemoteState::Running;
             was_offline |= !is_running;
             if was_offline && is_running {
@@ -192,8 +192,8 @@ fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
             step(&mut driver);
         }
         let status = driver.ports()[0].remote(channel).expect("remote");
-        assert_eq!(status.state(), RemoteState::Running);
-        assert_eq!(status.restarts(), restarts);
+        assert_eq!(status.state, RemoteState::Running);
+        assert_eq!(status.restarts, restarts);
         assert!(was_offline);
         for _ in 0..3 {
             step(&mut driver);

@@ -215,7 +215,7 @@ fn inputs_of_a_doit_that_was_lost_on_its_way_are_not_taken_for_new() {
     machine.pass(Duration::from_millis(1));
     let report = machine.driver.read().unwrap();
     assert_eq!((report.lost_writes, report.good), (1, 0));
-    let group = machine.status(FIELD).group();
+    let group = machine.status(FIELD).pins.group();
     assert_eq!(
         machine.driver.pins().group_state(group).unwrap().age.cycles,
         1
@@ -406,9 +406,9 @@ fn a_cycle_that_is_too_short_writes_no_doit_and_takes_nothing_twice() {
     assert_eq!(statistics.too_short, u64::from(too_short));
     assert!(too_short > 200, "{too_short}");
     for channel in ALL {
-        let failures = machine.status(channel).failures();
+        let failures = machine.status(channel).failures;
         assert_eq!(failures.total(), 0, "a DOIT while busy would be rejected");
-        let transfers = machine.status(channel).transfers();
+        let transfers = machine.status(channel).transfers;
         assert!(
             transfers + u64::from(too_short) <= 506,
             "each is taken once"

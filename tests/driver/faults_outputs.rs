@@ -336,7 +336,7 @@ fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_o
 }
 
 fn reason(machine: &Machine, channel: usize) -> Option<OfflineReason> {
-    match machine.status(channel).state() {
+    match machine.status(channel).state {
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => Some(reason),
         _ => None,
     }
@@ -355,7 +355,7 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
         let status = machine.status(FIELD);
         if let Some(reason) = reason(&machine, FIELD) {
             assert_eq!(reason, OfflineReason::FieldPower(low));
-            assert_eq!(status.first_fault(), Some(OfflineReason::FieldPower(low)));
+            assert_eq!(status.first_fault, Some(OfflineReason::FieldPower(low)));
         }
         attempts = machine.driver.ports()[0].statistics().starts;
     }
@@ -363,7 +363,7 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
     let field = machine.device_mut(FIELD);
     field.set_field_volts(now, 24.0).unwrap();
     machine.until(2000, |machine| machine.is_valid(FIELD));
-    let first = machine.status(FIELD).first_fault();
+    let first = machine.status(FIELD).first_fault;
     assert_eq!(
         first,
         Some(OfflineReason::FieldPower(low)),
@@ -372,12 +372,12 @@ fn the_first_reason_of_a_fault_is_kept_until_re_armed() {
     // Another fault before anybody has re-armed it changes nothing.
     machine.cable(FIELD).unplug();
     machine.until(40, |machine| !machine.is_running(FIELD));
-    assert_eq!(machine.status(FIELD).first_fault(), first);
+    assert_eq!(machine.status(FIELD).first_fault, first);
     machine.cable(FIELD).replug();
     machine.until(2000, |machine| machine.is_valid(FIELD));
     let _ = machine.driver.rearm().unwrap();
     cycle(&mut machine, |_| {});
-    assert_eq!(machine.status(FIELD).first_fault(), None);
+    assert_eq!(machine.status(FIELD).first_fault, None);
 }
 
 /// Seldom said and easily forgotten: the range that the tests above walk is the whole fault byte.
@@ -441,7 +441,7 @@ fn a_remote_with_another_watchdog_is_off_after_its_time_and_is_not_talked_to_bef
 fn a_remote_whose_watchdog_is_off_is_started_again_at_once() {
     for cause in [Cause::Short, Cause::Bit(RemoteFaults::NO_ENABLE)] {
         let mut machine = busy_machine_with_watchdog(0);
-        let watchdog = machine.status(OUTPUTS).watchdog();
+        let watchdog = machine.status(OUTPUTS).watchdog;
         assert_eq!(watchdog, mesa_hal::driver::RemoteWatchdog::Off);
         cause.begins(&mut machine, OUTPUTS);
         let mut look = off_from(machine.now() + 8 * MS, OUTPUTS, format!("{cause:?}"));

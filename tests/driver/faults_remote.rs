@@ -66,7 +66,7 @@ fn others_go_on(machine: &mut Machine, channel: usize, cycles: usize) {
 fn transfers(machine: &Machine) -> Vec<(u64, u64)> {
     let of = |channel| {
         let status = machine.status(channel);
-        (status.transfers(), status.failures().total())
+        (status.transfers, status.failures.total())
     };
     [FIELD, ANALOG, OUTPUTS].map(of).to_vec()
 }
@@ -99,7 +99,7 @@ fn one_wire_fault(
     assert_eq!(invalid_cycles, invalid, "{toward:?} {fault:?}");
     let failures: Vec<_> = machine
         .status(channel)
-        .failures()
+        .failures
         .iter()
         .filter(|&(failure, count)| count > 0 && failure != Failure::Doubtful)
         .map(|(failure, count)| {
@@ -175,7 +175,7 @@ fn comes_back(
 }
 
 fn prefix(machine: &Machine, channel: usize) -> String {
-    let prefix = machine.status(channel).pins().prefix().to_owned();
+    let prefix = machine.status(channel).pins.prefix().to_owned();
     prefix.trim_start_matches("hm2_7i92.0.").to_owned()
 }
 
@@ -235,7 +235,7 @@ fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
     machine.sleep(70);
     let mut seen = None;
     machine.until(10, |machine| {
-        seen = match machine.status(FIELD).state() {
+        seen = match machine.status(FIELD).state {
             RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
                 assert!(machine.bit("7i77.0.0.fault-watchdog"));
                 Some(reason)
@@ -297,7 +297,7 @@ fn an_overloaded_output_sets_its_remote_aside_until_all_its_outputs_are_off() {
     assert!(
         machine
             .status(FIELD)
-            .faults()
+            .faults
             .contains(RemoteFaults::OVER_CURRENT)
     );
     assert!(!machine.is_running(FIELD) && !machine.is_valid(FIELD));
@@ -334,7 +334,7 @@ fn another_device_on_the_channel_is_not_taken_over() {
         .plug(0, FIELD, Some(Box::new(cable)));
     machine.until(2000, |machine| {
         matches!(
-            machine.status(FIELD).state(),
+            machine.status(FIELD).state,
             RemoteState::Offline {
                 reason: OfflineReason::AnotherDevice { .. },
                 ..
@@ -364,7 +364,7 @@ fn a_card_of_the_same_kind_with_another_unit_number_is_not_taken_over() {
         .bus_mut()
         .plug(0, FIELD, Some(Box::new(cable)));
     machine.cycles(2000);
-    let state = machine.status(FIELD).state();
+    let state = machine.status(FIELD).state;
     assert!(
         matches!(
             state,
@@ -384,7 +384,7 @@ fn attempts_to_bring_a_remote_back_never_starve_the_others() {
     let mut longest = 0;
     for _ in 0..3000 {
         let _ = machine.cycle();
-        let group = machine.status(ANALOG).group();
+        let group = machine.status(ANALOG).pins.group();
         let age = machine.driver.pins().group_state(group).unwrap().age;
         longest = longest.max(age.time.as_micros());
         assert!(machine.is_armed(ANALOG) && are_outputs_on(&machine, ANALOG));

@@ -144,7 +144,7 @@ fn are_open(shop: &Shop) -> bool {
 
 /// Why it does not run.
 fn reason(shop: &Shop) -> String {
-    match shop.status(OUTPUTS).state() {
+    match shop.status(OUTPUTS).state {
         RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
             reason.to_string()
         }
@@ -261,7 +261,7 @@ fn an_optional_remote_comes_up_when_it_is_plugged_in_and_waits_to_be_armed() {
         open_valves(&mut shop);
         shop.cycles(3);
         assert!(are_open(&shop) && shop.is_valid(OUTPUTS));
-        assert!(!shop.status(OUTPUTS).descriptor().process_data.is_empty());
+        assert!(!shop.status(OUTPUTS).descriptor.process_data.is_empty());
 
         plug(&mut shop, None);
         shop.until(2_000, |shop| !shop.is_running(OUTPUTS));
@@ -344,23 +344,23 @@ fn the_field_io_of_a_7i77_may_be_plugged_in_later_in_the_mode_it_is_configured_f
 fn the_neighbours_of_an_absent_remote_lose_less_than_a_hundredth_and_no_output() {
     let mut shop = shop();
     shop.cycles(5);
-    let before = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers());
+    let before = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers);
     let cycles = 60_000;
     let mut without = [0_u64; 2];
     for _ in 0..cycles {
-        let seen = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers());
+        let seen = [FIELD, ANALOG].map(|channel| shop.status(channel).transfers);
         shop.cycles(1);
         for (n, channel) in [FIELD, ANALOG].into_iter().enumerate() {
             let status = shop.status(channel);
-            let is_new = status.transfers() > seen[n];
+            let is_new = status.transfers > seen[n];
             without[n] = if is_new { 0 } else { without[n] + 1 };
             assert!(without[n] <= 20, "no gap longer than an attempt");
-            assert_eq!(status.failures().total(), 0);
+            assert_eq!(status.failures.total(), 0);
             assert!(shop.is_running(channel) && shop.is_armed(channel));
         }
     }
     for (n, channel) in [FIELD, ANALOG].into_iter().enumerate() {
-        let done = shop.status(channel).transfers() - before[n];
+        let done = shop.status(channel).transfers - before[n];
         assert!(done > cycles - cycles / 100, "{done} of {cycles}");
     }
     assert!(!shop.is_running(OUTPUTS));

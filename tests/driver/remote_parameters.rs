@@ -82,10 +82,10 @@ fn parameters_are_written_in_setup_mode_before_the_start() {
     assert_eq!(shown(&machine, "7i77.0.0.nvwatchdogtimeout"), 100);
     assert_eq!(shown(&machine, "7i72.0.2.nvunitnumber"), 0x7200_0009);
     let hundred = RemoteWatchdog::Known(Duration::from_millis(100));
-    assert_eq!(machine.status(FIELD).watchdog(), hundred);
-    assert_eq!(machine.status(OUTPUTS).watchdog(), RemoteWatchdog::Off);
+    assert_eq!(machine.status(FIELD).watchdog, hundred);
+    assert_eq!(machine.status(OUTPUTS).watchdog, RemoteWatchdog::Off);
     let fifty = RemoteWatchdog::Known(Duration::from_millis(50));
-    assert_eq!(machine.status(ANALOG).watchdog(), fifty);
+    assert_eq!(machine.status(ANALOG).watchdog, fifty);
     machine.cycles(5);
     assert!(ALL.iter().all(|&channel| machine.is_valid(channel)));
     // What is kept already is not written again: such memory wears out.
@@ -102,7 +102,7 @@ fn a_shorter_watchdog_is_not_believed_before_the_next_power_up() {
     let machine = Machine::with(board.start().expect("all of them run"));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 20);
     let fifty = RemoteWatchdog::Known(Duration::from_millis(50));
-    assert_eq!(machine.status(FIELD).watchdog(), fifty);
+    assert_eq!(machine.status(FIELD).watchdog, fifty);
 }
 
 #[test]
@@ -195,7 +195,7 @@ fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_resta
         assert!(took < 50, "{took} ms");
         assert_eq!(kept(&machine, OUTPUTS, "nvwatchdogtimeout"), 200);
         assert_eq!(shown(&machine, "7i72.0.2.nvwatchdogtimeout"), 200);
-        let time = machine.status(OUTPUTS).watchdog().time();
+        let time = machine.status(OUTPUTS).watchdog.time();
         assert_eq!(time, Some(Duration::from_millis(200)));
         assert!(!are_on(&machine).into_iter().any(|on| on));
         for _ in 0..20 {

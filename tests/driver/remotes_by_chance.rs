@@ -341,7 +341,7 @@ fn run(seed: u64, cycles: u32, mishaps: Mishaps) -> Run {
             let _ = run.machine.driver.rearm();
         }
     }
-    let states = ALL.map(|channel| run.machine.status(channel).state());
+    let states = ALL.map(|channel| run.machine.status(channel).state);
     let board = run.machine.driver.board_state();
     let context = format!("{}: {board:?}, {states:?}", run.context());
     for channel in ALL {

@@ -139,11 +139,11 @@ fn assert_has_lived(machine: &Machine<Faulty<SimFpga>>) {
     let port = &machine.driver.ports()[0];
     assert!(port.statistics().starts > 100, "{:?}", port.statistics());
     for remote in port.remotes() {
-        assert!(remote.failures().total() > 1000, "{:?}", remote.failures());
-        assert!(remote.restarts() > 10);
-        assert!(remote.transfers() > 10_000);
+        assert!(remote.failures.total() > 1000, "{:?}", remote.failures);
+        assert!(remote.restarts > 10);
+        assert!(remote.transfers > 10_000);
         assert!(!matches!(
-            remote.state(),
+            remote.state,
             RemoteState::Offline {
                 next_attempt: None,
                 ..

@@ -17,7 +17,7 @@ use crate::driver::{
 };
 use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::modules::RegisterError;
-use crate::modules::serial::{Remote, RemoteFaultPins};
+use crate::modules::serial::Remote;
 use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Layout, MAX_CHANNELS, Port, PortError, PortParameters, SslbpModule,
@@ -33,6 +33,18 @@ pub(in crate::driver) struct PortStage {
     parameters: Option<PortParameters>,
     /// By channel.
     pub(super) remotes: Vec<FoundRemote>,
+}
+
+impl FoundRemote {
+    /// It takes part, and this is what START told of it.
+    fn into_remote(self, started: StartedRemote) -> Remote {
+        Remote {
+            started,
+            descriptor: self.descriptor,
+            pins: self.pins,
+            is_absent: self.is_absent,
+        }
+    }
 }
 
 impl PortStage {
@@ -148,7 +160,7 @@ impl Plan {
     fn check_port<E: BusError>(&self, port: &SerialPort) -> Result<(), StartError<E>> {
         let period = self.settings.period;
         let instance = port.layout().instance();
-        let needed = port.expected_time().usual;
+        let needed = port.expected_time.usual;
         if needed > period {
             return Err(StartError::PeriodTooShort {
                 port: instance,
@@ -158,10 +170,10 @@ impl Plan {
         }
         let needed = period * WATCHDOG_FEEDS;
         for remote in port.remotes() {
-            if let Some(watchdog) = remote.watchdog().time().filter(|time| *time < needed) {
+            if let Some(watchdog) = remote.watchdog.time().filter(|time| *time < needed) {
                 return Err(StartError::RemoteWatchdogTooShort {
                     port: instance,
-                    channel: remote.started().channel,
+                    channel: remote.started.channel,
                     watchdog,
                     needed,
                     period,
@@ -325,9 +337,12 @@ impl Plan {
             let channel = found.started.channel;
             let name = found.started.name;
             match report.outcome(channel) {
-                None if found.is_absent => remotes.push(self.remote(found.started, found)?),
+                None if found.is_absent => {
+                    let started = found.started;
+                    remotes.push(found.into_remote(started));
+                }
                 Some(Ok(started)) if is_same(&started, &found.started) => {
-                    remotes.push(self.remote(started, found)?);
+                    remotes.push(found.into_remote(started));
                 }
                 Some(Err(failure)) => {
                     let reason = MissingReason::DidNotStart(failure);
@@ -337,21 +352,6 @@ impl Plan {
             }
         }
         Ok(remotes)
-    }
-
-    fn remote(
-        &mut self,
-        started: StartedRemote,
-        found: FoundRemote,
-    ) -> Result<Remote, RegisterError> {
-        let prefix = found.pins.prefix();
-        let fault_pins = RemoteFaultPins::new(&mut self.pins, self.status, prefix)?;
-        let new = if found.is_absent {
-            Remote::absent
-        } else {
-            Remote::new
-        };
-        Ok(new(started, found.descriptor, found.pins, fault_pins))
     }
 }
 

@@ -2,59 +2,13 @@
 
 use core::time::Duration;
 
-use super::attempts::Attempts;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::sslbp::{ComState, CsStatus, RemoteFaults};
+use crate::discovery::RemoteName;
+use crate::sslbp::{Channel, ComState, CsStatus, RemoteFaults, StartedRemote};
 
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY: u64 = 1000;
-
-/// What START must tell of a remote: interface registers 0 to 2.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Expected {
-    /// Unit number, name, GTOC and PTOC.
-    pub told: [u32; 3],
-    /// The bits of its unit number that count: its class is known of one that was never there.
-    pub unit_mask: u32,
-    /// The bits of its tables that count: none if they are not known, and its sizes decide.
-    pub tables_mask: u32,
-}
-
-impl Expected {
-    /// This one, and no other of its kind.
-    pub const fn exactly(told: [u32; 3]) -> Self {
-        Self {
-            told,
-            unit_mask: u32::MAX,
-            tables_mask: u32::MAX,
-        }
-    }
-
-    /// One that was never there. `unit_number` holds its class in the top byte, or is 0; `tables`
-    /// hold GTOC and PTOC, or are 0.
-    pub const fn of_kind(unit_number: u32, name: u32, tables: u32) -> Self {
-        Self {
-            told: [unit_number, name, tables],
-            unit_mask: if unit_number == 0 { 0 } else { 0xFF00_0000 },
-            tables_mask: if tables == 0 { 0 } else { u32::MAX },
-        }
-    }
-
-    /// Why the remote that tells this is not the one.
-    pub fn refuses(&self, told: [u32; 3]) -> Option<OfflineReason> {
-        let ([unit, name, tables], [unit_number, told_name, found]) = (self.told, told);
-        if (unit ^ unit_number) & self.unit_mask != 0 || name != told_name {
-            let name = told_name;
-            return Some(OfflineReason::AnotherDevice { name, unit_number });
-        }
-        let is_other = (tables ^ found) & self.tables_mask != 0;
-        is_other.then_some(OfflineReason::OtherTables {
-            found,
-            expected: tables,
-        })
-    }
-}
 
 /// What a remote on a channel is doing.
 ///
@@ -83,9 +37,12 @@ pub enum RemoteState {
 }
 
 /// A remote of a port.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Debug)]
 pub(crate) struct Health {
-    pub expected: Expected,
+    /// What START told of it. Of one that has never run, what is known of its kind: 0 for a unit
+    /// number or tables that are not known, and of the unit number the class in the top byte.
+    pub started: StartedRemote,
     pub watchdog: RemoteWatchdog,
     pub state: RemoteState,
     /// Why it went offline last.
@@ -97,7 +54,6 @@ pub(crate) struct Health {
     pub fault_count: u32,
     /// What it reported last.
     pub faults: RemoteFaults,
-    pub attempts: Attempts,
     /// It has run before, so that its sizes are known to be right, and it can have been stopped.
     pub has_run: bool,
     /// It is left out of transfers until then. After a failed one the line needs an idle interval,
@@ -106,13 +62,21 @@ pub(crate) struct Health {
     pub rest_until: Instant,
     /// The transfer before failed, too.
     has_just_failed: bool,
+    /// How long to wait before the next attempt to bring it back; it doubles with each.
+    pause: Duration,
+    /// Nothing is sent to it before: its watchdog must have bitten.
+    pub silent_until: Instant,
+    /// The application asked for the next attempt, so that it is made whatever it costs.
+    pub is_asked_for: bool,
+    /// The last attempt failed, so that the next one is likely to take long.
+    pub has_failed: bool,
 }
 
 impl Health {
     /// A remote that runs.
-    pub fn new(expected: Expected, watchdog: RemoteWatchdog, first_backoff: Duration) -> Self {
+    pub fn new(started: StartedRemote, watchdog: RemoteWatchdog, policy: &FaultPolicy) -> Self {
         Self {
-            expected,
+            started,
             watchdog,
             state: RemoteState::Running,
             cause: None,
@@ -120,22 +84,21 @@ impl Health {
             restarts: 0,
             fault_count: 0,
             faults: RemoteFaults::empty(),
-            attempts: Attempts::new(first_backoff),
             has_run: true,
             rest_until: Instant::default(),
             has_just_failed: false,
+            pause: policy.first_backoff,
+            silent_until: Instant::default(),
+            is_asked_for: false,
+            has_failed: false,
         }
     }
 
-    /// A remote that was never there. Nobody talked to it, so that it is silent already.
-    pub fn absent(expected: Expected, policy: &FaultPolicy, now: Instant) -> Self {
-        let mut health = Self::new(expected, RemoteWatchdog::Assumed, policy.first_backoff);
-        health.has_run = false;
-        health.attempts.has_failed = true;
-        let wait = health.attempts.next_pause(OfflineReason::Absent, policy);
-        let next_attempt = policy.automatic.then(|| now.after(wait));
-        health.show(OfflineReason::Absent, next_attempt);
-        health
+    /// It was never there.
+    pub fn absent(mut self, now: Instant, policy: &FaultPolicy) -> Self {
+        (self.has_run, self.has_failed) = (false, true);
+        self.go_offline(now, OfflineReason::Absent, 0, policy);
+        self
     }
 
     /// It goes offline, or stays so for one more reason; the next attempt is planned. `good`:
@@ -147,46 +110,50 @@ impl Health {
         good: u64,
         policy: &FaultPolicy,
     ) {
-        // A remote whose watchdog has bitten has switched its outputs off. A START that fails may
-        // have fed it again.
+        // A remote whose watchdog has bitten has switched its outputs off, and nobody talked to one
+        // that is absent. A START that fails may have fed it again.
         let silence = match reason {
-            OfflineReason::Watchdog => Duration::ZERO,
+            OfflineReason::Watchdog | OfflineReason::Absent => Duration::ZERO,
             _ => self.watchdog.silence(),
         };
-        self.attempts.silent_until = now.after(silence);
+        self.silent_until = now.after(silence);
         if self.is_running() && good >= HEALTHY {
-            self.attempts.pause = policy.first_backoff;
+            self.pause = policy.first_backoff;
         }
-        let pause = self.attempts.next_pause(reason, policy);
         let may_drive =
             self.watchdog == RemoteWatchdog::Off && self.is_running() && self.first_fault.is_none();
         // It may have outputs on, which nothing but a START switches off.
-        self.attempts.is_asked_for |= may_drive && policy.automatic;
-        let is_asked_for = self.attempts.is_asked_for;
-        let wait = if is_asked_for { Duration::ZERO } else { pause };
-        let next_attempt = (policy.automatic || is_asked_for)
-            .then(|| now.after(wait).max(self.attempts.silent_until));
+        self.is_asked_for |= may_drive && policy.automatic;
+        // The first attempt after a fault that a START clears waits for nothing but the silence.
+        let is_first = self.pause == policy.first_backoff;
+        let wait = if self.is_asked_for || is_first && reason.is_cleared_by_start() {
+            Duration::ZERO
+        } else {
+            self.pause
+        };
+        self.pause = self.pause.saturating_mul(2).min(policy.longest_backoff);
+        let next_attempt =
+            (policy.automatic || self.is_asked_for).then(|| now.after(wait).max(self.silent_until));
         self.show(reason, next_attempt);
     }
 
     /// The application asks for a restart at once: of one that runs without a fault now, of
     /// another one when its outputs must be off.
     pub fn ask_for_restart(&mut self, now: Instant, policy: &FaultPolicy) {
-        self.attempts.pause = policy.first_backoff;
-        self.attempts.is_asked_for = true;
+        self.pause = policy.first_backoff;
+        self.is_asked_for = true;
         if self.is_running() {
-            self.attempts.silent_until = now;
+            self.silent_until = now;
         }
         if !matches!(self.state, RemoteState::Restarting { .. }) {
-            let next_attempt = now.max(self.attempts.silent_until);
-            self.show(OfflineReason::Requested, Some(next_attempt));
+            self.show(OfflineReason::Requested, Some(now.max(self.silent_until)));
         }
     }
 
     /// The application has switched its port off; it is tried when it is on again.
     pub fn stop_for_good(&mut self) {
-        self.attempts.is_asked_for = true;
-        self.show(OfflineReason::Stopped, Some(self.attempts.silent_until));
+        self.is_asked_for = true;
+        self.show(OfflineReason::Stopped, Some(self.silent_until));
     }
 
     fn show(&mut self, reason: OfflineReason, next_attempt: Option<Instant>) {
@@ -203,6 +170,57 @@ impl Health {
         };
     }
 
+    /// A restart begins.
+    pub fn restarting(&mut self) {
+        self.is_asked_for = false;
+        if let RemoteState::Offline { reason, .. } = self.state {
+            self.state = RemoteState::Restarting { reason };
+        }
+    }
+
+    /// START did not succeed. What its last step read of the remote's faults is in CS (FACTS 4.1).
+    pub fn did_not_start(&mut self, cs: CsStatus) {
+        self.has_failed = true;
+        if matches!(cs.state(), ComState::CheckFaults | ComState::FaultsTried) {
+            self.faults = cs.remote_faults();
+        }
+    }
+
+    /// Why what answered START is not this one: by interface registers 0 to 2, its unit number, name
+    /// and tables. Of one that has never run, its kind counts as far as it is known, and its sizes
+    /// are still to be compared.
+    pub fn refuses(&self, [unit_number, name, found]: [u32; 3]) -> Option<OfflineReason> {
+        let StartedRemote {
+            gtoc,
+            ptoc,
+            unit_number: unit,
+            ..
+        } = self.started;
+        let expected = u32::from(gtoc) << 16 | u32::from(ptoc);
+        let name = RemoteName::from_register(name);
+        let is_kind = !self.has_run && (unit == 0 || unit >> 24 == unit_number >> 24);
+        if name != self.started.name || unit != unit_number && !is_kind {
+            return Some(OfflineReason::AnotherDevice { name, unit_number });
+        }
+        let are_known = self.has_run || expected != 0;
+        (are_known && found != expected).then_some(OfflineReason::OtherTables { found, expected })
+    }
+
+    /// It runs again. From now on it is this one, and no other of its kind.
+    pub fn restarted(&mut self, [unit_number, _, tables]: [u32; 3]) {
+        self.started.unit_number = unit_number;
+        self.started.ptoc = tables as u16;
+        self.started.gtoc = (tables >> 16) as u16;
+        self.state = RemoteState::Running;
+        self.has_failed = false;
+        self.is_asked_for = false;
+        self.has_run = true;
+        self.restarts += 1;
+        self.fault_count = 0;
+        self.faults = RemoteFaults::empty();
+        self.has_just_failed = false;
+    }
+
     /// Its outputs follow the application (again): what was before is history.
     pub fn armed(&mut self) {
         if self.is_running() {
@@ -210,18 +228,10 @@ impl Health {
         }
     }
 
-    pub fn is_running(&self) -> bool {
-        self.state == RemoteState::Running
-    }
-
     /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
     /// data. After another failure the idle interval between them is one as well.
     pub fn count_fault(&mut self, increment: u32) {
-        let cycles = if core::mem::replace(&mut self.has_just_failed, true) {
-            2
-        } else {
-            1
-        };
+        let cycles = 1 + u32::from(core::mem::replace(&mut self.has_just_failed, true));
         let more = increment.saturating_mul(cycles);
         self.fault_count = self.fault_count.saturating_add(more);
     }
@@ -237,32 +247,11 @@ impl Health {
         self.fault_count > 0 || self.has_just_failed
     }
 
-    /// A restart begins.
-    pub fn restarting(&mut self) {
-        self.attempts.is_asked_for = false;
-        if let RemoteState::Offline { reason, .. } = self.state {
-            self.state = RemoteState::Restarting { reason };
-        }
+    pub fn is_running(&self) -> bool {
+        self.state == RemoteState::Running
     }
 
-    /// START did not succeed. What its last step read of the remote's faults is in CS (FACTS 4.1).
-    pub fn did_not_start(&mut self, cs: CsStatus) {
-        self.attempts.has_failed = true;
-        if matches!(cs.state(), ComState::CheckFaults | ComState::FaultsTried) {
-            self.faults = cs.remote_faults();
-        }
-    }
-
-    /// It runs again. From now on it is this one, and no other of its kind.
-    pub fn restarted(&mut self, told: [u32; 3]) {
-        self.expected = Expected::exactly(told);
-        self.state = RemoteState::Running;
-        self.attempts.has_failed = false;
-        self.attempts.is_asked_for = false;
-        self.has_run = true;
-        self.restarts += 1;
-        self.fault_count = 0;
-        self.faults = RemoteFaults::empty();
-        self.has_just_failed = false;
+    pub const fn channel(&self) -> Channel {
+        self.started.channel
     }
 }

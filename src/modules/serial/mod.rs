@@ -4,7 +4,7 @@
 //! `recovery`: which remotes take part, which are offline, and when those are tried again. A
 //! [`SerialPort`] does one step of both for each read and each write.
 
-mod attempts;
+mod cost;
 mod health;
 mod offline;
 mod pins;
@@ -25,5 +25,4 @@ pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;
 pub use watchdog::RemoteWatchdog;
 
-pub(crate) use pins::RemoteFaultPins;
 pub(crate) use remote::{Remote, WATCHDOG_PARAMETER};

@@ -30,46 +30,26 @@ pub(super) struct PortPins {
     /// What the application sets is a part of the driver's own group, which tells when it is set.
     part: GroupId,
     fetched: Option<u64>,
-    shown: Option<Shown>,
+    /// What seldom changes, as the pins show it: fault count, state, step, too short.
+    shown: Option<(u32, u32, u32, u64)>,
 }
 
-/// What seldom changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Shown {
-    fault_count: u32,
-    state: ShownState,
-    step: u32,
-    too_short: u64,
-}
-
-/// Values of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when `run`
-/// is false; the others as LinuxCNC 2.9 was seen to go through them).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-enum ShownState {
-    /// Nothing is transferred: switched off, or no remote runs.
-    Idle = 0,
-    /// Remotes have been started, and none of them has transferred yet.
-    Started = 2,
-    /// Normal operation. Single remotes may be offline: see their `running`.
-    Normal = 3,
-    /// `run` is false: the remotes are told safe values.
-    Stopping = 4,
-    /// They are being stopped.
-    Stopped = 5,
-}
-
-impl ShownState {
-    fn of(recovery: &Recovery, machine: &Machine) -> Self {
-        let running = recovery.running();
-        let has_transferred = |channel| machine.link(channel).good_since_start() > 0;
-        match (recovery.run, running.is_empty()) {
-            (true, false) if running.iter().any(has_transferred) => Self::Normal,
-            (true, false) => Self::Started,
-            (false, false) => Self::Stopping,
-            (false, true) if is_stopping(machine) => Self::Stopped,
-            (_, true) => Self::Idle,
-        }
+/// The value of `port_state`, with LinuxCNC's meaning (sserial(9): 3 in normal operation, 0 when
+/// `run` is false; the others as LinuxCNC 2.9 was seen to go through them).
+fn port_state(recovery: &Recovery, machine: &Machine) -> u32 {
+    let running = recovery.running;
+    let has_transferred = |channel| machine.link(channel).good_since_start() > 0;
+    match (recovery.run, running.is_empty()) {
+        // Normal operation. Single remotes may be offline: see their `running`.
+        (true, false) if running.iter().any(has_transferred) => 3,
+        // Remotes have been started, and none of them has transferred yet.
+        (true, false) => 2,
+        // Switched off: the remotes are told safe values,
+        (false, false) => 4,
+        // and are being stopped.
+        (false, true) if is_stopping(machine) => 5,
+        // Nothing is transferred: switched off, or no remote runs.
+        (_, true) => 0,
     }
 }
 
@@ -100,20 +80,20 @@ impl PortPins {
 
     pub fn publish(&mut self, pins: &mut PinStore, recovery: &Recovery, machine: &Machine) {
         pins.publish(self.transfers, recovery.statistics.transfers);
-        let shown = Shown {
-            fault_count: recovery.fault_count(),
-            state: ShownState::of(recovery, machine),
-            step: recovery.restart_step(machine),
-            too_short: recovery.statistics.too_short,
-        };
+        let (fault_count, too_short) = (recovery.fault_count(), recovery.statistics.too_short);
+        let (state, step) = (
+            port_state(recovery, machine),
+            recovery.restart_step(machine),
+        );
+        let shown = (fault_count, state, step, too_short);
         if self.shown.replace(shown) == Some(shown) {
             return;
         }
-        pins.publish(self.fault_count, shown.fault_count);
-        pins.publish(self.port_state, shown.state as u32);
-        pins.publish(self.port_state2, shown.step);
+        pins.publish(self.fault_count, fault_count);
+        pins.publish(self.port_state, state);
+        pins.publish(self.port_state2, step);
         pins.publish(self.port_state3, 0);
-        let too_short = u32::try_from(shown.too_short).unwrap_or(u32::MAX);
+        let too_short = u32::try_from(too_short).unwrap_or(u32::MAX);
         pins.publish(self.too_short, too_short);
     }
 

@@ -2,29 +2,31 @@
 
 use alloc::vec::Vec;
 
-use super::health::{Expected, Health};
+use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{Remote, Served};
 use super::{PortStatistics, RemoteStatus};
-use crate::bus::{Clock, Instant, ReadSlot, RegisterBus, Words, WriteSlot};
+use crate::bus::{Instant, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
-    Channel, ChannelRegisters, Command, DoitTime, Layout, MAX_CHANNELS, Observed, Port, PortError,
-    PortParameters, ReplyFormat,
+    Channel, Command, DoitTime, Layout, MAX_CHANNELS, Observed, Operation, Port, PortParameters,
+    ReplyFormat,
 };
 
 /// A serial port in the cycle.
 #[derive(Debug)]
 pub struct SerialPort {
-    port: Port,
+    /// Whoever uses it for something else calls [`taken_over`](Self::taken_over) then.
+    pub(crate) port: Port,
     slots: Slots,
     doit: WriteSlot,
     recovery: Recovery,
     remotes: Vec<Served>,
     pins: PortPins,
-    expected: DoitTime,
+    /// How long its transfers take according to the remotes' sizes.
+    pub expected_time: DoitTime,
 }
 
 /// Where the registers of a port are in the image. Those of channels without a remote are not asked
@@ -33,8 +35,8 @@ pub struct SerialPort {
 struct Slots {
     command: ReadSlot,
     data: ReadSlot,
-    cs: [ReadSlot; MAX_CHANNELS as usize],
-    told: [[ReadSlot; 3]; MAX_CHANNELS as usize],
+    /// CS and interface registers 0 to 2.
+    channels: [[ReadSlot; 4]; MAX_CHANNELS as usize],
 }
 
 impl SerialPort {
@@ -49,41 +51,41 @@ impl SerialPort {
     ) -> Result<Self, RegisterError> {
         let policy = r.settings().fault_policy;
         let layout = *port.layout();
-        let pins = PortPins::register(r, layout.instance())?;
         let command = r.status(layout.command());
         let mut slots = Slots {
             command,
             data: r.input(layout.data()),
-            cs: [command; MAX_CHANNELS as usize],
-            told: [[command; 3]; MAX_CHANNELS as usize],
+            channels: [[command; 4]; MAX_CHANNELS as usize],
         };
         let doit = r.trigger(layout.command(), Command::IGNORED.word());
-        let mut recovery = Recovery::new(parameters, policy, now);
-        let mut served = Vec::new();
+        let (mut healths, mut served) = (Vec::new(), Vec::new());
         for remote in remotes {
-            let started = &remote.started;
+            let (started, is_absent) = (remote.started, remote.is_absent);
             let channel = started.channel;
-            let Some(registers) = layout.channel(channel) else {
+            let place = slots.channels.get_mut(usize::from(channel.index()));
+            let (Some(registers), Some(place)) = (layout.channel(channel), place) else {
                 debug_assert!(false, "port {} has no channel {channel}", layout.instance());
                 continue;
             };
-            slots.register(r, channel, registers);
-            let health = if remote.is_absent {
+            let [cs, told @ ..] = place;
+            *cs = r.input(registers.cs());
+            for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
+                *slot = r.extra_input(address);
+            }
+            let remote = Served::register(r, remote, registers)?;
+            let mut health = Health::new(started, remote.watchdog(), &policy);
+            if is_absent {
                 let data_only = started.reply_format() == ReplyFormat::DataOnly;
                 let machine = port.machine_mut();
                 machine.set_sizes(channel, started.sizes, data_only);
-                let tables = u32::from(started.gtoc) << 16 | u32::from(started.ptoc);
-                let name = u32::from_le_bytes(started.name.0);
-                let expected = Expected::of_kind(started.unit_number, name, tables);
-                Health::absent(expected, &policy, now)
-            } else {
-                let expected = Expected::exactly(port.machine().link(channel).told());
-                Health::new(expected, remote.watchdog(), policy.first_backoff)
-            };
-            recovery.add(channel, health);
-            served.push(Served::register(r, remote, registers));
+                health = health.absent(now, &policy);
+            }
+            healths.push(health);
+            served.push(remote);
         }
-        let expected = port.doit_time(recovery.known());
+        let pins = PortPins::register(r, layout.instance())?;
+        let recovery = Recovery::new(healths, parameters, policy, now);
+        let expected_time = port.doit_time(recovery.known);
         Ok(Self {
             port,
             slots,
@@ -91,21 +93,8 @@ impl SerialPort {
             recovery,
             remotes: served,
             pins,
-            expected,
+            expected_time,
         })
-    }
-
-    /// The port, to use it for something else; [`taken_over`](Self::taken_over) must follow.
-    pub(crate) const fn port_mut(&mut self) -> &mut Port {
-        &mut self.port
-    }
-
-    /// Stops all channels, whatever they do.
-    pub(crate) fn stop_all<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-    ) -> Result<(), PortError<B::Error>> {
-        self.port.stop_all(bus)
     }
 
     /// Looks at COMMAND alone: whether a transfer is complete, or none is in flight.
@@ -134,11 +123,10 @@ impl SerialPort {
         if marked.is_empty() {
             return;
         }
-        for Served { remote, .. } in &self.remotes {
-            let channel = remote.started.channel;
+        for remote in &self.remotes {
             let state = pins.group_state(remote.pins.group());
-            if marked.contains(channel) && state.is_some_and(|state| state.armed) {
-                self.recovery.armed(channel);
+            if marked.contains(remote.channel) && state.is_some_and(|state| state.armed) {
+                self.recovery.armed(remote.channel);
             }
         }
     }
@@ -148,7 +136,7 @@ impl SerialPort {
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine_mut().taken_over();
         self.recovery.taken_over();
-        for channel in self.recovery.known().iter() {
+        for channel in self.recovery.known.iter() {
             self.restart(channel, pins, now);
         }
     }
@@ -161,8 +149,8 @@ impl SerialPort {
         place: usize,
         raw: u64,
     ) {
-        let mut remotes = self.remotes.iter_mut().map(|served| &mut served.remote);
-        let Some(remote) = remotes.find(|remote| remote.started.channel == channel) else {
+        let mut remotes = self.remotes.iter_mut();
+        let Some(remote) = remotes.find(|remote| remote.channel == channel) else {
             return;
         };
         if let Some(parameter) = remote.pins.parameters_mut().get_mut(place) {
@@ -174,9 +162,9 @@ impl SerialPort {
     /// Restarts a remote in the next cycles, whatever its pause, but not before its outputs must
     /// be off: it clears the remote's faults. Its outputs are safe from now on until it is re-armed.
     pub(crate) fn restart(&mut self, channel: Channel, pins: &mut PinStore, now: Instant) {
-        let is_it = |served: &&mut Served| served.remote.started.channel == channel;
-        if let Some(served) = self.remotes.iter_mut().find(is_it) {
-            served.lost(pins);
+        let mut remotes = self.remotes.iter_mut();
+        if let Some(remote) = remotes.find(|remote| remote.channel == channel) {
+            remote.lost(pins);
             self.recovery.restart_now(channel, now);
         }
     }
@@ -194,9 +182,8 @@ impl Module for SerialPort {
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
         let stale_after = self.recovery.policy.stale_after;
-        for served in &mut self.remotes {
-            let channel = served.remote.started.channel;
-            let group = served.remote.pins.group();
+        for (served, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
+            let (channel, group) = (served.channel, served.pins.group());
             if outcome.good.contains(channel) {
                 served.take(cycle);
                 let reads_before = u64::from(outcome.reads_before);
@@ -211,13 +198,7 @@ impl Module for SerialPort {
                 served.no_news(cycle.pins, stale_after);
             }
             let link = machine.link(channel);
-            let remote = &mut served.remote;
-            if let Some(health) = self.recovery.remote(channel) {
-                if remote.is_absent && health.is_running() {
-                    remote.plugged_in(link.told());
-                }
-                remote.fault_pins.publish(cycle.pins, health, link);
-            }
+            served.fault_pins.publish(cycle.pins, health, link);
         }
         self.pins.publish(cycle.pins, &self.recovery, machine);
         let report = &mut *cycle.report;
@@ -242,15 +223,18 @@ impl Module for SerialPort {
             self.make_safe(cycle.pins);
         }
         let machine = self.port.machine_mut();
-        let next = self.recovery.next(machine, cycle.now, cycle.hold);
-        for served in &mut self.remotes {
-            if next.with_data {
-                served.put(cycle);
-            } else if next.modes.contains(served.remote.started.channel) {
-                served.put_mode(cycle);
+        let operation = self.recovery.next(machine, cycle.now, cycle.hold);
+        for remote in &mut self.remotes {
+            match operation {
+                Some(Operation::Transfer(_)) => remote.put(cycle),
+                Some(Operation::Start(_, mask)) if mask.contains(remote.channel) => {
+                    remote.put_mode(cycle);
+                }
+                _ => {}
             }
         }
-        cycle.put(self.doit, next.command.word());
+        let command = operation.map_or(Command::IGNORED, |operation| operation.command());
+        cycle.put(self.doit, command.word());
         if self.recovery.needs_start_data() {
             cycle.ask_extra();
         }
@@ -262,18 +246,18 @@ impl Module for SerialPort {
 
     /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
     fn make_safe(&mut self, pins: &mut PinStore) {
-        for served in &self.remotes {
-            served.remote.pins.fault(pins);
+        for remote in &self.remotes {
+            remote.pins.fault(pins);
         }
     }
 
     /// All remotes that do not run are restarted in the next cycles.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine_mut().doubt();
-        for served in &mut self.remotes {
-            served.remote.pins.restarted();
+        for remote in &mut self.remotes {
+            remote.pins.restarted();
         }
-        let not_running = self.recovery.known().difference(self.recovery.running());
+        let not_running = self.recovery.known.difference(self.recovery.running);
         for channel in not_running.iter() {
             self.restart(channel, pins, now);
         }
@@ -292,41 +276,30 @@ impl SerialPort {
         &self.recovery.statistics
     }
 
-    /// How long its transfers take according to the remotes' sizes.
-    pub fn expected_time(&self) -> DoitTime {
-        self.expected
-    }
-
     /// Its remotes, by channel.
     pub fn remotes(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
-        self.remotes.iter().filter_map(|served| {
-            let channel = served.remote.started.channel;
-            Some(RemoteStatus {
-                remote: &served.remote,
-                health: self.recovery.remote(channel)?,
-                link: self.port.machine().link(channel),
-            })
+        let remotes = self.remotes.iter().zip(&self.recovery.remotes);
+        remotes.map(|(served, health)| {
+            let link = self.port.machine().link(served.channel);
+            RemoteStatus {
+                started: &health.started,
+                descriptor: &served.descriptor,
+                pins: &served.pins,
+                state: health.state,
+                first_fault: health.first_fault,
+                watchdog: health.watchdog,
+                faults: health.faults,
+                transfers: link.transfers(),
+                failures: link.failures(),
+                restarts: health.restarts,
+            }
         })
     }
 
     /// The remote on a channel.
     pub fn remote(&self, channel: Channel) -> Option<RemoteStatus<'_>> {
         self.remotes()
-            .find(|status| status.started().channel == channel)
-    }
-}
-
-impl Slots {
-    fn register(&mut self, r: &mut Registrar<'_>, channel: Channel, registers: ChannelRegisters) {
-        let index = usize::from(channel.index());
-        if let Some(cs) = self.cs.get_mut(index) {
-            *cs = r.input(registers.cs());
-        }
-        if let Some(told) = self.told.get_mut(index) {
-            for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
-                *slot = r.extra_input(address);
-            }
-        }
+            .find(|status| status.started.channel == channel)
     }
 }
 
@@ -346,12 +319,14 @@ impl Observed for Seen<'_> {
     }
 
     fn cs(&self, channel: Channel) -> u32 {
-        let slot = self.slots.cs.get(usize::from(channel.index()));
-        slot.map_or(0, |&slot| self.words.word(slot))
+        let slots = self.slots.channels.get(usize::from(channel.index()));
+        slots.map_or(0, |&[cs, ..]| self.words.word(cs))
     }
 
     fn told(&self, channel: Channel) -> [u32; 3] {
-        let slots = self.slots.told.get(usize::from(channel.index()));
-        slots.map_or([0; 3], |slots| slots.map(|slot| self.words.word(slot)))
+        let slots = self.slots.channels.get(usize::from(channel.index()));
+        slots.map_or([0; 3], |&[_, unit_number, name, tables]| {
+            [unit_number, name, tables].map(|slot| self.words.word(slot))
+        })
     }
 }

@@ -7,9 +7,11 @@ use super::pins::RemoteFaultPins;
 use crate::bus::{ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::hal::PinStore;
-use crate::modules::{ReadCycle, Registrar, WriteCycle};
+use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::RemotePins;
-use crate::sslbp::{ChannelRegisters, MAX_INTERFACE_REGISTERS, StartedRemote, software_mode_word};
+use crate::sslbp::{
+    Channel, ChannelRegisters, MAX_INTERFACE_REGISTERS, StartedRemote, software_mode_word,
+};
 
 /// Interface registers of one direction.
 const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
@@ -21,74 +23,26 @@ pub(crate) const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 /// A remote that takes part, and its pins.
 #[derive(Debug)]
 pub(crate) struct Remote {
+    /// What START told of it; of one that is absent, what is known of its kind: 0 for a unit number
+    /// or tables that are not known, and of the unit number the class in the top byte.
     pub started: StartedRemote,
     pub descriptor: RemoteDescriptor,
     pub pins: RemotePins,
-    pub fault_pins: RemoteFaultPins,
-    /// It was absent at the start, and has not run yet.
+    /// It is absent at the start.
     pub is_absent: bool,
-}
-
-impl Remote {
-    /// One that has been started.
-    pub fn new(
-        started: StartedRemote,
-        descriptor: RemoteDescriptor,
-        pins: RemotePins,
-        fault_pins: RemoteFaultPins,
-    ) -> Self {
-        Self {
-            started,
-            descriptor,
-            pins,
-            fault_pins,
-            is_absent: false,
-        }
-    }
-
-    /// One that was absent at the start. `expected` is what is known of its kind: the unit number
-    /// holds its class in the top byte, or is 0; so are the tables where they are not known.
-    pub fn absent(
-        expected: StartedRemote,
-        descriptor: RemoteDescriptor,
-        pins: RemotePins,
-        fault_pins: RemoteFaultPins,
-    ) -> Self {
-        Self {
-            is_absent: true,
-            ..Self::new(expected, descriptor, pins, fault_pins)
-        }
-    }
-
-    /// How long its outputs stay on without process data, as far as its parameter tells: what it
-    /// was before counts as well, because it is in use until the next power-up.
-    pub fn watchdog(&self) -> RemoteWatchdog {
-        let parameter = self.pins.parameter(&self.descriptor, WATCHDOG_PARAMETER);
-        let times = parameter.map(|parameter| (parameter.first(), parameter.known()));
-        match times {
-            Some((Some(first), Some(known))) => {
-                RemoteWatchdog::from_millis(first).or_longer(RemoteWatchdog::from_millis(known))
-            }
-            _ => RemoteWatchdog::Assumed,
-        }
-    }
-
-    /// It runs for the first time, and told this.
-    pub fn plugged_in(&mut self, [unit_number, _, tables]: [u32; 3]) {
-        self.is_absent = false;
-        self.started.unit_number = unit_number;
-        self.started.ptoc = tables as u16;
-        self.started.gtoc = (tables >> 16) as u16;
-    }
 }
 
 /// A remote in the cycle.
 #[derive(Debug)]
 pub(super) struct Served {
-    pub remote: Remote,
+    pub channel: Channel,
+    pub descriptor: RemoteDescriptor,
+    pub pins: RemotePins,
+    pub fault_pins: RemoteFaultPins,
     inputs: Vec<ReadSlot>,
     outputs: Vec<WriteSlot>,
     mode: Setting,
+    mode_word: u32,
     /// Reads in a row without a new transfer.
     without_news: u32,
     /// The version of the outputs that are in the image.
@@ -96,20 +50,39 @@ pub(super) struct Served {
 }
 
 impl Served {
-    pub fn register(r: &mut Registrar<'_>, remote: Remote, registers: ChannelRegisters) -> Self {
-        let inputs = registers.interfaces_for(remote.started.input_bytes());
-        let outputs = registers.interfaces_for(remote.started.output_bytes());
+    pub fn register(
+        r: &mut Registrar<'_>,
+        remote: Remote,
+        registers: ChannelRegisters,
+    ) -> Result<Self, RegisterError> {
+        let Remote { started, pins, .. } = remote;
+        let inputs = registers.interfaces_for(started.input_bytes());
+        let outputs = registers.interfaces_for(started.output_bytes());
         if remote.is_absent {
-            remote.pins.fault(r.pins());
+            pins.fault(r.pins);
         }
-        Self {
+        Ok(Self {
+            channel: started.channel,
+            fault_pins: RemoteFaultPins::new(r.pins, r.status, pins.prefix())?,
+            descriptor: remote.descriptor,
+            pins,
             inputs: inputs.map(|address| r.input(address)).collect(),
             outputs: outputs.map(|address| r.process_data(address)).collect(),
             mode: r.on_demand(registers.cs()),
-            remote,
+            mode_word: software_mode_word(started.software_mode),
             without_news: 0,
             put: None,
-        }
+        })
+    }
+
+    /// How long its outputs stay on without process data, as far as its parameter tells: what it
+    /// was before counts as well, because it is in use until the next power-up.
+    pub fn watchdog(&self) -> RemoteWatchdog {
+        let parameter = self.pins.parameter(&self.descriptor, WATCHDOG_PARAMETER);
+        let millis = parameter.and_then(|parameter| parameter.first().zip(parameter.known()));
+        millis.map_or(RemoteWatchdog::Assumed, |(first, known)| {
+            RemoteWatchdog::longer_of(first, known)
+        })
     }
 
     /// Publishes the inputs of a good transfer.
@@ -118,7 +91,7 @@ impl Served {
         for (word, &slot) in words.iter_mut().zip(&self.inputs) {
             *word = cycle.word(slot);
         }
-        self.remote.pins.take_inputs(cycle.pins, &words);
+        self.pins.take_inputs(cycle.pins, &words);
         self.without_news = 0;
     }
 
@@ -126,26 +99,25 @@ impl Served {
     pub fn no_news(&mut self, pins: &mut PinStore, stale_after: u32) {
         self.without_news = self.without_news.saturating_add(1);
         if self.without_news >= stale_after {
-            pins.invalidate(self.remote.pins.group());
+            pins.invalidate(self.pins.group());
         }
     }
 
     /// It went offline: what it counted may be anywhere when it comes back.
     pub fn lost(&mut self, pins: &mut PinStore) {
-        self.remote.pins.fault(pins);
-        self.remote.pins.restarted();
+        self.pins.fault(pins);
+        self.pins.restarted();
     }
 
     /// Puts the outputs into the image, unless they are there already.
     pub fn put(&mut self, cycle: &mut WriteCycle<'_>) {
-        let pins = &self.remote.pins;
-        let version = cycle.pins.output_version(pins.group());
+        let version = cycle.pins.output_version(self.pins.group());
         if version.is_some() && version == self.put {
             return;
         }
         self.put = version;
         let mut words = [0; REGISTERS];
-        pins.put_outputs(cycle.pins, &mut words);
+        self.pins.put_outputs(cycle.pins, &mut words);
         for (word, &slot) in words.into_iter().zip(&self.outputs) {
             cycle.put(slot, word);
         }
@@ -153,8 +125,7 @@ impl Served {
 
     /// Its software mode is written with its START.
     pub fn put_mode(&self, cycle: &mut WriteCycle<'_>) {
-        let word = software_mode_word(self.remote.started.software_mode);
-        cycle.set(self.mode, word);
+        cycle.set(self.mode, self.mode_word);
         cycle.repeat(self.mode);
     }
 }

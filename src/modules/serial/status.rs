@@ -1,77 +1,36 @@
 //! A remote as it is now, for the application.
 
-use super::health::Health;
-use super::{FailureCounts, OfflineReason, Remote, RemoteState, RemoteWatchdog};
+use super::{FailureCounts, OfflineReason, RemoteState, RemoteWatchdog};
 use crate::discovery::RemoteDescriptor;
-use crate::hal::GroupId;
 use crate::remote::RemotePins;
-use crate::sslbp::{Link, RemoteFaults, StartedRemote};
+use crate::sslbp::{RemoteFaults, StartedRemote};
 
 /// A remote as it is now.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct RemoteStatus<'a> {
-    pub(super) remote: &'a Remote,
-    pub(super) health: &'a Health,
-    pub(super) link: &'a Link,
-}
-
-impl RemoteStatus<'_> {
     /// What START told of it; of one that was absent at the start and has not been plugged in yet,
     /// what is expected.
-    pub fn started(&self) -> &StartedRemote {
-        &self.remote.started
-    }
-
+    pub started: &'a StartedRemote,
     /// What discovery found out about it.
-    pub fn descriptor(&self) -> &RemoteDescriptor {
-        &self.remote.descriptor
-    }
-
-    /// Its pins.
-    pub fn pins(&self) -> &RemotePins {
-        &self.remote.pins
-    }
-
-    /// The group of its pins, to re-arm it.
-    pub fn group(&self) -> GroupId {
-        self.remote.pins.group()
-    }
-
+    pub descriptor: &'a RemoteDescriptor,
+    /// Its pins, and their group, to re-arm it.
+    pub pins: &'a RemotePins,
     /// What it is doing.
-    pub fn state(&self) -> RemoteState {
-        self.health.state
-    }
-
+    pub state: RemoteState,
     /// Why it went offline first since it was re-armed last; later reasons do not replace it.
     /// `None` while nothing has happened since.
-    pub fn first_fault(&self) -> Option<OfflineReason> {
-        self.health.first_fault
-    }
-
+    pub first_fault: Option<OfflineReason>,
     /// How long its outputs stay on when nobody talks to it: its own watchdog.
     ///
     /// A period longer than that can not feed it.
-    pub fn watchdog(&self) -> RemoteWatchdog {
-        self.health.watchdog
-    }
-
+    pub watchdog: RemoteWatchdog,
     /// What it reported with its last reply, or START found when it could not clear it.
-    pub fn faults(&self) -> RemoteFaults {
-        self.health.faults
-    }
-
+    pub faults: RemoteFaults,
     /// Transfers of its own so far, failed ones included.
-    pub fn transfers(&self) -> u64 {
-        self.link.transfers()
-    }
-
+    pub transfers: u64,
     /// Its failures so far.
-    pub fn failures(&self) -> FailureCounts {
-        *self.link.failures()
-    }
-
+    pub failures: &'a FailureCounts,
     /// How often it was restarted.
-    pub fn restarts(&self) -> u64 {
-        self.health.restarts
-    }
+    pub restarts: u64,
 }

@@ -22,11 +22,12 @@ impl RemoteWatchdog {
     /// The time of remotes as they are delivered.
     pub const USUAL: Duration = Duration::from_millis(50);
 
-    /// From the value of `NVWatchDogTimeout`, in milliseconds.
-    pub const fn from_millis(millis: u64) -> Self {
-        match millis {
+    /// The longer one of two values of `NVWatchDogTimeout`, in milliseconds, where it is not known
+    /// which the remote uses.
+    pub(super) fn longer_of(one: u64, other: u64) -> Self {
+        match one.min(other) {
             0 => Self::Off,
-            millis => Self::Known(Duration::from_millis(millis)),
+            _ => Self::Known(Duration::from_millis(one.max(other))),
         }
     }
 
@@ -46,16 +47,6 @@ impl RemoteWatchdog {
         self.time()
             .map_or(Duration::ZERO, |time| time.saturating_add(time / 5))
     }
-
-    /// The longer one of two, where it is not known which the remote uses.
-    #[must_use]
-    pub fn or_longer(self, other: Self) -> Self {
-        match (self.time(), other.time()) {
-            (Some(one), Some(two)) if one >= two => self,
-            (Some(_), _) => other,
-            (None, _) => self,
-        }
-    }
 }
 
 #[cfg(test)]
@@ -64,23 +55,19 @@ mod tests {
 
     #[test]
     fn the_silence_is_60_ms_for_the_usual_watchdog_and_none_for_one_that_is_off() {
-        let of = |watchdog: RemoteWatchdog| watchdog.silence().as_millis();
-        assert_eq!(of(RemoteWatchdog::Assumed), 60);
-        assert_eq!(of(RemoteWatchdog::from_millis(50)), 60);
-        assert_eq!(of(RemoteWatchdog::from_millis(200)), 240);
-        assert_eq!(of(RemoteWatchdog::from_millis(0)), 0);
+        assert_eq!(RemoteWatchdog::Assumed.silence().as_millis(), 60);
+        for (millis, silence) in [(50, 60), (200, 240), (0, 0)] {
+            let watchdog = RemoteWatchdog::longer_of(millis, millis);
+            assert_eq!(watchdog.silence().as_millis(), silence);
+        }
     }
 
     #[test]
     fn one_that_never_bites_is_the_longer_one() {
-        let [off, short, long] = [0, 20, 200].map(RemoteWatchdog::from_millis);
-        assert_eq!(short.or_longer(long), long);
-        assert_eq!(long.or_longer(short), long);
-        assert_eq!(
-            short.or_longer(RemoteWatchdog::Assumed),
-            RemoteWatchdog::Assumed
-        );
-        assert_eq!(off.or_longer(long), off);
-        assert_eq!(long.or_longer(off), off);
+        let long = RemoteWatchdog::Known(Duration::from_millis(200));
+        for (one, other, longer) in [(20, 200, long), (0, 200, RemoteWatchdog::Off)] {
+            assert_eq!(RemoteWatchdog::longer_of(one, other), longer);
+            assert_eq!(RemoteWatchdog::longer_of(other, one), longer);
+        }
     }
 }

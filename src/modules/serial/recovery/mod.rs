@@ -5,16 +5,17 @@ mod restart;
 #[cfg(test)]
 mod tests;
 
+use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::attempts::Cost;
+use super::cost::Cost;
 use super::health::Health;
 use super::statistics::PortStatistics;
-use super::{FaultPolicy, OfflineReason, RemoteState};
+use super::{FaultPolicy, OfflineReason, RemoteState, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::sslbp::{
-    Channel, ChannelMask, ChannelVariable, Command, Complete, Event, Failure, MAX_CHANNELS,
-    Machine, Observed, Operation, PortParameters, StartMode, Verdict,
+    Channel, ChannelMask, ChannelVariable, Complete, Event, Failure, Machine, Observed, Operation,
+    PortParameters, StartMode, Verdict,
 };
 
 /// What a read means.
@@ -34,27 +35,15 @@ pub(crate) struct Outcome {
     pub reads_before: u32,
 }
 
-/// What to write next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Next {
-    pub command: Command,
-    /// Output data belongs to it; otherwise what was written before must be repeated unchanged,
-    /// because a transfer that still runs may be reading it.
-    pub with_data: bool,
-    /// Channels whose software modes belong to it.
-    pub modes: ChannelMask,
-}
-
 /// How far the restart of channels is. They are restarted together, because every attempt takes
 /// the others' transfers away for a while.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Restart {
     None,
     /// Stopped; the others get a transfer before the START, which takes long.
-    Stopped {
-        mask: ChannelMask,
-        others_served: bool,
-    },
+    Stopped(ChannelMask),
+    /// The others have had it.
+    OthersServed(ChannelMask),
     Starting,
     /// Started; the sizes of these are looked at, which have not run before. RX is known first.
     Measuring {
@@ -66,10 +55,11 @@ enum Restart {
 /// The remotes of a port.
 #[derive(Debug)]
 pub(crate) struct Recovery {
-    remotes: [Option<Health>; MAX_CHANNELS as usize],
-    known: ChannelMask,
+    pub remotes: Vec<Health>,
+    /// Channels with a remote.
+    pub known: ChannelMask,
     /// Those that transfer.
-    running: ChannelMask,
+    pub running: ChannelMask,
     /// Those with failures that good transfers have not made up for.
     troubled: ChannelMask,
     /// Those that were offline since they were armed last.
@@ -93,11 +83,16 @@ pub(crate) struct Recovery {
 const BETWEEN_FREES: Duration = Duration::from_secs(1);
 
 impl Recovery {
-    /// A port without remotes.
-    pub fn new(parameters: PortParameters, policy: FaultPolicy, now: Instant) -> Self {
-        Self {
-            remotes: [const { None }; MAX_CHANNELS as usize],
-            known: ChannelMask::NONE,
+    /// A port with these remotes.
+    pub fn new(
+        remotes: Vec<Health>,
+        parameters: PortParameters,
+        policy: FaultPolicy,
+        now: Instant,
+    ) -> Self {
+        let mut recovery = Self {
+            known: remotes.iter().map(Health::channel).collect(),
+            remotes,
             running: ChannelMask::NONE,
             troubled: ChannelMask::NONE,
             marked: ChannelMask::NONE,
@@ -111,16 +106,9 @@ impl Recovery {
             cost: Cost::default(),
             no_free_before: now,
             is_measured: false,
-        }
-    }
-
-    /// A remote takes part.
-    pub fn add(&mut self, channel: Channel, health: Health) {
-        if let Some(place) = self.remotes.get_mut(usize::from(channel.index())) {
-            *place = Some(health);
-            self.known = self.known.union(channel.mask());
-            self.update();
-        }
+        };
+        recovery.update();
+        recovery
     }
 
     /// Something other than good transfers has happened.
@@ -130,23 +118,21 @@ impl Recovery {
         self.marked = self.mask(|remote| remote.first_fault.is_some());
     }
 
-    pub fn remote(&self, channel: Channel) -> Option<&Health> {
-        self.remotes.get(usize::from(channel.index()))?.as_ref()
+    /// The channels for which `condition` holds.
+    fn mask(&self, condition: impl Fn(&Health) -> bool) -> ChannelMask {
+        let remotes = self.remotes.iter().filter(|remote| condition(remote));
+        remotes.map(Health::channel).collect()
     }
 
     fn remote_mut(&mut self, channel: Channel) -> Option<&mut Health> {
-        self.remotes.get_mut(usize::from(channel.index()))?.as_mut()
+        let mut remotes = self.remotes.iter_mut();
+        remotes.find(|remote| remote.channel() == channel)
     }
 
-    /// The channels for which `condition` holds.
-    fn mask(&self, condition: impl Fn(&Health) -> bool) -> ChannelMask {
-        let mut mask = ChannelMask::NONE;
-        for (channel, remote) in Channel::ALL.into_iter().zip(&self.remotes) {
-            if remote.as_ref().is_some_and(&condition) {
-                mask = mask.union(channel.mask());
-            }
+    pub fn set_watchdog(&mut self, channel: Channel, watchdog: RemoteWatchdog) {
+        if let Some(remote) = self.remote_mut(channel) {
+            remote.watchdog = watchdog;
         }
-        mask
     }
 
     /// Channels to be looked at whether their remotes have been armed.
@@ -162,16 +148,6 @@ impl Recovery {
         }
     }
 
-    /// Channels with a remote.
-    pub const fn known(&self) -> ChannelMask {
-        self.known
-    }
-
-    /// Channels that transfer.
-    pub const fn running(&self) -> ChannelMask {
-        self.running
-    }
-
     /// Whether the next read must show the interface registers as START leaves them.
     pub fn needs_start_data(&self) -> bool {
         self.restart == Restart::Starting
@@ -181,7 +157,7 @@ impl Recovery {
     pub fn restart_step(&self, machine: &Machine) -> u32 {
         match self.restart {
             Restart::Starting | Restart::Measuring { .. } => 2,
-            Restart::Stopped { .. } => 1,
+            Restart::Stopped(_) | Restart::OthersServed(_) => 1,
             Restart::None => u32::from(self.run && is_stopping(machine)),
         }
     }
@@ -191,14 +167,14 @@ impl Recovery {
         if self.troubled.is_empty() {
             return 0;
         }
-        let counts = self.remotes.iter().flatten().map(|r| r.fault_count);
+        let counts = self.remotes.iter().map(|remote| remote.fault_count);
         counts.max().unwrap_or(0)
     }
 
     /// Whether every remote that has run was found stopped, without a STOP command; `None` if none
     /// has run.
     pub fn appears_reset(&self) -> Option<bool> {
-        let mut ran = self.remotes.iter().flatten().filter(|r| r.has_run);
+        let mut ran = self.remotes.iter().filter(|remote| remote.has_run);
         let is_stopped = |remote: &Health| {
             matches!(remote.state, RemoteState::Offline { .. })
                 && matches!(remote.cause, Some(OfflineReason::NotRunning(cs)) if cs.is_stopped())
@@ -224,105 +200,77 @@ impl Recovery {
         seen: &impl Observed,
         certain: bool,
     ) -> Outcome {
+        let mut outcome = Outcome::default();
         let complete = match machine.observe(now, seen, certain) {
             Event::Complete(complete) => complete,
             Event::Busy => {
-                let too_short = is_transferring(machine);
-                self.statistics.too_short += u64::from(too_short);
-                return Outcome {
-                    too_short,
-                    ..Outcome::default()
-                };
+                outcome.too_short = is_transferring(machine);
+                self.statistics.too_short += u64::from(outcome.too_short);
+                return outcome;
             }
-            Event::Idle | Event::Settling(_) => return Outcome::default(),
+            Event::Idle | Event::Settling(_) => return outcome,
         };
-        if let Operation::Transfer(mask) = complete.operation
-            && complete.good == mask
-            && self.troubled.is_empty()
-        {
-            self.statistics.transfers += 1;
-            return Outcome {
-                good: self.that_run(complete.good),
-                started: complete.issued,
-                reads_before: complete.reads_before,
-                ..Outcome::default()
-            };
+        match complete.operation {
+            Operation::Transfer(mask) => {
+                if complete.certain {
+                    self.statistics.transfers += 1;
+                } else {
+                    self.statistics.unknown += 1;
+                }
+                (outcome.started, outcome.reads_before) = (complete.issued, complete.reads_before);
+                // Those of them that were not told to restart while it was in flight.
+                outcome.good = complete.good.intersection(self.running);
+                if complete.good == mask && self.troubled.is_empty() {
+                    return outcome;
+                }
+                self.transferred(machine, now, &complete, &mut outcome);
+            }
+            Operation::Stop(_) => self.stopped(machine, now, &complete, seen),
+            Operation::Start(..) => self.started(machine, now, &complete),
+            // Otherwise it is read again.
+            Operation::ReadLocal(_) if complete.certain => {
+                self.measured(machine, now, seen.data() as u8);
+            }
+            Operation::Free => {
+                self.all_offline(machine, now);
+                outcome.offline = self.known;
+            }
+            _ => {}
         }
-        let outcome = self.completed(machine, now, &complete, seen);
         self.update();
         outcome
     }
 
-    /// Those of them that were not told to restart while their transfer was in flight.
-    const fn that_run(&self, good: ChannelMask) -> ChannelMask {
-        good.intersection(self.running)
-    }
-
-    fn completed(
+    fn transferred(
         &mut self,
         machine: &Machine,
         now: Instant,
         complete: &Complete,
-        seen: &impl Observed,
-    ) -> Outcome {
-        match complete.operation {
-            Operation::Transfer(_) if complete.certain => {
-                self.statistics.transfers += 1;
-                self.transferred(machine, now, complete)
-            }
-            Operation::Transfer(_) => {
-                self.statistics.unknown += 1;
-                self.transferred(machine, now, complete)
-            }
-            Operation::Stop(_) => {
-                self.stopped(machine, now, complete, seen);
-                Outcome::default()
-            }
-            Operation::Start(..) => {
-                self.started(machine, now, complete, seen);
-                Outcome::default()
-            }
-            // Otherwise it is read again.
-            Operation::ReadLocal(_) if complete.certain => {
-                self.measured(machine, now, seen.data() as u8);
-                Outcome::default()
-            }
-            Operation::Free => self.all_offline(machine, now),
-            _ => Outcome::default(),
-        }
-    }
-
-    fn transferred(&mut self, machine: &Machine, now: Instant, complete: &Complete) -> Outcome {
-        let policy = self.policy;
-        let mut outcome = Outcome {
-            good: self.that_run(complete.good),
-            started: complete.issued,
-            reads_before: complete.reads_before,
-            ..Outcome::default()
-        };
-        for channel in complete.good.intersection(self.troubled).iter() {
-            if let Some(remote) = self.remote_mut(channel) {
+        outcome: &mut Outcome,
+    ) {
+        let policy = &self.policy;
+        for remote in &mut self.remotes {
+            let (channel, mask) = (remote.channel(), remote.channel().mask());
+            if complete.good.contains(channel) {
                 remote.count_good(policy.fault_dec);
             }
-        }
-        for channel in complete.bad.iter() {
-            let link = machine.link(channel);
-            let Some(remote) = self.remote_mut(channel) else {
+            if !complete.bad.contains(channel) {
                 continue;
-            };
+            }
+            let link = machine.link(channel);
             let reason = match link.verdict() {
                 Verdict::Good => None,
                 Verdict::Faulty(faults) => {
                     remote.faults = faults;
-                    OfflineReason::of_faults(faults)
+                    Some(OfflineReason::of_faults(faults))
                 }
                 Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs())),
                 Verdict::Failed(Failure::Doubtful) => {
-                    outcome.failed = outcome.failed.union(channel.mask());
+                    outcome.failed = outcome.failed.union(mask);
                     None
                 }
                 Verdict::Failed(failure) => {
-                    outcome.failed = outcome.failed.union(channel.mask());
+                    outcome.failed = outcome.failed.union(mask);
                     remote.rest_until = now.after(policy.rest);
                     remote.count_fault(policy.fault_inc);
                     (remote.fault_count >= policy.fault_lim)
@@ -330,19 +278,20 @@ impl Recovery {
                 }
             };
             if let Some(reason) = reason {
-                outcome.offline = outcome.offline.union(channel.mask());
-                remote.go_offline(now, reason, link.good_since_start(), &policy);
+                outcome.offline = outcome.offline.union(mask);
+                remote.go_offline(now, reason, link.good_since_start(), policy);
             }
         }
         outcome.failed = outcome.failed.difference(outcome.offline);
-        outcome
     }
 
-    /// The command for this write; [`Machine::written`] must follow.
+    /// Begins what comes with this write; [`Machine::written`] must follow. Output data belongs to a
+    /// transfer; otherwise what was written before must be repeated unchanged, because a transfer
+    /// that still runs may be reading it.
     ///
     /// `hold`: channels are not restarted. The board is not set up, and that needs writes that would
     /// set it up in part; or all that run are to be told safe values now.
-    pub fn next(&mut self, machine: &mut Machine, now: Instant, hold: bool) -> Next {
+    pub fn next(&mut self, machine: &mut Machine, now: Instant, hold: bool) -> Option<Operation> {
         let operation = if machine.is_idle() {
             self.choose(now, hold)
         } else if machine.is_stuck(now) && now >= self.no_free_before {
@@ -352,25 +301,14 @@ impl Recovery {
         } else {
             None
         };
-        let mut next = Next {
-            command: Command::IGNORED,
-            with_data: false,
-            modes: ChannelMask::NONE,
-        };
-        let Some(operation) = operation else {
-            machine.begin_nothing();
-            return next;
-        };
         match operation {
-            Operation::Transfer(_) => {
-                next.with_data = true;
-                self.is_measured = false;
+            Some(operation) => {
+                self.is_measured &= !matches!(operation, Operation::Transfer(_));
+                machine.begin(operation);
             }
-            Operation::Start(_, mask) => next.modes = mask,
-            _ => {}
+            None => machine.begin_nothing(),
         }
-        next.command = machine.begin(operation);
-        next
+        operation
     }
 
     fn choose(&mut self, now: Instant, hold: bool) -> Option<Operation> {
@@ -395,30 +333,22 @@ impl Recovery {
             return transfer(running);
         }
         match self.restart {
-            Restart::Stopped {
-                mask,
-                others_served,
-            } => {
-                if !others_served && !ready.is_empty() {
-                    self.restart = Restart::Stopped {
-                        mask,
-                        others_served: true,
-                    };
-                    return transfer(ready);
-                }
+            Restart::Stopped(mask) if !ready.is_empty() => {
+                self.restart = Restart::OthersServed(mask);
+                return transfer(ready);
+            }
+            Restart::Stopped(mask) | Restart::OthersServed(mask) => {
                 self.restart = Restart::Starting;
                 self.statistics.starts += 1;
                 return Some(Operation::Start(StartMode::Normal, mask));
             }
             Restart::Measuring { mask, rx } => {
-                let next = mask.iter().next().and_then(|channel| {
-                    let variable = match rx {
-                        None => ChannelVariable::RxSize,
-                        Some(_) => ChannelVariable::TxSize,
-                    };
-                    self.parameters.variable(channel, variable, 0)
-                });
-                if let Some(address) = next {
+                let variable = match rx {
+                    None => ChannelVariable::RxSize,
+                    Some(_) => ChannelVariable::TxSize,
+                };
+                let address = |channel| self.parameters.variable(channel, variable, 0);
+                if let Some(address) = mask.iter().next().and_then(address) {
                     return Some(Operation::ReadLocal(address));
                 }
                 self.end_restart(now);

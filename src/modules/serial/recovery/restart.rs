@@ -2,10 +2,10 @@
 
 use core::time::Duration;
 
-use super::{Outcome, Recovery, Restart};
+use super::{Recovery, Restart};
 use crate::bus::Instant;
-use crate::modules::serial::attempts::Cost;
-use crate::modules::serial::{OfflineReason, RemoteState, RemoteWatchdog};
+use crate::modules::serial::cost::Cost;
+use crate::modules::serial::{OfflineReason, RemoteState};
 use crate::sslbp::{
     Channel, ChannelMask, Complete, CsStatus, Machine, Observed, Operation, ProcessDataSizes,
 };
@@ -30,36 +30,12 @@ impl Recovery {
         self.cost = Cost::default();
     }
 
-    pub fn set_watchdog(&mut self, channel: Channel, watchdog: RemoteWatchdog) {
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.watchdog = watchdog;
-        }
-    }
-
-    fn go_offline(
-        &mut self,
-        machine: &Machine,
-        now: Instant,
-        channel: Channel,
-        reason: OfflineReason,
-    ) {
-        let policy = self.policy;
-        let good = machine.link(channel).good_since_start();
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.go_offline(now, reason, good, &policy);
-        }
-    }
-
     /// COMMAND had to be freed: what was sent to whom is not known.
-    pub(super) fn all_offline(&mut self, machine: &Machine, now: Instant) -> Outcome {
+    pub(super) fn all_offline(&mut self, machine: &Machine, now: Instant) {
         self.end_restart(now);
-        let known = self.known;
-        for channel in known.iter() {
-            self.go_offline(machine, now, channel, OfflineReason::PortStuck);
-        }
-        Outcome {
-            offline: known,
-            ..Outcome::default()
+        for remote in &mut self.remotes {
+            let good = machine.link(remote.channel()).good_since_start();
+            remote.go_offline(now, OfflineReason::PortStuck, good, &self.policy);
         }
     }
 
@@ -79,31 +55,20 @@ impl Recovery {
         if due.is_empty() || !self.is_free(due) && !self.cost.allows(now, &self.policy) {
             return ChannelMask::NONE;
         }
-        due.union(self.along_with(due, now))
-    }
-
-    /// One START that waits for a remote which does not answer takes as long as one that waits for
-    /// several: those that did not answer before are all tried with the first of them.
-    fn along_with(&self, due: ChannelMask, now: Instant) -> ChannelMask {
-        let failed = self.mask(|remote| remote.attempts.has_failed);
+        // One START that waits for a remote which does not answer takes as long as one that waits
+        // for several: those that did not answer before are all tried with the first of them.
+        let failed = self.mask(|remote| remote.has_failed);
         if due.intersection(failed).is_empty() {
-            return ChannelMask::NONE;
+            return due;
         }
-        self.mask(|remote| {
-            let is_planned = matches!(
-                remote.state,
-                RemoteState::Offline {
-                    next_attempt: Some(_),
-                    ..
-                }
-            );
-            is_planned && remote.attempts.has_failed && remote.attempts.silent_until <= now
-        })
+        let is_planned = |state| matches!(state, RemoteState::Offline { next_attempt, .. } if next_attempt.is_some());
+        let silent = self.mask(|remote| is_planned(remote.state) && remote.silent_until <= now);
+        due.union(failed.intersection(silent))
     }
 
     /// Nobody else is there, or the application has asked for it: the cost does not count.
     fn is_free(&self, due: ChannelMask) -> bool {
-        let asked = self.mask(|remote| remote.attempts.is_asked_for);
+        let asked = self.mask(|remote| remote.is_asked_for);
         self.running.is_empty() || !due.intersection(asked).is_empty()
     }
 
@@ -111,8 +76,8 @@ impl Recovery {
         if !self.is_free(due) {
             self.cost.begin(now);
         }
-        for channel in due.iter() {
-            if let Some(remote) = self.remote_mut(channel) {
+        for remote in &mut self.remotes {
+            if due.contains(remote.channel()) {
                 remote.restarting();
             }
         }
@@ -125,6 +90,15 @@ impl Recovery {
         self.cost.end(now, &self.policy);
     }
 
+    /// A restart goes on with `next`, which is about the channels of `mask`, if there are any.
+    fn go_on(&mut self, now: Instant, mask: ChannelMask, next: Restart) {
+        if mask.is_empty() {
+            self.end_restart(now);
+        } else {
+            self.restart = next;
+        }
+    }
+
     /// STOP is complete.
     pub(super) fn stopped(
         &mut self,
@@ -133,62 +107,45 @@ impl Recovery {
         complete: &Complete,
         seen: &impl Observed,
     ) {
-        for channel in complete.bad.iter() {
-            let cs = CsStatus::from_register(seen.cs(channel));
-            self.go_offline(machine, now, channel, OfflineReason::DidNotStart(cs));
+        for remote in &mut self.remotes {
+            let channel = remote.channel();
+            if complete.bad.contains(channel) {
+                let cs = CsStatus::from_register(seen.cs(channel));
+                let good = machine.link(channel).good_since_start();
+                remote.go_offline(now, OfflineReason::DidNotStart(cs), good, &self.policy);
+            }
         }
         let wanted = self.mask(|remote| matches!(remote.state, RemoteState::Restarting { .. }));
         let mask = complete.good.intersection(wanted);
-        if mask.is_empty() {
-            self.end_restart(now);
-        } else {
-            self.restart = Restart::Stopped {
-                mask,
-                others_served: false,
-            };
-        }
+        self.go_on(now, mask, Restart::Stopped(mask));
     }
 
     /// START is complete.
-    pub(super) fn started(
-        &mut self,
-        machine: &Machine,
-        now: Instant,
-        complete: &Complete,
-        seen: &impl Observed,
-    ) {
+    pub(super) fn started(&mut self, machine: &Machine, now: Instant, complete: &Complete) {
         if self.restart == Restart::Starting {
             self.no_restart_before = now.after(BETWEEN_RESTARTS);
         }
-        for channel in complete.bad.iter() {
-            let cs = CsStatus::from_register(seen.cs(channel));
-            if let Some(remote) = self.remote_mut(channel) {
-                remote.did_not_start(cs);
-                self.go_offline(machine, now, channel, OfflineReason::DidNotStart(cs));
-            }
-        }
-        let mut unknown = ChannelMask::NONE;
-        for channel in complete.good.iter() {
-            let told = machine.link(channel).told();
-            let Some(remote) = self.remote_mut(channel) else {
+        let mut mask = ChannelMask::NONE;
+        for remote in &mut self.remotes {
+            let channel = remote.channel();
+            let link = machine.link(channel);
+            let problem = if complete.bad.contains(channel) {
+                remote.did_not_start(link.cs());
+                Some(OfflineReason::DidNotStart(link.cs()))
+            } else if complete.good.contains(channel) {
+                remote.refuses(link.told())
+            } else {
                 continue;
             };
-            if let Some(reason) = remote.expected.refuses(told) {
-                self.go_offline(machine, now, channel, reason);
+            if let Some(reason) = problem {
+                remote.go_offline(now, reason, link.good_since_start(), &self.policy);
             } else if remote.has_run {
-                remote.restarted(told);
+                remote.restarted(link.told());
             } else {
-                unknown = unknown.union(channel.mask());
+                mask = mask.union(channel.mask());
             }
         }
-        if unknown.is_empty() {
-            self.end_restart(now);
-        } else {
-            self.restart = Restart::Measuring {
-                mask: unknown,
-                rx: None,
-            };
-        }
+        self.go_on(now, mask, Restart::Measuring { mask, rx: None });
     }
 
     /// A size of a remote that has not run before was read.
@@ -196,39 +153,33 @@ impl Recovery {
         let Restart::Measuring { mask, rx } = self.restart else {
             return;
         };
+        let Some(rx) = rx else {
+            let rx = Some(size);
+            self.restart = Restart::Measuring { mask, rx };
+            return;
+        };
         let Some(channel) = mask.iter().next() else {
             return self.end_restart(now);
         };
-        let Some(rx) = rx else {
-            self.restart = Restart::Measuring {
-                mask,
-                rx: Some(size),
-            };
-            return;
-        };
-        let found = ProcessDataSizes { rx, tx: size };
-        let expected = machine.link(channel).sizes();
-        if found != expected {
-            self.go_offline(
-                machine,
-                now,
-                channel,
-                OfflineReason::OtherSizes { found, expected },
-            );
-        } else if let Some(remote) = self.remote_mut(channel) {
-            remote.restarted(machine.link(channel).told());
+        let policy = self.policy;
+        let link = machine.link(channel);
+        if let Some(remote) = self.remote_mut(channel) {
+            let found = ProcessDataSizes { rx, tx: size };
+            let expected = remote.started.sizes;
+            if found == expected {
+                remote.restarted(link.told());
+            } else {
+                let reason = OfflineReason::OtherSizes { found, expected };
+                remote.go_offline(now, reason, link.good_since_start(), &policy);
+            }
         }
         let mask = mask.difference(channel.mask());
-        if mask.is_empty() {
-            self.end_restart(now);
-        } else {
-            self.restart = Restart::Measuring { mask, rx: None };
-        }
+        self.go_on(now, mask, Restart::Measuring { mask, rx: None });
     }
 
     /// The application has switched the port off.
     pub(super) fn stop_for_good(&mut self, running: ChannelMask) -> Option<Operation> {
-        for remote in self.remotes.iter_mut().flatten() {
+        for remote in &mut self.remotes {
             remote.stop_for_good();
         }
         self.update();

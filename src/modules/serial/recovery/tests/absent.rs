@@ -1,7 +1,6 @@
 //! Remotes that were absent at the start.
 
 use super::*;
-use crate::sslbp::ProcessDataSizes;
 
 const TWO: Channel = Channel::ALL[2];
 const SIZES: ProcessDataSizes = ProcessDataSizes { rx: 5, tx: 2 };
@@ -11,9 +10,15 @@ impl Rig {
     fn with_absent() -> Self {
         let mut rig = Self::new();
         let [unit_number, name, tables] = told(2);
-        let expected = Expected::of_kind(unit_number & 0xFF00_0000 | 0x1200_0000, name, tables);
-        let health = Health::absent(expected, &FaultPolicy::default(), rig.now);
-        rig.recovery.add(TWO, health);
+        let kind = StartedRemote {
+            unit_number: unit_number & 0xFF00_0000 | 0x1200_0000,
+            ..started(TWO)
+        };
+        let policy = FaultPolicy::default();
+        let remote = Health::new(kind, RemoteWatchdog::Assumed, &policy).absent(rig.now, &policy);
+        rig.recovery.remotes.push(remote);
+        rig.recovery.known = ChannelMask::first(3);
+        rig.recovery.update();
         rig.machine.set_sizes(TWO, SIZES, false);
         rig.seen.cs[2] = STOPPED;
         rig.seen.start[2] = [0x1200_0000 | unit_number, name, tables];
@@ -39,7 +44,7 @@ impl Rig {
         let is_there = cs == CHATTER;
         assert!(asked.is_empty() || is_there && asked == [0x2102, 0x2103]);
         self.seen.cs[2] = RUNNING;
-        self.recovery.remote(TWO).unwrap().state
+        self.state(TWO)
     }
 }
 
@@ -123,7 +128,7 @@ fn a_size_is_not_taken_from_a_read_that_may_be_lost() {
     assert_eq!(rig.cycle(), 0x2103);
     rig.seen.data = SIZES.tx.into();
     rig.read();
-    assert!(rig.recovery.remote(TWO).unwrap().is_running());
+    assert!(rig.state(TWO) == RemoteState::Running);
 }
 
 #[test]
@@ -134,6 +139,6 @@ fn a_reset_is_told_by_the_remotes_that_have_run() {
     rig.seen.cs = [STOPPED; 8];
     rig.read();
     assert_eq!(rig.recovery.appears_reset(), Some(true));
-    let empty = Recovery::new(PARAMETERS, FaultPolicy::default(), rig.now);
+    let empty = Recovery::new(Vec::new(), PARAMETERS, FaultPolicy::default(), rig.now);
     assert_eq!(empty.appears_reset(), None);
 }

@@ -1,9 +1,8 @@
 mod absent;
 
-use super::super::health::Expected;
-use super::super::{Failure, RemoteWatchdog};
 use super::*;
-use crate::sslbp::PortParameters;
+use crate::discovery::RemoteName;
+use crate::sslbp::{Command, CsStatus, ProcessDataSizes, StartedRemote};
 
 const RUNNING: u32 = 0x0042_0000;
 const CHATTER: u32 = 0x003A_0000;
@@ -25,6 +24,21 @@ const PARAMETERS: PortParameters = PortParameters {
 /// What START tells of the remote on a channel.
 fn told(channel: u8) -> [u32; 3] {
     [0x7700 + u32::from(channel), 0x3737_4937, 0x04A4_049A]
+}
+
+/// As START leaves it.
+fn started(channel: Channel) -> StartedRemote {
+    let [unit_number, name, tables] = told(channel.index());
+    StartedRemote {
+        channel,
+        software_mode: 0,
+        unit_number,
+        name: RemoteName::from_register(name),
+        ptoc: tables as u16,
+        gtoc: (tables >> 16) as u16,
+        sizes: ProcessDataSizes { rx: 5, tx: 2 },
+        cs: CsStatus::from_register(CHATTER),
+    }
 }
 
 /// The registers that a machine sees.
@@ -65,9 +79,12 @@ struct Rig {
 impl Rig {
     fn new() -> Self {
         let policy = FaultPolicy::default();
+        let [zero, one, ..] = Channel::ALL.map(started);
+        let remotes =
+            [zero, one].map(|started| Health::new(started, RemoteWatchdog::Assumed, &policy));
         let mut rig = Self {
             machine: Machine::new(ChannelMask::first(8)),
-            recovery: Recovery::new(PARAMETERS, policy, Instant::default()),
+            recovery: Recovery::new(remotes.to_vec(), PARAMETERS, policy, Instant::default()),
             seen: Registers {
                 cs: [CHATTER; 8],
                 start: [0, 1, 2, 3, 4, 5, 6, 7].map(told),
@@ -80,11 +97,6 @@ impl Rig {
         rig.machine.begin(Operation::Start(StartMode::Normal, both));
         rig.machine.written(rig.now, true);
         rig.read();
-        for channel in both.iter() {
-            let expected = Expected::exactly(told(channel.index()));
-            let health = Health::new(expected, RemoteWatchdog::Assumed, policy.first_backoff);
-            rig.recovery.add(channel, health);
-        }
         rig.seen.cs = [RUNNING; 8];
         rig
     }
@@ -103,7 +115,16 @@ impl Rig {
     fn write(&mut self) -> u32 {
         let next = self.recovery.next(&mut self.machine, self.now, false);
         self.machine.written(self.now, true);
-        next.command.word()
+        let command = next.map_or(Command::IGNORED, |operation| operation.command());
+        command.word()
+    }
+
+    fn state(&self, channel: Channel) -> RemoteState {
+        let mut remotes = self.recovery.remotes.iter();
+        remotes
+            .find(|remote| remote.channel() == channel)
+            .unwrap()
+            .state
     }
 
     /// One cycle in which all goes well; what was written.
@@ -214,7 +235,7 @@ fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
     }
     assert_eq!(rig.write(), 0x1001, "it is no longer asked");
     assert!(matches!(
-        rig.recovery.remote(Channel::ALL[1]).unwrap().state,
+        rig.state(Channel::ALL[1]),
         RemoteState::Offline {
             reason: OfflineReason::TooManyFailures(Failure::NoReply),
             next_attempt: Some(_)
@@ -266,9 +287,7 @@ fn a_remote_comes_back_in_small_steps() {
     assert_eq!(rig.cycle(), 0x1001, "the other is served before the START");
     rig.seen.cs[1] = STOPPED;
     rig.read();
-    let next = rig.recovery.next(&mut rig.machine, rig.now, false);
-    rig.machine.written(rig.now, true);
-    assert_eq!((next.command.word(), next.modes.bits()), (0x0902, 2));
+    assert_eq!(rig.write(), 0x0902);
     assert!(rig.recovery.needs_start_data());
     rig.seen.command = 0x0902;
     for _ in 0..3 {
@@ -299,7 +318,7 @@ fn another_device_on_the_channel_is_not_taken_over() {
         rig.seen.cs[1] = CHATTER;
         rig.seen.start[1][change] ^= 1;
         rig.read();
-        let state = rig.recovery.remote(Channel::ALL[1]).unwrap().state;
+        let state = rig.state(Channel::ALL[1]);
         let RemoteState::Offline { reason, .. } = state else {
             panic!("{state:?}");
         };
@@ -360,7 +379,7 @@ fn the_silence_follows_the_watchdog_of_the_remote() {
     for (millis, silent) in [(0, 0), (20, 24), (50, 60), (200, 240), (1000, 1200)] {
         let mut rig = Rig::new();
         let remote = rig.recovery.remote_mut(Channel::ALL[1]).unwrap();
-        remote.watchdog = RemoteWatchdog::from_millis(millis);
+        remote.watchdog = RemoteWatchdog::longer_of(millis, millis);
         rig.write();
         rig.seen.cs[1] = 0x0842_2140;
         rig.read();

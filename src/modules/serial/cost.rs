@@ -1,49 +1,9 @@
-//! When a remote that is offline is tried again, and what that may cost its neighbours.
+//! What attempts to bring remotes back may cost their neighbours.
 
 use core::time::Duration;
 
-use super::{FaultPolicy, OfflineReason};
+use super::FaultPolicy;
 use crate::bus::Instant;
-
-/// The attempts to bring one remote back.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Attempts {
-    /// How long to wait before the next one; it doubles with each.
-    pub pause: Duration,
-    /// Nothing is sent to the remote before: its watchdog must have bitten.
-    pub silent_until: Instant,
-    /// The application asked for the next one, so that it counts whatever it costs.
-    pub is_asked_for: bool,
-    /// The last one failed, so that the next one is likely to take long.
-    pub has_failed: bool,
-}
-
-impl Attempts {
-    pub fn new(first_pause: Duration) -> Self {
-        Self {
-            pause: first_pause,
-            silent_until: Instant::default(),
-            is_asked_for: false,
-            has_failed: false,
-        }
-    }
-
-    /// How long to wait before the next attempt. The first one after a fault that a START clears
-    /// waits for nothing but the silence.
-    pub fn next_pause(&mut self, reason: OfflineReason, policy: &FaultPolicy) -> Duration {
-        let pause = self.pause;
-        self.pause = pause.saturating_mul(2).min(policy.longest_backoff);
-        let clears = matches!(
-            reason,
-            OfflineReason::Watchdog | OfflineReason::IllegalMode | OfflineReason::Reported(_)
-        );
-        if clears && pause == policy.first_backoff {
-            Duration::ZERO
-        } else {
-            pause
-        }
-    }
-}
 
 /// What attempts have cost the other remotes of a port, and what they may.
 ///
