@@ -13,7 +13,7 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
-use mesa_hal::lbp16::{AddressPointers, Operations, Reply, RequestBuilder, Space};
+use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
 use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig, UdpList};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
@@ -81,7 +81,6 @@ impl Cycle {
 /// A board that executes nothing, but answers every request with the right bytes.
 #[derive(Debug, Default)]
 struct Responder {
-    pointers: AddressPointers,
     scratch: [u8; 32],
     /// Packets that came in, and that went out.
     counts: [u16; 2],
@@ -94,11 +93,8 @@ impl Responder {
         let [received, sent] = &mut self.counts;
         *received = received.wrapping_add(1);
         for operation in Operations::new(request).flatten() {
-            self.pointers.begin(&operation);
-            let start = usize::from(self.pointers.get(operation.command.space)) % 32;
-            for _ in 0..operation.command.count() {
-                self.pointers.next(&operation);
-            }
+            let address = operation.address.expect("the bus uses no address pointers");
+            let start = usize::from(address) % 32;
             let len = operation.command.data_len();
             let scratch = self.scratch.get_mut(start..start + len);
             match (operation.command.space, operation.command.write, scratch) {
@@ -160,9 +156,9 @@ fn encode(buffer: &mut [u8]) -> [Range<usize>; READS.len()] {
 }
 
 fn decode(reply: &[u8], places: &[Range<usize>]) -> u32 {
-    let reply = Reply::new(reply, reply.len()).expect("its own length");
     places.iter().fold(0, |sum, place| {
-        let words = reply.doubles(place.clone()).expect("it is there");
+        let (words, _) = reply[place.clone()].as_chunks();
+        let words = words.iter().copied().map(u32::from_le_bytes);
         words.fold(sum, u32::wrapping_add)
     })
 }

@@ -8,10 +8,10 @@ use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
 use crate::terminals;
 
 pub fn of(report: &Report) -> Value {
-    let idrom = report.firmware.idrom;
+    let idrom = &report.firmware.idrom;
     json!({
-        "ethernet": report.identity.map(|identity| json!({
-            "card": identity.card_name(),
+        "ethernet": report.identity.as_ref().map(|identity| json!({
+            "card": identity.card,
             "mac": identity.mac.to_string(),
             "eeprom_ip": identity.eeprom_ip.to_string(),
             "eeprom_netmask": identity.eeprom_netmask.map(|mask| mask.to_string()),
@@ -20,7 +20,7 @@ pub fn of(report: &Report) -> Value {
             "jumpers": identity.jumpers,
         })),
         "firmware": {
-            "board": idrom.board_name.to_string(),
+            "board": idrom.board_name,
             "io_pins": idrom.io_width,
             "connectors": idrom.io_ports,
             "clock_low_hz": idrom.clock_low_hz,

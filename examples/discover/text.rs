@@ -17,7 +17,7 @@ pub fn of(report: &Report) -> Result<String, fmt::Error> {
 
 fn print_report(out: &mut String, report: &Report) -> fmt::Result {
     if let Some(identity) = &report.identity {
-        writeln!(out, "Ethernet board {}", identity.card_name())?;
+        writeln!(out, "Ethernet board {}", identity.card)?;
         writeln!(out, "  MAC          {}", identity.mac)?;
         writeln!(out, "  EEPROM IP    {}", identity.eeprom_ip)?;
         if let Some(netmask) = identity.eeprom_netmask {

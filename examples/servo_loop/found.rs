@@ -20,7 +20,7 @@ fn write_all<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     every_pin: bool,
 ) -> fmt::Result {
-    let idrom = driver.firmware().idrom;
+    let idrom = &driver.firmware().idrom;
     writeln!(
         out,
         "Board {} ({}), {} MHz, {} I/O pins; modules: {}",

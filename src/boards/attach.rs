@@ -2,11 +2,12 @@
 
 use alloc::boxed::Box;
 use alloc::format;
+use alloc::string::String;
 
 use super::{BoardTable, IdentityError, RemoteTable};
 use crate::discovery::{Problem, RemoteDescriptor};
 use crate::hal::{AnalogOut, PinError, Pins};
-use crate::hostmot2::{HostMot2, HostMot2Error, Name8};
+use crate::hostmot2::{HostMot2, HostMot2Error};
 use crate::remote::RemoteError;
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
@@ -70,7 +71,7 @@ pub enum AttachError {
         /// The board asked for.
         expected: &'static str,
         /// What the firmware says it is for.
-        found: Name8,
+        found: String,
     },
     /// The firmware lacks a module of this kind of board.
     #[error(transparent)]
@@ -232,7 +233,7 @@ impl BoardTable {
         if !table.fits(firmware) {
             return Err(AttachError::OtherBoard {
                 expected: table.name,
-                found: firmware.idrom.board_name,
+                found: firmware.idrom.board_name.clone(),
             });
         }
         for entry in table.terminals {

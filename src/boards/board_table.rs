@@ -122,12 +122,7 @@ impl BoardTable {
 
     /// Whether a firmware says that it is for this kind of board.
     pub fn fits(&self, firmware: &HostMot2) -> bool {
-        !self.name.is_empty()
-            && firmware
-                .idrom
-                .board_name
-                .board()
-                .eq_ignore_ascii_case(self.name)
+        !self.name.is_empty() && firmware.idrom.board().eq_ignore_ascii_case(self.name)
     }
 
     /// Where encoder, input, output or I/O pin `number` of an instance of a module comes out. Of

@@ -46,7 +46,7 @@ impl FlashLayout {
     };
 
     /// The layout of the board of this name, as
-    /// [`Identity::card_name`](crate::ethernet::Identity::card_name) has it. `None` for boards whose
+    /// [`Identity::card`](crate::ethernet::Identity::card) has it. `None` for boards whose
     /// layout is not known: a 7I97T, for one, is no 7I97.
     pub fn for_card(name: &str) -> Option<&'static Self> {
         let mut layouts = BoardTable::KNOWN

@@ -320,7 +320,7 @@ pub(super) const WATCHDOG_FEEDS: u32 = 2;
 impl Plan {
     fn new(firmware: HostMot2, io: IoPorts, settings: Settings) -> Self {
         let name = {
-            let board = firmware.idrom.board_name.board();
+            let board = firmware.idrom.board();
             format!("hm2_{board}.{}", settings.board_number)
         };
         let mut pins = PinStore::new();

@@ -1,6 +1,7 @@
 //! FPGA configurations as Xilinx bitfiles.
 
-use super::CardName;
+use alloc::format;
+use alloc::string::{String, ToString};
 
 /// A bitfile whose header and configuration data have been checked.
 ///
@@ -20,36 +21,25 @@ pub struct Bitfile<'a> {
     pub configuration: &'a [u8],
 }
 
-/// Why a file is not taken for a bitfile.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+/// Why a file is not taken for a bitfile, or not written.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BitfileError {
     /// It does not begin like one.
     #[error("not a bitfile: it does not begin with the bitfile mark; give the .bit file itself")]
     NoMark,
-    /// It ends in the middle of a field.
-    #[error("the file ends within field '{}' at byte {at}; it was not copied whole, copy it again", char::from(*field))]
-    Truncated {
+    /// Its header is damaged, or it is not whole.
+    #[error(
+        "the bitfile is damaged at byte {at}: field '{}' {what}; copy it again, or get it again",
+        char::from(*field)
+    )]
+    Damaged {
         /// The field.
         field: u8,
         /// Where the field begins.
         at: usize,
-    },
-    /// A field comes that is none, or out of order.
-    #[error("field '{}' expected at byte {at}, found 0x{found:02X}; the header is damaged, get the file again", char::from(*expected))]
-    WrongField {
-        /// The field that should come.
-        expected: u8,
-        /// What comes.
-        found: u8,
-        /// Where.
-        at: usize,
-    },
-    /// A text field is no text.
-    #[error("field '{}' holds no text; the header is damaged, get the file again", char::from(*field))]
-    NotText {
-        /// The field.
-        field: u8,
+        /// What is wrong with it.
+        what: &'static str,
     },
     /// There is no synchronisation word: nothing that an FPGA would load.
     #[error(
@@ -59,34 +49,15 @@ pub enum BitfileError {
         /// How far was searched.
         searched: usize,
     },
-    /// It is for another part.
+    /// It is for another FPGA or another board, where it would not run, or drive what it must not.
     #[error(
-        "the configuration is for another FPGA than {expected}: writing it would make the board unusable; get the file for this board"
+        "the configuration is for a {found}, and this is a {expected}: it would not start or not \
+         answer any more, or its pins would drive what they must not; get the file for this board"
     )]
-    WrongPart {
-        /// The part on the board.
-        expected: &'static str,
-    },
-    /// Its design name is that of another board.
-    #[error(
-        "the configuration is for a {found}, and this is a {expected} with the same FPGA: its pins \
-         would drive what they must not; get the file for this board"
-    )]
-    WrongBoard {
-        /// The board that the design name has.
-        found: CardName,
-        /// The board it would go to.
-        expected: &'static str,
-    },
-    /// Its design name is that of a board with another host interface.
-    #[error(
-        "the configuration is for a board on {interface}, and a {expected} is on Ethernet: it would \
-         not answer any more; get the file for this board"
-    )]
-    WrongInterface {
-        /// What its board is on.
-        interface: &'static str,
-        /// The board it would go to.
+    OtherBoard {
+        /// What it is for.
+        found: String,
+        /// The board or FPGA it would go to.
         expected: &'static str,
     },
     /// It is larger than its place in the flash memory.
@@ -109,6 +80,9 @@ const SYNC: [u8; 4] = [0xAA, 0x99, 0x55, 0x66];
 
 impl<'a> Bitfile<'a> {
     /// Parses a whole file.
+    ///
+    /// # Errors
+    /// [`BitfileError::NoMark`], [`BitfileError::Damaged`] and [`BitfileError::NoSync`].
     pub fn parse(file: &'a [u8]) -> Result<Self, BitfileError> {
         let rest = file.strip_prefix(&MARK).ok_or(BitfileError::NoMark)?;
         let mut fields = Fields { file, rest };
@@ -117,7 +91,7 @@ impl<'a> Bitfile<'a> {
             part: fields.text(b'b')?,
             date: fields.text(b'c')?,
             time: fields.text(b'd')?,
-            configuration: fields.data(b'e')?,
+            configuration: fields.field(b'e', 4)?,
         };
         this.check_sync()?;
         Ok(this)
@@ -147,6 +121,9 @@ impl<'a> Bitfile<'a> {
     /// name does, where it tells a board (`7i97_7i77.ncd`, `seveni92.ncd`) or a host interface
     /// (Mesa's top levels: `TopPCIHostMot2.ncd`). A file whose design name tells neither
     /// (`TopEthernet16HostMot2.ncd`) can not be told from that of another Ethernet board.
+    ///
+    /// # Errors
+    /// [`BitfileError::NoSync`], [`BitfileError::OtherBoard`] and [`BitfileError::TooLarge`].
     pub fn check(
         &self,
         board: &'static str,
@@ -155,7 +132,10 @@ impl<'a> Bitfile<'a> {
     ) -> Result<(), BitfileError> {
         self.check_sync()?;
         if !self.part.eq_ignore_ascii_case(part) {
-            return Err(BitfileError::WrongPart { expected: part });
+            return Err(BitfileError::OtherBoard {
+                found: self.part.to_string(),
+                expected: part,
+            });
         }
         self.check_design(board)?;
         let bytes = self.configuration.len();
@@ -172,22 +152,17 @@ impl<'a> Bitfile<'a> {
         // Names of daughter cards may stand beside the board's own.
         let is_own = cards(name).any(|card| is_expected(&card));
         let other = cards(name).find(|card| HOST_CARDS.contains(&card));
-        if let Some(other) = other.filter(|_| !is_own) {
-            return Err(BitfileError::WrongBoard {
-                found: CardName::from_bytes(&other),
-                expected,
-            });
+        let mut found = other.map(|card| String::from_utf8_lossy(&card).into_owned());
+        if is_own || found.is_none() {
+            let has = |top: &str| {
+                let mut windows = name.as_bytes().windows(top.len());
+                windows.any(|window| window.eq_ignore_ascii_case(top.as_bytes()))
+            };
+            let other = INTERFACES.iter().find(|(top, _)| has(top));
+            found = other.map(|(_, interface)| format!("board on {interface}"));
         }
-        let has = |part: &[u8]| {
-            let mut windows = name.as_bytes().windows(part.len());
-            windows.any(|window| window.eq_ignore_ascii_case(part))
-        };
-        let other = INTERFACES.iter().find(|(top, _)| has(top.as_bytes()));
-        match other {
-            Some((_, interface)) => Err(BitfileError::WrongInterface {
-                interface,
-                expected,
-            }),
+        match found {
+            Some(found) => Err(BitfileError::OtherBoard { found, expected }),
             None => Ok(()),
         }
     }
@@ -249,32 +224,27 @@ struct Fields<'a> {
 
 impl<'a> Fields<'a> {
     fn text(&mut self, field: u8) -> Result<&'a str, BitfileError> {
+        let at = self.file.len() - self.rest.len();
         let bytes = self.field(field, 2)?;
         let text = bytes.split(|&byte| byte == 0).next().unwrap_or(&[]);
-        core::str::from_utf8(text).map_err(|_| BitfileError::NotText { field })
-    }
-
-    fn data(&mut self, field: u8) -> Result<&'a [u8], BitfileError> {
-        self.field(field, 4)
+        let what = "holds no text";
+        core::str::from_utf8(text).map_err(|_| BitfileError::Damaged { field, at, what })
     }
 
     /// A field: its letter, its length in `length_bytes` bytes (big endian), its content.
     fn field(&mut self, field: u8, length_bytes: usize) -> Result<&'a [u8], BitfileError> {
         let at = self.file.len() - self.rest.len();
-        let truncated = BitfileError::Truncated { field, at };
-        let (&found, rest) = self.rest.split_first().ok_or(truncated)?;
+        let damaged = |what| BitfileError::Damaged { field, at, what };
+        let cut_off = || damaged("is cut off");
+        let (&found, rest) = self.rest.split_first().ok_or_else(cut_off)?;
         if found != field {
-            return Err(BitfileError::WrongField {
-                expected: field,
-                found,
-                at,
-            });
+            return Err(damaged("is not there"));
         }
-        let (length, rest) = rest.split_at_checked(length_bytes).ok_or(truncated)?;
+        let (length, rest) = rest.split_at_checked(length_bytes).ok_or_else(cut_off)?;
         let length = length
             .iter()
             .fold(0_usize, |length, &byte| length << 8 | usize::from(byte));
-        let (content, rest) = rest.split_at_checked(length).ok_or(truncated)?;
+        let (content, rest) = rest.split_at_checked(length).ok_or_else(cut_off)?;
         self.rest = rest;
         Ok(content)
     }
@@ -331,7 +301,8 @@ mod tests {
         let bytes = file(&configuration(1000));
         let bitfile = Bitfile::parse(&bytes).unwrap();
         let error = bitfile.check("7I97", "6slx16ftg256", 0x6_0000).unwrap_err();
-        assert!(matches!(error, BitfileError::WrongPart { .. }), "{error}");
+        let text = "for a 6slx9tqg144, and this is a 6slx16ftg256: ";
+        assert!(error.to_string().contains(text), "{error}");
         let error = bitfile.check("7I97", "6slx9tqg144", 999).unwrap_err();
         assert_eq!(
             error,
@@ -382,18 +353,17 @@ mod tests {
         ];
         for (board, design, other) in others {
             let error = check(design, board).expect_err(design);
-            let is_it = matches!(error, BitfileError::WrongBoard { found, expected }
-                if found.as_str() == other && expected == board);
-            assert!(is_it, "{design} on a {board}: {error}");
+            let text = format!("for a {other}, and this is a {board}: ");
+            assert!(error.to_string().contains(&text), "{design}: {error}");
         }
-        for design in [
-            "TopPCIHostMot2.ncd",
-            "topgcspihostmot2",
-            "Top9030HostMot2.ncd",
+        for (design, interface) in [
+            ("TopPCIHostMot2.ncd", "PCI"),
+            ("topgcspihostmot2", "SPI"),
+            ("Top9030HostMot2.ncd", "PCI"),
         ] {
             let error = check(design, "7I92").expect_err(design);
-            let is_it = matches!(error, BitfileError::WrongInterface { .. });
-            assert!(is_it, "{design}: {error}");
+            let text = format!("for a board on {interface}, and this is a 7I92: ");
+            assert!(error.to_string().contains(&text), "{design}: {error}");
         }
     }
 
@@ -406,10 +376,12 @@ mod tests {
         let mut wrong = bytes.clone();
         wrong[MARK.len()] = b'b';
         let error = Bitfile::parse(&wrong).unwrap_err();
-        assert!(
-            matches!(error, BitfileError::WrongField { at: 13, .. }),
-            "{error}"
-        );
+        let expected = BitfileError::Damaged {
+            field: b'a',
+            at: 13,
+            what: "is not there",
+        };
+        assert_eq!(error, expected);
     }
 
     proptest! {

@@ -1,18 +1,12 @@
-//! Who a board is, and what it counted.
+//! Who a board is, what it counted, what it shows, and its EEPROM.
 
+use alloc::borrow::ToOwned;
+use alloc::string::String;
 use core::{fmt, net::Ipv4Addr, time::Duration};
 
-use super::EthernetError;
-use super::packets::{Lbp16Board, QUICK, read_words, run};
-use crate::lbp16::{Command, ErrorRegister, InfoArea, Lbp16Error, Space, registers};
-
-/// An Ethernet board beside its HostMot2 registers.
-///
-/// Everything here is for set-up: it takes milliseconds, and tries again when a packet is lost.
-#[derive(Debug)]
-pub struct EthernetBoard<B> {
-    bus: B,
-}
+use super::{EthernetBoard, EthernetError, Lbp16Board};
+use crate::lbp16::registers::{control, eeprom, read_only};
+use crate::lbp16::{Command, ErrorRegister, InfoArea, Space, text};
 
 /// The address of a network interface. `Display` writes it as usual: `00:60:0e:1b:00:97`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -28,47 +22,13 @@ impl fmt::Display for MacAddress {
     }
 }
 
-/// A board's name, for example `7I97`: at most 16 characters.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub struct CardName([u8; 16]);
-
-impl CardName {
-    /// The name in these bytes; what is past 16 is left out.
-    pub(super) fn from_bytes(bytes: &[u8]) -> Self {
-        let mut name = [0; 16];
-        for (slot, byte) in name.iter_mut().zip(bytes) {
-            *slot = *byte;
-        }
-        Self(name)
-    }
-
-    /// The name without what pads it; `?` if it is no text.
-    pub fn as_str(&self) -> &str {
-        let end = self.0.iter().position(|&c| c == 0);
-        let name = self.0.get(..end.unwrap_or(16)).unwrap_or(&[]);
-        core::str::from_utf8(name).unwrap_or("?").trim_end()
-    }
-}
-
-impl fmt::Display for CardName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
-
-impl fmt::Debug for CardName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        fmt::Debug::fmt(self.as_str(), f)
-    }
-}
-
 /// What a board says about itself.
 ///
 /// Source: manual 7I97, "SPACE 7: LBP READ ONLY AREA" and "ETHERNET EEPROM LAYOUT".
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// The card's name.
-    pub card: CardName,
+    /// The card's name without what pads it, for example `7I97`; `?` if it is no text.
+    pub card: String,
     /// Version of the protocol.
     pub lbp_version: u16,
     /// Version of the firmware that answers.
@@ -81,13 +41,6 @@ pub struct Identity {
     pub eeprom_ip: Ipv4Addr,
     /// The netmask in the EEPROM; firmware 16 and later have one.
     pub eeprom_netmask: Option<Ipv4Addr>,
-}
-
-impl Identity {
-    /// The card's name, for example `7I97`.
-    pub fn card_name(&self) -> &str {
-        self.card.as_str()
-    }
 }
 
 /// What a board counted since it was reset; 16 bits, they wrap around.
@@ -133,106 +86,97 @@ pub struct Timestamps {
     pub send_done: u16,
 }
 
+/// What the user LEDs of a board show.
+///
+/// Source: manual 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode, and "ETHERNET EEPROM LAYOUT", DEBUG LED
+/// Mode: only the lowest bit counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LedMode {
+    /// What `HostMot2` says: the pins `led.CR01` to `led.CR04`.
+    HostMot2 = 0,
+    /// A variable of the network side, usually the number of packets received. Boards come so.
+    Debug = 1,
+}
+
+/// Where the mode of the LEDs is, for now and for the next start.
+const LEDS_NOW: (Space, u16) = (Space::Control, control::LED_MODE);
+const LEDS_AT_START: (Space, u16) = (Space::Eeprom, eeprom::LED_MODE);
+
+/// What the board says.
 impl<B: Lbp16Board> EthernetBoard<B> {
-    /// The board behind a bus.
-    pub fn new(bus: B) -> Self {
-        Self { bus }
-    }
-
-    /// Gives the bus back.
-    pub fn into_inner(self) -> B {
-        self.bus
-    }
-
     /// Who it is. Checks first that it is an LBP16 board at all.
+    ///
+    /// # Errors
+    /// [`Lbp16Error::Cookie`](crate::lbp16::Lbp16Error::Cookie), and those of the bus.
     pub fn identity(&mut self) -> Result<Identity, EthernetError<B::Error>> {
         self.space_info(Space::ReadOnly)?;
-        let words: [u16; 11] = self.words(Space::ReadOnly, registers::read_only::CARD_NAME)?;
-        let [n0, n1, n2, n3, n4, n5, n6, n7, lbp, firmware, jumpers] = words;
-        let name = [n0, n1, n2, n3, n4, n5, n6, n7].map(u16::to_le_bytes);
-        let [m0, m1, m2] = self.words(Space::Eeprom, registers::eeprom::MAC)?;
-        let mut mac = [0; 6];
-        mac.copy_from_slice([m2, m1, m0].map(u16::to_be_bytes).as_flattened());
+        let words: [u16; 11] = self.words(Space::ReadOnly, read_only::CARD_NAME)?;
+        let [name @ .., lbp_version, firmware_version, jumpers] = words;
+        let mut mac = self.words(Space::Eeprom, eeprom::MAC)?;
+        mac.reverse();
+        let [[m0, m1], [m2, m3], [m4, m5]] = mac.map(u16::to_be_bytes);
+        let has_netmask = firmware_version >= eeprom::NETMASK_FIRMWARE;
+        let netmask = has_netmask.then(|| self.eeprom_address(eeprom::NETMASK));
         Ok(Identity {
-            card: CardName::from_bytes(name.as_flattened()),
-            lbp_version: lbp,
-            firmware_version: firmware,
+            card: text(name.map(u16::to_le_bytes).as_flattened()).to_owned(),
+            lbp_version,
+            firmware_version,
             jumpers,
-            mac: MacAddress(mac),
-            eeprom_ip: self.eeprom_address(registers::eeprom::IP_ADDRESS)?,
-            eeprom_netmask: if firmware >= registers::eeprom::NETMASK_FIRMWARE {
-                Some(self.eeprom_address(registers::eeprom::NETMASK)?)
-            } else {
-                None
-            },
+            mac: MacAddress([m0, m1, m2, m3, m4, m5]),
+            eeprom_netmask: netmask.transpose()?,
+            eeprom_ip: self.eeprom_address(eeprom::IP_ADDRESS)?,
         })
     }
 
     /// What a memory space says about itself.
+    ///
+    /// # Errors
+    /// [`Lbp16Error::Cookie`](crate::lbp16::Lbp16Error::Cookie) if the firmware does not have it, and
+    /// those of the bus.
     pub fn space_info(&mut self, space: Space) -> Result<InfoArea, EthernetError<B::Error>> {
-        let mut reply = [[0; 2]; InfoArea::LEN as usize / 2];
-        run(&mut self.bus, reply.as_flattened_mut(), QUICK, |request| {
-            request
-                .read_info(space, 0, InfoArea::LEN as u8 / 2)
-                .map(drop)
-        })?;
-        InfoArea::parse(space, reply.map(u16::from_le_bytes)).map_err(|error| match error {
-            Lbp16Error::Cookie { expected, actual } => EthernetError::Cookie {
-                space: space.number(),
-                found: actual,
-                expected,
-            },
-            other => EthernetError::Request(other),
-        })
+        let read = Command::read_info(space, InfoArea::WORDS as u8);
+        let words = self.ask(|request| request.command(read, 0, &[]))?;
+        Ok(InfoArea::parse(space, words)?)
     }
 
     /// What it counted.
+    ///
+    /// # Errors
+    /// Those of the bus.
     pub fn counters(&mut self) -> Result<Counters, EthernetError<B::Error>> {
-        let words: [u16; 10] = self.words(Space::Control, registers::control::ERROR)?;
+        let words = self.words(Space::Control, control::ERROR)?;
         let [
             errors,
-            parse,
-            memory,
-            write,
-            rx,
-            rx_udp,
-            rx_bad,
-            tx,
-            tx_udp,
-            tx_bad,
+            parse_errors,
+            memory_errors,
+            write_errors,
+            received,
+            received_udp,
+            received_bad,
+            sent,
+            sent_udp,
+            sent_bad,
         ] = words;
         Ok(Counters {
             errors: ErrorRegister::from_bits_retain(errors),
-            parse_errors: parse,
-            memory_errors: memory,
-            write_errors: write,
-            received: rx,
-            received_udp: rx_udp,
-            received_bad: rx_bad,
-            sent: tx,
-            sent_udp: tx_udp,
-            sent_bad: tx_bad,
-        })
-    }
-
-    /// Sets the error register and the counters of errors to 0.
-    ///
-    /// The counters of packets stay: they serve to tell packets apart.
-    pub fn clear_errors(&mut self) -> Result<(), EthernetError<B::Error>> {
-        use registers::control::{ERROR, RX_BAD, TX_BAD};
-        let mut reply = [0; 2];
-        run(&mut self.bus, &mut reply, QUICK, |request| {
-            // The register, and the counters of parse, memory and write errors behind it.
-            request.write_words(Space::Control, ERROR, &[0; 4])?;
-            request.write_words(Space::Control, RX_BAD, &[0])?;
-            request.write_words(Space::Control, TX_BAD, &[0])?;
-            request.read(Space::Control, ERROR, 1).map(drop)
+            parse_errors,
+            memory_errors,
+            write_errors,
+            received,
+            received_udp,
+            received_bad,
+            sent,
+            sent_udp,
+            sent_bad,
         })
     }
 
     /// Its clock at the last packets, to measure where time goes.
+    ///
+    /// # Errors
+    /// Those of the bus.
     pub fn timestamps(&mut self) -> Result<Timestamps, EthernetError<B::Error>> {
-        let words: [u16; 4] = self.words(Space::ReadOnly, registers::read_only::RECEIVE_START)?;
+        let words = self.words(Space::ReadOnly, read_only::RECEIVE_START)?;
         let [receive_start, receive_done, send_start, send_done] = words;
         Ok(Timestamps {
             receive_start,
@@ -242,18 +186,108 @@ impl<B: Lbp16Board> EthernetBoard<B> {
         })
     }
 
-    /// Sets the IP address in the EEPROM, and reads it back.
+    /// What the user LEDs show at present.
     ///
-    /// The board uses it from its next start on, if its jumpers say "fixed from EEPROM".
-    pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
-        self.write_eeprom(registers::eeprom::IP_ADDRESS, low_first(address))
+    /// # Errors
+    /// Those of the bus.
+    pub fn led_mode(&mut self) -> Result<LedMode, EthernetError<B::Error>> {
+        Ok(self.leds(LEDS_NOW)?.1)
     }
 
-    /// Sets the netmask in the EEPROM, and reads it back. Needs firmware 16 or later.
+    /// What the user LEDs show after a restart, as the EEPROM says.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn eeprom_led_mode(&mut self) -> Result<LedMode, EthernetError<B::Error>> {
+        Ok(self.leds(LEDS_AT_START)?.1)
+    }
+
+    /// The word that has the mode of the LEDs, and the mode.
+    fn leds(
+        &mut self,
+        (space, address): (Space, u16),
+    ) -> Result<(u16, LedMode), EthernetError<B::Error>> {
+        let [word] = self.words(space, address)?;
+        let mode = match word & LedMode::Debug as u16 {
+            0 => LedMode::HostMot2,
+            _ => LedMode::Debug,
+        };
+        Ok((word, mode))
+    }
+
+    fn eeprom_address(&mut self, address: u16) -> Result<Ipv4Addr, EthernetError<B::Error>> {
+        let [low, high] = self.words(Space::Eeprom, address)?;
+        Ok(Ipv4Addr::from_bits(u32::from(high) << 16 | u32::from(low)))
+    }
+}
+
+/// What is set. What is written to the EEPROM is read back.
+impl<B: Lbp16Board> EthernetBoard<B> {
+    /// Sets the error register and the counters of errors to 0.
+    ///
+    /// The counters of packets stay: they serve to tell packets apart.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn clear_errors(&mut self) -> Result<(), EthernetError<B::Error>> {
+        let [_] = self.ask(|request| {
+            // The register, and the counters of parse, memory and write errors behind it.
+            request.write_words(Space::Control, control::ERROR, &[0; 4])?;
+            request.write_words(Space::Control, control::RX_BAD, &[0])?;
+            request.write_words(Space::Control, control::TX_BAD, &[0])?;
+            request.read(Space::Control, control::ERROR, 1)
+        })?;
+        Ok(())
+    }
+
+    /// Gives the user LEDs to the FPGA or to the network side, from now on until the board restarts;
+    /// reads it back. Until they are the FPGA's, the driver's LED pins show nothing.
+    ///
+    /// # Errors
+    /// [`EthernetError::NotKept`], and those of the bus.
+    pub fn set_led_mode(&mut self, mode: LedMode) -> Result<(), EthernetError<B::Error>> {
+        self.set_leds(LEDS_NOW, mode)
+    }
+
+    /// Sets in the EEPROM what the user LEDs show after each restart. What they show now stays: see
+    /// [`set_led_mode`](Self::set_led_mode).
+    ///
+    /// # Errors
+    /// [`EthernetError::NotKept`], and those of the bus.
+    pub fn set_eeprom_led_mode(&mut self, mode: LedMode) -> Result<(), EthernetError<B::Error>> {
+        self.set_leds(LEDS_AT_START, mode)
+    }
+
+    /// Writes only what changes: the EEPROM wears out with writes.
+    fn set_leds(
+        &mut self,
+        (space, address): (Space, u16),
+        mode: LedMode,
+    ) -> Result<(), EthernetError<B::Error>> {
+        let (word, found) = self.leds((space, address))?;
+        if found == mode {
+            return Ok(());
+        }
+        self.write_words(space, address, [word ^ LedMode::Debug as u16])
+    }
+
+    /// Sets the IP address in the EEPROM.
+    ///
+    /// The board uses it from its next start on, if its jumpers say "fixed from EEPROM".
+    ///
+    /// # Errors
+    /// [`EthernetError::NotKept`], and those of the bus.
+    pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
+        self.write_words(Space::Eeprom, eeprom::IP_ADDRESS, low_first(address))
+    }
+
+    /// Sets the netmask in the EEPROM. Needs firmware 16 or later.
+    ///
+    /// # Errors
+    /// [`EthernetError::Firmware`], [`EthernetError::NotKept`], and those of the bus.
     pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
-        let needed = registers::eeprom::NETMASK_FIRMWARE;
-        self.need_firmware(needed)?;
-        self.write_eeprom(registers::eeprom::NETMASK, low_first(netmask))
+        self.need_firmware(eeprom::NETMASK_FIRMWARE)?;
+        self.write_words(Space::Eeprom, eeprom::NETMASK, low_first(netmask))
     }
 
     /// Restarts the board's protocol processor. It answers again after up to half a second, with
@@ -261,8 +295,11 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     ///
     /// Nothing answers this, so that a packet that is lost on the way is not noticed here: after
     /// a restart, [`counters`](Self::counters) begin at 0.
+    ///
+    /// # Errors
+    /// Those of the bus.
     pub fn reset(&mut self) -> Result<(), EthernetError<B::Error>> {
-        self.send_control(registers::control::RESET, &[1])?;
+        self.send_control(control::RESET, &[1])?;
         self.bus.wait(Duration::from_millis(500));
         Ok(())
     }
@@ -273,79 +310,22 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     /// configuration begins in the flash memory, `fallback` where the other one does.
     ///
     /// Nothing answers this either, see [`reset`](Self::reset).
+    ///
+    /// # Errors
+    /// [`EthernetError::Firmware`], and those of the bus.
     pub fn reload(&mut self, user: u32, fallback: u32) -> Result<(), EthernetError<B::Error>> {
-        self.need_firmware(registers::read_only::RELOAD_FIRMWARE)?;
-        self.send_control(registers::control::ICAP, &icap_reboot(user, fallback))?;
+        self.need_firmware(read_only::RELOAD_FIRMWARE)?;
+        self.send_control(control::ICAP, &icap_reboot(user, fallback))?;
         self.bus.wait(Duration::from_secs(2));
         Ok(())
     }
 
     fn need_firmware(&mut self, needed: u16) -> Result<(), EthernetError<B::Error>> {
-        let [found] = self.words(Space::ReadOnly, registers::read_only::FIRMWARE_VERSION)?;
+        let [found] = self.words(Space::ReadOnly, read_only::FIRMWARE_VERSION)?;
         if found < needed {
             return Err(EthernetError::Firmware { needed, found });
         }
         Ok(())
-    }
-
-    fn eeprom_address(&mut self, address: u16) -> Result<Ipv4Addr, EthernetError<B::Error>> {
-        let [low, high] = self.words(Space::Eeprom, address)?;
-        Ok(Ipv4Addr::from_bits(u32::from(high) << 16 | u32::from(low)))
-    }
-
-    /// The enable is cleared at the end of every packet, so it stands in front of the write.
-    pub(super) fn write_eeprom<const N: usize>(
-        &mut self,
-        address: u16,
-        words: [u16; N],
-    ) -> Result<(), EthernetError<B::Error>> {
-        let mut reply = [[0; 2]; N];
-        let count = u8::try_from(N).unwrap_or(u8::MAX);
-        run(&mut self.bus, reply.as_flattened_mut(), QUICK, |request| {
-            let enable = [registers::control::ENABLE_EEPROM];
-            request.write_words(Space::Control, registers::control::WRITE_ENABLE, &enable)?;
-            request.write_words(Space::Eeprom, address, &words)?;
-            request.read(Space::Eeprom, address, count).map(drop)
-        })?;
-        let found = reply.map(u16::from_le_bytes);
-        let places = (address..).step_by(2);
-        for (address, (expected, found)) in places.zip(words.into_iter().zip(found)) {
-            if expected != found {
-                return Err(EthernetError::NotWritten {
-                    address,
-                    expected,
-                    found,
-                });
-            }
-        }
-        Ok(())
-    }
-
-    /// Writes one control register several times; the board does not answer.
-    fn send_control(
-        &mut self,
-        address: u16,
-        values: &[u16],
-    ) -> Result<(), EthernetError<B::Error>> {
-        let mut buffer = [0; 128];
-        let mut request = crate::lbp16::RequestBuilder::new(&mut buffer);
-        for value in values {
-            let write = Command::write(Space::Control, 1)?;
-            request.command(write.without_increment(), address, &value.to_le_bytes())?;
-        }
-        self.bus.send(request.bytes()).map_err(EthernetError::Bus)
-    }
-
-    fn words<const N: usize>(
-        &mut self,
-        space: Space,
-        address: u16,
-    ) -> Result<[u16; N], EthernetError<B::Error>> {
-        read_words(&mut self.bus, space, address)
-    }
-
-    pub(super) fn bus(&mut self) -> &mut B {
-        &mut self.bus
     }
 }
 

@@ -8,15 +8,11 @@ mod bitfile;
 mod error;
 mod flash;
 mod info;
-mod leds;
-mod memory;
 mod packets;
 
 pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
-pub use flash::{Area, Flash, FlashMemory, PAGE, SECTOR, Stage};
-pub use info::{CardName, Counters, EthernetBoard, Identity, MacAddress, Timestamps};
-pub use leds::LedMode;
-pub use memory::UnguardedFlash;
-pub use packets::Lbp16Board;
+pub use flash::{Area, Flash, FlashStep};
+pub use info::{Counters, Identity, LedMode, MacAddress, Timestamps};
+pub use packets::{EthernetBoard, Lbp16Board};

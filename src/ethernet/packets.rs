@@ -3,17 +3,24 @@
 use core::time::Duration;
 
 use super::EthernetError;
-use crate::bus::{Clock, RegisterBus};
-use crate::lbp16::{Lbp16Error, MAX_PACKET, RequestBuilder, Space};
+use crate::bus::Clock;
+use crate::lbp16::registers::control;
+use crate::lbp16::{Command, Lbp16Error, MAX_PACKET, RequestBuilder, Space};
 
 /// A board that executes LBP16 commands.
 ///
 /// For set-up only: a packet of which no reply came is sent again a bounded number of times, so
 /// it must do no harm twice. Nothing in this module does.
-pub trait Lbp16Board: RegisterBus + Clock {
+pub trait Lbp16Board: Clock {
+    /// What can go wrong on the way to it.
+    type Error;
+
     /// Executes `commands` as one packet, and fills `reply` with what they read.
     ///
     /// `deadline` is for each try.
+    ///
+    /// # Errors
+    /// No reply of this length came.
     fn run_commands(
         &mut self,
         commands: &[u8],
@@ -22,10 +29,15 @@ pub trait Lbp16Board: RegisterBus + Clock {
     ) -> Result<(), Self::Error>;
 
     /// Sends commands that the board will not answer, because it restarts.
+    ///
+    /// # Errors
+    /// They were not sent.
     fn send(&mut self, commands: &[u8]) -> Result<(), Self::Error>;
 }
 
 impl<B: Lbp16Board + ?Sized> Lbp16Board for &mut B {
+    type Error = B::Error;
+
     fn run_commands(
         &mut self,
         commands: &[u8],
@@ -40,34 +52,108 @@ impl<B: Lbp16Board + ?Sized> Lbp16Board for &mut B {
     }
 }
 
+/// An Ethernet board beside its HostMot2 registers.
+///
+/// Everything here is for set-up: it takes milliseconds, and tries again when a packet is lost. Every
+/// error but [`EthernetError::Bus`] is of what the board answers, or of what it is asked for.
+#[derive(Debug)]
+pub struct EthernetBoard<B> {
+    pub(super) bus: B,
+}
+
 /// How long anything but flash memory takes at most.
 pub(super) const QUICK: Duration = Duration::from_millis(50);
 
-/// Runs the packet that `build` makes; the reply fills `reply`.
-pub(super) fn run<B: Lbp16Board>(
-    board: &mut B,
-    reply: &mut [u8],
-    deadline: Duration,
-    build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<(), Lbp16Error>,
-) -> Result<(), EthernetError<B::Error>> {
-    let mut buffer = [0; MAX_PACKET];
-    let mut request = RequestBuilder::new(&mut buffer);
-    build(&mut request)?;
-    board
-        .run_commands(request.bytes(), reply, deadline)
-        .map_err(EthernetError::Bus)
-}
+impl<B: Lbp16Board> EthernetBoard<B> {
+    /// The board behind a bus.
+    pub fn new(bus: B) -> Self {
+        Self { bus }
+    }
 
-/// Reads `N` neighbouring 16-bit registers.
-pub(super) fn read_words<const N: usize, B: Lbp16Board>(
-    board: &mut B,
-    space: Space,
-    address: u16,
-) -> Result<[u16; N], EthernetError<B::Error>> {
-    let mut reply = [[0; 2]; N];
-    let count = u8::try_from(N).unwrap_or(u8::MAX);
-    run(board, reply.as_flattened_mut(), QUICK, |request| {
-        request.read(space, address, count).map(drop)
-    })?;
-    Ok(reply.map(u16::from_le_bytes))
+    /// Gives the bus back.
+    pub fn into_inner(self) -> B {
+        self.bus
+    }
+
+    /// Runs the packet that `build` makes; the reply fills `reply`.
+    pub(super) fn run<T>(
+        &mut self,
+        reply: &mut [u8],
+        deadline: Duration,
+        build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<T, Lbp16Error>,
+    ) -> Result<(), EthernetError<B::Error>> {
+        let mut buffer = [0; MAX_PACKET];
+        let mut request = RequestBuilder::new(&mut buffer);
+        build(&mut request)?;
+        self.bus
+            .run_commands(request.bytes(), reply, deadline)
+            .map_err(EthernetError::Bus)
+    }
+
+    /// The same for a packet that reads `N` words.
+    pub(super) fn ask<const N: usize, T>(
+        &mut self,
+        build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<T, Lbp16Error>,
+    ) -> Result<[u16; N], EthernetError<B::Error>> {
+        let mut reply = [[0; 2]; N];
+        self.run(reply.as_flattened_mut(), QUICK, build)?;
+        Ok(reply.map(u16::from_le_bytes))
+    }
+
+    /// Reads `N` neighbouring 16-bit registers.
+    pub(super) fn words<const N: usize>(
+        &mut self,
+        space: Space,
+        address: u16,
+    ) -> Result<[u16; N], EthernetError<B::Error>> {
+        self.ask(|request| request.read(space, address, N as u8))
+    }
+
+    /// Writes neighbouring 16-bit registers, and reads them back.
+    pub(super) fn write_words<const N: usize>(
+        &mut self,
+        space: Space,
+        address: u16,
+        words: [u16; N],
+    ) -> Result<(), EthernetError<B::Error>> {
+        let found: [u16; N] = self.ask(|request| {
+            if space == Space::Eeprom {
+                // Cleared at the end of every packet, so it stands in front of the write.
+                let enable = [control::ENABLE_EEPROM];
+                request.write_words(Space::Control, control::WRITE_ENABLE, &enable)?;
+            }
+            request.write_words(space, address, &words)?;
+            request.read(space, address, N as u8)
+        })?;
+        let places = (address..).step_by(2);
+        for (address, (expected, found)) in places.zip(words.into_iter().zip(found)) {
+            if expected != found {
+                return Err(EthernetError::NotKept {
+                    space,
+                    address,
+                    expected,
+                    found,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes one control register several times; the board does not answer.
+    pub(super) fn send_control(
+        &mut self,
+        address: u16,
+        values: &[u16],
+    ) -> Result<(), EthernetError<B::Error>> {
+        let mut buffer = [0; 128];
+        let mut request = RequestBuilder::new(&mut buffer);
+        for value in values {
+            let write = Command {
+                increment: false,
+                ..Command::write(Space::Control, 1)
+            };
+            request.command(write, address, &value.to_le_bytes())?;
+        }
+        self.bus.send(request.bytes()).map_err(EthernetError::Bus)
+    }
 }

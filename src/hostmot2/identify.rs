@@ -1,17 +1,18 @@
 //! Reading the firmware's description of itself.
 
-use super::idrom::{IDROM_WORDS, MAX_PINS};
+use super::idrom::{IDROM_WORDS, name};
 use super::module::MODULE_WORDS;
-use super::{Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, Name8, PinDescriptor};
+use super::{Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor};
 use crate::bus::{Access, RegisterBus};
 use alloc::format;
 use alloc::string::{String, ToString};
+use alloc::vec;
 use alloc::vec::Vec;
 
 /// Address of the cookie; configuration name and IDROM address follow it.
 const COOKIE_ADDRESS: u16 = 0x0100;
 const COOKIE: u32 = 0x55AA_CAFE;
-const CONFIG_NAME: Name8 = Name8(*b"HOSTMOT2");
+const CONFIG_NAME: &str = "HOSTMOT2";
 
 /// The most module descriptors there are.
 const MAX_MODULES: usize = 32;
@@ -61,25 +62,25 @@ impl HostMot2 {
         read(bus, COOKIE_ADDRESS, &mut words)?;
         let start = idrom_address(words)?;
         let mut words = [0; IDROM_WORDS];
-        read(bus, place("header", start, 0, words.len())?, &mut words)?;
+        read_part(bus, "header", start, 0, &mut words)?;
         let idrom = Idrom::parse(words)?;
         let mut words = [0; MAX_MODULES * MODULE_WORDS];
         let offset = idrom.offset_to_modules;
-        let address = place("module descriptors", start, offset, words.len())?;
-        read(bus, address, &mut words)?;
+        read_part(bus, "module descriptors", start, offset, &mut words)?;
         let (descriptors, _) = words.as_chunks();
         let descriptors = descriptors.iter().enumerate();
         let modules = descriptors
             .map_while(|(n, &words)| ModuleDescriptor::parse(n, words, &idrom).transpose())
             .collect::<Result<Vec<_>, _>>()?;
-        let mut buffer = [0; MAX_PINS as usize];
-        // The header was refused if there were more pins than the buffer has words.
-        let words = buffer
-            .get_mut(..idrom.io_width as usize)
-            .unwrap_or_default();
-        let address = place("pin descriptors", start, idrom.offset_to_pins, words.len())?;
-        read(bus, address, words)?;
-        let pins: Vec<_> = words.iter().copied().map(PinDescriptor::parse).collect();
+        let mut words = vec![0; idrom.io_width as usize];
+        read_part(
+            bus,
+            "pin descriptors",
+            start,
+            idrom.offset_to_pins,
+            &mut words,
+        )?;
+        let pins: Vec<_> = words.into_iter().map(PinDescriptor::parse).collect();
         Ok(Self {
             warnings: warnings(&idrom, &modules, &pins),
             idrom,
@@ -156,29 +157,35 @@ fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Er
     if cookie != COOKIE {
         return Err(HostMot2Error::NoCookie { found: cookie });
     }
-    let name = Name8::from_words(low, high);
-    if name != CONFIG_NAME {
+    let found = name(low, high);
+    if found != CONFIG_NAME {
         return Err(HostMot2Error::Description {
             what: "configuration name at 0x0104".to_string(),
-            found: name.to_string(),
-            expected: "HOSTMOT2",
+            found,
+            expected: CONFIG_NAME,
         });
     }
     Ok(start)
 }
 
-/// The address of a part of the IDROM, checked against the address space.
-fn place(part: &str, start: u32, offset: u32, words: usize) -> Result<u16, HostMot2Error> {
-    let address = u64::from(start) + u64::from(offset);
-    let end = address + 4 * words as u64;
-    u16::try_from(address)
-        .ok()
-        .filter(|address| address.is_multiple_of(4) && end <= 0x1_0000)
-        .ok_or_else(|| HostMot2Error::Description {
+/// Reads a part of the IDROM, if it lies in the address space.
+fn read_part<B: RegisterBus>(
+    bus: &mut B,
+    part: &str,
+    start: u32,
+    offset: u32,
+    words: &mut [u32],
+) -> Result<(), IdentifyError<B::Error>> {
+    let place = u64::from(start) + u64::from(offset);
+    let end = place + 4 * words.len() as u64;
+    match u16::try_from(place) {
+        Ok(address) if address.is_multiple_of(4) && end <= 0x1_0000 => read(bus, address, words),
+        _ => Err(IdentifyError::Firmware(HostMot2Error::Description {
             what: format!("IDROM {part}"),
-            found: format!("{words} words at {address:#X}"),
+            found: format!("{} words at {place:#X}", words.len()),
             expected: "a multiple of 4 in the 16-bit address space",
-        })
+        })),
+    }
 }
 
 /// Reads neighbouring registers in one exchange of accesses that every bus can move.

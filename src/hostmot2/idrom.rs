@@ -3,40 +3,18 @@
 use super::HostMot2Error;
 use alloc::format;
 use alloc::string::{String, ToString};
-use core::fmt;
 
-/// Eight characters as the firmware has them: not terminated, padded with anything. `Display` escapes
-/// what is not printable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Name8(pub [u8; 8]);
-
-impl Name8 {
-    /// The name that two words hold.
-    pub(super) fn from_words(low: u32, high: u32) -> Self {
-        Self((u64::from(high) << 32 | u64::from(low)).to_le_bytes())
-    }
-
-    /// The name in lower case, as pin names use it: the part before the first character that is
-    /// not printable, without `MESA`: `7i97` for `MESA7I97`.
-    pub fn board(&self) -> String {
-        let name = self.0.strip_prefix(b"MESA").unwrap_or(&self.0);
-        let printable = name.iter().take_while(|byte| byte.is_ascii_graphic());
-        printable
-            .map(|&byte| byte.to_ascii_lowercase() as char)
-            .collect()
-    }
-}
-
-impl fmt::Display for Name8 {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.escape_ascii().fmt(f)
-    }
+/// The eight characters that two words hold: not terminated, padded with anything. What is not
+/// printable is escaped.
+pub(super) fn name(low: u32, high: u32) -> String {
+    let bytes = (u64::from(high) << 32 | u64::from(low)).to_le_bytes();
+    bytes.escape_ascii().to_string()
 }
 
 /// The header of the IDROM.
 ///
 /// Source: FACTS 9.1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Idrom {
     /// 3, or 2 in old firmware.
     pub idrom_type: u32,
@@ -44,8 +22,8 @@ pub struct Idrom {
     pub offset_to_modules: u32,
     /// From the start of the IDROM to the pin descriptors, in bytes.
     pub offset_to_pins: u32,
-    /// Name of the board: `MESA7I97`.
-    pub board_name: Name8,
+    /// Name of the board: `MESA7I97`. What is not printable in it is escaped.
+    pub board_name: String,
     /// Size of the FPGA, in thousands of gates.
     pub fpga_size: u32,
     /// Pins of the FPGA's package.
@@ -73,7 +51,7 @@ pub(super) const IDROM_WORDS: usize = 16;
 const MAX_PORT_WIDTH: u32 = 32;
 
 /// The most pins of a board that the pin descriptors are read of.
-pub(super) const MAX_PINS: u32 = 256;
+const MAX_PINS: u32 = 256;
 
 /// The slowest clock that a firmware can have.
 const SLOWEST_CLOCK_HZ: u32 = 1_000_000;
@@ -129,7 +107,7 @@ impl Idrom {
             idrom_type,
             offset_to_modules,
             offset_to_pins,
-            board_name: Name8::from_words(name_low, name_high),
+            board_name: name(name_low, name_high),
             fpga_size,
             fpga_pins,
             io_ports,
@@ -140,6 +118,15 @@ impl Idrom {
             instance_strides: [stride(instance_0)?, stride(instance_1)?],
             register_strides: [stride(register_0)?, stride(register_1)?],
         })
+    }
+
+    /// The board's name in lower case, as pin names use it: the part before the first character that
+    /// is not printable, without `MESA`: `7i97` for `MESA7I97`.
+    pub fn board(&self) -> String {
+        let name = &self.board_name;
+        let name = name.strip_prefix("MESA").unwrap_or(name);
+        let end = name.find([' ', '\\']).unwrap_or(name.len());
+        name.get(..end).unwrap_or(name).to_ascii_lowercase()
     }
 }
 
@@ -181,8 +168,8 @@ pub(super) mod tests {
     #[test]
     fn the_idrom_of_a_7i97_is_read_field_by_field() {
         let idrom = idrom_7i97();
-        assert_eq!(idrom.board_name.to_string(), "MESA7I97");
-        assert_eq!(idrom.board_name.board(), "7i97");
+        assert_eq!(idrom.board_name, "MESA7I97");
+        assert_eq!(idrom.board(), "7i97");
         assert_eq!((idrom.fpga_size, idrom.fpga_pins), (9, 144));
         assert_eq!(
             (idrom.io_ports, idrom.port_width, idrom.io_width),
@@ -228,8 +215,11 @@ pub(super) mod tests {
 
     #[test]
     fn names_that_are_not_text_are_shown_escaped() {
-        assert_eq!(Name8(*b"7I92\0\0\xFF ").to_string(), r"7I92\x00\x00\xff ");
-        assert_eq!(Name8(*b"7I92\0\0\xFF ").board(), "7i92");
+        let mut idrom = idrom_7i97();
+        let [low, high] = [*b"7I92", *b"\0\0\xFF "].map(u32::from_le_bytes);
+        idrom.board_name = name(low, high);
+        assert_eq!(idrom.board_name, r"7I92\x00\x00\xff ");
+        assert_eq!(idrom.board(), "7i92");
     }
 
     proptest! {

@@ -11,7 +11,7 @@ mod pin;
 pub use error::{HostMot2Error, IdentifyError};
 pub use gtag::Gtag;
 pub use identify::HostMot2;
-pub use idrom::{Idrom, Name8};
+pub use idrom::Idrom;
 pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
 pub use module::ModuleDescriptor;
 pub use pin::PinDescriptor;

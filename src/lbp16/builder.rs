@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use super::{Command, ElementSize, Lbp16Error, Space};
+use super::{Command, ElementSize, Lbp16Error, MAX_COUNT, Space};
 
 /// Encodes commands one after the other into a buffer, and knows the reply.
 ///
@@ -39,60 +39,80 @@ impl<'a> RequestBuilder<'a> {
     }
 
     /// Reads `count` registers of the space's own size; returns where they are in the reply.
+    ///
+    /// # Errors
+    /// As [`command`](Self::command).
     pub fn read(
         &mut self,
         space: Space,
         address: u16,
         count: u8,
     ) -> Result<Range<usize>, Lbp16Error> {
-        self.command(Command::read(space, count)?, address, &[])
-    }
-
-    /// Reads `count` words of a space's info area; returns where they are in the reply.
-    pub fn read_info(
-        &mut self,
-        space: Space,
-        address: u16,
-        count: u8,
-    ) -> Result<Range<usize>, Lbp16Error> {
-        self.command(Command::read_info(space, count)?, address, &[])
+        self.command(Command::read(space, count), address, &[])
     }
 
     /// Writes registers of 16 bits; returns where their bytes are in the request.
+    ///
+    /// # Errors
+    /// As [`command`](Self::command).
     pub fn write_words(
         &mut self,
         space: Space,
         address: u16,
         words: &[u16],
     ) -> Result<Range<usize>, Lbp16Error> {
-        let command = Command::write(space, count(words.len()))?.with_size(ElementSize::Word);
         let bytes = words.iter().flat_map(|word| word.to_le_bytes());
-        self.push_command(command, address, size_of_val(words), bytes)
+        self.write(space, ElementSize::Word, address, words.len(), bytes)
     }
 
     /// Writes registers of 32 bits; returns where their bytes are in the request.
+    ///
+    /// # Errors
+    /// As [`command`](Self::command).
     pub fn write_doubles(
         &mut self,
         space: Space,
         address: u16,
         doubles: &[u32],
     ) -> Result<Range<usize>, Lbp16Error> {
-        let command = Command::write(space, count(doubles.len()))?.with_size(ElementSize::Double);
         let bytes = doubles.iter().flat_map(|double| double.to_le_bytes());
-        self.push_command(command, address, size_of_val(doubles), bytes)
+        self.write(space, ElementSize::Double, address, doubles.len(), bytes)
+    }
+
+    fn write(
+        &mut self,
+        space: Space,
+        size: ElementSize,
+        address: u16,
+        count: usize,
+        bytes: impl Iterator<Item = u8>,
+    ) -> Result<Range<usize>, Lbp16Error> {
+        let command = Command {
+            size,
+            ..Command::write(space, u8::try_from(count).unwrap_or(u8::MAX))
+        };
+        self.push_command(command, address, bytes)
     }
 
     /// Any command.
     ///
     /// `address` is left out if the command has none, `data` if it reads. Returns where the data
     /// is: in the reply for a read, in the request for a write.
+    ///
+    /// # Errors
+    /// [`Lbp16Error::Count`], [`Lbp16Error::DataLength`] and [`Lbp16Error::NoRoom`]. The request stays
+    /// as it was.
     pub fn command(
         &mut self,
         command: Command,
         address: u16,
         data: &[u8],
     ) -> Result<Range<usize>, Lbp16Error> {
-        self.push_command(command, address, data.len(), data.iter().copied())
+        let (expected, found) = (command.written_len(), data.len());
+        if found != expected {
+            return Err(Lbp16Error::DataLength { expected, found });
+        }
+        self.push_command(command, address, data.iter().copied())
     }
 
     /// The request so far.
@@ -109,15 +129,14 @@ impl<'a> RequestBuilder<'a> {
         &mut self,
         command: Command,
         address: u16,
-        actual: usize,
         data: impl Iterator<Item = u8>,
     ) -> Result<Range<usize>, Lbp16Error> {
-        let expected = if command.write { command.data_len() } else { 0 };
-        if actual != expected {
-            return Err(Lbp16Error::DataLength { expected, actual });
+        let count = command.count;
+        if !(1..=MAX_COUNT).contains(&count) {
+            return Err(Lbp16Error::Count { count });
         }
-        let free = self.buffer.len().saturating_sub(self.len);
-        let needed = 2 + command.request_len();
+        let free = self.buffer.len() - self.len;
+        let needed = 2 + 2 * usize::from(command.address) + command.written_len();
         if needed > free {
             return Err(Lbp16Error::NoRoom { needed, free });
         }
@@ -141,10 +160,6 @@ impl<'a> RequestBuilder<'a> {
     }
 }
 
-fn count(len: usize) -> u8 {
-    u8::try_from(len).unwrap_or(u8::MAX)
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -159,14 +174,19 @@ mod tests {
         (request.bytes().to_vec(), request.reply_len())
     }
 
+    fn standing(command: Command) -> Command {
+        Command {
+            increment: false,
+            ..command
+        }
+    }
+
     #[test]
     fn setting_the_ip_address_is_the_packet_of_the_manual() {
         // Manual: 7I97, "SPACE2: ETHERNET EEPROM CHIP ACCESS": 01D91A00025A, 82C920002000A8C0.
         let (bytes, reply) = built(|request| {
-            let enable = Command::write(Space::Control, 1).unwrap();
-            let data = [0x02, 0x5A];
-            let enable = enable.without_increment();
-            request.command(enable, 0x1A, &data).unwrap();
+            let enable = standing(Command::write(Space::Control, 1));
+            request.command(enable, 0x1A, &[0x02, 0x5A]).unwrap();
             let at = request
                 .write_words(Space::Eeprom, 0x20, &[0x0020, 0xC0A8])
                 .unwrap();
@@ -182,13 +202,14 @@ mod tests {
     fn reading_1024_bytes_of_flash_is_the_packet_of_the_manual() {
         // Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS": 01CE000056341200, 404E0400, 400E, 400E, 400E.
         let (bytes, reply) = built(|request| {
-            let address = Command::write(Space::Flash, 1).unwrap().without_increment();
+            let address = standing(Command::write(Space::Flash, 1));
             let data = 0x0012_3456_u32.to_le_bytes();
             request.command(address, 0, &data).unwrap();
-            let read = Command::read(Space::Flash, 64).unwrap().without_increment();
+            let mut read = standing(Command::read(Space::Flash, 64));
             request.command(read, 4, &[]).unwrap();
+            read.address = false;
             for block in 1..4 {
-                let at = request.command(read.at_pointer(), 0, &[]).unwrap();
+                let at = request.command(read, 0, &[]).unwrap();
                 assert_eq!(at, block * 256..(block + 1) * 256);
             }
         });
@@ -210,14 +231,18 @@ mod tests {
         );
         assert_eq!(
             request.write_doubles(Space::HostMot2, 0x1000, &[0; 128]),
-            Err(Lbp16Error::CountTooLarge { count: 128 })
+            Err(Lbp16Error::Count { count: 128 })
         );
-        let write = Command::write(Space::HostMot2, 1).unwrap();
+        assert_eq!(
+            request.read(Space::HostMot2, 0x1000, 0),
+            Err(Lbp16Error::Count { count: 0 })
+        );
+        let write = Command::write(Space::HostMot2, 1);
         assert_eq!(
             request.command(write, 0x1000, &[1, 2, 3]),
             Err(Lbp16Error::DataLength {
                 expected: 4,
-                actual: 3
+                found: 3
             })
         );
         assert_eq!(request.bytes(), [0x81, 0x42, 0x00, 0x01]);
@@ -226,13 +251,11 @@ mod tests {
 
     fn any_command() -> impl Strategy<Value = (u16, u16, Vec<u8>)> {
         (any::<u16>(), any::<u16>())
-            .prop_filter_map("count 0", |(word, address)| {
-                Command::decode(word).ok().map(|command| (command, address))
-            })
-            .prop_flat_map(|(command, address)| {
-                let len = if command.write { command.data_len() } else { 0 };
+            .prop_filter("count 0", |(word, _)| word & 0x7F != 0)
+            .prop_flat_map(|(word, address)| {
+                let len = Command::decode(word).written_len();
                 let data = prop::collection::vec(any::<u8>(), len);
-                (Just(command.encode()), Just(address), data)
+                (Just(word), Just(address), data)
             })
     }
 
@@ -245,11 +268,11 @@ mod tests {
             let mut request = RequestBuilder::new(&mut buffer);
             let mut reply = 0;
             for (word, address, data) in &commands {
-                let command = Command::decode(*word).unwrap();
+                let command = Command::decode(*word);
                 let at = request.command(command, *address, &data[..]).unwrap();
                 prop_assert_eq!(at.len(), command.data_len());
                 if !command.write {
-                    reply += command.count() as usize * command.size.bytes();
+                    reply += usize::from(command.count) * command.size.bytes();
                 }
             }
             prop_assert_eq!(request.reply_len(), reply);
@@ -273,17 +296,12 @@ mod tests {
             let mut request = RequestBuilder::new(&mut buffer);
             for (word, address, data) in &commands {
                 let before = (request.bytes().len(), request.reply_len());
-                let command = Command::decode(*word).unwrap();
+                let command = Command::decode(*word);
                 if request.command(command, *address, &data[..]).is_err() {
                     prop_assert_eq!((request.bytes().len(), request.reply_len()), before);
                 }
             }
             prop_assert!(Operations::new(request.bytes()).all(|operation| operation.is_ok()));
         }
-    }
-
-    #[test]
-    fn element_sizes_are_1_2_4_and_8_bytes() {
-        assert_eq!(ElementSize::ALL.map(ElementSize::bytes), [1, 2, 4, 8]);
     }
 }

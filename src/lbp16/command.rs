@@ -1,7 +1,5 @@
 //! The command word.
 
-use super::Lbp16Error;
-
 /// The most elements of one command.
 pub const MAX_COUNT: u8 = 127;
 
@@ -11,7 +9,7 @@ const INFO: u16 = 1 << 13;
 const SPACE_SHIFT: u32 = 10;
 const SIZE_SHIFT: u32 = 8;
 const INCREMENT: u16 = 1 << 7;
-const COUNT_MASK: u16 = 0x7F;
+const COUNT_MASK: u8 = 0x7F;
 
 /// One of the eight memory spaces.
 ///
@@ -38,20 +36,8 @@ pub enum Space {
 }
 
 impl Space {
-    /// All spaces, in the order of their numbers.
-    pub const ALL: [Self; 8] = [
-        Self::HostMot2,
-        Self::EthernetChip,
-        Self::Eeprom,
-        Self::Flash,
-        Self::Timer,
-        Self::Unused,
-        Self::Control,
-        Self::ReadOnly,
-    ];
-
     /// The space of the lowest three bits of `bits`.
-    pub const fn from_bits(bits: u8) -> Self {
+    pub const fn from_bits(bits: u16) -> Self {
         match bits & 7 {
             0 => Self::HostMot2,
             1 => Self::EthernetChip,
@@ -62,11 +48,6 @@ impl Space {
             6 => Self::Control,
             _ => Self::ReadOnly,
         }
-    }
-
-    /// Its number, 0 to 7.
-    pub const fn number(self) -> u8 {
-        self as u8
     }
 
     /// The size in which its registers are read and written: 32 bits in spaces 0 and 3, 16 in the
@@ -94,11 +75,8 @@ pub enum ElementSize {
 }
 
 impl ElementSize {
-    /// All sizes, smallest first.
-    pub const ALL: [Self; 4] = [Self::Byte, Self::Word, Self::Double, Self::Quad];
-
     /// The size of the lowest two bits of `bits`.
-    pub const fn from_bits(bits: u8) -> Self {
+    pub const fn from_bits(bits: u16) -> Self {
         match bits & 3 {
             0 => Self::Byte,
             1 => Self::Word,
@@ -132,14 +110,16 @@ pub struct Command {
     pub space: Space,
     /// Size of one element.
     pub size: ElementSize,
-    /// The address pointer moves on by the size after every element.
+    /// The address pointer moves on by the size after every element. Data ports want it to stand.
     pub increment: bool,
-    count: u8,
+    /// Number of elements. Neither a [`RequestBuilder`](super::RequestBuilder) nor
+    /// [`Operations`](super::Operations) take others than 1 to [`MAX_COUNT`].
+    pub count: u8,
 }
 
 impl Command {
     /// A read of `count` elements of the space's own size, with address and increment.
-    pub const fn read(space: Space, count: u8) -> Result<Self, Lbp16Error> {
+    pub const fn read(space: Space, count: u8) -> Self {
         Self {
             write: false,
             address: true,
@@ -147,70 +127,25 @@ impl Command {
             space,
             size: space.element(),
             increment: true,
-            count: 1,
+            count,
         }
-        .with_count(count)
     }
 
     /// A write of `count` elements of the space's own size, with address and increment.
-    pub const fn write(space: Space, count: u8) -> Result<Self, Lbp16Error> {
-        match Self::read(space, count) {
-            Ok(command) => Ok(Self {
-                write: true,
-                ..command
-            }),
-            error => error,
+    pub const fn write(space: Space, count: u8) -> Self {
+        Self {
+            write: true,
+            ..Self::read(space, count)
         }
     }
 
     /// A read of `count` words of the info area of a space, with address and increment.
-    pub const fn read_info(space: Space, count: u8) -> Result<Self, Lbp16Error> {
-        match Self::read(space, count) {
-            Ok(command) => Ok(Self {
-                info: true,
-                size: ElementSize::Word,
-                ..command
-            }),
-            error => error,
-        }
-    }
-
-    /// The same command for another number of elements, 1 to [`MAX_COUNT`].
-    pub const fn with_count(self, count: u8) -> Result<Self, Lbp16Error> {
-        match count {
-            0 => Err(Lbp16Error::CountZero),
-            1..=MAX_COUNT => Ok(Self { count, ..self }),
-            _ => Err(Lbp16Error::CountTooLarge { count }),
-        }
-    }
-
-    /// The same command without an address: it goes on where the address pointer stands.
-    #[must_use]
-    pub const fn at_pointer(self) -> Self {
+    pub const fn read_info(space: Space, count: u8) -> Self {
         Self {
-            address: false,
-            ..self
+            info: true,
+            size: ElementSize::Word,
+            ..Self::read(space, count)
         }
-    }
-
-    /// The same command with a standing address pointer, as data ports want it.
-    #[must_use]
-    pub const fn without_increment(self) -> Self {
-        Self {
-            increment: false,
-            ..self
-        }
-    }
-
-    /// The same command for elements of another size.
-    #[must_use]
-    pub const fn with_size(self, size: ElementSize) -> Self {
-        Self { size, ..self }
-    }
-
-    /// Number of elements, 1 to 127.
-    pub const fn count(&self) -> u8 {
-        self.count
     }
 
     /// Bytes that are transferred: behind the command in a request, or in the reply.
@@ -218,25 +153,22 @@ impl Command {
         self.count as usize * self.size.bytes()
     }
 
-    /// Bytes that follow the command word in a request: address and data to be written.
-    pub const fn request_len(&self) -> usize {
-        let address = if self.address { 2 } else { 0 };
-        let data = if self.write { self.data_len() } else { 0 };
-        address + data
+    /// Bytes of data that follow the command in a request: none for a read.
+    pub(super) const fn written_len(self) -> usize {
+        if self.write { self.data_len() } else { 0 }
     }
 
     /// Takes a command word apart.
-    pub const fn decode(word: u16) -> Result<Self, Lbp16Error> {
+    pub const fn decode(word: u16) -> Self {
         Self {
             write: word & WRITE != 0,
             address: word & ADDRESS != 0,
             info: word & INFO != 0,
-            space: Space::from_bits((word >> SPACE_SHIFT) as u8),
-            size: ElementSize::from_bits((word >> SIZE_SHIFT) as u8),
+            space: Space::from_bits(word >> SPACE_SHIFT),
+            size: ElementSize::from_bits(word >> SIZE_SHIFT),
             increment: word & INCREMENT != 0,
-            count: 1,
+            count: word as u8 & COUNT_MASK,
         }
-        .with_count((word & COUNT_MASK) as u8)
     }
 
     /// The command word.
@@ -250,7 +182,7 @@ impl Command {
             | (self.space as u16) << SPACE_SHIFT
             | (self.size as u16) << SIZE_SHIFT
             | flag(self.increment, INCREMENT)
-            | self.count as u16
+            | (self.count & COUNT_MASK) as u16
     }
 }
 
@@ -262,6 +194,13 @@ mod tests {
 
     fn wire(command: Command) -> [u8; 2] {
         command.encode().to_le_bytes()
+    }
+
+    fn at_pointer(command: Command) -> Command {
+        Command {
+            address: false,
+            ..command
+        }
     }
 
     #[test]
@@ -277,18 +216,15 @@ mod tests {
             (Space::Control, [0x59, 0xD9, 0x19, 0x99]),
         ];
         for (space, [read, write, read_on, write_on]) in manual {
-            let (r, w) = (
-                Command::read(space, 5).unwrap(),
-                Command::write(space, 5).unwrap(),
-            );
+            let (r, w) = (Command::read(space, 5), Command::write(space, 5));
             assert_eq!(wire(r), [0x85, read], "{space:?}");
             assert_eq!(wire(w), [0x85, write], "{space:?}");
-            assert_eq!(wire(r.at_pointer()), [0x85, read_on], "{space:?}");
-            assert_eq!(wire(w.at_pointer()), [0x85, write_on], "{space:?}");
+            assert_eq!(wire(at_pointer(r)), [0x85, read_on], "{space:?}");
+            assert_eq!(wire(at_pointer(w)), [0x85, write_on], "{space:?}");
         }
-        let read = Command::read(Space::ReadOnly, 5).unwrap();
+        let read = Command::read(Space::ReadOnly, 5);
         assert_eq!(wire(read), [0x85, 0x5D]);
-        assert_eq!(wire(read.at_pointer()), [0x85, 0x1D]);
+        assert_eq!(wire(at_pointer(read)), [0x85, 0x1D]);
     }
 
     #[test]
@@ -304,36 +240,22 @@ mod tests {
             (Space::ReadOnly, 0x7D, 0x3D),
         ];
         for (space, with_address, without) in manual {
-            let read = Command::read_info(space, 8).unwrap();
+            let read = Command::read_info(space, 8);
             assert_eq!(wire(read), [0x88, with_address], "{space:?}");
-            assert_eq!(wire(read.at_pointer()), [0x88, without], "{space:?}");
+            assert_eq!(wire(at_pointer(read)), [0x88, without], "{space:?}");
         }
     }
 
     #[test]
-    fn zero_elements_are_an_error() {
-        assert_eq!(Command::decode(0x4200), Err(Lbp16Error::CountZero));
-        assert_eq!(Command::decode(0x4280), Err(Lbp16Error::CountZero));
-        assert_eq!(
-            Command::read(Space::HostMot2, 0),
-            Err(Lbp16Error::CountZero)
-        );
-        assert_eq!(
-            Command::write(Space::HostMot2, 128),
-            Err(Lbp16Error::CountTooLarge { count: 128 })
-        );
+    fn element_sizes_are_1_2_4_and_8_bytes() {
+        let sizes = [0, 1, 2, 3].map(ElementSize::from_bits);
+        assert_eq!(sizes.map(ElementSize::bytes), [1, 2, 4, 8]);
     }
 
     proptest! {
         #[test]
-        fn every_command_word_is_refused_or_comes_back(word: u16) {
-            match Command::decode(word) {
-                Ok(command) => prop_assert_eq!(command.encode(), word),
-                Err(error) => {
-                    prop_assert_eq!(error, Lbp16Error::CountZero);
-                    prop_assert_eq!(word & 0x7F, 0);
-                }
-            }
+        fn every_command_word_comes_back(word: u16) {
+            prop_assert_eq!(Command::decode(word).encode(), word);
         }
     }
 }

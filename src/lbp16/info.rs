@@ -1,12 +1,11 @@
 //! The info area that describes a space.
 
+#[cfg(feature = "std")]
+use super::{Command, ErrorRegister};
 use super::{ElementSize, Lbp16Error, Space};
 
 /// High bits of the cookie; the low four are the number of the space.
-pub const COOKIE: u16 = 0x5A00;
-
-/// Words of an info area.
-const WORDS: usize = 8;
+const COOKIE: u16 = 0x5A00;
 
 /// What a space says about itself.
 ///
@@ -26,17 +25,21 @@ pub struct InfoArea {
 }
 
 impl InfoArea {
-    /// Bytes of an info area.
-    pub const LEN: u16 = 2 * WORDS as u16;
+    /// Words of an info area.
+    pub const WORDS: usize = 8;
 
-    /// Reads the eight words of an info area, of the space that was asked.
-    pub fn parse(space: Space, words: [u16; WORDS]) -> Result<Self, Lbp16Error> {
-        let [cookie, sizes, ranges, pointer, a, b, c, d] = words;
-        let expected = COOKIE | u16::from(space.number());
-        if cookie != expected {
+    /// Reads the words of an info area, of the space that was asked.
+    ///
+    /// # Errors
+    /// [`Lbp16Error::Cookie`].
+    pub fn parse(space: Space, words: [u16; Self::WORDS]) -> Result<Self, Lbp16Error> {
+        let [found, sizes, ranges, pointer, a, b, c, d] = words;
+        let expected = COOKIE | space as u16;
+        if found != expected {
             return Err(Lbp16Error::Cookie {
+                space,
                 expected,
-                actual: cookie,
+                found,
             });
         }
         let [[a0, a1], [b0, b1], [c0, c1], [d0, d1]] = [a, b, c, d].map(u16::to_le_bytes);
@@ -49,36 +52,39 @@ impl InfoArea {
         })
     }
 
-    /// The eight words, as a board shows them.
-    pub fn words(&self) -> [u16; WORDS] {
+    /// The words, as a board shows them.
+    pub fn words(&self) -> [u16; Self::WORDS] {
         let [a0, a1, b0, b1, c0, c1, d0, d1] = self.name;
         let [a, b, c, d] = [[a0, a1], [b0, b1], [c0, c1], [d0, d1]].map(u16::from_le_bytes);
-        let cookie = COOKIE | u16::from(self.space.number());
+        let cookie = COOKIE | self.space as u16;
         let Self { sizes, ranges, .. } = self;
         [cookie, sizes.0, ranges.0, self.pointer, a, b, c, d]
     }
 
-    /// The name without its padding, as far as it is text.
+    /// The name without its padding; `?` if it is no text.
     pub fn name(&self) -> &str {
-        let used = self.name.iter().position(|&c| c == 0).unwrap_or(8);
-        let name = self.name.get(..used).unwrap_or(&[]);
-        str::from_utf8(name).unwrap_or("?").trim_end()
+        text(&self.name)
     }
+}
+
+/// The text up to the first zero, without blanks at its end; `?` if it is none.
+pub(crate) fn text(padded: &[u8]) -> &str {
+    let used = padded.split(|&byte| byte == 0).next().unwrap_or(&[]);
+    str::from_utf8(used).unwrap_or("?").trim_end()
 }
 
 /// What kind of memory a space is. Manual: 7I97, "INFO AREA MEMSIZES FORMAT".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
 pub enum MemoryType {
-    /// 01: registers.
-    Register,
-    /// 02: memory.
-    Memory,
-    /// 0E: EEPROM.
-    Eeprom,
-    /// 0F: flash.
-    Flash,
-    /// Any other code, 7 bits.
-    Other(u8),
+    /// Registers.
+    Register = 0x01,
+    /// Memory.
+    Memory = 0x02,
+    /// EEPROM.
+    Eeprom = 0x0E,
+    /// Flash.
+    Flash = 0x0F,
 }
 
 /// The MEMSIZES word: writable, type, and which element sizes are allowed.
@@ -90,15 +96,7 @@ pub struct MemorySizes(pub u16);
 impl MemorySizes {
     /// The word for a space with a single element size.
     pub const fn new(kind: MemoryType, size: ElementSize, writable: bool) -> Self {
-        let kind = match kind {
-            MemoryType::Register => 0x01,
-            MemoryType::Memory => 0x02,
-            MemoryType::Eeprom => 0x0E,
-            MemoryType::Flash => 0x0F,
-            MemoryType::Other(code) => (code & 0x7F) as u16,
-        };
-        let writable = if writable { 1 << 15 } else { 0 };
-        Self(writable | kind << 8 | 1 << size as u8)
+        Self((writable as u16) << 15 | (kind as u16) << 8 | 1 << size as u8)
     }
 
     /// Whether the space can be written.
@@ -106,20 +104,36 @@ impl MemorySizes {
         self.0 & 1 << 15 != 0
     }
 
-    /// What kind of memory it is.
-    pub const fn kind(self) -> MemoryType {
-        match (self.0 >> 8 & 0x7F) as u8 {
-            0x01 => MemoryType::Register,
-            0x02 => MemoryType::Memory,
-            0x0E => MemoryType::Eeprom,
-            0x0F => MemoryType::Flash,
-            other => MemoryType::Other(other),
+    /// What kind of memory it is; `None` if it has a code that the manual does not list.
+    pub const fn kind(self) -> Option<MemoryType> {
+        match self.0 >> 8 & 0x7F {
+            0x01 => Some(MemoryType::Register),
+            0x02 => Some(MemoryType::Memory),
+            0x0E => Some(MemoryType::Eeprom),
+            0x0F => Some(MemoryType::Flash),
+            _ => None,
         }
     }
 
     /// Whether elements of this size are allowed.
     pub const fn allows(self, size: ElementSize) -> bool {
         self.0 & 1 << size as u8 != 0
+    }
+
+    /// Whether the space takes a command; else the error that a board counts.
+    ///
+    /// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
+    #[cfg(feature = "std")]
+    pub(crate) fn check(self, command: Command) -> Result<(), ErrorRegister> {
+        const INFO: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Word, false);
+        let sizes = if command.info { INFO } else { self };
+        if !sizes.allows(command.size) {
+            return Err(ErrorRegister::MEMORY);
+        }
+        if command.write && !sizes.writable() {
+            return Err(ErrorRegister::WRITE);
+        }
+        Ok(())
     }
 }
 
@@ -136,20 +150,14 @@ impl MemoryRanges {
         Self((erase as u16 & 0x1F) << 11 | (page as u16 & 0x1F) << 6 | range as u16 & 0x3F)
     }
 
-    /// Bytes that are erased together; `None` if nothing has to be.
-    pub const fn erase_block(self) -> Option<u64> {
-        match self.0 >> 11 {
-            0 => None,
-            exponent => Some(1 << exponent),
-        }
+    /// Bytes that are erased together; 1 if nothing has to be.
+    pub const fn erase_block(self) -> u64 {
+        1 << (self.0 >> 11)
     }
 
-    /// Bytes that are written together; `None` if any number can be.
-    pub const fn page(self) -> Option<u64> {
-        match self.0 >> 6 & 0x1F {
-            0 => None,
-            exponent => Some(1 << exponent),
-        }
+    /// Bytes that are written together; 1 if any number can be.
+    pub const fn page(self) -> u64 {
+        1 << (self.0 >> 6 & 0x1F)
     }
 
     /// Bytes of the space.
@@ -169,8 +177,8 @@ mod tests {
         // Manual: 7I97, "INFO AREA MEMSIZES FORMAT": "0x06 means 16 bit and 32 bit operations".
         let sizes = MemorySizes(0x8206);
         assert!(sizes.writable());
-        assert_eq!(sizes.kind(), MemoryType::Memory);
-        let allowed = ElementSize::ALL.map(|size| sizes.allows(size));
+        assert_eq!(sizes.kind(), Some(MemoryType::Memory));
+        let allowed = [0, 1, 2, 3].map(|bits| sizes.allows(ElementSize::from_bits(bits)));
         assert_eq!(allowed, [false, true, true, false]);
         let flash = MemorySizes::new(MemoryType::Flash, ElementSize::Double, true);
         assert_eq!(flash, MemorySizes(0x8F04));
@@ -182,11 +190,11 @@ mod tests {
         // sectors of 64 KB, pages of 256 bytes.
         let ranges = MemoryRanges::new(16, 8, 21);
         assert_eq!(ranges.0, 0b1000_0010_0001_0101);
-        assert_eq!(ranges.erase_block(), Some(0x1_0000));
-        assert_eq!(ranges.page(), Some(256));
+        assert_eq!(ranges.erase_block(), 0x1_0000);
+        assert_eq!(ranges.page(), 256);
         assert_eq!(ranges.range(), 2 << 20);
-        assert_eq!(MemoryRanges(16).erase_block(), None);
-        assert_eq!(MemoryRanges(16).page(), None);
+        assert_eq!(MemoryRanges(16).erase_block(), 1);
+        assert_eq!(MemoryRanges(16).page(), 1);
     }
 
     #[test]
@@ -196,18 +204,48 @@ mod tests {
         assert_eq!(area.name(), "FPGA");
         let error = InfoArea::parse(Space::Eeprom, words).unwrap_err();
         let expected = Lbp16Error::Cookie {
+            space: Space::Eeprom,
             expected: 0x5A02,
-            actual: 0x5A03,
+            found: 0x5A03,
         };
         assert_eq!(error, expected);
     }
 
+    const RW32: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Double, true);
+    const RO16: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Word, false);
+
+    #[test]
+    fn size_and_direction_are_checked() {
+        let read = Command::read(Space::HostMot2, 1);
+        let write = Command::write(Space::HostMot2, 1);
+        assert_eq!(RW32.check(read), Ok(()));
+        assert_eq!(RW32.check(write), Ok(()));
+        assert_eq!(RO16.check(read), Err(ErrorRegister::MEMORY));
+        let size = ElementSize::Word;
+        let write = Command { size, ..write };
+        assert_eq!(RO16.check(write), Err(ErrorRegister::WRITE));
+    }
+
+    #[test]
+    fn info_areas_are_read_only_and_16_bits() {
+        let info = Command::read_info(Space::HostMot2, 1);
+        assert_eq!(RW32.check(info), Ok(()));
+        let size = ElementSize::Double;
+        let wide = Command { size, ..info };
+        assert_eq!(RW32.check(wide), Err(ErrorRegister::MEMORY));
+        let write = Command {
+            write: true,
+            ..info
+        };
+        assert_eq!(RW32.check(write), Err(ErrorRegister::WRITE));
+    }
+
     proptest! {
         #[test]
-        fn arbitrary_words_never_panic_and_good_ones_come_back(words: [u16; 8], space in 0..8_u8) {
+        fn arbitrary_words_never_panic_and_good_ones_come_back(words: [u16; 8], space in 0..8_u16) {
             let space = Space::from_bits(space);
             let [_, rest @ ..] = words;
-            let mut good = [COOKIE | u16::from(space.number()); 8];
+            let mut good = [COOKIE | space as u16; 8];
             good[1..].copy_from_slice(&rest);
             for words in [words, good] {
                 if let Ok(area) = InfoArea::parse(space, words) {

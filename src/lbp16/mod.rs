@@ -2,31 +2,28 @@
 //!
 //! A packet is a row of commands, executed in order; everything that it reads comes back in one
 //! reply, in the same order and without any framing. Both roles are here: a host builds requests
-//! with a [`RequestBuilder`] and takes a [`Reply`] apart, a board walks through a request with
-//! [`Operations`]. Everything on the wire is little endian, every address is a byte address.
+//! with a [`RequestBuilder`], which says where in the reply each read is, a board walks through a
+//! request with [`Operations`]. Everything on the wire is little endian, every address is a byte
+//! address.
 //!
 //! Source: manual 7I97, "LBP16" to "SPACE 7: LBP READ ONLY AREA", and FACTS 10.
 
-mod access;
 mod builder;
 mod command;
 mod error;
 mod info;
 mod parser;
-mod pointers;
 pub mod registers;
-mod reply;
 
-#[cfg(feature = "std")]
-pub(crate) use access::check_access;
 pub use builder::RequestBuilder;
 pub use command::{Command, ElementSize, MAX_COUNT, Space};
 pub use error::Lbp16Error;
-pub use info::{COOKIE, InfoArea, MemoryRanges, MemorySizes, MemoryType};
+pub(crate) use info::text;
+pub use info::{InfoArea, MemoryRanges, MemorySizes, MemoryType};
+#[cfg(feature = "std")]
+pub(crate) use parser::AddressPointers;
 pub use parser::{Operation, Operations};
-pub use pointers::AddressPointers;
 pub use registers::ErrorRegister;
-pub use reply::Reply;
 
 /// The UDP port of every board. Manual: 7I97, "UDP".
 pub const PORT: u16 = 27181;

@@ -1,5 +1,7 @@
 //! A request as a board sees it.
 
+#[cfg(feature = "std")]
+use super::Space;
 use super::{Command, Lbp16Error};
 
 /// One command of a request, with what follows it.
@@ -11,8 +13,6 @@ pub struct Operation<'a> {
     pub address: Option<u16>,
     /// The bytes to be written; empty for a read.
     pub data: &'a [u8],
-    /// Where in the request the command begins.
-    pub offset: usize,
 }
 
 impl Operation<'_> {
@@ -33,60 +33,47 @@ impl Operation<'_> {
 pub struct Operations<'a> {
     request: &'a [u8],
     offset: usize,
-    failed: bool,
 }
 
 impl<'a> Operations<'a> {
     /// The operations of `request`.
     pub fn new(request: &'a [u8]) -> Self {
-        Self {
-            request,
-            offset: 0,
-            failed: false,
-        }
+        Self { request, offset: 0 }
     }
 
     fn parse(&mut self) -> Result<Operation<'a>, Lbp16Error> {
         let offset = self.offset;
-        let word = self.take(2, |actual| Lbp16Error::ShortCommand { offset, actual })?;
-        let word = number(word) as u16;
-        let command = Command::decode(word).map_err(|_| Lbp16Error::BadCommand { offset, word })?;
-        let space = command.space;
+        let word = number(self.take(offset, 2, "a command word")?) as u16;
+        let command = Command::decode(word);
+        if command.count == 0 {
+            return Err(Lbp16Error::BadCommand { offset, word });
+        }
         let address = if command.address {
-            let short = |actual| Lbp16Error::ShortAddress {
-                offset,
-                space,
-                actual,
-            };
-            Some(number(self.take(2, short)?) as u16)
+            Some(number(self.take(offset, 2, "an address")?) as u16)
         } else {
             None
         };
-        let expected = if command.write { command.data_len() } else { 0 };
-        let data = self.take(expected, |actual| Lbp16Error::ShortData {
-            offset,
-            space,
-            expected,
-            actual,
-        })?;
         Ok(Operation {
             command,
             address,
-            data,
-            offset,
+            data: self.take(offset, command.written_len(), "data")?,
         })
     }
 
     fn take(
         &mut self,
-        len: usize,
-        short: impl FnOnce(usize) -> Lbp16Error,
+        offset: usize,
+        expected: usize,
+        what: &'static str,
     ) -> Result<&'a [u8], Lbp16Error> {
         let rest = self.request.get(self.offset..).unwrap_or(&[]);
-        let (taken, _) = rest
-            .split_at_checked(len)
-            .ok_or_else(|| short(rest.len()))?;
-        self.offset += len;
+        let (taken, _) = rest.split_at_checked(expected).ok_or(Lbp16Error::CutOff {
+            offset,
+            what,
+            expected,
+            found: rest.len(),
+        })?;
+        self.offset += expected;
         Ok(taken)
     }
 }
@@ -95,16 +82,16 @@ impl<'a> Iterator for Operations<'a> {
     type Item = Result<Operation<'a>, Lbp16Error>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.failed || self.offset >= self.request.len() {
+        if self.offset >= self.request.len() {
             return None;
         }
         let operation = self.parse();
-        self.failed = operation.is_err();
+        if operation.is_err() {
+            self.request = &[];
+        }
         Some(operation)
     }
 }
-
-impl core::iter::FusedIterator for Operations<'_> {}
 
 fn number(bytes: &[u8]) -> u64 {
     bytes
@@ -113,11 +100,47 @@ fn number(bytes: &[u8]) -> u64 {
         .fold(0, |value, &byte| value << 8 | u64::from(byte))
 }
 
+/// The address pointers of a board: one for each space, and one for each info area.
+///
+/// "Each memory space has its own address pointer" (manual 7I97, "LBP16 COMMANDS"). An info area
+/// can show its space's pointer at address 6, which only makes sense if looking does not move it:
+/// so info areas have pointers of their own here.
+#[cfg(feature = "std")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct AddressPointers([[u16; 8]; 2]);
+
+#[cfg(feature = "std")]
+impl AddressPointers {
+    /// The pointer of a space.
+    pub fn get(&self, space: Space) -> u16 {
+        let [spaces, _] = &self.0;
+        spaces.get(space as usize).copied().unwrap_or(0)
+    }
+
+    /// The addresses of the elements of an operation. Loads the pointer, if the operation has an
+    /// address, and moves it past the last element, if the command increments.
+    pub fn addresses(&mut self, operation: &Operation<'_>) -> impl Iterator<Item = u16> + use<> {
+        let command = operation.command;
+        let [spaces, infos] = &mut self.0;
+        let pointers = if command.info { infos } else { spaces };
+        let mut unused = 0;
+        let pointer = pointers.get_mut(command.space as usize);
+        let pointer = pointer.unwrap_or(&mut unused);
+        let first = operation.address.unwrap_or(*pointer);
+        let step = if command.increment {
+            command.size.bytes() as u16
+        } else {
+            0
+        };
+        *pointer = first.wrapping_add(step * u16::from(command.count));
+        (0..command.count).map(move |n| first.wrapping_add(step * u16::from(n)))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::Space;
     use super::*;
     use crate::lbp16::ElementSize;
 
@@ -131,10 +154,7 @@ mod tests {
         let [Ok(operation)] = parse(&[0x85, 0x42, 0x00, 0x04])[..] else {
             panic!("one operation")
         };
-        assert_eq!(
-            operation.command,
-            Command::read(Space::HostMot2, 5).unwrap()
-        );
+        assert_eq!(operation.command, Command::read(Space::HostMot2, 5));
         assert_eq!(operation.address, Some(0x0400));
         assert_eq!(operation.data, []);
     }
@@ -149,10 +169,7 @@ mod tests {
         let [Ok(operation)] = parse(&request)[..] else {
             panic!("one operation")
         };
-        assert_eq!(
-            operation.command,
-            Command::write(Space::HostMot2, 4).unwrap()
-        );
+        assert_eq!(operation.command, Command::write(Space::HostMot2, 4));
         assert_eq!(operation.address, Some(0x1000));
         let words: Vec<_> = operation.elements().collect();
         assert_eq!(words, [0xAAAA_AAAA, 0xBBBB_BBBB, 0xCCCC_CCCC, 0xDDDD_DDDD]);
@@ -178,7 +195,6 @@ mod tests {
             (Space::Eeprom, Some(0x20))
         );
         assert_eq!(write.elements().collect::<Vec<_>>(), [0x0020, 0xC0A8]);
-        assert_eq!(write.offset, 6);
     }
 
     #[test]
@@ -186,36 +202,61 @@ mod tests {
         fn at(request: &[u8]) -> Result<Operation<'_>, Lbp16Error> {
             *parse(request).last().unwrap()
         }
-        assert_eq!(
-            at(&[0x01, 0x02, 0x85]),
-            Err(Lbp16Error::ShortCommand {
-                offset: 2,
-                actual: 1
+        let cut_off = |offset, what, expected| {
+            Err(Lbp16Error::CutOff {
+                offset,
+                what,
+                expected,
+                found: 1,
             })
-        );
-        assert_eq!(
-            at(&[0x85, 0x42, 0x00]),
-            Err(Lbp16Error::ShortAddress {
-                offset: 0,
-                space: Space::HostMot2,
-                actual: 1
-            })
-        );
-        assert_eq!(
-            at(&[0x01, 0xD9, 0x1A, 0x00, 0x02]),
-            Err(Lbp16Error::ShortData {
-                offset: 0,
-                space: Space::Control,
-                expected: 2,
-                actual: 1
-            })
-        );
+        };
+        assert_eq!(at(&[0x01, 0x02, 0x85]), cut_off(2, "a command word", 2));
+        assert_eq!(at(&[0x85, 0x42, 0x00]), cut_off(0, "an address", 2));
+        assert_eq!(at(&[0x01, 0xD9, 0x1A, 0x00, 0x02]), cut_off(0, "data", 2));
         assert_eq!(
             parse(&[0x00, 0x42, 0x01, 0x02]),
             [Err(Lbp16Error::BadCommand {
                 offset: 0,
                 word: 0x4200,
             })]
+        );
+    }
+
+    fn addresses(pointers: &mut AddressPointers, request: &[u8]) -> Vec<u16> {
+        let operations = Operations::new(request).map(Result::unwrap);
+        operations
+            .flat_map(|operation| pointers.addresses(&operation))
+            .collect()
+    }
+
+    #[test]
+    fn a_pointer_moves_by_the_element_size_or_stands() {
+        let mut pointers = AddressPointers::default();
+        // Manual: 7I97, "LBP16 COMMANDS", bit I.
+        let request = [0x83, 0x42, 0x00, 0x04, 0x01, 0x02, 0x01, 0x02];
+        assert_eq!(
+            addresses(&mut pointers, &request),
+            [0x400, 0x404, 0x408, 0x40C, 0x40C]
+        );
+        assert_eq!(addresses(&mut pointers, &[0x82, 0x1D]), [0, 2]);
+        assert_eq!(pointers.get(Space::ReadOnly), 4);
+        assert_eq!(pointers.get(Space::HostMot2), 0x40C);
+    }
+
+    #[test]
+    fn looking_at_an_info_area_leaves_the_pointer_of_the_space() {
+        let mut pointers = AddressPointers::default();
+        addresses(&mut pointers, &[0x01, 0x42, 0x34, 0x12]);
+        assert_eq!(addresses(&mut pointers, &[0x82, 0x61, 0x06, 0x00]), [6, 8]);
+        assert_eq!(pointers.get(Space::HostMot2), 0x1234);
+    }
+
+    #[test]
+    fn a_pointer_wraps_at_the_end_of_the_space() {
+        let mut pointers = AddressPointers::default();
+        assert_eq!(
+            addresses(&mut pointers, &[0x82, 0x42, 0xFC, 0xFF]),
+            [0xFFFC, 0]
         );
     }
 
@@ -230,8 +271,8 @@ mod tests {
                 prop_assert!(!failed, "nothing follows an error");
                 match item {
                     Ok(operation) => {
-                        prop_assert_eq!(operation.offset, end);
-                        end += 2 + operation.command.request_len();
+                        end += 2 + operation.data.len();
+                        end += 2 * usize::from(operation.address.is_some());
                     }
                     Err(_) => failed = true,
                 }
@@ -242,10 +283,10 @@ mod tests {
         #[test]
         fn elements_are_little_endian_numbers_of_the_commands_size(
             values in prop::collection::vec(any::<u64>(), 1..=127),
-            size in prop::sample::select(&ElementSize::ALL[..]),
+            size in (0_u16..4).prop_map(ElementSize::from_bits),
         ) {
-            let command = Command::write(Space::HostMot2, values.len() as u8).unwrap();
-            let command = command.with_size(size);
+            let write = Command::write(Space::HostMot2, values.len() as u8);
+            let command = Command { size, ..write };
             let mut request = command.encode().to_le_bytes().to_vec();
             request.extend([0, 0]);
             for value in &values {

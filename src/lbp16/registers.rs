@@ -52,8 +52,6 @@ pub mod timer {
     pub const WAIT_FOR_HM2_TIMER1: u16 = 0x08;
     /// Eight registers for anything.
     pub const SCRATCH: u16 = 0x10;
-    /// Bytes of the space.
-    pub const LEN: u16 = 0x20;
 }
 
 /// Space 6, "SPACE 6 LBP STATUS/CONTROL AREA".
@@ -90,8 +88,6 @@ pub mod control {
     pub const RESET: u16 = 0x1C;
     /// The FPGA's configuration port (ICAP), for a reload.
     pub const ICAP: u16 = 0x1E;
-    /// Bytes of the space.
-    pub const LEN: u16 = 0x20;
 
     /// What [`WRITE_ENABLE`] takes to allow EEPROM writes.
     pub const ENABLE_EEPROM: u16 = 0x5A02;
@@ -117,8 +113,6 @@ pub mod read_only {
     pub const SEND_START: u16 = 0x1C;
     /// When it had gone out.
     pub const SEND_DONE: u16 = 0x1E;
-    /// Bytes of the space.
-    pub const LEN: u16 = 0x20;
     /// The first firmware version that can reload the FPGA (FACTS 10.2).
     pub const RELOAD_FIRMWARE: u16 = 15;
 }

@@ -13,7 +13,7 @@ fn identify(bus: &mut MapBus) -> Result<HostMot2, IdentifyError<NeverFails>> {
 #[test]
 fn a_7i97_is_found_with_all_its_modules_and_pins() {
     let firmware = identify(&mut i7i97()).unwrap();
-    assert_eq!(firmware.idrom.board_name.board(), "7i97");
+    assert_eq!(firmware.idrom.board(), "7i97");
     assert_eq!(
         firmware.gtags(),
         "HM2DPLL (1A) x1, Watchdog (02) x1, IOPort (03) x3, MuxedEncoder (0C) x6, MuxSelect (0D) \

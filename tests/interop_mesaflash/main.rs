@@ -422,7 +422,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     board_itself
         .reload(layout.user.0, layout.fallback.0)
         .unwrap();
-    assert_eq!(board_itself.identity().unwrap().card_name(), "7I97");
+    assert_eq!(board_itself.identity().unwrap().card, "7I97");
     assert_eq!(board.stop()["board.reloads"], "1");
 }
 

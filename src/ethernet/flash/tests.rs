@@ -1,5 +1,7 @@
 use super::super::BitfileError;
 use super::*;
+use crate::bus::{Clock, Instant};
+use crate::lbp16::Operations;
 use alloc::{vec, vec::Vec};
 
 /// A chip as its data sheet describes it: erasing sets bits, writing clears them.
@@ -34,37 +36,71 @@ impl Chip {
 #[error("no power; switch it on")]
 struct NoPower;
 
-impl FlashMemory for &mut Chip {
+impl Clock for Chip {
+    fn now(&mut self) -> Instant {
+        Instant::from_nanos(0)
+    }
+
+    fn wait(&mut self, _: Duration) {}
+}
+
+/// The registers of the flash memory, and nothing else. Manual: 7I97, "SPACE 3: FPGA FLASH EEPROM CHIP ACCESS".
+impl Lbp16Board for Chip {
     type Error = NoPower;
 
-    fn id(&mut self) -> Result<u32, EthernetError<NoPower>> {
-        Ok(self.id)
-    }
-
-    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<NoPower>> {
-        bytes.copy_from_slice(&self.bytes[address as usize..][..bytes.len()]);
-        Ok(())
-    }
-
-    fn erase_sector(&mut self, address: u32) -> Result<(), EthernetError<NoPower>> {
-        assert!(address.is_multiple_of(SECTOR));
-        self.erased.push(address);
-        self.bytes[address as usize..][..SECTOR as usize].fill(0xFF);
-        Ok(())
-    }
-
-    fn write_page(
+    fn run_commands(
         &mut self,
-        address: u32,
-        page: &[u8; PAGE],
-    ) -> Result<(), EthernetError<NoPower>> {
-        assert!(address.is_multiple_of(PAGE as u32));
-        self.pages_left = self
-            .pages_left
-            .checked_sub(1)
-            .ok_or(EthernetError::Bus(NoPower))?;
-        self.written.push(address);
-        for (at, byte) in (address as usize..).zip(page) {
+        commands: &[u8],
+        reply: &mut [u8],
+        _: Duration,
+    ) -> Result<(), NoPower> {
+        let (mut answer, mut address, mut page) = (Vec::new(), 0, None);
+        for operation in Operations::new(commands).map(Result::unwrap) {
+            let register = operation.address.expect("of every command");
+            match (operation.command.space, operation.command.write, register) {
+                (Space::Flash, true, flash::ADDRESS) => {
+                    address = operation.elements().next().unwrap() as usize;
+                }
+                (Space::Flash, true, flash::SECTOR_ERASE) => {
+                    assert!(address.is_multiple_of(SECTOR));
+                    self.erased.push(address as u32);
+                    self.bytes[address..][..SECTOR].fill(0xFF);
+                }
+                (Space::Flash, true, flash::DATA) => page = Some(operation.data),
+                (Space::Flash, false, flash::DATA) => {
+                    let len = operation.command.data_len();
+                    answer.extend(&self.bytes[address..][..len]);
+                    address += len;
+                }
+                (Space::Flash, false, flash::ID) => answer.extend(self.id.to_le_bytes()),
+                (Space::Flash, false, flash::ADDRESS) => {
+                    if let Some(page) = page.take() {
+                        self.write_page(address, page)?;
+                    }
+                    answer.extend((address as u32).to_le_bytes());
+                }
+                (space, write, _) => {
+                    let enable = [control::ENABLE_FLASH.to_le_bytes()];
+                    assert_eq!((space, write), (Space::Control, true));
+                    assert_eq!(operation.data, enable.as_flattened());
+                }
+            }
+        }
+        reply.copy_from_slice(&answer);
+        Ok(())
+    }
+
+    fn send(&mut self, _: &[u8]) -> Result<(), NoPower> {
+        unreachable!("everything is answered")
+    }
+}
+
+impl Chip {
+    fn write_page(&mut self, address: usize, page: &[u8]) -> Result<(), NoPower> {
+        assert!(address.is_multiple_of(PAGE) && page.len() == PAGE);
+        self.pages_left = self.pages_left.checked_sub(1).ok_or(NoPower)?;
+        self.written.push(address as u32);
+        for (at, byte) in (address..).zip(page) {
             self.bytes[at] &= byte;
             if self.stuck == Some(at) {
                 self.bytes[at] |= 1;
@@ -72,6 +108,10 @@ impl FlashMemory for &mut Chip {
         }
         Ok(())
     }
+}
+
+fn open(chip: &mut Chip) -> Result<Flash<&mut Chip>, EthernetError<NoPower>> {
+    Flash::open(EthernetBoard::new(chip), FlashLayout::I7I97)
 }
 
 fn configuration(len: usize) -> Vec<u8> {
@@ -97,7 +137,7 @@ fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
     chip.bytes[0x16_0000] = 0x12;
     let data = configuration(340_001);
     let mut stages = Vec::new();
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     flash
         .program(&bitfile(&data), Area::User, |stage, done| {
             stages.push((stage, done));
@@ -106,7 +146,7 @@ fn a_configuration_is_written_verified_and_touches_its_own_area_only() {
     flash
         .verify(&bitfile(&data), Area::User, |_, _| {})
         .unwrap();
-    assert_eq!(stages.last(), Some(&(Stage::Verify, 340_001)));
+    assert_eq!(stages.last(), Some(&(FlashStep::Verify, 340_001)));
     assert_eq!(
         chip.erased,
         [
@@ -127,7 +167,7 @@ fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
     let mut chip = Chip::new();
     let large = configuration(0x6_0001);
     let small = configuration(100);
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     let error = flash
         .program(&bitfile(&large), Area::User, |_, _| {})
         .unwrap_err();
@@ -142,7 +182,7 @@ fn nothing_is_erased_for_a_file_that_does_not_fit_the_board() {
     let error = flash.program(&other, Area::User, |_, _| {}).unwrap_err();
     assert!(matches!(
         error,
-        EthernetError::Bitfile(BitfileError::WrongPart { .. })
+        EthernetError::Bitfile(BitfileError::OtherBoard { .. })
     ));
     let error = flash
         .write(Area::User, 0x0F_0000, &small, |_, _| {})
@@ -160,20 +200,18 @@ fn a_missing_boot_block_and_a_wrong_chip_are_said_first() {
     let mut chip = Chip::new();
     chip.bytes[..PAGE].fill(0xFF);
     let data = configuration(100);
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     let error = flash
         .program(&bitfile(&data), Area::User, |_, _| {})
         .unwrap_err();
     assert_eq!(error, EthernetError::NoBootBlock { address: 0 });
     chip.id = 0x15;
-    let error = Flash::open(&mut chip, FlashLayout::I7I97).unwrap_err();
-    assert_eq!(
-        error,
-        EthernetError::WrongChip {
-            found: 0x15,
-            expected: 0x14
-        }
-    );
+    let error = open(&mut chip).unwrap_err();
+    let expected = EthernetError::WrongBoard {
+        found: "a board with flash id 0x00000015".into(),
+        expected: "one with 0x00000014".into(),
+    };
+    assert_eq!(error, expected);
     assert!(chip.erased.is_empty());
 }
 
@@ -182,7 +220,7 @@ fn a_configuration_goes_where_configurations_are_and_nowhere_else() {
     let data = configuration(100);
     for area in [Area::BootBlock, Area::Application, Area::Whole] {
         let mut chip = Chip::new();
-        let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+        let mut flash = open(&mut chip).unwrap();
         let error = flash.program(&bitfile(&data), area, |_, _| {}).unwrap_err();
         assert_eq!(error, EthernetError::NotForConfigurations { area });
         assert!(chip.erased.is_empty() && chip.written.is_empty());
@@ -194,13 +232,13 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
     let data = configuration(1000);
     let mut chip = Chip::new();
     let program = |chip: &mut Chip, area| {
-        let mut flash = Flash::open(chip, FlashLayout::I7I97).unwrap();
+        let mut flash = open(chip).unwrap();
         flash.program(&bitfile(&data), area, |_, _| {})
     };
-    let none = EthernetError::NoUserConfiguration { address: 0x10_0000 };
-    assert_eq!(program(&mut chip, Area::Fallback), Err(none));
+    let none = || EthernetError::NoUserConfiguration { address: 0x10_0000 };
+    assert_eq!(program(&mut chip, Area::Fallback), Err(none()));
     chip.bytes[0x10_0000..0x10_0100].fill(0x00);
-    assert_eq!(program(&mut chip, Area::Fallback), Err(none));
+    assert_eq!(program(&mut chip, Area::Fallback), Err(none()));
     assert!(chip.erased.is_empty() && chip.written.is_empty());
     // Power fails while the user configuration is written, wherever.
     for pages in 0..4 {
@@ -212,7 +250,7 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
         chip.pages_left = usize::MAX;
         assert_eq!(
             program(&mut chip, Area::Fallback),
-            Err(none),
+            Err(none()),
             "{pages} pages"
         );
     }
@@ -246,19 +284,18 @@ fn layouts_are_those_of_the_boards_that_are_known() {
 #[test]
 fn the_whole_chip_is_not_a_name_for_a_part_of_it() {
     let mut chip = Chip::new();
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     for (address, bytes) in [(0, 100), (0x1_0000, 100), (0x1_0000, 0x1F_0000)] {
         let error = flash
             .write(Area::Whole, address, &vec![0; bytes], |_, _| {})
             .unwrap_err();
-        assert_eq!(
-            error,
-            EthernetError::NotWhole {
-                address,
-                bytes,
-                size: 0x20_0000
-            }
-        );
+        let expected = EthernetError::OutsideArea {
+            address,
+            bytes,
+            area: Area::Whole,
+            expected: "all of its 2097152 bytes from 0 on".into(),
+        };
+        assert_eq!(error, expected);
     }
     let backup = vec![0x5A; 0x20_0000];
     flash.write(Area::Whole, 0, &backup, |_, _| {}).unwrap();
@@ -268,13 +305,15 @@ fn the_whole_chip_is_not_a_name_for_a_part_of_it() {
 #[test]
 fn a_write_begins_a_sector() {
     let mut chip = Chip::new();
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     let error = flash
         .write(Area::User, 0x10_0100, &[0; 4], |_, _| {})
         .unwrap_err();
-    let expected = EthernetError::NotASector {
+    let expected = EthernetError::OutsideArea {
         address: 0x10_0100,
-        sector: 0x10_0000,
+        bytes: 4,
+        area: Area::User,
+        expected: "what begins a sector, here 0x100000".into(),
     };
     assert_eq!(error, expected);
     assert!(chip.erased.is_empty());
@@ -283,7 +322,7 @@ fn a_write_begins_a_sector() {
 #[test]
 fn what_was_not_parsed_is_checked_before_anything_is_erased_too() {
     let mut chip = Chip::new();
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     let error = flash
         .program(&bitfile(&[0xFF; 1000]), Area::User, |_, _| {})
         .unwrap_err();
@@ -297,7 +336,7 @@ fn a_bit_that_can_not_be_written_is_found() {
     let mut chip = Chip::new();
     chip.stuck = Some(0x10_0102);
     let data = vec![0; 600];
-    let mut flash = Flash::open(&mut chip, FlashLayout::I7I97).unwrap();
+    let mut flash = open(&mut chip).unwrap();
     let error = flash
         .write(Area::User, 0x10_0000, &data, |_, _| {})
         .unwrap_err();

@@ -29,7 +29,6 @@ use self::{
 use super::wire::Nanos;
 use crate::lbp16::{
     AddressPointers, ErrorRegister, InfoArea, MAX_PACKET, Operation, Operations, Space,
-    check_access,
     registers::{
         control as control_registers, read_only as card_registers, timer as timer_registers,
     },
@@ -69,7 +68,7 @@ impl<G: Gateware> SimBoard<G> {
     pub fn new(config: BoardConfig, gateware: G) -> Self {
         let eeprom = Eeprom::new(&config);
         Self {
-            pointers: AddressPointers::new(),
+            pointers: AddressPointers::default(),
             chip: EthernetChip::new(&config),
             flash: Flash::new(),
             timers: Words::default(),
@@ -237,7 +236,7 @@ impl<G: Gateware> SimBoard<G> {
     }
 
     fn power_up(&mut self) {
-        self.pointers = AddressPointers::new();
+        self.pointers = AddressPointers::default();
         self.timers = Words::default();
         self.status = status_after_reset(self.eeprom.led_mode());
         self.card = control::card(&self.config);
@@ -246,14 +245,13 @@ impl<G: Gateware> SimBoard<G> {
 
     fn execute(&mut self, operation: &Operation<'_>, reply: &mut Vec<u8>) {
         let command = &operation.command;
-        self.pointers.begin(operation);
+        let addresses = self.pointers.addresses(operation);
         let area = info_area(command.space);
-        let allowed = check_access(*command, area.map(|area| area.sizes));
+        let allowed = area.map_or(Err(ErrorRegister::MEMORY), |area| {
+            area.sizes.check(*command)
+        });
         if let Err(error) = allowed {
-            self.refuse(error);
-            for _ in 0..command.count() {
-                self.pointers.next(operation);
-            }
+            count_error(&mut self.status, error);
             if !command.write {
                 reply.resize(reply.len() + command.data_len(), 0);
             }
@@ -261,9 +259,8 @@ impl<G: Gateware> SimBoard<G> {
         }
         let mut failed = None;
         let mut elements = operation.elements();
-        for _ in 0..command.count() {
+        for address in addresses {
             self.time += self.config.access_time;
-            let address = self.pointers.next(operation);
             let done = if command.write {
                 let value = elements.next().unwrap_or(0);
                 self.write(command.space, address, value as u32)
@@ -281,14 +278,6 @@ impl<G: Gateware> SimBoard<G> {
         if let Some(error) = failed {
             count_error(&mut self.status, error);
         }
-    }
-
-    fn refuse(&mut self, error: crate::lbp16::Lbp16Error) {
-        let error = match error {
-            crate::lbp16::Lbp16Error::ReadOnly { .. } => ErrorRegister::WRITE,
-            _ => ErrorRegister::MEMORY,
-        };
-        count_error(&mut self.status, error);
     }
 
     fn read_info(&self, area: InfoArea, address: u16) -> Result<u32, ErrorRegister> {

@@ -349,6 +349,8 @@ fn another_try(tries: u32, error: UdpError) -> Result<u32, UdpError> {
 }
 
 impl<L: Link> Lbp16Board for UdpBus<L> {
+    type Error = UdpError;
+
     fn run_commands(
         &mut self,
         commands: &[u8],
