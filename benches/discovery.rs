@@ -9,12 +9,11 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use cycle_support::three_remotes;
 use mesa_hal::Settings;
-use mesa_hal::bus::RegisterBus;
-use mesa_hal::discovery::{DiscoveryLimits, Inventory, discover_port};
+use mesa_hal::discovery::{Discovered, DiscoveryOptions, discover_port};
 use mesa_hal::driver::Driver;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
 use mesa_hal::sim::SimFpga;
-use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortError, SslbpModule};
+use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, SslbpModule};
 
 /// A port whose pins are set up.
 fn located(fpga: &mut SimFpga) -> Port {
@@ -37,11 +36,10 @@ fn located(fpga: &mut SimFpga) -> Port {
     Port::new(layout)
 }
 
-type Found = Inventory<PortError<<SimFpga as RegisterBus>::Error>>;
-
-fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[ChannelStart]) -> Found {
+fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[ChannelStart]) -> Vec<Discovered> {
     port.reset(fpga).expect("reset");
-    discover_port(port, fpga, channels, DiscoveryLimits::default()).expect("discovery")
+    let found = discover_port(port, fpga, channels, &DiscoveryOptions::default());
+    found.expect("discovery").into_iter().flatten().collect()
 }
 
 fn discovery(criterion: &mut Criterion) {
@@ -50,13 +48,13 @@ fn discovery(criterion: &mut Criterion) {
     for channel in Channel::ALL.into_iter().take(3) {
         let one = [ChannelStart::new(channel)];
         let before = fpga.counters();
-        let inventory = discovered(&mut fpga, &mut port, &one);
+        let found = discovered(&mut fpga, &mut port, &one);
         let after = fpga.counters();
-        let found = inventory.remotes.first().expect("remote");
+        let found = found.first().expect("remote");
         println!(
             "{}: {} accesses to its memory; {} registers read and {} written in all, start included",
-            found.remote,
-            found.discovered.accesses,
+            found.started,
+            found.accesses,
             after.reads - before.reads,
             after.writes - before.writes
         );
@@ -69,7 +67,7 @@ fn discovery(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("discovery");
     group.sample_size(10);
     group.bench_function("three remotes", |bencher| {
-        bencher.iter(|| black_box(discovered(&mut fpga, &mut port, &all).remotes.len()));
+        bencher.iter(|| black_box(discovered(&mut fpga, &mut port, &all).len()));
     });
     group.bench_function("driver of three remotes, built and dropped", |bencher| {
         bencher.iter(|| black_box(Driver::start(three_remotes(), Settings::default()).is_ok()));

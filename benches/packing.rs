@@ -9,9 +9,10 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use cycle_support::three_remotes;
 use mesa_hal::Settings;
+use mesa_hal::discovery::PackingPlan;
 use mesa_hal::driver::Driver;
 use mesa_hal::hal::PinStore;
-use mesa_hal::remote::{PackingPlan, RemoteLocation, RemotePins};
+use mesa_hal::remote::{RemoteLocation, RemotePins};
 
 fn packing(criterion: &mut Criterion) {
     let driver = Driver::start(three_remotes(), Settings::default()).expect("complete");
@@ -25,9 +26,9 @@ fn packing(criterion: &mut Criterion) {
         let mut pins = PinStore::new();
         let descriptor = remote.descriptor;
         let plan = PackingPlan::new(descriptor, 3).expect("a plan");
-        let mut of = RemotePins::new(&mut pins, location, descriptor, plan, None).expect("pins");
+        let mut of = RemotePins::new(&mut pins, location, descriptor, &plan, None).expect("pins");
         let mut words = [0x0F0F_1234; 7];
-        let bits = of.plan().input_bits() + of.plan().output_bits();
+        let bits = plan.input_bits + plan.output_bits;
         group.throughput(Throughput::Elements(bits.into()));
         let name = remote.started.to_string();
         group.bench_function(BenchmarkId::new("take_inputs", &name), |bencher| {

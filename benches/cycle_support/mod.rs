@@ -208,8 +208,9 @@ pub fn process_data_words<B: RegisterBus + Clock>(driver: &Driver<B>) -> usize {
         .flat_map(mesa_hal::driver::SerialPort::remotes);
     remotes
         .map(|remote| {
-            let plan = remote.pins.plan();
-            (plan.input_bits().div_ceil(32) + plan.output_bits().div_ceil(32)) as usize
+            let bytes = [remote.started.input_bytes(), remote.started.output_bytes()];
+            let words = bytes.map(|bytes| usize::from(bytes.div_ceil(4)));
+            words.iter().sum::<usize>()
         })
         .sum()
 }

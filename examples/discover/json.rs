@@ -1,6 +1,5 @@
 //! The inventory for programs.
 
-use mesa_hal::boards::Terminals;
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use serde_json::{Value, json};
 
@@ -83,7 +82,8 @@ fn remote(remote: &RemoteReport) -> Value {
         "process_data": descriptor.process_data.iter().map(|record| {
             let mut element = data(record);
             let known = remote.table.and_then(|table| table.element(&record.name, record.direction));
-            element["terminals"] = Terminals::each(known.map_or(&[], |known| known.terminals)).map(|(_, at)| {
+            let places = known.iter().flat_map(|known| known.places(None));
+            element["terminals"] = places.map(|at| {
                 json!({ "place": at.terminal, "signal": at.signal })
             }).collect();
             element

@@ -3,10 +3,11 @@
 use std::error::Error;
 use std::time::Duration;
 
-use mesa_hal::boards::RemoteTable;
+use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{
-    DataRecord, DiscoveryLimits, ModeRecord, ModeType, PortMemory, RemoteDescriptor, discover_port,
+    DataRecord, Discovered, DiscoveryOptions, ModeRecord, ModeType, PortMemory, RemoteDescriptor,
+    RemoteTable, discover_port,
 };
 use mesa_hal::ethernet::Identity;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
@@ -50,6 +51,32 @@ pub struct RemoteReport {
 }
 
 impl RemoteReport {
+    /// What was found, and what its parameters are.
+    fn new<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Discovered) -> Self {
+        let descriptor = found.descriptor;
+        let channel = found.started.channel;
+        let mut memory = PortMemory { port, bus, channel };
+        let parameters = descriptor.parameters.iter().map(|record| {
+            let value = record.read_parameter(&mut memory);
+            (record.clone(), value.map_err(|error| error.to_string()))
+        });
+        let parameters = parameters.collect();
+        let problems = found.problems.iter().map(ToString::to_string);
+        let table = REMOTES.into_iter().find(|table| table.matches(&descriptor));
+        let differences = table.map(|table| table.differences(&descriptor));
+        let differences = differences.unwrap_or_default();
+        Self {
+            table,
+            differences: differences.iter().map(ToString::to_string).collect(),
+            built_in: found.started.ptoc == 0,
+            sizes: (found.started.sizes.rx, found.started.sizes.tx),
+            parameters,
+            problems: problems.chain(found.read_error).collect(),
+            accesses: found.accesses,
+            descriptor,
+        }
+    }
+
     /// The modes, software modes first.
     pub fn modes(&self) -> impl Iterator<Item = &ModeRecord> {
         self.descriptor.modes.iter()
@@ -222,48 +249,24 @@ where
             ChannelStart::new(channel).with_software_mode(mode)
         })
         .collect();
-    let found = discover_port(port, bus, &starts, DiscoveryLimits::default())?;
-
-    let mut reports = Vec::new();
-    for start in &starts {
-        let remote = if let Some(found) = found.on(start.channel) {
-            let descriptor = found.discovered.descriptor.clone();
-            let mut memory = PortMemory::new(port, bus, start.channel);
-            let parameters = descriptor
-                .parameters
-                .iter()
-                .map(|record| {
-                    let value = record.read_parameter(&mut memory);
-                    (record.clone(), value.map_err(|error| error.to_string()))
-                })
-                .collect();
-            let problems = found.discovered.problems.iter().map(ToString::to_string);
-            let failed = found.discovered.read_error.iter().map(ToString::to_string);
-            let table = RemoteTable::for_remote(&descriptor, &[]);
-            let differences = table.map(|table| table.differences(&descriptor));
-            let differences = differences.unwrap_or_default();
-            Ok(RemoteReport {
-                table,
-                differences: differences.iter().map(ToString::to_string).collect(),
-                built_in: found.discovered.source == mesa_hal::discovery::Source::BuiltIn,
-                sizes: (found.remote.sizes.rx, found.remote.sizes.tx),
-                parameters,
-                problems: problems.chain(failed).collect(),
-                accesses: found.discovered.accesses,
-                descriptor,
-            })
-        } else {
-            let failure = found.failures.iter().find(|f| f.channel == start.channel);
-            Err(failure.map_or_else(|| "not started".into(), |f| f.reason.to_string()))
-        };
-        reports.push(ChannelReport {
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    let mut channels = Vec::new();
+    for (start, found) in starts
+        .iter()
+        .zip(discover_port(port, bus, &starts, &options)?)
+    {
+        let found = found.map_err(|failure| failure.reason.to_string());
+        channels.push(ChannelReport {
             number: start.channel.index(),
-            remote,
+            remote: found.map(|found| RemoteReport::new(bus, port, found)),
         });
     }
     Ok(PortReport {
         number,
         parameters,
-        channels: reports,
+        channels,
     })
 }

@@ -1,6 +1,7 @@
 //! Where the FPGA's I/O pins come out of the board.
 
-use mesa_hal::boards::{BoardTable, Place, Terminals};
+use mesa_hal::boards::BoardTable;
+use mesa_hal::hal::{Place, Terminals};
 use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};
 
 /// DB25 pins of a connector of 17 I/O pins, in their order (manuals 7I77 and 7I97).

@@ -2,7 +2,6 @@
 
 use std::fmt::{self, Write};
 
-use mesa_hal::boards::Terminals;
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use mesa_hal::remote::Scaling;
 
@@ -182,8 +181,9 @@ fn print_terminals(out: &mut String, remote: &RemoteReport, record: &DataRecord)
     let element = remote
         .table
         .and_then(|table| table.element(&record.name, record.direction));
-    let places: Vec<String> = Terminals::each(element.map_or(&[], |element| element.terminals))
-        .map(|(_, at)| format!("{} {}", at.terminal, at.signal))
+    let places = element.iter().flat_map(|element| element.places(None));
+    let places: Vec<String> = places
+        .map(|at| format!("{} {}", at.terminal, at.signal))
         .collect();
     for line in places.chunks(4) {
         writeln!(out, "          {}", line.join(", "))?;
@@ -198,9 +198,9 @@ fn describe(record: &DataRecord) -> String {
         DataDirection::Bidirectional => "in/out",
     };
     let (min, max) = (f64::from(record.min), f64::from(record.max));
-    let limits_are_its_bits = [Scaling::unsigned, Scaling::signed]
-        .iter()
-        .filter_map(|scaling| scaling(record.bits, min, max))
+    let limits_are_its_bits = [false, true]
+        .map(|signed| Scaling::new(record.bits, signed, min, max))
+        .into_iter()
         .any(Scaling::is_whole);
     let range = if record.min < record.max && !limits_are_its_bits {
         format!(" {}..{}", record.min, record.max)

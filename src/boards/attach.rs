@@ -4,8 +4,9 @@ use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
 
-use super::{BoardTable, IdentityError, RemoteTable};
-use crate::discovery::{Problem, RemoteDescriptor};
+use super::identity::require;
+use super::{BoardTable, IdentityError};
+use crate::discovery::{Problem, RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error};
 use crate::remote::RemoteError;
@@ -14,7 +15,8 @@ use crate::remote::RemoteError;
 /// that this crate knows, or of your own.
 ///
 /// ```
-/// use mesa_hal::boards::{AttachError, ElementTable, Finder, RemoteHandles, RemoteTable};
+/// use mesa_hal::boards::{AttachError, Finder, RemoteHandles};
+/// use mesa_hal::discovery::{ElementTable, RemoteTable};
 /// use mesa_hal::hal::{AnalogIn, DigitalOut};
 ///
 /// const VALVES: RemoteTable = RemoteTable::new("valve block", *b"VLV4", &[
@@ -212,13 +214,11 @@ impl RemoteTable {
         descriptor: &RemoteDescriptor,
         (port, channel): (u8, u8),
     ) -> Result<T, AttachError> {
-        T::TABLE
-            .require(descriptor)
-            .map_err(|source| AttachError::Identity {
-                port,
-                channel,
-                source,
-            })?;
+        require(T::TABLE, descriptor).map_err(|source| AttachError::Identity {
+            port,
+            channel,
+            source,
+        })?;
         T::find(&Finder::new(pins, prefix, T::TABLE.title))
     }
 }

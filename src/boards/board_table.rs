@@ -1,8 +1,7 @@
 //! What is known of a kind of board beforehand: what its firmware does not tell.
 
-use super::flash::FlashLayout;
-use super::terminals::{Place, Terminals};
-use super::{i7i77, i7i97};
+use super::{FlashLayout, i7i77, i7i97};
+use crate::hal::{Place, Terminals};
 use crate::hostmot2::{Gtag, HostMot2};
 use crate::modules::encoder::TickRate;
 
@@ -53,6 +52,13 @@ pub struct ModuleTerminals {
     pub modules: &'static [Gtag],
     /// Encoder, input, output or I/O pin by its number.
     pub terminals: &'static [Terminals],
+}
+
+impl ModuleTerminals {
+    /// Terminals of the first of these modules.
+    pub const fn new(modules: &'static [Gtag], terminals: &'static [Terminals]) -> Self {
+        Self { modules, terminals }
+    }
 }
 
 /// A card with encoders, on a connector whose pins it fills.

@@ -3,8 +3,9 @@
 //! Source: manual 7I72, "TB3 CONNECTOR PINOUT", "TB2 CONNECTOR PINOUT" (OUTPUT1 is at pin 2: the
 //! manual's table has pin 3 twice); FACTS 8.4.
 
-use super::{AttachError, ElementTable, Finder, RemoteHandles, RemoteTable, Terminals};
-use crate::hal::{AnalogIn, DigitalOut};
+use super::{AttachError, Finder, RemoteHandles};
+use crate::discovery::{ElementTable, RemoteTable};
+use crate::hal::{AnalogIn, DigitalOut, Terminals};
 
 /// 48 outputs; mode 1 adds the field voltage, whose scale is not confirmed: the remote's own
 /// description counts.
@@ -13,9 +14,10 @@ pub const REMOTE: RemoteTable = RemoteTable::new(
     *b"7I72",
     &[
         ElementTable::bits_out("Output", 48).at(OUTPUTS),
-        ElementTable::volts_in("FieldVoltage", 16, 36.3)
-            .in_modes(0b10)
-            .with_limits_unknown(),
+        ElementTable {
+            limits: None,
+            ..ElementTable::volts_in("FieldVoltage", 16, 36.3).in_modes(0b10)
+        },
     ],
 );
 

@@ -8,8 +8,9 @@
 
 use alloc::format;
 
-use super::{AttachError, CardTable, ElementTable, Finder, RemoteHandles, RemoteTable, Terminals};
-use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
+use super::{AttachError, CardTable, Finder, RemoteHandles};
+use crate::discovery::{ElementTable, RemoteTable};
+use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
 use crate::hostmot2::Gtag;
 
 /// Field I/O in all its modes: 0 inputs and outputs; 1 with four analog inputs; 2 with field voltage
@@ -20,25 +21,13 @@ pub const FIELD: RemoteTable = RemoteTable::new(
     &[
         ElementTable::bits_out("Output", 16).at(OUTPUTS),
         ElementTable::bits_in("Input", 32).at(INPUTS),
-        ElementTable::volts_in("AnalogIn0", 8, 36.3)
-            .in_modes(0b1110)
-            .at(&[Terminals::new("TB8 pin ", 0, &["INPUT#"], &[1])]),
-        ElementTable::volts_in("AnalogIn1", 8, 36.3)
-            .in_modes(0b1110)
-            .at(&[Terminals::new("TB8 pin ", 1, &["INPUT#"], &[2])]),
-        ElementTable::volts_in("AnalogIn2", 8, 36.3)
-            .in_modes(0b1110)
-            .at(&[Terminals::new("TB8 pin ", 2, &["INPUT#"], &[3])]),
-        ElementTable::volts_in("AnalogIn3", 8, 36.3)
-            .in_modes(0b1110)
-            .at(&[Terminals::new("TB8 pin ", 3, &["INPUT#"], &[4])]),
-        ElementTable::volts_in("FieldVoltage", 8, 36.3).in_modes(0b1100),
-        ElementTable::counter("Enc0", 8)
-            .in_modes(0b1000)
-            .at(&[Terminals::new("TB7 pin ", 16, &["INPUT#"], &[1, 2])]),
-        ElementTable::counter("Enc1", 8)
-            .in_modes(0b1000)
-            .at(&[Terminals::new("TB7 pin ", 18, &["INPUT#"], &[3, 4])]),
+        voltage("AnalogIn0", 0b1110).nth(INPUTS, 0),
+        voltage("AnalogIn1", 0b1110).nth(INPUTS, 1),
+        voltage("AnalogIn2", 0b1110).nth(INPUTS, 2),
+        voltage("AnalogIn3", 0b1110).nth(INPUTS, 3),
+        voltage("FieldVoltage", 0b1100),
+        mpg("Enc0").at(&[Terminals::new("TB7 pin ", 16, &["INPUT#"], &[1, 2])]),
+        mpg("Enc1").at(&[Terminals::new("TB7 pin ", 18, &["INPUT#"], &[3, 4])]),
     ],
 )
 .of_class(0x12);
@@ -48,55 +37,56 @@ pub const ANALOG: RemoteTable = RemoteTable::new(
     "7I77 analog",
     *b"7I77",
     &[
-        ElementTable::volts_out("AnalogOut0", 13, 10.0).at(&[Terminals::new(
-            "TB5 pin ",
-            0,
-            &["AOUT#"],
-            &[4],
-        )]),
-        ElementTable::volts_out("AnalogOut1", 13, 10.0).at(&[Terminals::new(
-            "TB5 pin ",
-            1,
-            &["AOUT#"],
-            &[8],
-        )]),
-        ElementTable::volts_out("AnalogOut2", 13, 10.0).at(&[Terminals::new(
-            "TB5 pin ",
-            2,
-            &["AOUT#"],
-            &[12],
-        )]),
-        ElementTable::volts_out("AnalogOut3", 13, 10.0).at(&[Terminals::new(
-            "TB5 pin ",
-            3,
-            &["AOUT#"],
-            &[16],
-        )]),
-        ElementTable::volts_out("AnalogOut4", 13, 10.0).at(&[Terminals::new(
-            "TB5 pin ",
-            4,
-            &["AOUT#"],
-            &[20],
-        )]),
-        ElementTable::volts_out("AnalogOut5", 13, 10.0).at(&[Terminals::new(
-            "TB5 pin ",
-            5,
-            &["AOUT#"],
-            &[24],
-        )]),
+        analog_out("AnalogOut0").nth(ANALOG_OUT, 0),
+        analog_out("AnalogOut1").nth(ANALOG_OUT, 1),
+        analog_out("AnalogOut2").nth(ANALOG_OUT, 2),
+        analog_out("AnalogOut3").nth(ANALOG_OUT, 3),
+        analog_out("AnalogOut4").nth(ANALOG_OUT, 4),
+        analog_out("AnalogOut5").nth(ANALOG_OUT, 5),
         ElementTable::switch("AnalogEna").at(ENABLES),
         ElementTable::switch("SpinEna").at(SPINDLE_ENABLE),
     ],
 )
 .of_class(0x11);
 
+const fn voltage(name: &'static str, modes: u16) -> ElementTable {
+    ElementTable::volts_in(name, 8, 36.3).in_modes(modes)
+}
+
+const fn mpg(name: &'static str) -> ElementTable {
+    ElementTable::counter(name, 8).in_modes(0b1000)
+}
+
+const fn analog_out(name: &'static str) -> ElementTable {
+    ElementTable::volts_out(name, 13, 10.0)
+}
+
 /// The card and its encoders on a connector: six of them, three terminals pairs each.
 ///
 /// Source: FACTS 8.1; manual 7I77, "CONNECTORS".
 pub const CARD: CardTable = CardTable {
     name: "7I77",
-    pins: &CONNECTOR_PINS,
-    first_encoder_pin: FIRST_ENCODER_PIN,
+    // TXEN2, TX2, RX2, TX1, RX1, TX0, RX0, EncMux, then A, B and index of each pair of encoders.
+    pins: &[
+        (Gtag::SSERIAL, 0x90),
+        (Gtag::SSERIAL, 0x80),
+        (Gtag::SSERIAL, 0x00),
+        (Gtag::SSERIAL, 0x80),
+        (Gtag::SSERIAL, 0x00),
+        (Gtag::SSERIAL, 0x80),
+        (Gtag::SSERIAL, 0x00),
+        (Gtag::MUX_SELECT, 0x81),
+        (Gtag::MUXED_ENCODER, 1),
+        (Gtag::MUXED_ENCODER, 2),
+        (Gtag::MUXED_ENCODER, 3),
+        (Gtag::MUXED_ENCODER, 1),
+        (Gtag::MUXED_ENCODER, 2),
+        (Gtag::MUXED_ENCODER, 3),
+        (Gtag::MUXED_ENCODER, 1),
+        (Gtag::MUXED_ENCODER, 2),
+        (Gtag::MUXED_ENCODER, 3),
+    ],
+    first_encoder_pin: 8,
     encoders: &[
         Terminals::encoders("TB3 pin ", 0),
         Terminals::encoders("TB4 pin ", 3),
@@ -125,6 +115,13 @@ const OUTPUTS: &[Terminals] = &[
 
 const FIRST_16: &[u8] = &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16];
 const LAST_8: &[u8] = &[17, 18, 19, 20, 21, 22, 23, 24];
+
+const ANALOG_OUT: &[Terminals] = &[Terminals::new(
+    "TB5 pin ",
+    0,
+    &["AOUT#"],
+    &[4, 8, 12, 16, 20, 24],
+)];
 
 /// AnalogEna switches the enables of channels 0 to 4 together.
 const ENABLES: &[Terminals] = &[Terminals::new(
@@ -199,30 +196,3 @@ impl RemoteHandles for I7i77Analog {
         })
     }
 }
-
-/// Where on its connector the pins of the encoders begin.
-const FIRST_ENCODER_PIN: usize = 8;
-
-/// The modules and secondary pins of I/O 0 to 16 of the connector that the card is plugged to:
-/// TXEN2, TX2, RX2, TX1, RX1, TX0, RX0, EncMux, then A, B and index of each pair of encoders.
-///
-/// Source: FACTS 8.1.
-const CONNECTOR_PINS: [(Gtag, u8); 17] = [
-    (Gtag::SSERIAL, 0x90),
-    (Gtag::SSERIAL, 0x80),
-    (Gtag::SSERIAL, 0x00),
-    (Gtag::SSERIAL, 0x80),
-    (Gtag::SSERIAL, 0x00),
-    (Gtag::SSERIAL, 0x80),
-    (Gtag::SSERIAL, 0x00),
-    (Gtag::MUX_SELECT, 0x81),
-    (Gtag::MUXED_ENCODER, 1),
-    (Gtag::MUXED_ENCODER, 2),
-    (Gtag::MUXED_ENCODER, 3),
-    (Gtag::MUXED_ENCODER, 1),
-    (Gtag::MUXED_ENCODER, 2),
-    (Gtag::MUXED_ENCODER, 3),
-    (Gtag::MUXED_ENCODER, 1),
-    (Gtag::MUXED_ENCODER, 2),
-    (Gtag::MUXED_ENCODER, 3),
-];

@@ -10,9 +10,10 @@ use alloc::format;
 
 use super::{
     AttachError, BoardHandles, BoardTable, Finder, FlashLayout, ModuleTerminals, PwmTable,
-    Terminals,
 };
-use crate::hal::{AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins};
+use crate::hal::{
+    AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins, Terminals,
+};
 use crate::hostmot2::Gtag;
 use crate::modules::encoder::TickRate;
 
@@ -33,55 +34,34 @@ pub const BOARD: BoardTable = BoardTable {
         common_enable: &[0, 1, 2, 3],
     },
     terminals: &[
-        ModuleTerminals {
-            modules: &[Gtag::MUXED_ENCODER],
-            terminals: ENCODERS_AT,
-        },
-        ModuleTerminals {
-            modules: &[Gtag::IN_MUX, Gtag::IN_M],
-            terminals: INPUTS_AT,
-        },
-        ModuleTerminals {
-            modules: &[Gtag::SSR, Gtag::OUT_M],
-            terminals: OUTPUTS_AT,
-        },
-        ModuleTerminals {
-            modules: &[Gtag::IO_PORT],
-            terminals: EXPANSION_AT,
-        },
-        // Manual: 7I97, "TB4 ISOLATED INPUT + RS-422 CONNECTOR".
-        ModuleTerminals {
-            modules: &[Gtag::SSERIAL, Gtag::SSERIAL_B],
-            terminals: SERIAL_AT,
-        },
+        ModuleTerminals::new(&[Gtag::MUXED_ENCODER], ENCODERS_AT),
+        ModuleTerminals::new(&[Gtag::IN_MUX, Gtag::IN_M], INPUTS_AT),
+        ModuleTerminals::new(&[Gtag::SSR, Gtag::OUT_M], OUTPUTS_AT),
+        ModuleTerminals::new(&[Gtag::IO_PORT], EXPANSION_AT),
+        ModuleTerminals::new(&[Gtag::SSERIAL, Gtag::SSERIAL_B], SERIAL_AT),
     ],
     cards: &[],
     flash: Some(&FlashLayout::I7I97),
 };
 
-const ANALOG_AT: &[Terminals] = &[Terminals {
-    connector: "TB3 pin ",
-    first: 0,
-    signals: &["AOUT#"],
-    pins: &[4, 8, 12, 16, 20, 24],
-}];
+const ANALOG_AT: &[Terminals] = &[Terminals::new(
+    "TB3 pin ",
+    0,
+    &["AOUT#"],
+    &[4, 8, 12, 16, 20, 24],
+)];
 
 /// The switches of drives 0 to 3 are one pin of the FPGA, the enable of generator 0.
 const ENABLES_AT: &[Terminals] = &[
-    Terminals {
-        connector: "TB3 pin ",
-        first: 0,
-        signals: &[
+    Terminals::new(
+        "TB3 pin ",
+        0,
+        &[
             "ENA0-", "ENA0+", "ENA1-", "ENA1+", "ENA2-", "ENA2+", "ENA3-", "ENA3+",
         ],
-        pins: &[1, 2, 5, 6, 9, 10, 13, 14],
-    },
-    Terminals {
-        connector: "TB3 pin ",
-        first: 4,
-        signals: &["ENA#-", "ENA#+"],
-        pins: &[17, 18, 21, 22],
-    },
+        &[1, 2, 5, 6, 9, 10, 13, 14],
+    ),
+    Terminals::new("TB3 pin ", 4, &["ENA#-", "ENA#+"], &[17, 18, 21, 22]),
 ];
 
 const ENCODERS_AT: &[Terminals] = &[
@@ -90,48 +70,39 @@ const ENCODERS_AT: &[Terminals] = &[
 ];
 
 const INPUTS_AT: &[Terminals] = &[
-    Terminals {
-        connector: "TB4 pin ",
-        first: 0,
-        signals: &["IN#"],
-        pins: &[1, 2, 4, 5, 7, 8, 10, 11],
-    },
-    Terminals {
-        connector: "TB5 pin ",
-        first: 8,
-        signals: &["IN#"],
-        pins: &[1, 2, 4, 5, 7, 8, 10, 11],
-    },
+    Terminals::new("TB4 pin ", 0, &["IN#"], &[1, 2, 4, 5, 7, 8, 10, 11]),
+    Terminals::new("TB5 pin ", 8, &["IN#"], &[1, 2, 4, 5, 7, 8, 10, 11]),
 ];
 
-const OUTPUTS_AT: &[Terminals] = &[Terminals {
-    connector: "TB5 pin ",
-    first: 0,
-    signals: &["OUT#-", "OUT#+"],
-    pins: &[13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24],
-}];
+const OUTPUTS_AT: &[Terminals] = &[Terminals::new(
+    "TB5 pin ",
+    0,
+    &["OUT#-", "OUT#+"],
+    &[13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24],
+)];
 
 const EXPANSION_AT: &[Terminals] = &[
-    Terminals {
-        connector: "P1 pin ",
-        first: 34,
-        signals: &["IO#"],
-        pins: &[1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, 15, 17, 19, 21, 23, 25],
-    },
-    Terminals {
-        connector: "DB25 pin ",
-        first: 34,
-        signals: &["IO#"],
-        pins: &[1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13],
-    },
+    Terminals::new(
+        "P1 pin ",
+        34,
+        &["IO#"],
+        &[1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, 15, 17, 19, 21, 23, 25],
+    ),
+    Terminals::new(
+        "DB25 pin ",
+        34,
+        &["IO#"],
+        &[1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13],
+    ),
 ];
 
-const SERIAL_AT: &[Terminals] = &[Terminals {
-    connector: "TB4 pin ",
-    first: 0,
-    signals: &["RX+", "RX-", "TX+", "TX-"],
-    pins: &[15, 16, 17, 18],
-}];
+/// Manual: 7I97, "TB4 ISOLATED INPUT + RS-422 CONNECTOR".
+const SERIAL_AT: &[Terminals] = &[Terminals::new(
+    "TB4 pin ",
+    0,
+    &["RX+", "RX-", "TX+", "TX-"],
+    &[15, 16, 17, 18],
+)];
 
 /// The common terminals of the isolated inputs: number n is shared by inputs 2n and 2n + 1.
 pub const INPUT_COMMONS: &[Terminals] = &[

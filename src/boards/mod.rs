@@ -1,18 +1,18 @@
 //! Boards and cards as data: tables of what they do not tell of themselves, and structs of handles
 //! with the same shapes for the same functions.
 //!
-//! [`BoardTable`] and [`RemoteTable`] are for the kinds that this crate knows and for your own; so
-//! are [`BoardHandles`] and [`RemoteHandles`], which one mechanism attaches.
+//! [`BoardTable`] and [`RemoteTable`](crate::discovery::RemoteTable) are for the kinds that this
+//! crate knows and for your own; so are [`BoardHandles`] and [`RemoteHandles`], which one mechanism
+//! attaches.
 
 mod attach;
 mod board_table;
 mod flash;
+pub mod i7i64;
 pub mod i7i72;
 pub mod i7i77;
 pub mod i7i97;
 mod identity;
-mod table;
-mod terminals;
 
 pub use attach::{AttachError, BoardHandles, Finder, RemoteHandles};
 pub use board_table::{BoardTable, CardTable, ModuleTerminals, PwmTable};
@@ -21,6 +21,4 @@ pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;
 pub(crate) use identity::check_identity;
-pub use identity::{Difference, IdentityError};
-pub use table::{Contents, ElementTable, RemoteTable};
-pub use terminals::{Place, Terminals};
+pub use identity::{IdentityError, REMOTES};

@@ -1,5 +1,6 @@
 //! What discovery finds out about a remote.
 
+use super::ProblemKind;
 use alloc::{string::String, vec::Vec};
 use core::fmt;
 
@@ -11,15 +12,6 @@ impl RemoteName {
     /// From interface register 1 after START, which holds the name least significant byte first.
     pub const fn from_register(word: u32) -> Self {
         Self(word.to_le_bytes())
-    }
-
-    /// The name in lower case, as HAL names use it; characters that are not printable ASCII
-    /// become `_`.
-    pub fn to_card(self) -> String {
-        self.0
-            .iter()
-            .map(|&c| printable(c).to_ascii_lowercase())
-            .collect()
     }
 }
 
@@ -92,6 +84,24 @@ pub struct DataRecord {
     pub unit: String,
     /// The name, for example `Input`.
     pub name: String,
+}
+
+impl DataRecord {
+    /// Whether it has this name: as the remote spells it, or as LinuxCNC does, in lower case.
+    pub fn is_named(&self, name: &str) -> bool {
+        hal_name(&self.name) == hal_name(name)
+    }
+}
+
+/// A remote's own name for something as HAL has it: lower case, and `_` for what a HAL file can
+/// not hold.
+pub(crate) fn hal_name(name: &str) -> String {
+    name.chars()
+        .map(|c| match c.to_ascii_lowercase() {
+            c if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | '+') => c,
+            _ => '_',
+        })
+        .collect()
 }
 
 /// A mode record.
@@ -185,6 +195,18 @@ impl DataType {
             0x28 => Self::EncoderLow,
             other => Self::Unknown(other),
         }
+    }
+
+    /// Whether an element of this type can have `bits` bits.
+    pub(super) const fn check_width(self, bits: u16) -> Result<(), ProblemKind> {
+        let expected = match (self, bits) {
+            (Self::Float | Self::NonvolFloat, 32 | 64) => return Ok(()),
+            (Self::Float | Self::NonvolFloat, _) => "32 or 64",
+            (Self::Pad | Self::Bits | Self::Unknown(_), 1..) | (_, 1..=64) => return Ok(()),
+            (Self::Pad | Self::Bits | Self::Unknown(_), 0) => "1 to 255",
+            _ => "1 to 64",
+        };
+        Err(ProblemKind::Width { bits, expected })
     }
 
     /// Whether values of this type survive a power cycle of the remote.

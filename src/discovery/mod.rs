@@ -1,23 +1,24 @@
-//! Discovery of remotes: PTOC and GTOC, process-data and mode records.
+//! Discovery of remotes: PTOC and GTOC, process-data and mode records, and where the process data is.
 //!
 //! Source: manual 7I77, "PROCESS DATA DISCOVERY" to "DISCOVERY SEQUENCE"; FACTS 7, which wins.
 
-mod built_in;
 mod descriptor;
-mod inventory;
 mod memory;
-mod modes;
+mod plan;
+mod port;
 mod problem;
-mod reader;
 mod record;
+mod table;
 mod walk;
 
 pub use descriptor::{
     DataDirection, DataRecord, DataType, ModeRecord, ModeType, RemoteDescriptor, RemoteName,
 };
-pub use inventory::{DiscoveredRemote, Inventory, discover_port};
-pub use memory::{PortMemory, RemoteMemory, RemoteParameters};
-pub use modes::ModeSet;
-pub use problem::{Flow, Problem, ProblemKind, StringField, Table};
-pub use reader::DiscoveryLimits;
-pub use walk::{Discovered, RemoteIdentity, Source, discover};
+pub use memory::{PortMemory, RemoteMemory};
+pub use plan::{Element, PackingPlan};
+pub use port::discover_port;
+pub use problem::{Problem, ProblemKind, Table};
+pub use table::{Contents, Difference, ElementTable, RemoteTable};
+pub use walk::{Discovered, DiscoveryOptions, discover};
+
+pub(crate) use descriptor::hal_name;

@@ -1,11 +1,16 @@
 //! What can be wrong with what a remote tells about itself.
 
-use super::{DataDirection, ModeSet, RemoteName};
+use super::RemoteName;
+use alloc::{
+    string::{String, ToString},
+    vec::Vec,
+};
 use core::fmt;
 use thiserror::Error;
 
 /// Something that a remote tells about itself and that can not be right.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[derive(Clone, Debug, PartialEq, Error)]
+#[error("{name} (unit number {unit_number:#010X}), {table} record at {record:#06X}: {kind}")]
 pub struct Problem {
     /// The remote's name.
     pub name: RemoteName,
@@ -22,7 +27,7 @@ pub struct Problem {
 impl Problem {
     /// Whether the layout of the process data is in doubt. Such a remote must not run: its pins
     /// would show, or set, the wrong bits.
-    pub const fn affects_process_data(&self) -> bool {
+    pub(super) const fn affects_process_data(&self) -> bool {
         matches!(self.table, Table::Process)
             && !matches!(
                 self.kind,
@@ -31,16 +36,6 @@ impl Problem {
                     // Limits say how values are scaled, and nothing of where they are.
                     | ProblemKind::LimitsNotFinite { .. }
             )
-    }
-}
-
-impl fmt::Display for Problem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} (unit number {:#010X}), {} record at {:#06X}: {}",
-            self.name, self.unit_number, self.table, self.record, self.kind
-        )
     }
 }
 
@@ -63,7 +58,7 @@ impl fmt::Display for Table {
 }
 
 /// What is wrong with a record or a table.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum ProblemKind {
     /// A read failed.
@@ -84,50 +79,50 @@ pub enum ProblemKind {
         /// Accesses until then.
         accesses: u32,
     },
-    /// The remote has no tables, and this crate has none for its name.
+    /// The remote has no tables, and none is known for its name.
     #[error(
-        "it does not support discovery, and there is no built-in table for its name; leave the channel out"
+        "it is not supported: it has no discovery, and there is no table of its process data; \
+         leave the channel out (x), or add its table (`Board::add_remote`)"
     )]
-    NoDiscovery,
-    /// A kind of remote that is known, but not what its process data means.
-    #[error(
-        "it is not supported: it has no discovery, and what its process data means is not known; leave the channel out (x)"
-    )]
-    NotSupported,
-    /// A built-in table exists, but its sizes are not what the remote says.
-    #[error(
-        "it does not support discovery, and its sizes (RX {rx}, TX {tx}) are not those of the \
-         built-in table (RX {table_rx}, TX {table_tx}), which was therefore not used; update its firmware"
-    )]
-    OtherSizes {
-        /// RXSize of the remote.
-        rx: u8,
-        /// TXSize of the remote.
-        tx: u8,
-        /// RXSize of the table.
-        table_rx: u8,
-        /// TXSize of the table.
-        table_tx: u8,
-    },
+    NoTables,
     /// The remote does not have the software mode that was asked for, and is in another.
     #[error(
-        "software mode {mode} is not one of this remote's modes ({known}); start it in one of these"
+        "software mode {mode} is not one of this remote's modes ({}); start it in one of these",
+        list(.known)
     )]
     IllegalSoftwareMode {
         /// What was asked for.
         mode: u8,
         /// The software modes it tells of.
-        known: ModeSet,
+        known: Vec<u8>,
     },
-    /// The remote transfers process data, and lists none.
+    /// What the remote transfers is not what its tables describe.
     #[error(
-        "it lists no process data, but transfers {rx} bytes of it in and {tx} out; switch the remote's power off and on"
+        "it transfers {rx} bytes of process data in and {tx} out, but its tables describe {plan_rx} \
+         and {plan_tx}; switch its power off and on, and update its firmware if that does not help"
     )]
-    NoProcessData {
+    Sizes {
         /// Bytes from the remote.
         rx: u8,
         /// Bytes to the remote.
         tx: u8,
+        /// Bytes from the remote by its tables.
+        plan_rx: u32,
+        /// Bytes to the remote by its tables.
+        plan_tx: u32,
+    },
+    /// Process data that does not fit into the interface registers.
+    #[error(
+        "with it the {direction} process data has {bits} bits, but the interface registers hold \
+         {limit}"
+    )]
+    RegistersTooSmall {
+        /// `input` or `output`.
+        direction: &'static str,
+        /// Bits so far.
+        bits: u32,
+        /// Bits of the interface registers.
+        limit: u32,
     },
     /// A table has no end within the limits.
     #[error(
@@ -143,9 +138,19 @@ pub enum ProblemKind {
         /// The later entry, counted from 0.
         entry: u16,
     },
-    /// Neither A0 nor B0.
-    #[error("its type is {found:#04X}, expected A0 (data) or B0 (mode)")]
-    UnknownRecordType {
+    /// A byte that the manuals do not list.
+    #[error("its {field} is {found:#04X}, expected {expected}")]
+    IllegalByte {
+        /// What it is for.
+        field: &'static str,
+        /// What is there.
+        found: u8,
+        /// What could be there.
+        expected: &'static str,
+    },
+    /// A data type that this crate does not know.
+    #[error("its data type {found:#04X} is not known; its bits are kept as they are")]
+    UnknownDataType {
         /// What is there.
         found: u8,
     },
@@ -155,55 +160,34 @@ pub enum ProblemKind {
     /// A string has no end within the limits.
     #[error("its {field} has no end within {characters} characters")]
     StringWithoutEnd {
-        /// Which string.
-        field: StringField,
+        /// `unit` or `name`.
+        field: &'static str,
         /// Characters until then.
         characters: u16,
     },
     /// A string is longer than what is kept.
     #[error("its {field} has {characters} characters, of which {kept} are kept")]
     StringTooLong {
-        /// Which string.
-        field: StringField,
+        /// `unit` or `name`.
+        field: &'static str,
         /// Its length.
         characters: u16,
         /// How many are kept.
         kept: u16,
     },
-    /// A direction that the manuals do not list.
-    #[error("its direction is {found:#04X}, expected 00 (input), 40 (both) or 80 (output)")]
-    IllegalDirection {
+    /// A width that an element of its type can not have.
+    #[error("it has {bits} bits, expected {expected}")]
+    Width {
         /// What is there.
-        found: u8,
+        bits: u16,
+        /// What could be there.
+        expected: &'static str,
     },
-    /// A data type that this crate does not know.
-    #[error("its data type {found:#04X} is not known; its bits are kept as they are")]
-    UnknownDataType {
-        /// What is there.
-        found: u8,
-    },
-    /// An element without bits.
-    #[error("it has no bits")]
-    NoBits,
     /// One part of a count in two parts stands alone.
     #[error(
         "it is one part of a count, and the other part does not follow; choose another software mode"
     )]
     HalfCount,
-    /// A number with more bits than a number can have.
-    #[error("it is a number of {bits} bits, at most {limit} are possible")]
-    TooManyBits {
-        /// What is there.
-        bits: u8,
-        /// The most.
-        limit: u8,
-    },
-    /// A floating-point number that is neither single nor double.
-    #[error("it is a floating-point number of {bits} bits, expected 32 or 64")]
-    FloatSize {
-        /// What is there.
-        bits: u8,
-    },
     /// Limits of a scaled number that are not finite. Floating-point numbers need none: there,
     /// infinite limits are no problem.
     #[error(
@@ -223,78 +207,12 @@ pub enum ProblemKind {
         /// Maximum.
         max: f32,
     },
-    /// Process data that does not fit into the interface registers.
-    #[error(
-        "with it the {direction} process data has {bits} bits, but the interface registers hold \
-         {limit}"
-    )]
-    RegistersTooSmall {
-        /// Which way.
-        direction: Flow,
-        /// Bits so far.
-        bits: u32,
-        /// Bits of the interface registers.
-        limit: u16,
-    },
-    /// Process data that does not fit into what is transferred.
-    #[error(
-        "with it the {direction} process data has {bits} bits, but only {limit} are transferred \
-         ({bytes} bytes)"
-    )]
-    TransferTooSmall {
-        /// Which way.
-        direction: Flow,
-        /// Bits so far.
-        bits: u32,
-        /// Bits of the transfer.
-        limit: u16,
-        /// Bytes of the transfer.
-        bytes: u8,
-    },
 }
 
-/// One of the strings of a record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum StringField {
-    /// The unit.
-    Unit,
-    /// The name.
-    Name,
-}
-
-impl fmt::Display for StringField {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Unit => "unit",
-            Self::Name => "name",
-        })
+fn list(modes: &[u8]) -> String {
+    if modes.is_empty() {
+        return "it tells of none".into();
     }
-}
-
-/// One of the two streams of process data, seen from the host.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Flow {
-    /// From the remote.
-    Input,
-    /// To the remote.
-    Output,
-}
-
-impl Flow {
-    /// Whether an element that goes in `direction` is part of this stream.
-    pub const fn has(self, direction: DataDirection) -> bool {
-        match self {
-            Self::Input => direction.is_input(),
-            Self::Output => direction.is_output(),
-        }
-    }
-}
-
-impl fmt::Display for Flow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Input => "input",
-            Self::Output => "output",
-        })
-    }
+    let modes: Vec<String> = modes.iter().map(ToString::to_string).collect();
+    modes.join(", ")
 }

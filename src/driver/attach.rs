@@ -1,8 +1,9 @@
 //! Typed handles of a board and its remotes.
 
 use super::Driver;
-use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles, RemoteTable};
+use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
+use crate::discovery::RemoteTable;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Driver<B> {

@@ -11,8 +11,9 @@ use super::{
     BoardState, Driver, DriverStatistics, FaultPolicy, MissingRemote, Pace, Part, Parts, Remark,
     SerialPort, Settings, StartError,
 };
-use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles, RemoteTable};
+use crate::boards::{AttachError, BoardHandles, BoardTable, REMOTES, RemoteHandles};
 use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
+use crate::discovery::RemoteTable;
 use crate::hal::{GroupId, Input, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
@@ -56,7 +57,7 @@ pub(super) struct Plan {
     pub image: ImagePlan,
     pub missing: Vec<MissingRemote>,
     pub remarks: Vec<Remark>,
-    /// Kinds of remotes that this crate does not know.
+    /// Kinds of remotes: those that were added, then those that are built in.
     pub tables: Vec<&'static RemoteTable>,
 }
 
@@ -185,7 +186,8 @@ impl<B: RegisterBus + Clock> Board<B> {
         if self.is_discovered {
             return Err(StartError::AddedLate);
         }
-        self.plan.tables.push(table);
+        let tables = &mut self.plan.tables;
+        tables.insert(tables.len() - REMOTES.len(), table);
         Ok(())
     }
 
@@ -336,7 +338,7 @@ impl Plan {
             firmware,
             missing: Vec::new(),
             remarks: Vec::new(),
-            tables: Vec::new(),
+            tables: REMOTES.to_vec(),
         }
     }
 

@@ -155,7 +155,7 @@ impl<E: BusError> From<PortError<E>> for StartError<E> {
 }
 
 /// A remote that was configured and does not take part.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct MissingRemote {
     /// The port.
     pub port: u8,
@@ -177,7 +177,7 @@ impl core::fmt::Display for MissingRemote {
 }
 
 /// Why a remote does not take part.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MissingReason {
     /// It did not start; the registers say why.
@@ -186,39 +186,9 @@ pub enum MissingReason {
     /// It is another remote than was asked for.
     #[error(transparent)]
     WrongRemote(IdentityError),
-    /// It does not have the software mode that was asked for.
-    #[error("{name} has no software mode {mode}; list its modes and choose another")]
-    UnknownMode {
-        /// Its name.
-        name: RemoteName,
-        /// The mode that was asked for.
-        mode: u8,
-    },
     /// Its process data is not known for certain, so that its pins could be wrong.
-    #[error("{name}: {problem}")]
-    Tables {
-        /// Its name.
-        name: RemoteName,
-        /// What is wrong with its tables.
-        problem: Problem,
-    },
-    /// Its sizes are not those of its process data.
-    #[error(
-        "{name} wants {rx} bytes in and {tx} bytes out, but its tables describe {plan_rx} and \
-         {plan_tx}: its firmware needs an update"
-    )]
-    Sizes {
-        /// Its name.
-        name: RemoteName,
-        /// RXSize of the remote.
-        rx: u8,
-        /// TXSize of the remote.
-        tx: u8,
-        /// RXSize of its tables.
-        plan_rx: u32,
-        /// TXSize of its tables.
-        plan_tx: u32,
-    },
+    #[error(transparent)]
+    Tables(Problem),
     /// It did not tell the same in setup mode and in normal mode.
     #[error("{name}: another remote answers in normal mode than in setup mode; is a plug loose?")]
     Changed {
@@ -226,13 +196,8 @@ pub enum MissingReason {
         name: RemoteName,
     },
     /// Its pins can not be made.
-    #[error("{name}: {error}")]
-    Pins {
-        /// Its name.
-        name: RemoteName,
-        /// Why.
-        error: RemoteError,
-    },
+    #[error(transparent)]
+    Pins(RemoteError),
     /// There is no such channel.
     #[error("this firmware has only {channels} channels on the port")]
     NoSuchChannel {

@@ -3,10 +3,10 @@
 use core::time::Duration;
 
 use crate::bus::{Access, BusError, Clock, RegisterBus};
-use crate::discovery::{DataRecord, PortMemory, RemoteDescriptor};
+use crate::discovery::{DataRecord, PortMemory};
 use crate::hal::AnyValue;
 use crate::modules::watchdog::WatchdogRegisters;
-use crate::remote::{ParameterError, ParameterValueError, RemotePins};
+use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Port, PortError, StartFailure, StartMode, StartedRemote,
 };
@@ -49,9 +49,6 @@ pub enum RemoteParameterError<E: BusError> {
         /// The channel.
         channel: Channel,
     },
-    /// The parameter can not have this value. Nothing was stopped.
-    #[error(transparent)]
-    Value(#[from] ParameterValueError),
     /// The value is a watchdog's, and shorter than what the period feeds. Nothing was stopped.
     #[error(
         "a watchdog of {watchdog:?} can not be fed with a period of {period:?}: a transfer that is \
@@ -82,7 +79,7 @@ pub enum RemoteParameterError<E: BusError> {
     /// The port or the bus failed, or the remote did not keep a non-volatile value.
     #[error(transparent)]
     Port(PortError<E>),
-    /// The remote did not take the value.
+    /// The parameter can not have this value, and nothing was stopped; or the remote did not take it.
     #[error(transparent)]
     Parameter(ParameterError<PortError<E>>),
     /// The board is not set up, so that its serial lines are no lines.
@@ -136,23 +133,20 @@ impl ParameterWrite {
     /// Checks everything that can be checked before anything is stopped.
     pub fn new<E: BusError>(
         (port, channel): (u8, Channel),
-        (descriptor, pins): (&RemoteDescriptor, &RemotePins),
+        pins: &RemotePins,
         name: &str,
         value: AnyValue,
     ) -> Result<Self, RemoteParameterError<E>> {
         let mut parameters = pins.parameters().iter().enumerate();
-        let found = parameters.find_map(|(place, parameter)| {
-            let record = descriptor.parameters.get(parameter.record)?;
-            record.is_named(name).then_some((place, record))
-        });
-        let Some((place, record)) = found else {
+        let found = parameters.find(|(_, parameter)| parameter.record.is_named(name));
+        let Some((place, parameter)) = found else {
             return Err(RemoteParameterError::NoSuchParameter { port, channel });
         };
         Ok(Self {
             place,
-            record: record.clone(),
+            record: parameter.record.clone(),
             value,
-            raw: record.raw_of(value)?,
+            raw: parameter.record.raw_of(value)?,
         })
     }
 
@@ -163,13 +157,8 @@ impl ParameterWrite {
         port: &mut Port,
         channel: Channel,
     ) -> Result<(), RemoteParameterError<B::Error>> {
-        let mut memory = PortMemory::new(port, bus, channel);
-        self.record
-            .write_parameter(&mut memory, self.value)
-            .map_err(|error| match error {
-                ParameterError::Memory(error) => RemoteParameterError::Port(error),
-                error => RemoteParameterError::Parameter(error),
-            })
+        let mut memory = PortMemory { port, bus, channel };
+        Ok(self.record.write_parameter(&mut memory, self.value)?)
     }
 }
 
@@ -210,9 +199,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let channel = channel.index();
             return Err(RemoteParameterError::NoSuchRemote { port, channel });
         };
-        let parts = (remote.descriptor, remote.pins);
         let value = value.into();
-        let write = ParameterWrite::new((port, channel), parts, name, value)?;
+        let write = ParameterWrite::new((port, channel), remote.pins, name, value)?;
         check_watchdog(name, value, self.period)?;
         let started = *remote.started;
         // The remotes of other ports are not served either: all are told safe values.

@@ -4,12 +4,14 @@ use core::fmt;
 
 use alloc::vec::Vec;
 
-use crate::boards::{Difference, RemoteTable, i7i77};
-use crate::discovery::{Discovered, Problem, RemoteDescriptor, RemoteName};
+use crate::boards::i7i77;
+use crate::discovery::{
+    Difference, Discovered, Problem, RemoteDescriptor, RemoteName, RemoteTable,
+};
 use crate::sslbp::Channel;
 
 /// Something about a remote that a person should look at, though it runs.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Remark {
     /// The port.
     pub port: u8,
@@ -22,7 +24,7 @@ pub struct Remark {
 }
 
 /// What is odd about a remote.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum RemarkKind {
     /// It describes itself otherwise than the built-in table of its kind does. Its own description
@@ -48,24 +50,25 @@ pub enum RemarkKind {
 
 impl Remark {
     /// Everything that is odd about a remote.
-    pub(super) fn on<E>(
+    pub(super) fn on(
         port: u8,
-        channel: Channel,
-        discovered: &Discovered<E>,
+        discovered: &Discovered,
+        tables: &[&'static RemoteTable],
         table: Option<&RemoteTable>,
     ) -> Vec<Self> {
         let descriptor = &discovered.descriptor;
+        let channel = discovered.started.channel;
         let name = descriptor.name;
         let mut kinds = Vec::new();
         if let Some(table) = table {
             let title = table.title;
             let differences = table.differences(descriptor).into_iter();
             kinds.extend(differences.map(|difference| RemarkKind::Table { title, difference }));
-        } else if RemoteTable::KNOWN.iter().any(|table| table.name == name.0) {
+        } else if tables.iter().any(|table| table.name == name.0) {
             let unit_number = descriptor.unit_number;
             kinds.push(RemarkKind::UnknownPart { unit_number });
         }
-        kinds.extend(discovered.problems.iter().copied().map(RemarkKind::Tables));
+        kinds.extend(discovered.problems.iter().cloned().map(RemarkKind::Tables));
         let remark = |kind| Self {
             port,
             channel,

@@ -28,7 +28,7 @@ impl<'a> PinMaker<'a> {
     }
 
     /// Pins, but no parameters, are at these terminals from now on, as
-    /// [`Place`](crate::boards::Place) has them.
+    /// [`Place`](super::Place) has them.
     #[must_use]
     pub fn at(mut self, terminal: impl Into<String>, signal: impl Into<String>) -> Self {
         (self.terminal, self.signal) = (terminal.into(), signal.into());

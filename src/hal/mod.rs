@@ -34,6 +34,7 @@ mod pins;
 mod reading;
 mod rule;
 mod store;
+mod terminals;
 mod value;
 mod visit;
 
@@ -46,5 +47,6 @@ pub use pins::Pins;
 pub use reading::{Age, AnyValue, GroupState, OutOfRange, Reading, Rejections};
 pub use rule::{FullScale, Invert, OutputModifiers, OutputRule};
 pub use store::PinStore;
+pub use terminals::{Place, Terminals};
 pub use value::{HalType, Rejection, Value};
 pub use visit::Visitor;

@@ -6,9 +6,11 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
-use crate::boards::{PwmTable, Terminals};
+use crate::boards::PwmTable;
 use crate::bus::{Setting, Stage, WriteSlot};
-use crate::hal::{AnalogOut, FullScale, Output, OutputModifiers, OutputRule, Param, PinStore};
+use crate::hal::{
+    AnalogOut, FullScale, Output, OutputModifiers, OutputRule, Param, PinStore, Terminals,
+};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.

@@ -11,7 +11,7 @@ use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
 use super::watchdog::WatchdogRegisters;
 use crate::boards::BoardTable;
-use crate::boards::RemoteTable;
+use crate::discovery::RemoteTable;
 use crate::sslbp::MAX_CHANNELS;
 
 /// What a driver is to be.
@@ -214,7 +214,7 @@ pub enum Presence {
     /// data, and the place of its tables of contents where the table knows that. Anything else stays
     /// offline, and says what was expected and found. Another firmware with process data of the same
     /// size is seen by the place of its tables alone, which the built-in tables do not know: if it
-    /// may have another meaning, use a table of your own with [`Contents`](crate::boards::Contents).
+    /// may have another meaning, use a table of your own with [`Contents`](crate::discovery::Contents).
     /// Its parameters have no pins.
     Optional,
 }

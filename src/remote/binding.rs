@@ -1,5 +1,6 @@
 //! One pin and its bits.
 
+use super::scaling::{real, real_bits};
 use super::{Field, Scaling};
 use crate::hal::{InOut, Input, Output, Param, PinStore, Value};
 
@@ -79,10 +80,7 @@ impl Binding {
                 let value = to_scale(scaling, pins.param(scale), scaling.value(bits));
                 pin.publish(pins, value);
             }
-            Codec::Float(pin) if self.field.bits() == 64 => {
-                pin.publish(pins, f64::from_bits(bits));
-            }
-            Codec::Float(pin) => pin.publish(pins, f64::from(f32::from_bits(bits as u32))),
+            Codec::Float(pin) => pin.publish(pins, real(bits, self.field.bits())),
             Codec::Raw(pin) => pin.publish(pins, bits as u32),
             Codec::Wide(pin) => pin.publish(pins, bits),
         }
@@ -94,10 +92,9 @@ impl Binding {
             Codec::Bit { pin, .. } if pin.fetch(pins) => u64::MAX,
             Codec::Bit { .. } => 0,
             // The store scales and limits it.
-            Codec::Number { pin, scaling, .. } => scaling.raw(pin.fetch(pins)).bits,
-            Codec::Float(pin) if self.field.bits() == 64 => pin.fetch(pins).to_bits(),
+            Codec::Number { pin, scaling, .. } => scaling.raw(pin.fetch(pins)),
             // The pin's limits are those of 32 bits, or closer.
-            Codec::Float(pin) => u64::from((pin.fetch(pins) as f32).to_bits()),
+            Codec::Float(pin) => real_bits(pin.fetch(pins), self.field.bits()),
             Codec::Raw(pin) => u64::from(pin.fetch(pins)),
             Codec::Wide(pin) => pin.fetch(pins),
         };

@@ -2,7 +2,8 @@
 
 use core::cmp::Ordering;
 
-use super::{Field, sign_extend};
+use super::Field;
+use super::scaling::sign_extend;
 use crate::hal::{Counter, PinStore};
 
 /// Continues a counter of n bits to 64: it takes the shortest way from one reading to the next, so

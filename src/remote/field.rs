@@ -1,5 +1,7 @@
 //! A run of bits in the interface registers.
 
+use super::scaling::mask;
+
 /// 1 to 64 neighbouring bits in the words of the interface registers, least significant bit first;
 /// shift and mask are computed once.
 ///
@@ -7,7 +9,7 @@
 /// Constant time, no allocation. Words that are not there read as zero and are not written: the
 /// plan has checked that there are enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Field {
+pub(super) struct Field {
     word: u8,
     shift: u8,
     bits: u8,
@@ -18,23 +20,17 @@ impl Field {
     /// The widest field.
     pub const MAX_BITS: u8 = 64;
 
-    /// The `bits` bits from bit `offset` on; `None` if there are none or more than 64 of them, or
-    /// if they lie beyond bit 8191.
-    pub const fn new(offset: u16, bits: u8) -> Option<Self> {
-        if bits == 0 || bits > Self::MAX_BITS || offset / 32 > u8::MAX as u16 {
-            return None;
-        }
-        Some(Self {
+    /// The `bits` bits from bit `offset` on, 8191 at most; `None` if there are none or more than 64
+    /// of them.
+    pub fn new(offset: Option<u16>, bits: u16) -> Option<Self> {
+        let bits = u8::try_from(bits).ok()?;
+        let is_width = (1..=Self::MAX_BITS).contains(&bits);
+        offset.filter(|_| is_width).map(|offset| Self {
             word: (offset / 32) as u8,
             shift: (offset % 32) as u8,
             bits,
-            mask: u64::MAX >> (64 - bits as u32),
+            mask: mask(bits),
         })
-    }
-
-    /// Its first bit.
-    pub const fn offset(self) -> u16 {
-        self.word as u16 * 32 + self.shift as u16
     }
 
     /// Its width.
@@ -85,17 +81,17 @@ mod tests {
 
     #[test]
     fn a_field_has_1_to_64_bits() {
-        assert_eq!(Field::new(0, 0), None);
-        assert_eq!(Field::new(0, 65), None);
-        assert_eq!(Field::new(u16::MAX, 1), None);
-        assert_eq!(Field::new(31, 64).map(Field::offset), Some(31));
+        assert_eq!(Field::new(Some(0), 0), None);
+        assert_eq!(Field::new(Some(0), 65), None);
+        assert_eq!(Field::new(None, 1), None);
+        assert_eq!(Field::new(Some(31), 64).map(Field::bits), Some(64));
     }
 
     #[test]
     fn every_width_at_every_position_of_seven_registers_comes_back_and_disturbs_nothing() {
-        for bits in 1..=64u8 {
-            for offset in 0..=(224 - u16::from(bits)) {
-                let field = Field::new(offset, bits).unwrap();
+        for bits in 1..=64u16 {
+            for offset in 0..=(224 - bits) {
+                let field = Field::new(Some(offset), bits).unwrap();
                 for background in [0, u32::MAX, 0xA5A5_5A5A] {
                     let mut words = [background; 7];
                     let value = 0x9E37_79B9_7F4A_7C15 ^ u64::from(offset);
@@ -103,7 +99,7 @@ mod tests {
                     assert_eq!(field.get(&words), value & field.mask(), "{field:?}");
                     for bit in 0..224u16 {
                         let word = words[usize::from(bit / 32)] >> (bit % 32) & 1;
-                        let expected = if (offset..offset + u16::from(bits)).contains(&bit) {
+                        let expected = if (offset..offset + bits).contains(&bit) {
                             (value >> (bit - offset) & 1) as u32
                         } else {
                             background >> (bit % 32) & 1
@@ -118,9 +114,9 @@ mod tests {
     proptest! {
         #[test]
         fn words_that_are_not_there_are_zero_and_left_alone(
-            offset in any::<u16>(), bits in 1..=64u8, value in any::<u64>(), len in 0..4usize,
+            offset in 0..8192u16, bits in 1..=64u16, value in any::<u64>(), len in 0..4usize,
         ) {
-            if let Some(field) = Field::new(offset, bits) {
+            if let Some(field) = Field::new(Some(offset), bits) {
                 let mut words = [0; 4];
                 field.put(&mut words[..len], value);
                 prop_assert!(words[len..].iter().all(|&w| w == 0));

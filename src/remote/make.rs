@@ -1,40 +1,18 @@
 //! Making the pins of a remote's process data.
 
 use alloc::format;
-use alloc::string::{String, ToString};
+use alloc::string::String;
 use alloc::vec::Vec;
 
 use super::binding::{Binding, BitInputs, Codec, Pin};
 use super::counter::CounterPins;
 use super::parameter::largest_below;
-use super::{Element, ElementKind, Field, RemoteLocation, Scaling};
-use crate::boards::{ElementTable, Terminals};
-use crate::discovery::{DataDirection, DataRecord, RemoteName};
+use super::{Field, Scaling};
+use crate::discovery::{DataDirection, DataRecord, DataType, Element, ElementTable};
 use crate::hal::{
     Counter, FullScale, GroupId, Input, Invert, OutputModifiers, OutputRule, Param, PinError,
-    PinStore, Spec, Value,
+    PinMaker, PinStore, Place, Spec, Value,
 };
-
-/// What the names of a remote's pins begin with.
-pub(super) fn prefix(location: RemoteLocation<'_>, name: RemoteName) -> String {
-    let RemoteLocation {
-        board,
-        port,
-        channel,
-    } = location;
-    format!("{board}.{}.{port}.{channel}", lower(&name.to_card()))
-}
-
-/// A remote's own name for something as HAL has it: lower case, and `_` for what a HAL file can
-/// not hold.
-pub(super) fn lower(name: &str) -> String {
-    name.chars()
-        .map(|c| match c.to_ascii_lowercase() {
-            c if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.' | '+') => c,
-            _ => '_',
-        })
-        .collect()
-}
 
 /// What the pins of a remote's process data are made of.
 #[derive(Debug, Default)]
@@ -51,7 +29,7 @@ pub(super) struct Maker<'a> {
     pub group: GroupId,
     /// What the names begin with: board, card, port, channel and element.
     pub stem: String,
-    pub element: &'a Element,
+    pub element: Element,
     pub record: &'a DataRecord,
     pub known: Option<&'a ElementTable>,
     pub bindings: &'a mut Bindings,
@@ -59,36 +37,30 @@ pub(super) struct Maker<'a> {
 
 impl Maker<'_> {
     pub fn make(&mut self) -> Result<(), PinError> {
-        let bits = self.element.bits;
-        let codec = match self.element.kind {
-            ElementKind::Pad | ElementKind::Unknown(_) => return Ok(()),
-            ElementKind::Bits => return self.bits(),
-            ElementKind::Counter { high_bits } => return self.counter(high_bits),
-            ElementKind::Boolean => {
+        let codec = match self.record.data_type {
+            DataType::Pad | DataType::Unknown(_) => return Ok(()),
+            DataType::Bits => return self.bits(),
+            DataType::Encoder | DataType::EncoderHigh | DataType::EncoderLow => {
+                return self.counter();
+            }
+            DataType::Boolean => {
                 let (pin, not) = self.bit(&self.stem.clone(), None)?;
                 Codec::Bit { pin, not }
             }
-            ElementKind::Number(scaling) => self.number(scaling)?,
-            ElementKind::Float => {
-                let spec = self.float_limits(self.spec());
-                Codec::Float(self.pin(spec, self.safe())?)
-            }
-            ElementKind::Stream => {
-                let spec = match u8::try_from(bits) {
-                    Ok(bits) if bits != 32 && bits < 64 => {
-                        self.spec().limits(0.0, largest_below(bits))
-                    }
-                    _ => self.spec(),
-                };
-                if bits > 32 {
-                    Codec::Wide(self.pin(spec, 0)?)
-                } else {
-                    Codec::Raw(self.pin(spec, 0)?)
-                }
-            }
+            DataType::Unsigned
+            | DataType::Signed
+            | DataType::NonvolUnsigned
+            | DataType::NonvolSigned => self.number()?,
+            DataType::Float | DataType::NonvolFloat => self.float()?,
+            DataType::Stream => self.stream()?,
         };
-        let element = self.element;
-        self.bind(element.input_field(), element.output_field(), codec);
+        let Element {
+            input,
+            output,
+            bits,
+            ..
+        } = self.element;
+        self.bind(Field::new(input, bits), Field::new(output, bits), codec);
         Ok(())
     }
 
@@ -109,28 +81,23 @@ impl Maker<'_> {
         })
     }
 
-    /// A pin of the element's own name, at its terminal.
-    fn spec(&self) -> Spec {
-        self.at_terminal(&self.stem, None)
-    }
-
     /// A pin or parameter in the element's unit: the record's, or the table's.
     fn in_unit(&self, name: &str) -> Spec {
-        in_unit(
-            Spec::new(name),
-            &self.record.unit,
-            self.known.map_or("", |known| known.unit),
-        )
+        match self.known {
+            Some(known) if self.record.unit.is_empty() => Spec::new(name).unit(known.unit),
+            _ => Spec::new(name).unit(self.record.unit.clone()),
+        }
     }
 
-    /// Adds terminal and unit: the bit's own terminal, or all of the element's.
-    fn at_terminal(&self, name: &str, bit: Option<u16>) -> Spec {
-        let terminals = self.known.map_or(&[][..], |known| known.terminals);
-        let place = match bit {
-            Some(bit) => Terminals::of(terminals, bit),
-            None => Terminals::all(terminals),
-        };
+    /// A pin at its terminal: that of a bit, or of the element.
+    fn spec(&self, name: &str, bit: Option<u16>) -> Spec {
+        let place = self.place(bit);
         self.in_unit(name).at(place.terminal, place.signal)
+    }
+
+    fn place(&self, bit: Option<u16>) -> Place {
+        let known = self.known.iter();
+        known.flat_map(|known| known.places(bit)).collect()
     }
 
     fn safe(&self) -> f64 {
@@ -143,8 +110,8 @@ impl Maker<'_> {
             output,
             bits,
             ..
-        } = *self.element;
-        let one = |first: Option<u16>, bit: u16| Field::new(first? + bit, 1);
+        } = self.element;
+        let one = |first: Option<u16>, bit: u16| Field::new(Some(first? + bit), 1);
         let mut together = Vec::new();
         for bit in 0..bits {
             let name = format!("{}-{bit:02}", self.stem);
@@ -156,14 +123,13 @@ impl Maker<'_> {
         }
         let fields = (0..bits).step_by(usize::from(Field::MAX_BITS));
         for (first, pins) in fields.zip(together.chunks(usize::from(Field::MAX_BITS))) {
-            let field = input.and_then(|input| Field::new(input + first, pins.len() as u8));
-            self.bindings
-                .bit_inputs
-                .extend(field.map(|field| BitInputs {
-                    field,
-                    pins: pins.to_vec(),
-                    taken: None,
-                }));
+            let input = input.map(|input| input + first);
+            let bits = Field::new(input, pins.len() as u16).map(|field| BitInputs {
+                field,
+                pins: pins.to_vec(),
+                taken: None,
+            });
+            self.bindings.bit_inputs.extend(bits);
         }
         Ok(())
     }
@@ -174,7 +140,7 @@ impl Maker<'_> {
         name: &str,
         bit: Option<u16>,
     ) -> Result<(Pin<bool>, Option<Input<bool>>), PinError> {
-        let spec = self.at_terminal(name, bit);
+        let spec = self.spec(name, bit);
         let opposite = spec.clone().named(format!("{name}-not"));
         let pin = self.pin(spec, self.safe() != 0.0)?;
         let mut not = None;
@@ -182,10 +148,9 @@ impl Maker<'_> {
             Pin::In(_) => not = Some(self.pins.add_input(self.group, opposite)?),
             Pin::Out(output) => {
                 let invert = Spec::new(format!("{name}-invert"));
+                let invert = self.pins.add_setting(self.group, invert, false)?;
                 let modifiers = OutputModifiers {
-                    invert: Some(Invert::Setting(
-                        self.pins.add_setting(self.group, invert, false)?,
-                    )),
+                    invert: Some(Invert::Setting(invert)),
                     ..OutputModifiers::default()
                 };
                 self.pins.modify(output, modifiers)?;
@@ -195,9 +160,11 @@ impl Maker<'_> {
         Ok((pin, not))
     }
 
-    fn number(&mut self, scaling: Scaling) -> Result<Codec, PinError> {
+    fn number(&mut self) -> Result<Codec, PinError> {
+        let scaling = Scaling::of(self.record);
         let (min, max) = (scaling.min(), scaling.max());
-        let pin = self.pin(self.spec().range(min, max), self.safe())?;
+        let spec = self.spec(&self.stem, None).range(min, max);
+        let pin = self.pin(spec, self.safe())?;
         let scale = self.setting("-scalemax", max)?;
         let output = match pin {
             Pin::In(_) => None,
@@ -225,63 +192,59 @@ impl Maker<'_> {
         self.pins.add_setting(self.group, spec, value)
     }
 
-    fn float_limits(&self, spec: Spec) -> Spec {
+    fn float(&mut self) -> Result<Codec, PinError> {
+        let spec = self.spec(&self.stem, None);
         let (min, max) = (f64::from(self.record.min), f64::from(self.record.max));
         let largest = f64::from(f32::MAX);
-        if min < max && min.is_finite() && max.is_finite() {
+        let spec = if min < max && min.is_finite() && max.is_finite() {
             spec.limits(min, max)
         } else if self.element.bits == 32 {
             spec.limits(-largest, largest)
         } else {
             spec
-        }
+        };
+        Ok(Codec::Float(self.pin(spec, self.safe())?))
     }
 
-    fn counter(&mut self, high_bits: u8) -> Result<(), PinError> {
+    fn stream(&mut self) -> Result<Codec, PinError> {
+        let spec = self.spec(&self.stem, None);
+        let bits = self.record.bits;
+        // A number as wide as its type takes every value.
+        let spec = match bits {
+            32 | 64 => spec,
+            _ => spec.limits(0.0, largest_below(bits)),
+        };
+        Ok(match bits {
+            33.. => Codec::Wide(self.pin(spec, 0)?),
+            _ => Codec::Raw(self.pin(spec, 0)?),
+        })
+    }
+
+    fn counter(&mut self) -> Result<(), PinError> {
         // A counter that the host would write makes no sense; its bits stay zero.
-        let Some(field) = self.element.input_field() else {
+        let Some(field) = Field::new(self.element.input, self.element.bits) else {
             return Ok(());
         };
-        let group = self.group;
-        let at =
-            |maker: &Self, pin: &str| maker.at_terminal(&format!("{}.{pin}", maker.stem), None);
-        let plain = |maker: &Self, name: &str| Spec::new(format!("{}.{name}", maker.stem));
         let full_scale = f64::from(self.record.max);
         let full_scale = if full_scale.is_finite() {
             full_scale
         } else {
             1.0
         };
-        let off = OutputRule::switch(false);
+        let place = self.place(None);
+        let mut make = PinMaker::new(self.pins, self.group, format!("{}.", self.stem))
+            .at(place.terminal, place.signal);
         let handles = Counter {
-            count: self.pins.add_input(group, at(self, "count"))?,
-            rawcounts: self.pins.add_input(group, at(self, "rawcounts"))?,
-            position: self.pins.add_input(group, at(self, "position"))?,
-            index_enable: self.pins.add_inout(group, at(self, "index-enable"), off)?,
-            reset: self
-                .pins
-                .add_inout(group, at(self, "reset"), off)?
-                .as_output(),
-            scale: self
-                .pins
-                .add_setting(group, plain(self, "scale"), full_scale)?,
-            counts_per_rev: Some(self.pins.add_setting(
-                group,
-                plain(self, "counts-per-rev"),
-                256,
-            )?),
+            count: make.input("count")?,
+            rawcounts: make.input("rawcounts")?,
+            position: make.input("position")?,
+            index_enable: make.inout("index-enable")?,
+            reset: make.inout("reset")?.as_output(),
+            scale: make.setting("scale", full_scale)?,
+            counts_per_rev: Some(make.setting("counts-per-rev", 256)?),
         };
-        let counter = CounterPins::new(field, high_bits, handles);
+        let counter = CounterPins::new(field, self.element.high_bits, handles);
         self.bindings.counters.push(counter);
         Ok(())
-    }
-}
-
-/// The unit of the record, or the table's, or none.
-pub(super) fn in_unit(spec: Spec, record: &str, table: &'static str) -> Spec {
-    if record.is_empty() {
-        spec.unit(table)
-    } else {
-        spec.unit(record.to_string())
     }
 }

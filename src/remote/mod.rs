@@ -1,9 +1,8 @@
-//! Remotes: from what one says of itself to bits of interface registers, engineering values and
-//! pins.
+//! Remotes: from what one says of itself to engineering values and pins.
 //!
-//! [`PackingPlan`] says where each element of the process data is; [`Field`] gets and puts its bits;
-//! [`Scaling`] makes a value of them and bits of a value. [`RemotePins`] makes the pins of any
-//! remote from its descriptor. Parameters are read and written by their record:
+//! [`RemotePins`] makes the pins of any remote from its descriptor and its
+//! [`PackingPlan`](crate::discovery::PackingPlan); [`Scaling`] makes a value of the bits of an element,
+//! and bits of a value. Parameters are read and written by their record:
 //! [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
 mod binding;
@@ -11,21 +10,18 @@ mod counter;
 mod field;
 mod make;
 mod parameter;
-mod plan;
 mod scaling;
 
-pub use field::Field;
-pub use parameter::{ParameterError, ParameterValue, ParameterValueError, RemoteParameter};
-pub use plan::{Element, ElementKind, PackingPlan};
-pub use scaling::{Fit, Raw, Scaling, sign_extend};
+use self::field::Field;
+pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
+pub use scaling::Scaling;
 
 use alloc::format;
-use alloc::string::String;
+use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 
 use self::make::{Bindings, Maker};
-use crate::boards::RemoteTable;
-use crate::discovery::RemoteDescriptor;
+use crate::discovery::{PackingPlan, RemoteDescriptor, RemoteTable, hal_name};
 use crate::hal::{GroupId, PinError, PinStore};
 
 /// The pins of a remote, and the way of their values from and to the interface registers.
@@ -40,31 +36,18 @@ use crate::hal::{GroupId, PinError, PinStore};
 pub struct RemotePins {
     prefix: String,
     group: GroupId,
-    plan: PackingPlan,
     bindings: Bindings,
     parameters: Vec<RemoteParameter>,
 }
 
 /// Why the pins of a remote were not made.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum RemoteError {
-    /// A pin of it can not be made.
-    #[error("element {element} of the process data: {source}")]
-    Element {
-        /// The place of the record in the descriptor's `process_data`.
-        element: usize,
-        /// Why.
-        source: PinError,
-    },
-    /// A parameter of it can not be made.
-    #[error("parameter {parameter}: {source}")]
-    Parameter {
-        /// The place of the record in the descriptor's `parameters`.
-        parameter: usize,
-        /// Why.
-        source: PinError,
-    },
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{name}: {source}")]
+pub struct RemoteError {
+    /// What the names of the pins of the element begin with, or the name of the parameter.
+    pub name: String,
+    /// Why.
+    pub source: PinError,
 }
 
 /// Where a remote is: what its pins are named after.
@@ -91,38 +74,46 @@ impl RemotePins {
         pins: &mut PinStore,
         location: RemoteLocation<'_>,
         descriptor: &RemoteDescriptor,
-        plan: PackingPlan,
+        plan: &PackingPlan,
         table: Option<&RemoteTable>,
     ) -> Result<Self, RemoteError> {
         let group = pins.add_group();
-        let prefix = make::prefix(location, descriptor.name);
+        let RemoteLocation {
+            board,
+            port,
+            channel,
+        } = location;
+        let card = hal_name(&descriptor.name.to_string());
+        let prefix = format!("{board}.{card}.{port}.{channel}");
         let mut bindings = Bindings::default();
-        for element in plan.elements() {
+        for &element in &plan.elements {
             let Some(record) = descriptor.process_data.get(element.record) else {
                 debug_assert!(false, "the plan is of this descriptor");
                 continue;
             };
-            let known = table.and_then(|table| table.element(&record.name, record.direction));
-            let made = Maker {
+            let stem = format!("{prefix}.{}", hal_name(&record.name));
+            let mut maker = Maker {
                 pins,
                 group,
-                stem: format!("{prefix}.{}", make::lower(&record.name)),
+                stem,
                 element,
                 record,
-                known,
+                known: table.and_then(|table| table.element(&record.name, record.direction)),
                 bindings: &mut bindings,
-            }
-            .make();
-            made.map_err(|source| RemoteError::Element {
-                element: element.record,
-                source,
-            })?;
+            };
+            let made = maker.make();
+            let name = maker.stem;
+            made.map_err(|source| RemoteError { name, source })?;
         }
-        let parameters = parameter::make(pins, group, &prefix, &descriptor.parameters)?;
+        let mut parameters = Vec::new();
+        for record in &descriptor.parameters {
+            let name = format!("{prefix}.{}", hal_name(&record.name));
+            let made = RemoteParameter::new(pins, group, &name, record);
+            parameters.extend(made.map_err(|source| RemoteError { name, source })?);
+        }
         Ok(Self {
             prefix,
             group,
-            plan,
             bindings,
             parameters,
         })
@@ -138,22 +129,15 @@ impl RemotePins {
         self.group
     }
 
-    /// Where its process data is.
-    pub fn plan(&self) -> &PackingPlan {
-        &self.plan
-    }
-
     /// Its parameters, which are no process data: read and written in setup mode.
     pub fn parameters(&self) -> &[RemoteParameter] {
         &self.parameters
     }
 
     /// The parameter of that name, as the remote spells it or LinuxCNC does (in lower case).
-    pub fn parameter(&self, descriptor: &RemoteDescriptor, name: &str) -> Option<&RemoteParameter> {
-        self.parameters.iter().find(|parameter| {
-            let record = descriptor.parameters.get(parameter.record);
-            record.is_some_and(|record| record.is_named(name))
-        })
+    pub fn parameter(&self, name: &str) -> Option<&RemoteParameter> {
+        let mut parameters = self.parameters.iter();
+        parameters.find(|parameter| parameter.record.is_named(name))
     }
 
     /// Its parameters, to publish what was read.

@@ -1,14 +1,12 @@
 //! Parameters of a remote: what is not process data.
 
-use alloc::format;
-use alloc::vec::Vec;
+use core::convert::Infallible;
 
-use super::make::{in_unit, lower};
-use super::plan::kind_of;
-use super::{ElementKind, RemoteError, sign_extend};
-use crate::discovery::{DataDirection, DataRecord, DataType, RemoteParameters};
+use super::Scaling;
+use super::scaling::{mask, real, real_bits, sign_extend, whole_range};
+use crate::discovery::{DataDirection, DataRecord, DataType, RemoteMemory};
 use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinStore, Spec, Value};
-use crate::sslbp::AccessSize;
+use crate::sslbp::{AccessSize, NonvolatileMemory};
 
 /// The value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,35 +20,16 @@ pub struct ParameterValue {
 /// Why a parameter was not read or written.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ParameterError<E: core::error::Error + 'static> {
+pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     /// The access failed.
     #[error(transparent)]
     Memory(#[from] E),
-    /// It can not have this value; nothing was written.
-    #[error(transparent)]
-    Value(ParameterValueError),
     /// The record has a size that no access has.
     #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged, leave it out")]
     Size {
         /// Its bits.
         bits: u8,
     },
-    /// The remote holds something else than what was written.
-    #[error(
-        "the parameter reads {read:#X} after {written:#X} was written; the remote refuses this value, or sets it itself"
-    )]
-    NotTaken {
-        /// What was written.
-        written: u64,
-        /// What is there.
-        read: u64,
-    },
-}
-
-/// Why a value is not one that a parameter can have.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ParameterValueError {
     /// The remote says that the parameter can only be read.
     #[error("the remote's parameter can only be read")]
     ReadOnly,
@@ -74,30 +53,30 @@ pub enum ParameterValueError {
         /// The most that is allowed.
         max: f32,
     },
+    /// The remote holds something else than what was written.
+    #[error(
+        "the parameter reads {read:#X} after {written:#X} was written; the remote refuses this value, or sets it itself"
+    )]
+    NotTaken {
+        /// What was written.
+        written: u64,
+        /// What is there.
+        read: u64,
+    },
 }
 
 /// A record as the description of a parameter in the remote's memory.
 impl DataRecord {
-    /// Whether it has this name: as the remote spells it, or as LinuxCNC does, in lower case.
-    pub fn is_named(&self, name: &str) -> bool {
-        lower(&self.name) == lower(name)
-    }
-
     /// Reads the parameter that this record describes, from the memory it belongs to.
     ///
     /// # Errors
     /// [`ParameterError`]: the access failed, or no access has this size.
-    pub fn read_parameter<M: RemoteParameters>(
+    pub fn read_parameter<M: RemoteMemory>(
         &self,
         memory: &mut M,
     ) -> Result<ParameterValue, ParameterError<M::Error>> {
-        let size = self.access_size()?;
-        let word = if self.data_type.is_nonvolatile() {
-            memory.read_nonvolatile(self.address, size)?
-        } else {
-            memory.read(self.address, size)?
-        };
-        let raw = word & self.raw_mask();
+        let (kept_in, size) = self.place()?;
+        let raw = memory.read(kept_in, self.address, size)? & mask(self.bits);
         let value = self.value_of(raw);
         Ok(ParameterValue { raw, value })
     }
@@ -109,22 +88,21 @@ impl DataRecord {
     ///
     /// # Errors
     /// [`ParameterError`]. Nothing was written if it is about the value or the size.
-    pub fn write_parameter<M: RemoteParameters>(
+    pub fn write_parameter<M: RemoteMemory>(
         &self,
         memory: &mut M,
         value: impl Into<AnyValue>,
     ) -> Result<(), ParameterError<M::Error>> {
-        let size = self.access_size()?;
-        let raw = self.raw_of(value.into()).map_err(ParameterError::Value)?;
-        if self.data_type.is_nonvolatile() {
-            return Ok(memory.write_nonvolatile(self.address, size, raw)?);
+        let (kept_in, size) = self.place()?;
+        let written = self.raw_of(value.into())?;
+        memory.write(kept_in, self.address, size, written)?;
+        if kept_in.is_some() {
+            // Read back already.
+            return Ok(());
         }
-        memory.write(self.address, size, raw)?;
-        let read = memory.read(self.address, size)? & self.raw_mask();
-        if read == raw {
-            Ok(())
-        } else {
-            Err(ParameterError::NotTaken { written: raw, read })
+        match memory.read(None, self.address, size)? & mask(self.bits) {
+            read if read == written => Ok(()),
+            read => Err(ParameterError::NotTaken { written, read }),
         }
     }
 
@@ -132,61 +110,52 @@ impl DataRecord {
     /// them.
     ///
     /// # Errors
-    /// [`ParameterValueError`]: the parameter can only be read, or can not be this value.
-    pub fn raw_of(&self, value: AnyValue) -> Result<u64, ParameterValueError> {
+    /// [`ParameterError`]: the parameter can only be read, or can not be this value.
+    pub fn raw_of<E: core::error::Error>(&self, value: AnyValue) -> Result<u64, ParameterError<E>> {
         if self.direction == DataDirection::Input {
-            return Err(ParameterValueError::ReadOnly);
+            return Err(ParameterError::ReadOnly);
         }
-        let kind = self.parameter_type();
-        let bits = self.bits;
-        let whole = whole(value);
-        let raw = match kind {
-            HalType::Bit => whole.filter(|n| (0..=1).contains(n)),
-            HalType::U32 | HalType::U64 => {
-                whole.filter(|n| (0..=i128::from(self.raw_mask())).contains(n))
-            }
-            HalType::S32 | HalType::S64 => {
-                let half = 1_i128 << (bits.clamp(1, 64) - 1);
-                whole.filter(|n| (-half..half).contains(n))
-            }
-            HalType::Float => real(value)
-                .and_then(|real| float_bits(real, bits))
-                .map(i128::from),
+        let (kind, bits) = (self.parameter_type(), self.bits);
+        let raw = if kind == HalType::Float {
+            let raw = real_of(value).map(|value| real_bits(value, bits));
+            raw.filter(|&raw| real(raw, bits).is_finite())
+        } else {
+            let (lowest, highest) = match kind {
+                HalType::Bit => (0, 1),
+                _ => whole_range(bits.clamp(1, 64), is_signed(kind)),
+            };
+            let whole = whole_of(value).filter(|n| (lowest..=highest).contains(n));
+            whole.map(|n| n as u64 & mask(bits))
         };
-        let Some(raw) = raw else {
-            return Err(ParameterValueError::DoesNotFit { value, kind, bits });
-        };
+        let raw = raw.ok_or(ParameterError::DoesNotFit { value, kind, bits })?;
         let (min, max) = (self.min, self.max);
         // Those of scaled numbers are in units; equal ones are none.
         let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
         let is_limited = !is_scaled && kind != HalType::Bit && min < max;
         let is_within = |real| (f64::from(min)..=f64::from(max)).contains(&real);
-        if is_limited && !real(value).is_some_and(is_within) {
-            return Err(ParameterValueError::OutOfRange { value, min, max });
+        if is_limited && !real_of(value).is_some_and(is_within) {
+            return Err(ParameterError::OutOfRange { value, min, max });
         }
-        Ok(raw as u64 & self.raw_mask())
+        Ok(raw)
     }
 
     /// What the bits of the parameter are in the record's unit; what has no scale is a whole number.
     fn value_of(&self, raw: u64) -> f64 {
-        match kind_of(self, None) {
-            Ok(ElementKind::Float) if self.bits == 64 => f64::from_bits(raw),
-            Ok(ElementKind::Float) => f64::from(f32::from_bits(raw as u32)),
-            Ok(ElementKind::Boolean) => f64::from(u8::from(raw != 0)),
-            Ok(ElementKind::Number(scaling)) => scaling.value(raw),
-            _ => raw as f64,
+        match self.parameter_type() {
+            HalType::Bit => f64::from(u8::from(raw != 0)),
+            HalType::Float => real(raw, self.bits),
+            _ => Scaling::of(self).value(raw),
         }
     }
 
-    fn access_size<E: core::error::Error + 'static>(
+    /// The memory it is in, and how much of it.
+    fn place<E: core::error::Error>(
         &self,
-    ) -> Result<AccessSize, ParameterError<E>> {
+    ) -> Result<(Option<NonvolatileMemory>, AccessSize), ParameterError<E>> {
         let bits = self.bits;
-        AccessSize::for_bits(bits).ok_or(ParameterError::Size { bits })
-    }
-
-    fn raw_mask(&self) -> u64 {
-        u64::MAX >> (64 - u32::from(self.bits.clamp(1, 64)))
+        let size = AccessSize::for_bits(bits).ok_or(ParameterError::Size { bits })?;
+        let is_nonvolatile = self.data_type.is_nonvolatile();
+        Ok((is_nonvolatile.then_some(NonvolatileMemory::Eeprom), size))
     }
 
     /// What LinuxCNC makes of it.
@@ -211,17 +180,16 @@ impl DataRecord {
 /// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver
 /// starts or while its port stands still: [`Remotes::at`](crate::driver::Remotes::at),
 /// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct RemoteParameter {
-    /// The place of its record in the descriptor's `parameters`.
-    pub record: usize,
-    /// Its width in bits.
-    bits: u8,
+    /// Its description.
+    pub record: DataRecord,
+    /// What the remote had when it was read first: one that is non-volatile is used from the next
+    /// power-up on, so this may be what is in use still.
+    pub first: Option<u64>,
+    /// What the remote has, right-justified, as far as known.
+    pub known: Option<u64>,
     handle: Handle,
-    /// What the remote had when it was read first.
-    first: Option<u64>,
-    /// What the remote has, as far as known.
-    known: Option<u64>,
 }
 
 /// The handle of a parameter, by type.
@@ -236,48 +204,80 @@ enum Handle {
 }
 
 impl RemoteParameter {
+    /// Makes the parameter of a record; `None` for one that no parameter type can hold: a pad, or
+    /// one that has not 1 to 64 bits.
+    pub(super) fn new(
+        pins: &mut PinStore,
+        group: GroupId,
+        name: &str,
+        record: &DataRecord,
+    ) -> Result<Option<Self>, PinError> {
+        if record.data_type == DataType::Pad || AccessSize::for_bits(record.bits).is_none() {
+            return Ok(None);
+        }
+        let spec = Spec::new(name).unit(record.unit.clone());
+        let kind = record.parameter_type();
+        // A number as wide as its type takes every value; a narrower one only what its bits hold.
+        let spec = match (kind, record.bits) {
+            (HalType::Bit | HalType::Float, _) | (_, 32 | 64) => spec,
+            (_, bits) if is_signed(kind) => {
+                let (lowest, _) = whole_range(bits, true);
+                spec.limits(lowest as f64, largest_below(bits - 1))
+            }
+            (_, bits) => spec.limits(0.0, largest_below(bits)),
+        };
+        let handle = match kind {
+            HalType::Bit => Handle::Bit(add(pins, group, spec, record)?),
+            HalType::Float => Handle::Float(add(pins, group, spec, record)?),
+            HalType::S32 => Handle::S32(add(pins, group, spec, record)?),
+            HalType::U32 => Handle::U32(add(pins, group, spec, record)?),
+            HalType::S64 => Handle::S64(add(pins, group, spec, record)?),
+            HalType::U64 => Handle::U64(add(pins, group, spec, record)?),
+        };
+        Ok(Some(Self {
+            record: record.clone(),
+            first: None,
+            known: None,
+            handle,
+        }))
+    }
+
     /// Takes what was read from the remote, right-justified.
     pub fn publish(&mut self, pins: &mut PinStore, raw: u64) {
-        let raw = raw & (u64::MAX >> (64 - u32::from(self.bits)));
+        let bits = self.record.bits;
+        let raw = raw & mask(bits);
         self.first.get_or_insert(raw);
         self.known = Some(raw);
         match self.handle {
             Handle::Bit(param) => pins.publish(param, raw != 0),
             Handle::U32(param) => pins.publish(param, raw as u32),
-            Handle::S32(param) => pins.publish(param, sign_extend(raw, self.bits) as i32),
+            Handle::S32(param) => pins.publish(param, sign_extend(raw, bits) as i32),
             Handle::U64(param) => pins.publish(param, raw),
-            Handle::S64(param) => pins.publish(param, sign_extend(raw, self.bits)),
-            Handle::Float(param) if self.bits == 64 => {
-                pins.publish(param, f64::from_bits(raw));
-            }
-            Handle::Float(param) => {
-                pins.publish(param, f64::from(f32::from_bits(raw as u32)));
-            }
+            Handle::S64(param) => pins.publish(param, sign_extend(raw, bits)),
+            Handle::Float(param) => pins.publish(param, real(raw, bits)),
         }
-    }
-
-    /// What the remote has, right-justified, as far as known.
-    pub fn known(&self) -> Option<u64> {
-        self.known
-    }
-
-    /// What the remote had when it was read first: one that is non-volatile is used from the next
-    /// power-up on, so this may be what is in use still.
-    pub fn first(&self) -> Option<u64> {
-        self.first
     }
 }
 
-fn float_bits(real: f64, bits: u8) -> Option<u64> {
-    if bits == 64 {
-        return real.is_finite().then(|| real.to_bits());
+fn add<T: Value>(
+    pins: &mut PinStore,
+    group: GroupId,
+    spec: Spec,
+    record: &DataRecord,
+) -> Result<Param<T>, PinError> {
+    if record.direction == DataDirection::Input {
+        pins.add_property(group, spec, T::default())
+    } else {
+        pins.add_in_remote(group, spec, T::default())
     }
-    let short = real as f32;
-    short.is_finite().then(|| u64::from(short.to_bits()))
+}
+
+fn is_signed(kind: HalType) -> bool {
+    matches!(kind, HalType::S32 | HalType::S64)
 }
 
 /// A value as a whole number, if it is one.
-fn whole(value: AnyValue) -> Option<i128> {
+fn whole_of(value: AnyValue) -> Option<i128> {
     match value {
         AnyValue::Bit(value) => Some(i128::from(value)),
         AnyValue::S32(value) => Some(i128::from(value)),
@@ -291,79 +291,10 @@ fn whole(value: AnyValue) -> Option<i128> {
     }
 }
 
-fn real(value: AnyValue) -> Option<f64> {
+fn real_of(value: AnyValue) -> Option<f64> {
     match value {
         AnyValue::Float(value) => Some(value),
-        other => whole(other).map(|n| n as f64),
-    }
-}
-
-/// Makes the parameters of a remote. Those that no parameter type can hold are left out: pads, and
-/// records wider than 64 bits.
-pub(super) fn make(
-    pins: &mut PinStore,
-    group: GroupId,
-    prefix: &str,
-    records: &[DataRecord],
-) -> Result<Vec<RemoteParameter>, RemoteError> {
-    let mut parameters = Vec::with_capacity(records.len());
-    for (index, record) in records.iter().enumerate() {
-        if record.data_type == DataType::Pad || !(1..=64).contains(&record.bits) {
-            continue;
-        }
-        let handle = handle(pins, group, prefix, record);
-        parameters.push(RemoteParameter {
-            record: index,
-            bits: record.bits,
-            handle: handle.map_err(|source| RemoteError::Parameter {
-                parameter: index,
-                source,
-            })?,
-            first: None,
-            known: None,
-        });
-    }
-    Ok(parameters)
-}
-
-fn handle(
-    pins: &mut PinStore,
-    group: GroupId,
-    prefix: &str,
-    record: &DataRecord,
-) -> Result<Handle, PinError> {
-    fn add<T: Value>(
-        pins: &mut PinStore,
-        group: GroupId,
-        spec: Spec,
-        direction: DataDirection,
-    ) -> Result<Param<T>, PinError> {
-        if direction == DataDirection::Input {
-            pins.add_property(group, spec, T::default())
-        } else {
-            pins.add_in_remote(group, spec, T::default())
-        }
-    }
-    let name = format!("{prefix}.{}", lower(&record.name));
-    let spec = in_unit(Spec::new(name), &record.unit, "");
-    // A number as wide as its type takes every value; a narrower one only what its bits hold.
-    let kind = record.parameter_type();
-    let spec = match (kind, record.bits) {
-        (HalType::Bit | HalType::Float, _) | (_, 32 | 64) => spec,
-        (HalType::U32 | HalType::U64, bits) => spec.limits(0.0, largest_below(bits)),
-        (HalType::S32 | HalType::S64, bits) => {
-            let half = (1_u64 << (bits - 1)) as f64;
-            spec.limits(-half, largest_below(bits - 1))
-        }
-    };
-    let direction = record.direction;
-    match kind {
-        HalType::Bit => add(pins, group, spec, direction).map(Handle::Bit),
-        HalType::Float => add(pins, group, spec, direction).map(Handle::Float),
-        HalType::S32 => add(pins, group, spec, direction).map(Handle::S32),
-        HalType::U32 => add(pins, group, spec, direction).map(Handle::U32),
-        HalType::S64 => add(pins, group, spec, direction).map(Handle::S64),
-        HalType::U64 => add(pins, group, spec, direction).map(Handle::U64),
+        other => whole_of(other).map(|n| n as f64),
     }
 }
 
@@ -398,7 +329,7 @@ mod tests {
     }
 
     fn bits_of(record: &DataRecord, value: impl Into<AnyValue>) -> Option<u64> {
-        record.raw_of(value.into()).ok()
+        record.raw_of::<Infallible>(value.into()).ok()
     }
 
     /// FACTS 8.2: NVBaudRate 9 = 2.5 M; its record in gateware transcript t03 has the limits 0..11.
@@ -451,7 +382,7 @@ mod tests {
         fn whole_numbers_of_every_width_come_back(bits in 1u8..=64, raw: u64, signed: bool) {
             let data_type = if signed { DataType::Signed } else { DataType::Unsigned };
             let record = record(data_type, bits, if signed { -10.0 } else { 0.0 }, 10.0);
-            let raw = raw & record.raw_mask();
+            let raw = raw & mask(record.bits);
             let value = if signed { AnyValue::S64(sign_extend(raw, bits)) } else { AnyValue::U64(raw) };
             prop_assert_eq!(bits_of(&record, value), Some(raw));
         }
@@ -462,8 +393,8 @@ mod tests {
         ) {
             let record = record(DataType::from_byte(kind), bits, min, max);
             let _ = record.value_of(raw);
-            if let Ok(raw) = record.raw_of(value.into()) {
-                prop_assert_eq!(raw & !record.raw_mask(), 0);
+            if let Some(raw) = bits_of(&record, value) {
+                prop_assert_eq!(raw & !mask(record.bits), 0);
             }
         }
     }

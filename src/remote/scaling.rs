@@ -4,24 +4,23 @@ use crate::discovery::{DataRecord, DataType};
 
 /// What a raw value means, and which raw value a value becomes.
 ///
-/// Four forms, by type and limits (FACTS 7.4):
+/// Three forms, by type and limits (FACTS 7.4):
 ///
 /// | form | when | value |
 /// |---|---|---|
 /// | whole | limits are those of the raw number itself | `raw` |
-/// | unsigned | unsigned, `min` = 0 | `raw * max / (2^n - 1)` |
 /// | signed | two's complement, `min` = -`max` | `raw * max / 2^(n-1)` |
 /// | offset | other limits | `raw * (max - min) / (2^n - 1) + min`, raw unsigned |
 ///
 /// The manuals' signed formula would make `min` of raw 0; nothing in the field does so. The offset
 /// form is the manuals' unsigned one, and the only sensible reading of limits that fit no other.
-/// `min` = `max` means 0 to 1 (two's complement: -1 to 1).
+/// `min` = `max` means 0 to 1 (two's complement: -1 to 1), and so do limits that are not finite.
 ///
 /// Records hold their limits as 32-bit floats, in which 2^32 - 1 is 4294967296: such limits still
 /// are those of the raw number, and 0x12000001 of 32 bits is 301989889, not 301989889.07.
 ///
 /// # Towards the wire
-/// Whole, unsigned and offset round to the nearest raw value, so that a value from the wire goes
+/// Whole and offset round to the nearest raw value, so that a value from the wire goes
 /// back to the same raw value.
 ///
 /// Signed follows LinuxCNC on the wire up to 31 bits: it makes a fraction of `2^31 - 1` first
@@ -31,10 +30,10 @@ use crate::discovery::{DataRecord, DataType};
 /// (1073741823.5 of `2^31 - 1`) and becomes 2047, and -10 V becomes -4096 (0x1000). The value
 /// on the wire is less than `1 + 2^(n-32)` steps off: one step at the widths devices have, one and a
 /// half at 31 bits. From 32 bits on, where that way errs more (and LinuxCNC itself does
-/// not go), it is the nearest. [`nearest`](Self::nearest) is the nearest at every width.
+/// not go), it is the nearest.
 ///
 /// Both ends are exact at every width: `max` is the largest raw value, `min` the smallest. Beyond
-/// them the end is taken, and said.
+/// them the end is taken; what is no number counts as 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scaling {
     form: Form,
@@ -46,104 +45,59 @@ pub struct Scaling {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     Whole { signed: bool },
-    Unsigned,
     Signed,
     Offset,
 }
 
-/// A raw value, and what had to be done to get it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Raw {
-    /// The bits, right-justified; bits above the width are zero.
-    pub bits: u64,
-    /// Whether the value fitted.
-    pub fit: Fit,
-}
-
-/// Whether a value fitted what the wire can carry.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fit {
-    /// It did.
-    Exact,
-    /// It lay outside and became the nearest end.
-    Clamped,
-    /// It was no number; the bits are those of zero, or of the end nearest to zero.
-    NotFinite,
-}
-
 impl Scaling {
-    /// For the number that a record describes; `None` if it describes no number, or as for
-    /// [`unsigned`](Self::unsigned).
+    /// For the number that a record describes.
     ///
-    /// Non-volatile numbers are whole whatever their limits, which are limits only: `NVBaudRate`
-    /// is 9 for 2.5 Mbaud, with a maximum of 11 (FACTS 8.2).
-    pub fn of(record: &DataRecord) -> Option<Self> {
-        let (bits, min, max) = (record.bits, f64::from(record.min), f64::from(record.max));
+    /// Non-volatile numbers, and what is no number, are whole whatever their limits, which are
+    /// limits only: `NVBaudRate` is 9 for 2.5 Mbaud, with a maximum of 11 (FACTS 8.2).
+    pub fn of(record: &DataRecord) -> Self {
+        let (min, max) = (f64::from(record.min), f64::from(record.max));
         match record.data_type {
-            DataType::Unsigned => Self::unsigned(bits, min, max),
-            DataType::Signed => Self::signed(bits, min, max),
-            DataType::NonvolUnsigned => Self::whole(bits, false),
-            DataType::NonvolSigned => Self::whole(bits, true),
-            _ => None,
+            DataType::Unsigned => Self::new(record.bits, false, min, max),
+            DataType::Signed => Self::new(record.bits, true, min, max),
+            DataType::NonvolSigned => Self::whole(record.bits, true),
+            _ => Self::whole(record.bits, false),
         }
     }
 
-    /// For a number of `bits` bits that is its own value. `None` for no bits, or more than 64.
-    pub fn whole(bits: u8, signed: bool) -> Option<Self> {
-        (1..=64).contains(&bits).then(|| {
-            let (min, max) = whole_range(bits, signed);
-            Self {
-                form: Form::Whole { signed },
-                bits,
-                min: min as f64,
-                max: max as f64,
-            }
-        })
-    }
-
-    /// For an unsigned number of `bits` bits. `None` for no bits, more than 64, or limits that are
-    /// not finite.
-    pub fn unsigned(bits: u8, min: f64, max: f64) -> Option<Self> {
-        if is_whole(bits, false, min, max) {
-            return Self::whole(bits, false);
-        }
-        let form = if min == 0.0 || min == max {
-            Form::Unsigned
-        } else {
-            Form::Offset
-        };
-        Self::scaled(form, bits, min, max)
-    }
-
-    /// For a two's complement number of `bits` bits. `None` as for [`unsigned`](Self::unsigned).
-    pub fn signed(bits: u8, min: f64, max: f64) -> Option<Self> {
-        if is_whole(bits, true, min, max) {
-            return Self::whole(bits, true);
-        }
-        let form = if min == -max || min == max {
-            Form::Signed
-        } else {
-            Form::Offset
-        };
-        Self::scaled(form, bits, min, max)
-    }
-
-    fn scaled(form: Form, bits: u8, min: f64, max: f64) -> Option<Self> {
-        let width = (1..=64).contains(&bits);
-        if !width || !min.is_finite() || !max.is_finite() || !(max - min).is_finite() {
-            return None;
-        }
-        let (min, max) = match form {
-            Form::Signed if min == max => (-1.0, 1.0),
-            _ if min == max => (0.0, 1.0),
-            _ => (min, max),
-        };
-        Some(Self {
-            form,
+    fn whole(bits: u8, signed: bool) -> Self {
+        let bits = bits.clamp(1, 64);
+        let (min, max) = whole_range(bits, signed);
+        Self {
+            form: Form::Whole { signed },
             bits,
+            min: min as f64,
+            max: max as f64,
+        }
+    }
+
+    /// For a number of `bits` bits, 1 to 64, two's complement if it is `signed`.
+    pub fn new(bits: u8, signed: bool, min: f64, max: f64) -> Self {
+        let whole = Self::whole(bits, signed);
+        let (_, highest) = whole_range(whole.bits, signed);
+        // The ends of the number itself, or the 32-bit floats nearest to them; for two's complement
+        // also symmetrical. The lowest is a power of two, or zero: exact in any float.
+        let is_highest = max == whole.max || max == f64::from(highest as f32);
+        if min == whole.min && (is_highest || signed && max == -whole.min) {
+            return whole;
+        }
+        let is_scale = min != max && (max - min).is_finite();
+        let (form, min, max) = match signed {
+            true if !is_scale => (Form::Signed, -1.0, 1.0),
+            true if min == -max => (Form::Signed, min, max),
+            _ if !is_scale => (Form::Offset, 0.0, 1.0),
+            _ => (Form::Offset, min, max),
+        };
+        Self {
+            form,
             min,
             max,
-        })
+            ..whole
+        }
     }
 
     /// Whether raw values are their own values.
@@ -167,18 +121,18 @@ impl Scaling {
         match self.form {
             Form::Whole { signed: false } => raw as f64,
             Form::Whole { signed: true } => sign_extend(raw, self.bits) as f64,
-            Form::Unsigned => raw as f64 / self.steps() * self.max,
             Form::Signed => sign_extend(raw, self.bits) as f64 / self.half() * self.max,
             Form::Offset => {
-                let fraction = raw as f64 / self.steps();
+                let fraction = raw as f64 / self.mask() as f64;
                 // Not `min + fraction * (max - min)`: that misses `max` by rounding.
                 self.min * (1.0 - fraction) + self.max * fraction
             }
         }
     }
 
-    /// The raw value of a value, as the field has it on the wire.
-    pub fn raw(self, value: f64) -> Raw {
+    /// The raw value of a value, as the field has it on the wire: right-justified, bits above the
+    /// width are zero.
+    pub fn raw(self, value: f64) -> u64 {
         match self.form {
             Form::Signed if value.is_finite() && self.bits < 32 => self
                 .signed_raw(value / self.max, |fraction| {
@@ -190,71 +144,41 @@ impl Scaling {
 
     /// The raw value whose value is the nearest: `nearest(value(raw))` is `raw`, up to the 53 bits
     /// that a real number holds.
-    pub fn nearest(self, value: f64) -> Raw {
-        if !value.is_finite() {
-            let zero = 0.0_f64.clamp(self.min.min(self.max), self.min.max(self.max));
-            return Raw {
-                bits: self.nearest(zero).bits,
-                fit: Fit::NotFinite,
-            };
-        }
+    fn nearest(self, value: f64) -> u64 {
+        let value = if value.is_finite() { value } else { 0.0 };
         match self.form {
-            Form::Whole { signed } => self.whole_raw(value, signed),
-            Form::Unsigned => self.unsigned_raw(value / self.max),
-            Form::Offset => self.unsigned_raw((value - self.min) / (self.max - self.min)),
+            Form::Whole { signed } => {
+                let (lowest, highest) = whole_range(self.bits, signed);
+                // Exact, or saturated far outside of every range.
+                let number = (libm::round(value) as i128).clamp(lowest, highest);
+                number as u64 & self.mask()
+            }
+            Form::Offset => {
+                let fraction = (value - self.min) / (self.max - self.min);
+                // A cast from a real number saturates: 2^64 becomes 2^64 - 1.
+                let raw = libm::round(fraction.clamp(0.0, 1.0) * self.mask() as f64) as u64;
+                raw.min(self.mask())
+            }
             Form::Signed => self.signed_raw(value / self.max, |fraction| {
                 libm::round(fraction * self.half()) as i64
             }),
         }
     }
 
-    fn whole_raw(self, value: f64, signed: bool) -> Raw {
-        let (lowest, highest) = whole_range(self.bits, signed);
-        // Exact, or saturated far outside of every range.
-        let asked = libm::round(value) as i128;
-        let number = asked.clamp(lowest, highest);
-        Raw {
-            bits: number as u64 & self.mask(),
-            fit: if number == asked {
-                Fit::Exact
-            } else {
-                Fit::Clamped
-            },
-        }
-    }
-
-    fn unsigned_raw(self, fraction: f64) -> Raw {
-        let (fraction, fit) = clamped(fraction, 0.0);
-        // A cast from a real number saturates: 2^64 becomes 2^64 - 1.
-        let bits = libm::round(fraction * self.steps()) as u64;
-        Raw {
-            bits: bits.min(self.mask()),
-            fit,
-        }
-    }
-
     /// `number` makes the two's complement number of a fraction from -1 to 1; full scale may be
     /// one too large.
-    fn signed_raw(self, fraction: f64, number: impl FnOnce(f64) -> i64) -> Raw {
-        let (fraction, fit) = clamped(fraction, -1.0);
+    fn signed_raw(self, fraction: f64, number: impl FnOnce(f64) -> i64) -> u64 {
         let highest = (self.mask() >> 1) as i64;
         let number = if fraction <= -1.0 {
             -highest - 1
         } else {
-            number(fraction).min(highest)
+            number(fraction.min(1.0)).min(highest)
         };
-        Raw {
-            bits: number as u64 & self.mask(),
-            fit,
-        }
+        number as u64 & self.mask()
     }
 
     fn mask(self) -> u64 {
-        u64::MAX >> (64 - u32::from(self.bits))
-    }
-
-    fn steps(self) -> f64 {
-        self.mask() as f64
+        mask(self.bits)
     }
 
     /// 2^(n-1)
@@ -264,7 +188,7 @@ impl Scaling {
 }
 
 /// The smallest and the largest number of `bits` (1 to 64) bits.
-fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
+pub(super) fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
     if signed {
         let half = 1_i128 << (bits - 1);
         (-half, half - 1)
@@ -273,33 +197,37 @@ fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
     }
 }
 
-/// Whether limits are those of a number of `bits` bits itself, exactly or as the 32-bit floats
-/// nearest to them; for two's complement also symmetrical, from -2^(n-1) to 2^(n-1).
-fn is_whole(bits: u8, signed: bool, min: f64, max: f64) -> bool {
-    if !(1..=64).contains(&bits) {
-        return false;
-    }
-    let (lowest, highest) = whole_range(bits, signed);
-    let symmetrical = signed && max == -(lowest as f64);
-    // Both are powers of two, or zero: exact in any float.
-    min == lowest as f64
-        && (max == highest as f64 || max == f64::from(highest as f32) || symmetrical)
-}
-
-fn clamped(fraction: f64, lowest: f64) -> (f64, Fit) {
-    if fraction > 1.0 {
-        (1.0, Fit::Clamped)
-    } else if fraction < lowest {
-        (lowest, Fit::Clamped)
-    } else {
-        (fraction, Fit::Exact)
+/// Ones in the low `bits` bits; at least one, at most 64.
+pub(super) const fn mask(bits: u8) -> u64 {
+    match bits {
+        0 => 1,
+        1..64 => (1 << bits) - 1,
+        _ => u64::MAX,
     }
 }
 
 /// The two's complement number in the low `bits` (1 to 64) bits.
-pub fn sign_extend(raw: u64, bits: u8) -> i64 {
+pub(super) fn sign_extend(raw: u64, bits: u8) -> i64 {
     let unused = 64_u32.saturating_sub(u32::from(bits)).min(63);
     ((raw << unused) as i64) >> unused
+}
+
+/// The real number in 32 or 64 bits.
+pub(super) fn real(raw: u64, bits: u8) -> f64 {
+    if bits == 64 {
+        f64::from_bits(raw)
+    } else {
+        f64::from(f32::from_bits(raw as u32))
+    }
+}
+
+/// A real number in 32 or 64 bits.
+pub(super) fn real_bits(value: f64, bits: u8) -> u64 {
+    if bits == 64 {
+        value.to_bits()
+    } else {
+        u64::from((value as f32).to_bits())
+    }
 }
 
 #[cfg(test)]

@@ -2,20 +2,19 @@
 //! letter: byte by byte, by a program that shares nothing with the driver's.
 
 use crate::common::fpga::set_up_pins;
+use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, DiscoveryLimits, Inventory, PortMemory, ProblemKind, RemoteDescriptor, Source,
+    DataDirection, Discovered, DiscoveryOptions, PortMemory, ProblemKind, RemoteDescriptor,
     discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
 use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{SimError, SimFpga, machines};
+use mesa_hal::sim::{SimFpga, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelStart, Layout, LocalLocation, NonvolatileMemory, Port, PortError,
-    PortWords, ProcessDataSizes, StartMode,
+    AccessSize, Channel, ChannelStart, Layout, LocalLocation, NonvolatileMemory, Port, PortWords,
+    ProcessDataSizes, StartMode,
 };
-
-type Found = Inventory<PortError<SimError>>;
 
 /// A 7I97 whose serial port has four channels: a 7I77's two remotes, a 7I72 and a 7I64.
 fn machine() -> (SimFpga, Port) {
@@ -36,18 +35,28 @@ fn machine() -> (SimFpga, Port) {
     (fpga, port)
 }
 
-fn found(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Found {
+/// What is on the first channels.
+fn discovered(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovered> {
     let starts: Vec<ChannelStart> = Channel::ALL
         .into_iter()
         .zip(modes)
         .map(|(channel, &mode)| ChannelStart::new(channel).with_software_mode(mode))
         .collect();
-    let inventory = discover_port(port, fpga, &starts, DiscoveryLimits::default()).unwrap();
-    assert_eq!(inventory.failures, []);
-    for found in &inventory.remotes {
-        assert_eq!(found.discovered.problems, [], "{}", found.remote);
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    let found = discover_port(port, fpga, &starts, &options).unwrap();
+    found.into_iter().map(Result::unwrap).collect()
+}
+
+fn found(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovered> {
+    let found = discovered(port, fpga, modes);
+    for found in &found {
+        assert_eq!(found.problems, [], "{}", found.started);
+        assert!(found.plan.is_ok());
     }
-    inventory
+    found
 }
 
 fn elements(descriptor: &RemoteDescriptor) -> Vec<(&str, u8, DataDirection)> {
@@ -61,15 +70,16 @@ fn elements(descriptor: &RemoteDescriptor) -> Vec<(&str, u8, DataDirection)> {
 fn the_devices_are_what_the_facts_say() {
     use DataDirection::{Input, Output};
     let (mut fpga, mut port) = machine();
-    let inventory = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
-    let on = |n: usize| inventory.on(Channel::ALL[n]).unwrap();
+    let found = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    let [field_io, analog, i7i72, i7i64] = &found[..] else {
+        panic!("four remotes, and not {}", found.len());
+    };
 
-    let field_io = on(0);
-    assert_eq!(field_io.remote.name.to_string(), "7I77");
-    assert_eq!(field_io.remote.unit_number >> 24, 0x12);
-    assert_eq!(field_io.remote.sizes, ProcessDataSizes { rx: 5, tx: 2 });
+    assert_eq!(field_io.started.name.to_string(), "7I77");
+    assert_eq!(field_io.started.unit_number >> 24, 0x12);
+    assert_eq!(field_io.started.sizes, ProcessDataSizes { rx: 5, tx: 2 });
     assert_eq!(
-        elements(&field_io.discovered.descriptor),
+        elements(&field_io.descriptor),
         [("Output", 16, Output), ("Input", 32, Input)]
     );
     for name in [
@@ -78,14 +88,13 @@ fn the_devices_are_what_the_facts_say() {
         "NVBaudRate",
         "NVWatchDogTimeout",
     ] {
-        let parameter = field_io.discovered.descriptor.parameter(name);
+        let parameter = field_io.descriptor.parameter(name);
         assert!(parameter.is_some(), "{name}");
     }
 
-    let analog = on(1);
-    assert_eq!(analog.remote.unit_number >> 24, 0x11);
-    assert_eq!(analog.remote.sizes, ProcessDataSizes { rx: 1, tx: 10 });
-    let analog = elements(&analog.discovered.descriptor);
+    assert_eq!(analog.started.unit_number >> 24, 0x11);
+    assert_eq!(analog.started.sizes, ProcessDataSizes { rx: 1, tx: 10 });
+    let analog = elements(&analog.descriptor);
     assert_eq!(analog[0], ("AnalogOut0", 13, Output));
     assert_eq!(
         analog[6..],
@@ -99,14 +108,10 @@ fn the_devices_are_what_the_facts_say() {
         80
     );
 
-    let i7i72 = on(2);
-    assert_eq!(i7i72.remote.name.to_string(), "7I72");
-    assert_eq!(
-        elements(&i7i72.discovered.descriptor),
-        [("Output", 48, Output)]
-    );
+    assert_eq!(i7i72.started.name.to_string(), "7I72");
+    assert_eq!(elements(&i7i72.descriptor), [("Output", 48, Output)]);
 
-    assert_eq!(on(3).discovered.source, Source::BuiltIn);
+    assert_eq!(i7i64.started.ptoc, 0);
 }
 
 /// A host that ends in the middle of an access to non-volatile memory leaves the remote with that
@@ -132,13 +137,8 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
 fn the_inputs_of_a_7i64_are_where_its_table_says() {
     let (mut fpga, mut port) = machine();
     let channel = Channel::ALL[3];
-    let inventory = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
-    let records = &inventory
-        .on(channel)
-        .unwrap()
-        .discovered
-        .descriptor
-        .process_data;
+    let found = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
+    let records = &found[3].descriptor.process_data;
     let names = ["output", "pad", "input", "pad", "analog0", "analog1"];
     assert!(records.iter().map(|record| record.name.as_str()).eq(names));
     port.stop_all(&mut fpga).unwrap();
@@ -161,18 +161,14 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
 fn every_software_mode_of_the_7i77_has_its_sizes() {
     let (mut fpga, mut port) = machine();
     for (mode, rx, count) in [(0, 5, 2), (1, 9, 6), (2, 10, 7), (3, 12, 9)] {
-        let inventory = found(&mut port, &mut fpga, &[mode]);
-        let remote = inventory.on(Channel::ALL[0]).unwrap();
-        assert_eq!(remote.remote.sizes, ProcessDataSizes { rx, tx: 2 });
-        let descriptor = &remote.discovered.descriptor;
+        let remote = &found(&mut port, &mut fpga, &[mode])[0];
+        assert_eq!(remote.started.sizes, ProcessDataSizes { rx, tx: 2 });
+        let descriptor = &remote.descriptor;
         assert_eq!(
             (descriptor.software_mode, descriptor.process_data.len()),
             (mode, count)
         );
-        println!(
-            "7I77 field I/O, mode {mode}: {} accesses",
-            remote.discovered.accesses
-        );
+        println!("7I77 field I/O, mode {mode}: {} accesses", remote.accesses);
     }
 }
 
@@ -287,8 +283,7 @@ fn lines(descriptor: &RemoteDescriptor) -> Vec<String> {
 fn the_manuals_steps_find_the_same_with_many_more_accesses() {
     let (mut fpga, mut port) = machine();
     for mode in 0..4 {
-        let inventory = found(&mut port, &mut fpga, &[mode]);
-        let ours = inventory.on(Channel::ALL[0]).unwrap();
+        let ours = &found(&mut port, &mut fpga, &[mode])[0];
         // 1 to 4
         port.stop_all(&mut fpga).unwrap();
         let start = ChannelStart::new(Channel::ALL[0]).with_software_mode(mode);
@@ -313,15 +308,15 @@ fn the_manuals_steps_find_the_same_with_many_more_accesses() {
             }
         }
         let reads = manual.reads;
-        let mut found = lines(&ours.discovered.descriptor);
+        let mut found = lines(&ours.descriptor);
         found.sort();
         expected.sort();
         assert_eq!(found, expected, "mode {mode}");
         println!(
             "mode {mode}: {} accesses, {reads} by the manual's steps",
-            ours.discovered.accesses
+            ours.accesses
         );
-        assert!(ours.discovered.accesses * 5 < reads, "mode {mode}");
+        assert!(ours.accesses * 5 < reads, "mode {mode}");
     }
 }
 
@@ -343,9 +338,12 @@ fn data_address(line: &str) -> String {
 #[test]
 fn parameters_of_a_device_are_read_and_written_by_name() {
     let (mut fpga, mut port) = machine();
-    let inventory = found(&mut port, &mut fpga, &[0]);
-    let descriptor = &inventory.on(Channel::ALL[0]).unwrap().discovered.descriptor;
-    let mut memory = PortMemory::new(&mut port, &mut fpga, Channel::ALL[0]);
+    let descriptor = &found(&mut port, &mut fpga, &[0])[0].descriptor;
+    let mut memory = PortMemory {
+        port: &mut port,
+        bus: &mut fpga,
+        channel: Channel::ALL[0],
+    };
     let watchdog = descriptor.parameter("nvwatchdogtimeout").unwrap();
     let value = watchdog.read_parameter(&mut memory).unwrap();
     assert_eq!((value.raw, value.value), (50, 50.0));
@@ -368,17 +366,12 @@ fn parameters_of_a_device_are_read_and_written_by_name() {
 #[test]
 fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_started_in_another() {
     let (mut fpga, mut port) = machine();
-    let in_mode = |mode| [ChannelStart::new(Channel::ALL[0]).with_software_mode(mode)];
-    let mut discovered = |mode| {
-        let limits = DiscoveryLimits::default();
-        let inventory = discover_port(&mut port, &mut fpga, &in_mode(mode), limits).unwrap();
-        inventory.on(Channel::ALL[0]).unwrap().discovered.clone()
-    };
-    let illegal = discovered(7);
-    let [problem] = illegal.problems[..] else {
+    let mut in_mode = |mode| discovered(&mut port, &mut fpga, &[mode]).remove(0);
+    let illegal = in_mode(7);
+    let [problem] = &illegal.problems[..] else {
         panic!("{:?}", illegal.problems);
     };
-    let known = [0, 1, 2, 3].into_iter().collect();
+    let known = vec![0, 1, 2, 3];
     assert_eq!(
         problem.kind,
         ProblemKind::IllegalSoftwareMode { mode: 7, known }
@@ -389,6 +382,6 @@ fn a_software_mode_that_the_remote_does_not_have_is_a_problem_until_it_is_starte
             .contains("software mode 7 is not one of this remote's modes (0, 1, 2, 3)"),
         "{problem}"
     );
-    assert!(!illegal.process_data_is_sound());
-    assert_eq!(discovered(3).problems, []);
+    assert_eq!(illegal.plan.as_ref(), Err(problem));
+    assert_eq!(in_mode(3).problems, []);
 }

@@ -1,11 +1,14 @@
 //! Discovery on memory images: recorded ones, damaged ones, and arbitrary ones.
 
 use crate::common::replay::{memory_of, recording};
+use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, DataType, Discovered, DiscoveryLimits, Flow, ModeType, ProblemKind,
-    RemoteIdentity, RemoteMemory, RemoteName, Source, StringField, Table, discover,
+    DataDirection, DataType, Discovered, DiscoveryOptions, ModeType, ProblemKind, RemoteMemory,
+    RemoteName, Table, discover,
 };
-use mesa_hal::sslbp::{AccessSize, ProcessDataSizes, ReplyFormat};
+use mesa_hal::sslbp::{
+    AccessSize, Channel, CsStatus, NonvolatileMemory, ProcessDataSizes, StartedRemote,
+};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
@@ -50,7 +53,13 @@ impl Image {
 impl RemoteMemory for Image {
     type Error = NoReply;
 
-    fn read(&mut self, address: u16, size: AccessSize) -> Result<u64, NoReply> {
+    fn read(
+        &mut self,
+        memory: Option<NonvolatileMemory>,
+        address: u16,
+        size: AccessSize,
+    ) -> Result<u64, NoReply> {
+        assert_eq!(memory, None);
         self.accesses += 1;
         self.bytes_read += u32::from(size.bytes());
         let mut value = 0;
@@ -67,27 +76,42 @@ impl RemoteMemory for Image {
         }
         Ok(value)
     }
+
+    fn write(
+        &mut self,
+        _: Option<NonvolatileMemory>,
+        address: u16,
+        _: AccessSize,
+        _: u64,
+    ) -> Result<(), NoReply> {
+        panic!("discovery writes to {address:#06X}");
+    }
 }
 
-fn identity(ptoc: u16, gtoc: u16, rx: u8, tx: u8) -> RemoteIdentity {
-    RemoteIdentity {
+fn started(ptoc: u16, gtoc: u16, rx: u8, tx: u8) -> StartedRemote {
+    StartedRemote {
+        channel: Channel::ALL[0],
         name: RemoteName(*b"7I77"),
         unit_number: 0x77AA,
         software_mode: 0,
         ptoc,
         gtoc,
         sizes: ProcessDataSizes { rx, tx },
-        register_bits: 96,
-        reply_format: ReplyFormat::FaultByteFirst,
+        cs: CsStatus::default(),
     }
 }
 
-fn run(image: &mut Image, identity: &RemoteIdentity) -> Discovered<NoReply> {
-    discover(image, identity, DiscoveryLimits::default())
+fn run(image: &mut Image, started: &StartedRemote) -> Discovered {
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    discover(image, started, 3, &options)
 }
 
-fn kinds(found: &Discovered<NoReply>) -> Vec<ProblemKind> {
-    found.problems.iter().map(|problem| problem.kind).collect()
+fn kinds(found: &Discovered) -> Vec<ProblemKind> {
+    let problems = found.problems.iter();
+    problems.map(|problem| problem.kind.clone()).collect()
 }
 
 /// The four software modes of the recorded 7I77: tables, sizes, bytes that they span.
@@ -102,9 +126,8 @@ const MODES: [(u16, u16, u8, u8); 4] = [
 #[test]
 fn the_recorded_7i77_is_found_as_it_is() {
     let mut image = Image::recorded("t03_setup_one", 0);
-    let found = run(&mut image, &identity(0x5C0, 0x5D2, 9, 2));
+    let found = run(&mut image, &started(0x5C0, 0x5D2, 9, 2));
     assert_eq!(found.problems, []);
-    assert_eq!(found.source, Source::Remote);
     let elements: Vec<_> = found
         .descriptor
         .process_data
@@ -159,7 +182,7 @@ fn the_recorded_7i77_is_found_as_it_is() {
 fn discovery_costs_one_access_for_eight_bytes() {
     for (mode, (ptoc, gtoc, rx, tx)) in MODES.into_iter().enumerate() {
         let mut image = Image::recorded("t03_setup_one", 0);
-        let found = run(&mut image, &identity(ptoc, gtoc, rx, tx));
+        let found = run(&mut image, &started(ptoc, gtoc, rx, tx));
         assert_eq!(found.problems, [], "mode {mode}");
         assert_eq!(found.accesses, image.accesses);
         // From the first record to the end of the GTOC, all records are neighbours.
@@ -180,7 +203,7 @@ fn what_the_gtoc_repeats_is_no_parameter() {
     // Output, Input, both modes, a mode of another index, and the three parameters
     let gtoc = [0x400, 0x416, 0x42B, 0x438, 0x55C, 0x445, 0x45F, 0x47F, 0];
     image.put_words(0x2000, &gtoc);
-    let found = run(&mut image, &identity(0x49A, 0x2000, 5, 2));
+    let found = run(&mut image, &started(0x49A, 0x2000, 5, 2));
     assert_eq!(found.problems, []);
     assert_eq!(found.descriptor.process_data.len(), 2);
     let names: Vec<_> = found
@@ -198,26 +221,32 @@ fn what_the_gtoc_repeats_is_no_parameter() {
 #[test]
 fn a_7i64_is_recognised_by_its_name() {
     let mut image = Image::default();
-    let remote = RemoteIdentity {
+    let remote = StartedRemote {
         name: RemoteName(*b"7I64"),
-        reply_format: ReplyFormat::DataOnly,
-        ..identity(0, 0, 8, 4)
+        ..started(0, 0, 8, 4)
     };
     let found = run(&mut image, &remote);
-    assert_eq!((found.source, found.accesses), (Source::BuiltIn, 0));
-    assert!(found.process_data_is_sound());
-    let bits = |flow: Flow| -> u32 {
-        let all = found.descriptor.process_data.iter();
-        all.filter(|record| flow.has(record.direction))
-            .map(|record| u32::from(record.bits))
-            .sum()
-    };
-    assert_eq!((bits(Flow::Input), bits(Flow::Output)), (64, 32));
+    assert_eq!((&found.problems[..], found.accesses), (&[][..], 0));
+    let plan = found.plan.unwrap();
+    assert_eq!((plan.input_bits, plan.output_bits), (64, 32));
     let sizes = ProcessDataSizes { rx: 9, tx: 4 };
-    let other = run(&mut image, &RemoteIdentity { sizes, ..remote });
-    assert!(!other.process_data_is_sound());
-    let unknown = run(&mut image, &identity(0, 0, 5, 2));
-    assert_eq!(kinds(&unknown), [ProblemKind::NoDiscovery]);
+    let other = run(&mut image, &StartedRemote { sizes, ..remote });
+    let sizes = ProblemKind::Sizes {
+        rx: 9,
+        tx: 4,
+        plan_rx: 8,
+        plan_tx: 4,
+    };
+    assert_eq!(kinds(&other), [sizes]);
+    let unknown = run(&mut image, &started(0, 0, 5, 2));
+    assert_eq!(kinds(&unknown), [ProblemKind::NoTables]);
+    // Its table is known, but it must not do without its own.
+    let unit_number = 0x1200_0001;
+    let known = StartedRemote {
+        unit_number,
+        ..started(0, 0, 5, 2)
+    };
+    assert_eq!(kinds(&run(&mut image, &known)), [ProblemKind::NoTables]);
 }
 
 /// A data record: bits, type, direction, limits, unit, name.
@@ -232,7 +261,7 @@ fn data(bits: u8, kind: u8, direction: u8, limits: [f32; 2], name: &str) -> Vec<
 }
 
 /// A remote with these records in its PTOC, in this order.
-fn with_records(records: &[Vec<u8>], rx: u8, tx: u8) -> (Image, RemoteIdentity) {
+fn with_records(records: &[Vec<u8>], rx: u8, tx: u8) -> (Image, StartedRemote) {
     let mut image = Image::default();
     let mut table = Vec::new();
     for (record, address) in records.iter().zip((0x1000..).step_by(0x200)) {
@@ -241,7 +270,7 @@ fn with_records(records: &[Vec<u8>], rx: u8, tx: u8) -> (Image, RemoteIdentity) 
     }
     table.push(0);
     image.put_words(0x100, &table);
-    (image, identity(0x100, 0, rx, tx))
+    (image, started(0x100, 0, rx, tx))
 }
 
 fn good() -> Vec<u8> {
@@ -250,9 +279,9 @@ fn good() -> Vec<u8> {
 
 /// The damaged record has its own error, which says where; the good one behind it is found.
 fn only_problem(record: Vec<u8>) -> ProblemKind {
-    let (mut image, remote) = with_records(&[record, good()], 13, 12);
+    let (mut image, remote) = with_records(&[record, good()], 3, 0);
     let found = run(&mut image, &remote);
-    let &[problem] = found.problems.as_slice() else {
+    let [problem] = found.problems.as_slice() else {
         panic!("expected one problem, got {:?}", found.problems);
     };
     assert_eq!((problem.table, problem.record), (Table::Process, 0x1000));
@@ -263,7 +292,7 @@ fn only_problem(record: Vec<u8>) -> ProblemKind {
     );
     let last = found.descriptor.process_data.last().unwrap();
     assert_eq!(last.name, "Good");
-    problem.kind
+    problem.kind.clone()
 }
 
 #[test]
@@ -271,26 +300,40 @@ fn each_kind_of_damage_has_its_own_error() {
     let limits = [0.0, 1.0];
     assert_eq!(
         only_problem(vec![0xC7, 8]),
-        ProblemKind::UnknownRecordType { found: 0xC7 }
+        ProblemKind::IllegalByte {
+            field: "type",
+            found: 0xC7,
+            expected: "A0 (data) or B0 (mode)"
+        }
     );
     assert_eq!(
         only_problem(data(8, 2, 0x20, limits, "x")),
-        ProblemKind::IllegalDirection { found: 0x20 }
+        ProblemKind::IllegalByte {
+            field: "direction",
+            found: 0x20,
+            expected: "00 (input), 40 (both) or 80 (output)"
+        }
     );
     assert_eq!(
         only_problem(data(0, 2, 0, limits, "x")),
-        ProblemKind::NoBits
+        ProblemKind::Width {
+            bits: 0,
+            expected: "1 to 64"
+        }
     );
     assert_eq!(
         only_problem(data(65, 3, 0, limits, "x")),
-        ProblemKind::TooManyBits {
+        ProblemKind::Width {
             bits: 65,
-            limit: 64
+            expected: "1 to 64"
         }
     );
     assert_eq!(
         only_problem(data(16, 0x10, 0, limits, "x")),
-        ProblemKind::FloatSize { bits: 16 }
+        ProblemKind::Width {
+            bits: 16,
+            expected: "32 or 64"
+        }
     );
     assert_eq!(
         only_problem(data(8, 0x99, 0, limits, "x")),
@@ -310,7 +353,7 @@ fn each_kind_of_damage_has_its_own_error() {
     assert_eq!(
         only_problem(data(8, 2, 0, limits, &"n".repeat(60))),
         ProblemKind::StringTooLong {
-            field: StringField::Name,
+            field: "name",
             characters: 60,
             kept: 48
         }
@@ -318,7 +361,7 @@ fn each_kind_of_damage_has_its_own_error() {
     assert_eq!(
         only_problem(data(8, 2, 0, limits, &"n".repeat(300))),
         ProblemKind::StringWithoutEnd {
-            field: StringField::Name,
+            field: "name",
             characters: 255
         }
     );
@@ -330,8 +373,14 @@ fn each_kind_of_damage_has_its_own_error() {
 fn a_remote_that_transfers_data_but_lists_none_is_a_problem() {
     let (mut image, remote) = with_records(&[], 5, 2);
     let found = run(&mut image, &remote);
-    assert_eq!(kinds(&found), [ProblemKind::NoProcessData { rx: 4, tx: 2 }]);
-    assert!(!found.process_data_is_sound());
+    let sizes = ProblemKind::Sizes {
+        rx: 4,
+        tx: 2,
+        plan_rx: 0,
+        plan_tx: 0,
+    };
+    assert_eq!(kinds(&found), [sizes]);
+    assert!(found.plan.is_err());
     // One byte is the fault byte of a remote that has nothing to say.
     let (mut image, remote) = with_records(&[], 1, 0);
     assert_eq!(run(&mut image, &remote).problems, []);
@@ -350,7 +399,7 @@ fn process_data_that_does_not_fit_is_reported_for_each_direction() {
     assert_eq!(
         kinds(&found),
         [ProblemKind::RegistersTooSmall {
-            direction: Flow::Output,
+            direction: "output",
             bits: 97,
             limit: 96
         }]
@@ -362,7 +411,7 @@ fn process_data_that_does_not_fit_is_reported_for_each_direction() {
     assert_eq!(
         kinds(&run(&mut image, &remote)),
         [ProblemKind::RegistersTooSmall {
-            direction: Flow::Input,
+            direction: "input",
             bits: 255,
             limit: 96
         }]
@@ -373,14 +422,14 @@ fn process_data_that_does_not_fit_is_reported_for_each_direction() {
     let found = run(&mut image, &remote);
     assert_eq!(
         kinds(&found),
-        [ProblemKind::TransferTooSmall {
-            direction: Flow::Input,
-            bits: 33,
-            limit: 32,
-            bytes: 4
+        [ProblemKind::Sizes {
+            rx: 4,
+            tx: 0,
+            plan_rx: 5,
+            plan_tx: 0
         }]
     );
-    assert!(!found.process_data_is_sound());
+    assert!(found.plan.is_err());
 }
 
 #[test]
@@ -388,19 +437,19 @@ fn a_table_that_loops_or_never_ends_is_cut_off() {
     let mut image = Image::default();
     image.put(0x1000, &good());
     image.put_words(0x100, &[0x1000, 0x1000, 0]);
-    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    let found = run(&mut image, &started(0x100, 0, 13, 12));
     assert_eq!(kinds(&found), [ProblemKind::RepeatedEntry { entry: 1 }]);
     assert_eq!(found.descriptor.process_data.len(), 1);
 
     // every word points to a record of its own, for the whole memory
     let words: Vec<u16> = (0..0x400).map(|n| 0x1000 + n).collect();
     image.put_words(0x8000, &words);
-    let found = run(&mut image, &identity(0x8000, 0, 13, 12));
+    let found = run(&mut image, &started(0x8000, 0, 13, 12));
     let without_end = ProblemKind::TableWithoutEnd { entries: 255 };
     assert!(kinds(&found).contains(&without_end));
 
     image.put_words(0xFFFC, &[0x1000, 0x1001]);
-    let found = run(&mut image, &identity(0xFFFC, 0, 13, 12));
+    let found = run(&mut image, &started(0xFFFC, 0, 13, 12));
     assert!(kinds(&found).contains(&ProblemKind::TableWithoutEnd { entries: 2 }));
 }
 
@@ -409,7 +458,7 @@ fn a_record_at_the_end_of_the_address_space_is_an_error() {
     let mut image = Image::default();
     image.put(0xFFF0, &data(8, 2, 0, [0.0, 1.0], "long name")[..16]);
     image.put_words(0x100, &[0xFFF0, 0]);
-    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    let found = run(&mut image, &started(0x100, 0, 13, 12));
     assert_eq!(kinds(&found), [ProblemKind::PastEnd]);
 }
 
@@ -422,7 +471,7 @@ fn the_last_bytes_of_a_memory_are_read_one_by_one() {
     image.put(0x1000, &record);
     image.put_words(0x100, &[0x1000, 0]);
     image.missing = Some(end..=0xFFFF);
-    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    let found = run(&mut image, &started(0x100, 0, 2, 0));
     assert_eq!(found.problems, []);
     assert_eq!(found.descriptor.process_data[0].name, "Good");
 }
@@ -434,9 +483,9 @@ fn a_read_that_fails_costs_its_record_only() {
     let found = run(&mut image, &remote);
     assert_eq!(kinds(&found), [ProblemKind::ReadFailed { address: 0x1204 }]);
     assert_eq!(found.problems[0].record, 0x1200);
-    assert_eq!(found.read_error, Some(NoReply(0x1204)));
+    assert_eq!(found.read_error, Some(NoReply(0x1204).to_string()));
     assert_eq!(found.descriptor.process_data.len(), 2);
-    assert!(!found.process_data_is_sound());
+    assert!(found.plan.is_err());
 }
 
 #[test]
@@ -445,7 +494,7 @@ fn a_remote_that_is_gone_is_given_up_soon() {
         missing: Some(0..=0xFFFF),
         ..Image::default()
     };
-    let found = run(&mut image, &identity(0x100, 0x200, 13, 12));
+    let found = run(&mut image, &started(0x100, 0x200, 13, 12));
     assert_eq!(
         kinds(&found),
         [
@@ -464,7 +513,7 @@ fn giving_up_is_said_once() {
     image.put_words(0x100, &words);
     image.put_words(0x100 + 200, &[0]);
     image.missing = Some(0x2000..=0x6000);
-    let found = run(&mut image, &identity(0x100, 0, 13, 12));
+    let found = run(&mut image, &started(0x100, 0, 13, 12));
     let (failed, gave_up): (Vec<_>, Vec<_>) = kinds(&found)
         .into_iter()
         .partition(|kind| matches!(kind, ProblemKind::ReadFailed { .. }));
@@ -511,11 +560,10 @@ proptest! {
         rx: u8,
         tx: u8,
     ) {
-        let limits = DiscoveryLimits::default();
-        let found = run(&mut image, &identity(ptoc, gtoc, rx, tx));
-        prop_assert!(found.accesses <= limits.accesses);
+        let found = run(&mut image, &started(ptoc, gtoc, rx, tx));
+        prop_assert!(found.accesses <= DiscoveryOptions::default().accesses);
         prop_assert_eq!(found.accesses, image.accesses);
-        prop_assert!(found.descriptor.process_data.len() <= usize::from(limits.entries));
+        prop_assert!(found.descriptor.process_data.len() <= 255);
         for record in &found.descriptor.process_data {
             prop_assert!(record.bits > 0);
             prop_assert!(record.min.is_finite() && record.max.is_finite());
@@ -528,6 +576,6 @@ proptest! {
             .filter(|record| record.direction.is_input())
             .map(|record| u32::from(record.bits))
             .sum();
-        prop_assert!(bits <= 96 || !found.process_data_is_sound());
+        prop_assert!(bits <= 96 || found.plan.is_err());
     }
 }

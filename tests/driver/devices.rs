@@ -216,7 +216,7 @@ fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
         panic!("{:?}", driver.missing());
     };
     assert_eq!(missing.channel.index(), 1);
-    assert!(matches!(missing.reason, MissingReason::Tables { .. }));
+    assert!(matches!(missing.reason, MissingReason::Tables(_)));
     let text = missing.to_string();
     assert!(
         text.contains("8I20") && text.contains("not supported"),
@@ -258,11 +258,11 @@ mode 0 analogout_enables
     let remarks: Vec<String> = driver.remarks().iter().map(ToString::to_string).collect();
     let has = |text: &str| remarks.iter().any(|remark| remark.contains(text));
     for text in [
-        "AnalogOut0 has 12 bits, by the table 13",
-        "AnalogOut0 goes from -5 to 5, by the table from -10 to 10",
-        "it has no AnalogOut5",
-        "SpinEna is element 5, by the table 7",
-        "element 7 of its process data is not in the table",
+        "AnalogOut0: width 12, by the table 13",
+        "AnalogOut0: limits -5 to 5, by the table -10 to 10",
+        "AnalogOut5: place none, by the table 5",
+        "SpinEna: place 5, by the table 7",
+        ": place 7, by the table none",
         "port 0, channel 0: this 7I77 differs from the 7I77 analog",
     ] {
         assert!(has(text), "{text}: {remarks:#?}");

@@ -4,15 +4,12 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
-use mesa_hal::boards::{
-    AttachError, Contents, ElementTable, Finder, I7i72, I7i77Field, RemoteHandles, RemoteTable,
-    Terminals, i7i72, i7i77,
-};
-use mesa_hal::discovery::DataDirection;
+use mesa_hal::boards::{AttachError, Finder, I7i72, I7i77Field, RemoteHandles, i7i72, i7i77};
+use mesa_hal::discovery::{Contents, DataDirection, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
-use mesa_hal::hal::{AnalogIn, DigitalIn, DigitalOut};
+use mesa_hal::hal::{AnalogIn, DigitalIn, DigitalOut, Terminals};
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::{FieldIo, Outputs48, Plain};
 use mesa_hal::sim::remote::Cable;

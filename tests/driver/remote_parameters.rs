@@ -227,7 +227,7 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
         Err(RemoteParameterError::NoSuchParameter { .. })
     ));
     let result = driver.write_remote_parameter(0, channel, "nvbaudrate", -1);
-    assert!(matches!(result, Err(RemoteParameterError::Value(_))));
+    assert!(matches!(result, Err(RemoteParameterError::Parameter(_))));
     let result = driver.write_remote_parameter(0, Channel::ALL[5], "nvbaudrate", 9);
     assert!(matches!(
         result,

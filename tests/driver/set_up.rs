@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use crate::common::ethernet::{self, WIRE, cut, good};
 use mesa_hal::Settings;
-use mesa_hal::boards::RemoteTable;
 use mesa_hal::bus::Clock;
+use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
     BoardState, Driver, GpioConfig, Presence, RemoteConfig, SerialConfig, StartError,
 };

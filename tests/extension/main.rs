@@ -11,12 +11,12 @@ use std::time::Duration;
 
 use gateware::{Gateware, PIN};
 use mesa_hal::boards::{
-    AttachError, BoardHandles, BoardTable, ElementTable, Finder, ModuleTerminals, PwmTable,
-    RemoteHandles, RemoteTable, Terminals,
+    AttachError, BoardHandles, BoardTable, Finder, ModuleTerminals, PwmTable, RemoteHandles,
 };
 use mesa_hal::bus::Clock;
+use mesa_hal::discovery::{ElementTable, RemoteTable};
 use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
-use mesa_hal::hal::{AnalogIn, DigitalOut, Input, Output, Param, Pins};
+use mesa_hal::hal::{AnalogIn, DigitalOut, Input, Output, Param, Pins, Terminals};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::encoder::TickRate;
 use mesa_hal::sim::devices::{Plain, SimDevice, find, find_mut};

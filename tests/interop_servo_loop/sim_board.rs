@@ -17,7 +17,7 @@ use crate::interop::{
 };
 use mesa_hal::{
     bus::RegisterBus,
-    discovery::{DiscoveryLimits, PortMemory, discover_port},
+    discovery::{DiscoveryOptions, PortMemory, discover_port},
     hostmot2::HostMot2,
     sslbp::{Channel, ChannelStart, Layout, Port},
     transport::udp::{UdpBus, UdpConfig},
@@ -145,11 +145,15 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
     port.reset(&mut bus).unwrap();
     let [first, ..] = Channel::ALL;
     let start = [ChannelStart::new(first)];
-    let limits = DiscoveryLimits::default();
-    let inventory = discover_port(&mut port, &mut bus, &start, limits).unwrap();
-    let found = inventory.on(first).unwrap();
-    let parameter = found.discovered.descriptor.parameter(name).unwrap();
-    let mut memory = PortMemory::new(&mut port, &mut bus, first);
+    let options = DiscoveryOptions::default();
+    let found = discover_port(&mut port, &mut bus, &start, &options).unwrap();
+    let found = found[0].as_ref().unwrap();
+    let parameter = found.descriptor.parameter(name).unwrap();
+    let mut memory = PortMemory {
+        port: &mut port,
+        bus: &mut bus,
+        channel: first,
+    };
     parameter.write_parameter(&mut memory, value).unwrap();
 }
 

@@ -1,8 +1,10 @@
 //! Packing plans: where each element is, against a packing done bit by bit.
 
 use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, record};
-use mesa_hal::discovery::{DataDirection, DataRecord, DataType, Flow, Problem, ProblemKind};
-use mesa_hal::remote::{ElementKind, PackingPlan};
+use mesa_hal::bus::Instant;
+use mesa_hal::discovery::{DataDirection, DataRecord, DataType, PackingPlan, Problem, ProblemKind};
+use mesa_hal::hal::PinStore;
+use mesa_hal::remote::{RemoteLocation, RemotePins};
 use proptest::prelude::*;
 
 const THREE: u8 = 3;
@@ -43,7 +45,7 @@ fn sizes_are_those_of_the_manuals() {
     ] {
         let plan = PackingPlan::new(&descriptor, THREE).unwrap();
         assert_eq!(
-            (plan.input_bytes() + 1, plan.transmit_size()),
+            (plan.input_bytes() + 1, plan.output_bytes()),
             (receive, transmit)
         );
     }
@@ -60,11 +62,7 @@ fn inputs_and_outputs_are_two_streams_and_pads_take_room() {
         record("D", 1, DataType::Boolean, Output, 0.0, 0.0),
     ];
     let plan = plan_of(&records, THREE).unwrap();
-    let places: Vec<_> = plan
-        .elements()
-        .iter()
-        .map(|e| (e.input, e.output))
-        .collect();
+    let places: Vec<_> = plan.elements.iter().map(|e| (e.input, e.output)).collect();
     assert_eq!(
         places,
         [
@@ -75,7 +73,7 @@ fn inputs_and_outputs_are_two_streams_and_pads_take_room() {
             (None, Some(35)),
         ]
     );
-    assert_eq!((plan.input_bits(), plan.output_bits()), (40, 36));
+    assert_eq!((plan.input_bits, plan.output_bits), (40, 36));
 }
 
 #[test]
@@ -85,7 +83,7 @@ fn what_does_not_fit_is_refused_with_its_size() {
     assert_eq!(
         kind(&inputs, THREE),
         ProblemKind::RegistersTooSmall {
-            direction: Flow::Input,
+            direction: "input",
             bits: 97,
             limit: 96
         }
@@ -95,7 +93,7 @@ fn what_does_not_fit_is_refused_with_its_size() {
     assert_eq!(
         kind(&outputs, SEVEN),
         ProblemKind::RegistersTooSmall {
-            direction: Flow::Output,
+            direction: "output",
             bits: 225,
             limit: 224
         }
@@ -107,35 +105,23 @@ fn what_does_not_fit_is_refused_with_its_size() {
 
 #[test]
 fn damaged_records_are_refused_by_place() {
-    let bad = |bits, data_type, max| {
+    let bad = |bits, data_type| {
         let records = [
             record("Good", 8, DataType::Bits, DataDirection::Input, 0.0, 0.0),
             DataRecord {
                 record_address: 0x123,
-                ..record("Bad", bits, data_type, DataDirection::Input, 0.0, max)
+                ..record("Bad", bits, data_type, DataDirection::Input, 0.0, 1.0)
             },
         ];
         let problem = plan_of(&records, THREE).unwrap_err();
         assert_eq!(problem.record, 0x123);
         problem.kind
     };
-    assert_eq!(bad(0, DataType::Bits, 0.0), ProblemKind::NoBits);
-    assert_eq!(
-        bad(65, DataType::Unsigned, 1.0),
-        ProblemKind::TooManyBits {
-            bits: 65,
-            limit: 64
-        }
-    );
-    assert_eq!(
-        bad(16, DataType::Float, 1.0),
-        ProblemKind::FloatSize { bits: 16 }
-    );
-    assert!(matches!(
-        bad(8, DataType::Signed, f32::NAN),
-        ProblemKind::LimitsNotFinite { .. }
-    ));
-    assert_eq!(bad(8, DataType::EncoderHigh, 1.0), ProblemKind::HalfCount);
+    let width = |bits, expected| ProblemKind::Width { bits, expected };
+    assert_eq!(bad(0, DataType::Bits), width(0, "1 to 255"));
+    assert_eq!(bad(65, DataType::Unsigned), width(65, "1 to 64"));
+    assert_eq!(bad(16, DataType::Float), width(16, "32 or 64"));
+    assert_eq!(bad(8, DataType::EncoderHigh), ProblemKind::HalfCount);
     let wide = [record(
         "Wide",
         96,
@@ -169,17 +155,10 @@ fn two_parts_of_a_count_are_one_element() {
         1.0,
     );
     let plan = plan_of(&[low.clone(), high.clone()], THREE).unwrap();
-    assert_eq!(plan.elements().len(), 1);
-    assert_eq!(
-        plan.elements()[0].kind,
-        ElementKind::Counter { high_bits: 0 }
-    );
-    assert_eq!(plan.elements()[0].bits, 40);
+    assert_eq!(plan.elements.len(), 1);
+    assert_eq!((plan.elements[0].bits, plan.elements[0].high_bits), (40, 0));
     let plan = plan_of(&[high, low], THREE).unwrap();
-    assert_eq!(
-        plan.elements()[0].kind,
-        ElementKind::Counter { high_bits: 24 }
-    );
+    assert_eq!(plan.elements[0].high_bits, 24);
 }
 
 /// The bits of a list of values, one by one: what packing is.
@@ -211,29 +190,36 @@ proptest! {
             .collect();
         let widths: Vec<_> = elements.iter().map(|&(bits, _)| bits).collect();
         let records = numbers(&widths, DataDirection::Bidirectional);
-        let plan = plan_of(&records, SEVEN).unwrap();
         let expected = to_words(&bit_by_bit(&elements));
 
-        let mut words = [0; 7];
-        for (element, &(_, value)) in plan.elements().iter().zip(&elements) {
-            element.output_field().unwrap().put(&mut words, value);
+        let descriptor = descriptor(*b"TEST", 1, 0, records);
+        let plan = PackingPlan::new(&descriptor, SEVEN).unwrap();
+        let mut pins = PinStore::new();
+        let location = RemoteLocation { board: "b", port: 0, channel: 0 };
+        let mut remote = RemotePins::new(&mut pins, location, &descriptor, &plan, None).unwrap();
+        let name = |n: usize| format!("b.test.0.0.n{n}");
+        let narrow = |pins: &PinStore, n| pins.inout::<u32>(&name(n)).ok();
+        let wide = |pins: &PinStore, n| pins.inout::<u64>(&name(n)).unwrap();
+        let value = |n: usize| elements[n].1 & u64::MAX >> (64 - elements[n].0);
+        for n in 0..elements.len() {
+            if let Some(pin) = narrow(&pins, n) {
+                pins.set(pin, value(n) as u32);
+            } else {
+                let pin = wide(&pins, n);
+                pins.set(pin, value(n));
+            }
         }
-        prop_assert_eq!(words, expected);
-        for (element, &(bits, value)) in plan.elements().iter().zip(&elements) {
-            let field = element.input_field().unwrap();
-            prop_assert_eq!(field.get(&words), value & field.mask());
-            prop_assert_eq!(field.bits(), bits);
-        }
-        // In any order and over anything: no neighbour is disturbed.
         let mut words = [background; 7];
-        for (element, &(_, value)) in plan.elements().iter().zip(&elements).rev() {
-            element.output_field().unwrap().put(&mut words, value);
-        }
-        let total = plan.output_bits() as usize;
-        for bit in 0..224 {
-            let word = words[bit / 32] >> (bit % 32) & 1;
-            let from = if bit < total { expected[bit / 32] } else { background };
-            prop_assert_eq!(word, from >> (bit % 32) & 1);
+        remote.put_outputs(&mut pins, &mut words);
+        prop_assert_eq!(words, expected);
+        pins.begin_cycle(Instant::from_nanos(1));
+        remote.take_inputs(&mut pins, &words);
+        for n in 0..elements.len() {
+            let found = match narrow(&pins, n) {
+                Some(pin) => u64::from(pins.read(pin).value),
+                None => pins.read(wide(&pins, n)).value,
+            };
+            prop_assert_eq!(found, value(n));
         }
     }
 
@@ -253,12 +239,12 @@ proptest! {
             })
             .collect();
         if let Ok(plan) = plan_of(&records, registers) {
-            prop_assert!(plan.input_bits() <= u32::from(registers) * 32);
-            prop_assert!(plan.output_bits() <= u32::from(registers) * 32);
-            for element in plan.elements() {
+            prop_assert!(plan.input_bits <= u32::from(registers) * 32);
+            prop_assert!(plan.output_bits <= u32::from(registers) * 32);
+            for element in &plan.elements {
                 let end = |first: Option<u16>| first.map_or(0, |f| u32::from(f) + u32::from(element.bits));
-                prop_assert!(end(element.input) <= plan.input_bits());
-                prop_assert!(end(element.output) <= plan.output_bits());
+                prop_assert!(end(element.input) <= plan.input_bits);
+                prop_assert!(end(element.output) <= plan.output_bits);
             }
         }
     }

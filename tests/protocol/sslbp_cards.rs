@@ -1,7 +1,8 @@
 //! The simulated cards on a simulated port, found and moved by the driver.
 
+use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::discovery::{DataDirection, DataType, DiscoveryLimits, Source, discover_port};
+use mesa_hal::discovery::{DataDirection, DataType, Discovered, DiscoveryOptions, discover_port};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
 use mesa_hal::sim::remote::{Cable, Remote, Toward, WireFault};
@@ -47,18 +48,29 @@ fn starts(field_mode: u8) -> [ChannelStart; 3] {
     ]
 }
 
+/// What is on all channels, in their order.
+fn found(port: &mut Port, fpga: &mut SimFpga, field_mode: u8) -> Vec<Discovered> {
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    let found = discover_port(port, fpga, &starts(field_mode), &options).unwrap();
+    found.into_iter().map(Result::unwrap).collect()
+}
+
 /// FACTS 8.1 to 8.4: what discovery must find on the cards, without a single complaint.
 #[test]
 fn discovery_finds_the_cards_as_they_are() {
     let (mut fpga, mut port) = machine(Box::new(Outputs48::i7i72().unwrap()));
-    let limits = DiscoveryLimits::default();
     for mode in 0..4 {
-        let found = discover_port(&mut port, &mut fpga, &starts(mode), limits).unwrap();
-        assert_eq!(found.failures, []);
-        for remote in &found.remotes {
-            assert_eq!(remote.discovered.problems, []);
+        let found = found(&mut port, &mut fpga, mode);
+        for remote in &found {
+            assert_eq!(remote.problems, []);
         }
-        let field = &found.on(FIELD).unwrap().discovered.descriptor;
+        let [field, analog, outputs] = &found[..] else {
+            panic!("three remotes, and not {}", found.len());
+        };
+        let field = &field.descriptor;
         assert_eq!(field.unit_number >> 24, 0x12);
         assert_eq!(field.parameters.len(), 8);
         assert_eq!(field.modes.len(), 5);
@@ -67,7 +79,7 @@ fn discovery_finds_the_cards_as_they_are() {
             [2, 6, 7, 9][usize::from(mode)],
             "mode {mode}"
         );
-        let analog = &found.on(ANALOG).unwrap().discovered.descriptor;
+        let analog = &analog.descriptor;
         assert_eq!(analog.unit_number >> 24, 0x11);
         let element = &analog.process_data[5];
         assert_eq!(
@@ -76,7 +88,7 @@ fn discovery_finds_the_cards_as_they_are() {
         );
         assert_eq!((element.min, element.max), (-10.0, 10.0));
         assert_eq!(element.direction, DataDirection::Output);
-        let outputs = &found.on(THIRD).unwrap().discovered.descriptor;
+        let outputs = &outputs.descriptor;
         assert_eq!(outputs.name.0, *b"7I72");
         assert_eq!(outputs.process_data.len(), 1);
     }
@@ -140,9 +152,11 @@ fn a_faulty_cable_fails_its_own_channel_only() {
 #[test]
 fn a_7i64_without_discovery_starts_and_exchanges_data() {
     let (mut fpga, mut port) = machine(Box::new(Plain::i7i64().unwrap()));
-    let limits = DiscoveryLimits::default();
-    let found = discover_port(&mut port, &mut fpga, &starts(0), limits).unwrap();
-    assert_eq!(found.on(THIRD).unwrap().discovered.source, Source::BuiltIn);
+    let found = found(&mut port, &mut fpga, 0);
+    assert_eq!(
+        (found[2].started.ptoc, &found[2].problems[..]),
+        (0, &[][..])
+    );
     port.stop_all(&mut fpga).unwrap();
     let report = port
         .start(&mut fpga, StartMode::Normal, &starts(0))

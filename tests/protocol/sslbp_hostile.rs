@@ -3,7 +3,7 @@
 use crate::common::bus::{FakeBus, Registers};
 use crate::common::chance::Chance;
 use crate::common::replay::MODULE;
-use mesa_hal::discovery::{DiscoveryLimits, discover_port};
+use mesa_hal::discovery::{DiscoveryOptions, discover_port};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, Layout, NonvolatileMemory,
     Port, PortWords, StartMode,
@@ -61,8 +61,8 @@ proptest! {
         let _ = port.start(bus, StartMode::Normal, &starts);
         let _ = port.transfer(bus, ChannelMask::first(8), &PortWords::default());
         let _ = port.stop(bus, zero.mask());
-        let limits = DiscoveryLimits { accesses: 64, ..DiscoveryLimits::default() };
-        let _ = discover_port(&mut port, bus, &starts, limits);
+        let options = DiscoveryOptions { accesses: 64, ..DiscoveryOptions::default() };
+        let _ = discover_port(&mut port, bus, &starts, &options);
         let _ = port.remote_read(bus, zero, 0x100, AccessSize::Double);
         let memory = NonvolatileMemory::Eeprom;
         let _ = port.nonvolatile_write(bus, zero, memory, 0x24, AccessSize::Word, 50);
@@ -82,12 +82,12 @@ fn an_identified_port_that_goes_mad_is_survived() {
         port.identify(&mut Replay::new(Vec::new())).unwrap();
         let mut bus = Hostile::bus(seed, 1);
         let starts = [ChannelStart::new(Channel::ALL[0])];
-        let limits = DiscoveryLimits {
+        let options = DiscoveryOptions {
             accesses: 64,
-            ..DiscoveryLimits::default()
+            ..DiscoveryOptions::default()
         };
         for _ in 0..20 {
-            let _ = discover_port(&mut port, &mut bus, &starts, limits);
+            let _ = discover_port(&mut port, &mut bus, &starts, &options);
         }
         assert!(
             bus.exchanges < 200_000,

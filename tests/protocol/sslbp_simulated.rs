@@ -3,17 +3,18 @@
 use crate::common::bus::{Around, Between};
 use crate::common::fpga::set_up_pins;
 use crate::common::replay::{memory_of, recording, settings_of};
+use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{
-    DiscoveryLimits, PortMemory, ProblemKind, RemoteIdentity, RemoteMemory, Source, discover,
-    discover_port,
+    Discovered, DiscoveryOptions, PortMemory, ProblemKind, RemoteMemory, discover, discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::remote::{FixedData, Remote};
 use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, CsStatus, Layout, Port,
-    PortError, PortState, PortWords, ProcessDataSizes, StartFailureReason, StartMode,
+    AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, CsStatus, Layout,
+    NonvolatileMemory, Port, PortError, PortState, PortWords, ProcessDataSizes, StartFailureReason,
+    StartMode,
 };
 use proptest::prelude::*;
 use std::{collections::BTreeMap, time::Duration};
@@ -56,6 +57,23 @@ fn remote(fpga: &mut SimFpga) -> &mut Remote<FixedData> {
     fpga.device_mut(0, 0).unwrap()
 }
 
+fn found(port: &mut Port, fpga: &mut SimFpga, start: ChannelStart) -> Discovered {
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    let mut found = discover_port(port, fpga, &[start], &options).unwrap();
+    found.remove(0).unwrap()
+}
+
+fn memory<'a>(port: &'a mut Port, fpga: &'a mut SimFpga) -> PortMemory<'a, SimFpga> {
+    PortMemory {
+        port,
+        bus: fpga,
+        channel: ZERO,
+    }
+}
+
 fn start(channel: Channel, mode: u8) -> ChannelStart {
     ChannelStart::new(channel).with_software_mode(mode)
 }
@@ -66,11 +84,27 @@ struct Image(BTreeMap<u16, u8>);
 impl RemoteMemory for Image {
     type Error = std::convert::Infallible;
 
-    fn read(&mut self, address: u16, size: AccessSize) -> Result<u64, Self::Error> {
+    fn read(
+        &mut self,
+        memory: Option<NonvolatileMemory>,
+        address: u16,
+        size: AccessSize,
+    ) -> Result<u64, Self::Error> {
+        assert_eq!(memory, None);
         Ok((0..size.bytes()).fold(0, |value, n| {
             let byte = self.0.get(&(address + u16::from(n))).copied().unwrap_or(0);
             value | u64::from(byte) << (8 * n)
         }))
+    }
+
+    fn write(
+        &mut self,
+        _: Option<NonvolatileMemory>,
+        address: u16,
+        _: AccessSize,
+        _: u64,
+    ) -> Result<(), Self::Error> {
+        panic!("discovery writes to {address:#06X}");
     }
 }
 
@@ -155,21 +189,17 @@ fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
 #[test]
 fn discovery_over_the_wire_is_the_same_as_from_the_image() {
     let (mut fpga, mut port) = machine();
-    let limits = DiscoveryLimits::default();
     for mode in 0..4 {
         let before = fpga.counters();
-        let inventory = discover_port(&mut port, &mut fpga, &[start(ZERO, mode)], limits).unwrap();
-        let found = inventory.on(ZERO).unwrap();
-        let identity = RemoteIdentity::new(&found.remote, port.layout());
+        let found = found(&mut port, &mut fpga, start(ZERO, mode));
         let mut image = Image(memory_of(&recording("t03_setup_one"), 0));
-        let expected = discover(&mut image, &identity, limits);
-        assert_eq!(found.discovered.descriptor, expected.descriptor);
-        assert_eq!(found.discovered.problems, []);
-        assert_eq!(found.discovered.accesses, expected.accesses);
+        let expected = discover(&mut image, &found.started, 3, &DiscoveryOptions::default());
+        assert_eq!(found, expected);
+        assert_eq!(found.problems, []);
         let after = fpga.counters();
         println!(
             "mode {mode}: {} accesses to the remote, {} register reads and {} writes in all",
-            found.discovered.accesses,
+            found.accesses,
             after.reads - before.reads,
             after.writes - before.writes,
         );
@@ -185,19 +215,21 @@ fn what_is_absent_or_broken_does_not_hide_the_others() {
         Some(Box::new(model("present=1 name=NONE unit=3 cookie=0xA5"))),
     );
     let starts = [0, 1, 2].map(|n| start(Channel::ALL[n], 0));
-    let limits = DiscoveryLimits::default();
-    let inventory = discover_port(&mut port, &mut fpga, &starts, limits).unwrap();
-    assert_eq!(inventory.remotes.len(), 1);
-    let reasons: Vec<_> = inventory
-        .failures
+    let options = DiscoveryOptions::default();
+    let found = discover_port(&mut port, &mut fpga, &starts, &options).unwrap();
+    let outcomes: Vec<_> = found
         .iter()
-        .map(|failure| (failure.channel, failure.reason))
+        .map(|found| match found {
+            Ok(found) => (found.started.channel, None),
+            Err(failure) => (failure.channel, Some(failure.reason)),
+        })
         .collect();
     assert_eq!(
-        reasons,
+        outcomes,
         [
-            (ONE, StartFailureReason::NoReply),
-            (Channel::ALL[2], StartFailureReason::WrongCookie),
+            (ZERO, None),
+            (ONE, Some(StartFailureReason::NoReply)),
+            (Channel::ALL[2], Some(StartFailureReason::WrongCookie)),
         ]
     );
 }
@@ -210,26 +242,24 @@ fn lost_replies_during_discovery_are_asked_for_again() {
     let report = port
         .start(&mut fpga, StartMode::Setup, &[start(ZERO, 1)])
         .unwrap();
-    let identity = RemoteIdentity::new(report.remotes().next().unwrap(), port.layout());
-    let limits = DiscoveryLimits::default();
+    let started = *report.remotes().next().unwrap();
+    let options = DiscoveryOptions::default();
     for fault in ["drop=1", "badcrc=1", "extra=1", "short=1"] {
         remote(&mut fpga).apply(fault).unwrap();
-        let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
-        let found = discover(&mut memory, &identity, limits);
+        let found = discover(&mut memory(&mut port, &mut fpga), &started, 3, &options);
         assert_eq!(found.problems, [], "{fault}");
         assert_eq!(found.descriptor.process_data.len(), 6, "{fault}");
     }
     remote(&mut fpga).apply("drop=100000").unwrap();
-    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
-    let found = discover(&mut memory, &identity, limits);
+    let found = discover(&mut memory(&mut port, &mut fpga), &started, 3, &options);
     assert!(matches!(
         found.problems[0].kind,
         ProblemKind::ReadFailed { address: 0x5C0 }
     ));
-    let error = found.read_error;
+    let error = found.read_error.unwrap();
     assert!(
-        matches!(error, Some(PortError::AccessFailed { channel: ZERO, .. })),
-        "{error:?}"
+        error.contains("channel 0, read of 1 bytes at 0x05"),
+        "{error}"
     );
 }
 
@@ -237,20 +267,14 @@ fn lost_replies_during_discovery_are_asked_for_again() {
 #[test]
 fn a_nonvolatile_parameter_survives_a_power_cycle() {
     let (mut fpga, mut port) = machine();
-    let limits = DiscoveryLimits::default();
-    let discover = |port: &mut Port, fpga: &mut SimFpga| {
-        let inventory = discover_port(port, fpga, &[start(ZERO, 0)], limits).unwrap();
-        inventory.on(ZERO).unwrap().discovered.descriptor.clone()
-    };
-    let descriptor = discover(&mut port, &mut fpga);
+    let descriptor = found(&mut port, &mut fpga, start(ZERO, 0)).descriptor;
     let watchdog = descriptor.parameter("NVWatchDogTime").unwrap();
     let read = |port: &mut Port, fpga: &mut SimFpga| {
-        let mut memory = PortMemory::new(port, fpga, ZERO);
-        watchdog.read_parameter(&mut memory).unwrap()
+        watchdog.read_parameter(&mut memory(port, fpga)).unwrap()
     };
     assert_eq!(read(&mut port, &mut fpga).raw, 50);
-    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
-    watchdog.write_parameter(&mut memory, 120.0).unwrap();
+    let written = watchdog.write_parameter(&mut memory(&mut port, &mut fpga), 120.0);
+    assert_eq!(written, Ok(()));
     assert_eq!(read(&mut port, &mut fpga).raw, 120);
 
     let now = fpga.now();
@@ -259,11 +283,11 @@ fn a_nonvolatile_parameter_survives_a_power_cycle() {
     let now = fpga.now();
     remote(&mut fpga).set_power(now, true);
     fpga.wait(Duration::from_millis(500));
-    discover(&mut port, &mut fpga);
+    let _ = found(&mut port, &mut fpga, start(ZERO, 0));
     assert_eq!(read(&mut port, &mut fpga).raw, 120);
 
     let unit = descriptor.parameter("UnitNumber").unwrap();
-    let mut memory = PortMemory::new(&mut port, &mut fpga, ZERO);
+    let mut memory = memory(&mut port, &mut fpga);
     assert_eq!(unit.read_parameter(&mut memory).unwrap().raw, 0x77AA);
     assert!(unit.write_parameter(&mut memory, 1.0).is_err());
 }
@@ -276,7 +300,7 @@ fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
     port.start(&mut fpga, StartMode::Setup, &[start(ZERO, 0)])
         .unwrap();
     remote(&mut fpga).apply("drop=100000").unwrap();
-    let memory = mesa_hal::sslbp::NonvolatileMemory::Eeprom;
+    let memory = NonvolatileMemory::Eeprom;
     let result = port.nonvolatile_read(&mut fpga, ZERO, memory, 0x24, AccessSize::Word);
     assert!(matches!(
         result,
@@ -337,13 +361,8 @@ fn a_7i64_is_discovered_by_its_name_and_exchanges_data() {
     let settings = "present=1 name=7I64 unit=0x64 mode0=8,4,0,0 fault=0 in=010200A0A1A2A3 wd=0";
     fpga.plug(0, 0, Some(Box::new(model(settings))));
     let starts = [start(ZERO, 0)];
-    let limits = DiscoveryLimits::default();
-    let inventory = discover_port(&mut port, &mut fpga, &starts, limits).unwrap();
-    let found = &inventory.on(ZERO).unwrap().discovered;
-    assert_eq!(
-        (found.problems.as_slice(), found.source),
-        (&[][..], Source::BuiltIn)
-    );
+    let found = found(&mut port, &mut fpga, starts[0]);
+    assert_eq!((found.started.ptoc, &found.problems[..]), (0, &[][..]));
     assert_eq!(found.descriptor.process_data.len(), 6);
     port.stop_all(&mut fpga).unwrap();
     let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();

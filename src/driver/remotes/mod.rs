@@ -9,11 +9,11 @@ use alloc::vec::Vec;
 use super::configure::Plan;
 use super::parameters::{ParameterWrite, RemoteParameterError, check_watchdog};
 use super::{MissingRemote, Remark, RemoteConfig, StartError};
-use crate::boards::{AttachError, RemoteHandles, RemoteTable};
+use crate::boards::{AttachError, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
-use crate::discovery::{PortMemory, Problem, RemoteDescriptor};
+use crate::discovery::{PackingPlan, PortMemory, Problem, RemoteDescriptor, RemoteTable};
 use crate::hal::AnyValue;
-use crate::remote::{PackingPlan, ParameterError, ParameterValue, RemoteLocation, RemotePins};
+use crate::remote::{ParameterError, ParameterValue, RemoteLocation, RemotePins};
 use crate::sslbp::{Channel, CsStatus, ProcessDataSizes, StartedRemote};
 
 /// A remote that takes part.
@@ -141,7 +141,11 @@ impl<B: RegisterBus + Clock> RemoteInSetup<'_, B> {
                 RemoteParameterError::NoSuchParameter { port, channel },
             ));
         };
-        let mut memory = PortMemory::new(&mut self.port.port, self.bus, channel);
+        let mut memory = PortMemory {
+            port: &mut self.port.port,
+            bus: self.bus,
+            channel,
+        };
         let result = record.read_parameter(&mut memory);
         result.map_err(|error| self.failed(name, error.into()))
     }
@@ -176,8 +180,7 @@ impl<B: RegisterBus + Clock> RemoteInSetup<'_, B> {
         let Some(found) = self.port.remotes.get_mut(self.place) else {
             return Err(RemoteParameterError::NoSuchParameter { port, channel });
         };
-        let parts = (&found.descriptor, &found.pins);
-        let write = ParameterWrite::new(location, parts, name, value)?;
+        let write = ParameterWrite::new(location, &found.pins, name, value)?;
         write.write(self.bus, &mut self.port.port, channel)?;
         if let Some(parameter) = found.pins.parameters_mut().get_mut(write.place) {
             parameter.publish(&mut self.plan.pins, write.raw);
@@ -264,7 +267,7 @@ impl Plan {
             gtoc: contents.map_or(0, |contents| contents.gtoc),
             sizes: ProcessDataSizes {
                 rx: packing.input_bytes() as u8 + 1,
-                tx: packing.transmit_size() as u8,
+                tx: packing.output_bytes() as u8,
             },
             cs: CsStatus::default(),
         };
@@ -274,7 +277,7 @@ impl Plan {
             channel: number,
         };
         let pins = &mut self.pins;
-        let pins = RemotePins::new(pins, location, &descriptor, packing, Some(table))?;
+        let pins = RemotePins::new(pins, location, &descriptor, &packing, Some(table))?;
         let is_it = |missing: &MissingRemote| (missing.port, missing.channel) == (port, channel);
         self.missing.retain(|missing| !is_it(missing));
         stage.remotes.push(FoundRemote {
@@ -295,7 +298,6 @@ impl<E: crate::bus::BusError> From<ParameterError<crate::sslbp::PortError<E>>>
     fn from(error: ParameterError<crate::sslbp::PortError<E>>) -> Self {
         match error {
             ParameterError::Memory(error) => Self::Port(error),
-            ParameterError::Value(error) => Self::Value(error),
             error => Self::Parameter(error),
         }
     }

@@ -3,12 +3,9 @@
 use alloc::vec::Vec;
 
 use super::FoundRemote;
-use crate::boards::{RemoteTable, check_identity};
+use crate::boards::check_identity;
 use crate::bus::{BusError, Clock, RegisterBus};
-use crate::discovery::{
-    Discovered, DiscoveredRemote, DiscoveryLimits, ModeType, PortMemory, RemoteDescriptor,
-    RemoteName, discover_port,
-};
+use crate::discovery::{Discovered, DiscoveryOptions, PortMemory, discover_port};
 use crate::driver::configure::Plan;
 use crate::driver::configure::WATCHDOG_FEEDS;
 use crate::driver::remark;
@@ -18,7 +15,7 @@ use crate::driver::{
 use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::modules::RegisterError;
 use crate::modules::serial::Remote;
-use crate::remote::{PackingPlan, ParameterError, RemoteLocation, RemotePins};
+use crate::remote::{ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Layout, MAX_CHANNELS, Port, PortError, PortParameters, SslbpModule,
     StartMode, StartedRemote,
@@ -189,26 +186,15 @@ impl Plan {
         stage: &mut PortStage,
     ) -> Result<(), StartError<B::Error>> {
         let wanted = self.existing(stage)?;
-        let inventory = discover_port(&mut stage.port, bus, &wanted, DiscoveryLimits::default())?;
-        for failure in &inventory.failures {
-            let reason = MissingReason::DidNotStart(*failure);
-            self.miss(stage, failure.channel, reason)?;
-        }
-        for DiscoveredRemote { remote, discovered } in inventory.remotes {
-            let channel = remote.channel;
-            match self.candidate(stage, &remote, &discovered) {
-                Ok(pins) => {
-                    let mut found = FoundRemote {
-                        started: remote,
-                        descriptor: discovered.descriptor,
-                        problems: discovered.problems,
-                        pins,
-                        is_absent: false,
-                    };
-                    self.read_parameters(bus, &mut stage.port, &mut found)?;
-                    stage.remotes.push(found);
-                }
-                Err(reason) => self.miss(stage, channel, reason)?,
+        let options = DiscoveryOptions {
+            tables: &self.tables,
+            ..DiscoveryOptions::default()
+        };
+        for outcome in discover_port(&mut stage.port, bus, &wanted, &options)? {
+            match outcome.map_err(|failure| (failure.channel, MissingReason::DidNotStart(failure)))
+            {
+                Ok(discovered) => self.take_part(bus, stage, discovered)?,
+                Err((channel, reason)) => self.miss(stage, channel, reason)?,
             }
         }
         let of = stage.remotes.iter();
@@ -258,41 +244,53 @@ impl Plan {
         Ok(())
     }
 
+    fn take_part<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        stage: &mut PortStage,
+        discovered: Discovered,
+    ) -> Result<(), StartError<B::Error>> {
+        let pins = match self.candidate(stage, &discovered) {
+            Ok(pins) => pins,
+            Err(reason) => return self.miss(stage, discovered.started.channel, reason),
+        };
+        let mut found = FoundRemote {
+            started: discovered.started,
+            descriptor: discovered.descriptor,
+            problems: discovered.problems,
+            pins,
+            is_absent: false,
+        };
+        self.read_parameters(bus, &mut stage.port, &mut found)?;
+        stage.remotes.push(found);
+        Ok(())
+    }
+
     /// Makes the pins of a remote that is the right one and that is understood.
-    fn candidate<E>(
+    fn candidate(
         &mut self,
         stage: &PortStage,
-        remote: &StartedRemote,
-        discovered: &Discovered<E>,
+        discovered: &Discovered,
     ) -> Result<RemotePins, MissingReason> {
         let descriptor = &discovered.descriptor;
-        let (name, channel) = (descriptor.name, remote.channel);
-        let expected = stage.serial.channels.get(&channel.index());
+        let channel = discovered.started.channel.index();
+        let expected = stage.serial.channels.get(&channel);
         let expected = expected.copied().unwrap_or_default();
-        let identity = (
-            expected.kind.map(|kind| RemoteName(kind.name)),
-            expected.kind.and_then(|kind| kind.unit_class),
-            expected.unit_number,
-        );
-        check_identity(descriptor, identity).map_err(MissingReason::WrongRemote)?;
-        check_mode(descriptor)?;
-        let mut problems = discovered.problems.iter();
-        if let Some(&problem) = problems.find(|problem| problem.affects_process_data()) {
-            return Err(MissingReason::Tables { name, problem });
-        }
-        let plan = PackingPlan::new(descriptor, stage.port.layout().interface_registers());
-        let plan = plan.map_err(|problem| MissingReason::Tables { name, problem })?;
-        check_sizes(remote, &plan)?;
+        let identity = check_identity(descriptor, expected.kind, expected.unit_number);
+        identity.map_err(MissingReason::WrongRemote)?;
+        let plan = discovered.plan.as_ref();
+        let plan = plan.map_err(|problem| MissingReason::Tables(problem.clone()))?;
         let location = RemoteLocation {
             board: &self.name,
             port: stage.number(),
-            channel: channel.index(),
+            channel,
         };
-        let table = RemoteTable::for_remote(descriptor, &self.tables);
+        let table = self.tables.iter().find(|table| table.matches(descriptor));
+        let table = table.copied();
         let pins = RemotePins::new(&mut self.pins, location, descriptor, plan, table);
-        let pins = pins.map_err(|error| MissingReason::Pins { name, error })?;
-        self.remarks
-            .extend(Remark::on(stage.number(), channel, discovered, table));
+        let pins = pins.map_err(MissingReason::Pins)?;
+        let remarks = Remark::on(stage.number(), discovered, &self.tables, table);
+        self.remarks.extend(remarks);
         Ok(pins)
     }
 
@@ -303,12 +301,10 @@ impl Plan {
         port: &mut Port,
         found: &mut FoundRemote,
     ) -> Result<(), StartError<B::Error>> {
-        let mut memory = PortMemory::new(port, bus, found.started.channel);
+        let channel = found.started.channel;
+        let mut memory = PortMemory { port, bus, channel };
         for parameter in found.pins.parameters_mut() {
-            let Some(record) = found.descriptor.parameters.get(parameter.record) else {
-                continue;
-            };
-            match record.read_parameter(&mut memory) {
+            match parameter.record.read_parameter(&mut memory) {
                 Ok(value) => parameter.publish(&mut self.pins, value.raw),
                 Err(ParameterError::Memory(PortError::Bus(error))) => {
                     return Err(StartError::Bus(error));
@@ -353,38 +349,6 @@ impl Plan {
         }
         Ok(remotes)
     }
-}
-
-/// A remote that tells its software modes must know the one it was started in.
-fn check_mode(descriptor: &RemoteDescriptor) -> Result<(), MissingReason> {
-    let mode = descriptor.software_mode;
-    let mut known = descriptor
-        .modes
-        .iter()
-        .filter(|known| known.mode_type == ModeType::Software)
-        .peekable();
-    if known.peek().is_none() || known.any(|known| known.index == mode) {
-        return Ok(());
-    }
-    let name = descriptor.name;
-    Err(MissingReason::UnknownMode { name, mode })
-}
-
-/// What the remote transfers must be what its tables describe.
-fn check_sizes(remote: &StartedRemote, plan: &PackingPlan) -> Result<(), MissingReason> {
-    let fault_byte = u32::from(remote.sizes.rx.saturating_sub(remote.input_bytes()));
-    let plan_rx = plan.input_bytes() + fault_byte;
-    let plan_tx = plan.transmit_size();
-    if u32::from(remote.sizes.rx) == plan_rx && u32::from(remote.sizes.tx) == plan_tx {
-        return Ok(());
-    }
-    Err(MissingReason::Sizes {
-        name: remote.name,
-        rx: remote.sizes.rx,
-        tx: remote.sizes.tx,
-        plan_rx,
-        plan_tx,
-    })
 }
 
 /// Whether normal START found what setup START had found.

@@ -78,8 +78,8 @@ impl Served {
     /// How long its outputs stay on without process data, as far as its parameter tells: what it
     /// was before counts as well, because it is in use until the next power-up.
     pub fn watchdog(&self) -> RemoteWatchdog {
-        let parameter = self.pins.parameter(&self.descriptor, WATCHDOG_PARAMETER);
-        let millis = parameter.and_then(|parameter| parameter.first().zip(parameter.known()));
+        let parameter = self.pins.parameter(WATCHDOG_PARAMETER);
+        let millis = parameter.and_then(|parameter| parameter.first.zip(parameter.known));
         millis.map_or(RemoteWatchdog::Assumed, |(first, known)| {
             RemoteWatchdog::longer_of(first, known)
         })

@@ -7,13 +7,9 @@ use alloc::vec::Vec;
 /// The terminals of things of a kind that follow each other on a connector: inputs, encoders.
 ///
 /// ```
-/// use mesa_hal::boards::Terminals;
-/// const OUTPUTS: &[Terminals] = &[Terminals {
-///     connector: "TB5 pin ",
-///     first: 0,
-///     signals: &["OUT#-", "OUT#+"],
-///     pins: &[13, 14, 15, 16],
-/// }];
+/// use mesa_hal::hal::Terminals;
+/// const OUTPUTS: &[Terminals] =
+///     &[Terminals::new("TB5 pin ", 0, &["OUT#-", "OUT#+"], &[13, 14, 15, 16])];
 /// let place = Terminals::of(OUTPUTS, 1);
 /// assert_eq!(place.terminal, "TB5 pin 15, TB5 pin 16");
 /// assert_eq!(place.signal, "OUT1-, OUT1+");
@@ -71,12 +67,7 @@ impl Terminals {
 
     /// Where thing `number` is.
     pub fn of(ranges: &[Self], number: u16) -> Place {
-        Place::join(Self::each_of(ranges, number))
-    }
-
-    /// Where all of them are.
-    pub fn all(ranges: &[Self]) -> Place {
-        Place::join(Self::each(ranges).map(|(_, place)| place))
+        Self::each_of(ranges, number).collect()
     }
 
     /// The terminals of thing `number`, one by one.
@@ -107,14 +98,14 @@ impl Place {
     /// Both.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
-        Self::join(
-            [self, other]
-                .into_iter()
-                .filter(|place| *place != Self::default()),
-        )
+        let both = [self, other].into_iter();
+        both.filter(|place| *place != Self::default()).collect()
     }
+}
 
-    fn join(places: impl Iterator<Item = Self>) -> Self {
+impl FromIterator<Self> for Place {
+    fn from_iter<I: IntoIterator<Item = Self>>(places: I) -> Self {
+        let places = places.into_iter();
         let (terminals, mut signals): (Vec<_>, Vec<_>) =
             places.map(|place| (place.terminal, place.signal)).unzip();
         signals.dedup();

@@ -1,0 +1,124 @@
+//! Which element of process data is where in the interface registers.
+
+use super::{DataRecord, DataType, Problem, ProblemKind, RemoteDescriptor, Table};
+use alloc::vec::Vec;
+
+/// Where the process data of a remote is in the interface registers of its channel, computed once.
+///
+/// Elements are packed in the order of the PTOC, least significant bit first. Inputs and outputs
+/// are two independent streams; a bidirectional element is in both. Pads are zeros in the output.
+///
+/// Source: manual 7I77, "PROCESS DATA ELEMENT PACKING AND UNPACKING"; FACTS 7.5.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PackingPlan {
+    /// The elements, in PTOC order.
+    pub elements: Vec<Element>,
+    /// All inputs together, in bits.
+    pub input_bits: u32,
+    /// All outputs together, in bits.
+    pub output_bits: u32,
+}
+
+/// An element of process data and its places.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Element {
+    /// The place of its record in the descriptor's `process_data`; of a count in two parts that of
+    /// the first.
+    pub record: usize,
+    /// Its first bit in the input stream, if it is an input.
+    pub input: Option<u16>,
+    /// Its first bit in the output stream, if it is an output.
+    pub output: Option<u16>,
+    /// Its width; for a count in two parts both together.
+    pub bits: u16,
+    /// How many of the bits of a count are an upper part that comes first; else 0.
+    pub high_bits: u8,
+}
+
+impl PackingPlan {
+    /// The plan for what a remote says of itself, on a port with 3 or 7 interface registers for
+    /// each channel. Behind it nothing about the layout is left to check.
+    ///
+    /// # Errors
+    /// [`Problem`], naming the record; nothing in a descriptor makes it panic or go on for long.
+    pub fn new(descriptor: &RemoteDescriptor, registers: u8) -> Result<Self, Problem> {
+        let mut plan = Self::default();
+        let limit = u32::from(registers) * 32;
+        let mut records = descriptor.process_data.iter().enumerate().peekable();
+        while let Some((index, record)) = records.next() {
+            let second = match record.data_type {
+                DataType::EncoderHigh => Some(DataType::EncoderLow),
+                DataType::EncoderLow => Some(DataType::EncoderHigh),
+                _ => None,
+            };
+            let follows = |next: &DataRecord| {
+                Some(next.data_type) == second && next.direction == record.direction
+            };
+            let low_or_high = records.next_if(|(_, next)| follows(next));
+            let result = match (second, low_or_high) {
+                (Some(_), None) => Err(ProblemKind::HalfCount),
+                (_, second) => plan.append(index, record, second.map(|(_, record)| record), limit),
+            };
+            result.map_err(|kind| Problem {
+                name: descriptor.name,
+                unit_number: descriptor.unit_number,
+                table: Table::Process,
+                record: record.record_address,
+                kind,
+            })?;
+        }
+        Ok(plan)
+    }
+
+    fn append(
+        &mut self,
+        index: usize,
+        record: &DataRecord,
+        second: Option<&DataRecord>,
+        limit: u32,
+    ) -> Result<(), ProblemKind> {
+        let bits = u16::from(record.bits) + second.map_or(0, |second| second.bits.into());
+        record.data_type.check_width(bits)?;
+        let place = |stream: &mut u32, direction, is_in_it: bool| {
+            // Never more than `limit` before.
+            let first = *stream as u16;
+            if is_in_it {
+                *stream += u32::from(bits);
+            }
+            let bits = *stream;
+            match bits {
+                _ if bits > limit => Err(ProblemKind::RegistersTooSmall {
+                    direction,
+                    bits,
+                    limit,
+                }),
+                _ => Ok(is_in_it.then_some(first)),
+            }
+        };
+        let way = record.direction;
+        let input = place(&mut self.input_bits, "input", way.is_input())?;
+        let output = place(&mut self.output_bits, "output", way.is_output())?;
+        self.elements.push(Element {
+            record: index,
+            input,
+            output,
+            bits,
+            // With the low part first, the two are one number of neighbouring bits.
+            high_bits: match record.data_type {
+                DataType::EncoderHigh => record.bits,
+                _ => 0,
+            },
+        });
+        Ok(())
+    }
+
+    /// Bytes of a reply, without the remote's fault byte.
+    pub fn input_bytes(&self) -> u32 {
+        self.input_bits.div_ceil(8)
+    }
+
+    /// Bytes of a request after its command: what the remote calls TXSize.
+    pub fn output_bytes(&self) -> u32 {
+        self.output_bits.div_ceil(8)
+    }
+}

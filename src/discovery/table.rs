@@ -1,0 +1,316 @@
+//! What is known of a remote beforehand: thin data over what it says of itself.
+
+use alloc::{
+    format,
+    string::{String, ToString},
+    vec::Vec,
+};
+
+use super::{DataDirection, DataRecord, DataType, RemoteDescriptor, RemoteName};
+use crate::hal::{Place, Terminals};
+
+/// What is known of one element of a remote's process data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElementTable {
+    /// Its name in the remote.
+    pub name: &'static str,
+    /// Its width.
+    pub bits: u8,
+    /// Its type.
+    pub data_type: DataType,
+    /// Which way it goes.
+    pub direction: DataDirection,
+    /// Its limits, as the record has them; `None` where they mean nothing.
+    pub limits: Option<(f32, f32)>,
+    /// Its unit, used where the record names none.
+    pub unit: &'static str,
+    /// The software modes that have it: bit n for mode n.
+    pub modes: u16,
+    /// The terminals it is at.
+    pub terminals: &'static [Terminals],
+    /// Which of the things at these terminals it is. `None`: all of them, or one for each bit of
+    /// BITS.
+    pub number: Option<u16>,
+    /// The value its output has when nothing else is said: 0 is off and 0 V.
+    pub safe: f64,
+}
+
+/// What is known of a kind of remote.
+///
+/// It names terminals and safe values, and is what the remote's own description is compared with.
+/// The remote's description decides (FACTS 8.5), where it has one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RemoteTable {
+    /// What it is, for people: `7I77 field I/O`.
+    pub title: &'static str,
+    /// What it calls itself.
+    pub name: [u8; 4],
+    /// The top byte of its unit number, where cards of one name are told apart by it.
+    pub unit_class: Option<u8>,
+    /// Whether it describes itself. If not, this table is its description.
+    pub has_discovery: bool,
+    /// Its elements, in the order of its PTOC.
+    pub elements: &'static [ElementTable],
+    /// Where its tables of contents are, for each software mode in which that is known. A remote
+    /// that is absent at start is held against it when it is plugged in.
+    pub contents: &'static [Contents],
+}
+
+/// Where a remote has its tables of contents in a software mode, which differs from firmware to
+/// firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contents {
+    /// The software mode.
+    pub mode: u8,
+    /// Address of the PTOC.
+    pub ptoc: u16,
+    /// Address of the GTOC.
+    pub gtoc: u16,
+}
+
+/// A point in which a remote's description differs from the table of its kind.
+///
+/// The remote is believed; this is for people to look at.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{element}: {what} {actual}, by the table {expected}")]
+pub struct Difference {
+    /// The element.
+    pub element: String,
+    /// In what it differs: place (among the elements that are not pads), width, type or limits.
+    pub what: &'static str,
+    /// What the table says.
+    pub expected: String,
+    /// What the remote says.
+    pub actual: String,
+}
+
+impl RemoteTable {
+    /// A kind of remote that its name alone tells.
+    pub const fn new(
+        title: &'static str,
+        name: [u8; 4],
+        elements: &'static [ElementTable],
+    ) -> Self {
+        Self {
+            title,
+            name,
+            unit_class: None,
+            has_discovery: true,
+            elements,
+            contents: &[],
+        }
+    }
+
+    /// One part of a card, which has this top byte in its unit number.
+    #[must_use]
+    pub const fn of_class(self, class: u8) -> Self {
+        Self {
+            unit_class: Some(class),
+            ..self
+        }
+    }
+
+    /// Whether a remote is of this kind, by its name and unit number.
+    pub fn matches(&self, descriptor: &RemoteDescriptor) -> bool {
+        let is_class = |class| descriptor.unit_number >> 24 == u32::from(class);
+        self.name == descriptor.name.0 && self.unit_class.is_none_or(is_class)
+    }
+
+    /// The element of that name and direction.
+    pub fn element(&self, name: &str, direction: DataDirection) -> Option<&ElementTable> {
+        let mut elements = self.elements.iter();
+        elements.find(|element| element.name == name && element.direction == direction)
+    }
+
+    /// The elements of a software mode, in order.
+    fn of_mode(&self, mode: u8) -> impl Iterator<Item = &ElementTable> {
+        let bit = 1_u16.checked_shl(u32::from(mode)).unwrap_or(0);
+        self.elements
+            .iter()
+            .filter(move |element| element.modes & bit != 0)
+    }
+
+    /// What a remote of this kind says of itself in a software mode; `None` if the table does not
+    /// know all of it.
+    pub(crate) fn descriptor(&self, mode: u8) -> Option<RemoteDescriptor> {
+        let process_data: Option<Vec<_>> = self.of_mode(mode).map(ElementTable::record).collect();
+        Some(RemoteDescriptor {
+            name: RemoteName(self.name),
+            unit_number: u32::from(self.unit_class.unwrap_or(0)) << 24,
+            software_mode: mode,
+            process_data: process_data.filter(|records| !records.is_empty())?,
+            parameters: Vec::new(),
+            modes: Vec::new(),
+        })
+    }
+
+    /// Where a remote's description differs from this table, in the mode it was started in.
+    pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<Difference> {
+        let records: Vec<&DataRecord> = {
+            let records = descriptor.process_data.iter();
+            let is_pad = |record: &&DataRecord| record.data_type == DataType::Pad;
+            records.filter(|record| !is_pad(record)).collect()
+        };
+        let known = self.of_mode(descriptor.software_mode);
+        let known: Vec<_> = known.filter(|e| e.data_type != DataType::Pad).collect();
+        let mut found = Vec::new();
+        let mut compare = |element: &str, what, expected: String, actual: String| {
+            if expected != actual {
+                found.push(Difference {
+                    element: element.into(),
+                    what,
+                    expected,
+                    actual,
+                });
+            }
+        };
+        let text = |place: Option<usize>| place.map_or("none".into(), |place| place.to_string());
+        for (expected, element) in known.iter().enumerate() {
+            let place = records.iter().position(|record| element.is(record));
+            compare(element.name, "place", text(Some(expected)), text(place));
+            let Some(record) = place.and_then(|place| records.get(place)) else {
+                continue;
+            };
+            let [expected, actual] = [element.bits, record.bits].map(|bits| bits.to_string());
+            compare(element.name, "width", expected, actual);
+            let types = [element.data_type, record.data_type];
+            let [expected, actual] = types.map(|data_type| format!("{data_type:?}"));
+            compare(element.name, "type", expected, actual);
+            if let Some(limits) = element.limits {
+                let limits = [limits, (record.min, record.max)];
+                let [expected, actual] = limits.map(|(min, max)| format!("{min} to {max}"));
+                compare(element.name, "limits", expected, actual);
+            }
+        }
+        for (actual, record) in records.iter().enumerate() {
+            if !known.iter().any(|element| element.is(record)) {
+                compare(&record.name, "place", text(None), text(Some(actual)));
+            }
+        }
+        found
+    }
+}
+
+impl ElementTable {
+    const fn new(name: &'static str, bits: u8, direction: DataDirection) -> Self {
+        Self {
+            name,
+            bits,
+            data_type: DataType::Bits,
+            direction,
+            limits: None,
+            unit: "",
+            modes: u16::MAX,
+            terminals: &[],
+            number: None,
+            safe: 0.0,
+        }
+    }
+
+    /// Single bits that are read.
+    pub const fn bits_in(name: &'static str, bits: u8) -> Self {
+        Self::new(name, bits, DataDirection::Input)
+    }
+
+    /// Single bits that are written.
+    pub const fn bits_out(name: &'static str, bits: u8) -> Self {
+        Self::new(name, bits, DataDirection::Output)
+    }
+
+    /// A voltage from 0 to `max` that is read.
+    pub const fn volts_in(name: &'static str, bits: u8, max: f32) -> Self {
+        Self {
+            data_type: DataType::Unsigned,
+            limits: Some((0.0, max)),
+            unit: "V",
+            ..Self::new(name, bits, DataDirection::Input)
+        }
+    }
+
+    /// A voltage from -`max` to `max` that is written.
+    pub const fn volts_out(name: &'static str, bits: u8, max: f32) -> Self {
+        Self {
+            data_type: DataType::Signed,
+            limits: Some((-max, max)),
+            unit: "V",
+            ..Self::new(name, bits, DataDirection::Output)
+        }
+    }
+
+    /// A truth value that is written.
+    pub const fn switch(name: &'static str) -> Self {
+        Self {
+            data_type: DataType::Boolean,
+            ..Self::new(name, 1, DataDirection::Output)
+        }
+    }
+
+    /// Bits that mean nothing, in one direction.
+    pub const fn pad(bits: u8, direction: DataDirection) -> Self {
+        Self {
+            data_type: DataType::Pad,
+            ..Self::new("pad", bits, direction)
+        }
+    }
+
+    /// A counter.
+    pub const fn counter(name: &'static str, bits: u8) -> Self {
+        Self {
+            data_type: DataType::Encoder,
+            ..Self::new(name, bits, DataDirection::Input)
+        }
+    }
+
+    /// At these terminals: all of them, or one thing for each bit of BITS.
+    #[must_use]
+    pub const fn at(self, terminals: &'static [Terminals]) -> Self {
+        Self { terminals, ..self }
+    }
+
+    /// Thing `number` at these terminals.
+    #[must_use]
+    pub const fn nth(self, terminals: &'static [Terminals], number: u16) -> Self {
+        Self {
+            terminals,
+            number: Some(number),
+            ..self
+        }
+    }
+
+    /// In these software modes only: bit n for mode n.
+    #[must_use]
+    pub const fn in_modes(self, modes: u16) -> Self {
+        Self { modes, ..self }
+    }
+
+    /// Its terminals, one by one; or those of one of its bits.
+    pub fn places(&self, bit: Option<u16>) -> impl Iterator<Item = Place> {
+        let number = bit.or(self.number);
+        let is_it = move |n| number.is_none_or(|number| number == n);
+        Terminals::each(self.terminals).filter_map(move |(n, place)| is_it(n).then_some(place))
+    }
+
+    fn is(&self, record: &DataRecord) -> bool {
+        (self.name, self.direction) == (&*record.name, record.direction)
+    }
+
+    /// The record of a remote that has it; `None` if its limits are not known, and are needed.
+    fn record(&self) -> Option<DataRecord> {
+        let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
+        let (min, max) = match self.limits {
+            None if is_scaled => return None,
+            limits => limits.unwrap_or_default(),
+        };
+        Some(DataRecord {
+            record_address: 0,
+            bits: self.bits,
+            data_type: self.data_type,
+            direction: self.direction,
+            min,
+            max,
+            address: 0,
+            unit: self.unit.into(),
+            name: self.name.into(),
+        })
+    }
+}
