@@ -36,13 +36,14 @@
 //! |---|---|
 //! | [`driver`] | applications: settings, the cycle, faults, recovery, statistics |
 //! | [`hal`] | applications: typed pins and parameters, LinuxCNC's names |
-//! | [`boards`] | applications: handles and terminals of known cards; whoever adds a card or a board |
+//! | [`boards`] | applications: handles of known cards and boards; whoever adds a card or a board |
 //! | [`modules`] | whoever adds a HostMot2 module: registers, pins and cycle of one in one place |
 //! | [`bus`] | whoever brings another bus, or adds a module |
 //! | [`transport`] | applications on Ethernet; wrappers of buses that record, and that fail on purpose |
 //! | [`ethernet`] | maintenance: identity, EEPROM, flash memory |
 //! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
-//! | [`hostmot2`], [`sslbp`], [`discovery`], [`remote`] | tools: what a firmware has, what remotes tell |
+//! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
+//! | [`hostmot2`], [`sslbp`] | tools: what a firmware has, the ports of its remotes |
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
 //! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
 //!

@@ -1,8 +1,7 @@
 //! Remotes: from what one says of itself to engineering values and pins.
 //!
-//! [`RemotePins`] makes the pins of any remote from its descriptor and its
-//! [`PackingPlan`](crate::discovery::PackingPlan); [`Scaling`] makes a value of the bits of an element,
-//! and bits of a value. Parameters are read and written by their record:
+//! [`RemotePins`] makes the pins of any remote from its descriptor and its [`PackingPlan`]; [`Scaling`]
+//! makes a value of the bits of an element, and bits of a value. Parameters are read and written by their record:
 //! [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
 mod binding;
