@@ -148,73 +148,50 @@ impl<'a> Bitfile<'a> {
     fn check_design(&self, expected: &'static str) -> Result<(), BitfileError> {
         // The file's tools append more to it: `name.ncd;UserID=0xFFFFFFFF`.
         let name = self.design.split(['.', ';']).next().unwrap_or("");
-        let is_expected = |card: &[u8; 4]| expected.as_bytes().eq_ignore_ascii_case(card);
+        let name = SPELLED
+            .iter()
+            .fold(name.to_ascii_lowercase(), |name, (word, digit)| {
+                name.replace(word, digit)
+            });
+        let named = |card: &&str| name.contains(card);
         // Names of daughter cards may stand beside the board's own.
-        let is_own = cards(name).any(|card| is_expected(&card));
-        let other = cards(name).find(|card| HOST_CARDS.contains(&card));
-        let mut found = other.map(|card| String::from_utf8_lossy(&card).into_owned());
-        if is_own || found.is_none() {
-            let has = |top: &str| {
-                let mut windows = name.as_bytes().windows(top.len());
-                windows.any(|window| window.eq_ignore_ascii_case(top.as_bytes()))
-            };
-            let other = INTERFACES.iter().find(|(top, _)| has(top));
-            found = other.map(|(_, interface)| format!("board on {interface}"));
-        }
-        match found {
-            Some(found) => Err(BitfileError::OtherBoard { found, expected }),
-            None => Ok(()),
-        }
+        let is_own = name.contains(&expected.to_ascii_lowercase());
+        let other = HOST_CARDS.iter().find(|card| named(card));
+        let interface = INTERFACES.iter().find(|(top, _)| named(top));
+        let found = match (other, interface) {
+            (Some(card), _) if !is_own => card.to_string(),
+            (_, Some((_, interface))) => format!("board on {interface}"),
+            _ => return Ok(()),
+        };
+        Err(BitfileError::OtherBoard { found, expected })
     }
 }
 
-/// Mesa's boards with an FPGA, as far as their names have four characters, as design names write
-/// them.
-const HOST_CARDS: [&[u8; 4]; 28] = [
-    b"3x20", b"4i65", b"4i68", b"4i69", b"4i74", b"5i20", b"5i21", b"5i22", b"5i23", b"5i24",
-    b"5i25", b"5i26", b"6i24", b"6i25", b"7i43", b"7i60", b"7i80", b"7i90", b"7i92", b"7i93",
-    b"7i94", b"7i95", b"7i96", b"7i97", b"7i98", b"7c80", b"7c81", b"6c51",
+/// Mesa's boards with an FPGA, as far as their names have four characters, in lower case.
+const HOST_CARDS: [&str; 28] = [
+    "3x20", "4i65", "4i68", "4i69", "4i74", "5i20", "5i21", "5i22", "5i23", "5i24", "5i25", "5i26",
+    "6i24", "6i25", "7i43", "7i60", "7i80", "7i90", "7i92", "7i93", "7i94", "7i95", "7i96", "7i97",
+    "7i98", "7c80", "7c81", "6c51",
 ];
 
-/// Names of Mesa's top levels for other host interfaces: their sources are public.
+/// Names of Mesa's top levels for other host interfaces, in lower case: their sources are public.
 const INTERFACES: [(&str, &str); 6] = [
-    ("TopPCI", "PCI"),
-    ("Top9030", "PCI"),
-    ("Top9054", "PCI"),
-    ("TopEPP", "the parallel port"),
-    ("TopGCSPI", "SPI"),
-    ("TopUSB", "USB"),
+    ("toppci", "PCI"),
+    ("top9030", "PCI"),
+    ("top9054", "PCI"),
+    ("topepp", "the parallel port"),
+    ("topgcspi", "SPI"),
+    ("topusb", "USB"),
 ];
 
 /// Digits as the names of Mesa's projects spell them (`seveni92`).
-const SPELLED: [(&[u8], u8); 5] = [
-    (b"three", b'3'),
-    (b"four", b'4'),
-    (b"five", b'5'),
-    (b"six", b'6'),
-    (b"seven", b'7'),
+const SPELLED: [(&str, &str); 5] = [
+    ("three", "3"),
+    ("four", "4"),
+    ("five", "5"),
+    ("six", "6"),
+    ("seven", "7"),
 ];
-
-/// Everything in a design name that has the form of a card's name, in lower case.
-fn cards(name: &str) -> impl Iterator<Item = [u8; 4]> + '_ {
-    let bytes = name.as_bytes();
-    (0..bytes.len()).filter_map(move |at| card(bytes.get(at..)?))
-}
-
-/// A card's name at the beginning of `text`: a digit, a letter, two digits.
-fn card(text: &[u8]) -> Option<[u8; 4]> {
-    let spelled = SPELLED.iter().find_map(|(word, digit)| {
-        let (head, rest) = text.split_at_checked(word.len())?;
-        head.eq_ignore_ascii_case(word).then_some((*digit, rest))
-    });
-    let (series, rest) = spelled.or_else(|| text.split_first().map(|(c, rest)| (*c, rest)))?;
-    let [kind, tens, ones, ..] = *rest else {
-        return None;
-    };
-    let digits = [series, tens, ones].iter().all(u8::is_ascii_digit);
-    let kind = kind.to_ascii_lowercase();
-    (digits && b"icx".contains(&kind)).then_some([series, kind, tens, ones])
-}
 
 /// What of a file is not parsed yet.
 struct Fields<'a> {

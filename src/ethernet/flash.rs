@@ -35,7 +35,7 @@ impl FlashLayout {
     }
 }
 
-/// What somebody wants to write; naming it is the only way to.
+/// What is to be written; naming it is the only way to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Area {
     /// The boot block: a mistake here needs a JTAG programmer to mend.

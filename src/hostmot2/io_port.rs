@@ -186,8 +186,8 @@ impl IoPorts {
         Ok(())
     }
 
-    /// Sets all ports up, in one exchange and in an order in which no pin is driven with a level
-    /// that nobody asked for: nothing driven, then levels, inversions and sources, then directions,
+    /// Sets all ports up, in one exchange and in an order in which no pin is driven with another
+    /// level than it is to have: nothing driven, then levels, inversions and sources, then directions,
     /// and open drain last, because a pin with open drain is driven whatever its direction
     /// (FACTS 12.2).
     ///

@@ -24,7 +24,7 @@ impl Operation<'_> {
 
 /// The operations of a request, in order.
 ///
-/// Ends after the first error, because nobody can say where the next command would begin.
+/// Ends after the first error: where the next command would begin is not known.
 ///
 /// # Real time
 /// Every item takes at least two bytes of the request, so there are at most half as many items as
