@@ -304,6 +304,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
 /// Whether every remote of every port is found stopped without a STOP command.
 fn appears_reset(ports: &[SerialPort]) -> bool {
-    let mut appear = ports.iter().filter_map(SerialPort::appears_reset);
+    let mut appear = ports
+        .iter()
+        .filter_map(|port| port.recovery.appears_reset());
     appear.next() == Some(true) && appear.all(|one| one)
 }

@@ -58,8 +58,8 @@ mod stop;
 pub use crate::modules::encoder::EncoderSetup;
 pub use crate::modules::gpio::GpioConfig;
 pub use crate::modules::serial::{
-    Failure, FailureCounts, FaultPolicy, OfflineReason, PortStatistics, RemoteState, RemoteStatus,
-    RemoteWatchdog, SerialPort, TimeHistogram,
+    Failure, FailureCounts, FaultPolicy, FoundRemote, OfflineReason, PortStatistics, RemoteState,
+    RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::{BoardState, CycleReport};
 pub use crate::modules::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};
@@ -68,7 +68,7 @@ pub use connection::ConnectionPins;
 pub use error::{CycleError, MissingReason, MissingRemote, StartError};
 pub use parameters::RemoteParameterError;
 pub use remark::{Remark, RemarkKind};
-pub use remotes::{FoundRemote, RemoteInSetup, Remotes};
+pub use remotes::{RemoteInSetup, Remotes};
 pub use report::{DriverStatistics, Rearmed};
 pub use stop::ShutdownError;
 

@@ -47,7 +47,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub fn restart(&mut self, port: u8, channel: Channel) {
         let now = self.bus.now();
         if let Some(port) = self.parts.ports.get_mut(usize::from(port)) {
-            port.restart(channel, &mut self.pins, now);
+            port.restart(channel.mask(), &mut self.pins, now);
         }
     }
 

@@ -11,20 +11,11 @@ use super::parameters::{ParameterWrite, RemoteParameterError, check_watchdog};
 use super::{MissingRemote, Remark, RemoteConfig, StartError};
 use crate::boards::{AttachError, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
-use crate::discovery::{PackingPlan, PortMemory, Problem, RemoteDescriptor, RemoteTable};
+use crate::discovery::{PackingPlan, PortMemory, RemoteTable};
 use crate::hal::AnyValue;
+use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, ParameterValue, RemoteLocation, RemotePins};
 use crate::sslbp::{Channel, CsStatus, ProcessDataSizes, StartedRemote};
-
-/// A remote that takes part.
-#[derive(Debug)]
-pub struct FoundRemote {
-    started: StartedRemote,
-    descriptor: RemoteDescriptor,
-    problems: Vec<Problem>,
-    pins: RemotePins,
-    is_absent: bool,
-}
 
 /// The remotes of a board that is being configured. They are in setup mode: nothing is driven, and
 /// parameters can be read and written.
@@ -42,33 +33,6 @@ pub struct RemoteInSetup<'a, B> {
     plan: &'a mut Plan,
     port: &'a mut PortStage,
     place: usize,
-}
-
-impl FoundRemote {
-    /// What START told of it; of one that is absent, what it has to tell.
-    pub fn started(&self) -> &StartedRemote {
-        &self.started
-    }
-
-    /// What discovery found out about it; of one that is absent, what its table says.
-    pub fn descriptor(&self) -> &RemoteDescriptor {
-        &self.descriptor
-    }
-
-    /// What is wrong with its tables, though it can run.
-    pub fn problems(&self) -> &[Problem] {
-        &self.problems
-    }
-
-    /// What its pins' names begin with, for example `hm2_7i92.0.7i77.0.0`.
-    pub fn prefix(&self) -> &str {
-        self.pins.prefix()
-    }
-
-    /// Whether it was not there, and may come up when it is plugged in.
-    pub fn is_absent(&self) -> bool {
-        self.is_absent
-    }
 }
 
 impl<'a, B: RegisterBus + Clock> Remotes<'a, B> {
@@ -225,7 +189,7 @@ impl Plan {
                 expected,
             });
         };
-        let names = (&*self.pins, found.prefix());
+        let names = (&*self.pins, found.pins.prefix());
         RemoteTable::attach(names, &found.descriptor, (port, channel))
     }
 

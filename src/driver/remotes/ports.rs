@@ -2,7 +2,6 @@
 
 use alloc::vec::Vec;
 
-use super::FoundRemote;
 use crate::boards::check_identity;
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{Discovered, DiscoveryOptions, PortMemory, discover_port};
@@ -14,7 +13,7 @@ use crate::driver::{
 };
 use crate::hostmot2::{Gtag, PinDescriptor};
 use crate::modules::RegisterError;
-use crate::modules::serial::Remote;
+use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
     Channel, ChannelStart, Layout, MAX_CHANNELS, Port, PortError, PortParameters, SslbpModule,
@@ -30,18 +29,6 @@ pub(in crate::driver) struct PortStage {
     parameters: Option<PortParameters>,
     /// By channel.
     pub(super) remotes: Vec<FoundRemote>,
-}
-
-impl FoundRemote {
-    /// It takes part, and this is what START told of it.
-    fn into_remote(self, started: StartedRemote) -> Remote {
-        Remote {
-            started,
-            descriptor: self.descriptor,
-            pins: self.pins,
-            is_absent: self.is_absent,
-        }
-    }
 }
 
 impl PortStage {
@@ -319,7 +306,7 @@ impl Plan {
         &mut self,
         bus: &mut B,
         stage: &mut PortStage,
-    ) -> Result<Vec<Remote>, StartError<B::Error>> {
+    ) -> Result<Vec<FoundRemote>, StartError<B::Error>> {
         let there = stage.remotes.iter().filter(|found| !found.is_absent);
         let starts: Vec<ChannelStart> = there
             .map(|found| {
@@ -333,12 +320,9 @@ impl Plan {
             let channel = found.started.channel;
             let name = found.started.name;
             match report.outcome(channel) {
-                None if found.is_absent => {
-                    let started = found.started;
-                    remotes.push(found.into_remote(started));
-                }
+                None if found.is_absent => remotes.push(found),
                 Some(Ok(started)) if is_same(&started, &found.started) => {
-                    remotes.push(found.into_remote(started));
+                    remotes.push(FoundRemote { started, ..found });
                 }
                 Some(Err(failure)) => {
                     let reason = MissingReason::DidNotStart(failure);

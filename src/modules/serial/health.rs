@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::discovery::RemoteName;
-use crate::sslbp::{Channel, ComState, CsStatus, RemoteFaults, StartedRemote};
+use crate::sslbp::{Channel, RemoteFaults, StartedRemote};
 
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY: u64 = 1000;
@@ -13,9 +13,9 @@ const HEALTHY: u64 = 1000;
 /// What a remote on a channel is doing.
 ///
 /// A remote that is offline gets no frame: neither process data nor a START, until the time of
-/// its [watchdog](super::RemoteWatchdog) and a fifth more is over since it was last talked to. By
-/// then its outputs are off, all of them, whatever it had been told and whatever fault it has. After
-/// a START that succeeds it gets safe values until it is re-armed.
+/// its [watchdog](super::RemoteWatchdog) and a fifth more is over since its last frame. By then
+/// its outputs are off, all of them, whatever the last frame set and whatever fault it has. After a
+/// START that succeeds it gets safe values until it is re-armed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RemoteState {
@@ -40,7 +40,7 @@ pub enum RemoteState {
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Clone, Debug)]
 pub(crate) struct Health {
-    /// What START told of it. Of one that has never run, what is known of its kind: 0 for a unit
+    /// What START found. Of one that has never run, what is known of its kind: 0 for a unit
     /// number or tables that are not known, and of the unit number the class in the top byte.
     pub started: StartedRemote,
     pub watchdog: RemoteWatchdog,
@@ -110,8 +110,8 @@ impl Health {
         good: u64,
         policy: &FaultPolicy,
     ) {
-        // A remote whose watchdog has bitten has switched its outputs off, and nobody talked to one
-        // that is absent. A START that fails may have fed it again.
+        // A remote whose watchdog has bitten has switched its outputs off, and one that is absent
+        // got no frame. A START that fails may have fed it again.
         let silence = match reason {
             OfflineReason::Watchdog | OfflineReason::Absent => Duration::ZERO,
             _ => self.watchdog.silence(),
@@ -178,14 +178,6 @@ impl Health {
         }
     }
 
-    /// START did not succeed. What its last step read of the remote's faults is in CS (FACTS 4.1).
-    pub fn did_not_start(&mut self, cs: CsStatus) {
-        self.has_failed = true;
-        if matches!(cs.state(), ComState::CheckFaults | ComState::FaultsTried) {
-            self.faults = cs.remote_faults();
-        }
-    }
-
     /// Why what answered START is not this one: by interface registers 0 to 2, its unit number, name
     /// and tables. Of one that has never run, its kind counts as far as it is known, and its sizes
     /// are still to be compared.
@@ -219,13 +211,6 @@ impl Health {
         self.fault_count = 0;
         self.faults = RemoteFaults::empty();
         self.has_just_failed = false;
-    }
-
-    /// Its outputs follow the application (again): what was before is history.
-    pub fn armed(&mut self) {
-        if self.is_running() {
-            self.first_fault = None;
-        }
     }
 
     /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without

@@ -1,6 +1,6 @@
 //! Smart-serial ports in the cycle: their registers, their pins, and what happens to their remotes.
 //!
-//! [`Machine`](crate::sslbp::Machine) knows what a port can be told and what it answers. On it lies
+//! [`Machine`](crate::sslbp::Machine) knows the commands of a port and what it answers. On it lies
 //! `recovery`: which remotes take part, which are offline, and when those are tried again. A
 //! [`SerialPort`] does one step of both for each read and each write.
 
@@ -21,8 +21,9 @@ pub use health::RemoteState;
 pub use offline::OfflineReason;
 pub use policy::FaultPolicy;
 pub use port::SerialPort;
+pub use remote::FoundRemote;
 pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;
 pub use watchdog::RemoteWatchdog;
 
-pub(crate) use remote::{Remote, WATCHDOG_PARAMETER};
+pub(crate) use remote::WATCHDOG_PARAMETER;

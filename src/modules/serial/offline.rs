@@ -81,7 +81,7 @@ impl OfflineReason {
     /// Why a remote that reports these faults goes offline.
     ///
     /// All of them alike: a remote with a fault does not take outputs over, and every transfer
-    /// feeds its watchdog, so that what was on stays on while it is talked to (FACTS 1.5).
+    /// feeds its watchdog, so that what was on stays on while transfers go on (FACTS 1.5).
     pub(super) fn of_faults(faults: RemoteFaults) -> Self {
         let voltage = RemoteFaults::LOW_VOLTAGE.union(RemoteFaults::HIGH_VOLTAGE);
         if faults.contains(RemoteFaults::ILLEGAL_MODE) {

@@ -27,7 +27,7 @@ pub(super) struct PortPins {
     fault_inc: Param<u32>,
     fault_dec: Param<u32>,
     fault_lim: Param<u32>,
-    /// What the application sets is a part of the driver's own group, which tells when it is set.
+    /// What the application sets is a part of the driver's own group, whose version changes when it is set.
     part: GroupId,
     fetched: Option<u64>,
     /// What seldom changes, as the pins show it: fault count, state, step, too short.
@@ -44,7 +44,7 @@ fn port_state(recovery: &Recovery, machine: &Machine) -> u32 {
         (true, false) if running.iter().any(has_transferred) => 3,
         // Remotes have been started, and none of them has transferred yet.
         (true, false) => 2,
-        // Switched off: the remotes are told safe values,
+        // Switched off: the remotes get safe values,
         (false, false) => 4,
         // and are being stopped.
         (false, true) if is_stopping(machine) => 5,

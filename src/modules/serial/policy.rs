@@ -5,7 +5,7 @@ use core::time::Duration;
 /// When a remote goes offline, and how it comes back.
 ///
 /// # What is promised
-/// - A remote that reports any fault goes offline with the reply that told it. It gets no frame of
+/// - A remote that reports any fault goes offline with the reply that says so. It gets no frame of
 ///   any kind from then on, so that its own [watchdog](super::RemoteWatchdog) bites and switches *all* its
 ///   outputs off: 50 ms after that reply for a remote as it is delivered, within 60 ms at most; for
 ///   one with another watchdog within that time and a fifth more. They stay off until the
@@ -47,7 +47,7 @@ pub struct FaultPolicy {
     pub longest_backoff: Duration,
     /// How long a channel is left out of transfers after a failed one, at least
     /// [`SHORTEST_REST`](Self::SHORTEST_REST). In this time a late reply shows itself as late; one
-    /// that comes even later can not be told from the reply to the next request. The builder sets
+    /// that comes even later can not be distinguished from the reply to the next request. The builder sets
     /// three quarters of the period if that is longer.
     pub rest: Duration,
     /// Cycles without a new transfer after which inputs are no longer valid.

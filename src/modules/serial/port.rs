@@ -5,14 +5,14 @@ use alloc::vec::Vec;
 use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
-use super::remote::{Remote, Served};
+use super::remote::{FoundRemote, Served};
 use super::{PortStatistics, RemoteStatus};
 use crate::bus::{Instant, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
-    Channel, Command, DoitTime, Layout, MAX_CHANNELS, Observed, Operation, Port, PortParameters,
-    ReplyFormat,
+    Channel, ChannelMask, Command, DoitTime, Layout, MAX_CHANNELS, Observed, Operation, Port,
+    PortParameters, ReplyFormat,
 };
 
 /// A serial port in the cycle.
@@ -22,7 +22,7 @@ pub struct SerialPort {
     pub(crate) port: Port,
     slots: Slots,
     doit: WriteSlot,
-    recovery: Recovery,
+    pub(crate) recovery: Recovery,
     remotes: Vec<Served>,
     pins: PortPins,
     /// How long its transfers take according to the remotes' sizes.
@@ -46,7 +46,7 @@ impl SerialPort {
     pub(crate) fn register(
         r: &mut Registrar<'_>,
         (mut port, parameters): (Port, PortParameters),
-        remotes: Vec<Remote>,
+        remotes: Vec<FoundRemote>,
         now: Instant,
     ) -> Result<Self, RegisterError> {
         let policy = r.settings().fault_policy;
@@ -111,22 +111,14 @@ impl SerialPort {
         words.word(self.slots.command) == 0
     }
 
-    /// Whether it looks as if the whole board was reset: every channel that ran is stopped, without a
-    /// STOP command. `None` if it has no remotes to tell by.
-    pub(crate) fn appears_reset(&self) -> Option<bool> {
-        self.recovery.appears_reset()
-    }
-
-    /// What was before a remote was armed is history.
+    /// What was before the outputs of a remote follow the application (again) is history.
     fn note_armed(&mut self, pins: &PinStore) {
-        let marked = self.recovery.marked();
-        if marked.is_empty() {
-            return;
-        }
-        for remote in &self.remotes {
-            let state = pins.group_state(remote.pins.group());
-            if marked.contains(remote.channel) && state.is_some_and(|state| state.armed) {
-                self.recovery.armed(remote.channel);
+        for (served, health) in self.remotes.iter().zip(&mut self.recovery.remotes) {
+            if health.first_fault.is_some() && health.is_running() {
+                let state = pins.group_state(served.pins.group());
+                if state.is_some_and(|state| state.armed) {
+                    health.first_fault = None;
+                }
             }
         }
     }
@@ -136,9 +128,7 @@ impl SerialPort {
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine_mut().taken_over();
         self.recovery.taken_over();
-        for channel in self.recovery.known.iter() {
-            self.restart(channel, pins, now);
-        }
+        self.restart(self.recovery.known, pins, now);
     }
 
     /// A parameter of a remote, the one at this place, was written and read back.
@@ -149,24 +139,24 @@ impl SerialPort {
         place: usize,
         raw: u64,
     ) {
-        let mut remotes = self.remotes.iter_mut();
-        let Some(remote) = remotes.find(|remote| remote.channel == channel) else {
-            return;
-        };
-        if let Some(parameter) = remote.pins.parameters_mut().get_mut(place) {
-            parameter.publish(pins, raw);
+        let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
+        if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == channel) {
+            if let Some(parameter) = remote.pins.parameters_mut().get_mut(place) {
+                parameter.publish(pins, raw);
+            }
+            health.watchdog = remote.watchdog();
         }
-        self.recovery.set_watchdog(channel, remote.watchdog());
     }
 
-    /// Restarts a remote in the next cycles, whatever its pause, but not before its outputs must
-    /// be off: it clears the remote's faults. Its outputs are safe from now on until it is re-armed.
-    pub(crate) fn restart(&mut self, channel: Channel, pins: &mut PinStore, now: Instant) {
-        let mut remotes = self.remotes.iter_mut();
-        if let Some(remote) = remotes.find(|remote| remote.channel == channel) {
-            remote.lost(pins);
-            self.recovery.restart_now(channel, now);
+    /// Restarts remotes in the next cycles, whatever their pauses, but not before their outputs must
+    /// be off: it clears their faults. Their outputs are safe from now on until they are re-armed.
+    pub(crate) fn restart(&mut self, mask: ChannelMask, pins: &mut PinStore, now: Instant) {
+        for remote in &mut self.remotes {
+            if mask.contains(remote.channel) {
+                remote.lost(pins);
+            }
         }
+        self.recovery.restart_now(mask, now);
     }
 }
 
@@ -258,9 +248,7 @@ impl Module for SerialPort {
             remote.pins.restarted();
         }
         let not_running = self.recovery.known.difference(self.recovery.running);
-        for channel in not_running.iter() {
-            self.restart(channel, pins, now);
-        }
+        self.restart(not_running, pins, now);
     }
 }
 

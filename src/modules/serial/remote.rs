@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::RemoteWatchdog;
 use super::pins::RemoteFaultPins;
 use crate::bus::{ReadSlot, Setting, WriteSlot};
-use crate::discovery::RemoteDescriptor;
+use crate::discovery::{Problem, RemoteDescriptor};
 use crate::hal::PinStore;
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::RemotePins;
@@ -20,15 +20,19 @@ const REGISTERS: usize = MAX_INTERFACE_REGISTERS as usize;
 /// PARAMETERS".
 pub(crate) const WATCHDOG_PARAMETER: &str = "NVWatchDogTimeout";
 
-/// A remote that takes part, and its pins.
+/// A remote that takes part: as it was found, or, while it is absent, as its table describes it.
 #[derive(Debug)]
-pub(crate) struct Remote {
-    /// What START told of it; of one that is absent, what is known of its kind: 0 for a unit number
-    /// or tables that are not known, and of the unit number the class in the top byte.
+pub struct FoundRemote {
+    /// What START found; of one that is absent, what it has to find: 0 for a unit number or
+    /// tables that are not known, and of the unit number the class in the top byte.
     pub started: StartedRemote,
+    /// What discovery found out about it; of one that is absent, what its table says.
     pub descriptor: RemoteDescriptor,
+    /// What is wrong with its tables, though it can run.
+    pub problems: Vec<Problem>,
+    /// Its pins.
     pub pins: RemotePins,
-    /// It is absent at the start.
+    /// It was not there, and may come up when it is plugged in.
     pub is_absent: bool,
 }
 
@@ -52,19 +56,19 @@ pub(super) struct Served {
 impl Served {
     pub fn register(
         r: &mut Registrar<'_>,
-        remote: Remote,
+        found: FoundRemote,
         registers: ChannelRegisters,
     ) -> Result<Self, RegisterError> {
-        let Remote { started, pins, .. } = remote;
+        let FoundRemote { started, pins, .. } = found;
         let inputs = registers.interfaces_for(started.input_bytes());
         let outputs = registers.interfaces_for(started.output_bytes());
-        if remote.is_absent {
+        if found.is_absent {
             pins.fault(r.pins);
         }
         Ok(Self {
             channel: started.channel,
             fault_pins: RemoteFaultPins::new(r.pins, r.status, pins.prefix())?,
-            descriptor: remote.descriptor,
+            descriptor: found.descriptor,
             pins,
             inputs: inputs.map(|address| r.input(address)).collect(),
             outputs: outputs.map(|address| r.process_data(address)).collect(),
@@ -75,8 +79,8 @@ impl Served {
         })
     }
 
-    /// How long its outputs stay on without process data, as far as its parameter tells: what it
-    /// was before counts as well, because it is in use until the next power-up.
+    /// How long its outputs stay on without process data, as far as its parameter says: its first
+    /// value counts as well, because that is in use until the next power-up.
     pub fn watchdog(&self) -> RemoteWatchdog {
         let parameter = self.pins.parameter(WATCHDOG_PARAMETER);
         let millis = parameter.and_then(|parameter| parameter.first.zip(parameter.known));

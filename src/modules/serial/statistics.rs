@@ -80,15 +80,13 @@ impl TimeHistogram {
             .div_ceil(100)
             .max(1);
         let mut seen = 0;
-        for (micros, &count) in (0u64..).zip(&self.buckets) {
+        let bucket = self.buckets.iter().position(|&count| {
             seen += u64::from(count);
-            if seen >= wanted {
-                // A bucket begins at whole microseconds, which may be below the shortest time.
-                let time = Duration::from_micros(micros);
-                return Some(time.clamp(self.min, self.max));
-            }
-        }
-        self.max()
+            seen >= wanted
+        });
+        let time = bucket.map_or(self.max, |micros| Duration::from_micros(micros as u64));
+        // A bucket begins at whole microseconds, which may be below the shortest time.
+        (self.count > 0).then(|| time.clamp(self.min, self.max))
     }
 }
 

@@ -9,7 +9,7 @@ use crate::sslbp::{RemoteFaults, StartedRemote};
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct RemoteStatus<'a> {
-    /// What START told of it; of one that was absent at the start and has not been plugged in yet,
+    /// What START found; of one that was absent at the start and has not been plugged in yet,
     /// what is expected.
     pub started: &'a StartedRemote,
     /// What discovery found out about it.
@@ -21,7 +21,7 @@ pub struct RemoteStatus<'a> {
     /// Why it went offline first since it was re-armed last; later reasons do not replace it.
     /// `None` while nothing has happened since.
     pub first_fault: Option<OfflineReason>,
-    /// How long its outputs stay on when nobody talks to it: its own watchdog.
+    /// How long its outputs stay on without process data: its own watchdog.
     ///
     /// A period longer than that can not feed it.
     pub watchdog: RemoteWatchdog,

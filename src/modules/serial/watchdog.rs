@@ -1,4 +1,4 @@
-//! A remote's own watchdog: what switches its outputs off when nobody talks to it.
+//! A remote's own watchdog: what switches its outputs off when it gets no process data.
 
 use core::time::Duration;
 
@@ -11,7 +11,7 @@ pub enum RemoteWatchdog {
     /// Its parameter `NVWatchDogTimeout` says this time. The remote uses it from its next power-up
     /// on, so one that was changed since is not in use yet.
     Known(Duration),
-    /// It has no such parameter, or did not tell it: [`USUAL`](Self::USUAL) is assumed.
+    /// It has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
     Assumed,
     /// Its parameter is 0: it never bites. Nothing switches its outputs off when it can not be
     /// reached, or when it has a fault that START does not clear.

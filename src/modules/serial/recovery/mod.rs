@@ -11,10 +11,10 @@ use core::time::Duration;
 use super::cost::Cost;
 use super::health::Health;
 use super::statistics::PortStatistics;
-use super::{FaultPolicy, OfflineReason, RemoteState, RemoteWatchdog};
+use super::{FaultPolicy, OfflineReason, RemoteState};
 use crate::bus::Instant;
 use crate::sslbp::{
-    Channel, ChannelMask, ChannelVariable, Complete, Event, Failure, Machine, Observed, Operation,
+    ChannelMask, ChannelVariable, Complete, Event, Failure, Machine, Observed, Operation,
     PortParameters, StartMode, Verdict,
 };
 
@@ -62,13 +62,11 @@ pub(crate) struct Recovery {
     pub running: ChannelMask,
     /// Those with failures that good transfers have not made up for.
     troubled: ChannelMask,
-    /// Those that were offline since they were armed last.
-    marked: ChannelMask,
     parameters: PortParameters,
     pub policy: FaultPolicy,
     pub run: bool,
     /// The port is switched off, and safe values were sent to its remotes.
-    told_off: bool,
+    is_safe_sent: bool,
     pub statistics: PortStatistics,
     restart: Restart,
     /// Restarts wait at least until then, so that the other channels are served meanwhile.
@@ -95,11 +93,10 @@ impl Recovery {
             remotes,
             running: ChannelMask::NONE,
             troubled: ChannelMask::NONE,
-            marked: ChannelMask::NONE,
             parameters,
             policy,
             run: true,
-            told_off: false,
+            is_safe_sent: false,
             statistics: PortStatistics::default(),
             restart: Restart::None,
             no_restart_before: now,
@@ -115,7 +112,6 @@ impl Recovery {
     fn update(&mut self) {
         self.running = self.mask(Health::is_running);
         self.troubled = self.mask(Health::is_troubled);
-        self.marked = self.mask(|remote| remote.first_fault.is_some());
     }
 
     /// The channels for which `condition` holds.
@@ -124,28 +120,10 @@ impl Recovery {
         remotes.map(Health::channel).collect()
     }
 
-    fn remote_mut(&mut self, channel: Channel) -> Option<&mut Health> {
-        let mut remotes = self.remotes.iter_mut();
-        remotes.find(|remote| remote.channel() == channel)
-    }
-
-    pub fn set_watchdog(&mut self, channel: Channel, watchdog: RemoteWatchdog) {
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.watchdog = watchdog;
-        }
-    }
-
-    /// Channels to be looked at whether their remotes have been armed.
-    pub const fn marked(&self) -> ChannelMask {
-        self.marked.intersection(self.running)
-    }
-
-    /// The outputs of a remote follow the application.
-    pub fn armed(&mut self, channel: Channel) {
-        if let Some(remote) = self.remote_mut(channel) {
-            remote.armed();
-            self.update();
-        }
+    /// The remotes on these channels.
+    fn each(&mut self, mask: ChannelMask) -> impl Iterator<Item = &mut Health> {
+        let remotes = self.remotes.iter_mut();
+        remotes.filter(move |remote| mask.contains(remote.channel()))
     }
 
     /// Whether the next read must show the interface registers as START leaves them.
@@ -218,7 +196,7 @@ impl Recovery {
                     self.statistics.unknown += 1;
                 }
                 (outcome.started, outcome.reads_before) = (complete.issued, complete.reads_before);
-                // Those of them that were not told to restart while it was in flight.
+                // Not of those for which a restart was asked while it was in flight.
                 outcome.good = complete.good.intersection(self.running);
                 if complete.good == mask && self.troubled.is_empty() {
                     return outcome;
@@ -290,7 +268,7 @@ impl Recovery {
     /// that still runs may be reading it.
     ///
     /// `hold`: channels are not restarted. The board is not set up, and that needs writes that would
-    /// set it up in part; or all that run are to be told safe values now.
+    /// set it up in part; or all that run are to get safe values now.
     pub fn next(&mut self, machine: &mut Machine, now: Instant, hold: bool) -> Option<Operation> {
         let operation = if machine.is_idle() {
             self.choose(now, hold)
@@ -323,12 +301,12 @@ impl Recovery {
         if !self.run {
             self.end_restart(now);
             // Outputs are safe already, and a last transfer takes that to the remotes.
-            if !running.is_empty() && !core::mem::replace(&mut self.told_off, true) {
+            if !running.is_empty() && !core::mem::replace(&mut self.is_safe_sent, true) {
                 return transfer(running);
             }
             return self.stop_for_good(running);
         }
-        self.told_off = false;
+        self.is_safe_sent = false;
         if hold {
             return transfer(running);
         }

@@ -7,7 +7,7 @@ use crate::bus::Instant;
 use crate::modules::serial::cost::Cost;
 use crate::modules::serial::{OfflineReason, RemoteState};
 use crate::sslbp::{
-    Channel, ChannelMask, Complete, CsStatus, Machine, Observed, Operation, ProcessDataSizes,
+    ChannelMask, ComState, Complete, CsStatus, Machine, Observed, Operation, ProcessDataSizes,
 };
 
 /// Other remotes' watchdogs allow 50 ms without process data (FACTS 1.5); a restart takes up to
@@ -15,10 +15,10 @@ use crate::sslbp::{
 const BETWEEN_RESTARTS: Duration = Duration::from_millis(60);
 
 impl Recovery {
-    /// Tries a remote again at once, whatever its pause; not before its outputs must be off.
-    pub fn restart_now(&mut self, channel: Channel, now: Instant) {
+    /// Tries remotes again at once, whatever their pauses; not before their outputs must be off.
+    pub fn restart_now(&mut self, mask: ChannelMask, now: Instant) {
         let policy = self.policy;
-        if let Some(remote) = self.remote_mut(channel) {
+        for remote in self.each(mask) {
             remote.ask_for_restart(now, &policy);
         }
         self.update();
@@ -76,10 +76,8 @@ impl Recovery {
         if !self.is_free(due) {
             self.cost.begin(now);
         }
-        for remote in &mut self.remotes {
-            if due.contains(remote.channel()) {
-                remote.restarting();
-            }
+        for remote in self.each(due) {
+            remote.restarting();
         }
         self.update();
         Operation::Stop(due)
@@ -107,13 +105,11 @@ impl Recovery {
         complete: &Complete,
         seen: &impl Observed,
     ) {
-        for remote in &mut self.remotes {
-            let channel = remote.channel();
-            if complete.bad.contains(channel) {
-                let cs = CsStatus::from_register(seen.cs(channel));
-                let good = machine.link(channel).good_since_start();
-                remote.go_offline(now, OfflineReason::DidNotStart(cs), good, &self.policy);
-            }
+        let policy = self.policy;
+        for remote in self.each(complete.bad) {
+            let cs = CsStatus::from_register(seen.cs(remote.channel()));
+            let good = machine.link(remote.channel()).good_since_start();
+            remote.go_offline(now, OfflineReason::DidNotStart(cs), good, &policy);
         }
         let wanted = self.mask(|remote| matches!(remote.state, RemoteState::Restarting { .. }));
         let mask = complete.good.intersection(wanted);
@@ -130,7 +126,14 @@ impl Recovery {
             let channel = remote.channel();
             let link = machine.link(channel);
             let problem = if complete.bad.contains(channel) {
-                remote.did_not_start(link.cs());
+                remote.has_failed = true;
+                // What the last step of START read of the remote's faults is in CS (FACTS 4.1).
+                if matches!(
+                    link.cs().state(),
+                    ComState::CheckFaults | ComState::FaultsTried
+                ) {
+                    remote.faults = link.cs().remote_faults();
+                }
                 Some(OfflineReason::DidNotStart(link.cs()))
             } else if complete.good.contains(channel) {
                 remote.refuses(link.told())
@@ -163,7 +166,7 @@ impl Recovery {
         };
         let policy = self.policy;
         let link = machine.link(channel);
-        if let Some(remote) = self.remote_mut(channel) {
+        for remote in self.each(channel.mask()) {
             let found = ProcessDataSizes { rx, tx: size };
             let expected = remote.started.sizes;
             if found == expected {

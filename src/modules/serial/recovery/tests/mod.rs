@@ -1,8 +1,9 @@
 mod absent;
 
+use super::super::RemoteWatchdog;
 use super::*;
 use crate::discovery::RemoteName;
-use crate::sslbp::{Command, CsStatus, ProcessDataSizes, StartedRemote};
+use crate::sslbp::{Channel, Command, CsStatus, ProcessDataSizes, StartedRemote};
 
 const RUNNING: u32 = 0x0042_0000;
 const CHATTER: u32 = 0x003A_0000;
@@ -248,13 +249,10 @@ fn twenty_cycles_without_data_take_one_remote_offline_and_the_other_goes_on() {
 fn a_transfer_in_flight_is_no_news_of_a_remote_that_is_to_restart() {
     for trouble in [0, 1] {
         let mut rig = Rig::new();
-        rig.recovery
-            .remote_mut(Channel::ALL[0])
-            .unwrap()
-            .fault_count = trouble;
+        rig.recovery.remotes[0].fault_count = trouble;
         rig.recovery.update();
         rig.write();
-        rig.recovery.restart_now(Channel::ALL[1], rig.now);
+        rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
         assert_eq!(rig.read().good.bits(), 1);
         assert_eq!(rig.write(), 0x0802);
     }
@@ -269,7 +267,7 @@ fn a_restart_that_was_asked_for_follows_whatever_the_transfer_in_flight_brings()
         rig.recovery.policy.automatic = false;
         rig.cycle();
         rig.cycle();
-        rig.recovery.restart_now(Channel::ALL[1], rig.now);
+        rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
         rig.seen.cs[1] = cs;
         let asked = rig.now;
         assert_eq!(rig.until_not_doit(), 0x0802, "{cs:08X}");
@@ -368,7 +366,7 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
         let told = rig.now;
         assert_eq!(rig.write(), 0x1001);
         // Whatever the application asks for.
-        rig.recovery.restart_now(Channel::ALL[1], rig.now);
+        rig.recovery.restart_now(Channel::ALL[1].mask(), rig.now);
         assert_eq!(rig.until_not_doit(), 0x0802);
         assert_eq!(rig.now.since(told), Duration::from_millis(60), "bit {bit}");
     }
@@ -378,8 +376,7 @@ fn a_remote_with_any_other_fault_gets_no_frame_for_60_ms() {
 fn the_silence_follows_the_watchdog_of_the_remote() {
     for (millis, silent) in [(0, 0), (20, 24), (50, 60), (200, 240), (1000, 1200)] {
         let mut rig = Rig::new();
-        let remote = rig.recovery.remote_mut(Channel::ALL[1]).unwrap();
-        remote.watchdog = RemoteWatchdog::longer_of(millis, millis);
+        rig.recovery.remotes[1].watchdog = RemoteWatchdog::longer_of(millis, millis);
         rig.write();
         rig.seen.cs[1] = 0x0842_2140;
         rig.read();
