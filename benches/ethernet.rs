@@ -7,6 +7,7 @@
 #![allow(missing_docs, reason = "the macros of criterion write public items")]
 
 use core::ops::Range;
+use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
@@ -14,7 +15,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use mesa_hal::bus::{Access, Instant, RegisterBus};
 use mesa_hal::lbp16::registers::control;
 use mesa_hal::lbp16::{Operations, RequestBuilder, Space};
-use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig, UdpList};
+use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig, UdpList};
 
 /// Reads of one cycle: watchdog, ports, encoders, inputs, one serial port with three channels.
 const READS: [(u16, u16); 10] = [
@@ -122,14 +123,14 @@ struct Direct {
 }
 
 impl Link for Direct {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let reply = self.responder.answer(packet);
         self.waiting.clear();
         self.waiting.extend_from_slice(reply);
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8], _: Instant) -> Result<Option<usize>, LinkError> {
+    fn receive(&mut self, buffer: &mut [u8], _: Instant) -> io::Result<Option<usize>> {
         let len = self.waiting.len();
         buffer[..len].copy_from_slice(&self.waiting);
         Ok((len > 0).then_some(len))

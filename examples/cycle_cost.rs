@@ -195,7 +195,7 @@ fn report(
     }?;
     writeln!(out, "CPU per cycle: {:.1} us", microseconds(measured.cpu))?;
     writeln!(out, "bus: {after:?}")?;
-    for option in driver.bus().socket_options().refused() {
+    for option in driver.bus().refused_options() {
         writeln!(out, "this host does not allow {option}")?;
     }
     Ok(out)

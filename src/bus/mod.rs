@@ -16,7 +16,7 @@ pub use error::{BusError, BusErrorKind};
 pub use host_clock::HostClock;
 #[cfg(feature = "std")]
 pub(crate) use host_clock::SPIN;
-pub(crate) use image::{Ask, Image, ImagePlan, ReadPhase, Started, Words, WritePhase};
+pub(crate) use image::{Ask, Image, ImagePlan, Phase, Words};
 pub use image::{CycleLists, ImageError, ReadSlot, Setting, Stage, WriteSlot};
 
 use alloc::boxed::Box;
@@ -47,10 +47,11 @@ impl Instant {
     #[must_use]
     pub const fn after(self, duration: Duration) -> Self {
         let nanos = duration.as_nanos();
-        if nanos > u64::MAX as u128 {
-            return Self(u64::MAX);
-        }
-        Self(self.0.saturating_add(nanos as u64))
+        let fits = nanos <= u64::MAX as u128;
+        Self(
+            self.0
+                .saturating_add(if fits { nanos as u64 } else { u64::MAX }),
+        )
     }
 }
 

@@ -251,7 +251,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
 
-    fn into_driver(self, image: Image<B::List>, ports: Vec<SerialPort>) -> Driver<B> {
+    fn into_driver(self, image: Image<B>, ports: Vec<SerialPort>) -> Driver<B> {
         let Self {
             bus,
             plan,
@@ -332,7 +332,7 @@ impl Plan {
             group: pins.add_group(),
             pins,
             io,
-            image: ImagePlan::new(),
+            image: ImagePlan::default(),
             name,
             settings,
             firmware,
@@ -343,12 +343,12 @@ impl Plan {
     }
 
     /// Lays out all that was registered, and has the bus prepare its lists.
-    fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B::List>, StartError<B::Error>> {
-        let layout = self.image.lay_out().map_err(RegisterError::from)?;
+    fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B>, StartError<B::Error>> {
+        self.image.check().map_err(RegisterError::from)?;
         // The board's timer comes once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.settings;
         let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
-        layout.prepare(bus, held).map_err(StartError::Bus)
+        self.image.freeze(bus, held).map_err(StartError::Bus)
     }
 
     /// Lets something register, with pins of this group.

@@ -36,7 +36,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 consecutive,
             });
         }
-        if let Err(found) = self.connection.check(self.image.words()) {
+        if let Err(found) = self.connection.check(&self.image.words) {
             let consecutive = self.read_failed();
             return Err(CycleError::NotThere { found, consecutive });
         }
@@ -52,7 +52,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             lost_writes,
             slack,
         } = self.image.take_news();
-        self.image.words_mut().confirm(certain);
+        self.image.words.confirm(certain);
         self.look_closely = !certain || (self.look_closely && !closely);
         let beat = self.pacer.arrived(now, slack);
         let mut report = CycleReport {
@@ -66,7 +66,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.statistics.missed_periods += beat.missed;
         self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
         let was_running = self.is_running();
-        let words = self.image.words();
+        let words = &self.image.words;
         let finding = self.parts.watchdog.examine(words, closely, now, certain);
         self.found(finding);
         // What was read with bad evidence is not from the board that was set up.
@@ -89,7 +89,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// The serial ports first: they may find that the board was reset.
     fn take_parts(&mut self, now: Instant, certain: bool, report: &mut CycleReport) {
         let mut cycle = ReadCycle {
-            words: self.image.words(),
+            words: &self.image.words,
             pins: &mut self.pins,
             group: self.group,
             now,
@@ -141,7 +141,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         let was_running = self.is_running();
         self.put(now);
-        self.is_repeated |= self.image.words().has_news();
+        self.is_repeated |= self.image.words.has_news();
         // What fails is tried again with the next write; this one goes on without it.
         let _ = self.write_guarded();
         self.keep_quiet();
@@ -198,7 +198,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn put(&mut self, now: Instant) {
         let is_running = self.is_running();
         let mut cycle = WriteCycle {
-            words: self.image.words_mut(),
+            words: &mut self.image.words,
             pins: &mut self.pins,
             group: self.group,
             now,
@@ -273,7 +273,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let now = self.bus.now();
             let mut all = true;
             for port in &mut self.parts.ports {
-                all &= are(port, self.image.words(), now);
+                all &= are(port, &self.image.words, now);
             }
             if all {
                 return Ok(true);

@@ -95,7 +95,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     firmware: HostMot2,
     name: String,
     period: Duration,
-    image: Image<B::List>,
+    image: Image<B>,
     pins: PinStore,
     group: GroupId,
     parts: Parts,

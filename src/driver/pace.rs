@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::Pace;
-use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply, Started};
+use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply};
 
 /// Keeps the pace.
 #[derive(Clone, Copy, Debug)]
@@ -11,7 +11,7 @@ pub(super) struct Pacer {
     pace: Pace,
     period: Duration,
     /// What was asked for ahead.
-    started: Option<Started>,
+    started: Option<Ask>,
     /// When the last cycle began, ...
     begun: Option<Instant>,
     /// ... and when the last one with inputs did.
@@ -84,7 +84,7 @@ impl Pacer {
 
     /// What was asked for ahead is of no use any more. Waits for it, because the board holds back
     /// everything that is sent meanwhile.
-    pub fn forget_started<B: RegisterBus>(&mut self, bus: &mut B, image: &mut Image<B::List>) {
+    pub fn forget_started<B: RegisterBus>(&mut self, bus: &mut B, image: &mut Image<B>) {
         if let Some(started) = self.started.take() {
             // Whatever became of it, nothing waits in the board after it.
             let _ = image.finish(bus, started);
@@ -95,7 +95,7 @@ impl Pacer {
     pub fn read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
-        image: &mut Image<B::List>,
+        image: &mut Image<B>,
         extra: bool,
     ) -> Answer<B::Error> {
         if self.started.is_none() && self.is_behind() {
@@ -106,7 +106,7 @@ impl Pacer {
             None => image.start_read(bus, self.ask(extra)),
         };
         let (extra, result) = match started {
-            Ok(started) => (started.extra(), image.finish(bus, started)),
+            Ok(started) => (started.extra, image.finish(bus, started)),
             Err(error) => (extra, Err(error)),
         };
         let at = bus.now();
@@ -145,7 +145,7 @@ impl Pacer {
     pub fn write<B: RegisterBus>(
         &mut self,
         bus: &mut B,
-        image: &mut Image<B::List>,
+        image: &mut Image<B>,
         (extra, quiet): (bool, bool),
     ) -> Result<(), B::Error> {
         let ask = self.ask(extra);
@@ -157,13 +157,17 @@ impl Pacer {
     }
 
     /// Asks for inputs ahead. If that fails, the next read asks again, and says why it fails.
-    pub fn start_read<B: RegisterBus>(&mut self, bus: &mut B, image: &Image<B::List>, extra: bool) {
+    pub fn start_read<B: RegisterBus>(&mut self, bus: &mut B, image: &Image<B>, extra: bool) {
         self.started = image.start_read(bus, self.ask(extra)).ok();
     }
 
     fn ask(&self, extra: bool) -> Ask {
         let held = self.pace == Pace::Board && !self.is_behind();
-        Ask { held, extra }
+        Ask {
+            held,
+            extra,
+            with_writes: false,
+        }
     }
 
     /// Whether cycle and board run together, after a read that found the loop's phase at

@@ -75,18 +75,18 @@ impl<B: RegisterBus + Clock> Driver<B> {
         // An FPGA without its configuration could have it again in the middle of the exchange, and
         // take the end of the set-up, which drives the pins, without its beginning.
         image.read_status(&mut **bus)?;
-        if self.connection.check(image.words()).is_err() {
+        if self.connection.check(&image.words).is_err() {
             return Ok(());
         }
         let is_set_up = image
             .set_up(&mut **bus)
-            .map(|()| self.parts.watchdog.is_set_up(image.words()));
+            .map(|()| self.parts.watchdog.is_set_up(&image.words));
         if !matches!(is_set_up, Ok(true)) {
             // It may be set up, and nobody feeds it.
             let _ = image.quiesce(&mut **bus);
             return is_set_up.map(|_| ());
         }
-        image.words_mut().all_set();
+        image.words.all_set();
         self.look_closely = true;
         for part in self.parts.each() {
             part.restored(&mut self.pins, now);
@@ -102,7 +102,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// the set-up protects, so the board shows before and after it that it is set up. What did not
     /// arrive is tried again with the next write.
     pub(super) fn write_guarded(&mut self) -> Result<(), B::Error> {
-        if !self.is_running() || !self.image.words().has_guarded_news() {
+        if !self.is_running() || !self.image.words.has_guarded_news() {
             return Ok(());
         }
         self.pacer.forget_started(&mut *self.bus, &mut self.image);
@@ -116,7 +116,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.parts.watchdog.written(now, true);
         self.look()?;
         if self.is_running() {
-            self.image.words_mut().guarded_sent();
+            self.image.words.guarded_sent();
         }
         Ok(())
     }
@@ -125,7 +125,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn look(&mut self) -> Result<(), B::Error> {
         self.image.read_evidence(&mut *self.bus)?;
         let now = self.bus.now();
-        let words = self.image.words();
+        let words = &self.image.words;
         let finding = self.parts.watchdog.examine(words, true, now, true);
         self.found(finding);
         Ok(())

@@ -85,7 +85,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let _ = self.read()?;
             // A port that is not seen idle gets nothing; the board's own outputs go off at once.
             let mut ports = self.parts.ports.iter();
-            let all_idle = ports.all(|port| port.is_idle(self.image.words()));
+            let all_idle = ports.all(|port| port.is_idle(&self.image.words));
             self.make_safe();
             self.write()?;
             if all_idle || self.bus.now().since(begin) >= LAST_COMMAND {

@@ -8,7 +8,7 @@ use core::time::Duration;
 use super::{RegisterError, Settings};
 use crate::boards::BoardTable;
 use crate::bus::RegisterBus;
-use crate::bus::{ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
+use crate::bus::{ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{GroupId, PinMaker, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, PinDescriptor};
 
@@ -157,28 +157,28 @@ impl Registrar<'_> {
 impl Registrar<'_> {
     /// Data that is read in every cycle.
     pub fn input(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(ReadPhase::Data, address)
+        self.plan.read(Phase::Data, address)
     }
 
     /// Read in every cycle before everything else: what latches or marks a time.
     pub fn latch(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(ReadPhase::Latch, address)
+        self.plan.read(Phase::First, address)
     }
 
     /// Read in every cycle before data: what says whether the data can be trusted.
     pub fn status(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(ReadPhase::Status, address)
+        self.plan.read(Phase::Status, address)
     }
 
     /// Read in every cycle after all data: what says whether the board is the one that was set up.
     pub fn evidence(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(ReadPhase::Evidence, address)
+        self.plan.read(Phase::Evidence, address)
     }
 
     /// Data that is only read after somebody [asked](super::WriteCycle::ask_extra) for it, and when
     /// the driver looks closely.
     pub fn extra_input(&mut self, address: u16) -> ReadSlot {
-        self.plan.read_extra(ReadPhase::Data, address)
+        self.plan.read_extra(Phase::Data, address)
     }
 
     /// Data that is written in every cycle, and as `safe` in [`Stage::Configure`] of the set-up.
@@ -189,12 +189,12 @@ impl Registrar<'_> {
     /// Data that is written in every cycle, and not with the set-up: nothing uses it before a
     /// [`trigger`](Self::trigger).
     pub(crate) fn process_data(&mut self, address: u16) -> WriteSlot {
-        self.plan.write(WritePhase::Data, address, 0)
+        self.plan.write(Phase::Data, address, 0)
     }
 
     /// Written in every cycle after all data, as `idle` until something else is put.
     pub fn trigger(&mut self, address: u16, idle: u32) -> WriteSlot {
-        self.plan.write(WritePhase::Trigger, address, idle)
+        self.plan.write(Phase::Trigger, address, idle)
     }
 
     /// Written at set-up, when it changes, and after a reset: always with the word it has then.

@@ -37,7 +37,7 @@ impl Bench {
             group: pins.add_group(),
             pins,
             io: IoPorts::locate(&firmware).unwrap(),
-            plan: ImagePlan::new(),
+            plan: ImagePlan::default(),
             firmware,
         }
     }

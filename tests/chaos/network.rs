@@ -2,6 +2,7 @@
 //! left behind by a process that was killed.
 
 use std::cell::{Cell, RefCell};
+use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use mesa_hal::bus::{
     Access, AccessList, BusErrorKind, BusStatistics, Clock, Hold, Instant, RegisterBus, Reply,
 };
 use mesa_hal::sim::{FaultKind, SimBoard, SimError, SimFpga};
-use mesa_hal::transport::udp::{Link, LinkError, UdpBus};
+use mesa_hal::transport::udp::{Link, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 
 use crate::common::chance::Chance;
@@ -237,18 +238,14 @@ pub struct ChaosLink {
 }
 
 impl Link for ChaosLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         if self.life.is_over() {
-            return Err(LinkError::Unreachable);
+            return Err(io::ErrorKind::HostUnreachable.into());
         }
         self.network.borrow_mut().link.send(packet)
     }
 
-    fn receive(
-        &mut self,
-        buffer: &mut [u8],
-        deadline: Instant,
-    ) -> Result<Option<usize>, LinkError> {
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
         if self.life.is_over() {
             self.life.ghost_until(deadline.as_nanos());
             return Ok(None);

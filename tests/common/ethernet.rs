@@ -1,10 +1,11 @@
 //! A simulated Ethernet board behind a network on virtual time.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::io;
 
 use mesa_hal::bus::Instant;
 use mesa_hal::sim::{BoardConfig, SimBoard, SimFpga};
-use mesa_hal::transport::udp::{Link, LinkError, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
 
 /// Time on the wire in each direction.
 pub const WIRE: u64 = 20_000;
@@ -193,9 +194,9 @@ impl std::fmt::Debug for SimLink {
 }
 
 impl Link for SimLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         if self.is_unreachable {
-            return Err(LinkError::Unreachable);
+            return Err(io::ErrorKind::HostUnreachable.into());
         }
         let number = self.journal.len();
         self.journal.push(Sent {
@@ -213,11 +214,7 @@ impl Link for SimLink {
         Ok(())
     }
 
-    fn receive(
-        &mut self,
-        buffer: &mut [u8],
-        deadline: Instant,
-    ) -> Result<Option<usize>, LinkError> {
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
         self.run(deadline.as_nanos(), true);
         let Some(packet) = self.waiting.pop_front() else {
             return Ok(None);

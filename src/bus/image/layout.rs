@@ -1,58 +1,46 @@
 //! Registers become runs of neighbours, and each gets its place in the word buffer.
 
-use alloc::{boxed::Box, vec, vec::Vec};
+use alloc::{vec, vec::Vec};
+use core::time::Duration;
 
-use super::parts::Parts;
-use super::plan::{Content, ImagePlan, ReadPhase, StepPlace, WritePhase};
-use super::words::{Progress, SettingState, Shown};
-use super::{ImageError, Stage, Words};
-use crate::bus::Access;
+use super::exchange::{Image, Lists, Paced, Parts};
+use super::plan::{Again, ImagePlan, Register, StepPlace, push};
+use super::{Phase, Stage, Words};
+use crate::bus::{Access, Direction, Hold, RegisterBus};
 
 /// Reads of registers so many registers apart are merged, and what lies between is read along and
 /// ignored: on Ethernet one register more costs four bytes, as does a command.
 const BRIDGE: u16 = 1;
 
-/// Everything that is exchanged, before a bus has prepared it.
-#[derive(Debug)]
-pub struct Layout {
-    pub(super) reads: ReadLayout,
-    pub(super) writes: WriteLayout,
-    pub(super) set_up: Vec<Access>,
-    pub(super) quiesce: Vec<Access>,
-    pub(super) parts: Parts,
-    pub(super) words: Words,
-}
-
 impl ImagePlan {
-    /// Sorts and merges what was registered, and gives each register its place in the word buffer.
+    /// Sorts and merges what was registered, gives each register its place in the word buffer, and has
+    /// the bus prepare all lists. Nothing is exchanged.
+    ///
+    /// `held`: the board paces, and holds the reads of a cycle back at most so long. The plan has been
+    /// [checked](Self::check).
     ///
     /// # Errors
-    /// Registers that can not be.
-    pub fn lay_out(&self) -> Result<Layout, ImageError> {
-        self.check()?;
-        let reads = ReadLayout::new(self)?;
-        let writes = WriteLayout::new(self, reads.words());
-        let first_setting = reads.words() + self.writes.len() as u16;
-        let mut words = vec![0; usize::from(reads.words())];
-        words.extend(writes.words());
-        words.extend(self.settings.iter().map(|setting| setting.word));
-        let mut safes = vec![u16::MAX; self.writes.len()];
+    /// What the bus says of a list, for example that it does not fit a packet.
+    pub fn freeze<B: RegisterBus>(
+        &self,
+        bus: &mut B,
+        held: Option<Duration>,
+    ) -> Result<Image<B>, B::Error> {
+        debug_assert!(self.check().is_ok(), "it was checked");
+        let reads = Block::new(Direction::Read, &self.reads, 0);
+        let writes = Block::new(Direction::Write, &self.writes, reads.end);
+        let first_setting = writes.end;
+        let first_safe = first_setting + self.settings.len() as u16;
+        let mut content = vec![0; usize::from(reads.end)];
+        content.extend(writes.places.iter().map(|(_, write)| write.word));
+        content.extend(self.settings.iter().map(|setting| setting.word));
+        content.extend(self.writes.iter().map(|write| write.word));
         let (mut set_up, mut quiesce) = (Vec::new(), Vec::new());
         for step in self.sorted_steps() {
-            let mut constant = |word| {
-                words.push(word);
-                (words.len() - 1) as u16
-            };
-            let place = match step.content {
-                Content::Setting(setting) => first_setting + setting.0,
-                Content::Words { again, .. } => constant(again),
-                Content::Safe(slot) => {
-                    let place = constant(self.safe(slot).unwrap_or(0));
-                    if let Some(safe) = safes.get_mut(usize::from(slot.0)) {
-                        *safe = place;
-                    }
-                    place
-                }
+            let place = match step.again {
+                Again::Setting(setting) => first_setting + setting.0,
+                Again::Safe(slot) => first_safe + slot.0,
+                Again::Word(word) => push(&mut content, word),
             };
             let access = Access::write(step.address, place, 1);
             set_up.push(access);
@@ -60,205 +48,124 @@ impl ImagePlan {
                 quiesce.push(access);
             }
         }
-        let words = Words {
-            content: words.into_boxed_slice(),
-            reads: reads.index.clone().into_boxed_slice(),
-            writes: writes.index.clone().into_boxed_slice(),
-            safes: safes.into_boxed_slice(),
-            first_setting,
-            settings: self.states(),
-            asked: 0,
-            asked_guarded: 0,
-            sent: 0,
+        let read = |extra| reads.runs(|read| extra || !read.is_extra);
+        let write = writes.runs(|_| true);
+        let cycle = |extra| [&write[..], &read(extra)].concat();
+        let evidence = reads.runs(|read| read.phase == Phase::Evidence);
+        let status = reads.runs(|read| read.phase == Phase::Status && !read.is_extra);
+        set_up.extend_from_slice(&evidence);
+        let mut both = |list: &dyn Fn(bool) -> Vec<Access>, before| {
+            let hold = Option::zip(before, held).map(|(before, limit)| Hold { before, limit });
+            Ok([
+                bus.prepare(&list(false), hold)?,
+                bus.prepare(&list(true), hold)?,
+            ])
         };
-        Ok(Layout {
-            parts: Parts::new(self, &writes, first_setting),
-            reads,
-            writes,
-            set_up,
-            quiesce,
-            words,
+        Ok(Image {
+            lists: Lists {
+                read: both(&read, None)?,
+                paced: match held {
+                    None => None,
+                    Some(_) => Some(Paced {
+                        read: both(&read, Some(0))?,
+                        cycle: both(&cycle, Some(write.len()))?,
+                    }),
+                },
+                write: bus.prepare(&write, None)?,
+                status: bus.prepare(&status, None)?,
+                evidence: bus.prepare(&evidence, None)?,
+                set_up: bus.prepare(&set_up, None)?,
+                quiesce: bus.prepare(&quiesce, None)?,
+            },
+            parts: Parts::new(
+                self,
+                |phase| writes.runs(|write| write.phase == phase),
+                first_setting,
+            ),
+            words: Words::new(
+                self,
+                content,
+                reads.index(&self.reads),
+                writes.index(&self.writes),
+                first_setting,
+            ),
+            news: None,
         })
     }
-
-    fn states(&self) -> Box<[SettingState]> {
-        let states = self.settings.iter().map(|register| SettingState {
-            progress: Progress::Rests,
-            is_of_set_up: register.stage.is_some(),
-            is_guarded: matches!(register.stage, Some(Stage::Drive | Stage::Enable)),
-            shown: register.shown.map(|slot| Shown {
-                slot,
-                expected: register.word,
-            }),
-        });
-        states.collect()
-    }
 }
 
-/// The registers that are read.
-#[derive(Debug)]
-pub(super) struct ReadLayout {
-    /// In the order of the exchange; the position is the place in the word buffer.
-    registers: Vec<Place>,
-    /// The place of each slot.
-    pub index: Vec<u16>,
+/// Registers that are read, or written, in the order of the exchange.
+struct Block {
+    direction: Direction,
+    /// With the place of each in the word buffer.
+    places: Vec<(u16, Register)>,
+    /// One past the last place.
+    end: u16,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Place {
-    phase: ReadPhase,
-    address: u16,
-    is_extra: bool,
-    /// Nobody has registered it: it lies between two others.
-    is_gap: bool,
-}
-
-impl ReadLayout {
-    pub fn new(plan: &ImagePlan) -> Result<Self, ImageError> {
-        let mut registers: Vec<Place> = plan
-            .reads
-            .iter()
-            .map(|read| Place {
-                phase: read.phase,
-                address: read.address,
-                is_extra: read.is_extra,
-                is_gap: false,
-            })
-            .collect();
-        registers.sort_by_key(|place| (place.phase, place.address, place.is_extra));
-        registers.dedup_by_key(|place| (place.phase, place.address));
-        let mut addresses: Vec<u16> = registers.iter().map(|place| place.address).collect();
-        addresses.sort_unstable();
-        if let Some(&[address, ..]) = addresses.windows(2).find(|two| two.first() == two.last()) {
-            return Err(ImageError::ReadInTwoPhases { address });
-        }
-        let registers = with_gaps(&registers);
-        let place = |phase, address| {
-            let key = (phase, address);
-            registers.partition_point(|place| (place.phase, place.address) < key) as u16
-        };
-        let reads = plan.reads.iter();
-        let index = reads.map(|read| place(read.phase, read.address)).collect();
-        Ok(Self { registers, index })
-    }
-
-    pub fn words(&self) -> u16 {
-        self.registers.len() as u16
-    }
-
-    /// The accesses of one exchange, with `extra` ones or without.
-    pub fn reads(&self, extra: bool) -> Vec<Access> {
-        self.runs(|place| extra || !place.is_extra)
-    }
-
-    /// The accesses of one phase.
-    pub fn phase(&self, phase: ReadPhase, extra: bool) -> Vec<Access> {
-        self.runs(|place| place.phase == phase && (extra || !place.is_extra))
-    }
-
-    fn runs(&self, is_read: impl Fn(&Place) -> bool) -> Vec<Access> {
-        let mut runs: Vec<(ReadPhase, Access)> = Vec::new();
-        for (first, place) in (0u16..).zip(&self.registers) {
-            if place.is_gap || !is_read(place) {
-                continue;
+impl Block {
+    /// Behind `first` other words. The registers between neighbours that are read along have a place
+    /// as well.
+    fn new(direction: Direction, registers: &[Register], first: u16) -> Self {
+        let mut registers = registers.to_vec();
+        registers.sort_by_key(|register| (register.phase, register.address, register.is_extra));
+        registers.dedup_by_key(|register| (register.phase, register.address));
+        let mut places: Vec<(u16, Register)> = Vec::with_capacity(registers.len());
+        let mut end = first;
+        for register in registers {
+            if let Some((_, before)) = places.last() {
+                let gap = (register.address.wrapping_sub(before.address) / 4).wrapping_sub(1);
+                let is_near = before.phase == register.phase && gap <= BRIDGE;
+                if is_near && direction == Direction::Read {
+                    end += gap;
+                }
             }
+            places.push((end, register));
+            end += 1;
+        }
+        Self {
+            direction,
+            places,
+            end,
+        }
+    }
+
+    /// The places of `registers`, which this was made of.
+    fn index(&self, registers: &[Register]) -> Vec<u16> {
+        let key = |register: &Register| (register.phase, register.address);
+        let places = registers.iter().map(|register| {
+            let at = self
+                .places
+                .binary_search_by_key(&key(register), |(_, other)| key(other));
+            at.ok()
+                .and_then(|at| self.places.get(at))
+                .map_or(0, |(place, _)| *place)
+        });
+        places.collect()
+    }
+
+    /// The accesses to those that are `wanted`.
+    fn runs(&self, wanted: impl Fn(&Register) -> bool) -> Vec<Access> {
+        let mut runs: Vec<(Phase, Access)> = Vec::new();
+        for &(first, register) in self.places.iter().filter(|(_, register)| wanted(register)) {
             if let Some((phase, run)) = runs.last_mut() {
-                let places = first - run.first;
-                let distance = place.address.checked_sub(run.address);
-                let is_near = places - run.count <= BRIDGE;
-                if *phase == place.phase && is_near && distance == places.checked_mul(4) {
-                    run.count = places + 1;
+                let words = first - run.first;
+                let distance = register.address.checked_sub(run.address);
+                let is_near = words - run.count <= BRIDGE;
+                if *phase == register.phase && is_near && distance == words.checked_mul(4) {
+                    run.count = words + 1;
                     continue;
                 }
             }
-            runs.push((place.phase, Access::read(place.address, first, 1)));
+            let (address, direction) = (register.address, self.direction);
+            let run = Access {
+                address,
+                direction,
+                first,
+                count: 1,
+            };
+            runs.push((register.phase, run));
         }
         runs.into_iter().map(|(_, run)| run).collect()
-    }
-}
-
-/// The registers between neighbours that are read along have a place as well.
-fn with_gaps(registers: &[Place]) -> Vec<Place> {
-    let mut all: Vec<Place> = Vec::with_capacity(registers.len());
-    for &place in registers {
-        if let Some(&before) = all.last() {
-            let gap = (place.address.wrapping_sub(before.address) / 4).wrapping_sub(1);
-            if before.phase == place.phase && gap <= BRIDGE {
-                all.extend((1..=gap).map(|n| Place {
-                    address: before.address + 4 * n,
-                    is_gap: true,
-                    ..before
-                }));
-            }
-        }
-        all.push(place);
-    }
-    all
-}
-
-/// The registers that are written in every cycle.
-#[derive(Debug)]
-pub(super) struct WriteLayout {
-    /// Phase, address and first word, in the order of the exchange.
-    registers: Vec<(WritePhase, u16, u32)>,
-    /// The place of its first register in the word buffer.
-    first: u16,
-    /// The place of each slot.
-    pub index: Vec<u16>,
-}
-
-impl WriteLayout {
-    /// Behind `first` other words.
-    pub fn new(plan: &ImagePlan, first: u16) -> Self {
-        let writes = plan.writes.iter();
-        let mut registers: Vec<_> = writes
-            .map(|write| (write.phase, write.address, write.word))
-            .collect();
-        registers.sort_by_key(|&(phase, address, _)| (phase, address));
-        let place = |phase, address| {
-            let is_before = |&(p, a, _): &(_, _, _)| (p, a) < (phase, address);
-            first + registers.partition_point(is_before) as u16
-        };
-        let writes = plan.writes.iter();
-        let index = writes
-            .map(|write| place(write.phase, write.address))
-            .collect();
-        Self {
-            registers,
-            first,
-            index,
-        }
-    }
-
-    pub fn words(&self) -> impl Iterator<Item = u32> + '_ {
-        self.registers.iter().map(|&(_, _, word)| word)
-    }
-
-    /// The accesses of one phase.
-    pub fn phase(&self, wanted: WritePhase) -> Vec<Access> {
-        let mut runs: Vec<Access> = Vec::new();
-        for (place, &(phase, address, _)) in (self.first..).zip(&self.registers) {
-            if phase != wanted {
-                continue;
-            }
-            match runs.last_mut() {
-                Some(run)
-                    if u32::from(run.address) + 4 * u32::from(run.count) == u32::from(address) =>
-                {
-                    run.count += 1;
-                }
-                _ => runs.push(Access::write(address, place, 1)),
-            }
-        }
-        runs
-    }
-
-    /// The accesses of a cycle.
-    pub fn writes(&self) -> Vec<Access> {
-        let phases = [WritePhase::First, WritePhase::Data, WritePhase::Trigger];
-        phases
-            .into_iter()
-            .flat_map(|phase| self.phase(phase))
-            .collect()
     }
 }

@@ -3,7 +3,7 @@
 //! Modules register what they read and write in an [`ImagePlan`]. [`ImagePlan::freeze`] sorts and
 //! merges it into lists that the bus prepares, on one buffer of words. Registers that start
 //! something (DOIT) come after all data by construction, because they are registered as
-//! [`WritePhase::Trigger`].
+//! [`Phase::Trigger`].
 //!
 //! # The set-up
 //! The image knows what the board is set up with: *settings*, whose words may change, and steps,
@@ -16,12 +16,11 @@
 
 mod exchange;
 mod layout;
-mod parts;
 mod plan;
 mod words;
 
-pub use exchange::{Ask, CycleLists, Image, Started};
-pub use plan::{ImageError, ImagePlan, ReadPhase, ReadSlot, Setting, Stage, WritePhase, WriteSlot};
+pub use exchange::{Ask, CycleLists, Image};
+pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub use words::Words;
 
 #[cfg(test)]

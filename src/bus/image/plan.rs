@@ -4,29 +4,21 @@ use alloc::vec::Vec;
 
 use crate::bus::{Access, RegisterBus};
 
-/// When a register is read within an exchange.
+/// When a register is read or written within an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum ReadPhase {
-    /// Before everything else: reads that latch or mark a time.
-    Latch,
-    /// Registers that say whether the data after them can be trusted.
+pub enum Phase {
+    /// Before everything else: reads that latch or mark a time, and writes without which no data may
+    /// be executed.
+    First,
+    /// Reads that say whether the data after them can be trusted.
     Status,
     /// Data.
     Data,
-    /// After all data: registers that say whether the board is still the one that was set up. What
-    /// was read before them was, if they say so.
-    Evidence,
-}
-
-/// When a register is written within an exchange.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum WritePhase {
-    /// Before everything else: what must come before data that may not be executed without it.
-    First,
-    /// Data.
-    Data,
-    /// After all data: registers that start something with it.
+    /// After all data: writes that start something with it.
     Trigger,
+    /// After all data: reads that say whether the board is still the one that was set up. What was
+    /// read before them was, if they say so.
+    Evidence,
 }
 
 /// The steps of the set-up, in their order: nothing is driven early.
@@ -57,55 +49,47 @@ pub struct WriteSlot(pub(super) u16);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Setting(pub(super) u16);
 
-/// Why an image can not be planned.
+/// Why an image can not be planned: a register that is none, or that two modules want.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ImageError {
-    /// A register that is none.
-    #[error(
-        "register {address:#06X} was registered: addresses are multiples of 4; check the module's \
-         descriptor"
-    )]
-    BadAddress {
-        /// The address.
-        address: u16,
-    },
-    /// Two modules want to write the same register.
-    #[error("register {address:#06X} is written by two modules; leave one of them out")]
-    WrittenTwice {
-        /// The address.
-        address: u16,
-    },
-    /// Two modules read the same register at different times within an exchange.
-    #[error("register {address:#06X} is read in two phases; leave one of the modules out")]
-    ReadInTwoPhases {
-        /// The address.
-        address: u16,
-    },
+#[error("register {address:#06X} {what}")]
+pub struct ImageError {
+    /// The register.
+    pub address: u16,
+    /// What is wrong with it, and what to do.
+    pub what: &'static str,
 }
 
+/// A register of the cycle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Read {
-    pub phase: ReadPhase,
-    /// Only in reads that hold more than usual.
+pub(super) struct Register {
+    pub phase: Phase,
+    pub address: u16,
+    /// Of one that is read: only in reads that hold more than usual.
     pub is_extra: bool,
-    pub address: u16,
-}
-
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Write {
-    pub phase: WritePhase,
-    pub address: u16,
-    /// The word until another one is put.
+    /// Of one that is written: its word until another one is put.
     pub word: u32,
 }
 
+impl Register {
+    const fn new(phase: Phase, address: u16) -> Self {
+        Self {
+            phase,
+            address,
+            is_extra: false,
+            word: 0,
+        }
+    }
+}
+
+/// A register that is written when its word changes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Register {
+pub(super) struct SettingRegister {
     /// `None`: not part of the set-up.
     pub stage: Option<Stage>,
     pub address: u16,
     pub word: u32,
+    /// It drives pins, and a reset clears it.
+    is_drive: bool,
     /// Where it is read back as evidence, if the board reads it back.
     pub shown: Option<ReadSlot>,
 }
@@ -115,7 +99,9 @@ pub(super) struct Register {
 pub(super) struct Step {
     pub place: StepPlace,
     pub address: u16,
-    pub content: Content,
+    /// What it writes at first; `None`: nothing.
+    first: Option<u32>,
+    pub again: Again,
 }
 
 /// When a step is done.
@@ -126,15 +112,14 @@ pub(super) enum StepPlace {
     Closing,
 }
 
-/// What a step writes.
+/// What a step writes when the set-up is written again.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Content {
-    /// The current word.
+pub(super) enum Again {
+    /// The word that the setting has then.
     Setting(Setting),
     /// The safe word of an output.
     Safe(WriteSlot),
-    /// At first (`None`: nothing), and when the set-up is written again.
-    Words { first: Option<u32>, again: u32 },
+    Word(u32),
 }
 
 /// The registers of all modules, while they are collected.
@@ -142,89 +127,76 @@ pub(super) enum Content {
 /// Belongs to set-up: it allocates.
 #[derive(Clone, Debug, Default)]
 pub struct ImagePlan {
-    pub(super) reads: Vec<Read>,
-    pub(super) writes: Vec<Write>,
-    pub(super) settings: Vec<Register>,
-    drives: Vec<Setting>,
+    pub(super) reads: Vec<Register>,
+    pub(super) writes: Vec<Register>,
+    pub(super) settings: Vec<SettingRegister>,
     steps: Vec<Step>,
 }
 
 impl ImagePlan {
-    /// No register yet.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// A register that is read in every cycle. Several may name the same.
-    pub fn read(&mut self, phase: ReadPhase, address: u16) -> ReadSlot {
-        self.add_read(phase, false, address)
+    pub fn read(&mut self, phase: Phase, address: u16) -> ReadSlot {
+        let register = Register::new(phase, address);
+        ReadSlot(push(&mut self.reads, register))
     }
 
     /// A register that is only read when somebody asks for more than usual.
-    pub fn read_extra(&mut self, phase: ReadPhase, address: u16) -> ReadSlot {
-        self.add_read(phase, true, address)
-    }
-
-    fn add_read(&mut self, phase: ReadPhase, is_extra: bool, address: u16) -> ReadSlot {
-        self.reads.push(Read {
-            phase,
-            is_extra,
-            address,
-        });
-        ReadSlot(last(&self.reads))
+    pub fn read_extra(&mut self, phase: Phase, address: u16) -> ReadSlot {
+        add_extra(&mut self.reads, phase, address)
     }
 
     /// A register that is written in every cycle and with the set-up, then as `safe`. Nothing else
     /// may write it, but for [steps](Self::step).
     pub fn output(&mut self, address: u16, safe: u32) -> WriteSlot {
-        let slot = self.write(WritePhase::Data, address, safe);
-        self.add_step(
-            StepPlace::In(Stage::Configure),
-            address,
-            Content::Safe(slot),
-        );
+        let slot = self.write(Phase::Data, address, safe);
+        let place = StepPlace::In(Stage::Configure);
+        self.add_step(place, address, Some(safe), Again::Safe(slot));
         slot
     }
 
     /// A register that is written in every cycle, as `word` until another one is put, and not with the
     /// set-up. Nothing else may write it, but for [steps](Self::step).
-    pub fn write(&mut self, phase: WritePhase, address: u16, word: u32) -> WriteSlot {
-        self.writes.push(Write {
-            phase,
-            address,
-            word,
-        });
-        WriteSlot(last(&self.writes))
+    pub fn write(&mut self, phase: Phase, address: u16, word: u32) -> WriteSlot {
+        let register = Register::new(phase, address);
+        WriteSlot(push(&mut self.writes, Register { word, ..register }))
     }
 
     /// A register that is written with the set-up and when its word changes. Nothing else may write
     /// it, but for [steps](Self::step).
     pub fn setting(&mut self, stage: Stage, address: u16, word: u32) -> Setting {
-        let setting = self.add_setting(Some(stage), address, word);
-        self.add_step(StepPlace::In(stage), address, Content::Setting(setting));
-        setting
+        self.add_setting(Some(stage), address, word, false)
+    }
+
+    /// A setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
+    pub fn drive(&mut self, address: u16, word: u32) -> Setting {
+        self.add_setting(Some(Stage::Drive), address, word, true)
     }
 
     /// A register that is written when its word changes or somebody asks for it, and never with the
     /// set-up.
     pub fn on_demand(&mut self, address: u16) -> Setting {
-        self.add_setting(None, address, 0)
+        self.add_setting(None, address, 0, false)
     }
 
-    fn add_setting(&mut self, stage: Option<Stage>, address: u16, word: u32) -> Setting {
-        self.settings.push(Register {
+    fn add_setting(
+        &mut self,
+        stage: Option<Stage>,
+        address: u16,
+        word: u32,
+        is_drive: bool,
+    ) -> Setting {
+        let register = SettingRegister {
             stage,
             address,
             word,
+            is_drive,
             shown: None,
-        });
-        Setting(last(&self.settings))
-    }
-
-    /// A setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
-    pub fn drive(&mut self, address: u16, word: u32) -> Setting {
-        let setting = self.setting(Stage::Drive, address, word);
-        self.drives.push(setting);
+        };
+        let setting = Setting(push(&mut self.settings, register));
+        if let Some(stage) = stage {
+            let again = Again::Setting(setting);
+            self.add_step(StepPlace::In(stage), address, Some(word), again);
+        }
         setting
     }
 
@@ -235,74 +207,49 @@ impl ImagePlan {
     /// Those of the bus.
     pub fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
         let mut reads_back = false;
-        let of = |plan: &Self, setting: Setting| plan.settings.get(usize::from(setting.0)).copied();
-        for &setting in &self.drives {
-            if let Some(register) = of(self, setting).filter(|register| register.word != 0) {
-                reads_back |= bus.read(register.address)? == register.word;
-            }
+        let drives = self.settings.iter_mut().filter(|setting| setting.is_drive);
+        let mut drives: Vec<_> = drives.collect();
+        for drive in drives.iter().filter(|drive| drive.word != 0) {
+            reads_back |= bus.read(drive.address)? == drive.word;
         }
-        if !reads_back {
-            return Ok(());
-        }
-        for setting in core::mem::take(&mut self.drives) {
-            let Some(register) = of(self, setting) else {
-                continue;
-            };
-            let shown = Some(self.read_extra(ReadPhase::Evidence, register.address));
-            if let Some(kept) = self.settings.get_mut(usize::from(setting.0)) {
-                *kept = Register { shown, ..register };
-            }
+        for drive in drives.iter_mut().filter(|_| reads_back) {
+            drive.shown = Some(add_extra(&mut self.reads, Phase::Evidence, drive.address));
         }
         Ok(())
     }
 
     /// A write of the set-up whose word stays. The order within a stage is that of the calls.
     pub fn step(&mut self, stage: Stage, address: u16, word: u32) {
-        let content = Content::Words {
-            first: Some(word),
-            again: word,
-        };
-        self.add_step(StepPlace::In(stage), address, content);
+        let place = StepPlace::In(stage);
+        self.add_step(place, address, Some(word), Again::Word(word));
     }
 
     /// A write before all stages: `first` at first, `again` when the set-up is written again.
     pub fn opening(&mut self, address: u16, first: u32, again: u32) {
-        let first = Some(first);
-        self.add_step(StepPlace::Opening, address, Content::Words { first, again });
+        let again = Again::Word(again);
+        self.add_step(StepPlace::Opening, address, Some(first), again);
     }
 
     /// A write after all stages: `first` at first, `again` when the set-up is written again.
     pub fn closing(&mut self, address: u16, first: Option<u32>, again: u32) {
-        self.add_step(StepPlace::Closing, address, Content::Words { first, again });
+        self.add_step(StepPlace::Closing, address, first, Again::Word(again));
     }
 
-    fn add_step(&mut self, place: StepPlace, address: u16, content: Content) {
+    fn add_step(&mut self, place: StepPlace, address: u16, first: Option<u32>, again: Again) {
         self.steps.push(Step {
             place,
             address,
-            content,
+            first,
+            again,
         });
     }
 
     /// Addresses and words of the set-up as it is written first, in order.
     pub fn first_set_up(&self) -> Vec<(u16, u32)> {
-        let word = |step: &Step| match step.content {
-            Content::Words { first, .. } => first,
-            Content::Safe(slot) => self.safe(slot),
-            Content::Setting(setting) => {
-                let register = self.settings.get(usize::from(setting.0));
-                register.map(|register| register.word)
-            }
-        };
-        let steps = self.sorted_steps();
-        let steps = steps.iter();
+        let steps = self.sorted_steps().into_iter();
         steps
-            .filter_map(|step| Some((step.address, word(step)?)))
+            .filter_map(|step| Some((step.address, step.first?)))
             .collect()
-    }
-
-    pub(super) fn safe(&self, slot: WriteSlot) -> Option<u32> {
-        Some(self.writes.get(usize::from(slot.0))?.word)
     }
 
     /// The steps in the order of their stages.
@@ -317,40 +264,65 @@ impl ImagePlan {
     /// # Errors
     /// Those of the bus.
     pub fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
-        let list = self.first_set_up();
-        let accesses: Vec<_> = (0u16..)
-            .zip(&list)
-            .map(|(n, &(address, _))| Access::write(address, n, 1))
-            .collect();
-        let mut words: Vec<_> = list.iter().map(|&(_, word)| word).collect();
+        let list = (0u16..).zip(self.first_set_up());
+        let (accesses, mut words): (Vec<_>, Vec<_>) = list
+            .map(|(n, (address, word))| (Access::write(address, n, 1), word))
+            .unzip();
         bus.exchange(&accesses, &mut words)
     }
 
-    /// Refuses registers that can not be, or that two write.
+    /// Refuses registers that can not be, that two write, or that two read at different times.
     pub fn check(&self) -> Result<(), ImageError> {
-        let reads = self.reads.iter().map(|read| read.address);
-        let steps = self.steps.iter().map(|step| step.address);
+        let mut reads: Vec<_> = self.reads.iter().map(|r| (r.address, r.phase)).collect();
+        reads.sort_unstable();
+        reads.dedup();
+        let reads: Vec<u16> = reads.into_iter().map(|(address, _)| address).collect();
         let writes = self.writes.iter().map(|write| write.address);
         let settings = self.settings.iter().map(|setting| setting.address);
-        let mut written: Vec<u16> = writes.chain(settings).collect();
-        let all = reads.chain(steps).chain(written.iter().copied());
-        for address in all {
-            if !address.is_multiple_of(4) {
-                return Err(ImageError::BadAddress { address });
-            }
-        }
-        written.sort_unstable();
-        match written.windows(2).find(|pair| pair.first() == pair.last()) {
-            Some(&[address, ..]) => Err(ImageError::WrittenTwice { address }),
-            _ => Ok(()),
-        }
+        let written: Vec<u16> = writes.chain(settings).collect();
+        let steps = self.steps.iter().map(|step| &step.address);
+        let mut all = reads.iter().chain(&written).chain(steps);
+        let odd = all.find(|address| !address.is_multiple_of(4)).copied();
+        let refuse = |at: Option<u16>, what| match at {
+            Some(address) => Err(ImageError { address, what }),
+            None => Ok(()),
+        };
+        let hint = "was registered: addresses are multiples of 4; check the module's descriptor";
+        refuse(odd, hint)?;
+        let hint = "is written by two modules; leave one of them out";
+        refuse(twice(written), hint)?;
+        let hint = "is read in two phases; leave one of the modules out";
+        refuse(twice(reads), hint)
     }
 }
 
-fn last<T>(list: &[T]) -> u16 {
+/// An address that is there twice.
+fn twice(mut addresses: Vec<u16>) -> Option<u16> {
+    addresses.sort_unstable();
+    let mut pairs = addresses.windows(2);
+    let pair = pairs.find(|pair| pair.first() == pair.last())?;
+    pair.first().copied()
+}
+
+fn add_extra(reads: &mut Vec<Register>, phase: Phase, address: u16) -> ReadSlot {
+    let register = Register::new(phase, address);
+    let is_extra = true;
+    ReadSlot(push(
+        reads,
+        Register {
+            is_extra,
+            ..register
+        },
+    ))
+}
+
+/// Adds to a list; returns the number of what was added.
+pub(super) fn push<T>(list: &mut Vec<T>, item: T) -> u16 {
+    let number = list.len();
     debug_assert!(
-        u16::try_from(list.len()).is_ok(),
-        "more registers than there are"
+        u16::try_from(number).is_ok(),
+        "more than there are registers"
     );
-    list.len().saturating_sub(1) as u16
+    list.push(item);
+    number as u16
 }

@@ -65,38 +65,40 @@ impl Memory {
 const USUAL: Ask = Ask {
     held: false,
     extra: false,
+    with_writes: false,
 };
 const EXTRA: Ask = Ask {
     held: false,
     extra: true,
+    with_writes: false,
 };
 
-fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image<AccessList> {
-    let Ok(image) = plan.lay_out().unwrap().prepare(bus, None);
+fn prepared(plan: &ImagePlan, bus: &mut Memory) -> Image<Memory> {
+    let Ok(image) = plan.freeze(bus, None);
     image
 }
 
-fn read(image: &mut Image<AccessList>, bus: &mut Memory, ask: Ask) -> Vec<u16> {
+fn read(image: &mut Image<Memory>, bus: &mut Memory, ask: Ask) -> Vec<u16> {
     let Ok(started) = image.start_read(bus, ask);
     let Ok(_) = image.finish(bus, started);
     bus.take_read()
 }
 
-fn written(image: &mut Image<AccessList>, bus: &mut Memory) -> Vec<(u16, u32)> {
+fn written(image: &mut Image<Memory>, bus: &mut Memory) -> Vec<(u16, u32)> {
     let Ok(()) = image.write(bus, false);
     bus.take_written()
 }
 
 #[test]
 fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
-    let mut plan = ImagePlan::new();
-    let doit = plan.write(WritePhase::Trigger, 0x5A00, 0x8000_0000);
-    let command = plan.read(ReadPhase::Status, 0x5A00);
-    let inputs = [0x5D00, 0x5D04, 0x5E00, 0x5E04].map(|at| plan.read(ReadPhase::Data, at));
-    let out = [0x5D00, 0x5D04].map(|at| plan.write(WritePhase::Data, at, 0));
+    let mut plan = ImagePlan::default();
+    let doit = plan.write(Phase::Trigger, 0x5A00, 0x8000_0000);
+    let command = plan.read(Phase::Status, 0x5A00);
+    let inputs = [0x5D00, 0x5D04, 0x5E00, 0x5E04].map(|at| plan.read(Phase::Data, at));
+    let out = [0x5D00, 0x5D04].map(|at| plan.write(Phase::Data, at, 0));
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
-    let words = image.words_mut();
+    let words = &mut image.words;
     words.put(out[1], 2);
     words.put(out[0], 1);
     words.put(doit, 0x1003);
@@ -108,33 +110,34 @@ fn neighbouring_registers_share_an_access_and_the_trigger_comes_last() {
     bus.registers.clear();
     let order = read(&mut image, &mut bus, USUAL);
     assert_eq!(order, [0x5A00, 0x5D00, 0x5D04, 0x5E00, 0x5E04]);
-    assert_eq!(image.words().word(command), content(0x5A00));
-    assert_eq!(image.words().word(inputs[3]), content(0x5E04));
+    assert_eq!(image.words.word(command), content(0x5A00));
+    assert_eq!(image.words.word(inputs[3]), content(0x5E04));
     let lists = image.lists();
     assert_eq!((lists.read.len(), lists.write.len()), (3, 2));
 }
 
 #[test]
 fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
-    let mut plan = ImagePlan::new();
-    let out = plan.write(WritePhase::Data, 0x4000, 1);
+    let mut plan = ImagePlan::default();
+    let out = plan.write(Phase::Data, 0x4000, 1);
     let setting = plan.setting(Stage::Configure, 0x4100, 5);
-    plan.write(WritePhase::Trigger, 0x4200, 2);
-    plan.read(ReadPhase::Data, 0x4000);
+    plan.write(Phase::Trigger, 0x4200, 2);
+    plan.read(Phase::Data, 0x4000);
     let mut bus = Memory::default();
     let held = core::time::Duration::from_millis(1);
-    let Ok(mut image) = plan.lay_out().unwrap().prepare(&mut bus, Some(held));
+    let Ok(mut image) = plan.freeze(&mut bus, Some(held));
     let ask = Ask {
         held: true,
         extra: false,
+        with_writes: false,
     };
     let paced = image.lists().paced.unwrap();
     assert_eq!(paced.len(), 3, "two writes and a read");
-    image.words_mut().put(out, 7);
+    image.words.put(out, 7);
     let Ok(started) = image.start_cycle(&mut bus, ask, false);
     let Ok(_) = image.finish(&mut bus, started.unwrap());
     assert_eq!(bus.take_written(), [(0x4000, 7), (0x4200, 2)]);
-    image.words_mut().set(setting, 6);
+    image.words.set(setting, 6);
     let Ok(started) = image.start_cycle(&mut bus, ask, false);
     let all = [(0x4000, 7), (0x4100, 6), (0x4200, 2)];
     assert_eq!(bus.take_written(), all);
@@ -144,13 +147,13 @@ fn a_paced_cycle_is_one_list_and_settings_go_ahead_of_it_with_all_writes() {
 
 #[test]
 fn extra_registers_are_only_read_when_they_are_asked_for_and_evidence_comes_last() {
-    let mut plan = ImagePlan::new();
-    plan.read(ReadPhase::Evidence, 0x0C00);
-    plan.read_extra(ReadPhase::Evidence, 0x1100);
-    plan.read(ReadPhase::Data, 0x3500);
-    plan.read_extra(ReadPhase::Data, 0x5D00);
-    plan.read(ReadPhase::Latch, 0x7600);
-    plan.read(ReadPhase::Status, 0x0100);
+    let mut plan = ImagePlan::default();
+    plan.read(Phase::Evidence, 0x0C00);
+    plan.read_extra(Phase::Evidence, 0x1100);
+    plan.read(Phase::Data, 0x3500);
+    plan.read_extra(Phase::Data, 0x5D00);
+    plan.read(Phase::First, 0x7600);
+    plan.read(Phase::Status, 0x0100);
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
     let usual = [0x7600, 0x0100, 0x3500, 0x0C00];
@@ -165,38 +168,38 @@ fn extra_registers_are_only_read_when_they_are_asked_for_and_evidence_comes_last
 
 #[test]
 fn a_setting_is_written_when_it_changes_and_again_while_it_may_be_lost_or_undone() {
-    let mut plan = ImagePlan::new();
-    plan.write(WritePhase::Data, 0x4000, 1);
+    let mut plan = ImagePlan::default();
+    plan.write(Phase::Data, 0x4000, 1);
     let setting = plan.setting(Stage::Configure, 0x4104, 9);
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
     let (usual, with) = ([(0x4000, 1)], [(0x4000, 1), (0x4104, 5)]);
-    image.words_mut().set(setting, 9);
+    image.words.set(setting, 9);
     assert_eq!(written(&mut image, &mut bus), usual, "it is so already");
-    image.words_mut().set(setting, 5);
+    image.words.set(setting, 5);
     let Ok(()) = image.write(&mut bus, true);
     assert_eq!(bus.take_written(), usual, "the board is not set up");
     assert_eq!(written(&mut image, &mut bus), with);
     assert_eq!(written(&mut image, &mut bus), usual, "not heard of yet");
-    image.words_mut().confirm(false);
+    image.words.confirm(false);
     assert_eq!(written(&mut image, &mut bus), with, "perhaps it was lost");
-    image.words_mut().confirm(true);
+    image.words.confirm(true);
     assert_eq!(written(&mut image, &mut bus), usual);
-    image.words_mut().confirm(false);
+    image.words.confirm(false);
     let why = "an older one may have come late";
     assert_eq!(written(&mut image, &mut bus), with, "{why}");
     for _ in 0..=101 {
-        image.words_mut().confirm(true);
+        image.words.confirm(true);
         assert_eq!(written(&mut image, &mut bus), usual);
     }
-    image.words_mut().confirm(false);
+    image.words.confirm(false);
     let why = "nothing so old is in flight";
     assert_eq!(written(&mut image, &mut bus), usual, "{why}");
 }
 
 #[test]
 fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_after_it() {
-    let mut plan = ImagePlan::new();
+    let mut plan = ImagePlan::default();
     let enable = plan.setting(Stage::Enable, 0x7D00, 3);
     let drive = plan.drive(0x1100, 0xF0);
     plan.opening(0x0C00, 1, 2);
@@ -217,7 +220,7 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     let Ok(()) = plan.watch(&mut bus);
     let mut image = prepared(&plan, &mut bus);
     bus.take_read();
-    let words = image.words_mut();
+    let words = &mut image.words;
     words.set(enable, 4);
     words.set(drive, 0x30);
     words.put(output, 99);
@@ -233,8 +236,8 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     ];
     assert_eq!(bus.take_written(), again);
     assert_eq!(bus.take_read(), [0x1100]);
-    assert!(image.words().stands());
-    image.words_mut().all_set();
+    assert!(image.words.stands());
+    image.words.all_set();
     assert_eq!(written(&mut image, &mut bus), [(0x4000, 99)]);
     let Ok(()) = image.quiesce(&mut bus);
     assert_eq!(bus.take_written(), [(0x1100, 0)]);
@@ -242,68 +245,68 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
 
 #[test]
 fn what_drives_a_pin_is_written_alone_after_all_it_depends_on_until_the_board_shows_it() {
-    let mut plan = ImagePlan::new();
-    plan.write(WritePhase::First, 0x0E00, 0x5A);
+    let mut plan = ImagePlan::default();
+    plan.write(Phase::First, 0x0E00, 0x5A);
     plan.output(0x1000, 0);
     let direction = plan.drive(0x1100, 1);
     let invert = plan.setting(Stage::Route, 0x1400, 0);
-    plan.write(WritePhase::Trigger, 0x5A00, 0);
+    plan.write(Phase::Trigger, 0x5A00, 0);
     let mut bus = Memory::default();
     let Ok(()) = plan.set_up(&mut bus);
     let Ok(()) = plan.watch(&mut bus);
     let mut image = prepared(&plan, &mut bus);
     bus.take_written();
-    let words = image.words_mut();
+    let words = &mut image.words;
     words.set(direction, 3);
     words.set(invert, 2);
-    assert!(image.words().has_guarded_news());
+    assert!(image.words.has_guarded_news());
     let Ok(()) = image.write_guarded(&mut bus);
     let guarded = [(0x1000, 0), (0x1400, 2), (0x1100, 3), (0x0E00, 0x5A)];
     assert_eq!(bus.take_written(), guarded);
     bus.registers.insert(0x1100, 1);
     let Ok(()) = image.read_evidence(&mut bus);
-    image.words_mut().guarded_sent();
-    assert!(image.words().stands(), "what was driven is driven");
-    assert!(image.words().has_guarded_news(), "it has not arrived");
+    image.words.guarded_sent();
+    assert!(image.words.stands(), "what was driven is driven");
+    assert!(image.words.has_guarded_news(), "it has not arrived");
     let Ok(()) = image.write_guarded(&mut bus);
     let Ok(()) = image.read_evidence(&mut bus);
-    image.words_mut().guarded_sent();
-    assert!(!image.words().has_guarded_news());
+    image.words.guarded_sent();
+    assert!(!image.words.has_guarded_news());
     let usual = [(0x0E00, 0x5A), (0x1000, 0), (0x5A00, 0)];
     bus.take_written();
     assert_eq!(written(&mut image, &mut bus), usual);
-    image.words_mut().confirm(false);
-    assert!(image.words().has_guarded_news(), "it may be undone");
+    image.words.confirm(false);
+    assert!(image.words.has_guarded_news(), "it may be undone");
 }
 
 #[test]
 fn what_comes_late_after_the_set_up_does_not_undo_a_setting() {
-    let mut plan = ImagePlan::new();
+    let mut plan = ImagePlan::default();
     let invert = plan.setting(Stage::Configure, 0x1400, 0);
     let direction = plan.setting(Stage::Drive, 0x1100, 0);
     let mode = plan.on_demand(0x7700);
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
     for word in [1, 2] {
-        image.words_mut().set(invert, word);
+        image.words.set(invert, word);
         written(&mut image, &mut bus);
     }
-    image.words_mut().set(direction, 3);
-    image.words_mut().set(mode, 4);
+    image.words.set(direction, 3);
+    image.words.set(mode, 4);
     let Ok(()) = image.set_up(&mut bus);
-    image.words_mut().all_set();
+    image.words.all_set();
     bus.take_written();
     assert_eq!(written(&mut image, &mut bus), []);
     // The first of the writes has come once more.
-    image.words_mut().confirm(false);
-    assert!(image.words().has_guarded_news());
+    image.words.confirm(false);
+    assert!(image.words.has_guarded_news());
     assert_eq!(written(&mut image, &mut bus), [(0x1400, 2)]);
 }
 
 #[test]
 fn every_reply_since_the_news_were_taken_counts() {
-    let mut plan = ImagePlan::new();
-    plan.read(ReadPhase::Status, 0x0100);
+    let mut plan = ImagePlan::default();
+    plan.read(Phase::Status, 0x0100);
     let mut bus = Memory::default();
     let mut image = prepared(&plan, &mut bus);
     // A doubt that tells no more looks as if nothing had been heard.
@@ -320,10 +323,10 @@ fn every_reply_since_the_news_were_taken_counts() {
 
 #[test]
 fn small_gaps_of_reads_are_bridged_and_those_of_writes_never() {
-    let mut plan = ImagePlan::new();
+    let mut plan = ImagePlan::default();
     for address in [0x3500, 0x3508, 0x3514] {
-        plan.read(ReadPhase::Data, address);
-        plan.write(WritePhase::Data, address, 0);
+        plan.read(Phase::Data, address);
+        plan.write(Phase::Data, address, 0);
     }
     let image = prepared(&plan, &mut Memory::default());
     let runs = |accesses: &[Access]| -> Vec<(u16, u16)> {
@@ -337,24 +340,24 @@ fn small_gaps_of_reads_are_bridged_and_those_of_writes_never() {
 #[test]
 fn what_can_not_be_planned_is_refused_with_the_register_at_fault() {
     let refused = |register: fn(&mut ImagePlan)| {
-        let mut plan = ImagePlan::new();
+        let mut plan = ImagePlan::default();
         register(&mut plan);
-        plan.lay_out().map(|_| ()).unwrap_err()
+        plan.check().unwrap_err()
     };
     let odd = refused(|plan| {
-        plan.read(ReadPhase::Data, 0x5D02);
+        plan.read(Phase::Data, 0x5D02);
     });
-    assert_eq!(odd, ImageError::BadAddress { address: 0x5D02 });
+    assert_eq!(odd.address, 0x5D02);
     let twice = refused(|plan| {
         plan.output(0x1000, 0);
         plan.setting(Stage::Drive, 0x1000, 0);
     });
-    assert_eq!(twice, ImageError::WrittenTwice { address: 0x1000 });
+    assert_eq!(twice.address, 0x1000);
     let phases = refused(|plan| {
-        plan.read(ReadPhase::Data, 0x5A00);
-        plan.read(ReadPhase::Status, 0x5A00);
+        plan.read(Phase::Data, 0x5A00);
+        plan.read(Phase::Status, 0x5A00);
     });
-    assert_eq!(phases, ImageError::ReadInTwoPhases { address: 0x5A00 });
+    assert_eq!(phases.address, 0x5A00);
 }
 
 proptest! {
@@ -365,15 +368,15 @@ proptest! {
         reads in prop::collection::vec((0u16..64, any::<bool>()), 0..40),
         writes in prop::collection::btree_map(0u16..64, 0u8..3, 0..20),
     ) {
-        let mut plan = ImagePlan::new();
+        let mut plan = ImagePlan::default();
         let slots: Vec<_> = reads
             .iter()
             .map(|&(n, extra)| {
                 let address = 0x1000 + 4 * n;
                 let slot = if extra {
-                    plan.read_extra(ReadPhase::Data, address)
+                    plan.read_extra(Phase::Data, address)
                 } else {
-                    plan.read(ReadPhase::Data, address)
+                    plan.read(Phase::Data, address)
                 };
                 (address, extra, slot)
             })
@@ -383,8 +386,8 @@ proptest! {
         for (&n, &kind) in &writes {
             let address = 0x2000 + 4 * n;
             match kind {
-                0 => puts.push((address, plan.write(WritePhase::Trigger, address, 0))),
-                1 => puts.push((address, plan.write(WritePhase::Data, address, 0))),
+                0 => puts.push((address, plan.write(Phase::Trigger, address, 0))),
+                1 => puts.push((address, plan.write(Phase::Data, address, 0))),
                 _ => settings.push((address, plan.setting(Stage::Configure, address, 0))),
             }
         }
@@ -394,15 +397,15 @@ proptest! {
             read(&mut image, &mut bus, ask);
             for &(address, extra, slot) in &slots {
                 if !extra || ask.extra {
-                    prop_assert_eq!(image.words().word(slot), content(address));
+                    prop_assert_eq!(image.words.word(slot), content(address));
                 }
             }
         }
         for &(address, slot) in &puts {
-            image.words_mut().put(slot, content(address));
+            image.words.put(slot, content(address));
         }
         for &(address, setting) in &settings {
-            image.words_mut().set(setting, content(address));
+            image.words.set(setting, content(address));
         }
         let order = written(&mut image, &mut bus);
         let expected: BTreeMap<u16, u32> = writes

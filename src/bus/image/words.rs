@@ -1,8 +1,8 @@
 //! The words of the image, and which settings still have to be written.
 
-use alloc::boxed::Box;
+use alloc::{boxed::Box, vec::Vec};
 
-use super::{ReadSlot, Setting, WriteSlot};
+use super::{ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 
 /// What is read and what is written, one word for each register.
 ///
@@ -11,21 +11,20 @@ use super::{ReadSlot, Setting, WriteSlot};
 /// as 0 and is not written.
 #[derive(Debug)]
 pub struct Words {
+    /// What is read, what is written, the settings, the safe words of what is written, and what the
+    /// set-up writes besides.
     pub(super) content: Box<[u32]>,
     /// The places of the slots.
-    pub(super) reads: Box<[u16]>,
-    pub(super) writes: Box<[u16]>,
-    /// The places of the safe words of those that are written.
-    pub(super) safes: Box<[u16]>,
-    /// The place of the first setting; the others follow.
-    pub(super) first_setting: u16,
-    pub(super) settings: Box<[SettingState]>,
-    /// Settings that are to be written, of those that go with the next write ...
-    pub(super) asked: u16,
-    /// ... and of those that need a look at the evidence.
-    pub(super) asked_guarded: u16,
-    /// Settings that were sent and are not confirmed.
-    pub(super) sent: u16,
+    reads: Box<[u16]>,
+    writes: Box<[u16]>,
+    first_setting: usize,
+    settings: Box<[SettingState]>,
+    /// There are settings to be written with the next write, ...
+    has_news: bool,
+    /// ... and between two looks at the evidence, ...
+    has_guarded_news: bool,
+    /// ... and such as were sent and are not confirmed.
+    has_sent: bool,
 }
 
 /// After so many reads no older write is in flight any more.
@@ -33,25 +32,18 @@ const HORIZON: u8 = 100;
 
 /// What becomes of a setting.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SettingState {
-    pub progress: Progress,
-    /// The set-up holds it; otherwise it is written on demand.
-    pub is_of_set_up: bool,
-    /// It drives a pin, or enables what is driven.
-    pub is_guarded: bool,
-    pub shown: Option<Shown>,
-}
-
-/// Where a setting is read back, and what it must show.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Shown {
-    pub slot: ReadSlot,
+struct SettingState {
+    progress: Progress,
+    /// `None`: not part of the set-up, written on demand.
+    stage: Option<Stage>,
+    /// Where it is read back.
+    shown: Option<ReadSlot>,
     /// The bits that are certainly set in the board.
-    pub expected: u32,
+    expected: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Progress {
+enum Progress {
     /// The board has it.
     Rests,
     /// It is to be written.
@@ -71,16 +63,47 @@ pub(super) enum By {
     Guarded,
 }
 
-impl By {
-    const fn holds(self, state: &SettingState) -> bool {
-        match self {
-            Self::Cycle => !state.is_guarded,
-            Self::Guarded => state.is_of_set_up,
-        }
+impl SettingState {
+    /// It drives a pin, or enables what is driven.
+    fn is_guarded(&self) -> bool {
+        self.stage >= Some(Stage::Drive)
+    }
+
+    fn is_asked(&self, by: By) -> bool {
+        let is_held = match by {
+            By::Cycle => !self.is_guarded(),
+            By::Guarded => self.stage.is_some(),
+        };
+        is_held && self.progress == Progress::Asked
     }
 }
 
 impl Words {
+    pub(super) fn new(
+        plan: &ImagePlan,
+        content: Vec<u32>,
+        reads: Vec<u16>,
+        writes: Vec<u16>,
+        first_setting: u16,
+    ) -> Self {
+        let settings = plan.settings.iter().map(|register| SettingState {
+            progress: Progress::Rests,
+            stage: register.stage,
+            shown: register.shown,
+            expected: register.word,
+        });
+        Self {
+            content: content.into(),
+            reads: reads.into(),
+            writes: writes.into(),
+            first_setting: first_setting.into(),
+            settings: settings.collect(),
+            has_news: false,
+            has_guarded_news: false,
+            has_sent: false,
+        }
+    }
+
     /// What was read last.
     #[inline]
     pub fn word(&self, slot: ReadSlot) -> u32 {
@@ -103,8 +126,8 @@ impl Words {
 
     /// Changes the word that the set-up writes to an output.
     pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
-        let place = self.safes.get(usize::from(slot.0));
-        if let Some(old) = place.and_then(|&place| self.content.get_mut(usize::from(place))) {
+        let place = self.first_setting + self.settings.len() + usize::from(slot.0);
+        if let Some(old) = self.content.get_mut(place) {
             *old = word;
         }
     }
@@ -112,12 +135,9 @@ impl Words {
     /// Changes a setting: it is written when that is another word than before.
     #[inline]
     pub fn set(&mut self, setting: Setting, word: u32) {
-        let place = self.place(setting);
-        let Some(old) = self.content.get_mut(place) else {
-            debug_assert!(false, "a setting of another image");
-            return;
-        };
-        if core::mem::replace(old, word) != word {
+        let place = self.first_setting + usize::from(setting.0);
+        let old = self.content.get_mut(place);
+        if old.is_none_or(|old| core::mem::replace(old, word) != word) {
             self.repeat(setting);
         }
     }
@@ -125,156 +145,121 @@ impl Words {
     /// Writes a setting again, changed or not: it may not have arrived, or not be what the board has
     /// now.
     pub fn repeat(&mut self, setting: Setting) {
-        let Some(state) = self.settings.get_mut(usize::from(setting.0)) else {
-            debug_assert!(false, "a setting of another image");
-            return;
-        };
-        match state.progress {
-            Progress::Asked => return,
-            Progress::Rests => {}
-            Progress::Sent(_) => self.sent -= 1,
-        }
-        state.progress = Progress::Asked;
-        if state.is_guarded {
-            self.asked_guarded += 1;
-        } else {
-            self.asked += 1;
+        let state = self.settings.get_mut(usize::from(setting.0));
+        debug_assert!(state.is_some(), "a setting of another image");
+        if let Some(state) = state {
+            state.progress = Progress::Asked;
+            self.has_guarded_news |= state.is_guarded();
+            self.has_news |= !state.is_guarded();
         }
     }
 
     /// Whether what is watched was read as it must be.
     pub fn stands(&self) -> bool {
-        self.shown()
-            .all(|(_, shown)| self.word(shown.slot) & shown.expected == shown.expected)
+        self.settings.iter().all(|state| {
+            let shows = |slot| self.word(slot) & state.expected == state.expected;
+            state.shown.is_none_or(shows)
+        })
     }
 
     /// Whether the next write holds settings.
     pub fn has_news(&self) -> bool {
-        self.asked > 0
+        self.has_news
     }
 
     /// Whether settings wait for a [guarded](super::Image::write_guarded) write.
     pub fn has_guarded_news(&self) -> bool {
-        self.asked_guarded > 0
+        self.has_guarded_news
     }
 
     /// The board was heard: whether the newest write, and nothing older after it, has arrived. If not,
     /// what was sent lately is written again.
     pub fn confirm(&mut self, is_certain: bool) {
-        if self.sent == 0 {
+        if !self.has_sent {
             return;
         }
-        for state in &mut self.settings {
-            let Progress::Sent(left) = state.progress else {
-                continue;
-            };
-            state.progress = match left {
-                _ if !is_certain => Progress::Asked,
-                0 => Progress::Rests,
-                _ => Progress::Sent(left - 1),
-            };
-            if let Progress::Sent(_) = state.progress {
-                continue;
-            }
-            self.sent -= 1;
-            if !is_certain {
-                let asked = if state.is_guarded {
-                    &mut self.asked_guarded
-                } else {
-                    &mut self.asked
+        self.each_setting(|state, _| {
+            if let Progress::Sent(left) = state.progress {
+                state.progress = match left.checked_sub(1) {
+                    _ if !is_certain => Progress::Asked,
+                    Some(left) => Progress::Sent(left),
+                    None => Progress::Rests,
                 };
-                *asked += 1;
             }
-        }
+        });
     }
 
     /// Whether a setting is to be written by this write.
     pub(super) fn is_asked(&self, setting: u16, by: By) -> bool {
         let state = self.settings.get(usize::from(setting));
-        state.is_some_and(|state| state.progress == Progress::Asked && by.holds(state))
+        state.is_some_and(|state| state.is_asked(by))
     }
 
     /// The settings that this write holds were sent; those that need a look at the evidence are
     /// [confirmed](Self::guarded_sent) by it.
     pub(super) fn sent(&mut self, by: By) {
-        for state in &mut self.settings {
-            if state.progress == Progress::Asked && !state.is_guarded && by.holds(state) {
+        self.each_setting(|state, _| {
+            if state.is_asked(by) && !state.is_guarded() {
                 state.progress = Progress::Sent(HORIZON);
-                self.asked -= 1;
-                self.sent += 1;
             }
-        }
+        });
     }
 
     /// Guarded settings are about to be written: until they have arrived, only what was set before
     /// and after is certain.
     pub(super) fn expect_either(&mut self) {
-        let (words, first) = (&self.content, usize::from(self.first_setting));
-        for (n, state) in self.settings.iter_mut().enumerate() {
-            if let (Some(shown), Progress::Asked) = (&mut state.shown, state.progress) {
-                shown.expected &= words.get(first + n).copied().unwrap_or(0);
+        self.each_setting(|state, word| {
+            if state.progress == Progress::Asked {
+                state.expected &= word;
             }
-        }
+        });
     }
 
     /// Guarded settings were written, and the evidence was read after it: those that are read back as
     /// they were written, or not at all, have arrived.
     pub fn guarded_sent(&mut self) {
-        let first = usize::from(self.first_setting);
-        let is_shown = |words: &Self, n, shown: Option<Shown>| {
-            let word = words.content.get(first + n).copied();
-            shown.is_none_or(|shown| Some(words.word(shown.slot)) == word)
-        };
-        let all = (0..self.settings.len()).all(|n| {
-            let state = self.settings.get(n);
-            state.is_none_or(|state| {
-                state.progress != Progress::Asked || is_shown(self, n, state.shown)
-            })
+        let words = self.content.iter().skip(self.first_setting);
+        let mut settings = self.settings.iter().zip(words);
+        let have_arrived = settings.all(|(state, word)| {
+            let is_shown = |slot| self.word(slot) == *word;
+            state.progress != Progress::Asked || state.shown.is_none_or(is_shown)
         });
-        if !all {
-            return;
-        }
-        for (n, state) in self.settings.iter_mut().enumerate() {
-            if state.progress == Progress::Asked && state.is_guarded {
-                state.progress = Progress::Sent(HORIZON);
-                if let Some(shown) = &mut state.shown {
-                    shown.expected = self.content.get(first + n).copied().unwrap_or(0);
+        if have_arrived {
+            self.each_setting(|state, word| {
+                if state.progress == Progress::Asked && state.is_guarded() {
+                    state.progress = Progress::Sent(HORIZON);
+                    state.expected = word;
                 }
-            }
+            });
         }
-        self.sent += core::mem::take(&mut self.asked_guarded);
     }
 
     /// The set-up is about to be written: all settings with it.
     pub(super) fn expect_all(&mut self) {
-        let first = usize::from(self.first_setting);
-        for (n, state) in self.settings.iter_mut().enumerate() {
-            if let Some(shown) = &mut state.shown {
-                shown.expected = self.content.get(first + n).copied().unwrap_or(0);
-            }
-        }
+        self.each_setting(|state, word| state.expected = word);
     }
 
     /// The board has the set-up: what was asked for before has not to be written any more. Writes of
     /// what the set-up holds may still come late.
     pub fn all_set(&mut self) {
-        (self.asked, self.asked_guarded, self.sent) = (0, 0, 0);
-        for state in &mut self.settings {
+        self.each_setting(|state, _| {
             state.progress = match state.progress {
-                Progress::Sent(left) if state.is_of_set_up => Progress::Sent(left),
-                Progress::Asked if state.is_of_set_up => Progress::Sent(HORIZON),
+                Progress::Sent(left) if state.stage.is_some() => Progress::Sent(left),
+                Progress::Asked if state.stage.is_some() => Progress::Sent(HORIZON),
                 _ => Progress::Rests,
             };
-            self.sent += u16::from(state.progress != Progress::Rests);
+        });
+    }
+
+    /// Changes what becomes of the settings; `change` gets the word of each.
+    fn each_setting(&mut self, mut change: impl FnMut(&mut SettingState, u32)) {
+        (self.has_news, self.has_guarded_news, self.has_sent) = (false, false, false);
+        let words = self.content.iter().skip(self.first_setting);
+        for (state, word) in self.settings.iter_mut().zip(words) {
+            change(state, *word);
+            self.has_guarded_news |= state.is_asked(By::Guarded) && state.is_guarded();
+            self.has_news |= state.is_asked(By::Cycle);
+            self.has_sent |= matches!(state.progress, Progress::Sent(_));
         }
-    }
-
-    fn shown(&self) -> impl Iterator<Item = (usize, Shown)> + '_ {
-        let states = self.settings.iter().enumerate();
-        states.filter_map(|(n, state)| Some((n, state.shown?)))
-    }
-
-    fn place(&self, setting: Setting) -> usize {
-        usize::from(self.first_setting) + usize::from(setting.0)
     }
 }

@@ -23,7 +23,7 @@ use core::time::Duration;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
-use crate::bus::{ReadSlot, Setting, Words, WritePhase, WriteSlot};
+use crate::bus::{Phase, ReadSlot, Setting, Words, WriteSlot};
 use crate::hal::{InOut, Param, PinStore, Pins};
 
 /// The board's watchdog.
@@ -119,9 +119,7 @@ impl Watchdog {
             status: r.evidence(status),
             time_left: r.evidence(time),
             // First, so that a board that was reset bites before it is given a time.
-            pet: r
-                .plan
-                .write(WritePhase::First, reset, WatchdogRegisters::PET),
+            pet: r.plan.write(Phase::First, reset, WatchdogRegisters::PET),
             time: r.on_demand(time),
         })
     }

@@ -1,8 +1,8 @@
 //! What goes wrong between the host and an Ethernet board.
 
 use core::time::Duration;
+use std::io::{self, ErrorKind};
 
-use super::LinkError;
 use crate::bus::{Access, BusError, BusErrorKind};
 
 /// An exchange with an Ethernet board failed.
@@ -87,10 +87,13 @@ pub enum UdpError {
         within: Duration,
     },
     /// The packet could not be sent or received.
-    #[error("{link} ({waited:?} after the request); check the board's IP address and its cable")]
+    #[error(
+        "{} ({waited:?} after the request); check the board's IP address and its cable",
+        reason(*kind)
+    )]
     Link {
         /// What the operating system said.
-        link: LinkError,
+        kind: ErrorKind,
         /// How long after the request.
         waited: Duration,
     },
@@ -109,16 +112,13 @@ pub enum UdpError {
     },
     /// An access names words outside of the buffer, or registers that do not exist.
     #[error(
-        "access to 0x{address:04X}, words {first}..{end} of a buffer of {words}: \
-         addresses are multiples of 4 up to 0xFFFC, and all words must be in the buffer"
+        "access to {:#06X}, words {:?} of a buffer of {words}: \
+         addresses are multiples of 4 up to 0xFFFC, and all words must be in the buffer",
+        access.address, access.words()
     )]
     BadAccess {
-        /// Its address.
-        address: u16,
-        /// Its first word.
-        first: usize,
-        /// One past its last word.
-        end: usize,
+        /// The access.
+        access: Access,
         /// Size of the buffer.
         words: usize,
     },
@@ -138,13 +138,12 @@ pub enum UdpError {
     },
 }
 
-impl UdpError {
-    pub(super) fn bad_access(access: Access, words: usize) -> Self {
-        Self::BadAccess {
-            address: access.address,
-            first: access.words().start,
-            end: access.words().end,
-            words,
+impl From<io::Error> for UdpError {
+    /// Of what can not be sent.
+    fn from(error: io::Error) -> Self {
+        Self::Link {
+            kind: error.kind(),
+            waited: Duration::ZERO,
         }
     }
 }
@@ -156,16 +155,35 @@ impl BusError for UdpError {
             Self::Late { .. } => BusErrorKind::Late,
             Self::Stale { .. } => BusErrorKind::Stale,
             Self::Short { .. } => BusErrorKind::Short,
-            Self::Link { link, .. } => match link {
-                LinkError::Refused => BusErrorKind::Refused,
-                LinkError::Unreachable => BusErrorKind::Unreachable,
-                LinkError::System(_) => BusErrorKind::Other,
-            },
+            Self::Link { kind, .. } => link_kind(*kind),
             Self::OtherHost { .. } => BusErrorKind::Occupied,
             Self::TooLong { .. }
             | Self::BadAccess { .. }
             | Self::NotStarted
             | Self::LongHold { .. } => BusErrorKind::Invalid,
         }
+    }
+}
+
+fn link_kind(kind: ErrorKind) -> BusErrorKind {
+    match kind {
+        ErrorKind::ConnectionRefused => BusErrorKind::Refused,
+        ErrorKind::HostUnreachable
+        | ErrorKind::NetworkUnreachable
+        | ErrorKind::NetworkDown
+        | ErrorKind::AddrNotAvailable => BusErrorKind::Unreachable,
+        _ => BusErrorKind::Other,
+    }
+}
+
+fn reason(kind: ErrorKind) -> String {
+    match link_kind(kind) {
+        BusErrorKind::Refused => {
+            "nobody listens at this address and port (a board listens at 27181)".into()
+        }
+        BusErrorKind::Unreachable => {
+            "no way to this address: is the network interface up and in the same network?".into()
+        }
+        _ => format!("the operating system reports: {kind}"),
     }
 }

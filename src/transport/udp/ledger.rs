@@ -80,7 +80,7 @@ enum Fate {
 struct Write {
     fate: Fate,
     kind: Kind,
-    slot: u8,
+    slot: usize,
 }
 
 /// What tells that a write was executed.
@@ -167,7 +167,7 @@ impl Ledger {
         let write = Write {
             fate: Fate::Underway,
             kind,
-            slot: slot as u8,
+            slot,
         };
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
             *place = write;
@@ -347,7 +347,8 @@ impl Ledger {
     ) {
         news.unconfirmed = core::mem::take(&mut self.forgotten);
         while let Some(number) = self.next_to_settle(asked) {
-            let slot = slots.get(self.slot_of(number)).copied().flatten();
+            let slot = self.write(number).map_or(0, |write| write.slot);
+            let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten && self.fate(number) == Fate::Underway {
                 self.set(number, Fate::Unknown);
@@ -397,8 +398,8 @@ impl Ledger {
 
     /// Whether a remembered write says that it was the last.
     fn leaves_last(&self, number: u32) -> bool {
-        let write = self.writes.get((number % REMEMBERED) as usize);
-        write.is_some_and(|write| write.kind != Kind::Cycle)
+        self.write(number)
+            .is_some_and(|write| write.kind != Kind::Cycle)
     }
 
     fn underway(&self) -> u32 {
@@ -410,17 +411,13 @@ impl Ledger {
     }
 
     fn fate(&self, number: u32) -> Fate {
-        if self.age(number) >= REMEMBERED {
-            return Fate::Unknown;
-        }
-        self.writes
-            .get((number % REMEMBERED) as usize)
-            .map_or(Fate::Unknown, |write| write.fate)
+        self.write(number).map_or(Fate::Unknown, |write| write.fate)
     }
 
-    fn slot_of(&self, number: u32) -> usize {
-        let write = self.writes.get((number % REMEMBERED) as usize);
-        write.map_or(0, |write| write.slot.into())
+    fn write(&self, number: u32) -> Option<&Write> {
+        let is_remembered = self.age(number) < REMEMBERED;
+        let place = (number % REMEMBERED) as usize;
+        self.writes.get(place).filter(|_| is_remembered)
     }
 
     fn set(&mut self, number: u32, fate: Fate) {

@@ -7,6 +7,7 @@ use std::{
 };
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::net::sockopt::{Ipv4PathMtuDiscovery, set_ip_mtu_discover};
 use socket2::{Domain, Protocol, Socket, Type};
 
 use crate::bus::{HostClock, Instant, SPIN};
@@ -17,13 +18,12 @@ use crate::bus::{HostClock, Instant, SPIN};
 /// virtual time.
 pub trait Link {
     /// Sends one datagram to the board.
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError>;
+    fn send(&mut self, packet: &[u8]) -> io::Result<()>;
 
     /// The next datagram from the board, or `None` if there is none until `deadline`.
     ///
     /// A datagram longer than `buffer` is cut off; give it room for more than any reply.
-    fn receive(&mut self, buffer: &mut [u8], deadline: Instant)
-    -> Result<Option<usize>, LinkError>;
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>>;
 
     /// The time. Never goes back.
     fn now(&mut self) -> Instant;
@@ -32,89 +32,14 @@ pub trait Link {
     fn sleep_until(&mut self, deadline: Instant);
 }
 
-impl<L: Link + ?Sized> Link for &mut L {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        (**self).send(packet)
-    }
-
-    fn receive(
-        &mut self,
-        buffer: &mut [u8],
-        deadline: Instant,
-    ) -> Result<Option<usize>, LinkError> {
-        (**self).receive(buffer, deadline)
-    }
-
-    fn now(&mut self) -> Instant {
-        (**self).now()
-    }
-
-    fn sleep_until(&mut self, deadline: Instant) {
-        (**self).sleep_until(deadline);
-    }
-}
-
-/// Why a datagram could not be sent or received.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum LinkError {
-    /// The host answered that nobody listens there.
-    #[error("nobody listens at this address and port (a board listens at 27181)")]
-    Refused,
-    /// There is no route, the network is down, or no host answers at the address.
-    #[error("no way to this address: is the network interface up and in the same network?")]
-    Unreachable,
-    /// Anything else that the operating system reports.
-    #[error("the operating system reports: {0}")]
-    System(ErrorKind),
-}
-
-impl From<io::Error> for LinkError {
-    fn from(error: io::Error) -> Self {
-        match error.kind() {
-            ErrorKind::ConnectionRefused => Self::Refused,
-            ErrorKind::HostUnreachable
-            | ErrorKind::NetworkUnreachable
-            | ErrorKind::NetworkDown
-            | ErrorKind::AddrNotAvailable => Self::Unreachable,
-            kind => Self::System(kind),
-        }
-    }
-}
-
-/// Socket options that shorten or steady the round trip, and whether this host allowed them.
-///
-/// None of them needs root; a host that does not know or allow one works without it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SocketOptions {
-    /// Polling the network device instead of waiting for its interrupt (`SO_BUSY_POLL`).
-    pub busy_poll: bool,
-    /// Priority in the queue of the network device (`SO_PRIORITY` 6, the highest without root).
-    pub priority: bool,
-    /// Datagrams are never fragmented (`IP_MTU_DISCOVER`); boards do not reassemble.
-    pub dont_fragment: bool,
-}
-
-impl SocketOptions {
-    /// Those that this host did not allow, by the names that system administrators know.
-    pub fn refused(self) -> impl Iterator<Item = &'static str> {
-        let all = [
-            (self.busy_poll, "SO_BUSY_POLL"),
-            (self.priority, "SO_PRIORITY"),
-            (self.dont_fragment, "IP_MTU_DISCOVER"),
-        ];
-        all.into_iter()
-            .filter_map(|(allowed, name)| (!allowed).then_some(name))
-    }
-}
-
 /// A UDP socket that talks to one board only.
 ///
 /// It is connected, so the kernel keeps datagrams of other senders away and reports a refusal.
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
-    options: SocketOptions,
+    /// Socket options that shorten or steady the round trip, and that this host did not allow.
+    refused: Vec<&'static str>,
     clock: HostClock,
 }
 
@@ -127,33 +52,41 @@ impl UdpLink {
     /// Opens a socket to the board at `address`, LBP16 port 27181 unless another is given.
     ///
     /// Nothing is sent: that a board is there shows in the first exchange.
-    pub fn connect(address: SocketAddrV4) -> Result<Self, LinkError> {
+    pub fn connect(address: SocketAddrV4) -> io::Result<Self> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         let any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
         socket.bind(&any.into())?;
         socket.connect(&SocketAddr::from(address).into())?;
         socket.set_nonblocking(true)?;
-        let mtu = rustix::net::sockopt::Ipv4PathMtuDiscovery::DO;
-        let options = SocketOptions {
-            busy_poll: socket.set_busy_poll(BUSY_POLL).is_ok(),
-            priority: socket.set_priority(PRIORITY).is_ok(),
-            dont_fragment: rustix::net::sockopt::set_ip_mtu_discover(&socket, mtu).is_ok(),
-        };
+        // None of them needs root; a host that does not know or allow one works without it.
+        let options = [
+            // Polls the network device instead of waiting for its interrupt.
+            ("SO_BUSY_POLL", socket.set_busy_poll(BUSY_POLL).is_ok()),
+            // In the queue of the network device.
+            ("SO_PRIORITY", socket.set_priority(PRIORITY).is_ok()),
+            // Datagrams are never fragmented; boards do not reassemble.
+            (
+                "IP_MTU_DISCOVER",
+                set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok(),
+            ),
+        ];
+        let refused = options.iter().filter(|(_, is_allowed)| !is_allowed);
         Ok(Self {
+            refused: refused.map(|(name, _)| *name).collect(),
             socket: socket.into(),
-            options,
             clock: HostClock::new(),
         })
     }
 
-    /// Which of the helpful socket options this host allowed.
-    pub fn options(&self) -> SocketOptions {
-        self.options
+    /// Socket options that shorten or steady the round trip, and that this host did not allow, by the
+    /// names that system administrators know.
+    pub fn refused_options(&self) -> &[&'static str] {
+        &self.refused
     }
 
     /// Blocks until something arrives or `left` is nearly over; exact to the nanosecond that the
     /// kernel is, unlike a socket's own timeout, which is rounded up to kernel ticks.
-    fn wait_readable(&self, left: Duration) -> Result<(), LinkError> {
+    fn wait_readable(&self, left: Duration) -> io::Result<()> {
         if left < SPIN {
             core::hint::spin_loop();
             return Ok(());
@@ -166,22 +99,18 @@ impl UdpLink {
         let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
         match poll(&mut fds, Some(&timeout)) {
             Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
-            Err(errno) => Err(io::Error::from(errno).into()),
+            Err(errno) => Err(errno.into()),
         }
     }
 }
 
 impl Link for UdpLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         self.socket.send(packet)?;
         Ok(())
     }
 
-    fn receive(
-        &mut self,
-        buffer: &mut [u8],
-        deadline: Instant,
-    ) -> Result<Option<usize>, LinkError> {
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
         loop {
             // The time is taken before the last look, so that nothing that came in time is missed.
             let left = deadline.since(self.clock.read());
@@ -192,7 +121,7 @@ impl Link for UdpLink {
                 Ok(length) => return Ok(Some(length)),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(error),
             }
             if left.is_zero() {
                 return Ok(None);
@@ -214,16 +143,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn options_that_were_refused_are_named() {
-        let options = SocketOptions {
-            priority: true,
-            ..SocketOptions::default()
-        };
-        let refused: Vec<_> = options.refused().collect();
-        assert_eq!(refused, ["SO_BUSY_POLL", "IP_MTU_DISCOVER"]);
-    }
-
-    #[test]
     fn a_receive_ends_at_its_deadline_or_with_a_datagram() {
         let board = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let SocketAddr::V4(address) = board.local_addr().unwrap() else {
@@ -231,13 +150,13 @@ mod tests {
         };
         let mut link = UdpLink::connect(address).unwrap();
         let deadline = link.now().after(Duration::from_micros(300));
-        assert_eq!(link.receive(&mut [0; 8], deadline), Ok(None));
+        assert_eq!(link.receive(&mut [0; 8], deadline).unwrap(), None);
         assert!(link.now() >= deadline);
         link.send(b"ping").unwrap();
         let mut buffer = [0; 8];
         let (length, from) = board.recv_from(&mut buffer).unwrap();
         board.send_to(&buffer[..length], from).unwrap();
         let deadline = link.now().after(Duration::from_secs(5));
-        assert_eq!(link.receive(&mut buffer, deadline), Ok(Some(4)));
+        assert_eq!(link.receive(&mut buffer, deadline).unwrap(), Some(4));
     }
 }

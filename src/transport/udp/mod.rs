@@ -14,19 +14,21 @@ mod ledger;
 mod link;
 mod matching;
 mod receiving;
-mod runs;
 
+pub use encoding::UdpList;
 pub use error::UdpError;
-pub use link::{Link, LinkError, SocketOptions, UdpLink};
+pub use link::{Link, UdpLink};
 
 use core::time::Duration;
 use std::net::SocketAddrV4;
 
-use crate::bus::{Access, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus, Reply};
+use crate::bus::{
+    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
+    Reply,
+};
 use crate::ethernet::Lbp16Board;
 use crate::lbp16::MAX_PACKET;
-use encoding::{Encoding, Manner, write_packet};
-use ledger::{Kind, Ledger};
+use ledger::Ledger;
 use matching::Requests;
 use receiving::Wait;
 
@@ -99,37 +101,10 @@ pub struct UdpBus<L: Link = UdpLink> {
     is_cyclic: bool,
     /// What replies told since it was last said.
     news: Reply,
+    /// The packet of writes that are made for once.
+    once: UdpList,
     packet: Box<[u8; MAX_PACKET]>,
     reply: Box<[u8; RECEIVE_BUFFER]>,
-}
-
-/// A list of accesses as packets.
-#[derive(Clone, Debug)]
-pub struct UdpList {
-    accesses: Box<[Access]>,
-    number: u32,
-    encoding: Encoding,
-    /// How long the board may hold it back.
-    held: Duration,
-}
-
-impl UdpList {
-    /// Bytes of the packet that is sent, without the headers of lower layers.
-    pub fn request_bytes(&self) -> usize {
-        self.encoding.request_len()
-    }
-
-    /// Bytes of its reply; 0 if it has none. A reply that tells of packets that were lost has 16
-    /// more.
-    pub fn reply_bytes(&self) -> usize {
-        self.encoding.reply_len(false)
-    }
-}
-
-impl AsRef<[Access]> for UdpList {
-    fn as_ref(&self) -> &[Access] {
-        &self.accesses
-    }
 }
 
 impl UdpBus<UdpLink> {
@@ -139,20 +114,17 @@ impl UdpBus<UdpLink> {
     /// When there is no such network, nobody listens, or no reply comes within
     /// `setup_tries * setup_deadline`.
     pub fn connect(address: SocketAddrV4, config: UdpConfig) -> Result<Self, UdpError> {
-        let link = UdpLink::connect(address).map_err(|link| UdpError::Link {
-            link,
-            waited: Duration::ZERO,
-        })?;
+        let link = UdpLink::connect(address)?;
         #[cfg(feature = "log")]
-        for option in link.options().refused() {
+        for option in link.refused_options() {
             log::info!("{address}: this host does not allow {option}; round trips may be longer");
         }
         Self::new(link, config)
     }
 
-    /// Which of the helpful socket options this host allowed.
-    pub fn socket_options(&self) -> SocketOptions {
-        self.link.options()
+    /// Socket options that shorten or steady the round trip, and that this host did not allow.
+    pub fn refused_options(&self) -> &[&'static str] {
+        self.link.refused_options()
     }
 }
 
@@ -169,13 +141,14 @@ impl<L: Link> UdpBus<L> {
         let mut bus = Self {
             link,
             config,
-            requests: Requests::starting_after(0),
+            requests: Requests::default(),
             ledger: Ledger::starting_after(0),
             statistics: BusStatistics::default(),
             prepared: 0,
             started: None,
             is_cyclic: false,
             news: Reply::CERTAIN,
+            once: UdpList::with_room(),
             packet: Box::new([0; MAX_PACKET]),
             reply: Box::new([0; RECEIVE_BUFFER]),
         };
@@ -184,8 +157,8 @@ impl<L: Link> UdpBus<L> {
         }
         // Without these, numbers that an earlier program left would look like writes that were
         // executed, or like a lost one.
-        bus.with_retries(&Encoding::clearing()?, &[], &mut [])?;
-        bus.with_retries(&Encoding::first_contact()?, &[], &mut [])?;
+        bus.with_retries(&UdpList::clearing()?, &mut [])?;
+        bus.with_retries(&UdpList::first_contact()?, &mut [])?;
         bus.statistics = BusStatistics::default();
         Ok(bus)
     }
@@ -195,18 +168,13 @@ impl<L: Link> UdpBus<L> {
         &mut self.link
     }
 
-    /// Sets how long exchanges may take from now on.
-    pub fn set_config(&mut self, config: UdpConfig) {
-        self.config = config;
-    }
-
     /// Fails if the board receives more packets than ours. Writes nothing but a request's number.
     fn watch_for_others(&mut self) -> Result<(), UdpError> {
-        self.with_retries(&Encoding::question()?, &[], &mut [])?;
+        self.with_retries(&UdpList::question()?, &mut [])?;
         let (before, sent) = (self.ledger.received(), self.statistics.exchanges);
         let start = self.link.now();
         self.link.sleep_until(start.after(WATCH));
-        self.with_retries(&Encoding::question()?, &[], &mut [])?;
+        self.with_retries(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
         let own = (self.statistics.exchanges - sent) as u16;
         let (Some(before), Some(after)) = (before, self.ledger.received()) else {
@@ -225,74 +193,69 @@ impl<L: Link> UdpBus<L> {
     ///
     /// What writes is repeated only if the board says that it has not executed it; if it has, and
     /// only the reply was lost, the reads alone are repeated.
-    fn with_retries(
-        &mut self,
-        encoding: &Encoding,
-        accesses: &[Access],
-        words: &mut [u32],
-    ) -> Result<(), UdpError> {
+    fn with_retries(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError> {
         let deadline = self.config.setup_deadline;
         let mut tries = self.config.setup_tries;
         loop {
-            match self.transact(encoding, words, deadline) {
+            match self.transact(list, words, deadline) {
                 Ok(length) => {
-                    self.take(encoding, length, words);
+                    list.take(self.reply.get(..length).unwrap_or(&[]), words);
                     return Ok(());
                 }
                 Err(error) => tries = another_try(tries, error)?,
             }
-            if encoding.kind().is_some() && self.ask_whether_executed(&mut tries)? {
-                let reads: Vec<Access> = only_reads(accesses).collect();
+            if list.kind.is_none() {
+                continue;
+            }
+            self.repeat(&UdpList::question()?, deadline, &mut tries)?;
+            if self.ledger.is_executed() {
+                let mut reads = list.accesses.clone();
+                reads.retain(|access| access.direction == Direction::Read);
                 if reads.is_empty() {
                     return Ok(());
                 }
-                return self.with_retries(
-                    &Encoding::accesses(&reads, ACKNOWLEDGED)?,
-                    &reads,
-                    words,
-                );
+                return self.with_retries(&UdpList::new(&reads, true, None)?, words);
             }
         }
     }
 
-    /// Whether the board has executed the newest write, of which no reply came.
-    fn ask_whether_executed(&mut self, tries: &mut u32) -> Result<bool, UdpError> {
-        let deadline = self.config.setup_deadline;
-        let question = Encoding::question()?;
-        loop {
-            match self.transact(&question, &[], deadline) {
-                Ok(_) => return Ok(self.ledger.is_executed()),
-                Err(error) => *tries = another_try(*tries, error)?,
-            }
+    /// A packet that may be executed more than once, repeated until its reply comes.
+    fn repeat(
+        &mut self,
+        list: &UdpList,
+        deadline: Duration,
+        tries: &mut u32,
+    ) -> Result<(), UdpError> {
+        while let Err(error) = self.transact(list, &[], deadline) {
+            *tries = another_try(*tries, error)?;
         }
+        Ok(())
     }
 
     /// One packet out and, if it is answered, its reply: how many bytes of it were received.
     fn transact(
         &mut self,
-        encoding: &Encoding,
+        list: &UdpList,
         words: &[u32],
         deadline: Duration,
     ) -> Result<usize, UdpError> {
-        match self.send(encoding, words, deadline, Duration::ZERO)? {
-            Some(wait) => self.receive(encoding, wait),
+        match self.send(list, words, deadline)? {
+            Some(wait) => self.receive(list, wait),
             None => Ok(0),
         }
     }
 
-    /// One packet out, which the board may hold back for `held`. If it is answered, nobody waits any
+    /// One packet out. If it is answered, nobody waits any
     /// more for a reply to the one before.
     fn send(
         &mut self,
-        encoding: &Encoding,
+        list: &UdpList,
         words: &[u32],
         deadline: Duration,
-        held: Duration,
     ) -> Result<Option<Wait>, UdpError> {
-        let kind = encoding.kind();
-        let write = kind.map(|kind| self.ledger.open_write(kind));
+        let write = list.kind.map(|kind| self.ledger.open_write(kind));
         let started = self.link.now();
-        let wait = encoding.is_answered().then(|| {
+        let wait = list.is_answered.then(|| {
             self.statistics.lost += u64::from(self.started.take().is_some());
             Wait {
                 request: self.requests.open(),
@@ -300,52 +263,23 @@ impl<L: Link> UdpBus<L> {
                 detailed: self.ledger.wants_details(),
                 started,
                 deadline,
-                held,
             }
         });
-        let packet = encoding.packet(self.packet.as_mut_slice(), words, wait, write);
+        let packet = list.packet(self.packet.as_mut_slice(), words, wait, write);
         self.statistics.exchanges += 1;
         self.statistics.bytes_sent += packet.len() as u64;
-        self.link.send(packet).map_err(|link| UdpError::Link {
-            link,
-            waited: Duration::ZERO,
-        })?;
+        self.link.send(packet)?;
         Ok(wait)
     }
-
-    /// Takes the words of the reply that was received.
-    fn take(&mut self, encoding: &Encoding, length: usize, words: &mut [u32]) {
-        let reply = self.reply.get(..length).unwrap_or(&[]);
-        encoding.take(reply, words);
-    }
-}
-
-const ACKNOWLEDGED: Manner = Manner {
-    acknowledged: true,
-    wait: None,
-};
-
-fn only_reads(accesses: &[Access]) -> impl Iterator<Item = Access> + '_ {
-    let read = |access: &&Access| access.direction == Direction::Read;
-    accesses.iter().filter(read).copied()
 }
 
 /// How many tries are left after `error`; or `error` itself if there are none, or no use in one.
 fn another_try(tries: u32, error: UdpError) -> Result<u32, UdpError> {
-    let passing = matches!(
-        error,
-        UdpError::Lost { .. }
-            | UdpError::Foreign { .. }
-            | UdpError::Late { .. }
-            | UdpError::Stale { .. }
-            | UdpError::Short { .. }
-            | UdpError::Link { .. }
-    );
-    match tries {
-        0 | 1 => Err(error),
-        _ if !passing => Err(error),
-        _ => Ok(tries - 1),
+    let lasts = matches!(error.kind(), BusErrorKind::Occupied | BusErrorKind::Invalid);
+    if lasts || tries <= 1 {
+        return Err(error);
     }
+    Ok(tries - 1)
 }
 
 impl<L: Link> Lbp16Board for UdpBus<L> {
@@ -357,27 +291,18 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
         reply: &mut [u8],
         deadline: Duration,
     ) -> Result<(), UdpError> {
-        let encoding = Encoding::raw(commands, reply.len())?;
+        let list = UdpList::raw(commands, reply.len())?;
         let mut tries = self.config.setup_tries;
-        loop {
-            match self.transact(&encoding, &[], deadline) {
-                Ok(_) => {
-                    for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
-                        *target = *byte;
-                    }
-                    return Ok(());
-                }
-                Err(error) => tries = another_try(tries, error)?,
-            }
+        self.repeat(&list, deadline, &mut tries)?;
+        for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
+            *target = *byte;
         }
+        Ok(())
     }
 
     fn send(&mut self, commands: &[u8]) -> Result<(), UdpError> {
         self.ledger.lose_count();
-        self.link.send(commands).map_err(|link| UdpError::Link {
-            link,
-            waited: Duration::ZERO,
-        })
+        Ok(self.link.send(commands)?)
     }
 }
 
@@ -399,56 +324,44 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     const CAN_HOLD: bool = true;
 
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
-        let encoding = Encoding::accesses(accesses, ACKNOWLEDGED)?;
-        encoding.check_words(words.len())?;
-        self.with_retries(&encoding, accesses, words)
+        let list = UdpList::new(accesses, true, None)?;
+        list.check_words(words.len())?;
+        self.with_retries(&list, words)
     }
 
     /// The board can wait for up to 65.535 ms. Of the time that a reply takes, what the board
     /// waited does not count for the deadline: whatever it waits, its words are as new as those of
     /// other lists.
     fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<UdpList, UdpError> {
-        let mut wait = None;
-        if let Some(Hold { before, limit }) = hold {
-            let limit_us = u16::try_from(limit.as_micros());
-            let limit_us = limit_us.map_err(|_| UdpError::LongHold { limit })?;
-            wait = Some((before, limit_us));
-        }
-        let acknowledged = wait.is_some();
-        let encoding = Encoding::accesses(accesses, Manner { acknowledged, wait })?;
-        let held = wait.map_or(0, |(_, limit_us)| limit_us);
         self.prepared += 1;
-        Ok(UdpList {
-            accesses: accesses.into(),
-            number: self.prepared,
-            encoding,
-            held: Duration::from_micros(held.into()),
-        })
+        let mut list = UdpList::new(accesses, false, hold)?;
+        list.number = self.prepared;
+        Ok(list)
     }
 
     fn start(&mut self, list: &UdpList, words: &[u32]) -> Result<(), UdpError> {
-        list.encoding.check_words(words.len())?;
+        list.check_words(words.len())?;
         self.is_cyclic = true;
         let deadline = self.config.cycle_deadline;
-        if let Some(wait) = self.send(&list.encoding, words, deadline, list.held)? {
+        if let Some(wait) = self.send(list, words, deadline)? {
             self.started = Some((list.number, wait));
         }
         Ok(())
     }
 
     fn finish(&mut self, list: &UdpList, words: &mut [u32]) -> Result<Reply, UdpError> {
-        if !list.encoding.is_answered() {
+        if !list.is_answered {
             return Ok(Reply::UNHEARD);
         }
-        list.encoding.check_words(words.len())?;
+        list.check_words(words.len())?;
         let is_its = |(number, _): &mut (u32, Wait)| *number == list.number;
         let Some((_, wait)) = self.started.take_if(is_its) else {
             return Err(UdpError::NotStarted);
         };
-        let length = self.receive(&list.encoding, wait)?;
-        self.take(&list.encoding, length, words);
+        let length = self.receive(list, wait)?;
         let reply = self.reply.get(..length).unwrap_or(&[]);
-        let waited = list.encoding.waited_us(reply).map(u64::from);
+        list.take(reply, words);
+        let waited = list.waited_us(reply).map(u64::from);
         let news = core::mem::replace(&mut self.news, Reply::CERTAIN);
         Ok(Reply {
             slack: waited.map(Duration::from_micros),
@@ -458,15 +371,13 @@ impl<L: Link> RegisterBus for UdpBus<L> {
 
     fn write_all(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
         self.is_cyclic = true;
-        let write = self.ledger.open_write(Kind::Alone);
-        let all = accesses.iter().copied();
-        let packet = write_packet(self.packet.as_mut_slice(), all, words, write)?;
-        self.statistics.exchanges += 1;
-        self.statistics.bytes_sent += packet.len() as u64;
-        self.link.send(packet).map_err(|link| UdpError::Link {
-            link,
-            waited: Duration::ZERO,
-        })
+        let mut once = core::mem::take(&mut self.once);
+        let sent = once.encode(accesses, false, None).and_then(|()| {
+            once.check_words(words.len())?;
+            self.send(&once, words, Duration::ZERO)
+        });
+        self.once = once;
+        sent.map(drop)
     }
 
     /// The deadline of [`UdpConfig::default`] becomes 80 % of the period, and at least 100 us.

@@ -2,10 +2,9 @@
 
 use core::time::Duration;
 
-use super::encoding::Encoding;
-use super::ledger::Asked;
+use super::ledger::{Account, Asked};
 use super::matching::Match;
-use super::{Link, UdpBus, UdpError};
+use super::{Link, UdpBus, UdpError, UdpList};
 use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
 
@@ -18,91 +17,71 @@ pub(super) struct Wait {
     /// The whole account was asked for.
     pub detailed: bool,
     pub started: Instant,
-    /// How long it may take, ...
+    /// How long it may take, besides what the board waits.
     pub deadline: Duration,
-    /// ... and how long the board may wait besides.
-    pub held: Duration,
 }
 
 /// Datagrams that are looked through after the deadline, for one that came before it.
 const MAX_OVERTIME: u32 = 64;
 
 impl<L: Link> UdpBus<L> {
-    /// Waits for the reply to a request, and throws away everything else that comes.
-    pub(super) fn receive(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
-        let result = self.receive_until(encoding, wait);
-        if result.is_err() {
-            self.requests.give_up();
-        }
-        result
-    }
-
-    fn receive_until(&mut self, encoding: &Encoding, wait: Wait) -> Result<usize, UdpError> {
-        let Wait { request, .. } = wait;
-        let deadline = wait.deadline.saturating_add(wait.held);
+    /// Waits for the reply to the newest request, and throws away everything else that comes. Returns
+    /// how many bytes it has.
+    pub(super) fn receive(&mut self, list: &UdpList, wait: Wait) -> Result<usize, UdpError> {
+        let request = wait.request;
+        let deadline = wait.deadline.saturating_add(list.held);
         let until = wait.started.after(deadline);
         let mut instead = None;
-        let mut overtime = 0;
-        let mut strange = 0;
+        let (mut overtime, mut datagrams) = (0, 0);
         loop {
             let received = self.link.receive(self.reply.as_mut_slice(), until);
             let waited = self.link.now().since(wait.started);
             match received {
-                Ok(Some(length)) => {
-                    match self.sort(encoding, length, wait, waited)? {
-                        Some(got) if got == request => return Ok(length),
-                        Some(got) => {
-                            instead = Some(UdpError::Stale {
-                                request,
-                                got,
-                                waited,
-                            });
-                        }
-                        None => strange += 1,
+                Ok(Some(length)) => match self.sort(list, length, wait, waited)? {
+                    Some(got) if got == request => return Ok(length),
+                    Some(got) => {
+                        instead = Some(UdpError::Stale {
+                            request,
+                            got,
+                            waited,
+                        });
                     }
-                    // What came in time may still lie in the socket, but not without end.
-                    overtime += u32::from(waited > deadline);
-                    if overtime < MAX_OVERTIME {
-                        continue;
-                    }
-                }
-                Ok(None) => {}
-                Err(link) => {
+                    None => datagrams += 1,
+                },
+                Ok(None) => overtime = MAX_OVERTIME,
+                Err(error) => {
                     // Should a reply come after all, it is late.
                     self.statistics.lost += 1;
-                    return Err(UdpError::Link { link, waited });
+                    let kind = error.kind();
+                    return Err(UdpError::Link { kind, waited });
                 }
             }
-            self.statistics.lost += 1;
-            let nothing = match strange {
-                0 => UdpError::Lost { request, waited },
-                datagrams => UdpError::Foreign {
-                    request,
-                    datagrams,
-                    waited,
-                },
-            };
-            return Err(instead.unwrap_or(nothing));
+            // What came in time may still lie in the socket, but not without end.
+            overtime += u32::from(waited > deadline);
+            if overtime >= MAX_OVERTIME {
+                self.statistics.lost += 1;
+                return Err(match instead {
+                    Some(stale) => stale,
+                    None if datagrams == 0 => UdpError::Lost { request, waited },
+                    None => UdpError::Foreign {
+                        request,
+                        datagrams,
+                        waited,
+                    },
+                });
+            }
         }
     }
 
     /// Counts what came as what it is; the number of the request it answers, if it answers one.
     fn sort(
         &mut self,
-        encoding: &Encoding,
+        list: &UdpList,
         length: usize,
         wait: Wait,
         waited: Duration,
     ) -> Result<Option<u32>, UdpError> {
-        let Wait {
-            request,
-            asked,
-            detailed,
-            deadline,
-            held,
-            ..
-        } = wait;
-        let expected = encoding.reply_len(detailed);
+        let (request, expected) = (wait.request, list.reply_len(wait.detailed));
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
             // No board sends that, and what is at its end may be the middle of it.
@@ -110,14 +89,14 @@ impl<L: Link> UdpBus<L> {
             return Ok(None);
         }
         let reply = self.reply.get(..length).unwrap_or(&[]);
-        let Some(number) = Encoding::number(reply) else {
+        let Some(number) = UdpList::number(reply) else {
             counted.short += 1;
             return Ok(None);
         };
         // What the board did not wait for its clock was lost on the way: the words are that old.
-        let told = encoding.waited_us(reply).unwrap_or(0);
-        let told = Duration::from_micros(told.into()).min(held);
-        let deadline = deadline.saturating_add(told);
+        let told = list.waited_us(reply).unwrap_or(0);
+        let told = Duration::from_micros(told.into()).min(list.held);
+        let deadline = wait.deadline.saturating_add(told);
         match self.requests.classify(number) {
             Match::Current if length != expected => {
                 counted.short += 1;
@@ -138,26 +117,8 @@ impl<L: Link> UdpBus<L> {
             }
             Match::Current => {
                 counted.bytes_received += length as u64;
-                let news = encoding
-                    .account(reply, detailed)
-                    .map(|told| self.ledger.hear(told, asked));
-                let news = news.unwrap_or_default();
-                counted.lost_writes += u64::from(news.lost);
-                let found = u64::from(news.found);
-                counted.lost_writes = counted.lost_writes.saturating_sub(found);
-                counted.late_writes += u64::from(news.late);
-                counted.repeated_writes += u64::from(news.repeated);
-                counted.unconfirmed_writes += u64::from(news.unconfirmed);
-                counted.doubts += u64::from(news.doubt);
-                // What comes late is not lost any more, but it was.
-                let missing = (news.lost + news.late).saturating_sub(news.found);
-                if self.is_cyclic {
-                    self.news = self.news.and(Reply {
-                        certain: !news.doubt,
-                        lost_writes: missing,
-                        slack: None,
-                    });
-                }
+                let account = list.account(reply, wait.detailed);
+                self.hear(account, wait.asked);
             }
             Match::Late => {
                 counted.late += 1;
@@ -165,15 +126,35 @@ impl<L: Link> UdpBus<L> {
             }
             Match::Duplicate => counted.duplicate += 1,
             Match::Stale => counted.stale += 1,
+            Match::Foreign if length < expected => {
+                counted.short += 1;
+                return Ok(None);
+            }
             Match::Foreign => {
-                if length < expected {
-                    counted.short += 1;
-                } else {
-                    counted.foreign += 1;
-                }
+                counted.foreign += 1;
                 return Ok(None);
             }
         }
         Ok(Some(number))
+    }
+
+    /// Counts what became of the writes.
+    fn hear(&mut self, account: Account, asked: Asked) {
+        let news = self.ledger.hear(account, asked);
+        let counted = &mut self.statistics;
+        counted.lost_writes += u64::from(news.lost);
+        counted.lost_writes = counted.lost_writes.saturating_sub(news.found.into());
+        counted.late_writes += u64::from(news.late);
+        counted.repeated_writes += u64::from(news.repeated);
+        counted.unconfirmed_writes += u64::from(news.unconfirmed);
+        counted.doubts += u64::from(news.doubt);
+        if self.is_cyclic {
+            self.news = self.news.and(Reply {
+                certain: !news.doubt,
+                // What comes late is not lost any more, but it was.
+                lost_writes: (news.lost + news.late).saturating_sub(news.found),
+                slack: None,
+            });
+        }
     }
 }

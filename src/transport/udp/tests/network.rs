@@ -1,6 +1,7 @@
 //! A network and a board of the test's own, on virtual time.
 
 use super::*;
+use std::io;
 
 /// What becomes of one packet on its way.
 #[derive(Clone, Copy, Debug)]
@@ -241,7 +242,7 @@ impl Fate {
 }
 
 impl Link for Network {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         let numbers = numbers(packet);
         let before = self.newest.write;
         self.newest.write = numbers.write.or(before);
@@ -250,18 +251,14 @@ impl Link for Network {
             self.asked.insert(request, self.newest.write);
         }
         if self.refuses || self.refusals.pop().unwrap_or(false) {
-            return Err(LinkError::Refused);
+            return Err(io::ErrorKind::ConnectionRefused.into());
         }
         let fate = self.requests.pop().unwrap_or(GOOD);
         self.carry(|n| &mut n.to_board, fate, 0, packet);
         Ok(())
     }
 
-    fn receive(
-        &mut self,
-        buffer: &mut [u8],
-        deadline: Instant,
-    ) -> Result<Option<usize>, LinkError> {
+    fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
         if let Some(length) = self.flooded {
             self.now += 1_000;
             buffer[..length].fill(0xEE);
@@ -290,5 +287,24 @@ impl Link for Network {
         for (execution, packet) in waiting {
             self.carry(|n| &mut n.to_host, GOOD_AT_ONCE, execution, &packet);
         }
+    }
+}
+
+/// To look at it when the bus could not be made.
+impl Link for &mut Network {
+    fn send(&mut self, packet: &[u8]) -> io::Result<()> {
+        (**self).send(packet)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], until: Instant) -> io::Result<Option<usize>> {
+        (**self).receive(buffer, until)
+    }
+
+    fn now(&mut self) -> Instant {
+        (**self).now()
+    }
+
+    fn sleep_until(&mut self, deadline: Instant) {
+        (**self).sleep_until(deadline);
     }
 }
