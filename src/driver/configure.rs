@@ -24,7 +24,7 @@ use crate::modules::led::Leds;
 use crate::modules::outputs::Outputs;
 use crate::modules::pwm::Pwm;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
-use crate::modules::{Module, Peeking, RegisterError, Registrar};
+use crate::modules::{Module, RegisterError, Registrar};
 
 /// A board that is being configured: its firmware is known, and nothing is driven yet.
 ///
@@ -358,10 +358,16 @@ impl Plan {
         group: GroupId,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
     ) -> Result<T, StartError<B::Error>> {
-        let mut peeking = Peeking { bus, error: None };
+        let mut bus_error = None;
+        let mut peek = |address| {
+            bus.read(address).map_err(|error| {
+                bus_error = Some(error);
+                RegisterError::Peek { address }
+            })
+        };
         let registered = register(&mut Registrar {
             firmware: &self.firmware,
-            table: self.table,
+            board: self.table,
             name: &self.name,
             settings: &self.settings,
             group,
@@ -369,9 +375,9 @@ impl Plan {
             pins: &mut self.pins,
             io: &mut self.io,
             plan: &mut self.image,
-            bus: &mut peeking,
+            bus: &mut peek,
         });
-        match (registered, peeking.error) {
+        match (registered, bus_error) {
             (Ok(made), _) => {
                 self.image.check().map_err(RegisterError::from)?;
                 Ok(made)

@@ -59,7 +59,7 @@ const READ_TIMEOUT: i32 = 80;
 
 impl Connection {
     pub fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
-        let errors = i32::try_from(r.settings().bus_error_limit.max(1)).unwrap_or(i32::MAX);
+        let errors = i32::try_from(r.settings.bus_error_limit.max(1)).unwrap_or(i32::MAX);
         let limit = INCREMENT.saturating_mul(errors);
         let mut make = r.maker("");
         let pins = ConnectionPins {
@@ -76,7 +76,7 @@ impl Connection {
         Ok(Self {
             lost_writes: make.input("lost-writes")?,
             pins,
-            group: r.group(),
+            group: r.group,
             cookie: r.status(COOKIE_ADDRESS),
             error_level: 0,
             read_timeout: READ_TIMEOUT,

@@ -60,19 +60,19 @@ impl Dpll {
         let Some(module) = r.module(Gtag::HM2DPLL) else {
             return Ok(None);
         };
-        if r.settings().no_dpll {
+        if r.settings.no_dpll {
             return Ok(None);
         }
         module.expect(7, 0)?;
         let register = |register| module.register(register, 0);
         let control_1 = register(3)?;
         let dds_bits = r.peek(control_1)? as u8;
-        let khz = 1e-3 / r.period().as_secs_f64();
+        let khz = 1e-3 / r.settings.period.as_secs_f64();
         let pins = DpllPins::new(r.maker("dpll."), khz)?;
-        let config = pins.config(r.pins());
+        let config = pins.config(r.pins);
         let words = DpllWords::new(module.clock_hz, dds_bits, &config)?;
-        r.pins().publish(pins.ddsize, dds_bits.into());
-        r.pins().publish(pins.prescale, words.prescale.into());
+        r.pins.publish(pins.ddsize, dds_bits.into());
+        r.pins.publish(pins.prescale, words.prescale.into());
         // In the order of the words.
         let addresses = [
             register(0)?,
@@ -87,7 +87,7 @@ impl Dpll {
             r.setting(Stage::Configure, address, word)
         });
         let (phase, sync) = (register(1)?, register(6)?);
-        let following = (r.settings().pace == Pace::Host).then(|| Following {
+        let following = (r.settings.pace == Pace::Host).then(|| Following {
             // It is what the loop follows, so it comes first.
             sync: r.latch(sync),
             phase: r.on_demand(phase),

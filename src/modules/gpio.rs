@@ -76,7 +76,7 @@ impl Gpio {
                 break;
             };
             let usage = PinUse::of(r, number);
-            let at = r.board().place(r.firmware(), (Gtag::IO_PORT, 0), number);
+            let at = r.board.place(r.firmware, (Gtag::IO_PORT, 0), number);
             let mut make = r.maker(&format!("gpio.{number:03}."));
             make = make.at(at.terminal, at.signal);
             pins.push(GpioPins::new(&mut make, usage)?);
@@ -112,7 +112,7 @@ impl Gpio {
 
 impl PinUse {
     fn of(r: &Registrar<'_>, number: u16) -> Self {
-        let descriptor = r.firmware().pins.get(usize::from(number));
+        let descriptor = r.firmware.pins.get(usize::from(number));
         if !r.io.is_taken(number) {
             Self::Gpio
         } else if descriptor.is_some_and(PinDescriptor::is_output) {

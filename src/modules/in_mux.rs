@@ -108,7 +108,7 @@ impl InMux {
         let (control, filter, mpg) = (register(0)?, register(1)?, register(4)?);
         let last_input = Control(r.peek(control)?).last_input();
         let pins = InMuxPins::new(r, (gtag, instance), u16::from(last_input) + 1)?;
-        let config = pins.config(r.pins());
+        let config = pins.config(r.pins);
         let [control_word, slow, modes] = config.words(clock_hz, last_input);
         Ok(Self {
             gtag,
@@ -224,7 +224,7 @@ impl InMuxPins {
             *param = make.setting(&format!("enc{k}_4xmode"), false)?;
         }
         for n in 0..count {
-            let place = r.board().place(r.firmware(), (gtag, instance), n);
+            let place = r.board.place(r.firmware, (gtag, instance), n);
             let mut make = r.maker(&stem).at(place.terminal, place.signal);
             let mut pair = |name: &str| {
                 Ok::<_, PinError>(DigitalIn {
@@ -240,7 +240,7 @@ impl InMuxPins {
         }
         let mpgs = all.mpg_counts.iter_mut().zip(&mut all.mpg_resets);
         for (k, (count, reset)) in (0u16..).zip(mpgs) {
-            let at = |n| r.board().place(r.firmware(), (gtag, instance), n);
+            let at = |n| r.board.place(r.firmware, (gtag, instance), n);
             let place = at(2 * k).and(at(2 * k + 1));
             let mut make = r.maker(&stem).at(place.terminal, place.signal);
             *count = make.input(&format!("enc{k}-count"))?;

@@ -20,7 +20,6 @@ mod settings;
 pub mod watchdog;
 
 pub use error::RegisterError;
-pub(crate) use registrar::Peeking;
 pub use registrar::Registrar;
 pub use report::{BoardState, CycleReport};
 pub use settings::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};

@@ -97,9 +97,7 @@ fn output(
     (gtag, instance): (Gtag, u8),
     number: u8,
 ) -> Result<NumberedOutput, RegisterError> {
-    let place = r
-        .board()
-        .place(r.firmware(), (gtag, instance), number.into());
+    let place = r.board.place(r.firmware, (gtag, instance), number.into());
     let mut make = r.maker(stem).at(place.terminal, place.signal);
     let pin = make.output(&format!("out-{number:02}"))?;
     let invert = Some(Invert::Pin(
@@ -109,7 +107,7 @@ fn output(
         invert,
         ..OutputModifiers::default()
     };
-    r.pins().modify(pin, modifiers)?;
+    r.pins.modify(pin, modifiers)?;
     let out = DigitalOut { pin, invert };
     Ok(NumberedOutput { number, out })
 }
@@ -118,7 +116,7 @@ fn output(
 /// 0xA0 (out-31), which is the reference of SSR and no output.
 fn numbers(r: &Registrar<'_>, gtag: Gtag, instance: u8) -> Vec<u8> {
     let end = if gtag == Gtag::SSR { 0xA0 } else { 0xA1 };
-    let pins = r.firmware().pins_of(gtag, instance);
+    let pins = r.firmware.pins_of(gtag, instance);
     let pins = pins.map(|(_, descriptor)| descriptor.secondary_pin);
     let outputs = pins.filter(|pin| (0x81..end).contains(pin));
     let mut numbers: Vec<u8> = outputs.map(|pin| pin - 0x81).collect();

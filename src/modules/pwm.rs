@@ -101,13 +101,13 @@ impl Pwm {
             clock_hz: module.clock_hz,
             dithers: module.version >= 1,
         };
-        let table = &r.board().pwm;
+        let table = &r.board.pwm;
         let usual = if kind.dithers {
             table.hz_dither
         } else {
             table.hz
         };
-        let hz = (r.settings().pwm_hz.unwrap_or(usual), 20_000);
+        let hz = (r.settings.pwm_hz.unwrap_or(usual), 20_000);
         let mut make = r.maker("pwmgen.");
         let bank = PwmBankPins {
             pwm_frequency: make.setting("pwm_frequency", hz.0)?,
@@ -186,7 +186,7 @@ impl Generator {
     ) -> Result<Self, RegisterError> {
         r.use_io(Gtag::PWM, number)?;
         let pins = PwmPins::new(r, number, table)?;
-        let shape = pins.shape(r.pins(), kind, rate);
+        let shape = pins.shape(r.pins, kind, rate);
         let (value, mode) = (module.register(0, number)?, module.register(1, number)?);
         // A value that is double buffered would wait for the end of a period.
         r.step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
@@ -212,10 +212,8 @@ impl PwmPins {
             .spec("value");
         let full_scale = table.full_scale;
         let value = value.unit(table.unit).range(-full_scale, full_scale);
-        let group = r.group();
-        let value = r
-            .pins()
-            .add_output(group, value, OutputRule::safe_at(0.0))?;
+        let group = r.group;
+        let value = r.pins.add_output(group, value, OutputRule::safe_at(0.0))?;
         let mut make = r.maker(&stem).at(enable.terminal, enable.signal);
         let all = Self {
             value,
@@ -234,7 +232,7 @@ impl PwmPins {
             full_scale,
             ..OutputModifiers::default()
         };
-        r.pins().modify(value, modifiers)?;
+        r.pins.modify(value, modifiers)?;
         Ok(all)
     }
 

@@ -3,13 +3,11 @@
 use alloc::format;
 use alloc::vec::Vec;
 use core::fmt;
-use core::time::Duration;
 
 use super::{RegisterError, Settings};
 use crate::boards::BoardTable;
-use crate::bus::RegisterBus;
 use crate::bus::{ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
-use crate::hal::{GroupId, PinMaker, PinStore};
+use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, PinDescriptor};
 
 /// What a module is made from.
@@ -17,47 +15,29 @@ use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, PinDescriptor};
 /// Registering a register says everything about it. Belongs to set-up: it allocates, and nothing is
 /// written to the board yet.
 pub struct Registrar<'a> {
-    pub(crate) firmware: &'a HostMot2,
-    pub(crate) table: &'static BoardTable,
-    pub(crate) name: &'a str,
-    pub(crate) settings: &'a Settings,
-    pub(crate) group: GroupId,
+    /// What the board's firmware says of itself.
+    pub firmware: &'a HostMot2,
+    /// What is known of this kind of board.
+    pub board: &'static BoardTable,
+    /// What the names of its pins begin with, for example `hm2_7i92.0`.
+    pub name: &'a str,
+    /// What the application asks for: the period of the cycle, and more.
+    pub settings: &'a Settings,
+    /// The group of the module's pins, a part of that of the board: they are valid and armed together
+    /// with all of the board.
+    pub group: GroupId,
     /// The group of the driver's own pins, which are valid whatever fails.
     pub(crate) status: GroupId,
-    pub(crate) pins: &'a mut PinStore,
+    /// Where pins are made.
+    pub pins: &'a mut PinStore,
     pub(crate) io: &'a mut IoPorts,
     pub(crate) plan: &'a mut ImagePlan,
-    pub(crate) bus: &'a mut dyn Peek,
-}
-
-/// Reads registers while modules register.
-pub(crate) trait Peek {
-    fn peek(&mut self, address: u16) -> Result<u32, RegisterError>;
-}
-
-/// A bus that keeps its error, because a [`RegisterError`] is of no bus.
-#[derive(Debug)]
-pub(crate) struct Peeking<'a, B: RegisterBus> {
-    pub bus: &'a mut B,
-    pub error: Option<B::Error>,
-}
-
-impl<B: RegisterBus> Peek for Peeking<'_, B> {
-    fn peek(&mut self, address: u16) -> Result<u32, RegisterError> {
-        self.bus.read(address).map_err(|error| {
-            self.error = Some(error);
-            RegisterError::Peek { address }
-        })
-    }
+    /// Reads a register.
+    pub(crate) bus: &'a mut dyn FnMut(u16) -> Result<u32, RegisterError>,
 }
 
 /// What there is.
 impl Registrar<'_> {
-    /// What the board's firmware says of itself.
-    pub fn firmware(&self) -> &HostMot2 {
-        self.firmware
-    }
-
     /// What the firmware says of a module; `None` if it has none.
     pub fn module(&self, gtag: Gtag) -> Option<ModuleDescriptor> {
         self.firmware.find(gtag).copied()
@@ -70,46 +50,12 @@ impl Registrar<'_> {
         make: impl Fn(&mut Self, &ModuleDescriptor, u8) -> Result<T, RegisterError>,
     ) -> Result<Vec<T>, RegisterError> {
         let mut all = Vec::new();
-        for &gtag in kinds {
-            let Some(module) = self.module(gtag) else {
-                continue;
-            };
+        for module in kinds.iter().filter_map(|&gtag| self.firmware.find(gtag)) {
             for instance in 0..module.instances {
-                all.push(make(self, &module, instance)?);
+                all.push(make(self, module, instance)?);
             }
         }
         Ok(all)
-    }
-
-    /// What is known of this kind of board.
-    pub fn board(&self) -> &'static BoardTable {
-        self.table
-    }
-
-    /// What the names of its pins begin with, for example `hm2_7i92.0`.
-    pub fn name(&self) -> &str {
-        self.name
-    }
-
-    /// The period of the cycle.
-    pub fn period(&self) -> Duration {
-        self.settings.period
-    }
-
-    /// What the application asks for.
-    pub fn settings(&self) -> &Settings {
-        self.settings
-    }
-
-    /// The group of the module's pins, a part of that of the board: they are valid and armed together
-    /// with all of the board.
-    pub fn group(&self) -> GroupId {
-        self.group
-    }
-
-    /// Where pins are made.
-    pub fn pins(&mut self) -> &mut PinStore {
-        self.pins
     }
 
     /// Makes pins of the module's [group](Self::group), whose names begin with the board's and `stem`:
@@ -119,13 +65,18 @@ impl Registrar<'_> {
         PinMaker::new(self.pins, self.group, stem)
     }
 
+    /// The same for pins at a place on the board.
+    pub fn maker_at(&mut self, stem: &str, place: Place) -> PinMaker<'_> {
+        self.maker(stem).at(place.terminal, place.signal)
+    }
+
     /// Reads a register at once.
     ///
     /// # Errors
     /// [`RegisterError::Peek`]: the bus failed. Pass it on; the driver then fails with the error of
     /// the bus.
     pub fn peek(&mut self, address: u16) -> Result<u32, RegisterError> {
-        self.bus.peek(address)
+        (self.bus)(address)
     }
 
     /// Gives instance `instance` of a module its I/O pins: those that it drives are driven by it from

@@ -7,10 +7,9 @@ use super::encoder::{EncoderSetup, Encoders};
 use super::in_mux::InMux;
 use super::outputs::Outputs;
 use super::pwm::Pwm;
-use super::registrar::Peeking;
 use super::{RegisterError, Registrar, Settings};
 use crate::boards::BoardTable;
-use crate::bus::ImagePlan;
+use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts};
 use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
@@ -46,13 +45,10 @@ impl Bench {
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
     ) -> Result<T, RegisterError> {
-        let mut bus = Peeking {
-            bus: &mut self.fpga,
-            error: None,
-        };
+        let mut peek = |address| Ok(self.fpga.read(address).unwrap());
         register(&mut Registrar {
             firmware: &self.firmware,
-            table: BoardTable::for_firmware(&self.firmware, &[]),
+            board: BoardTable::for_firmware(&self.firmware, &[]),
             name: "hm2_7i97.0",
             settings: &self.settings,
             group: self.group,
@@ -60,7 +56,7 @@ impl Bench {
             pins: &mut self.pins,
             io: &mut self.io,
             plan: &mut self.plan,
-            bus: &mut bus,
+            bus: &mut peek,
         })
     }
 

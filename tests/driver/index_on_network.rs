@@ -189,7 +189,7 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
         let mut driver = machine();
         let (pins, bank) = {
             let encoders = driver.modules::<Encoders>().next().expect("encoders");
-            (encoders.pins().next().expect("one"), *encoders.bank())
+            (encoders.pins().next().expect("one"), encoders.bank)
         };
         let _ = driver.read().expect("the board is there");
         driver.write().expect("the board is there");

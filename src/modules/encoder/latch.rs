@@ -12,7 +12,8 @@
 //! - A late write of an earlier request leaves the same bits as this one. An exchange in which that
 //!   may have happened is no evidence.
 
-use super::registers::ControlWord;
+use super::registers::{bits, latched};
+use core::mem::take;
 
 /// What is to be latched, once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -30,31 +31,27 @@ impl LatchRequest {
     pub(super) const fn bits(self) -> u32 {
         match self {
             Self::None => 0,
-            Self::Index => ControlWord::LATCH_ON_INDEX | ControlWord::JUST_ONCE,
-            Self::Probe => ControlWord::LATCH_ON_PROBE | ControlWord::JUST_ONCE,
+            Self::Index => bits::LATCH_ON_INDEX | bits::JUST_ONCE,
+            Self::Probe => bits::LATCH_ON_PROBE | bits::JUST_ONCE,
         }
-    }
-
-    const fn enable(self) -> u32 {
-        self.bits() & !ControlWord::JUST_ONCE
     }
 }
 
 /// The bits that enable a latch or a clear.
-const ENABLES: u32 =
-    ControlWord::LATCH_ON_INDEX | ControlWord::LATCH_ON_PROBE | ControlWord::CLEAR_ON_INDEX;
+const ENABLES: u32 = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE | bits::CLEAR_ON_INDEX;
 
 /// The bits of the control register that any request sets.
-const ANY_REQUEST: u32 = ENABLES | ControlWord::JUST_ONCE;
+const ANY_REQUEST: u32 = ENABLES | bits::JUST_ONCE;
 
-/// After so many reads no packet of an earlier request is in flight any more.
+/// After this number of reads no packet of an earlier request is in flight any more.
 const HORIZON: u32 = 100;
 
 /// How far a request has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Stage {
     /// The control register still shows an earlier request, or is not known: nothing is written
     /// until that is gone, so that its end is not taken for the end of this one.
+    #[default]
     Settling,
     /// Not in the control register yet, as far as is known.
     Asked,
@@ -70,9 +67,10 @@ struct Passed {
 }
 
 /// The request that an encoder works on.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Latch {
-    wanted: LatchRequest,
+    /// `None` once it has happened.
+    pub wanted: LatchRequest,
     stage: Stage,
     /// Whether the control register showed no request when it was read last.
     is_clean: bool,
@@ -80,36 +78,23 @@ pub(super) struct Latch {
     before: u16,
     /// The index that was latched last.
     index: Option<Passed>,
-    /// The request before this one, and how many reads ago it ended.
+    /// The request before this one, ...
     previous: LatchRequest,
-    since_previous: u32,
+    /// ... and for how many more reads a packet of it may be in flight.
+    previous_for: u32,
     /// Since the last read, other writes than the newest may have been executed.
-    is_doubtful: bool,
+    pub is_doubtful: bool,
     /// Since the last read, the control word was written again unchanged.
-    is_repeated: bool,
+    pub is_repeated: bool,
 }
 
 impl Latch {
-    pub fn new() -> Self {
-        Self {
-            wanted: LatchRequest::None,
-            stage: Stage::Settling,
-            is_clean: false,
-            before: 0,
-            index: None,
-            previous: LatchRequest::None,
-            since_previous: HORIZON,
-            is_doubtful: false,
-            is_repeated: false,
-        }
-    }
-
     /// Asks for a latch, or takes the request back.
     pub fn request(&mut self, wanted: LatchRequest) {
         if wanted == self.wanted {
             return;
         }
-        let is_fresh = core::mem::take(&mut self.is_clean) && self.wanted == LatchRequest::None;
+        let is_fresh = take(&mut self.is_clean) && self.wanted == LatchRequest::None;
         self.end();
         self.wanted = wanted;
         self.stage = if is_fresh {
@@ -117,10 +102,6 @@ impl Latch {
         } else {
             Stage::Settling
         };
-    }
-
-    pub const fn wanted(&self) -> LatchRequest {
-        self.wanted
     }
 
     /// The bits of the control word that ask for it.
@@ -137,16 +118,6 @@ impl Latch {
         self.wanted != LatchRequest::None && self.stage != Stage::Armed
     }
 
-    /// Whether a latch may be armed in the FPGA.
-    pub fn may_be_armed(&self) -> bool {
-        self.wanted != LatchRequest::None && self.stage != Stage::Settling
-    }
-
-    pub fn disturbed(&mut self, is_doubtful: bool, is_repeated: bool) {
-        self.is_doubtful |= is_doubtful;
-        self.is_repeated |= is_repeated;
-    }
-
     /// The counter may have been reset.
     pub fn forget(&mut self) {
         self.is_clean = false;
@@ -157,7 +128,7 @@ impl Latch {
     /// Takes a read that showed the same as the read before, if that can not make a difference:
     /// nothing is asked for, and nothing was lately.
     pub fn rests(&mut self) -> bool {
-        let rests = self.wanted == LatchRequest::None && self.since_previous >= HORIZON;
+        let rests = self.wanted == LatchRequest::None && self.previous_for == 0;
         if rests {
             (self.is_doubtful, self.is_repeated) = (false, false);
         }
@@ -166,25 +137,25 @@ impl Latch {
 
     /// Takes what a read showed, after the counter went `from` one count `to` another since the read
     /// before; gives the latched count once the latch has happened.
-    pub fn observe(&mut self, control: ControlWord, from: u16, to: u16) -> Option<u16> {
+    pub fn observe(&mut self, control: u32, from: u16, to: u16) -> Option<u16> {
         let is_trusted = self.is_trusted();
-        let is_suspect = core::mem::take(&mut self.is_doubtful) | self.is_repeated;
-        self.is_repeated = false;
-        self.since_previous = self.since_previous.saturating_add(1);
-        self.is_clean = !control.has(ANY_REQUEST);
-        if self.wanted == LatchRequest::None || self.stage == Stage::Settling {
-            self.settle(control);
-            return None;
-        }
-        let enable = self.wanted.enable();
-        if control.has(ENABLES & !enable) || !control.has(ControlWord::JUST_ONCE) {
+        let is_suspect = take(&mut self.is_doubtful) | take(&mut self.is_repeated);
+        self.previous_for = self.previous_for.saturating_sub(1);
+        self.is_clean = control & ANY_REQUEST == 0;
+        let enable = self.wanted.bits() & ENABLES;
+        let is_other = control & ENABLES & !enable != 0 || control & bits::JUST_ONCE == 0;
+        if self.wanted == LatchRequest::None || self.stage == Stage::Settling || is_other {
             self.stage = Stage::Settling;
-            self.settle(control);
+            if self.is_clean {
+                // Nothing of an earlier request is in the register: the request can be written.
+                self.before = latched(control);
+                self.stage = Stage::Asked;
+            }
             return None;
         }
-        let is_armed = control.has(enable);
+        let is_armed = control & enable != 0;
         let is_passed = is_suspect && self.has_passed_again(from, to);
-        if is_armed && control.latched() == self.before && !is_passed {
+        if is_armed && latched(control) == self.before && !is_passed {
             self.stage = Stage::Armed;
             return None;
         }
@@ -195,29 +166,20 @@ impl Latch {
         let step = to.wrapping_sub(from) as i16;
         if self.wanted == LatchRequest::Index {
             self.index = (step != 0).then_some(Passed {
-                count: control.latched(),
+                count: latched(control),
                 upwards: step > 0,
             });
         }
         self.end();
         self.wanted = LatchRequest::None;
-        Some(control.latched())
-    }
-
-    /// Nothing of an earlier request is in the register: the request can be written.
-    fn settle(&mut self, control: ControlWord) {
-        if self.is_clean {
-            self.before = control.latched();
-            self.stage = Stage::Asked;
-        }
+        Some(latched(control))
     }
 
     /// Whether what this read shows comes from this request, and not from a late write of the one
     /// before.
     fn is_trusted(&self) -> bool {
-        let is_over = self.since_previous >= HORIZON || self.previous == LatchRequest::None;
         let is_same = self.stage == Stage::Armed && self.previous == self.wanted;
-        !self.is_doubtful || is_over || is_same
+        !self.is_doubtful || self.previous_for == 0 || is_same
     }
 
     /// Whether the movement went over the index that was latched before, in the same direction,
@@ -242,7 +204,7 @@ impl Latch {
     fn end(&mut self) {
         if self.wanted != LatchRequest::None {
             self.previous = self.wanted;
-            self.since_previous = 0;
+            self.previous_for = HORIZON;
         }
     }
 }

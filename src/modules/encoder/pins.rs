@@ -1,6 +1,8 @@
 //! The pins of encoders, and what they ask for.
 
-use super::{EncoderConfig, EncoderReading, EncoderState, LatchRequest};
+use super::latch::LatchRequest;
+use super::registers::{TickRate, bits, latch_timer, mux_skew};
+use super::state::{EncoderConfig, EncoderReading, EncoderState};
 use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Rejection};
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
@@ -61,7 +63,6 @@ pub struct EncoderPins {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Command {
     reset: bool,
-    watches_errors: bool,
     request: LatchRequest,
     refuses_probe: bool,
 }
@@ -104,41 +105,59 @@ impl EncoderPins {
 
     /// How the encoder is to count, by its parameters.
     pub(super) fn config(&self, pins: &mut PinStore) -> EncoderConfig {
+        // Despite the name, true means the rising edge: manual page hostmot2(9), `index-invert`
+        // and `probe-invert`.
+        let flags = [
+            (self.counter_mode, bits::UP_DOWN),
+            (self.filter, bits::FILTER),
+            (self.index_invert, bits::INDEX_POLARITY),
+            (self.index_mask, bits::USE_INDEX_MASK),
+            (self.index_mask_invert, bits::INDEX_MASK_POLARITY),
+        ];
+        let mut mode = if pins.fetch(self.probe_invert) {
+            bits::PROBE_POLARITY
+        } else {
+            0
+        };
+        for (param, bit) in flags {
+            mode |= if pins.param(param) { bit } else { 0 };
+        }
+        let scale = pins.param(self.counter.scale);
+        let is_usable = scale.is_finite() && scale != 0.0;
         EncoderConfig {
-            scale: pins.param(self.counter.scale),
-            up_down: pins.param(self.counter_mode),
-            filter: pins.param(self.filter),
-            // Despite the name, true means the rising edge: manual page hostmot2(9), `index-invert`
-            // and `probe-invert`.
-            index_high: pins.param(self.index_invert),
-            index_mask: pins.param(self.index_mask),
-            index_mask_invert: pins.param(self.index_mask_invert),
-            gate_index: false,
-            probe_high: pins.fetch(self.probe_invert),
+            mode,
+            scale: if is_usable { scale } else { 1.0 },
             idle_time: pins.param(self.vel_timeout),
         }
     }
 
-    /// What the pins ask of the encoder. A scale of 0 becomes 1 as in LinuxCNC, and is counted.
-    pub(super) fn command(&self, pins: &mut PinStore, state: &mut EncoderState) -> Command {
+    /// What the pins ask of the encoder. A scale of 0 becomes 1 as in LinuxCNC, and is counted. A
+    /// request for a probe that is not there is not made: in the control register it would look as if
+    /// it had happened at once (FACTS 12.5).
+    pub(super) fn command(
+        &self,
+        pins: &mut PinStore,
+        state: &mut EncoderState,
+        has_probe: bool,
+    ) -> Command {
         if pins.param(self.counter.scale) == 0.0 {
             pins.count_rejection(self.counter.scale, Rejection::OutOfRange);
             pins.publish(self.counter.scale, 1.0);
         }
-        state.set_config(self.config(pins));
+        state.config = self.config(pins);
+        state.watches_errors = pins.fetch(self.quad_error_enable);
+        state.is_awake = true;
         pins.publish(self.max_count_rate, state.max_count_rate());
         let probes = pins.fetch(self.probe_enable);
+        let request = match (pins.fetch(self.counter.index_enable), probes && has_probe) {
+            (true, _) => LatchRequest::Index,
+            (false, true) => LatchRequest::Probe,
+            (false, false) => LatchRequest::None,
+        };
         Command {
             reset: pins.fetch(self.counter.reset),
-            watches_errors: pins.fetch(self.quad_error_enable),
-            request: if pins.fetch(self.counter.index_enable) {
-                LatchRequest::Index
-            } else if probes {
-                LatchRequest::Probe
-            } else {
-                LatchRequest::None
-            },
-            refuses_probe: probes && !state.has_probe(),
+            request,
+            refuses_probe: probes && !has_probe,
         }
     }
 
@@ -155,21 +174,19 @@ impl EncoderPins {
         if command.reset {
             state.reset();
         }
-        if !command.watches_errors {
-            state.clear_quadrature_error();
-        }
-        state.request(command.request);
+        state.latch.request(command.request);
     }
 
-    /// Shows a reading. `index_came`: an index that the encoder was asked for; `index-enable` goes off
-    /// then, but for one that the application has switched on since the last write.
-    pub(super) fn publish(&self, pins: &mut PinStore, reading: &EncoderReading, index_came: bool) {
+    /// Shows a reading. When the index came, `index-enable` goes off, but for one that the application
+    /// has switched on since the last write.
+    pub(super) fn publish(&self, pins: &mut PinStore, reading: &EncoderReading) {
         pins.publish(self.counter.rawcounts, reading.rawcounts as i32);
         pins.publish(self.count_unsure, reading.is_unsure);
         pins.publish(self.counter.count, reading.count as i32);
         pins.publish(self.counter.position, reading.position);
         pins.publish(self.velocity, reading.velocity);
         pins.publish(self.velocity_rpm, reading.velocity * 60.0);
+        pins.publish(self.quad_error, reading.quadrature_error);
         if let Some(latched) = reading.latched {
             let zero = reading.rawcounts.wrapping_sub(reading.count);
             pins.publish(self.count_latched, latched as i32);
@@ -181,18 +198,9 @@ impl EncoderPins {
         pins.publish(self.input_a, a);
         pins.publish(self.input_b, b);
         pins.publish(self.input_index, index);
-        if index_came {
+        if reading.index_came {
             pins.publish(self.counter.index_enable, false);
         }
-    }
-
-    /// Keeps a quadrature error while it is watched.
-    pub(super) fn publish_error(&self, pins: &mut PinStore, command: Command, is_error: bool) {
-        let before = pins.read(self.quad_error).value;
-        pins.publish(
-            self.quad_error,
-            command.watches_errors && (before || is_error),
-        );
     }
 }
 
@@ -214,6 +222,19 @@ pub struct EncoderBankPins {
     pub timer_number: Option<Output<i32>>,
 }
 
+/// What all encoders have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Common {
+    /// Rate of the multiplexer or of the filters.
+    pub rate: TickRate,
+    /// In the rate register as well.
+    pub skew: u32,
+    /// Rate of the time stamps.
+    pub timestamps: TickRate,
+    /// What latches the counts.
+    pub timer: u32,
+}
+
 impl EncoderBankPins {
     /// `muxed_version` is that of multiplexed encoders.
     pub(super) fn new(
@@ -226,14 +247,37 @@ impl EncoderBankPins {
             Some(_) => "muxed-sample-frequency",
             None => "sample-frequency",
         };
-        let has_skew = muxed_version == Some(4);
+        let skew = (muxed_version == Some(4)).then(|| make.switch("muxed-skew", 0));
+        let timer = has_timer.then(|| make.switch("timer-number", -1));
         Ok(Self {
             sample_frequency: make.switch(name, sample_hz)?,
-            muxed_skew: has_skew.then(|| make.switch("muxed-skew", 0)).transpose()?,
+            muxed_skew: skew.transpose()?,
             hires_timestamp: make.switch("hires-timestamp", false)?,
-            timer_number: has_timer
-                .then(|| make.switch("timer-number", -1))
-                .transpose()?,
+            timer_number: timer.transpose()?,
         })
+    }
+
+    /// What the pins ask for now. `usual` is the rate of the set-up, which need not be one that its
+    /// rounded frequency gives.
+    pub(super) fn common(&self, pins: &mut PinStore, clock_hz: u32, usual: TickRate) -> Common {
+        let sample_hz = pins.fetch(self.sample_frequency);
+        let is_usual = sample_hz == usual.hz(clock_hz) as u32;
+        // Microseconds wrap after 65 ms; fine time stamps after 6.5 ms.
+        let is_fine = pins.fetch(self.hires_timestamp);
+        let timestamp_hz = if is_fine { 10_000_000 } else { 1_000_000 };
+        Common {
+            rate: if is_usual {
+                usual
+            } else {
+                TickRate::for_hz(clock_hz, sample_hz)
+            },
+            skew: self
+                .muxed_skew
+                .map_or(0, |skew| mux_skew(clock_hz, pins.fetch(skew))),
+            timestamps: TickRate::for_hz(clock_hz, timestamp_hz),
+            timer: self
+                .timer_number
+                .map_or(0, |timer| latch_timer(pins.fetch(timer))),
+        }
     }
 }

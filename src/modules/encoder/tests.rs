@@ -1,5 +1,7 @@
 //! Pins of an encoder, cycle by cycle.
 
+use super::latch::LatchRequest;
+use super::registers::bits;
 use super::*;
 use crate::hal::{GroupId, PinMaker};
 
@@ -8,7 +10,6 @@ struct Machine {
     group: GroupId,
     state: EncoderState,
     handles: EncoderPins,
-    command: Command,
     ms: u64,
 }
 
@@ -23,7 +24,6 @@ impl Machine {
             pins,
             group,
             handles,
-            command: Command::default(),
             ms: 0,
         }
     }
@@ -34,26 +34,22 @@ impl Machine {
         let at = Instant::from_nanos(self.ms * 1_000_000);
         self.pins.begin_cycle(at);
         let sample = EncoderSample {
-            count: CountWord(u32::from(count)),
-            control: ControlWord(control),
+            count: u32::from(count),
+            control,
             timestamp: (self.ms * 1000) as u16,
             at,
         };
-        let before = self.state.requested();
         let reading = self.state.read(sample);
-        let index_came = before != self.state.requested();
-        let (handles, pins) = (&self.handles, &mut self.pins);
-        handles.publish_error(pins, self.command, reading.quadrature_error);
-        handles.publish(pins, &reading, index_came);
+        self.handles.publish(&mut self.pins, &reading);
         self.pins.group_good(self.group);
     }
 
     /// A write; what the control register is set to.
     fn write(&mut self) -> u32 {
         let (handles, pins) = (&self.handles, &mut self.pins);
-        self.command = handles.command(pins, &mut self.state);
-        handles.carry_out(self.command, pins, &mut self.state);
-        self.state.control().0
+        let command = handles.command(pins, &mut self.state, true);
+        handles.carry_out(command, pins, &mut self.state);
+        self.state.control()
     }
 }
 
@@ -80,7 +76,8 @@ fn index_enable_goes_off_when_the_index_came_and_not_before() {
     let mut m = Machine::new();
     let counter = m.handles.counter;
     m.write();
-    m.read(0, m.state.control().0);
+    let idle = m.write();
+    m.read(0, idle);
     let idle = m.write();
     m.read(100, idle);
 
@@ -89,24 +86,24 @@ fn index_enable_goes_off_when_the_index_came_and_not_before() {
     m.read(200, idle);
     assert!(m.pins.read(counter.index_enable).value, "only asked for");
     let asked = m.write();
-    assert_ne!(asked & ControlWord::LATCH_ON_INDEX, 0);
+    assert_ne!(asked & bits::LATCH_ON_INDEX, 0);
     m.read(300, asked);
     assert!(m.pins.read(counter.index_enable).value, "still waiting");
-    assert_eq!(m.state.requested(), LatchRequest::Index);
+    assert_eq!(m.state.latch.wanted, LatchRequest::Index);
     m.write();
     // The gateware takes the request back and has latched 350.
-    let taken = asked & 0xFFFF & !ControlWord::LATCH_ON_INDEX;
+    let taken = asked & 0xFFFF & !bits::LATCH_ON_INDEX;
     m.read(400, 350 << 16 | taken);
     assert!(!m.pins.read(counter.index_enable).value);
     assert_eq!(m.pins.read(counter.count).ok(), Some(50));
-    assert_eq!(m.write() & ControlWord::LATCH_ON_INDEX, 0);
+    assert_eq!(m.write() & bits::LATCH_ON_INDEX, 0);
 }
 
 #[test]
 fn parameters_choose_how_the_encoder_counts() {
     let mut m = Machine::new();
     let plain = m.write();
-    assert_ne!(plain & ControlWord::FILTER, 0, "filtered at first");
+    assert_ne!(plain & bits::FILTER, 0, "filtered at first");
     for (param, on) in [
         (m.handles.filter, false),
         (m.handles.counter_mode, true),
@@ -115,16 +112,16 @@ fn parameters_choose_how_the_encoder_counts() {
         m.pins.set_param(param, on).unwrap();
     }
     let control = m.write();
-    assert_eq!(control & ControlWord::FILTER, 0);
-    assert_ne!(control & ControlWord::UP_DOWN, 0);
-    let polarity = ControlWord::INDEX_POLARITY;
+    assert_eq!(control & bits::FILTER, 0);
+    assert_ne!(control & bits::UP_DOWN, 0);
+    let polarity = bits::INDEX_POLARITY;
     assert_ne!(control & polarity, plain & polarity);
 }
 
 #[test]
 fn a_quadrature_error_is_kept_while_it_is_watched() {
     let mut m = Machine::new();
-    let error = ControlWord::QUADRATURE_ERROR;
+    let error = bits::QUADRATURE_ERROR;
     let shown = |m: &Machine| m.pins.read(m.handles.quad_error).ok();
     m.write();
     m.read(0, error);

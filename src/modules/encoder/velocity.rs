@@ -13,79 +13,56 @@
 /// Constant time, no allocation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VelocityEstimator {
-    velocity: f64,
-    last_change: Option<u64>,
+    /// In counts/s.
+    pub velocity: f64,
+    /// In ticks; `None` if it stands still, and did so long enough that time alone changes nothing.
+    pub last_change: Option<u64>,
 }
 
 impl VelocityEstimator {
-    /// Takes a cycle's count change into account and gives the velocity in counts/s.
+    /// Takes a cycle's count change into account.
     ///
     /// - `change`: counts since the last call.
     /// - `changed_at`: when the last of them came, in ticks; only looked at if `change` is not 0.
-    /// - `now`: this call, in ticks; `previous`: the call before.
+    /// - `previous` and `now`: the call before and this one, in ticks.
     /// - `hz`: ticks per second. `idle_time`: in seconds.
     pub fn update(
         &mut self,
         change: i64,
         changed_at: u64,
-        previous: u64,
-        now: u64,
+        (previous, now): (u64, u64),
         hz: f64,
         idle_time: f64,
-    ) -> f64 {
-        let seconds = |ticks: u64| ticks as f64 / hz;
-        if change == 0 {
-            self.decay(seconds, now, idle_time);
-        } else {
-            self.moved(seconds, change, changed_at, previous);
-        }
-        self.velocity
-    }
-
-    /// Forgets everything: standing still.
-    pub fn reset(&mut self) {
-        *self = Self::default();
-    }
-
-    /// Whether it stands still, and did so long enough that time alone changes nothing.
-    pub const fn is_at_rest(&self) -> bool {
-        self.last_change.is_none()
-    }
-
-    /// The velocity in counts/s.
-    pub const fn velocity(&self) -> f64 {
-        self.velocity
-    }
-
-    fn decay(&mut self, seconds: impl Fn(u64) -> f64, now: u64, idle_time: f64) {
-        let Some(last) = self.last_change else {
-            self.velocity = 0.0;
-            return;
-        };
-        let elapsed = seconds(now.saturating_sub(last));
-        if elapsed >= idle_time {
-            self.reset();
-        } else if elapsed > 0.0 {
-            let bound = 1.0 / elapsed;
-            self.velocity = self.velocity.clamp(-bound, bound);
+    ) {
+        let seconds = |from: u64, to: u64| to.saturating_sub(from) as f64 / hz;
+        if change != 0 {
+            // Without a last change, all of them came after the call before.
+            let first = if self.last_change.is_some() {
+                0
+            } else {
+                change.signum()
+            };
+            let elapsed = seconds(self.last_change.unwrap_or(previous), changed_at);
+            self.moved(change, (change - first) as f64, elapsed);
+            self.last_change = Some(changed_at);
+        } else if let Some(last) = self.last_change {
+            let elapsed = seconds(last, now);
+            if elapsed >= idle_time {
+                *self = Self::default();
+            } else if elapsed > 0.0 {
+                let bound = 1.0 / elapsed;
+                self.velocity = self.velocity.clamp(-bound, bound);
+            }
         }
     }
 
-    fn moved(&mut self, seconds: impl Fn(u64) -> f64, change: i64, changed_at: u64, previous: u64) {
-        let counts = change as f64;
-        let (since, counts) = match self.last_change {
-            Some(last) => (last, counts),
-            // All of them came after the call before.
-            None => (previous, counts - counts.signum()),
-        };
-        let elapsed = seconds(changed_at.saturating_sub(since));
+    fn moved(&mut self, change: i64, counts: f64, elapsed: f64) {
         let turned = self.velocity * counts < 0.0;
         if turned && change.unsigned_abs() == 1 {
             self.velocity = 0.0;
         } else if elapsed > 0.0 {
             self.velocity = counts / elapsed;
         }
-        self.last_change = Some(changed_at);
     }
 }
 
@@ -96,7 +73,8 @@ mod tests {
     const HZ: f64 = 1e6;
 
     fn step(v: &mut VelocityEstimator, change: i64, at: u64, now: u64) -> f64 {
-        v.update(change, at, now.saturating_sub(1_000), now, HZ, 0.5)
+        v.update(change, at, (now.saturating_sub(1_000), now), HZ, 0.5);
+        v.velocity
     }
 
     #[test]
@@ -112,7 +90,7 @@ mod tests {
         let mut v = VelocityEstimator::default();
         step(&mut v, 1, 0, 0);
         step(&mut v, 10, 1_000, 1_000);
-        let mut last = v.velocity();
+        let mut last = v.velocity;
         assert!((last - 10_000.0).abs() < 1e-9);
         for now in (2_000..501_000).step_by(1_000) {
             let velocity = step(&mut v, 0, 0, now);
@@ -128,7 +106,7 @@ mod tests {
         let mut v = VelocityEstimator::default();
         step(&mut v, 1, 100, 1_000);
         step(&mut v, 1, 1_100, 2_000);
-        assert!((v.velocity() - 1_000.0).abs() < 1e-9);
+        assert!((v.velocity - 1_000.0).abs() < 1e-9);
         assert!(step(&mut v, -1, 2_100, 3_000).abs() < f64::EPSILON);
     }
 }

@@ -55,10 +55,10 @@ fn port_state(recovery: &Recovery, machine: &Machine) -> u32 {
 
 impl PortPins {
     pub fn register(r: &mut Registrar<'_>, port: u8) -> Result<Self, RegisterError> {
-        let policy = r.settings().fault_policy;
+        let policy = r.settings.fault_policy;
         let (status, board) = (r.status, r.name);
         let part = r.pins.add_part(status)?;
-        let pins = r.pins();
+        let pins = &mut *r.pins;
         let name = |pin: &str| Spec::new(format!("{board}.sserial.port-{port}.{pin}"));
         let count = |pin: &str| name(pin).limits(0.0, 65_535.0);
         Ok(Self {

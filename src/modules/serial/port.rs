@@ -49,7 +49,7 @@ impl SerialPort {
         remotes: Vec<FoundRemote>,
         now: Instant,
     ) -> Result<Self, RegisterError> {
-        let policy = r.settings().fault_policy;
+        let policy = r.settings.fault_policy;
         let layout = *port.layout();
         let command = r.status(layout.command());
         let mut slots = Slots {

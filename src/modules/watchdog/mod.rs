@@ -85,8 +85,8 @@ impl Watchdog {
     /// # Errors
     /// [`RegisterError::Firmware`] and [`RegisterError::Pin`].
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
-        let registers = WatchdogRegisters::locate(r.firmware())?;
-        let timeout = r.settings().watchdog_time();
+        let registers = WatchdogRegisters::locate(r.firmware)?;
+        let timeout = r.settings.watchdog_time();
         let timeout_ns = u32::try_from(timeout.as_nanos()).unwrap_or(u32::MAX);
         let mut make = r.maker("watchdog.");
         let pins = WatchdogPins {
@@ -111,7 +111,7 @@ impl Watchdog {
             registers,
             pins,
             timeout_ns,
-            shortest: r.period().saturating_mul(2),
+            shortest: r.settings.period.saturating_mul(2),
             stage: Stage::Disabled,
             longest: 0,
             is_fed: false,

@@ -15,10 +15,8 @@ struct Hardware {
 impl Hardware {
     fn sample(&self) -> EncoderSample {
         EncoderSample {
-            count: CountWord(
-                u32::from(self.count as u16) | (u32::from(self.changed_us as u16) << 16),
-            ),
-            control: ControlWord(self.control),
+            count: u32::from(self.count as u16) | (u32::from(self.changed_us as u16) << 16),
+            control: self.control,
             timestamp: self.now_us as u16,
             at: Instant::from_nanos(self.now_us * 1_000),
         }
@@ -35,11 +33,11 @@ impl Hardware {
 }
 
 fn encoder() -> EncoderState {
-    let config = EncoderConfig {
+    EncoderState::new(EncoderConfig {
+        mode: 0x1808,
         scale: 100.0,
-        ..EncoderConfig::default()
-    };
-    EncoderState::new(config)
+        idle_time: 0.5,
+    })
 }
 
 proptest! {
@@ -65,11 +63,11 @@ proptest! {
     fn any_words_give_finite_values(words in prop::collection::vec(any::<(u32, u32, u16, u32)>(), 1..50)) {
         let mut encoder = encoder();
         let mut at = Instant::default();
-        encoder.request(LatchRequest::Index);
+        encoder.latch.request(LatchRequest::Index);
         for (count, control, timestamp, ns) in words {
             at = at.after(core::time::Duration::from_nanos(u64::from(ns)));
             let reading = encoder.read(EncoderSample {
-                count: CountWord(count), control: ControlWord(control), timestamp, at,
+                count, control, timestamp, at,
             });
             prop_assert!(reading.position.is_finite() && reading.velocity.is_finite());
         }
@@ -123,12 +121,12 @@ fn index_enable_zeroes_the_count_where_the_index_was() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.step(65_000, 1_000));
-    encoder.request(LatchRequest::Index);
-    hardware.control = encoder.control().0;
+    encoder.latch.request(LatchRequest::Index);
+    hardware.control = encoder.control();
     assert_eq!(hardware.control & 0xFFFF, 0x1858);
     let before = encoder.read(hardware.step(100, 1_000));
     assert_eq!(
-        (before.count, encoder.requested()),
+        (before.count, encoder.latch.wanted),
         (100, LatchRequest::Index)
     );
     // 1000 counts on; the index was 30 counts before the end, beyond the wrap at 65536.
@@ -136,14 +134,14 @@ fn index_enable_zeroes_the_count_where_the_index_was() {
     let latched = (hardware.count - 30) as u16;
     hardware.control = (0x1848) | (u32::from(latched) << 16);
     let reading = encoder.read(EncoderSample {
-        control: ControlWord(hardware.control),
+        control: hardware.control,
         ..sample
     });
     assert_eq!(reading.count, 30);
     assert_eq!(reading.rawcounts, 1_100);
     assert_eq!(reading.latched, Some(0));
-    assert_eq!(encoder.requested(), LatchRequest::None);
-    assert_eq!(encoder.control().0, 0x1808);
+    assert_eq!(encoder.latch.wanted, LatchRequest::None);
+    assert_eq!(encoder.control(), 0x1808);
 }
 
 #[test]
@@ -151,7 +149,7 @@ fn an_index_within_the_first_cycle_is_seen() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
-    encoder.request(LatchRequest::Index);
+    encoder.latch.request(LatchRequest::Index);
     hardware.control = 0x1848 | (5 << 16);
     assert_eq!(encoder.read(hardware.step(8, 1_000)).count, 3);
 }
@@ -161,12 +159,12 @@ fn a_lost_write_of_the_control_word_is_no_index() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
-    encoder.request(LatchRequest::Index);
+    encoder.latch.request(LatchRequest::Index);
     hardware.control = 0x1808;
     for _ in 0..5 {
         encoder.read(hardware.step(10, 1_000));
-        assert_eq!(encoder.requested(), LatchRequest::Index);
-        assert_eq!(encoder.control().0, 0x1858);
+        assert_eq!(encoder.latch.wanted, LatchRequest::Index);
+        assert_eq!(encoder.control(), 0x1858);
     }
 }
 
@@ -175,18 +173,18 @@ fn the_end_of_one_request_is_not_taken_for_the_end_of_the_next() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
-    encoder.request(LatchRequest::Index);
+    encoder.latch.request(LatchRequest::Index);
     hardware.control = 0x1848 | (5 << 16);
     encoder.read(hardware.step(8, 1_000));
     // Asked for again at once, while the register still shows the end of the first request.
-    encoder.request(LatchRequest::Index);
-    assert_eq!(encoder.control().0, 0x1808);
+    encoder.latch.request(LatchRequest::Index);
+    assert_eq!(encoder.control(), 0x1808);
     encoder.read(hardware.step(8, 1_000));
-    assert_eq!(encoder.requested(), LatchRequest::Index);
+    assert_eq!(encoder.latch.wanted, LatchRequest::Index);
     hardware.control = 0x1808 | (5 << 16);
     encoder.read(hardware.step(8, 1_000));
-    assert_eq!(encoder.requested(), LatchRequest::Index);
-    assert_eq!(encoder.control().0, 0x1858);
+    assert_eq!(encoder.latch.wanted, LatchRequest::Index);
+    assert_eq!(encoder.control(), 0x1858);
     hardware.control = 0x1848 | (20 << 16);
     let reading = encoder.read(hardware.step(8, 1_000));
     assert_eq!((reading.rawcounts, reading.count), (32, 12));
@@ -197,8 +195,8 @@ fn a_probe_latches_and_leaves_the_count_alone() {
     let mut hardware = Hardware::default();
     let mut encoder = encoder();
     encoder.read(hardware.sample());
-    encoder.request(LatchRequest::Probe);
-    hardware.control = encoder.control().0;
+    encoder.latch.request(LatchRequest::Probe);
+    hardware.control = encoder.control();
     encoder.read(hardware.step(10, 1_000));
     hardware.control = 0x1848 | (15 << 16);
     let reading = encoder.read(hardware.step(10, 1_000));
@@ -223,7 +221,7 @@ fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
     let mut encoder = encoder();
     encoder.read(hardware.sample());
     encoder.read(hardware.step(20_000, 1_000));
-    encoder.request(LatchRequest::Index);
+    encoder.latch.request(LatchRequest::Index);
     hardware.count = 0;
     encoder.resume();
     // What the register shows after a reload must not pass for an index.
@@ -231,10 +229,10 @@ fn counts_go_on_where_they_were_after_the_counter_was_reset_unseen() {
     let reading = encoder.read(hardware.step(0, 1_000));
     assert_eq!((reading.rawcounts, reading.count), (20_000, 20_000));
     assert!(reading.velocity.abs() < f64::EPSILON);
-    assert_eq!(encoder.requested(), LatchRequest::Index);
+    assert_eq!(encoder.latch.wanted, LatchRequest::Index);
     hardware.control = 0x1808;
     assert_eq!(encoder.read(hardware.step(5, 1_000)).count, 20_005);
-    assert_eq!(encoder.control().0, 0x1858);
+    assert_eq!(encoder.control(), 0x1858);
 }
 
 #[test]
@@ -242,7 +240,7 @@ fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
     let mut hardware = Hardware::default();
     // 1 million counts a second: 32768 of them take 32.8 ms.
     let mut fresh = encoder();
-    fresh.set_max_count_rates([1e6; 2], 1e6);
+    fresh.set_sample_hz(1e6);
     let mut encoder = fresh.clone();
     assert!(!encoder.read(hardware.sample()).is_unsure);
     assert!(!encoder.read(hardware.step(10, 32_000)).is_unsure);
@@ -264,7 +262,7 @@ fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
 fn armed() -> (EncoderState, Hardware) {
     let (mut encoder, mut hardware) = (encoder(), Hardware::default());
     encoder.read(hardware.sample());
-    encoder.request(LatchRequest::Index);
+    encoder.latch.request(LatchRequest::Index);
     hardware.control = 0x1858;
     encoder.read(hardware.step(10, 1_000));
     (encoder, hardware)
@@ -273,12 +271,15 @@ fn armed() -> (EncoderState, Hardware) {
 #[test]
 fn a_late_write_without_the_request_is_no_index_and_the_request_is_made_again() {
     let (mut encoder, mut hardware) = armed();
-    assert!(!encoder.wants_write());
+    assert!(!encoder.latch.is_unsettled());
     hardware.control = 0x1808;
     let reading = encoder.read(hardware.step(10, 1_000));
     assert_eq!((reading.count, reading.latched), (20, None));
-    assert_eq!(encoder.requested(), LatchRequest::Index);
-    assert_eq!((encoder.control().0, encoder.wants_write()), (0x1858, true));
+    assert_eq!(encoder.latch.wanted, LatchRequest::Index);
+    assert_eq!(
+        (encoder.control(), encoder.latch.is_unsettled()),
+        (0x1858, true)
+    );
     hardware.control = 0x1848 | 25 << 16;
     assert_eq!(encoder.read(hardware.step(10, 1_000)).count, 5);
 }
@@ -291,7 +292,10 @@ fn a_late_write_of_a_probe_request_is_no_index() {
         let reading = encoder.read(hardware.step(10, 1_000));
         assert_eq!((reading.count, reading.latched), (20, None), "{control:#x}");
         // Before the request is made again, the other one has to be gone.
-        assert_eq!((encoder.control().0, encoder.wants_write()), (0x1808, true));
+        assert_eq!(
+            (encoder.control(), encoder.latch.is_unsettled()),
+            (0x1808, true)
+        );
     }
 }
 
@@ -301,7 +305,7 @@ fn a_latch_that_was_armed_again_after_it_was_taken_is_taken() {
     hardware.control = 0x1858 | 15 << 16;
     let reading = encoder.read(hardware.step(10, 1_000));
     assert_eq!((reading.count, reading.latched), (5, Some(0)));
-    assert_eq!(encoder.requested(), LatchRequest::None);
+    assert_eq!(encoder.latch.wanted, LatchRequest::None);
 }
 
 #[test]
@@ -312,13 +316,13 @@ fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_o
         encoder.read(hardware.step(10, 1_000));
         hardware.control = 0x1808 | 15 << 16;
         encoder.read(hardware.step(10, 1_000));
-        encoder.request(LatchRequest::Index);
+        encoder.latch.request(LatchRequest::Index);
         // Either this request's end, or that of a duplicate of the one before.
         hardware.control = 0x1848 | 35 << 16;
-        encoder.disturbed(disturbed, false);
+        encoder.latch.is_doubtful = disturbed;
         encoder.read(hardware.step(10, 1_000));
-        assert_eq!(encoder.requested() == LatchRequest::None, ended);
-        assert_eq!(encoder.control().0, 0x1808);
+        assert_eq!(encoder.latch.wanted == LatchRequest::None, ended);
+        assert_eq!(encoder.control(), 0x1808);
     }
 }
 
@@ -341,7 +345,7 @@ proptest! {
         let mut hardware = Hardware::default();
         let (mut close, mut restful) = (encoder(), encoder());
         for state in [&mut close, &mut restful] {
-            state.set_max_count_rates([4e6, 1e6], 6e6);
+            state.set_sample_hz(6e6);
             state.set_tick_hz(HZ);
         }
         let mut shown = EncoderReading::default();
@@ -350,24 +354,27 @@ proptest! {
             for state in [&mut close, &mut restful] {
                 match what {
                     Some(0) => state.reset(),
-                    Some(1) => state.request(LatchRequest::Index),
-                    Some(2) => state.request(LatchRequest::None),
+                    Some(1) => state.latch.request(LatchRequest::Index),
+                    Some(2) => state.latch.request(LatchRequest::None),
                     Some(3) => state.resume(),
-                    Some(4) => state.clear_quadrature_error(),
-                    Some(5) => state.disturbed(true, true),
-                    Some(6) => state.request(LatchRequest::Probe),
+                    Some(4) => {
+                        state.watches_errors ^= true;
+                        state.is_awake = true;
+                    }
+                    Some(5) => (state.latch.is_doubtful, state.latch.is_repeated) = (true, true),
+                    Some(6) => state.latch.request(LatchRequest::Probe),
                     _ => {}
                 }
             }
-            let mut control = close.control().0 & 0x7FFF | u32::from(error) << 15;
-            let enables = ControlWord::LATCH_ON_INDEX | ControlWord::LATCH_ON_PROBE;
+            let mut control = close.control() & 0x7FFF | u32::from(error) << 15;
+            let enables = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE;
             if latches && control & enables != 0 {
                 control &= !enables;
                 latched = u32::from(hardware.count as u16);
             }
             hardware.control = control | latched << 16;
             prop_assert_eq!(close.control(), restful.control());
-            prop_assert_eq!(close.wants_write(), restful.wants_write());
+            prop_assert_eq!(close.latch.is_unsettled(), restful.latch.is_unsettled());
             let sample = hardware.step(change, us);
             let reading = close.read(sample);
             if !restful.rests(&sample) {
@@ -381,7 +388,7 @@ proptest! {
 #[test]
 fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-    encoder.set_max_count_rates([4e6, 1e6], 6e6);
+    encoder.set_sample_hz(6e6);
     let _ = encoder.read(hardware.step(0, 1_000));
     let _ = encoder.read(hardware.step(0, 1_000));
     encoder.reset();
@@ -397,7 +404,7 @@ fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back(
 #[test]
 fn an_encoder_that_stands_still_is_passed_over() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-    encoder.set_max_count_rates([4e6, 1e6], 6e6);
+    encoder.set_sample_hz(6e6);
     encoder.set_tick_hz(HZ);
     for _ in 0..1_000 {
         let _ = encoder.read(hardware.step(0, 1_000));
@@ -413,7 +420,7 @@ fn an_encoder_that_stands_still_is_passed_over() {
         }
         let _ = encoder.read(next);
     }
-    encoder.wake();
+    encoder.is_awake = true;
     assert!(
         !encoder.rests(&hardware.step(0, 1_000)),
         "it was asked for something"
@@ -424,13 +431,13 @@ fn an_encoder_that_stands_still_is_passed_over() {
 fn an_error_that_nobody_watches_is_cleared_in_the_board_when_it_shows() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
     let _ = encoder.read(hardware.step(0, 1_000));
-    encoder.clear_quadrature_error();
-    assert!(!encoder.control().has(ControlWord::QUADRATURE_ERROR));
-    hardware.control = ControlWord::QUADRATURE_ERROR;
+    assert_eq!(encoder.control() & bits::QUADRATURE_ERROR, 0);
+    hardware.control = bits::QUADRATURE_ERROR;
     let _ = encoder.read(hardware.step(0, 1_000));
-    encoder.clear_quadrature_error();
-    assert!(
-        encoder.control().has(ControlWord::QUADRATURE_ERROR),
+    let word = encoder.control();
+    assert_ne!(
+        word & bits::QUADRATURE_ERROR,
+        0,
         "a changed word is written"
     );
 }
