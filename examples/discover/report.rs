@@ -11,7 +11,7 @@ use mesa_hal::discovery::{
 };
 use mesa_hal::ethernet::Identity;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
-use mesa_hal::modules::watchdog::{WatchdogRegisters, WatchdogTime};
+use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::remote::ParameterValue;
 use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
 
@@ -193,7 +193,7 @@ where
     let watchdog = WatchdogRegisters::locate(firmware)?;
     // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
     // is left to do that, it shall.
-    bus.write(watchdog.time, watchdog.time_for(AT_MOST).0)?;
+    bus.write(watchdog.time, watchdog.time_for(AT_MOST))?;
     bus.write(watchdog.reset, WatchdogRegisters::PET)?;
     bus.write(watchdog.status, 0)?;
     io_ports.use_module(firmware, gtag, number, |_| true)?;
@@ -203,7 +203,7 @@ where
     let restored = inputs.apply(bus);
     let report = taken?;
     restored?;
-    bus.write(watchdog.time, WatchdogTime::DISABLED.0)?;
+    bus.write(watchdog.time, WatchdogRegisters::DISABLED)?;
     Ok(report)
 }
 

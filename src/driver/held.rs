@@ -5,7 +5,7 @@ use core::ops::{Deref, DerefMut};
 
 use crate::bus::{Access, RegisterBus};
 use crate::hostmot2::IoPorts;
-use crate::modules::watchdog::{WatchdogRegisters, WatchdogTime};
+use crate::modules::watchdog::WatchdogRegisters;
 
 /// A bus. When it is dropped, the board is [released](Self::release).
 #[derive(Debug)]
@@ -26,7 +26,7 @@ impl<B: RegisterBus> Held<B> {
         );
         let inputs = directions.chain(open_drains);
         let mut release: Vec<_> = inputs.map(|address| (address, 0)).collect();
-        release.push((watchdog.time, WatchdogTime::AT_ONCE.0));
+        release.push((watchdog.time, WatchdogRegisters::AT_ONCE));
         Self {
             bus: Some(bus),
             release,

@@ -222,8 +222,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
     /// the watchdog is restarted before it has the time.
     fn feed_for(&mut self, time: Duration) -> Result<(), RemoteParameterError<B::Error>> {
-        let watchdog = *self.parts.watchdog.registers();
-        let words = &mut [WatchdogRegisters::PET, watchdog.time_for(time).0];
+        let watchdog = self.parts.watchdog.registers;
+        let words = &mut [WatchdogRegisters::PET, watchdog.time_for(time)];
         let accesses = [
             Access::write(watchdog.reset, 0, 1),
             Access::write(watchdog.time, 1, 1),

@@ -38,7 +38,8 @@ pub struct Dpll {
     clock_hz: u32,
     dds_bits: u8,
     config: DpllConfig,
-    words: DpllWords,
+    words: [u32; 5],
+    /// In the order of the words.
     settings: [Setting; 5],
     /// Where the board paces, nobody is followed: without these the loop runs free.
     following: Option<Following>,
@@ -64,29 +65,26 @@ impl Dpll {
             return Ok(None);
         }
         module.expect(7, 0)?;
-        let register = |register| module.register(register, 0);
-        let control_1 = register(3)?;
-        let dds_bits = r.peek(control_1)? as u8;
+        let dds_bits = r.peek(module.register(3, 0)?)? as u8;
         let khz = 1e-3 / r.settings.period.as_secs_f64();
         let pins = DpllPins::new(r.maker("dpll."), khz)?;
         let config = pins.config(r.pins);
-        let words = DpllWords::new(module.clock_hz, dds_bits, &config)?;
+        let words = config.words(module.clock_hz, dds_bits)?;
+        let [base_rate, control_0, control_1, timers_12, timers_34] = words;
         r.pins.publish(pins.ddsize, dds_bits.into());
-        r.pins.publish(pins.prescale, words.prescale.into());
-        // In the order of the words.
-        let addresses = [
-            register(0)?,
-            register(2)?,
-            control_1,
-            register(4)?,
-            register(5)?,
+        r.pins.publish(pins.prescale, control_0 >> 24);
+        let mut setting = |register, word| {
+            let address = module.register(register, 0)?;
+            Ok::<_, RegisterError>(r.setting(Stage::Configure, address, word))
+        };
+        let settings = [
+            setting(0, base_rate)?,
+            setting(2, control_0)?,
+            setting(3, control_1)?,
+            setting(4, timers_12)?,
+            setting(5, timers_34)?,
         ];
-        let mut of_words = addresses.into_iter().zip(words.to_array());
-        let settings = addresses.map(|address| {
-            let word = of_words.next().map_or(0, |(_, word)| word);
-            r.setting(Stage::Configure, address, word)
-        });
-        let (phase, sync) = (register(1)?, register(6)?);
+        let (phase, sync) = (module.register(1, 0)?, module.register(6, 0)?);
         let following = (r.settings.pace == Pace::Host).then(|| Following {
             // It is what the loop follows, so it comes first.
             sync: r.latch(sync),
@@ -133,21 +131,21 @@ impl Module for Dpll {
         if config == self.config {
             return;
         }
-        match DpllWords::new(self.clock_hz, self.dds_bits, &config) {
+        match config.words(self.clock_hz, self.dds_bits) {
             Ok(words) => {
-                let is_new = |of: fn(&DpllWords) -> (u32, u8)| of(&words) != of(&self.words);
-                if is_new(|words| (words.base_rate, words.prescale)) {
+                let rate = |[base_rate, control_0, ..]: [u32; 5]| (base_rate, control_0 >> 24);
+                let (base_rate, prescale) = rate(words);
+                if (base_rate, prescale) != rate(self.words) {
                     self.start_again();
                 }
                 (self.config, self.words) = (config, words);
-                let prescale = u32::from(words.prescale);
                 cycle.pins.publish(self.pins.prescale, prescale);
             }
             Err(_) => cycle
                 .pins
                 .count_rejection(self.pins.base_freq_khz, Rejection::OutOfRange),
         }
-        for (setting, word) in self.settings.into_iter().zip(self.words.to_array()) {
+        for (setting, word) in self.settings.into_iter().zip(self.words) {
             cycle.set(setting, word);
         }
     }
@@ -207,71 +205,44 @@ pub struct DpllConfig {
     pub timers_us: [f64; 4],
 }
 
-/// The register values of a configuration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DpllWords {
-    /// Phase step per clock.
-    pub base_rate: u32,
-    /// Clocks per phase step.
-    pub prescale: u8,
-    /// Prescale and phase limit. A write makes the loop forget its error, filter and integrator.
-    pub control_0: u32,
-    /// Time constant; the low byte reads the size of the DDS.
-    pub control_1: u32,
-    /// Timers 2 and 1.
-    pub timers_12: u32,
-    /// Timers 4 and 3.
-    pub timers_34: u32,
-}
-
-impl DpllWords {
-    /// The words for a loop with this clock and a DDS of `dds_bits`:
-    /// prescale = 2^30*clock / (2^dds * Hz), at least 1; base rate = Hz * 2^dds * prescale / clock,
-    /// both cut off as LinuxCNC does.
+impl DpllConfig {
+    /// The words of the registers for a loop with this clock and a DDS of `dds_bits`:
+    /// - base rate, the phase step: Hz * 2^dds * prescale / clock;
+    /// - control 0: prescale, the clocks of a phase step, 2^30*clock / (2^dds * Hz) and at least 1, and
+    ///   phase limit. A write makes the loop forget its error, filter and integrator;
+    /// - control 1: time constant; the low byte reads the size of the DDS;
+    /// - timers 2 and 1, timers 4 and 3.
+    ///
+    /// Prescale and base rate are cut off as LinuxCNC does.
     ///
     /// # Errors
-    /// [`RegisterError::DpllRate`], [`RegisterError::DdsSize`].
-    pub fn new(clock_hz: u32, dds_bits: u8, config: &DpllConfig) -> Result<Self, RegisterError> {
-        if !(1..=63).contains(&dds_bits) {
-            return Err(RegisterError::DdsSize { found: dds_bits });
-        }
-        let clock = f64::from(clock_hz);
-        let turn = libm::ldexp(1.0, i32::from(dds_bits)) * config.hz;
+    /// [`RegisterError::DpllRate`].
+    pub fn words(&self, clock_hz: u32, dds_bits: u8) -> Result<[u32; 5], RegisterError> {
+        let (hz, clock) = (self.hz, f64::from(clock_hz));
+        let turn = libm::ldexp(1.0, i32::from(dds_bits)) * hz;
         let prescale = libm::floor(libm::ldexp(clock, 30) / turn).max(1.0);
         let base_rate = libm::floor(turn * prescale / clock);
-        let fits = config.hz > 0.0
+        let fits = hz > 0.0
+            && (1..=63).contains(&dds_bits)
             && (1.0..=255.0).contains(&prescale)
             && (1.0..=f64::from(u32::MAX)).contains(&base_rate);
         if !fits {
             return Err(RegisterError::DpllRate {
-                hz: config.hz,
+                hz,
                 clock_hz,
                 dds_bits,
                 prescale,
                 base_rate,
             });
         }
-        let [one, two, three, four] = config
-            .timers_us
-            .map(|us| u32::from(timer_of(us, config.hz)));
-        Ok(Self {
-            base_rate: base_rate as u32,
-            prescale: prescale as u8,
-            control_0: (prescale as u32) << 24 | config.phase_limit.min(0xFF_FFFF),
-            control_1: u32::from(config.time_constant) << 16,
-            timers_12: two << 16 | one,
-            timers_34: four << 16 | three,
-        })
-    }
-
-    const fn to_array(self) -> [u32; 5] {
-        [
-            self.base_rate,
-            self.control_0,
-            self.control_1,
-            self.timers_12,
-            self.timers_34,
-        ]
+        let [one, two, three, four] = self.timers_us.map(|us| u32::from(timer_of(us, hz)));
+        Ok([
+            base_rate as u32,
+            (prescale as u32) << 24 | self.phase_limit.min(0xFF_FFFF),
+            u32::from(self.time_constant) << 16,
+            two << 16 | one,
+            four << 16 | three,
+        ])
     }
 }
 
@@ -284,20 +255,20 @@ fn timer_of(us: f64, hz: f64) -> u16 {
     if within.is_nan() { 0 } else { within as u16 }
 }
 
-/// The phase error in us that the sync register says, for a thread of `hz`: a signed fraction of
+/// The phase error in us that the sync register reads, for a thread of `hz`: a signed fraction of
 /// the period in 1/2^32, positive if the thread reads late.
 fn phase_error_us(word: u32, hz: f64) -> f64 {
     f64::from(word as i32) / 4_294_967_296.0 / hz * 1e6
 }
 
-/// LinuxCNC does it for so many periods: what a machine starts with is irregular.
+/// LinuxCNC does it for this number of periods: what a machine starts with is irregular.
 const PERIODS: u32 = 100;
 
 /// Sets the phase of the loop with each write, such that the next read finds it at 0.
 ///
 /// Left to itself, the loop takes seconds to get there, and rings (FACTS 12.4). LinuxCNC writes 0,
 /// after which the read is early by what passes from a read to its write. That is what the next read
-/// says, and its mean is written from then on.
+/// shows, and its mean is written from then on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct PhaseStart {
     writes: u32,
@@ -343,26 +314,27 @@ mod tests {
         timers_us: [-100.0; 4],
     };
 
-    fn words(dds_bits: u8, config: &DpllConfig) -> Result<DpllWords, RegisterError> {
-        DpllWords::new(CLOCK, dds_bits, config)
+    fn words(dds_bits: u8, config: &DpllConfig) -> Result<[u32; 5], RegisterError> {
+        config.words(CLOCK, dds_bits)
     }
 
     /// The rate that the loop has with a DDS of 42 bits.
-    fn hz(words: &DpllWords) -> f64 {
-        let turn = libm::ldexp(f64::from(words.prescale), 42);
-        f64::from(words.base_rate) * f64::from(CLOCK) / turn
+    fn hz([base_rate, control_0, ..]: [u32; 5]) -> f64 {
+        let turn = libm::ldexp(f64::from(control_0 >> 24), 42);
+        f64::from(base_rate) * f64::from(CLOCK) / turn
     }
 
     #[test]
     fn a_thread_of_1_khz_at_100_mhz_with_42_bits() {
         // 2^30*1e8/(2^42*1e3) = 24.4; 1e3*2^42*24/1e8 = 1055531162.66.
         let words = words(42, &CONFIG).unwrap();
-        assert_eq!((words.prescale, words.base_rate), (24, 1_055_531_162));
-        assert_eq!(words.control_0, 0x1840_0000);
-        assert_eq!(words.control_1, 0xA000_0000);
+        assert_eq!(
+            words[..3],
+            [1_055_531_162, 24 << 24 | 0x40_0000, 0xA000_0000]
+        );
         // 100 us before, of 1 ms: 6553.6.
-        assert_eq!(words.timers_12, 0x1999_1999);
-        assert!((hz(&words) - 1_000.0).abs() < 1e-5);
+        assert_eq!(words[3], 0x1999_1999);
+        assert!((hz(words) - 1_000.0).abs() < 1e-5);
     }
 
     #[test]
@@ -372,8 +344,7 @@ mod tests {
             ..CONFIG
         };
         let words = words(42, &config).unwrap();
-        assert_eq!(words.timers_12, 0xE666_1999);
-        assert_eq!(words.timers_34, 0x0000_C000);
+        assert_eq!(words[3..], [0xE666_1999, 0x0000_C000]);
         let timer = |us: f64| timer_of(us, 1_000.0);
         let halves = [timer(0.0), timer(-500.0), timer(500.0)];
         assert_eq!(halves, [0, 0x8000, 0x8000]);
@@ -389,7 +360,9 @@ mod tests {
 
     #[test]
     fn what_the_hardware_can_not_do_is_an_error() {
-        assert_eq!(words(0, &CONFIG), Err(RegisterError::DdsSize { found: 0 }));
+        for dds_bits in [0, 64] {
+            assert!(words(dds_bits, &CONFIG).is_err(), "{dds_bits}");
+        }
         for hz in [1.0, 0.0, -1.0, f64::NAN, f64::INFINITY] {
             let error = words(42, &DpllConfig { hz, ..CONFIG });
             assert!(matches!(error, Err(RegisterError::DpllRate { .. })), "{hz}");
@@ -420,7 +393,7 @@ mod tests {
         #[test]
         fn the_rate_is_met_to_a_millionth(rate in 100.0f64..20_000.0) {
             if let Ok(words) = words(42, &DpllConfig { hz: rate, ..CONFIG }) {
-                prop_assert!((hz(&words) / rate - 1.0).abs() < 1e-6);
+                prop_assert!((hz(words) / rate - 1.0).abs() < 1e-6);
             } else {
                 prop_assert!(rate < 200.0);
             }

@@ -35,31 +35,22 @@ pub enum RegisterError {
         /// How many there are.
         all: u8,
     },
-    /// The rate of the thread is out of reach of the phase-locked loop.
+    /// The rate of the thread is out of reach of the phase-locked loop, or its DDS is not known.
     #[error(
-        "the DPLL can not follow {hz} Hz: with a clock of {clock_hz} Hz and {dds_bits} bits, \
-         prescale {prescale} (1 to 255) and base rate {base_rate} (1 to 2^32-1) would be needed; \
-         choose another thread period"
+        "the DPLL can not follow {hz} Hz: with a clock of {clock_hz} Hz and a DDS of {dds_bits} bits \
+         (1 to 63), prescale {prescale} (1 to 255) and base rate {base_rate} (1 to 2^32-1) would be \
+         needed; choose another thread period, or go on without it (`Settings::no_dpll`)"
     )]
     DpllRate {
         /// What was asked for.
         hz: f64,
         /// The clock.
         clock_hz: u32,
-        /// Size of the DDS.
+        /// Size of the DDS, as the DPLL reports it.
         dds_bits: u8,
         /// The prescale that would be needed.
         prescale: f64,
         /// The base rate that would be needed.
         base_rate: f64,
-    },
-    /// The size of the DDS makes no sense.
-    #[error(
-        "the DPLL reports a DDS of {found} bits, expected 1 to 63: this firmware's DPLL is not \
-         known, go on without it (`Settings::without_dpll`)"
-    )]
-    DdsSize {
-        /// What was read.
-        found: u8,
     },
 }

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
-use crate::hal::{DigitalIn, Output, Param, PinError, PinMaker, PinStore};
+use crate::hal::{DigitalIn, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, IoPort, PinDescriptor, PinPlace, PortRegisters};
 
 pub use crate::hostmot2::GpioConfig;
@@ -30,7 +30,8 @@ pub struct GpioPins {
 /// All I/O pins.
 #[derive(Debug)]
 pub struct Gpio {
-    pins: Vec<GpioPins>,
+    /// The I/O pins, by number.
+    pub pins: Vec<GpioPins>,
     places: Vec<PinPlace>,
     ports: Vec<Port>,
 }
@@ -51,17 +52,6 @@ struct Port {
     open_drain: Setting,
 }
 
-/// Who uses an I/O pin.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum PinUse {
-    /// The application.
-    Gpio,
-    /// A module reads it.
-    ModuleInput,
-    /// A module drives it.
-    ModuleOutput,
-}
-
 impl Gpio {
     /// All I/O pins of a firmware: to be registered when all modules have taken theirs.
     ///
@@ -75,19 +65,11 @@ impl Gpio {
             let Some(place) = r.io.place(number) else {
                 break;
             };
-            let usage = PinUse::of(r, number);
-            let at = r.board.place(r.firmware, (Gtag::IO_PORT, 0), number);
-            let mut make = r.maker(&format!("gpio.{number:03}."));
-            make = make.at(at.terminal, at.signal);
-            pins.push(GpioPins::new(&mut make, usage)?);
+            pins.push(GpioPins::new(r, number)?);
             places.push(place);
         }
-        let settings = r.settings;
-        for &(number, config) in &settings.gpio {
+        for &(number, config) in &r.settings.gpio {
             r.io.use_gpio(number, config)?;
-            if let Some(of) = pins.get(usize::from(number)) {
-                of.configure(r.pins, config)?;
-            }
         }
         let mut ports = Vec::new();
         for (number, port) in (0..).zip(r.io.ports.clone()) {
@@ -103,30 +85,19 @@ impl Gpio {
             ports,
         })
     }
-
-    /// The I/O pins, by number.
-    pub fn pins(&self) -> &[GpioPins] {
-        &self.pins
-    }
-}
-
-impl PinUse {
-    fn of(r: &Registrar<'_>, number: u16) -> Self {
-        let descriptor = r.firmware.pins.get(usize::from(number));
-        if !r.io.is_taken(number) {
-            Self::Gpio
-        } else if descriptor.is_some_and(PinDescriptor::is_output) {
-            Self::ModuleOutput
-        } else {
-            Self::ModuleInput
-        }
-    }
 }
 
 impl GpioPins {
-    fn new(make: &mut PinMaker<'_>, usage: PinUse) -> Result<Self, PinError> {
-        let (is_free, is_read) = (usage == PinUse::Gpio, usage != PinUse::ModuleOutput);
-        let is_driven = usage != PinUse::ModuleInput;
+    fn new(r: &mut Registrar<'_>, number: u16) -> Result<Self, PinError> {
+        let descriptor = r.firmware.pins.get(usize::from(number));
+        let is_free = !r.io.is_taken(number);
+        let is_driven = is_free || descriptor.is_some_and(PinDescriptor::is_output);
+        let is_read = is_free || !is_driven;
+        let mut settings = r.settings.gpio.iter();
+        let config = settings.find_map(|&(n, config)| (n == number).then_some(config));
+        let config = config.unwrap_or_default();
+        let place = r.board.place(r.firmware, (Gtag::IO_PORT, 0), number);
+        let mut make = r.maker_at(&format!("gpio.{number:03}."), place);
         let mut input = None;
         if is_read {
             input = Some(DigitalIn {
@@ -134,35 +105,17 @@ impl GpioPins {
                 not: make.input("in_not")?,
             });
         }
-        let mut flag = |there: bool, name: &str| {
-            let flag = there.then(|| make.setting(name, false));
+        let mut flag = |there: bool, name: &str, initial: bool| {
+            let flag = there.then(|| make.setting(name, initial));
             flag.transpose()
         };
-        let invert_output = flag(is_driven, "invert_output")?;
-        let is_opendrain = flag(is_driven, "is_opendrain")?;
-        let is_output = flag(is_free, "is_output")?;
-        let out = is_free.then(|| make.output("out")).transpose()?;
         Ok(Self {
             input,
-            out,
-            is_output,
-            invert_output,
-            is_opendrain,
+            invert_output: flag(is_driven, "invert_output", config.invert)?,
+            is_opendrain: flag(is_driven, "is_opendrain", config.open_drain)?,
+            is_output: flag(is_free, "is_output", config.output)?,
+            out: is_free.then(|| make.output("out")).transpose()?,
         })
-    }
-
-    fn configure(&self, store: &mut PinStore, config: GpioConfig) -> Result<(), PinError> {
-        let of = [
-            (self.is_output, config.output),
-            (self.is_opendrain, config.open_drain),
-            (self.invert_output, config.invert),
-        ];
-        for (param, value) in of {
-            if let Some(param) = param {
-                store.set_param(param, value)?;
-            }
-        }
-        Ok(())
     }
 
     /// Puts what the application asks of the pin into the words of its port.

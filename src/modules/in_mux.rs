@@ -56,15 +56,19 @@ pub struct InMux {
     /// The handles of its pins.
     pub pins: InMuxPins,
     clock_hz: u32,
-    last_input: u8,
-    config: Config,
+    /// Control, filter and modes, as they were written last.
+    words: [u32; 3],
     mpgs: [Mpg; 4],
-    /// Filtered and raw levels that were published last.
-    shown: Option<(u32, u32)>,
-    settling: Option<Settling>,
+    /// What was published last.
+    shown: Option<Levels>,
+    /// The module was set up, and its scans and filters hold what was before, ...
+    is_settling: bool,
+    /// ... which was read first then.
+    since: Option<Instant>,
     control: Setting,
     /// The inputs with the long filter: bit n is input n.
     filter: Setting,
+    /// Bit 0 of each byte: counter k counts every edge (4X), else one per cycle (1X).
     modes: Setting,
     filtered: ReadSlot,
     raw: ReadSlot,
@@ -72,19 +76,11 @@ pub struct InMux {
     mpg: ReadSlot,
 }
 
-/// The module was set up, and its scans and filters hold what was before.
-#[derive(Clone, Copy, Debug, Default)]
-struct Settling {
-    /// The first read since.
-    since: Option<Instant>,
-}
-
-/// What can not be told yet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Unsettled {
+/// The levels of all inputs, or which of them can not be told yet: bit n is input n.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Levels {
     filtered: u32,
     raw: u32,
-    mpgs: [bool; 4],
 }
 
 /// Scans until what is raw is of the present set-up: the one in progress, one whole, and the one in
@@ -106,19 +102,19 @@ impl InMux {
         r.use_io(gtag, instance)?;
         let register = |register| module.register(register, instance);
         let (control, filter, mpg) = (register(0)?, register(1)?, register(4)?);
-        let last_input = Control(r.peek(control)?).last_input();
-        let pins = InMuxPins::new(r, (gtag, instance), u16::from(last_input) + 1)?;
-        let config = pins.config(r.pins);
-        let [control_word, slow, modes] = config.words(clock_hz, last_input);
+        let inputs = (r.peek(control)? & LAST_INPUT) as u16 + 1;
+        let pins = InMuxPins::new(r, (gtag, instance), inputs)?;
+        let words = pins.words(r.pins, clock_hz);
+        let [control_word, slow, modes] = words;
         Ok(Self {
             gtag,
             pins,
             clock_hz,
-            last_input,
-            config,
+            words,
             mpgs: [Mpg::default(); 4],
             shown: None,
-            settling: Some(Settling::default()),
+            is_settling: true,
+            since: None,
             control: r.setting(Stage::Configure, control, control_word),
             filter: r.setting(Stage::Configure, filter, slow),
             modes: r.setting(Stage::Configure, mpg, modes),
@@ -128,59 +124,57 @@ impl InMux {
         })
     }
 
-    /// What can not be told yet at `now`; `None` if all of it can.
-    fn unsettled(&mut self, now: Instant) -> Option<Unsettled> {
-        let settling = self.settling.as_mut()?;
-        let since = now.since(*settling.since.get_or_insert(now));
-        let control = Control::new(self.clock_hz, self.last_input, &self.config);
-        let seconds = 1.0 / control.scan_hz(self.clock_hz);
+    /// What can not be told yet at `now`.
+    fn unsettled(&mut self, now: Instant) -> Levels {
+        if !self.is_settling {
+            return Levels::default();
+        }
+        let [control, slow, _] = self.words;
+        let since = now.since(*self.since.get_or_insert(now));
         // A clock that is not known leaves nothing valid.
-        let scan = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
+        let scan = Duration::try_from_secs_f64(1.0 / scan_hz(control, self.clock_hz));
+        let scan = scan.unwrap_or(Duration::MAX);
+        let is_over = |scans: u32| since >= scan.saturating_mul(RAW_SCANS + scans);
+        let held = |is_over: bool, inputs: u32| if is_over { 0 } else { inputs };
         // A filter counts to its end, whatever it held, and shows that one scan later.
-        let is_over = |scans: u16| since >= scan.saturating_mul(RAW_SCANS + 1 + u32::from(scans));
-        let short = is_over(self.config.short_filter.into());
-        let long = is_over(self.config.long_filter);
-        let filtered = match (short, long) {
-            (false, false) => u32::MAX,
-            (true, false) => self.config.slow,
-            (false, true) => !self.config.slow,
-            (true, true) => return None,
-        };
-        let is_raw = since >= scan.saturating_mul(RAW_SCANS);
-        Some(Unsettled {
-            filtered,
-            raw: if is_raw { 0 } else { u32::MAX },
-            mpgs: [0, 2, 4, 6].map(|a| filtered >> a & 0b11 != 0),
-        })
+        let short = is_over(1 + (control >> SHORT & LARGEST_SHORT));
+        let long = is_over(1 + (control >> LONG));
+        self.is_settling = !(short && long);
+        Levels {
+            filtered: held(short, !slow) | held(long, slow),
+            raw: held(is_over(0), u32::MAX),
+        }
     }
 
-    /// Counts what the MPGs moved; those that are not settled stay where they are.
-    fn count(&mut self, pins: &mut PinStore, word: u32, unsettled: Option<Unsettled>) {
-        let held = unsettled.map_or([false; 4], |unsettled| unsettled.mpgs);
+    /// Counts what the MPGs moved; those on inputs that are `held` stay where they are.
+    fn count(&mut self, pins: &mut PinStore, word: u32, held: u32) {
         let of_pins = self.pins.mpg_counts.iter().zip(self.pins.mpg_resets);
-        let of_board = word.to_le_bytes().into_iter().zip(held);
-        for ((mpg, (&count, reset)), (now, is_held)) in
+        let of_board = word.to_le_bytes().into_iter().zip([0, 2, 4, 6]);
+        for ((mpg, (&count, reset)), (now, input_a)) in
             self.mpgs.iter_mut().zip(of_pins).zip(of_board)
         {
+            let is_held = held >> input_a & 0b11 != 0;
             mpg.take(now, is_held, pins.fetch(reset));
             pins.publish(count, mpg.count as i32);
+            if is_held {
+                pins.withhold(count);
+            }
         }
     }
 }
 
 impl Module for InMux {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let unsettled = self.unsettled(cycle.now);
-        let levels = (cycle.word(self.filtered), cycle.word(self.raw));
-        let mpg = cycle.word(self.mpg);
-        self.count(cycle.pins, mpg, unsettled);
+        let was_settling = self.is_settling;
+        let held = self.unsettled(cycle.now);
+        self.count(cycle.pins, cycle.words.word(self.mpg), held.filtered);
+        let levels = Levels {
+            filtered: cycle.word(self.filtered),
+            raw: cycle.word(self.raw),
+        };
         // What was withheld last is published once more.
-        let is_over = unsettled.is_none() && self.settling.take().is_some();
-        if self.shown.replace(levels) != Some(levels) || unsettled.is_some() || is_over {
-            self.pins.publish(cycle.pins, levels);
-        }
-        if let Some(unsettled) = unsettled {
-            self.pins.withhold(cycle.pins, unsettled);
+        if self.shown.replace(levels) != Some(levels) || was_settling {
+            self.pins.publish(cycle.pins, levels, held);
         }
     }
 
@@ -188,9 +182,8 @@ impl Module for InMux {
         if !cycle.changed {
             return;
         }
-        let config = self.pins.config(cycle.pins);
-        self.config = config;
-        let [control, slow, modes] = config.words(self.clock_hz, self.last_input);
+        self.words = self.pins.words(cycle.pins, self.clock_hz);
+        let [control, slow, modes] = self.words;
         cycle.set(self.control, control);
         cycle.set(self.filter, slow);
         cycle.set(self.modes, modes);
@@ -198,8 +191,7 @@ impl Module for InMux {
 
     /// The counters may stand anywhere, and the counts go on from where they were.
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
-        self.settling = Some(Settling::default());
-        self.shown = None;
+        (self.is_settling, self.since) = (true, None);
     }
 }
 
@@ -225,7 +217,7 @@ impl InMuxPins {
         }
         for n in 0..count {
             let place = r.board.place(r.firmware, (gtag, instance), n);
-            let mut make = r.maker(&stem).at(place.terminal, place.signal);
+            let mut make = r.maker_at(&stem, place);
             let mut pair = |name: &str| {
                 Ok::<_, PinError>(DigitalIn {
                     pin: make.input(name)?,
@@ -242,53 +234,43 @@ impl InMuxPins {
         for (k, (count, reset)) in (0u16..).zip(mpgs) {
             let at = |n| r.board.place(r.firmware, (gtag, instance), n);
             let place = at(2 * k).and(at(2 * k + 1));
-            let mut make = r.maker(&stem).at(place.terminal, place.signal);
+            let mut make = r.maker_at(&stem, place);
             *count = make.input(&format!("enc{k}-count"))?;
             *reset = make.switch(&format!("enc{k}-reset"), false)?;
         }
         Ok(all)
     }
 
-    fn config(&self, pins: &mut PinStore) -> Config {
-        let inputs = self.inputs.iter().enumerate();
-        Config {
-            scan_hz: pins.param(self.scan_rate),
-            short_filter: pins.param(self.fast_scans).min(63) as u8,
-            long_filter: pins.param(self.slow_scans).min(1023) as u16,
-            slow: inputs.fold(0, |word, (n, input)| {
-                word | u32::from(pins.fetch(input.slow)) << (n & 31)
-            }),
-            mpg_4x: self.mpg_4x.map(|param| pins.param(param)),
+    /// Control, filter and modes.
+    fn words(&self, pins: &mut PinStore, clock_hz: u32) -> [u32; 3] {
+        let mut slow = 0;
+        for (n, input) in self.inputs.iter().enumerate() {
+            slow |= u32::from(pins.fetch(input.slow)) << (n & 31);
         }
+        let control = control(
+            (clock_hz, self.inputs.len() as u32),
+            pins.param(self.scan_rate),
+            pins.param(self.fast_scans),
+            pins.param(self.slow_scans),
+        );
+        let modes = self.mpg_4x.map(|param| pins.param(param).into());
+        [control, slow, u32::from_le_bytes(modes)]
     }
 
-    fn publish(&self, pins: &mut PinStore, (filtered, raw): (u32, u32)) {
+    /// Publishes the levels, and takes back those that are `held`.
+    fn publish(&self, pins: &mut PinStore, levels: Levels, held: Levels) {
         for (n, input) in self.inputs.iter().enumerate() {
-            for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
+            for (pair, word, held) in [
+                (input.filtered, levels.filtered, held.filtered),
+                (input.raw, levels.raw, held.raw),
+            ] {
                 let level = word >> (n & 31) & 1 != 0;
                 pins.publish(pair.pin, level);
                 pins.publish(pair.not, !level);
-            }
-        }
-    }
-
-    fn withhold(&self, pins: &mut PinStore, unsettled: Unsettled) {
-        let Unsettled {
-            filtered,
-            raw,
-            mpgs,
-        } = unsettled;
-        for (n, input) in self.inputs.iter().enumerate() {
-            for (pair, word) in [(input.filtered, filtered), (input.raw, raw)] {
-                if word >> (n & 31) & 1 != 0 {
+                if held >> (n & 31) & 1 != 0 {
                     pins.withhold(pair.pin);
                     pins.withhold(pair.not);
                 }
-            }
-        }
-        for (&pin, is_withheld) in self.mpg_counts.iter().zip(mpgs) {
-            if is_withheld {
-                pins.withhold(pin);
             }
         }
     }
@@ -315,62 +297,39 @@ impl Mpg {
     }
 }
 
-/// How the inputs are scanned and filtered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Config {
-    /// Whole scans per second.
-    scan_hz: u32,
-    /// Scans that an input must be steady for, short filter: 0 to 63.
-    short_filter: u8,
-    /// Scans that an input must be steady for, long filter: 0 to 1023.
-    long_filter: u16,
-    /// The inputs with the long filter: bit n is input n.
-    slow: u32,
-    /// The counters that count every edge (4X), else one per cycle (1X).
-    mpg_4x: [bool; 4],
+/// Number of the last input in the control register; read only.
+const LAST_INPUT: u32 = 0x1F;
+/// All inputs inverted: the opto-isolators pull their lines low while current flows, which is to
+/// read as true.
+const INVERT: u32 = 1 << 5;
+/// Rate divisor, ...
+const DIVISOR: u32 = 6;
+const LARGEST_DIVISOR: u32 = 0x3FF;
+/// ... and the scans that an input must be steady for: short filter, ...
+const SHORT: u32 = 16;
+const LARGEST_SHORT: u32 = 0x3F;
+/// ... and long filter.
+const LONG: u32 = 22;
+const LARGEST_LONG: u32 = 0x3FF;
+
+/// The control register for `inputs` inputs that are scanned `scan_hz` times a second, with these
+/// filters, in scans; what does not fit becomes the nearest.
+fn control((clock_hz, inputs): (u32, u32), scan_hz: u32, short: u32, long: u32) -> u32 {
+    let channel_hz = f64::from(scan_hz) * f64::from(inputs);
+    let divisor = libm::round(f64::from(clock_hz) / 4.0 / channel_hz) - 1.0;
+    let divisor = divisor.clamp(0.0, f64::from(LARGEST_DIVISOR)) as u32;
+    inputs.saturating_sub(1) & LAST_INPUT
+        | INVERT
+        | divisor << DIVISOR
+        | short.min(LARGEST_SHORT) << SHORT
+        | long.min(LARGEST_LONG) << LONG
 }
 
-impl Config {
-    /// Control, filter and MPG registers; the last has bit 0 of each byte: 0 = 1X, 1 = 4X.
-    fn words(&self, clock_hz: u32, last_input: u8) -> [u32; 3] {
-        let control = Control::new(clock_hz, last_input, self);
-        let modes = u32::from_le_bytes(self.mpg_4x.map(u8::from));
-        [control.0, self.slow, modes]
-    }
-}
-
-/// The control register: 4..0 last input number (read only), 5 invert, 15..6 rate divisor,
-/// 21..16 short filter, 31..22 long filter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Control(u32);
-
-impl Control {
-    /// All inputs inverted: the opto-isolators pull their lines low while current flows, which is to
-    /// read as true.
-    const INVERT: u32 = 1 << 5;
-
-    /// The word for a configuration; rates that do not fit become the nearest.
-    fn new(clock_hz: u32, last_input: u8, config: &Config) -> Self {
-        let channel_hz = f64::from(config.scan_hz) * (f64::from(last_input & 0x1F) + 1.0);
-        let divisor = libm::round(f64::from(clock_hz) / 4.0 / channel_hz) - 1.0;
-        Self(
-            u32::from(last_input & 0x1F)
-                | Self::INVERT
-                | (divisor.clamp(0.0, 1023.0) as u32) << 6
-                | u32::from(config.short_filter.min(63)) << 16
-                | u32::from(config.long_filter.min(1023)) << 22,
-        )
-    }
-
-    const fn last_input(self) -> u8 {
-        (self.0 & 0x1F) as u8
-    }
-
-    /// Whole scans per second.
-    fn scan_hz(self, clock_hz: u32) -> f64 {
-        let divisor = f64::from(self.0 >> 6 & 0x3FF);
-        f64::from(clock_hz) / 4.0 / (divisor + 1.0) / (f64::from(self.last_input()) + 1.0)
-    }
+/// Whole scans per second.
+fn scan_hz(control: u32, clock_hz: u32) -> f64 {
+    let divisor = f64::from(control >> DIVISOR & LARGEST_DIVISOR);
+    let last_input = f64::from(control & LAST_INPUT);
+    f64::from(clock_hz) / 4.0 / (divisor + 1.0) / (last_input + 1.0)
 }
 
 #[cfg(test)]
@@ -378,40 +337,21 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const CONFIG: Config = Config {
-        scan_hz: 20_000,
-        short_filter: 5,
-        long_filter: 500,
-        slow: 0,
-        mpg_4x: [true, false, false, true],
-    };
+    const CLOCK: u32 = 100_000_000;
 
     #[test]
     fn the_default_scans_sixteen_inputs_at_20_khz() {
-        let [control, _, modes] = CONFIG.words(100_000_000, 15);
+        let control = control((CLOCK, 16), 20_000, 5, 500);
         // 25 MHz / 16 / 20 kHz = 78.1: divisor 77.
         assert_eq!(control, 15 | 1 << 5 | 77 << 6 | 5 << 16 | 500 << 22);
-        assert!((Control(control).scan_hz(100_000_000) - 20_032.05).abs() < 0.01);
-        assert_eq!(modes, 0x0100_0001);
+        assert!((scan_hz(control, CLOCK) - 20_032.05).abs() < 0.01);
     }
 
     #[test]
     fn rates_and_filters_that_do_not_fit_become_the_nearest() {
-        let config = Config {
-            scan_hz: u32::MAX,
-            short_filter: 255,
-            long_filter: 60_000,
-            ..CONFIG
-        };
-        assert_eq!(Control::new(100_000_000, 0, &config).0, 0xFFFF_0020);
-        let slow = Config {
-            scan_hz: 0,
-            ..config
-        };
-        assert_eq!(
-            Control::new(100_000_000, 0, &slow).0,
-            0xFFFF_0020 | 1023 << 6
-        );
+        let of_rate = |scan_hz| control((CLOCK, 1), scan_hz, 255, 60_000);
+        assert_eq!(of_rate(u32::MAX), 0xFFFF_0020);
+        assert_eq!(of_rate(0), 0xFFFF_0020 | 1023 << 6);
     }
 
     proptest! {

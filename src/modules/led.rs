@@ -20,7 +20,8 @@ const LEDS: usize = 4;
 /// The LEDs of a board.
 #[derive(Debug)]
 pub struct Leds {
-    leds: Vec<Output<bool>>,
+    /// The pins, CR01 first.
+    pub leds: Vec<Output<bool>>,
     word: Setting,
 }
 
@@ -42,11 +43,6 @@ impl Leds {
             word: r.setting(Stage::Configure, data, 0),
         }))
     }
-
-    /// The pins, CR01 first.
-    pub fn leds(&self) -> &[Output<bool>] {
-        &self.leds
-    }
 }
 
 impl Module for Leds {
@@ -55,29 +51,19 @@ impl Module for Leds {
         if !cycle.changed {
             return;
         }
-        let mut word = LedWord::default();
+        let mut word = 0;
         for (n, led) in (0..).zip(&self.leds) {
-            word = word.with(n, cycle.pins.fetch(*led));
+            word |= led_bit(n, cycle.pins.fetch(*led));
         }
-        cycle.set(self.word, word.0);
+        cycle.set(self.word, word);
     }
 }
 
 /// The LED register: LED 0 is bit 31, LED 7 bit 24.
 ///
 /// Source: FACTS 13.9.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-struct LedWord(u32);
-
-impl LedWord {
-    /// The word with one LED on or off; beyond LED 7 it stays as it is.
-    const fn with(self, led: u8, on: bool) -> Self {
-        if led > 7 {
-            return self;
-        }
-        let mask = 1 << (31 - led);
-        Self(if on { self.0 | mask } else { self.0 & !mask })
-    }
+const fn led_bit(led: u8, on: bool) -> u32 {
+    (on as u32) << (31 - (led & 7))
 }
 
 #[cfg(test)]
@@ -86,8 +72,7 @@ mod tests {
 
     #[test]
     fn led_0_is_the_top_bit() {
-        let word = LedWord::default().with(0, true).with(3, true);
-        assert_eq!(word, LedWord(0x9000_0000));
-        assert_eq!(word.with(0, false).with(9, true), LedWord(0x1000_0000));
+        assert_eq!(led_bit(0, true) | led_bit(3, true), 0x9000_0000);
+        assert_eq!(led_bit(0, false), 0);
     }
 }

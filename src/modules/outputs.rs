@@ -98,7 +98,7 @@ fn output(
     number: u8,
 ) -> Result<NumberedOutput, RegisterError> {
     let place = r.board.place(r.firmware, (gtag, instance), number.into());
-    let mut make = r.maker(stem).at(place.terminal, place.signal);
+    let mut make = r.maker_at(stem, place);
     let pin = make.output(&format!("out-{number:02}"))?;
     let invert = Some(Invert::Pin(
         make.switch(&format!("invert-{number:02}"), false)?,

@@ -8,9 +8,7 @@ use alloc::vec::Vec;
 use super::{Module, RegisterError, Registrar, WriteCycle};
 use crate::boards::PwmTable;
 use crate::bus::{Setting, Stage, WriteSlot};
-use crate::hal::{
-    AnalogOut, FullScale, Output, OutputModifiers, OutputRule, Param, PinStore, Terminals,
-};
+use crate::hal::{FullScale, Output, OutputModifiers, OutputRule, Param, PinStore, Terminals};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
@@ -26,7 +24,9 @@ pub struct PwmPins {
     pub offset_mode: Param<bool>,
     /// The value that is full scale.
     pub scale: Param<f64>,
-    /// 1 PWM and direction, 2 up and down, 3 PDM, 4 direction and PWM.
+    /// 1 PWM on the first pin and direction on the second; 2 PWM on the first for positive, on the
+    /// second for negative values; 3 pulse density and direction, with 12 bits; 4 direction and PWM.
+    /// Any other counts as 1.
     pub output_type: Param<i32>,
 }
 
@@ -42,10 +42,14 @@ pub struct PwmBankPins {
 /// All PWM generators.
 #[derive(Debug)]
 pub struct Pwm {
-    bank: PwmBankPins,
+    /// The pins of all generators together.
+    pub bank: PwmBankPins,
     generators: Vec<Generator>,
     kind: Kind,
-    rates: Rates,
+    /// The frequencies that were asked for last, of PWM and PDM, ...
+    hz: (u32, u32),
+    /// ... and what the hardware makes of the first.
+    rate: PwmRate,
     master_rate: Setting,
     pdm_rate: Setting,
     /// Bit n is generator n; 1 drives the enable pin low. They do nothing else: the PWM goes on.
@@ -71,19 +75,7 @@ struct Kind {
     dithers: bool,
 }
 
-/// Frequencies asked for, and what the hardware makes of them.
-#[derive(Clone, Copy, Debug)]
-struct Rates {
-    hz: (u32, u32),
-    pwm: PwmRate,
-}
-
 impl Pwm {
-    /// The pins of all generators together.
-    pub const fn bank(&self) -> &PwmBankPins {
-        &self.bank
-    }
-
     /// The pins of each generator.
     pub fn pins(&self) -> impl ExactSizeIterator<Item = PwmPins> + '_ {
         self.generators.iter().map(|generator| generator.pins)
@@ -113,19 +105,20 @@ impl Pwm {
             pwm_frequency: make.setting("pwm_frequency", hz.0)?,
             pdm_frequency: make.setting("pdm_frequency", hz.1)?,
         };
-        let rates = kind.rates(hz);
+        let rate = PwmRate::new(kind.clock_hz, hz.0.into());
         let (master_rate, pdm_rate) = (module.register(2, 0)?, module.register(3, 0)?);
         let enables = r.output(module.register(4, 0)?, 0);
-        let master_rate = r.setting(Stage::Configure, master_rate, rates.pwm.rate.into());
+        let master_rate = r.setting(Stage::Configure, master_rate, rate.rate.into());
         let pdm_rate = r.setting(Stage::Configure, pdm_rate, kind.pdm_rate(hz.1).into());
         let generators = (0..module.instances)
-            .map(|number| Generator::new(r, &module, number, kind, table, rates.pwm))
+            .map(|number| Generator::new(r, &module, number, kind, table, rate))
             .collect::<Result<_, _>>()?;
         Ok(Some(Self {
             bank,
             generators,
             kind,
-            rates,
+            hz,
+            rate,
             master_rate,
             pdm_rate,
             enables,
@@ -137,9 +130,10 @@ impl Pwm {
             cycle.pins.param(self.bank.pwm_frequency),
             cycle.pins.param(self.bank.pdm_frequency),
         );
-        if hz != self.rates.hz {
-            self.rates = self.kind.rates(hz);
-            cycle.set(self.master_rate, self.rates.pwm.rate.into());
+        if hz != self.hz {
+            self.hz = hz;
+            self.rate = PwmRate::new(self.kind.clock_hz, hz.0.into());
+            cycle.set(self.master_rate, self.rate.rate.into());
             cycle.set(self.pdm_rate, self.kind.pdm_rate(hz.1).into());
         }
     }
@@ -157,7 +151,7 @@ impl Module for Pwm {
             enables |= u32::from(enabled) << (n & 31);
         }
         for generator in &mut self.generators {
-            let shape = generator.pins.shape(cycle.pins, self.kind, self.rates.pwm);
+            let shape = generator.pins.shape(cycle.pins, self.kind, self.rate);
             if shape != generator.shape {
                 generator.shape = shape;
                 cycle.set(generator.mode, shape.mode());
@@ -206,15 +200,13 @@ impl PwmPins {
         let [output, enable] =
             [table.outputs, table.enables].map(|ranges| Terminals::of(ranges, number.into()));
         let stem = format!("pwmgen.{number:02}.");
-        let value = r
-            .maker(&stem)
-            .at(output.terminal, output.signal)
-            .spec("value");
         let full_scale = table.full_scale;
-        let value = value.unit(table.unit).range(-full_scale, full_scale);
-        let group = r.group;
-        let value = r.pins.add_output(group, value, OutputRule::safe_at(0.0))?;
-        let mut make = r.maker(&stem).at(enable.terminal, enable.signal);
+        let value = r.maker_at(&stem, output).spec("value").unit(table.unit);
+        let value = value.range(-full_scale, full_scale);
+        let value = r
+            .pins
+            .add_output(r.group, value, OutputRule::safe_at(0.0))?;
+        let mut make = r.maker_at(&stem, enable);
         let all = Self {
             value,
             enable: make.output("enable")?,
@@ -236,30 +228,11 @@ impl PwmPins {
         Ok(all)
     }
 
-    /// It as an analog output, of a board that has it at one.
-    pub fn analog_out(self) -> AnalogOut {
-        AnalogOut {
-            volts: self.value,
-            enable: self.enable,
-            full_scale: self.scale,
-            ..AnalogOut::default()
-        }
-    }
-
     fn shape(&self, pins: &PinStore, kind: Kind, rate: PwmRate) -> PwmShape {
-        let output = match pins.param(self.output_type) {
-            2 => PwmOutput::UpDown,
-            3 => PwmOutput::PdmDir,
-            4 => PwmOutput::DirPwm,
-            _ => PwmOutput::PwmDir,
-        };
+        let output_type = pins.param(self.output_type);
         PwmShape {
-            bits: if output == PwmOutput::PdmDir {
-                12
-            } else {
-                rate.bits
-            },
-            output,
+            bits: if output_type == PDM { 12 } else { rate.bits },
+            output_type,
             offset: pins.param(self.offset_mode),
             dither: kind.dithers,
         }
@@ -267,13 +240,6 @@ impl PwmPins {
 }
 
 impl Kind {
-    fn rates(self, hz: (u32, u32)) -> Rates {
-        Rates {
-            hz,
-            pwm: PwmRate::new(self.clock_hz, hz.0.into()),
-        }
-    }
-
     /// The PDM rate register: clock*n/65536. PDM has always 12 bits, and takes 4096 ticks for all.
     fn pdm_rate(self, hz: u32) -> u16 {
         to_rate(f64::from(hz) * 65_536.0 / f64::from(self.clock_hz))
@@ -311,20 +277,8 @@ fn to_rate(rate: f64) -> u16 {
     (libm::round(rate).clamp(0.0, f64::from(u16::MAX)) as u16).max(1)
 }
 
-/// What the output pins of a generator do.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum PwmOutput {
-    /// PWM on the first pin, direction on the second.
-    #[default]
-    PwmDir,
-    /// Direction on the first pin, PWM on the second.
-    DirPwm,
-    /// PWM on the first pin for positive, on the second for negative values.
-    UpDown,
-    /// Pulse density on the first pin, direction on the second; 12 bits.
-    PdmDir,
-}
-
+/// The output type of which the duty has 12 bits.
+const PDM: i32 = 3;
 /// A change of a value waits for the end of a period.
 const DOUBLE_BUFFERED: u32 = 1 << 5;
 const DITHER: u32 = 1 << 6;
@@ -334,8 +288,8 @@ const DITHER: u32 = 1 << 6;
 pub struct PwmShape {
     /// Bits of the duty: 9 to 12.
     pub bits: u8,
-    /// What the output pins do.
-    pub output: PwmOutput,
+    /// What the output pins do: see [`PwmPins::output_type`].
+    pub output_type: i32,
     /// 0 is half scale, and direction is not used. What the 7I97 needs.
     pub offset: bool,
     /// Use the fraction of the duty too: only module version 1 can.
@@ -346,11 +300,14 @@ impl PwmShape {
     /// The mode register: bits 1..0 width, 4..3 output, 5 double buffered, 6 dither. Values are always
     /// double buffered.
     pub const fn mode(&self) -> u32 {
+        let output = match self.output_type {
+            2 => 2,
+            PDM => 3,
+            4 => 1,
+            _ => 0,
+        };
         let dither = if self.dither { DITHER } else { 0 };
-        self.bits.saturating_sub(9) as u32 & 3
-            | (self.output as u32) << 3
-            | DOUBLE_BUFFERED
-            | dither
+        self.bits.saturating_sub(9) as u32 & 3 | output << 3 | DOUBLE_BUFFERED | dither
     }
 
     /// The value register: bits 27..16 duty, 15..0 fraction, bit 31 direction. The pin's rules keep
@@ -386,7 +343,7 @@ mod tests {
     fn shape(dither: bool) -> PwmShape {
         PwmShape {
             bits: PwmRate::new(CLOCK, 48_000.0).bits,
-            output: PwmOutput::PwmDir,
+            output_type: 1,
             offset: true,
             dither,
         }
@@ -423,12 +380,12 @@ mod tests {
         assert_eq!(shape(false).mode(), 0x23);
         let up_down = PwmShape {
             bits: 9,
-            output: PwmOutput::UpDown,
+            output_type: 2,
             ..shape(true)
         };
         assert_eq!(up_down.mode(), 0x70);
         let pdm = PwmShape {
-            output: PwmOutput::PdmDir,
+            output_type: 3,
             ..shape(false)
         };
         assert_eq!(pdm.mode(), 0x3B);

@@ -162,11 +162,7 @@ fn multiplexed_encoders_with_a_probe_are_known_and_latch_on_it() {
             .expect("encoders")
             .pins()
             .collect::<Vec<_>>();
-        let bank = driver
-            .modules::<Encoders>()
-            .next()
-            .expect("encoders")
-            .bank;
+        let bank = driver.modules::<Encoders>().next().expect("encoders").bank;
         assert_eq!(bank.muxed_skew.is_some(), version == 0x84);
         let pins = driver.pins_mut();
         pins.set(encoders[0].probe_invert, true);

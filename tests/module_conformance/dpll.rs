@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use mesa_hal::modules::dpll::{DpllConfig, DpllWords};
+use mesa_hal::modules::dpll::DpllConfig;
 use mesa_hal::sim::machines;
 use mesa_hal::sim::wire::Nanos;
 
@@ -197,17 +197,18 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
         time_constant: (word("DPLL_CTL1") >> 16) as u16,
         timers_us: timers.map(|timer| offset_us(timer as u16, hz)),
     };
-    let words = match DpllWords::new(CLOCK, DDS_BITS, &config) {
+    let words = match config.words(CLOCK, DDS_BITS) {
         Ok(words) => words,
         Err(error) => return outcome.fail(0, format!("{hz} Hz"), error.to_string()),
     };
-    for (name, word) in [
-        ("DPLL_BASE", words.base_rate),
-        ("DPLL_CTL0", words.control_0),
-        ("DPLL_CTL1", words.control_1),
-        ("DPLL_T12", words.timers_12),
-        ("DPLL_T34", words.timers_34),
-    ] {
+    let names = [
+        "DPLL_BASE",
+        "DPLL_CTL0",
+        "DPLL_CTL1",
+        "DPLL_T12",
+        "DPLL_T34",
+    ];
+    for (name, word) in names.into_iter().zip(words) {
         if let Some((line, expected)) = written(name) {
             let (expected, actual) = (
                 format!("{name} {expected:#010X}"),

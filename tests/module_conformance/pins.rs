@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use mesa_hal::modules::watchdog::WatchdogTime;
+use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sim::{Firmware, PinDescriptor, gtag, machines};
 
@@ -39,6 +39,10 @@ fn replay(transcript: &Transcript) -> Outcome {
 /// The driver's arithmetic of the watchdog: from each time that is written and runs out, to the
 /// bite. The pins are released a clock after it.
 fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
+    let watchdog = WatchdogRegisters {
+        clock_hz: CLOCK_HZ,
+        ..WatchdogRegisters::default()
+    };
     let (mut started, mut written) = (None, 0);
     for entry in &transcript.entries {
         match &entry.event {
@@ -56,15 +60,15 @@ fn compare_driver(transcript: &Transcript, outcome: &mut Outcome) {
                     continue;
                 };
                 let recorded = Duration::from_nanos(entry.time - since - CLOCK);
-                let time = WatchdogTime::new(recorded, CLOCK_HZ);
-                let timeout = WatchdogTime(word).timeout(CLOCK_HZ);
+                let time = watchdog.time_for(recorded);
+                let timeout = watchdog.timeout_of(word);
                 outcome.compare(
-                    (time.0, timeout) == (word, Some(recorded)),
+                    (time, timeout) == (word, Some(recorded)),
                     entry.line,
                     || {
                         (
                             format!("the driver's word for {recorded:?} {word:#010X}, and back"),
-                            format!("{:#010X}, {timeout:?}", time.0),
+                            format!("{time:#010X}, {timeout:?}"),
                         )
                     },
                 );

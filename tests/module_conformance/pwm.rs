@@ -1,6 +1,6 @@
 //! The PWM generators; the driver's duties and rates.
 
-use mesa_hal::modules::pwm::{PwmOutput, PwmRate, PwmShape};
+use mesa_hal::modules::pwm::{PwmRate, PwmShape};
 use mesa_hal::sim::wire::Nanos;
 
 use crate::Replay;
@@ -198,7 +198,7 @@ fn rising_edges(transcript: &Transcript, name: &str) -> Vec<(usize, Nanos)> {
 fn compare_volts(transcript: &Transcript, outcome: &mut Outcome) {
     let shape = PwmShape {
         bits: PwmRate::new(CLOCK_HZ, 48_000.0).bits,
-        output: PwmOutput::PwmDir,
+        output_type: 1,
         offset: true,
         dither: false,
     };

@@ -247,13 +247,14 @@ impl EncoderBankPins {
             Some(_) => "muxed-sample-frequency",
             None => "sample-frequency",
         };
-        let skew = (muxed_version == Some(4)).then(|| make.switch("muxed-skew", 0));
-        let timer = has_timer.then(|| make.switch("timer-number", -1));
+        let has_skew = muxed_version == Some(4);
         Ok(Self {
             sample_frequency: make.switch(name, sample_hz)?,
-            muxed_skew: skew.transpose()?,
+            muxed_skew: has_skew.then(|| make.switch("muxed-skew", 0)).transpose()?,
             hires_timestamp: make.switch("hires-timestamp", false)?,
-            timer_number: timer.transpose()?,
+            timer_number: has_timer
+                .then(|| make.switch("timer-number", -1))
+                .transpose()?,
         })
     }
 

@@ -31,6 +31,10 @@ pub struct EncoderConfig {
 
 /// What an encoder shows after a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "independent conditions, each shown on its own"
+)]
 pub struct EncoderReading {
     /// Counts since the start, whatever was reset or indexed.
     pub rawcounts: i64,

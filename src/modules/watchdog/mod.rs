@@ -17,7 +17,7 @@
 
 mod registers;
 
-pub use registers::{WatchdogRegisters, WatchdogStatus, WatchdogTime};
+pub use registers::WatchdogRegisters;
 
 use core::time::Duration;
 
@@ -29,8 +29,10 @@ use crate::hal::{InOut, Param, PinStore, Pins};
 /// The board's watchdog.
 #[derive(Debug)]
 pub struct Watchdog {
-    registers: WatchdogRegisters,
-    pins: WatchdogPins,
+    /// Its registers.
+    pub registers: WatchdogRegisters,
+    /// Its pins.
+    pub pins: WatchdogPins,
     timeout_ns: u32,
     /// No shorter time is taken, because the period could not feed it.
     shortest: Duration,
@@ -52,12 +54,12 @@ pub struct Watchdog {
 pub struct WatchdogPins {
     /// It has bitten; set it to false to go on.
     pub has_bit: InOut<bool>,
-    /// After so many nanoseconds without a write it bites. Less than two periods are taken as two
+    /// Nanoseconds without a write after which it bites. Less than two periods are taken as two
     /// periods, because a write that is lost must not let it bite.
     pub timeout_ns: Param<u32>,
 }
 
-/// What the time register is expected to say.
+/// What the time register is expected to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// It was set up, and the cycle has not begun.
@@ -68,7 +70,7 @@ enum Stage {
     Running,
 }
 
-/// What the evidence says.
+/// What the evidence shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Finding {
     /// The board is set up.
@@ -101,8 +103,8 @@ impl Watchdog {
         } = registers;
         // At first it must not bite before the cycle feeds it: discovery takes seconds. If it runs, it
         // bites now (FACTS 12.1).
-        let (at_first, again) = (WatchdogTime::DISABLED, WatchdogTime::LONGEST);
-        r.plan.opening(time, at_first.0, again.0);
+        let (at_first, again) = (WatchdogRegisters::DISABLED, WatchdogRegisters::LONGEST);
+        r.plan.opening(time, at_first, again);
         // Older firmware starts with a bite.
         r.plan.closing(status, Some(0), 0);
         // If the board was reset in the middle of it, the time is lost again, and the watchdog bites.
@@ -124,16 +126,6 @@ impl Watchdog {
         })
     }
 
-    /// Its pins.
-    pub fn pins(&self) -> WatchdogPins {
-        self.pins
-    }
-
-    /// Its registers.
-    pub fn registers(&self) -> &WatchdogRegisters {
-        &self.registers
-    }
-
     /// Its time as it was written last.
     pub fn timeout(&self) -> Duration {
         Duration::from_nanos(self.timeout_ns.into())
@@ -151,7 +143,7 @@ impl Watchdog {
         is_set_up
     }
 
-    /// What a read says. `closely`: it holds more than usual; `is_certain`: all writes before have
+    /// What a read shows. `closely`: it holds more than usual; `is_certain`: all writes before have
     /// arrived.
     pub(crate) fn examine(
         &mut self,
@@ -166,7 +158,7 @@ impl Watchdog {
         }
         let in_cycle = is_counting(time) && time <= self.longest;
         let is_expected = match self.stage {
-            Stage::Disabled => in_cycle || time == WatchdogTime::DISABLED.0,
+            Stage::Disabled => in_cycle || time == WatchdogRegisters::DISABLED,
             Stage::Held => is_counting(time),
             Stage::Running => in_cycle,
         };
@@ -182,7 +174,7 @@ impl Watchdog {
     /// After a reset the next write makes the watchdog bite at once, without a time of its own; a
     /// bite of a board that was set up needs a silence that is longer than its time.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> Finding {
-        let timeout = self.registers.timeout_of(WatchdogTime(self.longest));
+        let timeout = self.registers.timeout_of(self.longest);
         let was_fed = |fed: Instant| timeout.is_some_and(|timeout| now.since(fed) < timeout);
         if !is_counting(time) && is_certain && self.fed.is_some_and(was_fed) {
             Finding::Reset
@@ -211,18 +203,20 @@ impl Module for Watchdog {
         self.is_fed = cycle.is_running;
         // Restarted without a time, it would bite.
         let is_restarted = self.is_fed && self.stage != Stage::Disabled;
-        let pet = if is_restarted {
-            WatchdogRegisters::PET
-        } else {
-            0
-        };
-        cycle.put(self.pet, pet);
+        cycle.put(
+            self.pet,
+            if is_restarted {
+                WatchdogRegisters::PET
+            } else {
+                0
+            },
+        );
         if !cycle.is_running || self.stage == Stage::Running && !is_new {
             return;
         }
         let time = self.registers.time_for(self.timeout().max(self.shortest));
-        self.longest = self.longest.max(time.0);
-        cycle.set(self.time, time.0);
+        self.longest = self.longest.max(time);
+        cycle.set(self.time, time);
         cycle.repeat(self.time);
         cycle.ask_extra();
     }
@@ -236,9 +230,9 @@ impl Module for Watchdog {
 
 /// The counter stops below 0.
 fn is_counting(time: u32) -> bool {
-    time != 0 && WatchdogTime(time).runs()
+    time != 0 && WatchdogRegisters::runs(time)
 }
 
 fn has_bitten(status: u32) -> bool {
-    WatchdogStatus::from_bits_retain(status).contains(WatchdogStatus::HAS_BIT)
+    status & WatchdogRegisters::HAS_BIT != 0
 }
