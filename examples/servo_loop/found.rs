@@ -96,13 +96,13 @@ fn write_terminals<B: RegisterBus + Clock>(
     driver: &Driver<B>,
     remote: &RemoteStatus<'_>,
 ) -> fmt::Result {
-    let prefix = remote.pins.prefix();
+    let prefix = &remote.pins.prefix;
     writeln!(out, "    pins {prefix}.* with their terminals:")?;
     let pins: Vec<String> = driver
         .pins()
         .infos()
         .iter()
-        .filter(|pin| pin.group == remote.pins.group() && !pin.role.is_param())
+        .filter(|pin| pin.group == remote.pins.group && !pin.role.is_param())
         .filter(|pin| !pin.terminal.is_empty() && !pin.name.ends_with("-not"))
         .map(|pin| {
             let name = pin.name.strip_prefix(prefix).unwrap_or(&pin.name);

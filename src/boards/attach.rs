@@ -1,15 +1,13 @@
 //! Handles of a board or a card: one way to find them, whatever they are of.
 
-use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
 
 use super::identity::require;
 use super::{BoardTable, IdentityError};
-use crate::discovery::{Problem, RemoteDescriptor, RemoteTable};
+use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::{AnalogOut, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error};
-use crate::remote::RemoteError;
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
 /// that this crate knows, or of your own.
@@ -101,23 +99,19 @@ pub enum AttachError {
         /// What it is.
         source: IdentityError,
     },
-    /// The table does not say everything that a remote does which is not there.
+    /// The table can not stand for a remote that is absent.
     #[error(
-        "the table of a {kind} does not say all of its process data in software mode {mode}, so that \
-         it has to be there at the start; plug it in, or complete the table"
+        "the table of a {kind} can not stand for one that is absent in software mode {mode}: {why}; \
+         plug it in, or complete the table"
     )]
-    TableIncomplete {
+    Table {
         /// The kind of remote.
         kind: &'static str,
         /// The software mode it is configured for.
         mode: u8,
+        /// What is wrong with the table.
+        why: String,
     },
-    /// The table can not be that of a remote on this port.
-    #[error("the table of a remote that is absent: {0}")]
-    Layout(Problem),
-    /// The pins of a remote that is absent can not be made.
-    #[error("a remote that is absent: {0}")]
-    Remote(#[from] RemoteError),
     /// A pin that belongs to this kind of board or remote is not there, or is of another kind.
     #[error(
         "{name}: {source}. A {kind} has it: does the software mode, the firmware or the number of \
@@ -125,7 +119,7 @@ pub enum AttachError {
     )]
     Pin {
         /// What its name begins with, or is.
-        name: Box<str>,
+        name: String,
         /// The kind of board or remote.
         kind: &'static str,
         /// Why.
@@ -158,7 +152,7 @@ impl<'a> Finder<'a> {
     ) -> Result<T, AttachError> {
         let name = format!("{}.{name}", self.prefix);
         find(self.pins, &name).map_err(|source| AttachError::Pin {
-            name: name.into(),
+            name,
             kind: self.kind,
             source,
         })

@@ -1,5 +1,8 @@
 //! Is the remote what it should be?
 
+use alloc::format;
+use alloc::string::String;
+
 use super::{i7i64, i7i72, i7i77};
 use crate::discovery::{RemoteDescriptor, RemoteName, RemoteTable};
 
@@ -12,43 +15,15 @@ pub const REMOTES: [&RemoteTable; 4] = [
 ];
 
 /// A remote that is not the one asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum IdentityError {
-    /// Another kind of card.
-    #[error("a {actual} answers where a {expected} was expected (are the cables swapped?)")]
-    Name {
-        /// What was expected.
-        expected: RemoteName,
-        /// What answers.
-        actual: RemoteName,
-    },
-    /// Another part of a card whose parts share a name, told apart by the unit number's top byte.
-    #[error(
-        "the {name} with unit number {actual:#010x} is {}, and {} was expected here: the channels are swapped; exchange them in the configuration, or the card's cables",
-        part(*name, (*actual >> 24) as u8),
-        part(*name, *expected)
-    )]
-    Class {
-        /// Its name.
-        name: RemoteName,
-        /// The top byte expected.
-        expected: u8,
-        /// The unit number it has.
-        actual: u32,
-    },
-    /// Another card of the same kind.
-    #[error(
-        "{name} has unit number {actual:#010x}, and {expected:#010x} was expected (see the label on the card)"
-    )]
-    Unit {
-        /// Its name.
-        name: RemoteName,
-        /// The unit number expected.
-        expected: u32,
-        /// The unit number it has.
-        actual: u32,
-    },
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{actual}, and {expected} was expected: {hint}")]
+pub struct IdentityError {
+    /// What answers.
+    pub actual: String,
+    /// What was expected.
+    pub expected: String,
+    /// What to do.
+    pub hint: &'static str,
 }
 
 /// Checks that a remote is of a kind, and has a unit number, as far as they are given.
@@ -59,25 +34,26 @@ pub(crate) fn check_identity(
 ) -> Result<(), IdentityError> {
     let (name, actual) = (descriptor.name, descriptor.unit_number);
     if let Some(kind) = kind.filter(|kind| kind.name != name.0) {
-        return Err(IdentityError::Name {
-            expected: RemoteName(kind.name),
-            actual: name,
+        return Err(IdentityError {
+            actual: format!("a {name} answers"),
+            expected: format!("a {}", RemoteName(kind.name)),
+            hint: "are the cables swapped?",
         });
     }
-    if let Some(expected) = kind.and_then(|kind| kind.unit_class)
-        && u32::from(expected) != actual >> 24
-    {
-        return Err(IdentityError::Class {
-            name,
-            expected,
-            actual,
+    if let Some(kind) = kind.filter(|kind| !kind.matches(descriptor)) {
+        let part = REMOTES.iter().find(|table| table.matches(descriptor));
+        let part = part.map_or("another part of the card", |table| table.title);
+        return Err(IdentityError {
+            actual: format!("the {name} with unit number {actual:#010x} is {part}"),
+            expected: kind.title.into(),
+            hint: "the channels are swapped; exchange them in the configuration, or the card's cables",
         });
     }
     match unit_number.filter(|&expected| expected != actual) {
-        Some(expected) => Err(IdentityError::Unit {
-            name,
-            expected,
-            actual,
+        Some(expected) => Err(IdentityError {
+            actual: format!("a {name} with unit number {actual:#010x} answers"),
+            expected: format!("{expected:#010x}"),
+            hint: "see the label on the card",
         }),
         None => Ok(()),
     }
@@ -90,20 +66,11 @@ pub(super) fn require(
     descriptor: &RemoteDescriptor,
 ) -> Result<(), IdentityError> {
     let mut parts = REMOTES.iter().filter(|known| known.name == table.name);
-    match check_identity(descriptor, Some(table), None) {
-        Err(IdentityError::Class { .. })
-            if parts.clone().next().is_some() && !parts.any(|part| part.matches(descriptor)) =>
-        {
-            Ok(())
-        }
-        other => other,
-    }
-}
-
-/// What a part of a card is called, by the top byte of its unit number. FACTS 8.1.
-fn part(name: RemoteName, class: u8) -> &'static str {
-    let mut tables = REMOTES.into_iter();
-    tables
-        .find(|table| table.name == name.0 && table.unit_class == Some(class))
-        .map_or("another part of the card", |table| table.title)
+    let is_known = parts.clone().next().is_none() || parts.any(|part| part.matches(descriptor));
+    let unit_class = table.unit_class.filter(|_| is_known);
+    let kind = RemoteTable {
+        unit_class,
+        ..*table
+    };
+    check_identity(descriptor, Some(&kind), None)
 }

@@ -22,7 +22,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 expected: T::TABLE.title,
             });
         };
-        let names = (self.pins(), remote.pins.prefix());
+        let names = (self.pins(), &*remote.pins.prefix);
         RemoteTable::attach(names, remote.descriptor, (port, channel))
     }
 

@@ -137,7 +137,7 @@ impl ParameterWrite {
         name: &str,
         value: AnyValue,
     ) -> Result<Self, RemoteParameterError<E>> {
-        let mut parameters = pins.parameters().iter().enumerate();
+        let mut parameters = pins.parameters.iter().enumerate();
         let found = parameters.find(|(_, parameter)| parameter.record.is_named(name));
         let Some((place, parameter)) = found else {
             return Err(RemoteParameterError::NoSuchParameter { port, channel });

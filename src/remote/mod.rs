@@ -33,10 +33,13 @@ use crate::hal::{GroupId, PinError, PinStore};
 /// each transfer.
 #[derive(Debug)]
 pub struct RemotePins {
-    prefix: String,
-    group: GroupId,
+    /// What their names begin with, for example `hm2_7i92.0.7i77.0.0`.
+    pub prefix: String,
+    /// Their group: for validity, age and arming.
+    pub group: GroupId,
+    /// The remote's parameters, which are no process data: read and written in setup mode.
+    pub parameters: Vec<RemoteParameter>,
     bindings: Bindings,
-    parameters: Vec<RemoteParameter>,
 }
 
 /// Why the pins of a remote were not made.
@@ -113,35 +116,15 @@ impl RemotePins {
         Ok(Self {
             prefix,
             group,
-            bindings,
             parameters,
+            bindings,
         })
-    }
-
-    /// What its pins' names begin with, for example `hm2_7i92.0.7i77.0.0`.
-    pub fn prefix(&self) -> &str {
-        &self.prefix
-    }
-
-    /// Its pins' group: for validity, age and arming.
-    pub fn group(&self) -> GroupId {
-        self.group
-    }
-
-    /// Its parameters, which are no process data: read and written in setup mode.
-    pub fn parameters(&self) -> &[RemoteParameter] {
-        &self.parameters
     }
 
     /// The parameter of that name, as the remote spells it or LinuxCNC does (in lower case).
     pub fn parameter(&self, name: &str) -> Option<&RemoteParameter> {
         let mut parameters = self.parameters.iter();
         parameters.find(|parameter| parameter.record.is_named(name))
-    }
-
-    /// Its parameters, to publish what was read.
-    pub fn parameters_mut(&mut self) -> &mut [RemoteParameter] {
-        &mut self.parameters
     }
 
     /// Publishes what a good transfer brought: `words` are the interface registers, from 0 on. The

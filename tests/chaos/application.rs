@@ -54,9 +54,9 @@ impl Application {
                 .get(port)
                 .and_then(|port| port.remote(channel));
             let Some(status) = status else { continue };
-            let prefix = status.pins.prefix();
+            let prefix = &status.pins.prefix;
             let (card, place) = (plan.card(number), (port, channel));
-            let remote = Remote::new(pins, prefix, number, place, card, status.pins.group())?;
+            let remote = Remote::new(pins, prefix, number, place, card, status.pins.group)?;
             remotes.push(remote);
         }
         let gpio_pins = gpio.outputs.iter().map(|&pin| {

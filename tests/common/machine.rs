@@ -263,12 +263,12 @@ impl<B: World, C> Machine<B, C> {
     }
 
     pub fn is_armed(&self, channel: usize) -> bool {
-        let group = self.status(channel).pins.group();
+        let group = self.status(channel).pins.group;
         self.driver.pins().group_state(group).expect("group").armed
     }
 
     pub fn is_valid(&self, channel: usize) -> bool {
-        let group = self.status(channel).pins.group();
+        let group = self.status(channel).pins.group;
         self.driver.pins().group_state(group).expect("group").valid
     }
 

@@ -137,7 +137,7 @@ fn measure(trouble: &Trouble) -> Cost {
     for ms in 0..MINUTE {
         (trouble.step)(&mut machine, ms);
         let _ = machine.cycle();
-        let group = machine.status(ANALOG).pins.group();
+        let group = machine.status(ANALOG).pins.group;
         let age = machine.driver.pins().group_state(group).unwrap().age;
         longest_gap = longest_gap.max(age.time.as_micros() as u64);
         running += u64::from(machine.is_valid(FIELD));

@@ -197,7 +197,7 @@ impl Trial {
 
     /// What is shown as new is the remote's reply to the newest request, and is shown once.
     fn check_published(&mut self) {
-        let group = self.machine.status(FIELD).pins.group();
+        let group = self.machine.status(FIELD).pins.group;
         let state = self
             .machine
             .driver

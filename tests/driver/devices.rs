@@ -96,7 +96,7 @@ fn drive(driver: &mut Driver<SimFpga>, channel: usize, name: &str) {
         let prefix = driver.ports()[0]
             .remotes()
             .find(|r| usize::from(r.started.channel.index()) == channel);
-        let prefix = prefix.expect("it runs").pins.prefix().to_owned();
+        let prefix = prefix.expect("it runs").pins.prefix.clone();
         let end = driver.bus().remote(0, channel).expect("remote");
         let outputs = find(end).expect("device").outputs();
         for (output, value) in &outputs {
@@ -177,7 +177,7 @@ fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
         let mut was_offline = false;
         for cycle in 0..1000 {
             let status = driver.ports()[0].remote(channel).expect("remote");
-            let (state, group) = (status.state, status.pins.group());
+            let (state, group) = (status.state, status.pins.group);
             let is_running = state == RemoteState::Running;
             was_offline |= !is_running;
             if was_offline && is_running {

@@ -215,7 +215,7 @@ fn inputs_of_a_doit_that_was_lost_on_its_way_are_not_taken_for_new() {
     machine.pass(Duration::from_millis(1));
     let report = machine.driver.read().unwrap();
     assert_eq!((report.lost_writes, report.good), (1, 0));
-    let group = machine.status(FIELD).pins.group();
+    let group = machine.status(FIELD).pins.group;
     assert_eq!(
         machine.driver.pins().group_state(group).unwrap().age.cycles,
         1

@@ -175,7 +175,7 @@ fn comes_back(
 }
 
 fn prefix(machine: &Machine, channel: usize) -> String {
-    let prefix = machine.status(channel).pins.prefix().to_owned();
+    let prefix = machine.status(channel).pins.prefix.clone();
     prefix.trim_start_matches("hm2_7i92.0.").to_owned()
 }
 
@@ -384,7 +384,7 @@ fn attempts_to_bring_a_remote_back_never_starve_the_others() {
     let mut longest = 0;
     for _ in 0..3000 {
         let _ = machine.cycle();
-        let group = machine.status(ANALOG).pins.group();
+        let group = machine.status(ANALOG).pins.group;
         let age = machine.driver.pins().group_state(group).unwrap().age;
         longest = longest.max(age.time.as_micros());
         assert!(machine.is_armed(ANALOG) && are_outputs_on(&machine, ANALOG));

@@ -186,7 +186,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let other = shop.driver.attach::<Valves>(0, FIELD as u8).unwrap_err();
     assert_eq!(
         other.to_string(),
-        "port 0, channel 0: a 7I77 answers where a VLV4 was expected (are the cables swapped?)"
+        "port 0, channel 0: a 7I77 answers, and a VLV4 was expected: are the cables swapped?"
     );
     let other = shop.driver.attach::<I7i72>(0, OUTPUTS as u8).unwrap_err();
     assert!(other.to_string().contains("a VLV4 answers"), "{other}");

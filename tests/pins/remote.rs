@@ -22,7 +22,7 @@ fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> Re
 }
 
 fn handles<T: RemoteHandles>(pins: &PinStore, remote: &RemotePins) -> Result<T, AttachError> {
-    T::find(&Finder::new(pins, remote.prefix(), T::TABLE.title))
+    T::find(&Finder::new(pins, &remote.prefix, T::TABLE.title))
 }
 
 fn cycle(pins: &mut PinStore) {
@@ -185,7 +185,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
 
     cycle(&mut pins);
     drives.take_inputs(&mut pins, &[]);
-    pins.rearm(drives.group()).unwrap();
+    pins.rearm(drives.group).unwrap();
     drives.put_outputs(&mut pins, &mut words);
     assert_eq!(words, [0; 3], "nothing of before the fault comes back");
     pins.set(card.analog_out[0].volts, -10.0);
@@ -298,7 +298,7 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
         Err::<u64, ParameterError>(ParameterError::ReadOnly)
     );
     for value in [9, 10] {
-        remote.parameters_mut()[3].publish(&mut pins, value);
+        remote.parameters[3].publish(&mut pins, value);
         assert_eq!(u64::from(pins.param(baud)), value);
     }
     let parameter = remote.parameter("nvbaudrate").unwrap();

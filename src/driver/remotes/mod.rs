@@ -4,6 +4,7 @@ mod ports;
 
 pub(super) use ports::PortStage;
 
+use alloc::string::ToString;
 use alloc::vec::Vec;
 
 use super::configure::Plan;
@@ -15,7 +16,7 @@ use crate::discovery::{PackingPlan, PortMemory, RemoteTable};
 use crate::hal::AnyValue;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, ParameterValue, RemoteLocation, RemotePins};
-use crate::sslbp::{Channel, CsStatus, ProcessDataSizes, StartedRemote};
+use crate::sslbp::{Channel, CsStatus, ProcessDataSizes, ReplyFormat, StartedRemote};
 
 /// The remotes of a board that is being configured. They are in setup mode: nothing is driven, and
 /// parameters can be read and written.
@@ -146,7 +147,7 @@ impl<B: RegisterBus + Clock> RemoteInSetup<'_, B> {
         };
         let write = ParameterWrite::new(location, &found.pins, name, value)?;
         write.write(self.bus, &mut self.port.port, channel)?;
-        if let Some(parameter) = found.pins.parameters_mut().get_mut(write.place) {
+        if let Some(parameter) = found.pins.parameters.get_mut(write.place) {
             parameter.publish(&mut self.plan.pins, write.raw);
         }
         Ok(())
@@ -189,7 +190,7 @@ impl Plan {
                 expected,
             });
         };
-        let names = (&*self.pins, found.pins.prefix());
+        let names = (&*self.pins, &*found.pins.prefix);
         RemoteTable::attach(names, &found.descriptor, (port, channel))
     }
 
@@ -215,14 +216,18 @@ impl Plan {
                 expected: table.title,
             });
         };
-        let descriptor = table.descriptor(mode).ok_or(AttachError::TableIncomplete {
+        let unusable = |why| AttachError::Table {
             kind: table.title,
             mode,
-        })?;
+            why,
+        };
+        let descriptor = table.descriptor(mode);
+        let descriptor =
+            descriptor.ok_or_else(|| unusable("it does not say all of its process data".into()))?;
         let packing = PackingPlan::new(&descriptor, stage.port.layout().interface_registers());
-        let packing = packing.map_err(AttachError::Layout)?;
+        let packing = packing.map_err(|problem| unusable(problem.to_string()))?;
         let contents = table.contents.iter().find(|contents| contents.mode == mode);
-        let started = StartedRemote {
+        let mut started = StartedRemote {
             channel,
             software_mode: mode,
             unit_number: descriptor.unit_number,
@@ -230,18 +235,22 @@ impl Plan {
             ptoc: contents.map_or(0, |contents| contents.ptoc),
             gtoc: contents.map_or(0, |contents| contents.gtoc),
             sizes: ProcessDataSizes {
-                rx: packing.input_bytes() as u8 + 1,
+                rx: packing.input_bytes() as u8,
                 tx: packing.output_bytes() as u8,
             },
             cs: CsStatus::default(),
         };
+        if started.reply_format() == ReplyFormat::FaultByteFirst {
+            started.sizes.rx += 1;
+        }
         let location = RemoteLocation {
             board: &self.name,
             port,
             channel: number,
         };
         let pins = &mut self.pins;
-        let pins = RemotePins::new(pins, location, &descriptor, &packing, Some(table))?;
+        let pins = RemotePins::new(pins, location, &descriptor, &packing, Some(table));
+        let pins = pins.map_err(|error| unusable(error.to_string()))?;
         let is_it = |missing: &MissingRemote| (missing.port, missing.channel) == (port, channel);
         self.missing.retain(|missing| !is_it(missing));
         stage.remotes.push(FoundRemote {

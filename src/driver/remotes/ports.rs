@@ -290,7 +290,7 @@ impl Plan {
     ) -> Result<(), StartError<B::Error>> {
         let channel = found.started.channel;
         let mut memory = PortMemory { port, bus, channel };
-        for parameter in found.pins.parameters_mut() {
+        for parameter in &mut found.pins.parameters {
             match parameter.record.read_parameter(&mut memory) {
                 Ok(value) => parameter.publish(&mut self.pins, value.raw),
                 Err(ParameterError::Memory(PortError::Bus(error))) => {

@@ -115,7 +115,7 @@ impl SerialPort {
     fn note_armed(&mut self, pins: &PinStore) {
         for (served, health) in self.remotes.iter().zip(&mut self.recovery.remotes) {
             if health.first_fault.is_some() && health.is_running() {
-                let state = pins.group_state(served.pins.group());
+                let state = pins.group_state(served.pins.group);
                 if state.is_some_and(|state| state.armed) {
                     health.first_fault = None;
                 }
@@ -141,7 +141,7 @@ impl SerialPort {
     ) {
         let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
         if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == channel) {
-            if let Some(parameter) = remote.pins.parameters_mut().get_mut(place) {
+            if let Some(parameter) = remote.pins.parameters.get_mut(place) {
                 parameter.publish(pins, raw);
             }
             health.watchdog = remote.watchdog();
@@ -173,7 +173,7 @@ impl Module for SerialPort {
             .observe(machine, cycle.now, &seen, cycle.certain);
         let stale_after = self.recovery.policy.stale_after;
         for (served, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
-            let (channel, group) = (served.channel, served.pins.group());
+            let (channel, group) = (served.channel, served.pins.group);
             if outcome.good.contains(channel) {
                 served.take(cycle);
                 let reads_before = u64::from(outcome.reads_before);

@@ -67,7 +67,7 @@ impl Served {
         }
         Ok(Self {
             channel: started.channel,
-            fault_pins: RemoteFaultPins::new(r.pins, r.status, pins.prefix())?,
+            fault_pins: RemoteFaultPins::new(r.pins, r.status, &pins.prefix)?,
             descriptor: found.descriptor,
             pins,
             inputs: inputs.map(|address| r.input(address)).collect(),
@@ -103,7 +103,7 @@ impl Served {
     pub fn no_news(&mut self, pins: &mut PinStore, stale_after: u32) {
         self.without_news = self.without_news.saturating_add(1);
         if self.without_news >= stale_after {
-            pins.invalidate(self.pins.group());
+            pins.invalidate(self.pins.group);
         }
     }
 
@@ -115,7 +115,7 @@ impl Served {
 
     /// Puts the outputs into the image, unless they are there already.
     pub fn put(&mut self, cycle: &mut WriteCycle<'_>) {
-        let version = cycle.pins.output_version(self.pins.group());
+        let version = cycle.pins.output_version(self.pins.group);
         if version.is_some() && version == self.put {
             return;
         }
