@@ -113,14 +113,17 @@ impl SerialPort {
 
     /// What was before the outputs of a remote follow the application (again) is history.
     fn note_armed(&mut self, pins: &PinStore) {
+        let marked = self.recovery.marked;
+        if marked.is_empty() {
+            return;
+        }
         for (served, health) in self.remotes.iter().zip(&mut self.recovery.remotes) {
-            if health.first_fault.is_some() && health.is_running() {
-                let state = pins.group_state(served.pins.group);
-                if state.is_some_and(|state| state.armed) {
-                    health.first_fault = None;
-                }
+            let state = pins.group_state(served.pins.group);
+            if marked.contains(served.channel) && state.is_some_and(|state| state.armed) {
+                health.first_fault = None;
             }
         }
+        self.recovery.update();
     }
 
     /// All remotes were stopped, and the port was used for something else: they are restarted in the

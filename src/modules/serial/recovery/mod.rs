@@ -62,6 +62,8 @@ pub(crate) struct Recovery {
     pub running: ChannelMask,
     /// Those with failures that good transfers have not made up for.
     troubled: ChannelMask,
+    /// Those that run, and were offline since they were armed last.
+    pub marked: ChannelMask,
     parameters: PortParameters,
     pub policy: FaultPolicy,
     pub run: bool,
@@ -93,6 +95,7 @@ impl Recovery {
             remotes,
             running: ChannelMask::NONE,
             troubled: ChannelMask::NONE,
+            marked: ChannelMask::NONE,
             parameters,
             policy,
             run: true,
@@ -109,9 +112,10 @@ impl Recovery {
     }
 
     /// Something other than good transfers has happened.
-    fn update(&mut self) {
+    pub fn update(&mut self) {
         self.running = self.mask(Health::is_running);
         self.troubled = self.mask(Health::is_troubled);
+        self.marked = self.mask(|remote| remote.is_running() && remote.first_fault.is_some());
     }
 
     /// The channels for which `condition` holds.
