@@ -23,7 +23,7 @@ fn packing(criterion: &mut Criterion) {
             port: 0,
             channel: remote.started.channel.index(),
         };
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         let descriptor = remote.descriptor;
         let plan = PackingPlan::new(descriptor, 3).expect("a plan");
         let mut of = RemotePins::new(&mut pins, location, descriptor, &plan, None).expect("pins");

@@ -44,7 +44,7 @@ impl Pulser {
         };
         r.use_io(GTAG, 0)?;
         let mut make = r.maker("pulser.");
-        let frequency = make.output("frequency")?;
+        let frequency = make.output("frequency", 0.0)?;
         let width_us = make.setting("width-us", WIDTH_US)?;
         let count = make.input("count")?;
         let clock_hz = module.clock_hz;

@@ -325,7 +325,7 @@ impl Plan {
             let board = firmware.idrom.board();
             format!("hm2_{board}.{}", settings.board_number)
         };
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         Self {
             table: BoardTable::for_firmware(&firmware, &settings.boards),
             status: pins.add_group(),

@@ -1,37 +1,27 @@
 //! What can go wrong with pins at set-up and when settings are changed.
 
-use super::HalType;
+use alloc::string::String;
 
 /// Why a pin or parameter was not made, not found or not changed.
 ///
 /// Nothing in the cycle returns it: there, a bad value becomes a safe one and is counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PinError {
-    /// The name is longer than LinuxCNC takes.
+    /// The name is empty, longer than LinuxCNC takes, or has characters that HAL files can not hold.
     #[error(
-        "a pin name of {length} characters: HAL takes {} (shorten the remote's own name for it)",
+        "`{name}` is no pin name: HAL takes 1 to {} letters, digits, '-', '_' and '.' (shorten the remote's own name for it)",
         super::MAX_NAME
     )]
-    NameTooLong {
-        /// Its length.
-        length: usize,
-    },
-    /// The name is empty, or has characters that HAL files can not hold.
-    #[error(
-        "a pin name with a character that HAL files can not hold at position {position}; use letters, digits, '-', '_' and '.'"
-    )]
     BadName {
-        /// Where the first such character is; 0 for an empty name.
-        position: usize,
+        /// The name.
+        name: String,
     },
     /// There is a pin or parameter of that name.
-    #[error(
-        "the name is taken by pin or parameter number {existing} (are two boards numbered alike?)"
-    )]
+    #[error("there are two pins or parameters `{name}` (are two boards numbered alike?)")]
     NameTaken {
-        /// Its place in the order of the list.
-        existing: usize,
+        /// The name.
+        name: String,
     },
     /// More pins than a store can number.
     #[error(
@@ -40,30 +30,23 @@ pub enum PinError {
     )]
     TooMany,
     /// There is no pin or parameter of that name.
-    #[error("no pin or parameter of that name (list them with `Pins::visit`)")]
+    #[error("no pin or parameter of that name (list them with `Pins::infos`)")]
     NotFound,
-    /// There is one, of another type.
-    #[error("it is of type {actual}, and {expected} was asked for; take the handle of that type")]
-    WrongType {
-        /// The type asked for.
-        expected: HalType,
-        /// The type it has.
-        actual: HalType,
-    },
-    /// There is one, but it goes the other way, or is a parameter and no pin.
-    #[error("it is {actual}, and {expected} was asked for")]
-    WrongRole {
+    /// There is one, but of another type or role.
+    #[error("it is {actual}, and {expected} was asked for; take the handle of that kind")]
+    WrongKind {
         /// What was asked for.
-        expected: super::Role,
+        expected: &'static str,
         /// What it is.
-        actual: super::Role,
+        actual: &'static str,
     },
     /// The handle is one of another store.
     #[error(
         "the handle belongs to another driver's pins, or to none; ask this driver for it by name"
     )]
     ForeignHandle,
-    /// The safe value of an output is outside its limits, or limits are not numbers in order.
+    /// The limits or the full scale of an output are not finite and in order, or its safe value is
+    /// outside of them.
     #[error(
         "the limits of an output must be finite, in order, and have its safe value between them"
     )]

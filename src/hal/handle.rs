@@ -1,135 +1,91 @@
 //! Handles: what an application keeps of a pin.
 
-use core::fmt;
 use core::marker::PhantomData;
 
-use super::Value;
-
 /// Where a pin or parameter is, and whose it is.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Key {
     /// The store's own number; 0 belongs to no store.
     pub store: u32,
     pub index: u32,
 }
 
-impl Key {
-    pub const NOWHERE: Self = Self {
-        store: 0,
-        index: u32::MAX,
-    };
-}
-
-/// A set of pins that work or fail together: those of one remote, or of the board itself.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+/// A set of pins that work or fail together: those of one remote, or of the board itself. The
+/// default is a group of no store.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct GroupId(pub(super) Key);
 
-impl fmt::Debug for GroupId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "GroupId({}:{})", self.0.store, self.0.index)
+/// A handle of a pin or parameter of type `T`; its [kind](kind) `K` decides what can be done with it:
+/// [`Input`], [`Output`], [`InOut`], [`Param`].
+///
+/// The default is a handle to nothing: reads are never valid, writes are ignored, both are counted
+/// by the store as uses of a foreign handle.
+#[derive(Debug, Default)]
+pub struct Handle<K, T> {
+    pub(super) key: Key,
+    of: PhantomData<(K, T)>,
+}
+
+impl<K, T> Handle<K, T> {
+    pub(super) const fn new(key: Key) -> Self {
+        Self {
+            key,
+            of: PhantomData,
+        }
     }
 }
 
-impl Default for GroupId {
-    /// A group of no store.
-    fn default() -> Self {
-        Self(Key::NOWHERE)
+impl<K, T> Clone for Handle<K, T> {
+    fn clone(&self) -> Self {
+        *self
     }
 }
 
-macro_rules! handle {
-    ($(#[$doc:meta])* $name:ident) => {
-        $(#[$doc])*
-        pub struct $name<T> {
-            pub(super) key: Key,
-            value: PhantomData<fn() -> T>,
-        }
+impl<K, T> Copy for Handle<K, T> {}
 
-        impl<T> $name<T> {
-            pub(super) const fn new(key: Key) -> Self {
-                Self { key, value: PhantomData }
-            }
-
-            /// A handle to nothing: reads are never valid, writes are ignored, both are counted
-            /// by the store as uses of a foreign handle.
-            pub const fn nowhere() -> Self {
-                Self::new(Key::NOWHERE)
-            }
-        }
-
-        impl<T> Clone for $name<T> {
-            fn clone(&self) -> Self {
-                *self
-            }
-        }
-
-        impl<T> Copy for $name<T> {}
-
-        impl<T> PartialEq for $name<T> {
-            fn eq(&self, other: &Self) -> bool {
-                self.key == other.key
-            }
-        }
-
-        impl<T> Eq for $name<T> {}
-
-        impl<T> Default for $name<T> {
-            fn default() -> Self {
-                Self::nowhere()
-            }
-        }
-
-        impl<T> fmt::Debug for $name<T> {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, "{}({}:{})", stringify!($name), self.key.store, self.key.index)
-            }
-        }
-    };
+impl<K, T> PartialEq for Handle<K, T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.key == other.key
+    }
 }
 
-handle! {
-    /// A pin that the machine sets and the application reads.
-    ///
-    /// Writing it does not compile:
-    /// ```compile_fail,E0277
-    /// use mesa_hal::hal::{Input, Pins};
-    /// fn wrong(pins: &mut Pins, limit_switch: Input<bool>) {
-    ///     pins.set(limit_switch, true);
-    /// }
-    /// ```
-    /// while reading it does:
-    /// ```
-    /// use mesa_hal::hal::{Input, Pins};
-    /// fn right(pins: &Pins, limit_switch: Input<bool>) -> bool {
-    ///     pins.read(limit_switch).value
-    /// }
-    /// ```
-    Input
-}
+impl<K, T> Eq for Handle<K, T> {}
 
-handle! {
-    /// A pin that the application sets and the machine follows.
-    ///
-    /// A pin of one type does not take the value of another:
-    /// ```compile_fail,E0308
-    /// use mesa_hal::hal::{Output, Pins};
-    /// fn wrong(pins: &mut Pins, volts: Output<f64>) {
-    ///     pins.set(volts, true);
-    /// }
-    /// ```
-    Output
-}
+/// A pin that the machine sets and the application reads.
+///
+/// Writing it does not compile:
+/// ```compile_fail,E0277
+/// use mesa_hal::hal::{Input, Pins};
+/// fn wrong(pins: &mut Pins, limit_switch: Input<bool>) {
+///     pins.set(limit_switch, true);
+/// }
+/// ```
+/// while reading it does:
+/// ```
+/// use mesa_hal::hal::{Input, Pins};
+/// fn right(pins: &Pins, limit_switch: Input<bool>) -> bool {
+///     pins.read(limit_switch).value
+/// }
+/// ```
+pub type Input<T> = Handle<kind::Input, T>;
 
-handle! {
-    /// A pin that both sides set, such as `index-enable`: the application switches it on, the
-    /// machine switches it off when the index came.
-    InOut
-}
+/// A pin that the application sets and the machine follows.
+///
+/// A pin of one type does not take the value of another:
+/// ```compile_fail,E0308
+/// use mesa_hal::hal::{Output, Pins};
+/// fn wrong(pins: &mut Pins, volts: Output<f64>) {
+///     pins.set(volts, true);
+/// }
+/// ```
+pub type Output<T> = Handle<kind::Output, T>;
 
-handle! {
-    /// A parameter: a setting of a pin, or of the remote itself.
-    Param
-}
+/// A pin that both sides set, such as `index-enable`: the application switches it on, the
+/// machine switches it off when the index came.
+pub type InOut<T> = Handle<kind::InOut, T>;
+
+/// A parameter: a setting of a pin, or of the remote itself.
+pub type Param<T> = Handle<kind::Param, T>;
 
 impl<T> InOut<T> {
     /// The application's half of it: a handle that sets it and does not read it.
@@ -138,65 +94,49 @@ impl<T> InOut<T> {
     }
 }
 
-/// A handle, and the type of what it is a handle of.
-pub trait Handle: sealed::Keyed {
-    /// What the pin or parameter holds.
-    type Value: Value;
-}
+/// Kinds of handles, and what can be done with each.
+pub mod kind {
+    /// Of an [`Input`](super::Input).
+    #[derive(Debug, Default)]
+    pub struct Input;
 
-/// What an application reads: [`Input`] and [`InOut`].
-#[diagnostic::on_unimplemented(message = "{Self} is no pin that can be read")]
-pub trait Readable: Handle {}
+    /// Of an [`Output`](super::Output).
+    #[derive(Debug, Default)]
+    pub struct Output;
 
-/// What an application sets: [`Output`] and [`InOut`].
-#[diagnostic::on_unimplemented(message = "{Self} is no pin that an application can set")]
-pub trait Settable: Handle {}
+    /// Of an [`InOut`](super::InOut).
+    #[derive(Debug, Default)]
+    pub struct InOut;
 
-/// What a driver gives values: [`Input`], [`InOut`] and [`Param`].
-#[diagnostic::on_unimplemented(message = "{Self} is nothing that a driver can publish")]
-pub trait Publishable: Handle {
-    /// Outputs may depend on it.
-    #[doc(hidden)]
-    const IS_SHARED: bool;
-}
+    /// Of a [`Param`](super::Param).
+    #[derive(Debug, Default)]
+    pub struct Param;
 
-impl<T: Value> Readable for Input<T> {}
-impl<T: Value> Readable for InOut<T> {}
-impl<T: Value> Settable for Output<T> {}
-impl<T: Value> Settable for InOut<T> {}
-impl<T: Value> Publishable for Input<T> {
-    const IS_SHARED: bool = false;
-}
-impl<T: Value> Publishable for InOut<T> {
-    const IS_SHARED: bool = true;
-}
-impl<T: Value> Publishable for Param<T> {
-    const IS_SHARED: bool = true;
-}
+    /// What an application reads.
+    #[diagnostic::on_unimplemented(message = "{Self} is no pin that can be read")]
+    pub trait Readable {}
+    impl Readable for Input {}
+    impl Readable for InOut {}
 
-/// The part of the handle traits that is the store's own business.
-pub(super) mod sealed {
-    use super::{Handle, InOut, Input, Key, Output, Param, Value};
+    /// What an application sets.
+    #[diagnostic::on_unimplemented(message = "{Self} is no pin that an application can set")]
+    pub trait Settable {}
+    impl Settable for Output {}
+    impl Settable for InOut {}
 
-    pub trait Keyed: Copy {
-        #[doc(hidden)]
-        #[allow(private_interfaces)]
-        fn key(self) -> Key;
+    /// What a driver gives values.
+    #[diagnostic::on_unimplemented(message = "{Self} is nothing that a driver can publish")]
+    pub trait Publishable {
+        /// Outputs may depend on it.
+        const IS_SHARED: bool;
     }
-
-    macro_rules! keyed {
-        ($($name:ident),*) => {$(
-            impl<T> Keyed for $name<T> {
-                #[allow(private_interfaces)]
-                fn key(self) -> Key {
-                    self.key
-                }
-            }
-
-            impl<T: Value> Handle for $name<T> {
-                type Value = T;
-            }
-        )*};
+    impl Publishable for Input {
+        const IS_SHARED: bool = false;
     }
-    keyed!(Input, Output, InOut, Param);
+    impl Publishable for InOut {
+        const IS_SHARED: bool = true;
+    }
+    impl Publishable for Param {
+        const IS_SHARED: bool = true;
+    }
 }

@@ -3,7 +3,7 @@
 use alloc::borrow::Cow;
 use alloc::string::String;
 
-use super::{GroupId, HalType, PinError};
+use super::{GroupId, HalType};
 
 /// The longest name: what LinuxCNC's HAL takes.
 ///
@@ -45,22 +45,21 @@ impl Role {
         }
     }
 
-    /// Whether it is a parameter and no pin.
-    pub const fn is_param(self) -> bool {
-        matches!(self, Self::Setting | Self::Property | Self::InRemote)
-    }
-}
-
-impl core::fmt::Display for Role {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.pad(match self {
+    /// What it is, for messages.
+    pub(super) const fn as_str(self) -> &'static str {
+        match self {
             Self::Input => "an input",
             Self::Output => "an output",
             Self::InOut => "a pin set by both sides",
             Self::Setting => "a parameter",
             Self::Property => "a read-only parameter",
             Self::InRemote => "a parameter kept in a remote",
-        })
+        }
+    }
+
+    /// Whether it is a parameter and no pin.
+    pub const fn is_param(self) -> bool {
+        matches!(self, Self::Setting | Self::Property | Self::InRemote)
     }
 }
 
@@ -84,85 +83,4 @@ pub struct PinInfo {
     pub limits: Option<(f64, f64)>,
     /// The group it belongs to.
     pub group: GroupId,
-}
-
-/// What a pin or parameter is to be, for the `add_` functions of [`PinStore`](super::PinStore).
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Spec {
-    pub(super) name: String,
-    pub(super) terminal: Cow<'static, str>,
-    pub(super) signal: Cow<'static, str>,
-    pub(super) unit: Cow<'static, str>,
-    pub(super) limits: Option<(f64, f64)>,
-    pub(super) enforced: bool,
-}
-
-impl Spec {
-    /// A pin or parameter of that name, at no terminal, without unit or limits.
-    pub fn new(name: impl Into<String>) -> Self {
-        Self {
-            name: name.into(),
-            ..Self::default()
-        }
-    }
-
-    /// The same under another name.
-    #[must_use]
-    pub fn named(mut self, name: impl Into<String>) -> Self {
-        self.name = name.into();
-        self
-    }
-
-    /// At this terminal, for example `TB8 pin 3`, named there as given, for example `INPUT2`.
-    #[must_use]
-    pub fn at(
-        mut self,
-        terminal: impl Into<Cow<'static, str>>,
-        signal: impl Into<Cow<'static, str>>,
-    ) -> Self {
-        self.terminal = terminal.into();
-        self.signal = signal.into();
-        self
-    }
-
-    /// In this unit.
-    #[must_use]
-    pub fn unit(mut self, unit: impl Into<Cow<'static, str>>) -> Self {
-        self.unit = unit.into();
-        self
-    }
-
-    /// Between these values, both included.
-    ///
-    /// On an output they are enforced: a value outside becomes the limit, or the safe value
-    /// ([`OutOfRange`](super::OutOfRange)). On an input they are informational.
-    #[must_use]
-    pub fn limits(mut self, min: f64, max: f64) -> Self {
-        self.limits = Some((min, max));
-        self.enforced = true;
-        self
-    }
-
-    /// Usually between these values, informational and not enforced: for an output whose scale can be
-    /// set, and whose limits are parameters.
-    #[must_use]
-    pub fn range(mut self, min: f64, max: f64) -> Self {
-        self.limits = Some((min, max));
-        self.enforced = false;
-        self
-    }
-}
-
-/// Checks a name: length, and no space, quote or other character that ends a word in a HAL file.
-pub(super) fn check_name(name: &str) -> Result<(), PinError> {
-    if name.len() > MAX_NAME {
-        return Err(PinError::NameTooLong { length: name.len() });
-    }
-    let bad =
-        |c: char| !c.is_ascii_graphic() || matches!(c, '"' | '\'' | '#' | '$' | '[' | ']' | '=');
-    match name.char_indices().find(|&(_, c)| bad(c)) {
-        Some((position, _)) => Err(PinError::BadName { position }),
-        None if name.is_empty() => Err(PinError::BadName { position: 0 }),
-        None => Ok(()),
-    }
 }

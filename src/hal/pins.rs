@@ -1,13 +1,16 @@
 //! The application's side: what the pins are and what they hold.
 
+use alloc::collections::BTreeMap;
+use alloc::string::String;
 use alloc::vec::Vec;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use super::handle::{Key, sealed::Keyed};
+use super::handle::Key;
+use super::kind::{Readable, Settable};
 use super::rule::{Rule, Slot};
 use super::{
-    Age, AnyValue, GroupId, GroupState, HalType, InOut, Input, Output, Param, PinError, PinInfo,
-    Readable, Reading, Rejections, Role, Settable, Value,
+    Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
+    Reading, Rejections, Role, Value,
 };
 use crate::bus::Instant;
 
@@ -44,15 +47,15 @@ use crate::bus::Instant;
 /// Pins come in groups that work or fail together: those of a remote, or of the board. A group is
 /// *valid* while its transfers succeed, and *armed* unless a fault disarmed it: outputs of a group
 /// that is not armed have their safe values, until the application calls [`rearm`](Self::rearm).
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Pins<End: ?Sized = [()]> {
     pub(super) id: u32,
     pub(super) slots: Vec<Slot>,
     /// One for each slot.
     pub(super) rules: Vec<Rule>,
     pub(super) infos: Vec<PinInfo>,
-    /// Indices of `infos`, ordered by name.
-    pub(super) by_name: Vec<u32>,
+    /// Indices of `infos`.
+    pub(super) by_name: BTreeMap<String, u32>,
     pub(super) groups: Vec<Group>,
     /// What a [`GroupId`] is the index of.
     pub(super) parts: Vec<Part>,
@@ -98,8 +101,14 @@ impl Pins {
     }
 
     /// What is known of a pin; `None` for a handle of another store.
-    pub fn info(&self, pin: impl Keyed) -> Option<&PinInfo> {
-        self.infos.get(self.index(pin.key())?)
+    pub fn info<K, T>(&self, pin: Handle<K, T>) -> Option<&PinInfo> {
+        self.infos.get(self.index(pin.key)?)
+    }
+
+    /// What all of them hold, in the order of [`infos`](Self::infos).
+    pub fn values(&self) -> impl Iterator<Item = AnyValue> + '_ {
+        let infos = self.infos.iter().zip(&self.slots);
+        infos.map(|(info, slot)| AnyValue::from_bits(info.hal_type, slot.bits))
     }
 
     /// Reads a pin.
@@ -109,17 +118,17 @@ impl Pins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn read<P: Readable>(&self, pin: P) -> Reading<P::Value> {
-        let Some((slot, group)) = self.slot(pin.key()) else {
+    pub fn read<K: Readable, T: Value>(&self, pin: Handle<K, T>) -> Reading<T> {
+        let Some((slot, group)) = self.slot(pin.key) else {
             self.count_foreign();
             return Reading {
-                value: P::Value::default(),
+                value: T::default(),
                 valid: false,
                 age: Age::NEVER,
             };
         };
         Reading {
-            value: P::Value::from_bits(slot.bits),
+            value: T::from_bits(slot.bits),
             valid: group.valid && !slot.bad,
             age: self.age(group),
         }
@@ -133,8 +142,8 @@ impl Pins {
     ///
     /// # Real time
     /// Constant time, no allocation.
-    pub fn set<P: Settable>(&mut self, pin: P, value: P::Value) {
-        let key = pin.key();
+    pub fn set<K: Settable, T: Value>(&mut self, pin: Handle<K, T>, value: T) {
+        let key = pin.key;
         let Some(slot) = self.slot_mut(key) else {
             return self.count_foreign();
         };
@@ -145,9 +154,8 @@ impl Pins {
     }
 
     /// What the application last set an output to; after a fault, its safe value.
-    pub fn commanded<P: Settable>(&self, pin: P) -> P::Value {
-        let bits = self.bits(pin.key());
-        bits.map_or_else(P::Value::default, P::Value::from_bits)
+    pub fn commanded<K: Settable, T: Value>(&self, pin: Handle<K, T>) -> T {
+        self.bits(pin.key).map_or_else(T::default, T::from_bits)
     }
 
     /// The value of a parameter; zero for a handle of another store.
@@ -165,15 +173,19 @@ impl Pins {
     /// [`PinError::ForeignHandle`]. The setting then keeps its value.
     pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
         let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
-        let role = self.infos.get(index).map(|info| info.role);
-        match role {
-            Some(Role::Setting) => {}
-            Some(Role::InRemote) => return Err(PinError::InRemote),
+        let (Some(info), Some(rule), Some(slot)) = (
+            self.infos.get(index),
+            self.rules.get(index),
+            self.slots.get_mut(index),
+        ) else {
+            return Err(PinError::ForeignHandle);
+        };
+        match info.role {
+            Role::Setting => {}
+            Role::InRemote => return Err(PinError::InRemote),
             _ => return Err(PinError::ReadOnly),
         }
-        let rule = self.rules.get(index).ok_or(PinError::ForeignHandle)?;
         let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);
-        let slot = self.slots.get_mut(index).ok_or(PinError::ForeignHandle)?;
         if !value.is_finite() || !within {
             return Err(PinError::BadValue);
         }
@@ -204,8 +216,7 @@ impl Pins {
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
     pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
         let index = self.group_index(group).ok_or(PinError::ForeignHandle)?;
-        let state = self.groups.get(index).ok_or(PinError::ForeignHandle)?;
-        if !state.valid {
+        if !self.groups.get(index).is_some_and(|group| group.valid) {
             return Err(PinError::NotRunning);
         }
         self.arm(index);
@@ -214,15 +225,8 @@ impl Pins {
 
     /// [`rearm`](Self::rearm) for every group that runs; how many were disarmed and are armed now.
     pub fn rearm_all(&mut self) -> usize {
-        let mut count = 0;
-        for index in 0..self.groups.len() {
-            let waits = |group: &Group| group.valid && !group.armed;
-            if self.groups.get(index).is_some_and(waits) {
-                self.arm(index);
-                count += 1;
-            }
-        }
-        count
+        let groups = 0..self.groups.len();
+        groups.filter(|&index| self.arm(index)).count()
     }
 
     /// The groups, in the order in which they were made.
@@ -247,10 +251,9 @@ impl Pins {
     }
 
     /// Values of this pin that were not used as they were.
-    pub fn rejections(&self, pin: impl Keyed) -> Rejections {
-        self.index(pin.key())
-            .and_then(|index| self.rules.get(index))
-            .map_or_else(Rejections::default, |rule| rule.rejections)
+    pub fn rejections<K, T>(&self, pin: Handle<K, T>) -> Rejections {
+        let rule = self.index(pin.key).and_then(|index| self.rules.get(index));
+        rule.map_or_else(Rejections::default, |rule| rule.rejections)
     }
 
     /// How often a handle of another store was used. Anything but 0 is a mistake in the program.
@@ -258,75 +261,37 @@ impl Pins {
         self.foreign.load(Ordering::Relaxed)
     }
 
-    fn position(&self, name: &str) -> Option<usize> {
-        self.search(name)
-            .ok()
-            .and_then(|place| self.by_name.get(place))
-            .map(|&index| index as usize)
-    }
-
     /// The input of that name.
     pub fn input<T: Value>(&self, name: &str) -> Result<Input<T>, PinError> {
-        self.find::<T>(name, Role::Input).map(Input::new)
+        self.find(name, Role::Input)
     }
 
     /// The output of that name.
     pub fn output<T: Value>(&self, name: &str) -> Result<Output<T>, PinError> {
-        self.find::<T>(name, Role::Output).map(Output::new)
+        self.find(name, Role::Output)
     }
 
     /// The pin of that name that both sides set.
     pub fn inout<T: Value>(&self, name: &str) -> Result<InOut<T>, PinError> {
-        self.find::<T>(name, Role::InOut).map(InOut::new)
+        self.find(name, Role::InOut)
     }
 
     /// The parameter of that name.
     pub fn parameter<T: Value>(&self, name: &str) -> Result<Param<T>, PinError> {
-        self.find::<T>(name, Role::Setting).map(Param::new)
+        self.find(name, Role::Setting)
     }
 
-    /// The value of the pin or parameter at a place of [`infos`](Self::infos).
-    pub(super) fn value_at(&self, position: usize) -> Option<AnyValue> {
-        let bits = self.slots.get(position)?.bits;
-        Some(match self.infos.get(position)?.hal_type {
-            HalType::Bit => AnyValue::Bit(Value::from_bits(bits)),
-            HalType::Float => AnyValue::Float(Value::from_bits(bits)),
-            HalType::S32 => AnyValue::S32(Value::from_bits(bits)),
-            HalType::U32 => AnyValue::U32(Value::from_bits(bits)),
-            HalType::S64 => AnyValue::S64(Value::from_bits(bits)),
-            HalType::U64 => AnyValue::U64(Value::from_bits(bits)),
-        })
-    }
-}
-
-/// Finding pins.
-impl Pins {
-    pub(super) fn search(&self, name: &str) -> Result<usize, usize> {
-        self.by_name.binary_search_by(|&index| {
-            self.infos
-                .get(index as usize)
-                .map_or("", |info| info.name.as_str())
-                .cmp(name)
-        })
-    }
-
-    fn find<T: Value>(&self, name: &str, expected: Role) -> Result<Key, PinError> {
-        let index = self.position(name).ok_or(PinError::NotFound)?;
-        let info = self.infos.get(index).ok_or(PinError::NotFound)?;
-        let param = expected.is_param() && info.role.is_param();
-        if info.role != expected && !param {
-            return Err(PinError::WrongRole {
-                expected,
-                actual: info.role,
-            });
+    fn find<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {
+        let index = *self.by_name.get(name).ok_or(PinError::NotFound)?;
+        let info = self.infos.get(index as usize).ok_or(PinError::NotFound)?;
+        let wrong = |expected, actual| Err(PinError::WrongKind { expected, actual });
+        if info.role != role && !(role.is_param() && info.role.is_param()) {
+            return wrong(role.as_str(), info.role.as_str());
         }
         if info.hal_type != T::TYPE {
-            return Err(PinError::WrongType {
-                expected: T::TYPE,
-                actual: info.hal_type,
-            });
+            return wrong(T::TYPE.as_str(), info.hal_type.as_str());
         }
-        Ok(self.key(index as u32))
+        Ok(Handle::new(self.key(index)))
     }
 }
 
@@ -382,27 +347,26 @@ impl Pins {
         bits
     }
 
-    /// Lets the outputs of a group follow what is set from now on.
-    pub(super) fn arm(&mut self, index: usize) {
-        if self.groups.get(index).is_some_and(|group| !group.armed) {
-            self.forget_commands(index);
-            if let Some(group) = self.groups.get_mut(index) {
+    /// Lets the outputs of a group that runs follow what is set from now on; says whether they did
+    /// not before.
+    fn arm(&mut self, index: usize) -> bool {
+        let waits = |group: &Group| group.valid && !group.armed;
+        self.groups.get(index).is_some_and(waits)
+            && self.forget_commands(index).is_some_and(|group| {
                 group.armed = true;
-            }
-        }
+                true
+            })
     }
 
     /// Sets the outputs of a group to their safe values, but for those that faults do not touch.
-    pub(super) fn forget_commands(&mut self, index: usize) {
+    pub(super) fn forget_commands(&mut self, index: usize) -> Option<&mut Group> {
         let Self {
             groups,
             slots,
             rules,
             ..
         } = self;
-        let Some(group) = groups.get_mut(index) else {
-            return;
-        };
+        let group = groups.get_mut(index)?;
         group.epoch = group.epoch.wrapping_add(1);
         for &output in &group.outputs {
             let output = output as usize;
@@ -412,6 +376,7 @@ impl Pins {
                 slot.bits = rule.safe;
             }
         }
+        Some(group)
     }
 
     /// What outputs of a pin's part must be may have changed.

@@ -11,6 +11,25 @@ pub struct Rejections {
     pub out_of_range: u64,
 }
 
+impl Rejections {
+    pub(super) fn count(&mut self, rejection: Rejection) {
+        let counter = match rejection {
+            Rejection::NotFinite => &mut self.not_finite,
+            Rejection::OutOfRange => &mut self.out_of_range,
+        };
+        *counter = counter.saturating_add(1);
+    }
+}
+
+/// Why a value was not used as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Rejection {
+    /// NaN or infinite.
+    NotFinite,
+    /// Below the lower or above the upper limit.
+    OutOfRange,
+}
+
 /// How long ago the last good transfer was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Age {
@@ -49,19 +68,6 @@ impl<T> Reading<T> {
     }
 }
 
-/// What becomes of an output outside its limits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum OutOfRange {
-    /// The nearest limit, as LinuxCNC does.
-    ///
-    /// The rule for numbers: the command of a servo loop that saturates means "as much as there
-    /// is", and dropping it to the safe value at that moment would let the axis go.
-    #[default]
-    Limit,
-    /// The safe value.
-    Safe,
-}
-
 /// The state of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -74,46 +80,4 @@ pub struct GroupState {
     pub age: Age,
     /// How often a fault disarmed it.
     pub faults: u64,
-}
-
-/// A value and its type.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AnyValue {
-    /// A truth value.
-    Bit(bool),
-    /// A real number.
-    Float(f64),
-    /// A 32-bit number with sign.
-    S32(i32),
-    /// A 32-bit number.
-    U32(u32),
-    /// A 64-bit number with sign.
-    S64(i64),
-    /// A 64-bit number.
-    U64(u64),
-}
-
-macro_rules! any_value {
-    ($($type:ty => $variant:ident),*) => {
-        $(impl From<$type> for AnyValue {
-            fn from(value: $type) -> Self {
-                Self::$variant(value)
-            }
-        })*
-    };
-}
-
-any_value!(bool => Bit, f64 => Float, i32 => S32, u32 => U32, i64 => S64, u64 => U64);
-
-impl core::fmt::Display for AnyValue {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Bit(value) => value.fmt(f),
-            Self::Float(value) => value.fmt(f),
-            Self::S32(value) => value.fmt(f),
-            Self::U32(value) => value.fmt(f),
-            Self::S64(value) => value.fmt(f),
-            Self::U64(value) => value.fmt(f),
-        }
-    }
 }

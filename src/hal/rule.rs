@@ -1,54 +1,9 @@
 //! What an output may be, and what becomes of values that it may not.
 
 use super::handle::Key;
-use super::{HalType, OutOfRange, Output, Param, PinError, Rejection, Rejections, Value};
-
-/// How an output is kept safe.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OutputRule<T> {
-    /// What it is before the application sets it, while its group is not armed, and when the
-    /// application sets it to something that is not finite.
-    ///
-    /// It is a value of the pin: an `-invert` parameter inverts it like any other, because that
-    /// parameter says how the output is wired.
-    pub safe: T,
-    /// What becomes of a value outside the limits.
-    pub out_of_range: OutOfRange,
-    /// A fault of the group does not touch it: for switches of the driver itself, such as `run`.
-    pub exempt: bool,
-}
-
-impl<T: Value> OutputRule<T> {
-    /// Safe at `safe`; limited to its limits; silenced by faults.
-    pub fn safe_at(safe: T) -> Self {
-        Self {
-            safe,
-            out_of_range: OutOfRange::Limit,
-            exempt: false,
-        }
-    }
-
-    /// A switch of the driver itself, at first at `initial`, which faults do not touch.
-    pub fn switch(initial: T) -> Self {
-        Self {
-            exempt: true,
-            ..Self::safe_at(initial)
-        }
-    }
-}
-
-/// What else decides what an output is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OutputModifiers {
-    /// `-invert`: a truth value goes out as its opposite.
-    pub invert: Option<Invert>,
-    /// `-maxlim`: no larger value goes out.
-    pub max_limit: Option<Param<f64>>,
-    /// `-minlim`: no smaller value goes out.
-    pub min_limit: Option<Param<f64>>,
-    /// `-scalemax`: the real number goes out in other units.
-    pub full_scale: Option<FullScale>,
-}
+use super::{
+    GroupId, HalType, Output, Param, PinError, Pins, Rejection, Rejections, Role, Spec, Value,
+};
 
 /// What inverts a digital output: a parameter, or a pin that faults do not touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,7 +62,6 @@ pub(super) struct Rule {
     pub safe: u64,
     pub min: u64,
     pub max: u64,
-    pub out_of_range: OutOfRange,
     /// Parameters that limit it; `NONE` where there is none.
     pub max_limit: u32,
     pub min_limit: u32,
@@ -127,16 +81,6 @@ pub(super) struct Now {
     min: u64,
     max: u64,
     scale: f64,
-}
-
-impl Now {
-    /// Of no state of the parameters.
-    pub const UNKNOWN: Self = Self {
-        settings: u64::MAX,
-        min: 0,
-        max: 0,
-        scale: 0.0,
-    };
 }
 
 impl Rule {
@@ -167,12 +111,11 @@ impl Rule {
         if min <= value && value <= max {
             return (value, None);
         }
-        let allowed = match self.out_of_range {
+        let allowed = match () {
             // Nothing is allowed: neither limit is a value that anybody meant.
-            _ if min > max => self.safe,
-            OutOfRange::Safe => self.safe,
-            OutOfRange::Limit if value > max => self.now.max,
-            OutOfRange::Limit => self.now.min,
+            () if min > max => self.safe,
+            () if value > max => self.now.max,
+            () => self.now.min,
         };
         (T::from_bits(allowed), Some(Rejection::OutOfRange))
     }
@@ -212,44 +155,63 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The slot and the rule of a new pin.
 pub(super) fn make_slot<T: Value>(
-    (group, part): (u32, u32),
+    pins: &Pins,
+    part: GroupId,
+    role: Role,
+    spec: &Spec,
     initial: T,
-    limits: Option<(f64, f64)>,
 ) -> Result<(Slot, Rule), PinError> {
-    if !initial.is_finite() {
-        return Err(PinError::BadLimits);
-    }
-    let (min, max) = match limits {
-        None => T::bounds(),
-        Some((min, max)) if min.is_finite() && max.is_finite() => {
-            (T::from_f64(min), T::from_f64(max))
-        }
-        Some(_) => return Err(PinError::BadLimits),
+    let group = pins.part(part).ok_or(PinError::ForeignHandle)?.group;
+    let parameter = |key: Option<Key>| match key {
+        None => Ok(NONE),
+        Some(key) if pins.index(key).is_some() => Ok(key.index),
+        Some(_) => Err(PinError::ForeignHandle),
     };
-    if !(min <= initial && initial <= max) {
+    let invert = parameter(spec.invert.map(Invert::key))?;
+    let max_limit = parameter(spec.max_limit.map(|param| param.key))?;
+    let min_limit = parameter(spec.min_limit.map(|param| param.key))?;
+    let scale = parameter(spec.full_scale.map(|full| full.scale.key))?;
+    let wire = spec
+        .full_scale
+        .map_or((0.0, 0.0), |full| (full.min, full.max));
+    let is_real = T::TYPE == HalType::Float;
+    // The first value of an input may lie outside its limits: they are informational.
+    let limits = spec.limits.filter(|_| role != Role::Input);
+    let ends = limits.unwrap_or_default();
+    let are_finite = [ends.0, ends.1, wire.0, wire.1].map(f64::is_finite);
+    let (min, max) =
+        limits.map_or_else(T::bounds, |(min, max)| (T::from_f64(min), T::from_f64(max)));
+    let is_within = min <= initial && initial <= max && initial.is_finite();
+    if are_finite != [true; 4] || !is_within || (scale != NONE && !is_real) {
         return Err(PinError::BadLimits);
     }
+    let safe = initial.to_bits();
     let slot = Slot {
-        bits: initial.to_bits(),
+        bits: safe,
         group,
-        part,
-        invert: NONE,
+        part: part.0.index,
+        invert,
         bad: false,
         exempt: false,
         // A real number can always be none.
-        is_free: T::TYPE != HalType::Float && (min, max) == T::bounds(),
+        is_free: !is_real && (min, max) == T::bounds() && max_limit == NONE && min_limit == NONE,
     };
+    let (min, max) = (min.to_bits(), max.to_bits());
     let rule = Rule {
-        safe: initial.to_bits(),
-        min: min.to_bits(),
-        max: max.to_bits(),
-        out_of_range: OutOfRange::default(),
-        max_limit: NONE,
-        min_limit: NONE,
-        scale: NONE,
-        wire: (0.0, 0.0),
+        safe,
+        min,
+        max,
+        max_limit,
+        min_limit,
+        scale,
+        wire,
         rejections: Rejections::default(),
-        now: Now::UNKNOWN,
+        now: Now {
+            settings: u64::MAX,
+            min,
+            max,
+            scale: 0.0,
+        },
     };
     Ok((slot, rule))
 }

@@ -1,4 +1,4 @@
-//! The driver's side: making pins.
+//! The driver's side: groups, and the cycle.
 //!
 //! A driver calls, in this order: [`PinStore::begin_cycle`]; for each group whose transfer
 //! succeeded [`PinStore::publish`] for its inputs and [`PinStore::group_good`], or
@@ -10,13 +10,10 @@ use core::ops::{Deref, DerefMut};
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
-use super::info::{MAX_PINS, check_name};
+use super::kind::{Publishable, Settable};
 use super::pins::{Group, Part};
-use super::rule::{NONE, Now, Rule, make_slot};
-use super::{
-    GroupId, HalType, InOut, Input, Invert, Output, OutputModifiers, OutputRule, Param, PinError,
-    PinInfo, Pins, Rejections, Role, Settable, Spec, Value,
-};
+use super::rule::NONE;
+use super::{GroupId, Handle, Input, PinError, Pins, Rejection, Value};
 use crate::bus::Instant;
 
 /// Where the number of the next store comes from; 0 belongs to none.
@@ -24,18 +21,23 @@ static NEXT_STORE: AtomicU32 = AtomicU32::new(1);
 
 /// The driver's side of all pins and parameters of a machine.
 ///
-/// It makes them, publishes inputs and takes outputs; what an application may do as well is in
-/// [`Pins`], to which it derefs. The driver owns it and lends it to its modules; an application
-/// gets the [`Pins`] in it. Set-up allocates; everything in the cycle takes constant time for each
-/// pin, never allocates and never panics.
+/// A [`PinMaker`](super::PinMaker) makes them in it, and it publishes inputs and takes outputs; what
+/// an application may do as well is in [`Pins`], to which it derefs. The driver owns it and lends it
+/// to its modules; an application gets the [`Pins`] in it. Set-up allocates; everything in the cycle
+/// takes constant time for each pin, never allocates and never panics.
 #[derive(Debug)]
 pub struct PinStore {
-    pub(super) pins: Pins<[(); 0]>,
+    pins: Pins<[(); 0]>,
 }
 
 impl Default for PinStore {
     fn default() -> Self {
-        Self::new()
+        let pins = Pins {
+            // Wraps round after four thousand million stores, and never gives 0.
+            id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
+            ..Pins::default()
+        };
+        Self { pins }
     }
 }
 
@@ -55,27 +57,6 @@ impl DerefMut for PinStore {
 
 /// Set-up. Allocates.
 impl PinStore {
-    /// A store without pins.
-    pub fn new() -> Self {
-        let pins = Pins {
-            // Wraps round after four thousand million stores, and never gives 0.
-            id: NEXT_STORE.fetch_add(1, Ordering::Relaxed).max(1),
-            slots: Vec::new(),
-            rules: Vec::new(),
-            infos: Vec::new(),
-            by_name: Vec::new(),
-            groups: Vec::new(),
-            parts: Vec::new(),
-            settings: 0,
-            cycle: 0,
-            now: Instant::default(),
-            totals: Rejections::default(),
-            foreign: AtomicU32::new(0),
-            end: [],
-        };
-        Self { pins }
-    }
-
     /// A new group: not valid before its first good transfer, and armed (its outputs begin with
     /// their safe values).
     pub fn add_group(&mut self) -> GroupId {
@@ -105,183 +86,176 @@ impl PinStore {
         self.parts.push(Part { group, version: 0 });
         Ok(GroupId(self.key(part)))
     }
-
-    /// A new input.
-    pub fn add_input<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-    ) -> Result<Input<T>, PinError> {
-        // The limits of an input are informational: its first value may lie outside.
-        let spec = Spec {
-            enforced: false,
-            ..spec
-        };
-        let key = self.insert(group, Role::Input, spec, T::default())?;
-        Ok(Input::new(key))
-    }
-
-    /// A new output.
-    ///
-    /// # Errors
-    /// Besides those of the name, [`PinError::BadLimits`].
-    pub fn add_output<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        rule: OutputRule<T>,
-    ) -> Result<Output<T>, PinError> {
-        let key = self.insert(group, Role::Output, spec, rule.safe)?;
-        self.apply_rule(key, rule);
-        Ok(Output::new(key))
-    }
-
-    /// A new pin that both sides set.
-    pub fn add_inout<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        rule: OutputRule<T>,
-    ) -> Result<InOut<T>, PinError> {
-        let key = self.insert(group, Role::InOut, spec, rule.safe)?;
-        self.apply_rule(key, rule);
-        Ok(InOut::new(key))
-    }
-
-    /// A new setting, which the application may change within the limits of `spec`.
-    pub fn add_setting<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.insert(group, Role::Setting, spec, initial)
-            .map(Param::new)
-    }
-
-    /// A new property, which the application can only read.
-    pub fn add_property<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.insert(group, Role::Property, spec, initial)
-            .map(Param::new)
-    }
-
-    /// A new parameter that a remote keeps: the application can only read it here.
-    pub fn add_in_remote<T: Value>(
-        &mut self,
-        group: GroupId,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.insert(group, Role::InRemote, spec, initial)
-            .map(Param::new)
-    }
-
-    /// Lets parameters act on an output.
-    ///
-    /// # Errors
-    /// [`PinError::ForeignHandle`] if any of them is of another store; [`PinError::BadLimits`] for
-    /// a full scale whose ends are not finite, or of an output that is no real number.
-    pub fn modify<P: Settable>(
-        &mut self,
-        output: P,
-        modifiers: OutputModifiers,
-    ) -> Result<(), PinError> {
-        let key = output.key();
-        let invert = self.modifier(modifiers.invert.map(Invert::key))?;
-        let max_limit = self.modifier(modifiers.max_limit.map(|p| p.key))?;
-        let min_limit = self.modifier(modifiers.min_limit.map(|p| p.key))?;
-        let scale = self.modifier(modifiers.full_scale.map(|full| full.scale.key))?;
-        let wire = modifiers
-            .full_scale
-            .map_or((0.0, 0.0), |full| (full.min, full.max));
-        let is_real = P::Value::TYPE == HalType::Float && wire.0.is_finite() && wire.1.is_finite();
-        if scale != NONE && !is_real {
-            return Err(PinError::BadLimits);
-        }
-        self.changed(key);
-        let slot = self.slot_mut(key).ok_or(PinError::ForeignHandle)?;
-        slot.invert = invert;
-        slot.is_free &= max_limit == NONE && min_limit == NONE;
-        if let Some(rule) = self.rule_mut(key) {
-            rule.now = Now::UNKNOWN;
-            rule.max_limit = max_limit;
-            rule.min_limit = min_limit;
-            (rule.scale, rule.wire) = (scale, wire);
-        }
-        Ok(())
-    }
-
-    fn modifier(&self, key: Option<Key>) -> Result<u32, PinError> {
-        match key {
-            None => Ok(NONE),
-            Some(key) if self.index(key).is_some() => Ok(key.index),
-            Some(_) => Err(PinError::ForeignHandle),
-        }
-    }
-
-    fn apply_rule<T: Value>(&mut self, key: Key, rule: OutputRule<T>) {
-        if let Some(slot) = self.slot_mut(key) {
-            slot.exempt = rule.exempt;
-        }
-        if let Some(kept) = self.rule_mut(key) {
-            kept.out_of_range = rule.out_of_range;
-        }
-    }
-
-    pub(super) fn rule_mut(&mut self, key: Key) -> Option<&mut Rule> {
-        let index = self.index(key)?;
-        self.rules.get_mut(index)
-    }
 }
 
-/// Small steps that the functions above share.
+/// The cycle. Constant time for each pin, no allocation, no panic.
 impl PinStore {
-    fn insert<T: Value>(
-        &mut self,
-        group: GroupId,
-        role: Role,
-        spec: Spec,
-        initial: T,
-    ) -> Result<Key, PinError> {
-        check_name(&spec.name)?;
-        let in_group = self.part(group).ok_or(PinError::ForeignHandle)?.group;
-        let whole = self.group_ref(group).map_or(0, |group| group.part);
-        let whole = GroupId(self.key(whole));
-        let place = match self.search(&spec.name) {
-            Ok(place) => {
-                let existing = self.by_name.get(place).map_or(0, |&index| index as usize);
-                return Err(PinError::NameTaken { existing });
-            }
-            Err(place) => place,
+    /// A new cycle begins at `now`: ages grow.
+    pub fn begin_cycle(&mut self, now: Instant) {
+        self.cycle = self.cycle.saturating_add(1);
+        self.now = now;
+    }
+
+    /// Gives an input its value, a pin that both sides set, or a parameter (a property, or what was
+    /// read from a remote). A pin becomes valid with its group.
+    ///
+    /// A value that is not finite is not published: the pin keeps its last value, is not valid,
+    /// and the value is counted.
+    pub fn publish<K: Publishable, T: Value>(&mut self, pin: Handle<K, T>, value: T) {
+        let key = pin.key;
+        let Some(slot) = self.slot_mut(key) else {
+            return self.count_foreign();
         };
-        if self.infos.len() >= MAX_PINS {
-            return Err(PinError::TooMany);
+        slot.bad = !value.is_finite();
+        if slot.bad {
+            return self.reject(key, Rejection::NotFinite);
         }
-        let kept = spec.limits.filter(|_| spec.enforced);
-        let (slot, rule) = make_slot((in_group, group.0.index), initial, kept)?;
-        let index = self.infos.len() as u32;
-        self.by_name.insert(place, index);
-        self.slots.push(slot);
-        self.rules.push(rule);
-        self.infos.push(PinInfo {
-            name: spec.name,
-            hal_type: T::TYPE,
-            role,
-            terminal: spec.terminal,
-            signal: spec.signal,
-            unit: spec.unit,
-            limits: spec.limits,
-            group: whole,
+        let bits = value.to_bits();
+        if core::mem::replace(&mut slot.bits, bits) != bits && K::IS_SHARED {
+            self.changed(key);
+            self.settings = self.settings.wrapping_add(1);
+        }
+    }
+
+    /// Takes the value of an input back: it is not valid until it is published again, even if its
+    /// group is. For values that are not known yet.
+    pub fn withhold<T: Value>(&mut self, pin: Input<T>) {
+        match self.slot_mut(pin.key) {
+            Some(slot) => slot.bad = true,
+            None => self.count_foreign(),
+        }
+    }
+
+    /// The transfer of a group succeeded in this cycle: its inputs are valid and of age 0.
+    pub fn group_good(&mut self, group: GroupId) {
+        self.group_good_since(group, 0, self.now);
+    }
+
+    /// Like [`group_good`](Self::group_good), for a transfer that was started at `started` and
+    /// could only be taken `cycles` cycles after it was due: its data is as old as that.
+    pub fn group_good_since(&mut self, group: GroupId, cycles: u64, started: Instant) {
+        let good = (self.cycle.saturating_sub(cycles), started.min(self.now));
+        match self.group_mut(group) {
+            Some(group) => {
+                group.valid = true;
+                group.last_good = Some(good);
+            }
+            None => self.count_foreign(),
+        }
+    }
+
+    /// The inputs of a group are no longer valid: a transfer failed. Outputs are not touched.
+    pub fn invalidate(&mut self, group: GroupId) {
+        match self.group_mut(group) {
+            Some(group) => group.valid = false,
+            None => self.count_foreign(),
+        }
+    }
+
+    /// A group failed: its inputs are no longer valid, and its outputs are safe until the
+    /// application re-arms it. What was set before is forgotten, and so is what is set until then,
+    /// so that re-arming does not bring back an old command.
+    pub fn fault(&mut self, group: GroupId) {
+        self.invalidate(group);
+        self.disarm(group);
+    }
+
+    /// The outputs of a group become safe until the application re-arms it; inputs are not touched.
+    /// What was set up to now is forgotten, also when it was set after an earlier fault.
+    pub fn disarm(&mut self, group: GroupId) {
+        let Some(index) = self.group_index(group) else {
+            return self.count_foreign();
+        };
+        if let Some(group) = self.forget_commands(index)
+            && core::mem::replace(&mut group.armed, false)
+        {
+            group.faults = group.faults.saturating_add(1);
+        }
+    }
+
+    /// Changes whenever [`fetch`](Self::fetch) of any output of the part may give something else
+    /// than before, or would count a value that is not used, or a parameter of it has another value:
+    /// while it stays, nothing has to be looked at again. The parameters that
+    /// limit, scale or invert outputs have to be of the same part. `None` for a group of another
+    /// store.
+    pub fn output_version(&self, group: GroupId) -> Option<u64> {
+        let part = self.part(group)?;
+        let epoch = self.groups.get(part.group as usize)?.epoch;
+        Some(part.version.wrapping_add(epoch))
+    }
+
+    /// What an output must be now: sanitised, limited, and inverted where asked for. The safe
+    /// value if its group is not armed.
+    ///
+    /// Not finite: the safe value. Out of range: the nearest limit. Both are counted, for the pin and
+    /// in total, each time the driver takes such a value. Nothing ever wraps round.
+    pub fn fetch<K: Settable, T: Value>(&mut self, pin: Handle<K, T>) -> T {
+        let key = pin.key;
+        let Some((slot, group)) = self.slot(key) else {
+            self.count_foreign();
+            return T::default();
+        };
+        let follows = group.armed || slot.exempt;
+        let (set, invert) = (T::from_bits(slot.bits), slot.invert);
+        let value = if follows && slot.is_free {
+            set
+        } else {
+            self.ruled(key, set, follows)
+        };
+        let is_inverted =
+            invert != NONE && self.slots.get(invert as usize).is_some_and(|s| s.bits != 0);
+        if is_inverted { value.inverted() } else { value }
+    }
+
+    /// Counts a value that was refused further down, where it is scaled.
+    pub fn count_rejection<K, T>(&mut self, pin: Handle<K, T>, rejection: Rejection) {
+        self.reject(pin.key, rejection);
+    }
+
+    /// What an output is by its rule when it was set to `set`, and follows that or does not.
+    fn ruled<T: Value>(&mut self, key: Key, set: T, follows: bool) -> T {
+        let Some(index) = self.index(key) else {
+            return T::default();
+        };
+        let Pins {
+            rules,
+            slots,
+            settings,
+            ..
+        } = &mut self.pins;
+        let Some(rule) = rules.get_mut(index) else {
+            return T::default();
+        };
+        if rule.now.settings != *settings {
+            rule.apply::<T>(slots, *settings);
+        }
+        let (value, mut rejection) = if follows {
+            rule.sanitise(set)
+        } else {
+            (T::from_bits(rule.safe), None)
+        };
+        let value = value.map_real(|value| {
+            let (value, refused) = rule.on_wire(value);
+            rejection = rejection.or(refused);
+            value
         });
-        let silenced = matches!(role, Role::Output | Role::InOut);
-        if let Some(group) = self.group_mut(group).filter(|_| silenced) {
-            group.outputs.push(index);
+        if let Some(rejection) = rejection {
+            self.reject(key, rejection);
         }
-        Ok(self.key(index))
+        value
+    }
+
+    fn reject(&mut self, key: Key, rejection: Rejection) {
+        self.totals.count(rejection);
+        if let Some(index) = self.index(key)
+            && let Some(rule) = self.rules.get_mut(index)
+        {
+            rule.rejections.count(rejection);
+        }
+        // It is looked at, and counted, each time.
+        self.changed(key);
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -47,15 +47,6 @@ impl core::fmt::Display for HalType {
     }
 }
 
-/// Why a value was not used as it was.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Rejection {
-    /// NaN or infinite.
-    NotFinite,
-    /// Below the lower or above the upper limit.
-    OutOfRange,
-}
-
 /// A type that pins and parameters can have: `bool`, `f64`, `i32`, `u32`, `i64`, `u64`.
 ///
 /// Sealed: the list is LinuxCNC's.
@@ -178,6 +169,62 @@ integer!(i32, i64, S32);
 integer!(u32, u64, U32);
 integer!(i64, i64, S64);
 integer!(u64, u64, U64);
+
+/// A value and its type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AnyValue {
+    /// A truth value.
+    Bit(bool),
+    /// A real number.
+    Float(f64),
+    /// A 32-bit number with sign.
+    S32(i32),
+    /// A 32-bit number.
+    U32(u32),
+    /// A 64-bit number with sign.
+    S64(i64),
+    /// A 64-bit number.
+    U64(u64),
+}
+
+impl AnyValue {
+    /// The value from the 64 bits a store keeps.
+    pub(super) fn from_bits(hal_type: HalType, bits: u64) -> Self {
+        match hal_type {
+            HalType::Bit => Self::Bit(Value::from_bits(bits)),
+            HalType::Float => Self::Float(Value::from_bits(bits)),
+            HalType::S32 => Self::S32(Value::from_bits(bits)),
+            HalType::U32 => Self::U32(Value::from_bits(bits)),
+            HalType::S64 => Self::S64(Value::from_bits(bits)),
+            HalType::U64 => Self::U64(Value::from_bits(bits)),
+        }
+    }
+}
+
+macro_rules! any_value {
+    ($($type:ty => $variant:ident),*) => {
+        $(impl From<$type> for AnyValue {
+            fn from(value: $type) -> Self {
+                Self::$variant(value)
+            }
+        })*
+    };
+}
+
+any_value!(bool => Bit, f64 => Float, i32 => S32, u32 => U32, i64 => S64, u64 => U64);
+
+impl core::fmt::Display for AnyValue {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Bit(value) => value.fmt(f),
+            Self::Float(value) => value.fmt(f),
+            Self::S32(value) => value.fmt(f),
+            Self::U32(value) => value.fmt(f),
+            Self::S64(value) => value.fmt(f),
+            Self::U64(value) => value.fmt(f),
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests {

@@ -166,9 +166,9 @@ impl Dpll {
 
 impl DpllPins {
     fn new(mut make: PinMaker<'_>, khz: f64) -> Result<Self, PinError> {
-        let mut timer_us = [Output::nowhere(); 4];
+        let mut timer_us = [Output::default(); 4];
         for (number, timer) in (1..).zip(&mut timer_us) {
-            *timer = make.switch(&format!("{number:02}.timer-us"), 100.0)?;
+            *timer = make.switch(format!("{number:02}.timer-us"), 100.0)?;
         }
         Ok(Self {
             timer_us,

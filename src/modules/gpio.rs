@@ -114,7 +114,7 @@ impl GpioPins {
             invert_output: flag(is_driven, "invert_output", config.invert)?,
             is_opendrain: flag(is_driven, "is_opendrain", config.open_drain)?,
             is_output: flag(is_free, "is_output", config.output)?,
-            out: is_free.then(|| make.output("out")).transpose()?,
+            out: is_free.then(|| make.output("out", false)).transpose()?,
         })
     }
 

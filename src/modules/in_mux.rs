@@ -213,7 +213,7 @@ impl InMuxPins {
             ..Self::default()
         };
         for (k, param) in all.mpg_4x.iter_mut().enumerate() {
-            *param = make.setting(&format!("enc{k}_4xmode"), false)?;
+            *param = make.setting(format!("enc{k}_4xmode"), false)?;
         }
         for n in 0..count {
             let place = r.board.place(r.firmware, (gtag, instance), n);
@@ -221,13 +221,13 @@ impl InMuxPins {
             let mut pair = |name: &str| {
                 Ok::<_, PinError>(DigitalIn {
                     pin: make.input(name)?,
-                    not: make.input(&format!("{name}-not"))?,
+                    not: make.input(format!("{name}-not"))?,
                 })
             };
             all.inputs.push(InMuxInput {
                 filtered: pair(&format!("input-{n:02}"))?,
                 raw: pair(&format!("raw-input-{n:02}"))?,
-                slow: make.switch(&format!("input-{n:02}-slow"), false)?,
+                slow: make.switch(format!("input-{n:02}-slow"), false)?,
             });
         }
         let mpgs = all.mpg_counts.iter_mut().zip(&mut all.mpg_resets);
@@ -235,8 +235,8 @@ impl InMuxPins {
             let at = |n| r.board.place(r.firmware, (gtag, instance), n);
             let place = at(2 * k).and(at(2 * k + 1));
             let mut make = r.maker_at(&stem, place);
-            *count = make.input(&format!("enc{k}-count"))?;
-            *reset = make.switch(&format!("enc{k}-reset"), false)?;
+            *count = make.input(format!("enc{k}-count"))?;
+            *reset = make.switch(format!("enc{k}-reset"), false)?;
         }
         Ok(all)
     }

@@ -37,7 +37,7 @@ impl Leds {
         module.expect(1, 0)?;
         let data = module.register(0, 0)?;
         let mut make = r.maker("led.");
-        let leds = (1..=LEDS).map(|n| make.output(&format!("CR{n:02}")));
+        let leds = (1..=LEDS).map(|n| make.output(format!("CR{n:02}"), false));
         Ok(Some(Self {
             leds: leds.collect::<Result<_, _>>()?,
             word: r.setting(Stage::Configure, data, 0),

@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Setting, Stage, WriteSlot};
-use crate::hal::{DigitalOut, Invert, Output, OutputModifiers};
+use crate::hal::{DigitalOut, Invert, Output, Spec};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 
 /// One instance of SSR or OutM: `hm2_7i97.0.ssr.00.out-00`, `hm2_7i97.0.outm.00.out-00` and so on.
@@ -99,15 +99,13 @@ fn output(
 ) -> Result<NumberedOutput, RegisterError> {
     let place = r.board.place(r.firmware, (gtag, instance), number.into());
     let mut make = r.maker_at(stem, place);
-    let pin = make.output(&format!("out-{number:02}"))?;
-    let invert = Some(Invert::Pin(
-        make.switch(&format!("invert-{number:02}"), false)?,
-    ));
-    let modifiers = OutputModifiers {
+    let invert = make.switch(format!("invert-{number:02}"), false)?;
+    let invert = Some(Invert::Pin(invert));
+    let spec = Spec {
         invert,
-        ..OutputModifiers::default()
+        ..Spec::from(format!("out-{number:02}"))
     };
-    r.pins.modify(pin, modifiers)?;
+    let pin = make.output(spec, false)?;
     let out = DigitalOut { pin, invert };
     Ok(NumberedOutput { number, out })
 }

@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use super::{Module, RegisterError, Registrar, WriteCycle};
 use crate::boards::PwmTable;
 use crate::bus::{Setting, Stage, WriteSlot};
-use crate::hal::{FullScale, Output, OutputModifiers, OutputRule, Param, PinStore, Terminals};
+use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
@@ -201,31 +201,28 @@ impl PwmPins {
             [table.outputs, table.enables].map(|ranges| Terminals::of(ranges, number.into()));
         let stem = format!("pwmgen.{number:02}.");
         let full_scale = table.full_scale;
-        let value = r.maker_at(&stem, output).spec("value").unit(table.unit);
-        let value = value.range(-full_scale, full_scale);
-        let value = r
-            .pins
-            .add_output(r.group, value, OutputRule::safe_at(0.0))?;
+        let mut make = r.maker_at(&stem, output);
+        let scale = make.setting("scale", full_scale)?;
+        let value = Spec {
+            unit: table.unit.into(),
+            range: Some((-full_scale, full_scale)),
+            // Fetched, it is a fraction of full scale.
+            full_scale: Some(FullScale {
+                scale,
+                min: -1.0,
+                max: 1.0,
+            }),
+            ..Spec::from("value")
+        };
+        let value = make.output(value, 0.0)?;
         let mut make = r.maker_at(&stem, enable);
-        let all = Self {
+        Ok(Self {
             value,
-            enable: make.output("enable")?,
+            enable: make.output("enable", false)?,
             offset_mode: make.setting("offset-mode", table.is_offset)?,
-            scale: make.setting("scale", full_scale)?,
+            scale,
             output_type: make.setting("output-type", 1)?,
-        };
-        // Fetched, it is a fraction of full scale.
-        let full_scale = Some(FullScale {
-            scale: all.scale,
-            min: -1.0,
-            max: 1.0,
-        });
-        let modifiers = OutputModifiers {
-            full_scale,
-            ..OutputModifiers::default()
-        };
-        r.pins.modify(value, modifiers)?;
-        Ok(all)
+        })
     }
 
     fn shape(&self, pins: &PinStore, kind: Kind, rate: PwmRate) -> PwmShape {

@@ -29,7 +29,7 @@ impl Bench {
     fn new(firmware: Firmware) -> Self {
         let mut fpga = SimFpga::new(firmware);
         let firmware = HostMot2::identify(&mut fpga).unwrap();
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         Self {
             fpga,
             settings: Settings::default(),

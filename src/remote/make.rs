@@ -10,8 +10,8 @@ use super::parameter::largest_below;
 use super::{Field, Scaling};
 use crate::discovery::{DataDirection, DataRecord, DataType, Element, ElementTable};
 use crate::hal::{
-    Counter, FullScale, GroupId, Input, Invert, OutputModifiers, OutputRule, Param, PinError,
-    PinMaker, PinStore, Place, Spec, Value,
+    Counter, FullScale, GroupId, Input, Invert, Param, PinError, PinMaker, PinStore, Place, Spec,
+    Value,
 };
 
 /// What the pins of a remote's process data are made of.
@@ -44,7 +44,7 @@ impl Maker<'_> {
                 return self.counter();
             }
             DataType::Boolean => {
-                let (pin, not) = self.bit(&self.stem.clone(), None)?;
+                let (pin, not) = self.bit("", None)?;
                 Codec::Bit { pin, not }
             }
             DataType::Unsigned
@@ -72,27 +72,40 @@ impl Maker<'_> {
 
     /// A pin that goes the way of the element.
     fn pin<T: Value>(&mut self, spec: Spec, safe: T) -> Result<Pin<T>, PinError> {
-        let rule = OutputRule::safe_at(safe);
-        let (pins, group) = (&mut *self.pins, self.group);
-        Ok(match self.record.direction {
-            DataDirection::Input => Pin::In(pins.add_input(group, spec)?),
-            DataDirection::Output => Pin::Out(pins.add_output(group, spec, rule)?),
-            DataDirection::Bidirectional => Pin::Both(pins.add_inout(group, spec, rule)?),
+        let direction = self.record.direction;
+        let mut make = self.maker();
+        Ok(match direction {
+            DataDirection::Input => Pin::In(make.input(spec)?),
+            DataDirection::Output => Pin::Out(make.output(spec, safe)?),
+            DataDirection::Bidirectional => Pin::Both(make.bidirectional(spec, safe)?),
         })
     }
 
+    /// Makes pins whose names begin with that of the element.
+    fn maker(&mut self) -> PinMaker<'_> {
+        PinMaker::new(self.pins, self.group, self.stem.clone())
+    }
+
     /// A pin or parameter in the element's unit: the record's, or the table's.
-    fn in_unit(&self, name: &str) -> Spec {
-        match self.known {
-            Some(known) if self.record.unit.is_empty() => Spec::new(name).unit(known.unit),
-            _ => Spec::new(name).unit(self.record.unit.clone()),
+    fn in_unit(&self, suffix: &str) -> Spec {
+        let unit = match self.known {
+            Some(known) if self.record.unit.is_empty() => known.unit.into(),
+            _ => self.record.unit.clone().into(),
+        };
+        Spec {
+            unit,
+            ..Spec::from(suffix)
         }
     }
 
     /// A pin at its terminal: that of a bit, or of the element.
-    fn spec(&self, name: &str, bit: Option<u16>) -> Spec {
+    fn spec(&self, suffix: &str, bit: Option<u16>) -> Spec {
         let place = self.place(bit);
-        self.in_unit(name).at(place.terminal, place.signal)
+        Spec {
+            terminal: place.terminal.into(),
+            signal: place.signal.into(),
+            ..self.in_unit(suffix)
+        }
     }
 
     fn place(&self, bit: Option<u16>) -> Place {
@@ -114,8 +127,7 @@ impl Maker<'_> {
         let one = |first: Option<u16>, bit: u16| Field::new(Some(first? + bit), 1);
         let mut together = Vec::new();
         for bit in 0..bits {
-            let name = format!("{}-{bit:02}", self.stem);
-            let (pin, not) = self.bit(&name, Some(bit))?;
+            let (pin, not) = self.bit(&format!("-{bit:02}"), Some(bit))?;
             match (pin, not) {
                 (Pin::In(pin), Some(not)) => together.push((pin, not)),
                 _ => self.bind(one(input, bit), one(output, bit), Codec::Bit { pin, not }),
@@ -137,25 +149,19 @@ impl Maker<'_> {
     /// A bit; an input has its opposite beside it, and an output can be inverted.
     fn bit(
         &mut self,
-        name: &str,
+        suffix: &str,
         bit: Option<u16>,
     ) -> Result<(Pin<bool>, Option<Input<bool>>), PinError> {
-        let spec = self.spec(name, bit);
-        let opposite = spec.clone().named(format!("{name}-not"));
+        let mut spec = self.spec(suffix, bit);
+        if self.record.direction == DataDirection::Output {
+            let invert = self.maker().setting(format!("{suffix}-invert"), false)?;
+            spec.invert = Some(Invert::Setting(invert));
+        }
         let pin = self.pin(spec, self.safe() != 0.0)?;
         let mut not = None;
-        match pin {
-            Pin::In(_) => not = Some(self.pins.add_input(self.group, opposite)?),
-            Pin::Out(output) => {
-                let invert = Spec::new(format!("{name}-invert"));
-                let invert = self.pins.add_setting(self.group, invert, false)?;
-                let modifiers = OutputModifiers {
-                    invert: Some(Invert::Setting(invert)),
-                    ..OutputModifiers::default()
-                };
-                self.pins.modify(output, modifiers)?;
-            }
-            Pin::Both(_) => {}
+        if self.record.direction == DataDirection::Input {
+            let spec = self.spec(&format!("{suffix}-not"), bit);
+            not = Some(self.maker().input(spec)?);
         }
         Ok((pin, not))
     }
@@ -163,56 +169,50 @@ impl Maker<'_> {
     fn number(&mut self) -> Result<Codec, PinError> {
         let scaling = Scaling::of(self.record);
         let (min, max) = (scaling.min(), scaling.max());
-        let spec = self.spec(&self.stem, None).range(min, max);
-        let pin = self.pin(spec, self.safe())?;
         let scale = self.setting("-scalemax", max)?;
-        let output = match pin {
-            Pin::In(_) => None,
-            Pin::Out(output) => Some(output),
-            Pin::Both(both) => Some(both.as_output()),
+        let mut spec = Spec {
+            range: Some((min, max)),
+            ..self.spec("", None)
         };
-        if let Some(output) = output {
-            let modifiers = OutputModifiers {
-                max_limit: Some(self.setting("-maxlim", max)?),
-                min_limit: Some(self.setting("-minlim", min)?),
-                full_scale: Some(FullScale { scale, min, max }),
-                invert: None,
-            };
-            self.pins.modify(output, modifiers)?;
+        if self.record.direction != DataDirection::Input {
+            spec.max_limit = Some(self.setting("-maxlim", max)?);
+            spec.min_limit = Some(self.setting("-minlim", min)?);
+            spec.full_scale = Some(FullScale { scale, min, max });
         }
         Ok(Codec::Number {
-            pin,
+            pin: self.pin(spec, self.safe())?,
             scaling,
             scale,
         })
     }
 
     fn setting(&mut self, suffix: &str, value: f64) -> Result<Param<f64>, PinError> {
-        let spec = self.in_unit(&format!("{}{suffix}", self.stem));
-        self.pins.add_setting(self.group, spec, value)
+        let spec = self.in_unit(suffix);
+        self.maker().setting(spec, value)
     }
 
     fn float(&mut self) -> Result<Codec, PinError> {
-        let spec = self.spec(&self.stem, None);
         let (min, max) = (f64::from(self.record.min), f64::from(self.record.max));
         let largest = f64::from(f32::MAX);
-        let spec = if min < max && min.is_finite() && max.is_finite() {
-            spec.limits(min, max)
-        } else if self.element.bits == 32 {
-            spec.limits(-largest, largest)
+        let limits = if min < max && min.is_finite() && max.is_finite() {
+            Some((min, max))
         } else {
-            spec
+            (self.element.bits == 32).then_some((-largest, largest))
+        };
+        let spec = Spec {
+            limits,
+            ..self.spec("", None)
         };
         Ok(Codec::Float(self.pin(spec, self.safe())?))
     }
 
     fn stream(&mut self) -> Result<Codec, PinError> {
-        let spec = self.spec(&self.stem, None);
         let bits = self.record.bits;
         // A number as wide as its type takes every value.
-        let spec = match bits {
-            32 | 64 => spec,
-            _ => spec.limits(0.0, largest_below(bits)),
+        let is_narrow = !matches!(bits, 32 | 64);
+        let spec = Spec {
+            limits: is_narrow.then(|| (0.0, largest_below(bits))),
+            ..self.spec("", None)
         };
         Ok(match bits {
             33.. => Codec::Wide(self.pin(spec, 0)?),

@@ -5,7 +5,7 @@ use core::convert::Infallible;
 use super::Scaling;
 use super::scaling::{mask, real, real_bits, sign_extend, whole_range};
 use crate::discovery::{DataDirection, DataRecord, DataType, RemoteMemory};
-use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinStore, Spec, Value};
+use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Spec, Value};
 use crate::sslbp::{AccessSize, NonvolatileMemory};
 
 /// The value of a parameter.
@@ -215,24 +215,29 @@ impl RemoteParameter {
         if record.data_type == DataType::Pad || AccessSize::for_bits(record.bits).is_none() {
             return Ok(None);
         }
-        let spec = Spec::new(name).unit(record.unit.clone());
         let kind = record.parameter_type();
         // A number as wide as its type takes every value; a narrower one only what its bits hold.
-        let spec = match (kind, record.bits) {
-            (HalType::Bit | HalType::Float, _) | (_, 32 | 64) => spec,
+        let limits = match (kind, record.bits) {
+            (HalType::Bit | HalType::Float, _) | (_, 32 | 64) => None,
             (_, bits) if is_signed(kind) => {
                 let (lowest, _) = whole_range(bits, true);
-                spec.limits(lowest as f64, largest_below(bits - 1))
+                Some((lowest as f64, largest_below(bits - 1)))
             }
-            (_, bits) => spec.limits(0.0, largest_below(bits)),
+            (_, bits) => Some((0.0, largest_below(bits))),
         };
+        let spec = Spec {
+            unit: record.unit.clone().into(),
+            limits,
+            ..Spec::from(name)
+        };
+        let make = PinMaker::new(pins, group, "");
         let handle = match kind {
-            HalType::Bit => Handle::Bit(add(pins, group, spec, record)?),
-            HalType::Float => Handle::Float(add(pins, group, spec, record)?),
-            HalType::S32 => Handle::S32(add(pins, group, spec, record)?),
-            HalType::U32 => Handle::U32(add(pins, group, spec, record)?),
-            HalType::S64 => Handle::S64(add(pins, group, spec, record)?),
-            HalType::U64 => Handle::U64(add(pins, group, spec, record)?),
+            HalType::Bit => Handle::Bit(add(make, spec, record)?),
+            HalType::Float => Handle::Float(add(make, spec, record)?),
+            HalType::S32 => Handle::S32(add(make, spec, record)?),
+            HalType::U32 => Handle::U32(add(make, spec, record)?),
+            HalType::S64 => Handle::S64(add(make, spec, record)?),
+            HalType::U64 => Handle::U64(add(make, spec, record)?),
         };
         Ok(Some(Self {
             record: record.clone(),
@@ -260,15 +265,14 @@ impl RemoteParameter {
 }
 
 fn add<T: Value>(
-    pins: &mut PinStore,
-    group: GroupId,
+    mut make: PinMaker<'_>,
     spec: Spec,
     record: &DataRecord,
 ) -> Result<Param<T>, PinError> {
     if record.direction == DataDirection::Input {
-        pins.add_property(group, spec, T::default())
+        make.property(spec, T::default())
     } else {
-        pins.add_in_remote(group, spec, T::default())
+        make.in_remote(spec, T::default())
     }
 }
 

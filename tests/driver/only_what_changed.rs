@@ -9,7 +9,7 @@ use crate::common::chance::Chance;
 use mesa_hal::Settings;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::driver::{Driver, GpioConfig};
-use mesa_hal::hal::{AnyValue, HalType, PinInfo, Pins, Rejections, Role, Visitor};
+use mesa_hal::hal::{AnyValue, HalType, PinInfo, Pins, Rejections, Role};
 use mesa_hal::sim::{MotorConfig, SimError, SimFpga, machines};
 
 const CYCLES: u32 = 1_000;
@@ -31,20 +31,6 @@ impl Between for Log {
             .map(|&access| (access, words[access.words()].to_vec()));
         self.0.extend(exchanged);
         Ok(())
-    }
-}
-
-/// What all pins and parameters hold.
-#[derive(Default)]
-struct Values(Vec<AnyValue>);
-
-impl Visitor for Values {
-    fn pin(&mut self, _: &PinInfo, value: AnyValue) {
-        self.0.push(value);
-    }
-
-    fn parameter(&mut self, _: &PinInfo, value: AnyValue) {
-        self.0.push(value);
     }
 }
 
@@ -140,10 +126,9 @@ fn cycles(fpga: SimFpga, seed: u64, are_all_touched: bool) -> impl Iterator<Item
         }
         let _ = driver.write();
         driver.bus_mut().wait(Duration::from_millis(pause));
-        let mut values = Values::default();
-        driver.pins().visit(&mut values);
+        let values = driver.pins().values().collect();
         let exchanged = core::mem::take(&mut driver.bus_mut().between.0);
-        (exchanged, values.0, driver.pins().total_rejections())
+        (exchanged, values, driver.pins().total_rejections())
     })
 }
 

@@ -1,10 +1,12 @@
 //! Two 7I77 on one board, and what is asked of encoders that a firmware does not have.
 
+use std::collections::BTreeMap;
+
 use std::time::Duration;
 
 use mesa_hal::Settings;
 use mesa_hal::driver::{Driver, EncoderSetup, StartError};
-use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
+use mesa_hal::hal::Pins;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
 use mesa_hal::sim::{AxisWiring, DriveSource, Firmware, MotorConfig, SimFpga, gtag, machines};
@@ -74,24 +76,13 @@ fn all_twelve_encoders_of_two_cards_count_their_own_shafts() {
     }
 }
 
-#[derive(Default)]
-struct Terminals(Vec<(String, String)>);
-
-impl Visitor for Terminals {
-    fn pin(&mut self, info: &PinInfo, _: AnyValue) {
-        if info.name.ends_with(".rawcounts") {
-            self.0.push((info.name.clone(), info.terminal.to_string()));
-        }
-    }
-
-    fn parameter(&mut self, _: &PinInfo, _: AnyValue) {}
-}
-
 fn terminals(pins: &Pins) -> Vec<String> {
-    let mut found = Terminals::default();
-    pins.visit(&mut found);
-    found.0.sort();
-    found.0.into_iter().map(|(_, terminal)| terminal).collect()
+    let infos = pins.infos().iter();
+    let encoders = infos.filter(|info| info.name.ends_with(".rawcounts"));
+    let found: BTreeMap<_, _> = encoders
+        .map(|info| (&info.name, info.terminal.to_string()))
+        .collect();
+    found.into_values().collect()
 }
 
 #[test]

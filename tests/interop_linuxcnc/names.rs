@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use mesa_hal::hal::{AnyValue, PinInfo, Pins, Visitor};
+use mesa_hal::hal::{PinInfo, Pins};
 
 use crate::linuxcnc::List;
 
@@ -78,12 +78,13 @@ const ONLY_OURS: Reasons = &[
 /// Fails if a type or a direction differs, or a name is on one side only without a reason.
 pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
     let linuxcnc: BTreeMap<_, _> = pins.iter().chain(params).collect();
-    let mut collected = Collected {
-        prefix: format!("{prefix}."),
-        list: List::new(),
+    let of = |info: &PinInfo| {
+        let name = info.name.strip_prefix(&format!("{prefix}."));
+        let name = name.unwrap_or(&info.name).to_owned();
+        let kind = info.hal_type.to_string();
+        (name, (kind, info.role.hal_direction().to_owned()))
     };
-    ours.visit(&mut collected);
-    let ours = collected.list;
+    let ours: List = ours.infos().iter().map(of).collect();
 
     let mut wrong = Vec::new();
     let mut same = 0;
@@ -119,30 +120,6 @@ pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
     print_reasons("only ours", ONLY_OURS, &ours_alone);
     assert!(wrong.is_empty(), "{prefix}: {wrong:#?}");
     assert!(same > 400, "{prefix}: only {same} names are the same");
-}
-
-struct Collected {
-    prefix: String,
-    list: List,
-}
-
-impl Collected {
-    fn add(&mut self, info: &PinInfo) {
-        let name = info.name.strip_prefix(&self.prefix).unwrap_or(&info.name);
-        let kind = info.hal_type.to_string();
-        let direction = info.role.hal_direction().to_owned();
-        self.list.insert(name.to_owned(), (kind, direction));
-    }
-}
-
-impl Visitor for Collected {
-    fn pin(&mut self, info: &PinInfo, _: AnyValue) {
-        self.add(info);
-    }
-
-    fn parameter(&mut self, info: &PinInfo, _: AnyValue) {
-        self.add(info);
-    }
 }
 
 fn print_reasons(side: &str, reasons: Reasons, alone: &[&str]) {

@@ -33,7 +33,7 @@ fn cycle(pins: &mut PinStore) {
 #[test]
 fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
     // Manual 7I77: INTERFACE 0 inputs TB7 31..16, TB8 15..0; outputs TB7 15..8, TB8 7..0.
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let field = handles::<I7i77Field>(&pins, &remote).unwrap();
     cycle(&mut pins);
@@ -58,14 +58,14 @@ fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
 #[test]
 fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
     for mode in 0..4 {
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         let remote = remote(&mut pins, 0, &field_io(mode));
         let field = handles::<I7i77Field>(&pins, &remote).unwrap();
         assert_eq!(field.analog_in.is_some(), mode >= 1);
         assert_eq!(field.field_voltage.is_some(), mode >= 2);
         assert_eq!(field.mpgs.is_some(), mode >= 3);
     }
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &field_io(3));
     let field = handles::<I7i77Field>(&pins, &remote).unwrap();
     let [mpg, _] = field.mpgs.unwrap();
@@ -99,7 +99,7 @@ fn modes_1_to_3_bring_voltages_field_voltage_and_mpgs() {
 
 #[test]
 fn analog_outputs_make_the_same_bits_as_linuxcnc() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let remote = remote(&mut pins, 1, &analog());
     let card = handles::<I7i77Analog>(&pins, &remote).unwrap();
     for (output, volts) in card
@@ -131,7 +131,7 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
 
 #[test]
 fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let remote = remote(&mut pins, 1, &analog());
     let [spindle, ..] = handles::<I7i77Analog>(&pins, &remote).unwrap().analog_out;
     let raw = |pins: &mut PinStore, value: f64| {
@@ -161,7 +161,7 @@ fn scale_and_limits_of_an_analog_output_work_as_in_linuxcnc() {
 
 #[test]
 fn a_failed_remote_is_safe_alone_until_rearmed() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut field = remote(&mut pins, 0, &field_io(0));
     let mut drives = remote(&mut pins, 1, &analog());
     let io = handles::<I7i77Field>(&pins, &field).unwrap();
@@ -195,7 +195,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
 
 #[test]
 fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 2, &outputs_48(1));
     let card = handles::<I7i72>(&pins, &remote).unwrap();
     for (n, output) in card.outputs.iter().enumerate() {
@@ -255,7 +255,7 @@ fn identity_is_checked_and_differences_from_the_table_are_told() {
 
 #[test]
 fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &field_io(0));
     let baud = pins
         .parameter::<u32>("hm2_7i92.0.7i77.0.0.nvbaudrate")
@@ -315,7 +315,7 @@ fn a_bidirectional_element_is_in_both_streams() {
         record("Pad", 5, DataType::Pad, Output, 0.0, 0.0),
         record("Out", 1, DataType::Boolean, Output, 0.0, 0.0),
     ];
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
     let bit = pins.inout::<bool>("hm2_7i92.0.test.0.0.both-02").unwrap();
     let level = pins.inout::<f64>("hm2_7i92.0.test.0.0.level").unwrap();
@@ -340,7 +340,7 @@ fn a_count_in_two_parts_is_one_count_whichever_part_comes_first() {
         if !high_first {
             data.reverse();
         }
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
         let count = pins.input::<i32>("hm2_7i92.0.test.0.0.enc.count").unwrap();
         for (at, expected) in [(0x0FFE, 0), (0x1001, 3), (0x0FFF_FFFF, -4095)] {
@@ -365,7 +365,7 @@ fn real_numbers_go_both_ways_and_none_that_is_none() {
         record("Out", 64, DataType::Float, Output, -5.0, 5.0),
         record("Small", 32, DataType::Float, Output, 0.0, 0.0),
     ];
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let mut remote = remote(&mut pins, 0, &descriptor(*b"TEST", 1, 0, data));
     let name = |pin: &str| format!("hm2_7i92.0.test.0.0.{pin}");
     let input = pins.input::<f64>(&name("in")).unwrap();
@@ -430,7 +430,7 @@ proptest! {
         words in any::<[u32; 7]>(),
         value in any::<f64>(),
     ) {
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         let mut remote_descriptor = descriptor(*b"ANY1", 0, 0, data);
         remote_descriptor.parameters = parameters;
         let location = RemoteLocation { board: "hm2_7i92.0", port: 0, channel: 0 };

@@ -2,8 +2,7 @@
 #![allow(clippy::float_cmp)]
 
 use super::*;
-use crate::hal::cycle::tests::{Remote, remote};
-use crate::hal::{PinStore, Spec};
+use crate::hal::store::tests::{Remote, maker, remote, remote_with};
 use proptest::prelude::*;
 
 #[test]
@@ -30,42 +29,30 @@ fn not_finite_becomes_safe_and_out_of_range_the_limit_and_both_are_counted() {
     assert_eq!(pins.total_rejections(), expected);
 }
 
-#[test]
-fn an_output_that_asks_for_it_becomes_safe_when_out_of_range() {
-    let mut pins = PinStore::new();
-    let group = pins.add_group();
-    let rule = OutputRule {
-        out_of_range: OutOfRange::Safe,
-        ..OutputRule::safe_at(3)
-    };
-    let pin = pins
-        .add_output::<i32>(group, Spec::new("level").limits(0.0, 9.0), rule)
-        .unwrap();
-    pins.set(pin, 10);
-    assert_eq!(pins.fetch(pin), 3);
-    assert_eq!(pins.rejections(pin).out_of_range, 1);
+/// A remote whose drive has limit parameters: `-maxlim`, `-minlim`.
+fn limited() -> (Remote, Param<f64>, Param<f64>) {
+    let mut limits = None;
+    let remote = remote_with(|make, lamp, drive| {
+        let max_limit = Some(make.setting("drive-maxlim", 10.0).unwrap());
+        let min_limit = Some(make.setting("drive-minlim", -10.0).unwrap());
+        limits = max_limit.zip(min_limit);
+        let drive = Spec {
+            max_limit,
+            min_limit,
+            ..drive
+        };
+        (lamp, drive)
+    });
+    let (max, min) = limits.unwrap();
+    (remote, max, min)
 }
 
 #[test]
 fn limit_parameters_narrow_an_output_but_never_widen_it() {
+    let (remote, max, _) = limited();
     let Remote {
-        mut pins,
-        group,
-        drive,
-        ..
-    } = remote();
-    let max = pins
-        .add_setting(group, Spec::new("drive-maxlim"), 10.0)
-        .unwrap();
-    let min = pins
-        .add_setting(group, Spec::new("drive-minlim"), -10.0)
-        .unwrap();
-    let modifiers = OutputModifiers {
-        max_limit: Some(max),
-        min_limit: Some(min),
-        ..OutputModifiers::default()
-    };
-    pins.modify(drive, modifiers).unwrap();
+        mut pins, drive, ..
+    } = remote;
     pins.set_param(max, 4.0).unwrap();
     pins.set(drive, 8.0);
     assert_eq!(pins.fetch(drive), 4.0);
@@ -83,20 +70,18 @@ fn limit_parameters_narrow_an_output_but_never_widen_it() {
 
 #[test]
 fn an_inverted_output_is_inverted_when_safe_too() {
+    let mut param = Param::default();
     let Remote {
         mut pins,
         group,
         lamp,
         ..
-    } = remote();
-    let invert = pins
-        .add_setting(group, Spec::new("lamp-invert"), false)
-        .unwrap();
-    let modifiers = OutputModifiers {
-        invert: Some(Invert::Setting(invert)),
-        ..OutputModifiers::default()
-    };
-    pins.modify(lamp, modifiers).unwrap();
+    } = remote_with(|make, lamp, drive| {
+        param = make.setting("lamp-invert", false).unwrap();
+        let invert = Some(Invert::Setting(param));
+        (Spec { invert, ..lamp }, drive)
+    });
+    let invert = param;
     assert!(!pins.fetch(lamp));
     pins.set_param(invert, true).unwrap();
     assert!(pins.fetch(lamp));
@@ -111,16 +96,12 @@ fn an_inverted_output_is_inverted_when_safe_too() {
 
 #[test]
 fn a_pin_inverts_an_output_like_a_parameter() {
-    let mut m = remote();
-    let invert: Output<bool> = m
-        .pins
-        .add_output(m.group, Spec::new("invert-00"), OutputRule::switch(false))
-        .unwrap();
-    let modifiers = OutputModifiers {
-        invert: Some(Invert::Pin(invert)),
-        ..OutputModifiers::default()
-    };
-    m.pins.modify(m.lamp, modifiers).unwrap();
+    let mut invert = Output::default();
+    let mut m = remote_with(|make, lamp, drive| {
+        invert = make.switch("invert-00", false).unwrap();
+        let invert = Some(Invert::Pin(invert));
+        (Spec { invert, ..lamp }, drive)
+    });
     m.pins.set(m.lamp, true);
     assert!(m.pins.fetch(m.lamp));
     m.pins.set(invert, true);
@@ -131,21 +112,23 @@ fn a_pin_inverts_an_output_like_a_parameter() {
 
 /// A drive that goes out as -1 to 1, whose application has `scale` for 1.
 fn scaled(scale: f64) -> (Remote, Param<f64>) {
-    let mut m = remote();
-    let scale = m
-        .pins
-        .add_setting(m.group, Spec::new("scalemax"), scale)
-        .unwrap();
-    let modifiers = OutputModifiers {
-        full_scale: Some(FullScale {
-            scale,
-            min: -1.0,
-            max: 1.0,
-        }),
-        ..OutputModifiers::default()
-    };
-    m.pins.modify(m.drive, modifiers).unwrap();
-    (m, scale)
+    let mut param = Param::default();
+    let remote = remote_with(|make, lamp, drive| {
+        param = make.setting("scalemax", scale).unwrap();
+        let full_scale = Some(wire(param, -1.0, 1.0));
+        (
+            lamp,
+            Spec {
+                full_scale,
+                ..drive
+            },
+        )
+    });
+    (remote, param)
+}
+
+fn wire(scale: Param<f64>, min: f64, max: f64) -> FullScale {
+    FullScale { scale, min, max }
 }
 
 #[test]
@@ -180,18 +163,23 @@ fn a_scale_that_makes_no_number_makes_the_safe_value_and_is_counted() {
 #[test]
 fn only_a_real_number_has_a_full_scale() {
     let (mut m, scale) = scaled(5.0);
-    let full_scale = |max| OutputModifiers {
-        full_scale: Some(FullScale {
-            scale,
-            min: 0.0,
-            max,
-        }),
-        ..OutputModifiers::default()
+    let full_scale = |name: &str, max| Spec {
+        full_scale: Some(wire(scale, 0.0, max)),
+        ..Spec::from(name)
     };
+    let mut make = maker(&mut m.pins, m.group);
     let refused = Err(PinError::BadLimits);
-    assert_eq!(m.pins.modify(m.lamp, full_scale(1.0)), refused);
-    assert_eq!(m.pins.modify(m.drive, full_scale(f64::INFINITY)), refused);
-    assert_eq!(m.pins.modify(m.drive, full_scale(1.0)), Ok(()));
+    assert_eq!(
+        make.output(full_scale("a", 1.0), false).map(|_| ()),
+        refused
+    );
+    let infinite = full_scale("a", f64::INFINITY);
+    assert_eq!(make.output(infinite, 0.0).map(|_| ()), refused);
+    assert!(make.output(full_scale("a", 1.0), 0.0).is_ok());
+    let mut other = remote();
+    let mut make = maker(&mut other.pins, other.group);
+    let foreign = make.output(full_scale("a", 1.0), 0.0);
+    assert_eq!(foreign, Err(PinError::ForeignHandle));
 }
 
 proptest! {
@@ -199,13 +187,8 @@ proptest! {
     fn an_output_is_always_finite_and_within_its_limits(
         value in any::<f64>(), maxlim in any::<f64>(), minlim in any::<f64>(),
     ) {
-        let Remote { mut pins, group, drive, .. } = remote();
-        let max = pins.add_setting(group, Spec::new("max"), 10.0).unwrap();
-        let min = pins.add_setting(group, Spec::new("min"), -10.0).unwrap();
-        let modifiers = OutputModifiers {
-            max_limit: Some(max), min_limit: Some(min), ..OutputModifiers::default()
-        };
-        pins.modify(drive, modifiers).unwrap();
+        let (remote, max, min) = limited();
+        let Remote { mut pins, drive, .. } = remote;
         let _ = pins.set_param(max, maxlim);
         let _ = pins.set_param(min, minlim);
         pins.set(drive, value);

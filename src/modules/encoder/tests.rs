@@ -15,7 +15,7 @@ struct Machine {
 
 impl Machine {
     fn new() -> Self {
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         let group = pins.add_group();
         let make = PinMaker::new(&mut pins, group, "hm2_7i92.0.encoder.00.");
         let handles = EncoderPins::new(make, true).unwrap();

@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::health::Health;
 use super::recovery::{Recovery, is_stopping};
-use crate::hal::{GroupId, Input, Output, OutputRule, Param, PinError, PinStore, Spec};
+use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore, Spec};
 use crate::modules::{RegisterError, Registrar};
 use crate::sslbp::{Link, Machine, RemoteFaults};
 
@@ -58,20 +58,28 @@ impl PortPins {
         let policy = r.settings.fault_policy;
         let (status, board) = (r.status, r.name);
         let part = r.pins.add_part(status)?;
-        let pins = &mut *r.pins;
-        let name = |pin: &str| Spec::new(format!("{board}.sserial.port-{port}.{pin}"));
-        let count = |pin: &str| name(pin).limits(0.0, 65_535.0);
+        let stem = format!("{board}.sserial.port-{port}.");
+        let count = |name: &str| Spec {
+            limits: Some((0.0, 65_535.0)),
+            ..Spec::from(name)
+        };
+        let mut make = PinMaker::new(r.pins, part, stem.clone());
+        let run = make.switch("run", true)?;
+        let fault_inc = make.setting(count("fault-inc"), policy.fault_inc)?;
+        let fault_dec = make.setting(count("fault-dec"), policy.fault_dec)?;
+        let fault_lim = make.setting(count("fault-lim"), policy.fault_lim)?;
+        let mut make = PinMaker::new(r.pins, status, stem);
         Ok(Self {
-            run: pins.add_output(part, name("run"), OutputRule::switch(true))?,
-            fault_count: pins.add_input(status, name("fault-count"))?,
-            port_state: pins.add_input(status, name("port_state"))?,
-            port_state2: pins.add_input(status, name("port_state2"))?,
-            port_state3: pins.add_input(status, name("port_state3"))?,
-            transfers: pins.add_input(status, name("transfers"))?,
-            too_short: pins.add_input(status, name("too-short"))?,
-            fault_inc: pins.add_setting(part, count("fault-inc"), policy.fault_inc)?,
-            fault_dec: pins.add_setting(part, count("fault-dec"), policy.fault_dec)?,
-            fault_lim: pins.add_setting(part, count("fault-lim"), policy.fault_lim)?,
+            run,
+            fault_count: make.input("fault-count")?,
+            port_state: make.input("port_state")?,
+            port_state2: make.input("port_state2")?,
+            port_state3: make.input("port_state3")?,
+            transfers: make.input("transfers")?,
+            too_short: make.input("too-short")?,
+            fault_inc,
+            fault_dec,
+            fault_lim,
             part,
             fetched: None,
             shown: None,
@@ -137,16 +145,16 @@ const FAULTS: [(RemoteFaults, &str); 8] = [
 impl RemoteFaultPins {
     /// `group` is that of the driver's own pins.
     pub fn new(pins: &mut PinStore, group: GroupId, prefix: &str) -> Result<Self, PinError> {
-        let name = |pin: &str| Spec::new(format!("{prefix}.{pin}"));
-        let mut faults = [Input::nowhere(); FAULTS.len()];
+        let mut make = PinMaker::new(pins, group, format!("{prefix}."));
+        let mut faults = [Input::default(); FAULTS.len()];
         for (pin, (_, fault)) in faults.iter_mut().zip(FAULTS) {
-            *pin = pins.add_input(group, name(fault))?;
+            *pin = make.input(fault)?;
         }
         Ok(Self {
-            running: pins.add_input(group, name("running"))?,
+            running: make.input("running")?,
             faults,
-            failures: pins.add_input(group, name("failures"))?,
-            restarts: pins.add_input(group, name("restarts"))?,
+            failures: make.input("failures")?,
+            restarts: make.input("restarts")?,
             shown: None,
         })
     }

@@ -2,7 +2,7 @@
 #![allow(clippy::float_cmp)]
 
 use super::*;
-use crate::hal::{Age, InOut, Output, OutputRule, Param, PinError, Spec};
+use crate::hal::{Age, InOut, Output, Param, PinMaker, Spec};
 use core::time::Duration;
 
 fn at(ms: u64) -> Instant {
@@ -18,20 +18,28 @@ pub struct Remote {
     pub drive: Output<f64>,
 }
 
+pub fn maker(pins: &mut PinStore, group: GroupId) -> PinMaker<'_> {
+    PinMaker::new(pins, group, "")
+}
+
 pub fn remote() -> Remote {
-    let mut pins = PinStore::new();
+    remote_with(|_, lamp, drive| (lamp, drive))
+}
+
+/// A remote whose lamp and drive are made as `change` says, after what it makes itself.
+pub fn remote_with(change: impl FnOnce(&mut PinMaker<'_>, Spec, Spec) -> (Spec, Spec)) -> Remote {
+    let mut pins = PinStore::default();
     let group = pins.add_group();
-    let switch = pins.add_input(group, Spec::new("switch")).unwrap();
-    let lamp = pins
-        .add_output(group, Spec::new("lamp"), OutputRule::safe_at(false))
-        .unwrap();
-    let drive = pins
-        .add_output(
-            group,
-            Spec::new("drive").limits(-10.0, 10.0),
-            OutputRule::safe_at(0.0),
-        )
-        .unwrap();
+    let mut make = maker(&mut pins, group);
+    let limits = Some((-10.0, 10.0));
+    let drive = Spec {
+        limits,
+        ..Spec::from("drive")
+    };
+    let (lamp, drive) = change(&mut make, Spec::from("lamp"), drive);
+    let switch = make.input("switch").unwrap();
+    let lamp = make.output(lamp, false).unwrap();
+    let drive = make.output(drive, 0.0).unwrap();
     Remote {
         pins,
         group,
@@ -115,11 +123,9 @@ fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_bac
 
 #[test]
 fn a_driver_switch_outlives_faults() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let group = pins.add_group();
-    let run = pins
-        .add_output(group, Spec::new("run"), OutputRule::switch(true))
-        .unwrap();
+    let run = maker(&mut pins, group).switch("run", true).unwrap();
     pins.fault(group);
     assert!(pins.fetch(run));
     pins.set(run, false);
@@ -128,11 +134,9 @@ fn a_driver_switch_outlives_faults() {
 
 #[test]
 fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let group = pins.add_group();
-    let index: InOut<bool> = pins
-        .add_inout(group, Spec::new("index-enable"), OutputRule::safe_at(false))
-        .unwrap();
+    let index: InOut<bool> = maker(&mut pins, group).inout("index-enable").unwrap();
     pins.begin_cycle(at(1));
     pins.group_good(group);
     pins.set(index, true);
@@ -143,9 +147,9 @@ fn a_pin_of_both_sides_is_set_by_one_and_cleared_by_the_other() {
 
 #[test]
 fn a_number_that_is_none_is_not_published() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let group = pins.add_group();
-    let volts = pins.add_input::<f64>(group, Spec::new("volts")).unwrap();
+    let volts = maker(&mut pins, group).input::<f64>("volts").unwrap();
     pins.begin_cycle(at(1));
     pins.publish(volts, 2.5);
     pins.group_good(group);
@@ -168,7 +172,7 @@ fn a_handle_of_another_store_reads_nothing_sets_nothing_and_is_counted() {
     b.pins.set(a.drive, 5.0);
     assert_eq!(b.pins.fetch(b.drive), 0.0);
     assert_eq!(b.pins.fetch(a.drive), 0.0);
-    assert!(!a.pins.read(Input::<bool>::nowhere()).valid);
+    assert!(!a.pins.read(Input::<bool>::default()).valid);
     assert_eq!((a.pins.foreign_handles(), b.pins.foreign_handles()), (2, 2));
     assert_eq!(a.pins.rearm(b.group), Err(PinError::ForeignHandle));
 }
@@ -186,46 +190,48 @@ fn pins_are_found_by_name_only_as_what_they_are() {
     assert_eq!(pins.input::<bool>("swatch"), Err(PinError::NotFound));
     assert!(matches!(
         pins.input::<bool>("lamp"),
-        Err(PinError::WrongRole { .. })
+        Err(PinError::WrongKind {
+            expected: "an input",
+            actual: "an output"
+        })
     ));
     assert!(matches!(
         pins.input::<u32>("switch"),
-        Err(PinError::WrongType { .. })
+        Err(PinError::WrongKind {
+            expected: "u32",
+            actual: "bit"
+        })
     ));
 }
 
 #[test]
 fn names_are_checked() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let group = pins.add_group();
-    let mut add = |name: &str| pins.add_input::<bool>(group, Spec::new(name)).err();
+    let mut add = |name: &str| maker(&mut pins, group).input::<bool>(name).err();
+    let bad = |name: &str| {
+        let name = name.to_owned();
+        Some(PinError::BadName { name })
+    };
     assert_eq!(add("a"), None);
-    assert_eq!(add("a"), Some(PinError::NameTaken { existing: 0 }));
-    assert_eq!(add(""), Some(PinError::BadName { position: 0 }));
-    assert_eq!(add("a b"), Some(PinError::BadName { position: 1 }));
+    let name = "a".to_owned();
+    assert_eq!(add("a"), Some(PinError::NameTaken { name }));
+    assert_eq!(add(""), bad(""));
+    assert_eq!(add("a b"), bad("a b"));
     assert_eq!(add(&"x".repeat(47)), None);
-    assert_eq!(
-        add(&"x".repeat(48)),
-        Some(PinError::NameTooLong { length: 48 })
-    );
+    assert_eq!(add(&"x".repeat(48)), bad(&"x".repeat(48)));
 }
 
 #[test]
 fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
-    let mut pins = PinStore::new();
+    let mut pins = PinStore::default();
     let (group, other) = (pins.add_group(), pins.add_group());
-    let spec = |name: &str| Spec::new(name.to_owned());
-    let volts = pins
-        .add_output(group, spec("volts"), OutputRule::safe_at(0.0))
-        .unwrap();
-    let index = pins
-        .add_inout(group, spec("index"), OutputRule::safe_at(false))
-        .unwrap();
-    let limit = pins.add_setting(group, spec("limit"), 10.0).unwrap();
-    let input: Input<f64> = pins.add_input(group, spec("input")).unwrap();
-    let elsewhere = pins
-        .add_output(other, spec("elsewhere"), OutputRule::safe_at(false))
-        .unwrap();
+    let mut make = maker(&mut pins, group);
+    let volts = make.output("volts", 0.0).unwrap();
+    let index = make.bidirectional("index", false).unwrap();
+    let limit = make.setting("limit", 10.0).unwrap();
+    let input: Input<f64> = make.input("input").unwrap();
+    let elsewhere = maker(&mut pins, other).output("elsewhere", false).unwrap();
     let mut last = pins.output_version(group);
     let mut has_changed = |pins: &PinStore| {
         let now = pins.output_version(group);
@@ -260,18 +266,18 @@ fn the_version_of_outputs_stays_only_while_nothing_they_depend_on_changes() {
     pins.group_good(group);
     pins.rearm(group).unwrap();
     assert!(has_changed(&pins));
-    assert_eq!(PinStore::new().output_version(group), None);
+    assert_eq!(PinStore::default().output_version(group), None);
 }
 
 #[test]
 fn a_part_notices_its_own_changes_and_fails_with_its_group() {
     let mut m = remote();
     let part = m.pins.add_part(m.group).unwrap();
-    let spec = Spec::new("part-out").limits(0.0, 9.0);
-    let out = m
-        .pins
-        .add_output::<i32>(part, spec, OutputRule::safe_at(3))
-        .unwrap();
+    let spec = Spec {
+        limits: Some((0.0, 9.0)),
+        ..Spec::from("part-out")
+    };
+    let out = maker(&mut m.pins, part).output::<i32>(spec, 3).unwrap();
     let versions = |pins: &PinStore| [m.group, part].map(|part| pins.output_version(part));
     let before = versions(&m.pins);
     m.pins.set(out, 5);
@@ -293,7 +299,7 @@ fn a_part_notices_its_own_changes_and_fails_with_its_group() {
     assert_eq!(m.pins.info(out).unwrap().group, m.group);
     assert!(m.pins.groups().eq([m.group]));
     assert_eq!(
-        PinStore::new().add_part(m.group),
+        PinStore::default().add_part(m.group),
         Err(PinError::ForeignHandle)
     );
 }
