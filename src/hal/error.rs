@@ -10,7 +10,7 @@ use alloc::string::String;
 pub enum PinError {
     /// The name is empty, longer than LinuxCNC takes, or has characters that HAL files can not hold.
     #[error(
-        "`{name}` is no pin name: HAL takes 1 to {} letters, digits, '-', '_' and '.' (shorten the remote's own name for it)",
+        "`{name}` is not a pin name: HAL takes 1 to {} letters, digits, '-', '_' and '.' (shorten the remote's own name for it)",
         super::MAX_NAME
     )]
     BadName {
@@ -59,7 +59,7 @@ pub enum PinError {
         "the parameter is kept in a remote, which takes it in setup mode only: write it before with `Remotes::at` while the board is configured, or at run time with `Driver::write_remote_parameter`, which stops its port"
     )]
     InRemote,
-    /// The value is no number, or outside what the parameter takes.
+    /// The value is not finite, or outside what the parameter takes.
     #[error("the value is not finite, or outside the limits of the parameter (see its `PinInfo`)")]
     BadValue,
     /// The group does not run, so its outputs can not be armed.

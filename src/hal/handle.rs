@@ -113,19 +113,19 @@ pub mod kind {
     pub struct Param;
 
     /// What an application reads.
-    #[diagnostic::on_unimplemented(message = "{Self} is no pin that can be read")]
+    #[diagnostic::on_unimplemented(message = "{Self} is not a pin that can be read")]
     pub trait Readable {}
     impl Readable for Input {}
     impl Readable for InOut {}
 
     /// What an application sets.
-    #[diagnostic::on_unimplemented(message = "{Self} is no pin that an application can set")]
+    #[diagnostic::on_unimplemented(message = "{Self} is not a pin that an application can set")]
     pub trait Settable {}
     impl Settable for Output {}
     impl Settable for InOut {}
 
     /// What a driver gives values.
-    #[diagnostic::on_unimplemented(message = "{Self} is nothing that a driver can publish")]
+    #[diagnostic::on_unimplemented(message = "{Self} is not a pin that a driver can publish")]
     pub trait Publishable {
         /// Outputs may depend on it.
         const IS_SHARED: bool;

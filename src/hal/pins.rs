@@ -347,15 +347,15 @@ impl Pins {
         bits
     }
 
-    /// Lets the outputs of a group that runs follow what is set from now on; says whether they did
-    /// not before.
+    /// Arms a group that runs and is disarmed: its outputs follow what is set from now on. Returns
+    /// whether it was such a group.
     fn arm(&mut self, index: usize) -> bool {
         let waits = |group: &Group| group.valid && !group.armed;
-        self.groups.get(index).is_some_and(waits)
-            && self.forget_commands(index).is_some_and(|group| {
-                group.armed = true;
-                true
-            })
+        let is_due = self.groups.get(index).is_some_and(waits);
+        if is_due && let Some(group) = self.forget_commands(index) {
+            group.armed = true;
+        }
+        is_due
     }
 
     /// Sets the outputs of a group to their safe values, but for those that faults do not touch.

@@ -23,11 +23,11 @@ impl Invert {
     }
 }
 
-/// The range of an output on the wire, and the parameter that says what its end is for the
-/// application.
+/// The range of an output on the wire, and the parameter that gives its end in the application's
+/// units.
 ///
-/// A value beyond the range goes out as the nearest end, and is counted. A scale that makes no
-/// number of it makes the safe value of it, which is counted as not finite.
+/// A value beyond the range goes out as the nearest end, and is counted. Where the scale gives no
+/// finite number, the safe value goes out, counted as not finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FullScale {
     /// The value that goes out as `max`.
@@ -48,7 +48,7 @@ pub(super) struct Slot {
     pub part: u32,
     /// The parameter that inverts it; `NONE` where there is none.
     pub invert: u32,
-    /// The last value published for an input was no number.
+    /// The last value published for an input was not finite, or is withheld.
     pub bad: bool,
     /// An output that a fault does not silence, such as `run`.
     pub exempt: bool,
@@ -73,10 +73,10 @@ pub(super) struct Rule {
     pub now: Now,
 }
 
-/// What the parameters make of a rule.
+/// The rule with the parameters as they are.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Now {
-    /// The state of the parameters that this is of.
+    /// The state of the parameters from which it was computed.
     pub settings: u64,
     min: u64,
     max: u64,
@@ -111,11 +111,13 @@ impl Rule {
         if min <= value && value <= max {
             return (value, None);
         }
-        let allowed = match () {
-            // Nothing is allowed: neither limit is a value that anybody meant.
-            () if min > max => self.safe,
-            () if value > max => self.now.max,
-            () => self.now.min,
+        let allowed = if min > max {
+            // No value is allowed, so that neither limit is a sensible one.
+            self.safe
+        } else if value > max {
+            self.now.max
+        } else {
+            self.now.min
         };
         (T::from_bits(allowed), Some(Rejection::OutOfRange))
     }
@@ -193,7 +195,7 @@ pub(super) fn make_slot<T: Value>(
         invert,
         bad: false,
         exempt: false,
-        // A real number can always be none.
+        // A real number can be NaN.
         is_free: !is_real && (min, max) == T::bounds() && max_limit == NONE && min_limit == NONE,
     };
     let (min, max) = (min.to_bits(), max.to_bits());

@@ -62,7 +62,7 @@ pub trait Value:
     /// The value from the 64 bits a store keeps.
     fn from_bits(bits: u64) -> Self;
 
-    /// Whether it is a value at all: only a real number can fail to be.
+    /// Whether it is finite; only a real number can fail to be.
     fn is_finite(self) -> bool {
         true
     }
@@ -73,7 +73,7 @@ pub trait Value:
         self
     }
 
-    /// What `change` makes of a real number; other values stay.
+    /// Applies `change` to a real number; other values stay.
     #[must_use]
     fn map_real(self, change: impl FnOnce(f64) -> f64) -> Self {
         let _ = change;

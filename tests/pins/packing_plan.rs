@@ -194,7 +194,7 @@ proptest! {
 
         let descriptor = descriptor(*b"TEST", 1, 0, records);
         let plan = PackingPlan::new(&descriptor, SEVEN).unwrap();
-        let mut pins = PinStore::new();
+        let mut pins = PinStore::default();
         let location = RemoteLocation { board: "b", port: 0, channel: 0 };
         let mut remote = RemotePins::new(&mut pins, location, &descriptor, &plan, None).unwrap();
         let name = |n: usize| format!("b.test.0.0.n{n}");

@@ -52,12 +52,12 @@ fn outm_beside_ssr_has_the_numbers_of_its_pins_and_no_terminals_of_the_board() {
     }
     let mut machine = started(SimFpga::new(firmware));
     let names: Vec<_> = [
-        "out-04",
         "invert-04",
-        "out-05",
+        "out-04",
         "invert-05",
-        "out-31",
+        "out-05",
         "invert-31",
+        "out-31",
     ]
     .map(|name| (name.to_owned(), String::new()))
     .into();
