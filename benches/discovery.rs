@@ -13,22 +13,12 @@ use mesa_hal::discovery::{Discovered, DiscoveryOptions, discover_port};
 use mesa_hal::driver::Driver;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
 use mesa_hal::sim::SimFpga;
-use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, SslbpModule};
+use mesa_hal::sslbp::{Channel, Layout, Port};
 
 /// A port whose pins are set up.
 fn located(fpga: &mut SimFpga) -> Port {
     let firmware = HostMot2::identify(fpga).expect("HostMot2");
-    let module = firmware.find(Gtag::SSERIAL).expect("SSLBP");
-    let description = SslbpModule {
-        gtag: module.gtag.0,
-        base: module.base,
-        registers: module.registers,
-        register_stride: module.register_stride,
-        instance_stride: module.instance_stride,
-        multiple_registers: module.multiple_registers,
-        instances: module.instances,
-    };
-    let layout = Layout::new(&description, 0, 3).expect("layout");
+    let layout = Layout::locate(&firmware, 0).expect("layout");
     let mut ports = IoPorts::locate(&firmware).expect("I/O ports");
     let pins = ports.use_module(&firmware, Gtag::SSERIAL, 0, |_| true);
     pins.expect("pins");
@@ -36,7 +26,7 @@ fn located(fpga: &mut SimFpga) -> Port {
     Port::new(layout)
 }
 
-fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[ChannelStart]) -> Vec<Discovered> {
+fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[(Channel, u8)]) -> Vec<Discovered> {
     port.reset(fpga).expect("reset");
     let found = discover_port(port, fpga, channels, &DiscoveryOptions::default());
     found.expect("discovery").into_iter().flatten().collect()
@@ -46,7 +36,7 @@ fn discovery(criterion: &mut Criterion) {
     let mut fpga = three_remotes();
     let mut port = located(&mut fpga);
     for channel in Channel::ALL.into_iter().take(3) {
-        let one = [ChannelStart::new(channel)];
+        let one = [(channel, 0)];
         let before = fpga.counters();
         let found = discovered(&mut fpga, &mut port, &one);
         let after = fpga.counters();
@@ -62,7 +52,7 @@ fn discovery(criterion: &mut Criterion) {
     let all: Vec<_> = Channel::ALL
         .into_iter()
         .take(3)
-        .map(ChannelStart::new)
+        .map(|channel| (channel, 0))
         .collect();
     let mut group = criterion.benchmark_group("discovery");
     group.sample_size(10);

@@ -13,7 +13,7 @@ use mesa_hal::ethernet::Identity;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IoPorts};
 use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::remote::ParameterValue;
-use mesa_hal::sslbp::{Channel, ChannelStart, Layout, Port, PortParameters, SslbpModule};
+use mesa_hal::sslbp::{Channel, Layout, Port, PortParameters};
 
 use crate::support::Stop;
 
@@ -221,8 +221,8 @@ where
     B::Error: Send + Sync,
 {
     let channels = firmware.sserial_channels(gtag, number);
-    let module = SslbpModule::from(firmware.require(gtag)?);
-    let mut port = Port::new(Layout::new(&module, number, channels)?);
+    let module = firmware.require(gtag)?;
+    let mut port = Port::new(Layout::new(module, number, channels)?);
     let taken = take_remotes(bus, &mut port, modes);
     // Also when that has failed: nothing is left running.
     let stopped = port.stop_all(bus);
@@ -239,14 +239,14 @@ fn take_remotes<B: RegisterBus + Clock>(
 where
     B::Error: Send + Sync,
 {
-    let (number, channels) = (port.layout().instance(), port.layout().channels());
+    let (number, channels) = (port.layout().instance, port.layout().channels);
     let parameters = port.reset(bus)?;
-    let starts: Vec<ChannelStart> = (0..channels)
+    let starts: Vec<(Channel, u8)> = (0..channels)
         .filter_map(Channel::new)
         .map(|channel| {
             let wanted = |m: &&(u8, u8, u8)| (m.0, m.1) == (number, channel.index());
             let mode = modes.iter().rev().find(wanted).map_or(0, |m| m.2);
-            ChannelStart::new(channel).with_software_mode(mode)
+            (channel, mode)
         })
         .collect();
     let options = DiscoveryOptions {
@@ -254,13 +254,13 @@ where
         ..DiscoveryOptions::default()
     };
     let mut channels = Vec::new();
-    for (start, found) in starts
+    for (&(channel, _), found) in starts
         .iter()
         .zip(discover_port(port, bus, &starts, &options)?)
     {
         let found = found.map_err(|failure| failure.reason.to_string());
         channels.push(ChannelReport {
-            number: start.channel.index(),
+            number: channel.index(),
             remote: found.map(|found| RemoteReport::new(bus, port, found)),
         });
     }

@@ -35,7 +35,7 @@ fn write_all<B: RegisterBus + Clock>(
         writeln!(
             out,
             "\nSerial port {number}: {} channels; a transfer takes up to {:?}, with a lost reply {:?}",
-            port.layout().channels(),
+            port.layout().channels,
             time.usual,
             time.with_timeout
         )?;

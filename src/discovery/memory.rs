@@ -2,7 +2,7 @@
 
 use crate::{
     bus::{Clock, RegisterBus},
-    sslbp::{AccessSize, Channel, NonvolatileMemory, Port, PortError},
+    sslbp::{AccessSize, Channel, NonvolatileMemory, Port, PortError, RemoteAccess},
 };
 
 /// The memory of a remote in setup mode: over a port of the FPGA ([`PortMemory`]), or over anything
@@ -57,11 +57,7 @@ impl<B: RegisterBus + Clock> RemoteMemory for PortMemory<'_, B> {
         address: u16,
         size: AccessSize,
     ) -> Result<u64, Self::Error> {
-        let Self { port, bus, channel } = self;
-        match memory {
-            None => port.remote_read(*bus, *channel, address, size),
-            Some(memory) => port.nonvolatile_read(*bus, *channel, memory, address, size),
-        }
+        self.access(memory, RemoteAccess::Read { address, size })
     }
 
     fn write(
@@ -71,10 +67,25 @@ impl<B: RegisterBus + Clock> RemoteMemory for PortMemory<'_, B> {
         size: AccessSize,
         value: u64,
     ) -> Result<(), Self::Error> {
+        let write = RemoteAccess::Write {
+            address,
+            size,
+            value,
+        };
+        self.access(memory, write).map(drop)
+    }
+}
+
+impl<B: RegisterBus + Clock> PortMemory<'_, B> {
+    fn access(
+        &mut self,
+        memory: Option<NonvolatileMemory>,
+        access: RemoteAccess,
+    ) -> Result<u64, PortError<B::Error>> {
         let Self { port, bus, channel } = self;
         match memory {
-            None => port.remote_write(*bus, *channel, address, size, value),
-            Some(memory) => port.nonvolatile_write(*bus, *channel, memory, address, size, value),
+            None => port.access(*bus, *channel, access),
+            Some(memory) => port.nonvolatile_access(*bus, *channel, memory, access),
         }
     }
 }

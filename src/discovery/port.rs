@@ -7,7 +7,7 @@ use super::{
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelStart, LocalLocation, Port, PortResult, RemoteFaults, StartFailure,
+        Channel, LocalLocation, Port, PortResult, RemoteAccess, RemoteFaults, StartFailure,
         StartMode, StartedRemote,
     },
 };
@@ -26,14 +26,14 @@ use alloc::{string::ToString, vec::Vec};
 pub fn discover_port<B: RegisterBus + Clock>(
     port: &mut Port,
     bus: &mut B,
-    channels: &[ChannelStart],
+    channels: &[(Channel, u8)],
     options: &DiscoveryOptions<'_>,
 ) -> PortResult<Vec<Result<Discovered, StartFailure>>, B> {
     port.stop_all(bus)?;
     let report = port.start(bus, StartMode::Setup, channels)?;
     let outcomes = channels
         .iter()
-        .filter_map(|start| report.outcome(start.channel));
+        .filter_map(|&(channel, _)| report.outcome(channel));
     Ok(outcomes
         .map(|outcome| outcome.map(|started| discover_remote(port, bus, &started, options)))
         .collect())
@@ -45,7 +45,7 @@ fn discover_remote<B: RegisterBus + Clock>(
     started: &StartedRemote,
     options: &DiscoveryOptions<'_>,
 ) -> Discovered {
-    let registers = port.layout().interface_registers();
+    let registers = port.layout().interface_registers;
     let channel = started.channel;
     let shown = show_tables(port, bus, started);
     let mut memory = PortMemory { port, bus, channel };
@@ -75,7 +75,8 @@ fn show_tables<B: RegisterBus + Clock>(
     if started.ptoc == 0 && started.gtoc == 0 {
         return Ok(());
     }
-    port.remote_local_write(bus, started.channel, LocalLocation::NONVOLATILE, 0)
+    let select = RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 0);
+    port.access(bus, started.channel, select).map(drop)
 }
 
 fn software_modes(descriptor: &RemoteDescriptor) -> impl Iterator<Item = u8> {
@@ -110,8 +111,10 @@ fn has_mode<B: RegisterBus + Clock>(
         return Ok(true);
     }
     // The fault may be left from an earlier START: nothing has cleared it since.
-    port.remote_local_write(bus, channel, LocalLocation::CLEAR_FAULTS, CLEAR)?;
-    port.remote_local_write(bus, channel, LocalLocation::SOFTWARE_MODE, mode)?;
+    let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, CLEAR);
+    port.access(bus, channel, clear)?;
+    let select = RemoteAccess::WriteLocal(LocalLocation::SOFTWARE_MODE, mode);
+    port.access(bus, channel, select)?;
     is_accepted(port, bus, channel)
 }
 
@@ -120,7 +123,8 @@ fn is_accepted<B: RegisterBus + Clock>(
     bus: &mut B,
     channel: Channel,
 ) -> PortResult<bool, B> {
-    let faults = port.remote_local_read(bus, channel, LocalLocation::FAULTS)?;
+    let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
+    let faults = port.access(bus, channel, read)? as u8;
     let faults = RemoteFaults::from_bits_retain(faults);
     Ok(!faults.contains(RemoteFaults::ILLEGAL_MODE))
 }

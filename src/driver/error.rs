@@ -8,7 +8,7 @@ use crate::discovery::{Problem, RemoteName};
 use crate::hostmot2::IdentifyError;
 use crate::modules::RegisterError;
 use crate::remote::RemoteError;
-use crate::sslbp::{Channel, LayoutError, PortError, StartFailure};
+use crate::sslbp::{Channel, PortError, StartFailure};
 
 use super::RemoteParameterError;
 
@@ -25,9 +25,6 @@ pub enum StartError<E: BusError> {
     /// A module can not be used.
     #[error(transparent)]
     Register(#[from] RegisterError),
-    /// The firmware's description of a serial port makes no sense.
-    #[error(transparent)]
-    Layout(#[from] LayoutError),
     /// A serial port was configured that the firmware does not have.
     #[error(
         "there is no serial port {port}: this firmware has {ports}; leave its configuration out"

@@ -7,9 +7,7 @@ use crate::discovery::{DataRecord, PortMemory};
 use crate::hal::AnyValue;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, RemotePins};
-use crate::sslbp::{
-    Channel, ChannelStart, Port, PortError, StartFailure, StartMode, StartedRemote,
-};
+use crate::sslbp::{Channel, Port, PortError, StartFailure, StartMode, StartedRemote};
 
 use super::configure::WATCHDOG_FEEDS;
 use super::{BoardState, Driver};
@@ -262,9 +260,8 @@ fn in_setup<B: RegisterBus + Clock>(
 ) -> Result<(), RemoteParameterError<B::Error>> {
     let channel = remote.channel;
     port.stop_all(bus).map_err(RemoteParameterError::Port)?;
-    let start = ChannelStart::new(channel).with_software_mode(remote.software_mode);
     let report = port
-        .start(bus, StartMode::Setup, &[start])
+        .start(bus, StartMode::Setup, &[(channel, remote.software_mode)])
         .map_err(RemoteParameterError::Port)?;
     match report.outcome(channel) {
         Some(Ok(found)) if (found.name, found.unit_number) == (remote.name, remote.unit_number) => {
@@ -276,7 +273,7 @@ fn in_setup<B: RegisterBus + Clock>(
         }),
         Some(Err(failure)) => Err(RemoteParameterError::DidNotStart(failure)),
         None => Err(RemoteParameterError::NoSuchRemote {
-            port: port.layout().instance(),
+            port: port.layout().instance,
             channel: channel.index(),
         }),
     }

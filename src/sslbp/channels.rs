@@ -1,6 +1,7 @@
 //! Channels of a port, and sets of them.
 
 use core::fmt;
+use core::ops::{Index, IndexMut};
 
 /// The most channels one port has.
 pub const MAX_CHANNELS: u8 = 8;
@@ -136,6 +137,26 @@ impl FromIterator<Channel> for ChannelMask {
         channels
             .into_iter()
             .fold(Self::NONE, |mask, channel| mask.union(channel.mask()))
+    }
+}
+
+/// One value for each channel of a port.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PerChannel<T>(pub [T; MAX_CHANNELS as usize]);
+
+#[allow(clippy::indexing_slicing, reason = "the index is less than 8")]
+impl<T> Index<Channel> for PerChannel<T> {
+    type Output = T;
+
+    fn index(&self, channel: Channel) -> &T {
+        &self.0[usize::from(channel.0 % MAX_CHANNELS)]
+    }
+}
+
+#[allow(clippy::indexing_slicing, reason = "the index is less than 8")]
+impl<T> IndexMut<Channel> for PerChannel<T> {
+    fn index_mut(&mut self, channel: Channel) -> &mut T {
+        &mut self.0[usize::from(channel.0 % MAX_CHANNELS)]
     }
 }
 

@@ -30,8 +30,6 @@ const TIMER_GRAIN: Duration = Duration::from_micros(4);
 /// FACTS 5.1, 5.2.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct DoitTime {
-    /// The line alone: the slowest channel's request, the remote's own time and the reply.
-    pub line: Duration,
     /// The most when all is well, the firmware's own time included, for remotes that answer when
     /// they are expected to: never less than what the gateware took in the recordings, and up to
     /// 7 us more. A later answer makes it longer by as much, and by up to one pass of the firmware
@@ -101,13 +99,6 @@ impl Exchange {
     fn characters(&self) -> (u64, u64) {
         (u64::from(self.sizes.tx) + 2, u64::from(self.sizes.rx) + 1)
     }
-
-    /// On the line, 8N1.
-    fn line(&self) -> Duration {
-        let (request, reply) = self.characters();
-        let nanos = (request + reply) * 10 * 1_000_000_000 / u64::from(self.baud_rate.max(1));
-        Duration::from_nanos(nanos).saturating_add(self.latency)
-    }
 }
 
 impl DoitTime {
@@ -119,9 +110,7 @@ impl DoitTime {
     /// Bounded by the number of channels; allocates nothing.
     pub fn expected(processor: Processor, exchanges: impl IntoIterator<Item = Exchange>) -> Self {
         let mut walk = Walk::new(processor);
-        let mut line = Duration::ZERO;
         for exchange in exchanges {
-            line = line.max(exchange.line());
             walk.add(&exchange);
         }
         let running = walk.running();
@@ -136,17 +125,10 @@ impl DoitTime {
         let noticed = TIMER_GRAIN + chatter + pass;
         let with_timeout = usual.saturating_add(TIMEOUT_MARGIN + noticed);
         Self {
-            line,
             usual,
             with_timeout,
             first: usual.saturating_add(usual).saturating_add(chatter + pass),
         }
-    }
-
-    /// What is left of `period` when a reply does not come; `None` if the period is too short for
-    /// that, so that one lost reply would cost two cycles.
-    pub fn margin(&self, period: Duration) -> Option<Duration> {
-        period.checked_sub(self.with_timeout)
     }
 }
 
@@ -412,7 +394,6 @@ mod tests {
                 (took..=took + 7).contains(&usual),
                 "{rx}/{tx} on {channels} took {took}: {expected:?}"
             );
-            assert!(micros(expected.line) < took, "{expected:?}");
         }
     }
 
@@ -427,8 +408,9 @@ mod tests {
             };
             DoitTime::expected(processor, [Exchange::usual(Channel::ALL[0], sizes)])
         });
-        assert_eq!(fast.line, slow.line);
-        let added = [fast, slow].map(|time| time.usual.saturating_sub(time.line));
+        // Ten characters of 4 us, and the remote.
+        let line = Duration::from_micros(50);
+        let added = [fast, slow].map(|time| time.usual.saturating_sub(line));
         assert!(added[1] > added[0] * 5 / 2, "{added:?}");
     }
 
@@ -437,13 +419,6 @@ mod tests {
     fn a_lost_reply_is_within_the_longer_time() {
         assert!(micros(time(5, 2, 1).with_timeout) >= 101);
         assert!(micros(time(5, 2, 1).with_timeout) <= 125);
-    }
-
-    #[test]
-    fn a_period_that_is_too_short_has_no_margin() {
-        let doit = time(13, 12, 8);
-        assert_eq!(doit.margin(Duration::from_micros(150)), None);
-        assert!(doit.margin(Duration::from_millis(1)) > Some(Duration::from_micros(700)));
     }
 
     #[test]
@@ -473,10 +448,6 @@ mod tests {
             });
             let times = DoitTime::expected(Processor { channels, clock_hz }, exchanges);
             prop_assert!(times.usual <= times.with_timeout && times.usual <= times.first);
-            if clock_hz > 0 && baud_rate > 0 && n <= channels.into() {
-                let half_bit = Duration::from_nanos(1_000_000_000 / u64::from(baud_rate));
-                prop_assert!(times.line <= times.usual + half_bit, "{times:?}");
-            }
         }
     }
 }

@@ -1,8 +1,10 @@
 //! What START found out about each channel.
 
-use super::{Channel, ChannelMask, ComState, CsStatus, LocalFaults, MAX_CHANNELS, RemoteFaults};
+use super::{Channel, ChannelMask, ComState, CsStatus, LocalFaults, RemoteFaults};
 use crate::discovery::RemoteName;
+use alloc::vec::Vec;
 use core::fmt;
+use thiserror::Error;
 
 /// How many bytes of process data a remote and its channel exchange.
 ///
@@ -69,6 +71,25 @@ impl StartedRemote {
     /// The card that predates discovery, and has a path of its own in the gateware (FACTS 4.7).
     pub const NAME_7I64: RemoteName = RemoteName(*b"7I64");
 
+    /// What `channel`, started in this software mode, tells in interface registers 0 to 2.
+    pub(super) fn new(
+        (channel, software_mode): (Channel, u8),
+        [unit_number, name, tables]: [u32; 3],
+        sizes: ProcessDataSizes,
+        cs: CsStatus,
+    ) -> Self {
+        Self {
+            channel,
+            software_mode,
+            unit_number,
+            name: RemoteName::from_register(name),
+            ptoc: tables as u16,
+            gtoc: (tables >> 16) as u16,
+            sizes,
+            cs,
+        }
+    }
+
     /// Where its process data begins in a reply.
     pub fn reply_format(&self) -> ReplyFormat {
         if self.name == Self::NAME_7I64 {
@@ -108,66 +129,72 @@ impl fmt::Display for StartedRemote {
 }
 
 /// A channel that START could not start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("channel {channel} did not start: {reason} (CS {:08X})", .cs.0)]
 pub struct StartFailure {
     /// The channel.
     pub channel: Channel,
-    /// The software mode that was asked for.
-    pub software_mode: u8,
     /// Why.
     pub reason: StartFailureReason,
     /// CS after START.
     pub cs: CsStatus,
 }
 
-impl fmt::Display for StartFailure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (channel, word) = (self.channel, self.cs.word());
-        write!(
-            f,
-            "channel {channel} did not start: {} (CS {word:08X})",
-            self.reason
-        )?;
-        if self.reason == StartFailureReason::IllegalMode {
-            write!(f, "; the mode asked for was {}", self.software_mode)?;
-        }
-        Ok(())
-    }
-}
-
-impl core::error::Error for StartFailure {}
-
 /// Why START failed, as far as the registers tell.
 ///
 /// FACTS 4.3 to 4.5, 5.6.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 #[non_exhaustive]
 pub enum StartFailureReason {
     /// Nothing answers.
+    #[error(
+        "no reply; check that a remote is connected to this channel and has power (field power \
+         too, where it is powered from there)"
+    )]
     NoReply,
     /// Something answered at first, and then no more.
+    #[error("the remote answered at first and then stopped; check its cable and its power")]
     StoppedAnswering,
     /// Something answers, but it is not a remote.
+    #[error(
+        "what answers is not a remote (wrong cookie); check the baud rate and what is connected"
+    )]
     WrongCookie,
     /// The receive line is low.
+    #[error(
+        "the receive line is low; check for swapped or shorted RX wires, or a remote without power"
+    )]
     LineLow,
     /// Too many replies with a wrong CRC.
+    #[error("too many CRC errors; check cable, shield and ground")]
     BadCrc,
     /// Too many replies with more characters than they should have.
+    #[error("replies are too long; check for noise, and for two remotes on one line")]
     ExtraCharacters,
     /// Too many characters that came faster than they were read.
+    #[error("characters come too fast; check the baud rate")]
     Overrun,
     /// The remote's LBP status does not become clear.
+    #[error("the remote keeps reporting LBP errors; power it off and on, then check the cable")]
     StatusStuck,
     /// The remote does not tell its unit number (RPC BC).
+    #[error("the remote does not tell its unit number; its firmware may be damaged or too old")]
     NoUnitNumber,
     /// The remote does not tell its sizes (RPC BB).
+    #[error("the remote does not tell its process data sizes; its firmware may be too old")]
     NoSizes,
     /// The remote does not know the software mode.
-    IllegalMode,
+    #[error("the remote does not have software mode {0}; choose another")]
+    IllegalMode(u8),
     /// A fault that could not be cleared.
+    #[error("the remote's fault can not be cleared: {0}")]
     FaultRemains(RemoteFaults),
     /// More process data than the interface registers hold.
+    #[error(
+        "its process data (RX {}, TX {} bytes) is larger than the interface registers take (RX {}, \
+         TX {}); choose another software mode, or a firmware with wide SSLBP",
+        sizes.rx, sizes.tx, limit.rx, limit.tx
+    )]
     SizesTooLarge {
         /// What the remote asks for.
         sizes: ProcessDataSizes,
@@ -175,181 +202,88 @@ pub enum StartFailureReason {
         limit: ProcessDataSizes,
     },
     /// The remote is identified, but does not answer to process data.
+    #[error("the remote is identified but does not answer to process data; power it off and on")]
     NoProcessData,
     /// The remote was started, and then had too many errors before the first DOIT.
+    #[error("the remote was started and then had too many errors; check cable and power")]
     DiedInChatter,
     /// START is complete, but this channel never became ready.
+    #[error("START is complete but the channel is not ready; stop and start it")]
     NotReady,
     /// Nothing of all this.
+    #[error("the registers do not say why; stop and start it again")]
     Unknown,
 }
 
-impl fmt::Display for StartFailureReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NoReply => {
-                "no reply; check that a remote is connected to this channel and has power (field \
-                 power too, where it is powered from there)"
-            }
-            Self::StoppedAnswering => {
-                "the remote answered at first and then stopped; check its cable and its power"
-            }
-            Self::WrongCookie => {
-                "what answers is not a remote (wrong cookie); check the baud rate and what is \
-                 connected"
-            }
-            Self::LineLow => {
-                "the receive line is low; check for swapped or shorted RX wires, or a remote \
-                 without power"
-            }
-            Self::BadCrc => "too many CRC errors; check cable, shield and ground",
-            Self::ExtraCharacters => {
-                "replies are too long; check for noise, and for two remotes on one line"
-            }
-            Self::Overrun => "characters come too fast; check the baud rate",
-            Self::StatusStuck => {
-                "the remote keeps reporting LBP errors; power it off and on, then check the cable"
-            }
-            Self::NoUnitNumber => {
-                "the remote does not tell its unit number; its firmware may be damaged or too old"
-            }
-            Self::NoSizes => {
-                "the remote does not tell its process data sizes; its firmware may be too old"
-            }
-            Self::IllegalMode => "the remote does not have this software mode; choose another",
-            Self::FaultRemains(faults) => {
-                return write!(f, "the remote's fault can not be cleared: {faults}");
-            }
-            Self::SizesTooLarge { sizes, limit } => {
-                return write!(
-                    f,
-                    "its process data (RX {}, TX {} bytes) is larger than the interface registers \
-                     take (RX {}, TX {}); choose another software mode, or a firmware with wide \
-                     SSLBP",
-                    sizes.rx, sizes.tx, limit.rx, limit.tx
-                );
-            }
-            Self::NoProcessData => {
-                "the remote is identified but does not answer to process data; power it off and on"
-            }
-            Self::DiedInChatter => {
-                "the remote was started and then had too many errors; check cable and power"
-            }
-            Self::NotReady => "START is complete but the channel is not ready; stop and start it",
-            Self::Unknown => "the registers do not say why; stop and start it again",
-        })
-    }
-}
-
-/// What the registers of a failed channel are told apart by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FailedRegisters {
-    /// CS.
-    pub cs: CsStatus,
-    /// Interface registers 0 to 2.
-    pub interface: [u32; 3],
-    /// RXSize and TXSize as the channel has them.
-    pub sizes: ProcessDataSizes,
-    /// The largest that the registers take.
-    pub limit: ProcessDataSizes,
-}
-
 impl StartFailureReason {
-    /// The reason that the registers give.
-    pub fn from_registers(registers: &FailedRegisters) -> Self {
-        let FailedRegisters {
-            cs,
-            interface,
-            sizes,
-            limit,
-        } = *registers;
+    /// The reason that the registers give: those of `found`, as far as START came.
+    pub(super) fn of(found: &StartedRemote, limit: ProcessDataSizes) -> Self {
+        let StartedRemote { cs, sizes, .. } = *found;
         let (local, remote) = (cs.local_faults(), cs.remote_faults());
-        if local.contains(LocalFaults::SERIAL_BREAK) {
-            return Self::LineLow;
-        }
+        let told = (found.unit_number, found.name.0, found.ptoc, found.gtoc);
+        let is_identified = told != (0, [0; 4], 0, 0);
         match cs.state() {
-            ComState::CheckFaults | ComState::FaultsTried
-                if remote.contains(RemoteFaults::ILLEGAL_MODE) =>
-            {
-                Self::IllegalMode
+            _ if local.contains(LocalFaults::SERIAL_BREAK) => Self::LineLow,
+            ComState::CheckFaults | ComState::FaultsTried => {
+                if remote.contains(RemoteFaults::ILLEGAL_MODE) {
+                    Self::IllegalMode(found.software_mode)
+                } else {
+                    Self::FaultRemains(remote)
+                }
             }
-            ComState::CheckFaults | ComState::FaultsTried => Self::FaultRemains(remote),
             _ if !sizes.fit(limit) => Self::SizesTooLarge { sizes, limit },
             ComState::UnitNumber => Self::NoUnitNumber,
             ComState::Sizes => Self::NoSizes,
             ComState::ClearOutputs => Self::NoProcessData,
             ComState::Chatter => Self::DiedInChatter,
             ComState::PassThrough | ComState::ProcessData => Self::NotReady,
-            _ => Self::from_faults(local, interface != [0; 3]),
-        }
-    }
-
-    /// The reason of a channel that went back to the start until it had too many errors.
-    fn from_faults(local: LocalFaults, identified: bool) -> Self {
-        if local.contains(LocalFaults::INVALID_COOKIE) {
-            Self::WrongCookie
-        } else if local.contains(LocalFaults::CRC) {
-            Self::BadCrc
-        } else if local.contains(LocalFaults::EXTRA_CHARACTER) {
-            Self::ExtraCharacters
-        } else if local.contains(LocalFaults::OVERRUN) {
-            Self::Overrun
-        } else if local.contains(LocalFaults::REMOTE_FAULT) {
-            Self::StatusStuck
-        } else if local.contains(LocalFaults::TIMEOUT) {
-            if identified {
-                Self::StoppedAnswering
-            } else {
-                Self::NoReply
-            }
-        } else {
-            Self::Unknown
+            // It went back to the start until it had too many errors.
+            _ if local.contains(LocalFaults::INVALID_COOKIE) => Self::WrongCookie,
+            _ if local.contains(LocalFaults::CRC) => Self::BadCrc,
+            _ if local.contains(LocalFaults::EXTRA_CHARACTER) => Self::ExtraCharacters,
+            _ if local.contains(LocalFaults::OVERRUN) => Self::Overrun,
+            _ if local.contains(LocalFaults::REMOTE_FAULT) => Self::StatusStuck,
+            _ if !local.contains(LocalFaults::TIMEOUT) => Self::Unknown,
+            _ if is_identified => Self::StoppedAnswering,
+            _ => Self::NoReply,
         }
     }
 }
 
-/// What START did on each channel that was asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What START did on the channels that were asked for, each by channel.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct StartReport {
-    outcomes: [Option<Result<StartedRemote, StartFailure>>; MAX_CHANNELS as usize],
+    /// The remotes that run now.
+    pub remotes: Vec<StartedRemote>,
+    /// The channels that did not start.
+    pub failures: Vec<StartFailure>,
 }
 
 impl StartReport {
-    /// The outcome of a channel; `None` if it was not asked for.
+    /// What became of a channel; `None` if it was not asked for.
     pub fn outcome(&self, channel: Channel) -> Option<Result<StartedRemote, StartFailure>> {
-        *self.outcomes.get(usize::from(channel.index()))?
-    }
-
-    /// The remotes that run now.
-    pub fn remotes(&self) -> impl Iterator<Item = &StartedRemote> {
-        self.outcomes
-            .iter()
-            .flatten()
-            .filter_map(|o| o.as_ref().ok())
-    }
-
-    /// The channels that did not start.
-    pub fn failures(&self) -> impl Iterator<Item = &StartFailure> {
-        self.outcomes
-            .iter()
-            .flatten()
-            .filter_map(|o| o.as_ref().err())
+        let mut failures = self.failures.iter();
+        if let Some(failure) = failures.find(|failure| failure.channel == channel) {
+            return Some(Err(*failure));
+        }
+        let mut remotes = self.remotes.iter();
+        remotes
+            .find(|remote| remote.channel == channel)
+            .copied()
+            .map(Ok)
     }
 
     /// The channels that run now.
     pub fn started(&self) -> ChannelMask {
-        self.remotes().map(|remote| remote.channel).collect()
+        self.remotes.iter().map(|remote| remote.channel).collect()
     }
 
     /// The channels that did not start.
     pub fn failed(&self) -> ChannelMask {
-        self.failures().map(|failure| failure.channel).collect()
-    }
-
-    pub(super) fn set(&mut self, channel: Channel, outcome: Result<StartedRemote, StartFailure>) {
-        if let Some(slot) = self.outcomes.get_mut(usize::from(channel.index())) {
-            *slot = Some(outcome);
-        }
+        self.failures
+            .iter()
+            .map(|failure| failure.channel)
+            .collect()
     }
 }
 
@@ -361,13 +295,10 @@ mod tests {
 
     const LIMIT: ProcessDataSizes = ProcessDataSizes::largest(3);
 
-    fn reason(cs: u32, interface: [u32; 3], rx: u8, tx: u8) -> StartFailureReason {
-        StartFailureReason::from_registers(&FailedRegisters {
-            cs: CsStatus::from_register(cs),
-            interface,
-            sizes: ProcessDataSizes { rx, tx },
-            limit: LIMIT,
-        })
+    fn reason(cs: u32, told: [u32; 3], rx: u8, tx: u8) -> StartFailureReason {
+        let (sizes, cs) = (ProcessDataSizes { rx, tx }, CsStatus(cs));
+        let found = StartedRemote::new((Channel::ALL[1], 5), told, sizes, cs);
+        StartFailureReason::of(&found, LIMIT)
     }
 
     /// FACTS 5.6: RX 13, TX 12 is the most that works.
@@ -397,7 +328,7 @@ mod tests {
             reason(0x2024_A1C0, known, 5, 2),
             R::FaultRemains(RemoteFaults::LOW_VOLTAGE)
         );
-        assert_eq!(reason(0x4024_A1C0, known, 5, 2), R::IllegalMode);
+        assert_eq!(reason(0x4024_A1C0, known, 5, 2), R::IllegalMode(5));
         assert_eq!(reason(0x0004_E1B0, none, 0, 0), R::LineLow);
         assert_eq!(
             reason(0x001E_A188, known, 16, 2),
@@ -414,14 +345,13 @@ mod tests {
     fn a_failure_says_what_to_do() {
         let failure = StartFailure {
             channel: Channel::ALL[1],
-            software_mode: 5,
-            reason: StartFailureReason::IllegalMode,
-            cs: CsStatus::from_register(0x4024_A1C0),
+            reason: StartFailureReason::IllegalMode(5),
+            cs: CsStatus(0x4024_A1C0),
         };
         assert_eq!(
             failure.to_string(),
-            "channel 1 did not start: the remote does not have this software mode; choose another \
-             (CS 4024A1C0); the mode asked for was 5"
+            "channel 1 did not start: the remote does not have software mode 5; choose another (CS \
+             4024A1C0)"
         );
     }
 

@@ -1,6 +1,6 @@
 //! CS and DATA as the host reads them.
 
-use super::{Channel, ChannelMask};
+use super::StartMode;
 use crate::lbp::{RemoteFaults, write_flags};
 use bitflags::bitflags;
 use core::fmt;
@@ -93,9 +93,7 @@ impl fmt::Display for LinkStatus {
 pub enum ComState {
     /// 00: stopped.
     Stopped,
-    /// 01: sets its timer.
-    Timer,
-    /// 02: waits before the first request.
+    /// 01, 02: waits before the first request.
     Wait,
     /// 03, 04: asks for the cookie.
     Cookie,
@@ -134,84 +132,60 @@ pub enum ComState {
     /// 42, 43: process data for each DOIT.
     ProcessData,
     /// A code that is not known.
-    Unknown(u8),
+    Unknown,
 }
 
-impl ComState {
-    /// From CS byte 2.
-    pub const fn from_code(code: u8) -> Self {
-        match code {
-            0x00 => Self::Stopped,
-            0x01 => Self::Timer,
-            0x02 => Self::Wait,
-            0x03 | 0x04 => Self::Cookie,
-            0x05 | 0x06 => Self::FrameTimeout,
-            0x07 | 0x08 => Self::ClearStatus,
-            0x09..=0x0B => Self::CheckStatus,
-            0x0C | 0x0D => Self::UnitNumber,
-            0x0E..=0x15 => Self::Name,
-            0x16 | 0x17 => Self::Identity,
-            0x18 | 0x19 => Self::Clear7i64,
-            0x1A | 0x1B => Self::SoftwareMode,
-            0x1C | 0x1D => Self::Sizes,
-            0x1E | 0x1F => Self::ClearOutputs,
-            0x20 | 0x21 => Self::ClearFaults,
-            0x22 | 0x23 => Self::FaultsTried,
-            0x24..=0x26 => Self::CheckFaults,
-            0x3A | 0x3B => Self::Chatter,
-            0x3E | 0x3F => Self::ProcessData7i64,
-            0x40 | 0x41 => Self::PassThrough,
-            0x42 | 0x43 => Self::ProcessData,
-            other => Self::Unknown(other),
-        }
-    }
-}
-
-impl fmt::Display for ComState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Stopped => "stopped",
-            Self::Timer | Self::Wait => "waits before the first request",
-            Self::Cookie => "asks whether a remote is there",
-            Self::FrameTimeout => "sets the frame timeout",
-            Self::ClearStatus => "clears the LBP status",
-            Self::CheckStatus => "checks the LBP status",
-            Self::UnitNumber => "asks for the unit number",
-            Self::Name => "asks for the name",
-            Self::Identity => "recognises the name",
-            Self::Clear7i64 => "clears the faults of a 7I64",
-            Self::SoftwareMode => "sets the software mode",
-            Self::Sizes => "asks for sizes and tables",
-            Self::ClearOutputs => "sets the outputs off",
-            Self::ClearFaults => "clears the faults",
-            Self::FaultsTried => "waits for the faults to be cleared",
-            Self::CheckFaults => "checks that no fault is left",
-            Self::Chatter => "running, no DOIT yet",
-            Self::ProcessData7i64 => "running (7I64)",
-            Self::PassThrough => "setup mode",
-            Self::ProcessData => "running",
-            Self::Unknown(code) => return write!(f, "state {code:02X}"),
-        })
-    }
-}
+/// First and last code of each state, and what the channel does there.
+const STATES: [(u8, u8, ComState, &str); 20] = [
+    (0x00, 0x00, ComState::Stopped, "stopped"),
+    (0x01, 0x02, ComState::Wait, "waits before the first request"),
+    (
+        0x03,
+        0x04,
+        ComState::Cookie,
+        "asks whether a remote is there",
+    ),
+    (0x05, 0x06, ComState::FrameTimeout, "sets the frame timeout"),
+    (0x07, 0x08, ComState::ClearStatus, "clears the LBP status"),
+    (0x09, 0x0B, ComState::CheckStatus, "checks the LBP status"),
+    (0x0C, 0x0D, ComState::UnitNumber, "asks for the unit number"),
+    (0x0E, 0x15, ComState::Name, "asks for the name"),
+    (0x16, 0x17, ComState::Identity, "recognises the name"),
+    (
+        0x18,
+        0x19,
+        ComState::Clear7i64,
+        "clears the faults of a 7I64",
+    ),
+    (0x1A, 0x1B, ComState::SoftwareMode, "sets the software mode"),
+    (0x1C, 0x1D, ComState::Sizes, "asks for sizes and tables"),
+    (0x1E, 0x1F, ComState::ClearOutputs, "sets the outputs off"),
+    (0x20, 0x21, ComState::ClearFaults, "clears the faults"),
+    (
+        0x22,
+        0x23,
+        ComState::FaultsTried,
+        "waits for the faults to be cleared",
+    ),
+    (
+        0x24,
+        0x26,
+        ComState::CheckFaults,
+        "checks that no fault is left",
+    ),
+    (0x3A, 0x3B, ComState::Chatter, "running, no DOIT yet"),
+    (0x3E, 0x3F, ComState::ProcessData7i64, "running (7I64)"),
+    (0x40, 0x41, ComState::PassThrough, "setup mode"),
+    (0x42, 0x43, ComState::ProcessData, "running"),
+];
 
 /// What CS of a channel reads.
 ///
 /// Manual: 7I77, "CS REGISTER AFTER START", "CS REGISTER AFTER DOIT".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct CsStatus(u32);
+pub struct CsStatus(pub u32);
 
 impl CsStatus {
-    /// From the register.
-    pub const fn from_register(word: u32) -> Self {
-        Self(word)
-    }
-
-    /// The register.
-    pub const fn word(self) -> u32 {
-        self.0
-    }
-
     /// Local communication faults, sticky.
     pub const fn local_faults(self) -> LocalFaults {
         LocalFaults::from_bits_retain(self.0 as u8)
@@ -223,8 +197,15 @@ impl CsStatus {
     }
 
     /// How far the channel is.
-    pub const fn state(self) -> ComState {
-        ComState::from_code(self.state_code())
+    pub fn state(self) -> ComState {
+        self.known_state()
+            .map_or(ComState::Unknown, |(state, _)| state)
+    }
+
+    fn known_state(self) -> Option<(ComState, &'static str)> {
+        let code = self.state_code();
+        let row = STATES.iter().find(|row| (row.0..=row.1).contains(&code))?;
+        Some((row.2, row.3))
     }
 
     /// The code of [`state`](Self::state).
@@ -249,13 +230,33 @@ impl CsStatus {
 
     /// Whether the channel is as after power-up or a stop.
     pub const fn is_stopped(self) -> bool {
-        matches!(self.state(), ComState::Stopped) && self.link().bits() == 0xC1
+        self.state_code() == 0 && self.link().bits() == 0xC1
+    }
+
+    /// Whether a channel that was stopped before has come through this START. DATA does not count:
+    /// of a START that the network delivered twice it says FF (FACTS 3.3).
+    pub(crate) fn has_started(self, mode: StartMode) -> bool {
+        use ComState::{Chatter, PassThrough, ProcessData7i64};
+        let has_arrived = match mode {
+            StartMode::Normal => matches!(self.state(), Chatter | ProcessData7i64),
+            StartMode::Setup => self.state() == PassThrough,
+        };
+        has_arrived && self.is_ready()
+    }
+
+    /// Whether the channel is in one of the states that exchange process data with DOIT.
+    pub(super) fn transfers_data(self) -> bool {
+        use ComState::{ProcessData, ProcessData7i64};
+        matches!(self.state(), ProcessData | ProcessData7i64) && self.is_ready()
     }
 }
 
 impl fmt::Display for CsStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.state())?;
+        match self.known_state() {
+            Some((_, words)) => f.write_str(words)?,
+            None => write!(f, "state {:02X}", self.state_code())?,
+        }
         if !self.is_stopped() {
             if !self.link().is_empty() {
                 write!(f, "; {}", self.link())?;
@@ -271,40 +272,6 @@ impl fmt::Display for CsStatus {
     }
 }
 
-/// What DATA reads after a START or DOIT: the channels that did not do what was asked for.
-///
-/// A remote fault never sets a bit after DOIT (FACTS 5.3): look at CS.
-///
-/// Manual: 7I77, "NORMAL START", "DOIT".
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct DataStatus(u8);
-
-impl DataStatus {
-    /// What DATA reads after STOPALL or reset: the port is initialised, or about to be.
-    pub const INITIALISED: u8 = 0xAA;
-
-    /// From the register; DATA has 8 bits.
-    pub const fn from_register(word: u32) -> Self {
-        Self(word as u8)
-    }
-
-    /// The byte.
-    pub const fn byte(self) -> u8 {
-        self.0
-    }
-
-    /// The channels of `asked` that failed. Bits of other channels mean nothing: those that do not
-    /// exist are reported as failed (FACTS 3).
-    pub const fn failed(self, asked: ChannelMask) -> ChannelMask {
-        ChannelMask::from_bits(self.0).intersection(asked)
-    }
-
-    /// Whether the bit of `channel` is set.
-    pub const fn has_failed(self, channel: Channel) -> bool {
-        ChannelMask::from_bits(self.0).contains(channel)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -312,7 +279,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn cs(word: u32) -> CsStatus {
-        CsStatus::from_register(word)
+        CsStatus(word)
     }
 
     /// Gateware transcripts t02, t03, t06, t10, t11.
@@ -355,13 +322,6 @@ mod tests {
              remote fault; the remote says: field voltage too low or missing (CS 20422148)"
         );
         assert_eq!(cs(0x0000_C100).to_string(), "stopped (CS 0000C100)");
-    }
-
-    /// FACTS 3: channels that do not exist are reported as not ready.
-    #[test]
-    fn channels_that_were_not_asked_have_not_failed() {
-        let data = DataStatus::from_register(0xFE);
-        assert_eq!(data.failed(ChannelMask::from_bits(0x03)).bits(), 0x02);
     }
 
     proptest! {

@@ -4,9 +4,10 @@
 //! Local reads and stops of single channels that are not in the transcript are answered from a
 //! small table, because the driver asks for more than the recording did.
 
+use mesa_hal::hostmot2::{Gtag, ModuleDescriptor};
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sslbp::{Channel, ChannelMask, Layout, SslbpModule};
+use mesa_hal::sslbp::{Channel, ChannelMask, Layout, PortWords};
 use std::collections::{BTreeMap, HashMap};
 
 use super::bus::{FakeBus, Registers};
@@ -14,8 +15,10 @@ use crate::common::recording::Recording;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 
 /// FACTS 9.2.
-pub const MODULE: SslbpModule = SslbpModule {
-    gtag: 0xC1,
+pub const MODULE: ModuleDescriptor = ModuleDescriptor {
+    gtag: Gtag::SSERIAL,
+    version: 0,
+    clock_hz: 100_000_000,
     base: 0x5A00,
     registers: 6,
     register_stride: 0x100,
@@ -23,6 +26,15 @@ pub const MODULE: SslbpModule = SslbpModule {
     multiple_registers: 0x3C,
     instances: 1,
 };
+
+/// Output process data: the first words of these channels.
+pub fn port_words<const N: usize>(words: [(Channel, &[u32]); N]) -> PortWords {
+    let mut all = PortWords::default();
+    for (channel, words) in words {
+        all[channel][..words.len()].copy_from_slice(words);
+    }
+    all
+}
 
 /// A recording of the project.
 pub fn recording(name: &str) -> Transcript {
@@ -223,7 +235,7 @@ impl Recorded {
 
     fn decode(address: u16) -> Register {
         let layout = Layout::new(&MODULE, 0, 8).unwrap();
-        if address == layout.command() {
+        if address == layout.command {
             return Register::Command;
         }
         if address == layout.data() {
@@ -231,7 +243,7 @@ impl Recorded {
         }
         for channel in Channel::ALL {
             let registers = layout.channel(channel).unwrap();
-            if registers.cs() == address {
+            if registers.cs == address {
                 return Register::Cs(channel.index());
             }
             for (n, interface) in (0..).zip(registers.interfaces()) {

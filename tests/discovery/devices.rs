@@ -12,8 +12,8 @@ use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelStart, Layout, LocalLocation, NonvolatileMemory, Port, PortWords,
-    ProcessDataSizes, StartMode,
+    AccessSize, Channel, Layout, LocalLocation, NonvolatileMemory, Port, PortWords,
+    ProcessDataSizes, RemoteAccess, StartMode,
 };
 
 /// A 7I97 whose serial port has four channels: a 7I77's two remotes, a 7I72 and a 7I64.
@@ -37,10 +37,10 @@ fn machine() -> (SimFpga, Port) {
 
 /// What is on the first channels.
 fn discovered(port: &mut Port, fpga: &mut SimFpga, modes: &[u8]) -> Vec<Discovered> {
-    let starts: Vec<ChannelStart> = Channel::ALL
+    let starts: Vec<(Channel, u8)> = Channel::ALL
         .into_iter()
         .zip(modes)
-        .map(|(channel, &mode)| ChannelStart::new(channel).with_software_mode(mode))
+        .map(|(channel, &mode)| (channel, mode))
         .collect();
     let options = DiscoveryOptions {
         tables: &REMOTES,
@@ -122,9 +122,8 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
     let before = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
     for memory in [NonvolatileMemory::Eeprom, NonvolatileMemory::Flash] {
         for channel in Channel::ALL.into_iter().take(3) {
-            let location = LocalLocation::NONVOLATILE;
-            port.remote_local_write(&mut fpga, channel, location, memory.code())
-                .unwrap();
+            let select = RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, memory.code());
+            port.access(&mut fpga, channel, select).unwrap();
         }
         let after = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
         assert_eq!(after, before, "{memory:?}");
@@ -142,7 +141,7 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
     let names = ["output", "pad", "input", "pad", "analog0", "analog1"];
     assert!(records.iter().map(|record| record.name.as_str()).eq(names));
     port.stop_all(&mut fpga).unwrap();
-    let starts = [ChannelStart::new(channel)];
+    let starts = [(channel, 0)];
     port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
     let device = find_mut(fpga.remote_mut(0, 3).unwrap()).unwrap();
     device.set_input(0, true).unwrap();
@@ -150,10 +149,7 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
     device.set_input_volts(1, 3.3).unwrap();
     let outputs = PortWords::default();
     let transfer = port.transfer(&mut fpga, channel.mask(), &outputs).unwrap();
-    assert_eq!(
-        transfer.inputs.channel(channel)[..3],
-        [0x0080_0001, 0xFFFF_0000, 0]
-    );
+    assert_eq!(transfer.inputs[channel][..3], [0x0080_0001, 0xFFFF_0000, 0]);
 }
 
 /// Manual: 7I77, "REMOTE MODES": each software mode has its own process data. FACTS 8.2.
@@ -183,7 +179,9 @@ impl ByTheManual<'_> {
     fn read(&mut self, address: u16, size: AccessSize) -> u32 {
         self.reads += 1;
         let channel = Channel::ALL[0];
-        let value = self.port.remote_read(self.fpga, channel, address, size);
+        let value = self
+            .port
+            .access(self.fpga, channel, RemoteAccess::Read { address, size });
         value.unwrap() as u32
     }
 
@@ -286,9 +284,9 @@ fn the_manuals_steps_find_the_same_with_many_more_accesses() {
         let ours = &found(&mut port, &mut fpga, &[mode])[0];
         // 1 to 4
         port.stop_all(&mut fpga).unwrap();
-        let start = ChannelStart::new(Channel::ALL[0]).with_software_mode(mode);
+        let start = (Channel::ALL[0], mode);
         let report = port.start(&mut fpga, StartMode::Setup, &[start]).unwrap();
-        let remote = *report.remotes().next().unwrap();
+        let remote = report.remotes[0];
         let mut manual = ByTheManual {
             port: &mut port,
             fpga: &mut fpga,

@@ -19,7 +19,7 @@ use mesa_hal::{
     bus::RegisterBus,
     discovery::{DiscoveryOptions, PortMemory, discover_port},
     hostmot2::HostMot2,
-    sslbp::{Channel, ChannelStart, Layout, Port},
+    sslbp::{Channel, Layout, Port},
     transport::udp::{UdpBus, UdpConfig},
 };
 
@@ -144,7 +144,7 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
     let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
     port.reset(&mut bus).unwrap();
     let [first, ..] = Channel::ALL;
-    let start = [ChannelStart::new(first)];
+    let start = [(first, 0)];
     let options = DiscoveryOptions::default();
     let found = discover_port(&mut port, &mut bus, &start, &options).unwrap();
     let found = found[0].as_ref().unwrap();

@@ -1,5 +1,6 @@
 //! The simulated cards on a simulated port, found and moved by the driver.
 
+use crate::common::replay::port_words;
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::discovery::{DataDirection, DataType, Discovered, DiscoveryOptions, discover_port};
@@ -8,9 +9,7 @@ use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut
 use mesa_hal::sim::remote::{Cable, Remote, Toward, WireFault};
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
-use mesa_hal::sslbp::{
-    Channel, ChannelMask, ChannelStart, Layout, Port, PortWords, ProcessDataSizes, StartMode,
-};
+use mesa_hal::sslbp::{Channel, ChannelMask, Layout, Port, PortWords, ProcessDataSizes, StartMode};
 
 const FIELD: Channel = Channel::ALL[0];
 const ANALOG: Channel = Channel::ALL[1];
@@ -40,12 +39,8 @@ fn machine(third: Box<dyn RemoteEnd>) -> (SimFpga, Port) {
     (fpga, port)
 }
 
-fn starts(field_mode: u8) -> [ChannelStart; 3] {
-    [
-        ChannelStart::new(FIELD).with_software_mode(field_mode),
-        ChannelStart::new(ANALOG),
-        ChannelStart::new(THIRD),
-    ]
+fn starts(field_mode: u8) -> [(Channel, u8); 3] {
+    [(FIELD, field_mode), (ANALOG, 0), (THIRD, 0)]
 }
 
 /// What is on all channels, in their order.
@@ -104,13 +99,14 @@ fn process_data_moves_the_terminals_of_all_cards_at_once() {
     assert_eq!(all.bits(), 7);
     let field = find_mut(fpga.remote_mut(0, 0).unwrap()).unwrap();
     field.set_input(7, true).unwrap();
-    let mut outputs = PortWords::default();
-    outputs.set(FIELD, &[0x8001]);
-    outputs.set(ANALOG, &[0x0000_0800, 0, 1 << 14]);
-    outputs.set(THIRD, &[0, 0x8000]);
+    let outputs = port_words([
+        (FIELD, &[0x8001]),
+        (ANALOG, &[0x0000_0800, 0, 1 << 14]),
+        (THIRD, &[0, 0x8000]),
+    ]);
     let transfer = port.transfer(&mut fpga, all, &outputs).unwrap();
     assert_eq!(transfer.failed, ChannelMask::NONE);
-    assert_eq!(transfer.inputs.channel(FIELD)[0], 1 << 7);
+    assert_eq!(transfer.inputs[FIELD][0], 1 << 7);
     let field = find_mut(fpga.remote_mut(0, 0).unwrap()).unwrap();
     let on: Vec<usize> = (0..16)
         .filter(|&n| field.world().output(n) == Some(true))
@@ -161,10 +157,9 @@ fn a_7i64_without_discovery_starts_and_exchanges_data() {
     let report = port
         .start(&mut fpga, StartMode::Normal, &starts(0))
         .unwrap();
-    let third = report.remotes().find(|remote| remote.channel == THIRD);
+    let third = report.remotes.iter().find(|remote| remote.channel == THIRD);
     assert_eq!(third.unwrap().sizes, ProcessDataSizes { rx: 8, tx: 4 });
-    let mut outputs = PortWords::default();
-    outputs.set(THIRD, &[0x00C0_FFEE]);
+    let outputs = port_words([(THIRD, &[0x00C0_FFEE])]);
     port.transfer(&mut fpga, report.started(), &outputs)
         .unwrap();
     let device: &Remote<Device<Plain>> = fpga.device(0, 2).unwrap();

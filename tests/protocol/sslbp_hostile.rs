@@ -5,8 +5,8 @@ use crate::common::chance::Chance;
 use crate::common::replay::MODULE;
 use mesa_hal::discovery::{DiscoveryOptions, discover_port};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, Layout, NonvolatileMemory,
-    Port, PortWords, StartMode,
+    AccessSize, Channel, ChannelMask, ChannelVariable, Layout, NonvolatileMemory, Port, PortWords,
+    RemoteAccess, StartMode,
 };
 use proptest::prelude::*;
 
@@ -55,7 +55,7 @@ proptest! {
         let bus = &mut bus;
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         let zero = Channel::ALL[0];
-        let starts = Channel::ALL.map(ChannelStart::new);
+        let starts = Channel::ALL.map(|channel| (channel, 0));
         let _ = port.reset(bus);
         let _ = port.stop_all(bus);
         let _ = port.start(bus, StartMode::Normal, &starts);
@@ -63,9 +63,9 @@ proptest! {
         let _ = port.stop(bus, zero.mask());
         let options = DiscoveryOptions { accesses: 64, ..DiscoveryOptions::default() };
         let _ = discover_port(&mut port, bus, &starts, &options);
-        let _ = port.remote_read(bus, zero, 0x100, AccessSize::Double);
+        let _ = port.access(bus, zero, RemoteAccess::Read { address: 0x100, size: AccessSize::Double });
         let memory = NonvolatileMemory::Eeprom;
-        let _ = port.nonvolatile_write(bus, zero, memory, 0x24, AccessSize::Word, 50);
+        let _ = port.nonvolatile_access(bus, zero, memory, RemoteAccess::Write { address: 0x24, size: AccessSize::Word, value: 50 });
         let _ = port.set_baud_rate(bus, zero, 115_200);
         let _ = port.read_variable::<_, 7>(bus, zero, ChannelVariable::ErrorCounters);
         // 20,000 polls end each wait; there are at most some dozens of them.
@@ -81,7 +81,7 @@ fn an_identified_port_that_goes_mad_is_survived() {
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         port.identify(&mut Replay::new(Vec::new())).unwrap();
         let mut bus = Hostile::bus(seed, 1);
-        let starts = [ChannelStart::new(Channel::ALL[0])];
+        let starts = [(Channel::ALL[0], 0)];
         let options = DiscoveryOptions {
             accesses: 64,
             ..DiscoveryOptions::default()

@@ -2,7 +2,7 @@
 
 use crate::common::bus::{Around, Between};
 use crate::common::fpga::set_up_pins;
-use crate::common::replay::{memory_of, recording, settings_of};
+use crate::common::replay::{memory_of, port_words, recording, settings_of};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{
@@ -12,9 +12,9 @@ use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::remote::{FixedData, Remote};
 use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelStart, ChannelVariable, CsStatus, Layout,
-    NonvolatileMemory, Port, PortError, PortState, PortWords, ProcessDataSizes, StartFailureReason,
-    StartMode,
+    AccessSize, Channel, ChannelMask, ChannelVariable, CsStatus, Layout, NonvolatileMemory, Port,
+    PortError, PortParameters, PortState, PortWords, ProcessDataSizes, RemoteAccess,
+    StartFailureReason, StartMode,
 };
 use proptest::prelude::*;
 use std::{collections::BTreeMap, time::Duration};
@@ -57,7 +57,7 @@ fn remote(fpga: &mut SimFpga) -> &mut Remote<FixedData> {
     fpga.device_mut(0, 0).unwrap()
 }
 
-fn found(port: &mut Port, fpga: &mut SimFpga, start: ChannelStart) -> Discovered {
+fn found(port: &mut Port, fpga: &mut SimFpga, start: (Channel, u8)) -> Discovered {
     let options = DiscoveryOptions {
         tables: &REMOTES,
         ..DiscoveryOptions::default()
@@ -74,8 +74,8 @@ fn memory<'a>(port: &'a mut Port, fpga: &'a mut SimFpga) -> PortMemory<'a, SimFp
     }
 }
 
-fn start(channel: Channel, mode: u8) -> ChannelStart {
-    ChannelStart::new(channel).with_software_mode(mode)
+fn start(channel: Channel, mode: u8) -> (Channel, u8) {
+    (channel, mode)
 }
 
 /// A recorded memory image, without a port around it.
@@ -118,8 +118,7 @@ fn every_machine_has_a_port_that_resets() {
     ] {
         let mut port = reset_port(&mut fpga);
         assert_eq!(port.state(), PortState::Stopped);
-        let parameters = *port.parameters().unwrap();
-        assert_eq!(parameters.channels, port.layout().channels());
+        let parameters = port.identify(&mut fpga).unwrap();
         assert_eq!(parameters.clock_hz, fpga.firmware().clock(1));
         port.stop_all(&mut fpga).unwrap();
     }
@@ -156,7 +155,7 @@ fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
     for mode in [StartMode::Setup, StartMode::Normal] {
         port.stop_all(&mut bus).unwrap();
         let report = port.start(&mut bus, mode, &[start(ZERO, 1)]).unwrap();
-        let failures: Vec<_> = report.failures().collect();
+        let failures: Vec<_> = report.failures.iter().collect();
         assert!(failures.is_empty(), "{mode:?}: {failures:?}");
     }
     let report = port.stop_all(&mut bus).and_then(|()| {
@@ -166,7 +165,7 @@ fn a_start_that_the_network_delivers_twice_starts_the_channel_all_the_same() {
             &[start(ZERO, 0), start(ONE, 0)],
         )
     });
-    let absent: Vec<_> = report.unwrap().failures().map(|f| f.channel).collect();
+    let absent: Vec<_> = report.unwrap().failures.iter().map(|f| f.channel).collect();
     assert_eq!(absent, [ONE], "what is absent still fails");
 }
 
@@ -176,7 +175,7 @@ fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
     let (mut fpga, mut port) = machine();
     for pause in 0..2_000 {
         fpga.wait(Duration::from_nanos(1_000 + 7 * pause));
-        let address = mesa_hal::sslbp::LocalAddress::MINOR;
+        let address = PortParameters::MINOR;
         assert_eq!(
             port.local_read(&mut fpga, address),
             Ok(0x2B),
@@ -242,7 +241,7 @@ fn lost_replies_during_discovery_are_asked_for_again() {
     let report = port
         .start(&mut fpga, StartMode::Setup, &[start(ZERO, 1)])
         .unwrap();
-    let started = *report.remotes().next().unwrap();
+    let started = report.remotes[0];
     let options = DiscoveryOptions::default();
     for fault in ["drop=1", "badcrc=1", "extra=1", "short=1"] {
         remote(&mut fpga).apply(fault).unwrap();
@@ -258,7 +257,7 @@ fn lost_replies_during_discovery_are_asked_for_again() {
     ));
     let error = found.read_error.unwrap();
     assert!(
-        error.contains("channel 0, read of 1 bytes at 0x05"),
+        error.contains("channel 0: read of 1 bytes at 0x05"),
         "{error}"
     );
 }
@@ -301,10 +300,18 @@ fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
         .unwrap();
     remote(&mut fpga).apply("drop=100000").unwrap();
     let memory = NonvolatileMemory::Eeprom;
-    let result = port.nonvolatile_read(&mut fpga, ZERO, memory, 0x24, AccessSize::Word);
+    let result = port.nonvolatile_access(
+        &mut fpga,
+        ZERO,
+        memory,
+        RemoteAccess::Read {
+            address: 0x24,
+            size: AccessSize::Word,
+        },
+    );
     assert!(matches!(
         result,
-        Err(PortError::LeftNonvolatile { channel: ZERO, .. })
+        Err(PortError::Channel { channel: ZERO, hint, .. }) if hint.contains("power the remote off")
     ));
 }
 
@@ -320,15 +327,10 @@ fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
     let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
     let both = report.started();
     assert_eq!(both.bits(), 3);
-    let mut outputs = PortWords::default();
-    outputs.set(ZERO, &[0xBEEF]);
-    outputs.set(ONE, &[0x0403_0201, 0x0605]);
+    let outputs = port_words([(ZERO, &[0xBEEF]), (ONE, &[0x0403_0201, 0x0605])]);
     let transfer = port.transfer(&mut fpga, both, &outputs).unwrap();
     assert_eq!(transfer.failed, ChannelMask::NONE);
-    assert_eq!(
-        transfer.inputs.channel(ZERO)[..2],
-        [0x4433_2211, 0x8877_6655]
-    );
+    assert_eq!(transfer.inputs[ZERO][..2], [0x4433_2211, 0x8877_6655]);
     let sent = |fpga: &SimFpga, channel| {
         let device = fpga.device::<Remote<FixedData>>(0, channel).unwrap();
         device.application().outputs().to_vec()
@@ -366,15 +368,12 @@ fn a_7i64_is_discovered_by_its_name_and_exchanges_data() {
     assert_eq!(found.descriptor.process_data.len(), 6);
     port.stop_all(&mut fpga).unwrap();
     let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
-    let sizes = report.remotes().next().unwrap().sizes;
+    let sizes = report.remotes[0].sizes;
     assert_eq!(sizes, ProcessDataSizes { rx: 8, tx: 4 });
     let transfer = port
         .transfer(&mut fpga, ZERO.mask(), &PortWords::default())
         .unwrap();
-    assert_eq!(
-        transfer.inputs.channel(ZERO)[..2],
-        [0x0002_0100, 0xA3A2_A1A0]
-    );
+    assert_eq!(transfer.inputs[ZERO][..2], [0x0002_0100, 0xA3A2_A1A0]);
 }
 
 /// FACTS 2.1: GTAG C6 has seven interface registers.
@@ -402,12 +401,11 @@ fn the_wide_layout_moves_more_than_96_bits() {
         .start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
         .unwrap();
     assert_eq!(report.started(), ZERO.mask());
-    let mut outputs = PortWords::default();
-    outputs.set(ZERO, &[0x1111_1111, 0x2222_2222, 0x3333_3333, 0x4444]);
+    let outputs = port_words([(ZERO, &[0x1111_1111, 0x2222_2222, 0x3333_3333, 0x4444])]);
     let transfer = port.transfer(&mut fpga, ZERO.mask(), &outputs).unwrap();
     assert_eq!(transfer.failed, ChannelMask::NONE);
     assert_eq!(
-        transfer.inputs.channel(ZERO)[..4],
+        transfer.inputs[ZERO][..4],
         [0x0403_0201, 0x0807_0605, 0x0C0B_0A09, 0x0000_0E0D]
     );
     let sent = remote(&mut fpga).application().outputs();
@@ -428,7 +426,7 @@ fn a_remote_with_too_much_data_is_refused_and_stopped() {
     let starts = [start(ZERO, 0), start(ONE, 0)];
     let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
     assert_eq!(report.started(), ZERO.mask());
-    let failure = report.failures().next().unwrap();
+    let failure = report.failures[0];
     assert_eq!(
         failure.reason,
         StartFailureReason::SizesTooLarge {
@@ -436,8 +434,8 @@ fn a_remote_with_too_much_data_is_refused_and_stopped() {
             limit: ProcessDataSizes { rx: 13, tx: 12 },
         }
     );
-    let cs = port.layout().channel(ONE).unwrap().cs();
-    let cs = CsStatus::from_register(fpga.read(cs).unwrap());
+    let cs = port.layout().channel(ONE).unwrap().cs;
+    let cs = CsStatus(fpga.read(cs).unwrap());
     assert!(cs.is_stopped(), "{cs}");
     // In setup mode its tables can be read all the same.
     port.stop_all(&mut fpga).unwrap();
@@ -451,7 +449,7 @@ fn stop_all_frees_a_port_that_another_program_left_stuck() {
     let (mut fpga, mut port) = machine();
     port.start(&mut fpga, StartMode::Normal, &[start(ZERO, 0)])
         .unwrap();
-    let command = port.layout().command();
+    let command = port.layout().command;
     port.transfer(&mut fpga, ZERO.mask(), &PortWords::default())
         .unwrap();
     fpga.write(command, 0x1001).unwrap();
@@ -509,13 +507,13 @@ proptest! {
         let layout = *port.layout();
         for step in steps {
             match step {
-                Step::Command(word) => fpga.write(layout.command(), word).unwrap(),
+                Step::Command(word) => fpga.write(layout.command, word).unwrap(),
                 Step::Data(word) => fpga.write(layout.data(), word).unwrap(),
                 Step::Channel(channel, register, word) => {
                     let registers = layout.channel(Channel::ALL[usize::from(channel)]).unwrap();
                     let address = match register {
-                        0 => registers.cs(),
-                        n => registers.interface(n - 1).unwrap(),
+                        0 => registers.cs,
+                        n => registers.interfaces().nth(usize::from(n) - 1).unwrap(),
                     };
                     fpga.write(address, word).unwrap();
                 }

@@ -21,10 +21,10 @@ struct Registers([u32; 34]);
 impl Registers {
     fn read(bus: &mut Replay) -> Self {
         let layout = Layout::new(&MODULE, 0, 8).unwrap();
-        let mut addresses = vec![layout.command(), layout.data()];
+        let mut addresses = vec![layout.command, layout.data()];
         for channel in Channel::ALL {
             let registers = layout.channel(channel).unwrap();
-            addresses.push(registers.cs());
+            addresses.push(registers.cs);
             addresses.extend(registers.interfaces());
         }
         let accesses: Vec<_> = (0..)
@@ -85,13 +85,13 @@ impl Cycle {
         let zero = layout.channel(ZERO).unwrap();
         for &(register, word) in words {
             let address = match register {
-                Register::Interface(0, n) => zero.interface(n).unwrap(),
-                _ => zero.cs(),
+                Register::Interface(0, n) => zero.interfaces().nth(n.into()).unwrap(),
+                _ => zero.cs,
             };
             self.bus.write(address, word).unwrap();
         }
         let command = self.machine.begin(operation);
-        self.bus.write(layout.command(), command.word()).unwrap();
+        self.bus.write(layout.command, command).unwrap();
         let now = Clock::now(&mut self.bus);
         self.machine.written(now, true);
     }
@@ -117,7 +117,7 @@ fn write_before_read_gives_the_inputs_of_the_doit_before() {
     let start = Operation::Start(StartMode::Normal, ZERO.mask());
     cycle.write(start, &[(Register::Cs(0), software_mode_word(1))]);
     assert_eq!(cycle.complete().0.good, ZERO.mask());
-    let [unit_number, ..] = cycle.machine.link(ZERO).told();
+    let [unit_number, ..] = cycle.machine.link(ZERO).told;
     assert_eq!(unit_number, 0x77AA);
     for word in [0xFFFF_1234, 0x100] {
         let doit = Operation::Transfer(ZERO.mask());
@@ -144,7 +144,7 @@ fn a_lost_and_a_damaged_reply_are_told_apart() {
         let doit = Operation::Transfer(ZERO.mask());
         cycle.write(doit, &[(Register::Interface(0, 0), word)]);
         cycle.complete();
-        verdicts.push(cycle.machine.link(ZERO).verdict());
+        verdicts.push(cycle.machine.link(ZERO).verdict);
     }
     let (good, failed) = (Verdict::Good, Verdict::Failed);
     let (no_reply, crc) = (failed(Failure::NoReply), failed(Failure::Crc));
@@ -169,7 +169,7 @@ fn a_port_is_stuck_when_its_operation_takes_too_long_and_only_the_way_out_is_wri
         if cycle.machine.is_stuck(now) {
             break;
         }
-        assert_eq!(cycle.machine.begin(Operation::StopAll).word(), 0x8000_0000);
+        assert_eq!(cycle.machine.begin(Operation::StopAll), 0x8000_0000);
     }
     assert!(reads > 100, "stuck after {reads} ms");
     cycle.write(Operation::Free, &[]);
@@ -191,7 +191,7 @@ fn recorded_operations() -> Vec<(String, Operation, Duration)> {
         let (mut in_setup, mut is_busy) = (false, false);
         for segment in segments(&recording(&name)) {
             let mask = ChannelMask::from_bits(segment.command as u8);
-            let address = mesa_hal::sslbp::LocalAddress::new((segment.command & 0xFFF) as u16);
+            let address = (segment.command & 0xFFF) as u16;
             let operation = match segment.command >> 8 {
                 0x08 if mask.is_empty() => Some(Operation::StopAll),
                 0x08 => Some(Operation::Stop(mask)),
@@ -201,8 +201,8 @@ fn recorded_operations() -> Vec<(String, Operation, Duration)> {
                     recorded_access(&segment).map(|access| Operation::Access(ZERO, access))
                 }
                 0x10 => Some(Operation::Transfer(mask)),
-                0x20..=0x2F => address.map(Operation::ReadLocal),
-                0xA0..=0xAF => address.map(|address| Operation::WriteLocal(address, 0)),
+                0x20..=0x2F => Some(Operation::ReadLocal(address)),
+                0xA0..=0xAF => Some(Operation::WriteLocal(address)),
                 _ => None,
             };
             if let Some(Operation::Start(mode, _)) = operation {

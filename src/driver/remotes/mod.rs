@@ -208,7 +208,7 @@ impl Plan {
         let port = stage.number();
         let RemoteConfig { mode, kind, .. } = config;
         let table = kind.unwrap_or(&ANY);
-        let channel = Channel::new(number).filter(|_| number < stage.port.layout().channels());
+        let channel = Channel::new(number).filter(|_| number < stage.port.layout().channels);
         let Some(channel) = channel else {
             return Err(AttachError::NoRemote {
                 port,
@@ -224,7 +224,7 @@ impl Plan {
         let descriptor = table.descriptor(mode);
         let descriptor =
             descriptor.ok_or_else(|| unusable("it does not say all of its process data".into()))?;
-        let packing = PackingPlan::new(&descriptor, stage.port.layout().interface_registers());
+        let packing = PackingPlan::new(&descriptor, stage.port.layout().interface_registers);
         let packing = packing.map_err(|problem| unusable(problem.to_string()))?;
         let contents = table.contents.iter().find(|contents| contents.mode == mode);
         let mut started = StartedRemote {

@@ -11,13 +11,12 @@ use crate::driver::remark;
 use crate::driver::{
     MissingReason, MissingRemote, Presence, Remark, SerialConfig, SerialPort, StartError,
 };
-use crate::hostmot2::{Gtag, PinDescriptor};
+use crate::hostmot2::PinDescriptor;
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemoteLocation, RemotePins};
 use crate::sslbp::{
-    Channel, ChannelStart, Layout, MAX_CHANNELS, Port, PortError, PortParameters, SslbpModule,
-    StartMode, StartedRemote,
+    Channel, Layout, MAX_CHANNELS, Port, PortError, PortParameters, StartMode, StartedRemote,
 };
 
 /// A serial port while its board is configured.
@@ -33,7 +32,7 @@ pub(in crate::driver) struct PortStage {
 
 impl PortStage {
     pub(super) fn number(&self) -> u8 {
-        self.port.layout().instance()
+        self.port.layout().instance
     }
 
     /// The remote on a channel, and its place.
@@ -46,10 +45,7 @@ impl PortStage {
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
     pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, StartError<E>> {
-        let module = [Gtag::SSERIAL, Gtag::SSERIAL_B]
-            .into_iter()
-            .find_map(|gtag| self.firmware.find(gtag))
-            .copied();
+        let module = self.firmware.require_sserial().ok().copied();
         let ports = module.map_or(0, |module| module.instances);
         for (&port, serial) in &self.settings.serial_ports {
             if port >= ports {
@@ -62,19 +58,9 @@ impl Plan {
         let Some(module) = module else {
             return Ok(Vec::new());
         };
-        let description = SslbpModule {
-            gtag: module.gtag.0,
-            base: module.base,
-            registers: module.registers,
-            register_stride: module.register_stride,
-            instance_stride: module.instance_stride,
-            multiple_registers: module.multiple_registers,
-            instances: module.instances,
-        };
         let mut located = Vec::new();
         for instance in 0..ports {
-            let channels = self.firmware.sserial_channels(module.gtag, instance);
-            let layout = Layout::new(&description, instance, channels)?;
+            let layout = Layout::locate(&self.firmware, instance).map_err(RegisterError::from)?;
             let serial = self.settings.serial_ports.remove(&instance);
             let serial = serial.unwrap_or_default();
             // As in LinuxCNC, the pins of channels that are not used are plain I/O.
@@ -143,7 +129,7 @@ impl Plan {
     /// watchdogs of its remotes.
     fn check_port<E: BusError>(&self, port: &SerialPort) -> Result<(), StartError<E>> {
         let period = self.settings.period;
-        let instance = port.layout().instance();
+        let instance = port.layout().instance;
         let needed = port.expected_time.usual;
         if needed > period {
             return Err(StartError::PeriodTooShort {
@@ -194,15 +180,15 @@ impl Plan {
     fn existing<E: BusError>(
         &mut self,
         stage: &PortStage,
-    ) -> Result<Vec<ChannelStart>, StartError<E>> {
-        let channels = stage.port.layout().channels();
+    ) -> Result<Vec<(Channel, u8)>, StartError<E>> {
+        let channels = stage.port.layout().channels;
         let mut starts = Vec::new();
         for (&number, remote) in &stage.serial.channels {
             let Some(channel) = Channel::new(number) else {
                 continue;
             };
             if number < channels {
-                starts.push(ChannelStart::new(channel).with_software_mode(remote.mode));
+                starts.push((channel, remote.mode));
             } else if remote.presence == Presence::Required {
                 let reason = MissingReason::NoSuchChannel { channels };
                 self.miss(stage, channel, reason)?;
@@ -308,11 +294,8 @@ impl Plan {
         stage: &mut PortStage,
     ) -> Result<Vec<FoundRemote>, StartError<B::Error>> {
         let there = stage.remotes.iter().filter(|found| !found.is_absent);
-        let starts: Vec<ChannelStart> = there
-            .map(|found| {
-                ChannelStart::new(found.started.channel)
-                    .with_software_mode(found.started.software_mode)
-            })
+        let starts: Vec<_> = there
+            .map(|found| (found.started.channel, found.started.software_mode))
             .collect();
         let report = stage.port.start(bus, StartMode::Normal, &starts)?;
         let mut remotes = Vec::new();

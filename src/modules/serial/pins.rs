@@ -38,7 +38,7 @@ pub(super) struct PortPins {
 /// `run` is false; the others as LinuxCNC 2.9 was seen to go through them).
 fn port_state(recovery: &Recovery, machine: &Machine) -> u32 {
     let running = recovery.running;
-    let has_transferred = |channel| machine.link(channel).good_since_start() > 0;
+    let has_transferred = |channel| machine.link(channel).good > 0;
     match (recovery.run, running.is_empty()) {
         // Normal operation. Single remotes may be offline: see their `running`.
         (true, false) if running.iter().any(has_transferred) => 3,
@@ -160,7 +160,7 @@ impl RemoteFaultPins {
     }
 
     pub fn publish(&mut self, pins: &mut PinStore, health: &Health, link: &Link) {
-        let (running, failures) = (health.is_running(), link.failures().total());
+        let (running, failures) = (health.is_running(), link.failures.total());
         let shown = (running, health.faults, failures, health.restarts);
         if self.shown.replace(shown) == Some(shown) {
             return;

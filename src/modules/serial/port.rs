@@ -11,8 +11,8 @@ use crate::bus::{Instant, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
-    Channel, ChannelMask, Command, DoitTime, Layout, MAX_CHANNELS, Observed, Operation, Port,
-    PortParameters, ReplyFormat,
+    COMMAND_IGNORED, Channel, ChannelMask, DoitTime, Layout, MAX_CHANNELS, Observed, Operation,
+    PerChannel, Port, PortParameters, ReplyFormat,
 };
 
 /// A serial port in the cycle.
@@ -36,7 +36,7 @@ struct Slots {
     command: ReadSlot,
     data: ReadSlot,
     /// CS and interface registers 0 to 2.
-    channels: [[ReadSlot; 4]; MAX_CHANNELS as usize],
+    channels: PerChannel<[ReadSlot; 4]>,
 }
 
 impl SerialPort {
@@ -51,24 +51,23 @@ impl SerialPort {
     ) -> Result<Self, RegisterError> {
         let policy = r.settings.fault_policy;
         let layout = *port.layout();
-        let command = r.status(layout.command());
+        let command = r.status(layout.command);
         let mut slots = Slots {
             command,
             data: r.input(layout.data()),
-            channels: [[command; 4]; MAX_CHANNELS as usize],
+            channels: PerChannel([[command; 4]; MAX_CHANNELS as usize]),
         };
-        let doit = r.trigger(layout.command(), Command::IGNORED.word());
+        let doit = r.trigger(layout.command, COMMAND_IGNORED);
         let (mut healths, mut served) = (Vec::new(), Vec::new());
         for remote in remotes {
             let (started, is_absent) = (remote.started, remote.is_absent);
             let channel = started.channel;
-            let place = slots.channels.get_mut(usize::from(channel.index()));
-            let (Some(registers), Some(place)) = (layout.channel(channel), place) else {
-                debug_assert!(false, "port {} has no channel {channel}", layout.instance());
+            let Some(registers) = layout.channel(channel) else {
+                debug_assert!(false, "port {} has no channel {channel}", layout.instance);
                 continue;
             };
-            let [cs, told @ ..] = place;
-            *cs = r.input(registers.cs());
+            let [cs, told @ ..] = &mut slots.channels[channel];
+            *cs = r.input(registers.cs);
             for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
                 *slot = r.extra_input(address);
             }
@@ -76,14 +75,14 @@ impl SerialPort {
             let mut health = Health::new(started, remote.watchdog(), &policy);
             if is_absent {
                 let data_only = started.reply_format() == ReplyFormat::DataOnly;
-                let machine = port.machine_mut();
+                let machine = &mut port.machine;
                 machine.set_sizes(channel, started.sizes, data_only);
                 health = health.absent(now, &policy);
             }
             healths.push(health);
             served.push(remote);
         }
-        let pins = PortPins::register(r, layout.instance())?;
+        let pins = PortPins::register(r, layout.instance)?;
         let recovery = Recovery::new(healths, parameters, policy, now);
         let expected_time = port.doit_time(recovery.known);
         Ok(Self {
@@ -101,9 +100,9 @@ impl SerialPort {
     pub(crate) fn poll(&mut self, words: &Words, now: Instant) -> bool {
         let is_complete = self.is_idle(words);
         if is_complete {
-            self.recovery.transfer_complete(self.port.machine(), now);
+            self.recovery.transfer_complete(&self.port.machine, now);
         }
-        is_complete || !is_transferring(self.port.machine())
+        is_complete || !is_transferring(&self.port.machine)
     }
 
     /// Whether COMMAND was 0 when it was read last.
@@ -129,7 +128,7 @@ impl SerialPort {
     /// All remotes were stopped, and the port was used for something else: they are restarted in the
     /// next cycles.
     pub(crate) fn taken_over(&mut self, pins: &mut PinStore, now: Instant) {
-        self.port.machine_mut().taken_over();
+        self.port.machine.taken_over();
         self.recovery.taken_over();
         self.restart(self.recovery.known, pins, now);
     }
@@ -170,7 +169,7 @@ impl Module for SerialPort {
             words: cycle.words,
             slots: &self.slots,
         };
-        let machine = self.port.machine_mut();
+        let machine = &mut self.port.machine;
         let outcome = self
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
@@ -202,7 +201,7 @@ impl Module for SerialPort {
     }
 
     fn not_read(&mut self, pins: &mut PinStore) {
-        self.port.machine_mut().not_observed();
+        self.port.machine.not_observed();
         let stale_after = self.recovery.policy.stale_after;
         for served in &mut self.remotes {
             served.no_news(pins, stale_after);
@@ -215,7 +214,7 @@ impl Module for SerialPort {
         if !self.recovery.run {
             self.make_safe(cycle.pins);
         }
-        let machine = self.port.machine_mut();
+        let machine = &mut self.port.machine;
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
         for remote in &mut self.remotes {
             match operation {
@@ -226,15 +225,15 @@ impl Module for SerialPort {
                 _ => {}
             }
         }
-        let command = operation.map_or(Command::IGNORED, |operation| operation.command());
-        cycle.put(self.doit, command.word());
+        let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
+        cycle.put(self.doit, command);
         if self.recovery.needs_start_data() {
             cycle.ask_extra();
         }
     }
 
     fn written(&mut self, now: Instant, arrived: bool) {
-        self.port.machine_mut().written(now, arrived);
+        self.port.machine.written(now, arrived);
     }
 
     /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
@@ -246,7 +245,7 @@ impl Module for SerialPort {
 
     /// All remotes that do not run are restarted in the next cycles.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
-        self.port.machine_mut().doubt();
+        self.port.machine.doubt();
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
@@ -271,7 +270,7 @@ impl SerialPort {
     pub fn remotes(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
         let remotes = self.remotes.iter().zip(&self.recovery.remotes);
         remotes.map(|(served, health)| {
-            let link = self.port.machine().link(served.channel);
+            let link = self.port.machine.link(served.channel);
             RemoteStatus {
                 started: &health.started,
                 descriptor: &served.descriptor,
@@ -280,8 +279,8 @@ impl SerialPort {
                 first_fault: health.first_fault,
                 watchdog: health.watchdog,
                 faults: health.faults,
-                transfers: link.transfers(),
-                failures: link.failures(),
+                transfers: link.transfers,
+                failures: &link.failures,
                 restarts: health.restarts,
             }
         })
@@ -310,14 +309,12 @@ impl Observed for Seen<'_> {
     }
 
     fn cs(&self, channel: Channel) -> u32 {
-        let slots = self.slots.channels.get(usize::from(channel.index()));
-        slots.map_or(0, |&[cs, ..]| self.words.word(cs))
+        let [cs, ..] = self.slots.channels[channel];
+        self.words.word(cs)
     }
 
     fn told(&self, channel: Channel) -> [u32; 3] {
-        let slots = self.slots.channels.get(usize::from(channel.index()));
-        slots.map_or([0; 3], |&[_, unit_number, name, tables]| {
-            [unit_number, name, tables].map(|slot| self.words.word(slot))
-        })
+        let [_, told @ ..] = self.slots.channels[channel];
+        told.map(|slot| self.words.word(slot))
     }
 }

@@ -72,7 +72,7 @@ impl Served {
             pins,
             inputs: inputs.map(|address| r.input(address)).collect(),
             outputs: outputs.map(|address| r.process_data(address)).collect(),
-            mode: r.on_demand(registers.cs()),
+            mode: r.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
             without_news: 0,
             put: None,

@@ -1,7 +1,7 @@
 //! One channel: what its transfers mean for its data.
 
 use super::{Failure, FailureCounts};
-use crate::sslbp::{ComState, CsStatus, LinkStatus, LocalFaults, ProcessDataSizes, RemoteFaults};
+use crate::sslbp::{CsStatus, LocalFaults, ProcessDataSizes, RemoteFaults, StartMode};
 
 /// What the last transfer of a channel means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,20 +17,27 @@ pub enum Verdict {
 /// What is known of a channel since its last START, and what was counted.
 #[derive(Clone, Debug)]
 pub struct Link {
-    pub(super) sizes: ProcessDataSizes,
+    /// How much its remote exchanges.
+    pub sizes: ProcessDataSizes,
+    /// Interface registers 0 to 2 as the last START left them: unit number, name, tables.
+    pub told: [u32; 3],
+    /// What the last transfer means.
+    pub verdict: Verdict,
+    /// CS after the last transfer or START.
+    pub cs: CsStatus,
+    /// Good transfers since it was started.
+    pub good: u64,
+    /// Transfers so far, failed ones included.
+    pub transfers: u64,
+    /// Failures so far.
+    pub failures: FailureCounts,
     /// The first byte of its replies is data and no fault byte.
     pub(super) data_only: bool,
-    told: [u32; 3],
-    verdict: Verdict,
-    cs: CsStatus,
     /// Sticky bits as they were before the last transfer.
     known_faults: LocalFaults,
     last_failure: Option<Failure>,
     /// Good transfers that are still to be discarded.
     discard: u8,
-    good: u64,
-    transfers: u64,
-    failures: FailureCounts,
 }
 
 /// After a transfer that may or may not have happened, the next good one is discarded: its reply
@@ -44,7 +51,7 @@ impl Link {
             data_only: false,
             told: [0; 3],
             verdict: Verdict::Failed(Failure::NotRunning),
-            cs: CsStatus::from_register(0),
+            cs: CsStatus(0),
             known_faults: LocalFaults::empty(),
             last_failure: None,
             discard: 0,
@@ -52,41 +59,6 @@ impl Link {
             transfers: 0,
             failures: FailureCounts::new(),
         }
-    }
-
-    /// What the last transfer means.
-    pub const fn verdict(&self) -> Verdict {
-        self.verdict
-    }
-
-    /// CS after the last transfer or START.
-    pub const fn cs(&self) -> CsStatus {
-        self.cs
-    }
-
-    /// Interface registers 0 to 2 as the last START left them: unit number, name, tables.
-    pub const fn told(&self) -> [u32; 3] {
-        self.told
-    }
-
-    /// How much its remote exchanges.
-    pub const fn sizes(&self) -> ProcessDataSizes {
-        self.sizes
-    }
-
-    /// Good transfers since it was started.
-    pub const fn good_since_start(&self) -> u64 {
-        self.good
-    }
-
-    /// Transfers so far, failed ones included.
-    pub const fn transfers(&self) -> u64 {
-        self.transfers
-    }
-
-    /// Failures so far.
-    pub const fn failures(&self) -> &FailureCounts {
-        &self.failures
     }
 
     /// A START is complete.
@@ -111,11 +83,14 @@ impl Link {
         self.cs = cs;
         let new_faults = cs.local_faults().difference(self.known_faults);
         self.known_faults = cs.local_faults();
-        self.verdict = if cs.has_started(super::StartMode::Normal) && !transfers_data(cs) {
+        self.verdict = if !cs.transfers_data() {
             // A chatter reply was lost just before the first DOIT, which the channel then left out.
-            self.failed(Failure::NoReply)
-        } else if !transfers_data(cs) {
-            self.failed(Failure::NotRunning)
+            let is_left_out = cs.has_started(StartMode::Normal);
+            self.failed(if is_left_out {
+                Failure::NoReply
+            } else {
+                Failure::NotRunning
+            })
         } else if has_failed {
             let failure = self.kind_of_failure(cs, new_faults);
             self.failed(failure)
@@ -149,7 +124,7 @@ impl Link {
         self.discard = DISCARD_AFTER_DOUBT;
         self.last_failure = None;
         self.cs = cs;
-        if self.good == 0 || !transfers_data(cs) {
+        if self.good == 0 || !cs.transfers_data() {
             return false;
         }
         let faulty = self.reported();
@@ -164,25 +139,18 @@ impl Link {
     }
 
     fn kind_of_failure(&self, cs: CsStatus, new_faults: LocalFaults) -> Failure {
-        let kind = match kind_of(new_faults) {
-            Some(kind) => kind,
-            None if !is_damaged(cs) => Failure::NoReply,
+        let mut sticky = kinds_of(cs.local_faults());
+        let kind = match (kinds_of(new_faults).next(), sticky.next(), sticky.next()) {
+            (Some(kind), ..) => kind,
+            (None, ..) if !is_damaged(cs) => Failure::NoReply,
             // The bit was set before: it tells the kind only if it is alone.
-            None => only_kind(cs.local_faults()).unwrap_or(Failure::Damaged),
+            (None, Some(only), None) => only,
+            (None, ..) => Failure::Damaged,
         };
         let late = self.last_failure == Some(Failure::NoReply)
             && matches!(kind, Failure::ExtraCharacters | Failure::Damaged);
         if late { Failure::Late } else { kind }
     }
-}
-
-/// Whether the channel is in one of the states that exchange process data with DOIT.
-fn transfers_data(cs: CsStatus) -> bool {
-    let pending = LinkStatus::NOT_READY.union(LinkStatus::NO_REMOTE_ID);
-    matches!(
-        cs.state(),
-        ComState::ProcessData | ComState::ProcessData7i64
-    ) && !cs.link().intersects(pending)
 }
 
 /// Whether the last reply was damaged, and not missing: the odd code of the two states
@@ -191,29 +159,17 @@ fn is_damaged(cs: CsStatus) -> bool {
     cs.state_code() & 1 == 1
 }
 
-fn kind_of(faults: LocalFaults) -> Option<Failure> {
-    if faults.contains(LocalFaults::SERIAL_BREAK) {
-        Some(Failure::Break)
-    } else if faults.contains(LocalFaults::EXTRA_CHARACTER) {
-        Some(Failure::ExtraCharacters)
-    } else if faults.contains(LocalFaults::OVERRUN) {
-        Some(Failure::Overrun)
-    } else if faults.contains(LocalFaults::CRC) {
-        Some(Failure::Crc)
-    } else {
-        None
-    }
-}
+/// The kinds of damaged replies, by what decides first.
+const KINDS: [(LocalFaults, Failure); 4] = [
+    (LocalFaults::SERIAL_BREAK, Failure::Break),
+    (LocalFaults::EXTRA_CHARACTER, Failure::ExtraCharacters),
+    (LocalFaults::OVERRUN, Failure::Overrun),
+    (LocalFaults::CRC, Failure::Crc),
+];
 
-/// The only kind of damaged replies among the sticky bits, if there is only one.
-fn only_kind(sticky: LocalFaults) -> Option<Failure> {
-    let kinds = LocalFaults::CRC
-        .union(LocalFaults::EXTRA_CHARACTER)
-        .union(LocalFaults::SERIAL_BREAK)
-        .union(LocalFaults::OVERRUN);
-    let kinds = sticky.intersection(kinds);
-    let is_one = kinds.bits().is_power_of_two();
-    if is_one { kind_of(kinds) } else { None }
+fn kinds_of(faults: LocalFaults) -> impl Iterator<Item = Failure> {
+    let is_set = move |&(fault, _): &(LocalFaults, Failure)| faults.contains(fault);
+    KINDS.into_iter().filter(is_set).map(|(_, kind)| kind)
 }
 
 #[cfg(test)]
@@ -221,7 +177,7 @@ mod tests {
     use super::*;
 
     fn cs(word: u32) -> CsStatus {
-        CsStatus::from_register(word)
+        CsStatus(word)
     }
 
     /// The rows of gateware transcript t10: DATA bit and CS after each DOIT, with an idle interval
@@ -284,7 +240,7 @@ mod tests {
         link.judge(cs(0x0042_0000), false);
         link.judge(cs(0x0042_0000), false);
         assert!(link.judge_doubtful(faulty));
-        assert_eq!(link.verdict(), over_current);
+        assert_eq!(link.verdict, over_current);
         assert_eq!(link.judge(faulty, false), over_current);
     }
 

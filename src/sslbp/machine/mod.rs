@@ -8,16 +8,39 @@
 
 mod failure;
 mod link;
-mod operation;
 
 pub use failure::{Failure, FailureCounts};
 pub use link::{Link, Verdict};
-pub use operation::{Operation, StartMode, Times, software_mode_word};
 
 use super::{
-    Channel, ChannelMask, Command, CsStatus, DataStatus, MAX_CHANNELS, PortState, ProcessDataSizes,
+    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, MAX_CHANNELS, Operation, PerChannel,
+    ProcessDataSizes, StartMode, Times,
 };
 use crate::bus::Instant;
+use core::fmt;
+
+/// What the channels of a port that run are in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum PortState {
+    /// Not known: as another program left it.
+    #[default]
+    Unknown,
+    /// All channels are stopped.
+    Stopped,
+    /// Started, for process data or for pass-through accesses.
+    Started(StartMode),
+}
+
+impl fmt::Display for PortState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unknown => "in an unknown state",
+            Self::Stopped => "stopped",
+            Self::Started(StartMode::Setup) => "in setup mode",
+            Self::Started(StartMode::Normal) => "in normal mode",
+        })
+    }
+}
 
 /// The registers of a port as one read brought them. COMMAND is read first: what is read after it
 /// is valid if it is 0.
@@ -68,13 +91,33 @@ pub struct Complete {
 /// An operation that was written and is not known to be complete.
 #[derive(Clone, Copy, Debug)]
 struct InFlight {
-    operation: Operation,
-    issued: Instant,
-    certain: bool,
+    /// As it is known so far: no channel is good or bad.
+    complete: Complete,
     busy_reads: u32,
-    reads_before: u32,
     /// When COMMAND was seen to be 0.
     cleared: Option<Instant>,
+}
+
+impl InFlight {
+    const fn new(operation: Operation, issued: Instant, certain: bool) -> Self {
+        Self {
+            complete: Complete {
+                operation,
+                issued,
+                reads_before: 0,
+                certain,
+                good: ChannelMask::NONE,
+                bad: ChannelMask::NONE,
+            },
+            busy_reads: 0,
+            cleared: None,
+        }
+    }
+
+    const fn seen_busy(&mut self) {
+        self.busy_reads = self.busy_reads.saturating_add(1);
+        self.complete.reads_before = self.complete.reads_before.saturating_add(1);
+    }
 }
 
 /// One SSLBP port, without the bus that it is on.
@@ -84,9 +127,9 @@ struct InFlight {
 #[derive(Clone, Debug)]
 pub struct Machine {
     channels: ChannelMask,
-    state: PortState,
-    running: ChannelMask,
-    links: [Link; MAX_CHANNELS as usize],
+    pub(super) state: PortState,
+    pub(super) running: ChannelMask,
+    links: PerChannel<Link>,
     /// COMMAND was 0 when it was read last, and nothing was written since.
     idle: bool,
     in_flight: Option<InFlight>,
@@ -104,34 +147,16 @@ impl Machine {
             channels,
             state: PortState::Unknown,
             running: ChannelMask::NONE,
-            links: [const { Link::new() }; MAX_CHANNELS as usize],
+            links: PerChannel([const { Link::new() }; MAX_CHANNELS as usize]),
             idle: false,
             in_flight: None,
             begun: None,
         }
     }
 
-    /// What the channels that run are in.
-    pub const fn state(&self) -> PortState {
-        self.state
-    }
-
-    /// The channels that run.
-    pub const fn running(&self) -> ChannelMask {
-        self.running
-    }
-
     /// What is known of a channel.
     pub fn link(&self, channel: Channel) -> &Link {
-        let [first, ..] = &self.links;
-        // A channel is one of the eight by construction.
-        self.links
-            .get(usize::from(channel.index()))
-            .unwrap_or(first)
-    }
-
-    fn link_mut(&mut self, channel: Channel) -> Option<&mut Link> {
-        self.links.get_mut(usize::from(channel.index()))
+        &self.links[channel]
     }
 
     /// Whether an operation may be begun.
@@ -139,35 +164,34 @@ impl Machine {
         self.idle
     }
 
-    /// What was written and is not known to be complete.
-    pub fn in_flight(&self) -> Option<&Operation> {
-        self.in_flight.as_ref().map(|pending| &pending.operation)
-    }
-
-    /// When that was written.
-    pub fn issued(&self) -> Option<Instant> {
-        self.in_flight.as_ref().map(|pending| pending.issued)
+    /// What was written and is not known to be complete, and when that was.
+    pub fn in_flight(&self) -> Option<(Operation, Instant)> {
+        let pending = &self.in_flight.as_ref()?.complete;
+        Some((pending.operation, pending.issued))
     }
 
     /// Whether COMMAND stays busy for longer than what is in flight can take: only
     /// [`Operation::Free`] helps then.
     pub fn is_stuck(&self, now: Instant) -> bool {
         self.in_flight.as_ref().is_some_and(|pending| {
-            pending.busy_reads >= MIN_BUSY_READS
-                && now.since(pending.issued) > pending.operation.times().longest
+            let Complete {
+                operation, issued, ..
+            } = pending.complete;
+            pending.busy_reads >= MIN_BUSY_READS && now.since(issued) > operation.times().longest
         })
     }
 
     /// The word for COMMAND that begins `operation`; one that the register ignores while the port
     /// is not idle. [`written`](Self::written) must follow.
-    pub fn begin(&mut self, operation: Operation) -> Command {
+    pub fn begin(&mut self, operation: Operation) -> u32 {
         if !self.idle && !operation.interrupts() {
             self.begun = None;
-            return Command::IGNORED;
+            return COMMAND_IGNORED;
         }
         if let Operation::Transfer(mask) = operation {
             debug_assert!(
-                mask.difference(self.running).is_empty() && self.state == PortState::Normal,
+                mask.difference(self.running).is_empty()
+                    && self.state == PortState::Started(StartMode::Normal),
                 "a channel that does not run is in a DOIT"
             );
         }
@@ -176,7 +200,7 @@ impl Machine {
     }
 
     /// Nothing is begun with this write.
-    pub fn begin_nothing(&mut self) {
+    pub const fn begin_nothing(&mut self) {
         self.begun = None;
     }
 
@@ -189,14 +213,7 @@ impl Machine {
         if matches!(operation, Operation::Reset) {
             self.forget();
         }
-        self.in_flight = Some(InFlight {
-            operation,
-            issued: now,
-            certain: arrived,
-            busy_reads: 0,
-            reads_before: 0,
-            cleared: None,
-        });
+        self.in_flight = Some(InFlight::new(operation, now, arrived));
     }
 
     /// Takes what a read showed. `certain`: everything that was written before has arrived, once
@@ -204,49 +221,42 @@ impl Machine {
     pub fn observe(&mut self, now: Instant, seen: &impl Observed, certain: bool) -> Event {
         self.begun = None;
         let is_busy = seen.command() != 0;
-        let Some(pending) = &mut self.in_flight else {
-            self.idle = !is_busy;
-            if is_busy {
-                self.in_flight = Some(InFlight {
-                    operation: Operation::Foreign,
-                    issued: now,
-                    certain: false,
-                    busy_reads: 1,
-                    reads_before: 1,
-                    cleared: None,
-                });
-                return Event::Busy;
-            }
+        if self.in_flight.is_none() && !is_busy {
+            self.idle = true;
             return Event::Idle;
-        };
+        }
+        let foreign = || InFlight::new(Operation::Foreign, now, false);
+        let pending = self.in_flight.get_or_insert_with(foreign);
         // Also while it is busy: with what, is not known.
-        pending.certain &= certain;
+        pending.complete.certain &= certain;
         if is_busy {
             self.idle = false;
-            pending.busy_reads = pending.busy_reads.saturating_add(1);
-            pending.reads_before = pending.reads_before.saturating_add(1);
+            pending.seen_busy();
             return Event::Busy;
         }
-        let Times { usual, settle, .. } = pending.operation.times();
+        let Complete {
+            operation, issued, ..
+        } = pending.complete;
+        let Times { usual, settle, .. } = operation.times();
         if !settle.is_zero() {
             let cleared = *pending.cleared.get_or_insert(now);
-            let settled = cleared.min(pending.issued.after(usual)).after(settle);
+            let settled = cleared.min(issued.after(usual)).after(settle);
             if now < settled {
                 return Event::Settling(settled);
             }
         }
-        let pending = *pending;
+        let complete = pending.complete;
         self.in_flight = None;
         self.idle = true;
-        Event::Complete(self.complete(pending, seen))
+        Event::Complete(self.complete(complete, seen))
     }
 
     /// A read failed: nothing is known about COMMAND.
-    pub fn not_observed(&mut self) {
+    pub const fn not_observed(&mut self) {
         self.idle = false;
         self.begun = None;
         if let Some(pending) = &mut self.in_flight {
-            pending.reads_before = pending.reads_before.saturating_add(1);
+            pending.complete.reads_before = pending.complete.reads_before.saturating_add(1);
         }
     }
 
@@ -259,30 +269,21 @@ impl Machine {
     }
 
     /// What is in flight may not have happened.
-    pub fn doubt(&mut self) {
+    pub const fn doubt(&mut self) {
         if let Some(pending) = &mut self.in_flight {
-            pending.certain = false;
+            pending.complete.certain = false;
         }
     }
 
-    fn complete(&mut self, pending: InFlight, seen: &impl Observed) -> Complete {
-        let mut complete = Complete {
-            operation: pending.operation,
-            issued: pending.issued,
-            reads_before: pending.reads_before,
-            certain: pending.certain,
-            good: ChannelMask::NONE,
-            bad: ChannelMask::NONE,
-        };
-        let asked = pending.operation.channels().intersection(self.channels);
-        match pending.operation {
-            Operation::Transfer(_) if pending.certain => self.judge(asked, seen, &mut complete),
-            Operation::Transfer(_) => self.judge_doubtful(asked, seen, &mut complete),
+    fn complete(&mut self, mut complete: Complete, seen: &impl Observed) -> Complete {
+        let asked = complete.operation.channels().intersection(self.channels);
+        match complete.operation {
+            Operation::Transfer(_) => self.judge(asked, seen, &mut complete),
             Operation::StopAll | Operation::Stop(_) => {
                 complete.good = with_cs(asked, seen, CsStatus::is_stopped);
                 complete.bad = asked.difference(complete.good);
                 self.running = self.running.difference(asked);
-                if matches!(pending.operation, Operation::StopAll) {
+                if matches!(complete.operation, Operation::StopAll) {
                     self.forget();
                     if complete.bad.is_empty() {
                         self.state = PortState::Stopped;
@@ -293,24 +294,20 @@ impl Machine {
                 complete.good = with_cs(asked, seen, |cs| cs.has_started(mode));
                 complete.bad = asked.difference(complete.good);
                 for channel in asked.iter() {
-                    let cs = CsStatus::from_register(seen.cs(channel));
-                    if let Some(link) = self.link_mut(channel) {
-                        link.started(cs, seen.told(channel));
-                    }
+                    self.links[channel].started(CsStatus(seen.cs(channel)), seen.told(channel));
                 }
                 if !complete.good.is_empty() {
-                    self.state = mode.state();
+                    self.state = PortState::Started(mode);
                     self.running = self.running.union(complete.good);
                 }
             }
             Operation::Access(..) => {
-                let data = DataStatus::from_register(seen.data());
-                complete.bad = data.failed(asked);
+                complete.bad = failed(seen).intersection(asked);
                 complete.good = asked.difference(complete.bad);
             }
             Operation::Release => self.state = PortState::Stopped,
             Operation::ReadLocal(_)
-            | Operation::WriteLocal(..)
+            | Operation::WriteLocal(_)
             | Operation::Free
             | Operation::Reset
             | Operation::Foreign => {}
@@ -319,14 +316,18 @@ impl Machine {
     }
 
     fn judge(&mut self, asked: ChannelMask, seen: &impl Observed, complete: &mut Complete) {
-        let data = DataStatus::from_register(seen.data());
+        let failed = failed(seen);
         for channel in asked.iter() {
-            let cs = CsStatus::from_register(seen.cs(channel));
-            let Some(link) = self.link_mut(channel) else {
+            let (cs, mask) = (CsStatus(seen.cs(channel)), channel.mask());
+            let link = &mut self.links[channel];
+            if !complete.certain {
+                // It is not known whether it happened: no data is taken, but a fault is a fault.
+                if link.judge_doubtful(cs) {
+                    complete.bad = complete.bad.union(mask);
+                }
                 continue;
-            };
-            let verdict = link.judge(cs, data.has_failed(channel));
-            let mask = channel.mask();
+            }
+            let verdict = link.judge(cs, failed.contains(channel));
             if verdict == Verdict::Good {
                 complete.good = complete.good.union(mask);
             } else {
@@ -338,37 +339,27 @@ impl Machine {
         }
     }
 
-    /// It is not known whether the transfer happened: no data is taken, but a fault is a fault.
-    fn judge_doubtful(
-        &mut self,
-        asked: ChannelMask,
-        seen: &impl Observed,
-        complete: &mut Complete,
-    ) {
-        for channel in asked.iter() {
-            let cs = CsStatus::from_register(seen.cs(channel));
-            if let Some(link) = self.link_mut(channel)
-                && link.judge_doubtful(cs)
-            {
-                complete.bad = complete.bad.union(channel.mask());
-            }
-        }
-    }
-
     /// How much the remote on `channel` exchanges, and whether the first byte of its replies is
     /// data and no fault byte.
     pub fn set_sizes(&mut self, channel: Channel, sizes: ProcessDataSizes, data_only: bool) {
-        if let Some(link) = self.link_mut(channel) {
-            link.sizes = sizes;
-            link.data_only = data_only;
-        }
+        self.links[channel].sizes = sizes;
+        self.links[channel].data_only = data_only;
     }
 
     /// Nothing runs for certain any more.
-    fn forget(&mut self) {
+    const fn forget(&mut self) {
         self.state = PortState::Unknown;
         self.running = ChannelMask::NONE;
     }
+}
+
+/// DATA after a START or DOIT: the channels that did not do what was asked for. Bits of others mean
+/// nothing: those that do not exist are reported as failed (FACTS 3). A remote fault never sets a bit
+/// after DOIT (FACTS 5.3).
+///
+/// Manual: 7I77, "NORMAL START", "DOIT".
+fn failed(seen: &impl Observed) -> ChannelMask {
+    ChannelMask::from_bits(seen.data() as u8)
 }
 
 fn with_cs(
@@ -376,6 +367,6 @@ fn with_cs(
     seen: &impl Observed,
     condition: impl Fn(CsStatus) -> bool,
 ) -> ChannelMask {
-    let fits = |channel: &Channel| condition(CsStatus::from_register(seen.cs(*channel)));
+    let fits = |channel: &Channel| condition(CsStatus(seen.cs(*channel)));
     asked.iter().filter(fits).collect()
 }

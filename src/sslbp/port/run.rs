@@ -4,12 +4,12 @@ use super::{Port, PortResult};
 use crate::{
     bus::{Access, Clock, RegisterBus},
     sslbp::{
-        Channel, CsStatus, DataStatus, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, Registers, WaitError,
-        WaitingFor,
-        machine::{Complete, Event, Observed, Operation},
+        Channel, Complete, CsStatus, Event, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, Observed,
+        Operation, PortError,
     },
 };
-use alloc::vec::Vec;
+use alloc::{format, string::ToString, vec::Vec};
+use core::fmt::{self, Write};
 use core::time::Duration;
 
 /// Between COMMAND reading 0 and the next write: a write within 20 ns is swallowed (FACTS 3.4).
@@ -22,81 +22,62 @@ const LONGEST_POLL: Duration = Duration::from_micros(250);
 /// Ends a wait even on a bus whose clock stands still.
 const MOST_POLLS: u32 = 20_000;
 
-/// Which registers are read together with COMMAND and DATA, in one exchange, so that what they hold
-/// when COMMAND reads 0 is valid.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Wanted {
-    Nothing,
-    Cs,
-    /// CS and this many interface registers.
-    Interface(u8),
-}
+/// CS and interface registers of a channel.
+const PER_CHANNEL: usize = 1 + MAX_INTERFACE_REGISTERS as usize;
+const WORDS: usize = 2 + MAX_CHANNELS as usize * PER_CHANNEL;
 
-const CHANNELS: usize = MAX_CHANNELS as usize;
-const INTERFACE: usize = MAX_INTERFACE_REGISTERS as usize;
-
-/// The registers of a port as the last read brought them.
+/// The registers of a port that an operation changes, as the last read brought them: COMMAND, DATA,
+/// and of its channels CS and interface registers. One exchange reads them all, so that what they
+/// hold when COMMAND reads 0 is valid.
 pub(super) struct Snapshot {
     accesses: Vec<Access>,
-    words: [u32; Self::WORDS],
+    words: [u32; WORDS],
 }
 
 impl Snapshot {
-    const PER_CHANNEL: usize = 1 + INTERFACE;
-    const WORDS: usize = 2 + CHANNELS * Self::PER_CHANNEL;
-
-    fn new(port: &Port, channels: impl Iterator<Item = Channel>, wanted: Wanted) -> Self {
-        let mut snapshot = Self {
-            accesses: Vec::new(),
-            words: [0; Self::WORDS],
+    fn new(port: &Port, operation: &Operation) -> Self {
+        let mut accesses = Vec::new();
+        let mut read = |address, place| accesses.push(Access::read(address, place as u16, 1));
+        read(port.layout.command, 0);
+        read(port.layout.data(), 1);
+        let interfaces = match operation {
+            Operation::Start(..) => 3,
+            Operation::Access(..) => 2,
+            Operation::Transfer(_) => usize::from(port.layout.interface_registers),
+            _ => 0,
         };
-        snapshot.read(port.layout.command(), 0);
-        snapshot.read(port.layout.data(), 1);
-        let interfaces = match wanted {
-            Wanted::Nothing => return snapshot,
-            Wanted::Cs => 0,
-            Wanted::Interface(count) => count,
-        };
-        for channel in channels {
+        for channel in operation.channels().iter() {
             let Some(registers) = port.layout.channel(channel) else {
                 continue;
             };
-            let first = Self::place(channel);
-            snapshot.read(registers.cs(), first);
-            let addresses = registers.interfaces().take(usize::from(interfaces));
-            for (place, address) in (first + 1..).zip(addresses) {
-                snapshot.read(address, place);
+            let addresses = registers.interfaces().take(interfaces);
+            let addresses = core::iter::once(registers.cs).chain(addresses);
+            for (place, address) in (Self::place(channel)..).zip(addresses) {
+                read(address, place);
             }
         }
-        snapshot
+        Self {
+            accesses,
+            words: [0; WORDS],
+        }
     }
 
-    fn read(&mut self, address: u16, place: usize) {
-        self.accesses.push(Access::read(address, place as u16, 1));
-    }
-
-    fn place(channel: Channel) -> usize {
-        2 + Self::PER_CHANNEL * usize::from(channel.index())
+    const fn place(channel: Channel) -> usize {
+        2 + PER_CHANNEL * channel.index() as usize
     }
 
     fn word(&self, place: usize) -> u32 {
         self.words.get(place).copied().unwrap_or(0)
     }
 
-    /// DATA.
-    pub fn status(&self) -> DataStatus {
-        DataStatus::from_register(self.data())
-    }
-
     /// CS of `channel`.
-    pub fn channel_status(&self, channel: Channel) -> CsStatus {
-        CsStatus::from_register(self.cs(channel))
+    pub fn status(&self, channel: Channel) -> CsStatus {
+        CsStatus(self.cs(channel))
     }
 
     /// The interface registers of `channel`; those that were not read are 0.
     pub fn interface<const N: usize>(&self, channel: Channel) -> [u32; N] {
-        let first = Self::place(channel) + 1;
-        core::array::from_fn(|n| self.word(first + n))
+        core::array::from_fn(|n| self.word(Self::place(channel) + 1 + n))
     }
 }
 
@@ -126,49 +107,34 @@ impl Port {
         bus: &mut B,
         operation: Operation,
         writes: &[(u16, u32)],
-        wanted: Wanted,
     ) -> PortResult<(Complete, Snapshot), B> {
-        if !operation.interrupts() {
-            self.await_idle(bus, operation)?;
+        if !operation.interrupts() && !self.machine.is_idle() {
+            let in_flight = self.machine.in_flight();
+            let before = in_flight.map_or(Operation::Foreign, |(operation, _)| operation);
+            let mut snapshot = Snapshot::new(self, &before);
+            let waiting_for = format_args!("COMMAND to be 0 before {operation}");
+            self.poll(bus, &mut snapshot, before, waiting_for, |port, _| {
+                port.machine.is_idle().then_some(())
+            })?;
         }
         self.issue(bus, operation, writes)?;
-        let mut snapshot = Snapshot::new(self, operation.channels().iter(), wanted);
-        bus.wait(self.usual(&operation));
-        let waiting_for = match operation {
-            Operation::Free => WaitingFor::Freed,
-            other => WaitingFor::Completion(other.command()),
-        };
-        let complete = self.poll(bus, &mut snapshot, waiting_for, |_, event| match event {
-            Event::Complete(complete) => Some(complete),
-            _ => None,
-        })?;
-        Ok((complete, snapshot))
-    }
-
-    /// How long it takes with the sizes of the remotes.
-    fn usual(&self, operation: &Operation) -> Duration {
-        match operation {
-            Operation::Transfer(mask) => self.doit_time(*mask).usual,
+        let mut snapshot = Snapshot::new(self, &operation);
+        bus.wait(match operation {
+            Operation::Transfer(mask) => self.doit_time(mask).usual,
             other => other.times().usual,
-        }
-    }
-
-    /// Waits until COMMAND is 0, so that `operation` may be begun.
-    fn await_idle<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        operation: Operation,
-    ) -> PortResult<(), B> {
-        if self.machine.is_idle() {
-            return Ok(());
-        }
-        let channels = self.machine.in_flight().map(Operation::channels);
-        let channels = channels.unwrap_or_default();
-        let mut snapshot = Snapshot::new(self, channels.iter(), Wanted::Cs);
-        let waiting_for = WaitingFor::Idle(operation.command());
-        self.poll(bus, &mut snapshot, waiting_for, |port, _| {
-            port.machine.is_idle().then_some(())
-        })
+        });
+        let waiting_for = format_args!("COMMAND to be 0 after {operation}");
+        let complete = self.poll(
+            bus,
+            &mut snapshot,
+            operation,
+            waiting_for,
+            |_, event| match event {
+                Event::Complete(complete) => Some(complete),
+                _ => None,
+            },
+        )?;
+        Ok((complete, snapshot))
     }
 
     /// Writes `writes` and then the command of `operation`, which must be allowed now, in one
@@ -180,9 +146,8 @@ impl Port {
         writes: &[(u16, u32)],
     ) -> PortResult<(), B> {
         bus.wait(SETTLE);
-        let command = self.machine.begin(operation);
-        let command_write = [(self.layout.command(), command.word())];
-        let all = || writes.iter().chain(&command_write);
+        let command = (self.layout.command, self.machine.begin(operation));
+        let all = || writes.iter().chain([&command]);
         let mut words: Vec<u32> = all().map(|&(_, word)| word).collect();
         let accesses: Vec<Access> = (0u16..)
             .zip(all())
@@ -193,21 +158,13 @@ impl Port {
         Ok(result?)
     }
 
-    /// Frees a port whose COMMAND never clears: the one write that is allowed while it is busy.
-    ///
-    /// What kept it busy must be over: the way out ends the waiting and not the transfer (FACTS
-    /// 3.2), and the STOPALL that follows would stick again.
-    pub(super) fn free<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
-        self.run(bus, Operation::Free, &[], Wanted::Nothing)?;
-        Ok(())
-    }
-
     /// Reads `snapshot` until what the machine says of it is the end, or that the port is stuck.
     fn poll<B: RegisterBus + Clock, T>(
         &mut self,
         bus: &mut B,
         snapshot: &mut Snapshot,
-        waiting_for: WaitingFor,
+        operation: Operation,
+        waiting_for: fmt::Arguments<'_>,
         end: impl Fn(&Self, Event) -> Option<T>,
     ) -> PortResult<T, B> {
         let begin = bus.now();
@@ -229,30 +186,39 @@ impl Port {
                 pause = (pause * 2).min(LONGEST_POLL);
             }
         }
-        let since = self.machine.issued().unwrap_or(begin);
+        let since = self.machine.in_flight().map_or(begin, |(_, issued)| issued);
         let waited = bus.now().since(since);
-        Err(self.wait_error(bus, waiting_for, waited)?.into())
+        let can_stop = !operation.interrupts();
+        Err(self.timeout(bus, waited, waiting_for, can_stop)?)
     }
 
     /// The error of a wait that has ended, with the registers as they are now.
-    pub(super) fn wait_error<B: RegisterBus + Clock>(
+    pub(super) fn timeout<B: RegisterBus + Clock>(
         &self,
         bus: &mut B,
-        waiting_for: WaitingFor,
         waited: Duration,
-    ) -> PortResult<WaitError, B> {
-        let all = self.layout.mask();
-        let mut snapshot = Snapshot::new(self, all.iter(), Wanted::Cs);
+        waiting_for: fmt::Arguments<'_>,
+        can_stop: bool,
+    ) -> PortResult<PortError<B::Error>, B> {
+        let mut snapshot = Snapshot::new(self, &Operation::StopAll);
         bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
-        Ok(WaitError {
-            port: self.layout.instance(),
-            waiting_for,
+        let (command, data) = (snapshot.command(), snapshot.data() as u8);
+        let mut registers = format!("COMMAND {command:04X}, DATA {data:02X}, CS");
+        for channel in self.layout.mask().iter() {
+            // A string can be written to.
+            let _ = write!(registers, " {:08X}", snapshot.cs(channel));
+        }
+        Ok(PortError::Timeout {
+            port: self.layout.instance,
+            waiting_for: waiting_for.to_string(),
             waited,
-            registers: Registers {
-                command: snapshot.command(),
-                data: snapshot.status(),
-                channels: self.layout.channels(),
-                cs: Channel::ALL.map(|channel| snapshot.channel_status(channel)),
+            registers,
+            hint: if command == u32::MAX {
+                "all ones: there is no board at this address"
+            } else if can_stop {
+                "call stop_all, which knows the way out; if that fails, reset the port"
+            } else {
+                "the interface processor does not run; reset the port, or reload the FPGA"
             },
         })
     }

@@ -1,14 +1,14 @@
 //! Reset and stop.
 
-use super::{Port, PortResult, run::Wanted};
+use super::{Port, PortResult};
 use crate::{
     bus::{Clock, RegisterBus},
-    sslbp::{
-        ChannelMask, DataStatus, LocalAddress, PortError, PortParameters, WaitingFor,
-        machine::{Complete, Operation},
-    },
+    sslbp::{ChannelMask, Operation, PortError, PortParameters},
 };
 use core::time::Duration;
+
+/// What DATA reads after STOPALL or reset: the port is initialised, or about to be.
+const INITIALISED: u8 = 0xAA;
 
 /// The initialisation takes 142 us at 100 MHz, and a command in the first 22 us is lost (FACTS
 /// 2.5). On a 33 MHz card all that takes three times as long.
@@ -27,7 +27,7 @@ impl Port {
         self.parameters = None;
         self.issue(bus, Operation::Reset, &[])?;
         bus.wait(Operation::Reset.times().usual);
-        self.run(bus, Operation::Release, &[], Wanted::Nothing)?;
+        self.run(bus, Operation::Release, &[])?;
         self.await_initialised(bus)?;
         self.identify(bus)
     }
@@ -35,13 +35,12 @@ impl Port {
     /// Reads local parameter 3 until it is one: DATA reads AA as long as reads are lost.
     fn await_initialised<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
         let begin = bus.now();
-        let minor = LocalAddress::MINOR;
         for _ in 0..INITIALISE_ATTEMPTS {
-            match self.local_read(bus, minor) {
-                Ok(DataStatus::INITIALISED) => {}
+            match self.local_read(bus, PortParameters::MINOR) {
+                Ok(INITIALISED) => {}
                 Ok(_) => return Ok(()),
                 // A read that fell into the first microseconds never completes.
-                Err(PortError::Wait(_)) => self.free(bus)?,
+                Err(PortError::Timeout { .. }) => self.free(bus)?,
                 Err(other) => return Err(other),
             }
             if bus.now().since(begin) >= INITIALISE_LIMIT {
@@ -50,8 +49,17 @@ impl Port {
             bus.wait(INITIALISE);
         }
         let waited = bus.now().since(begin);
-        let waiting_for = WaitingFor::Initialisation;
-        Err(self.wait_error(bus, waiting_for, waited)?.into())
+        let waiting_for = format_args!("the processor to initialise after a reset");
+        Err(self.timeout(bus, waited, waiting_for, false)?)
+    }
+
+    /// Frees a port whose COMMAND never clears: the one write that is allowed while it is busy.
+    ///
+    /// What kept it busy must be over: the way out ends the waiting and not the transfer (FACTS
+    /// 3.2), and the STOPALL that follows would stick again.
+    fn free<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
+        self.run(bus, Operation::Free, &[])?;
+        Ok(())
     }
 
     /// Stops all channels and initialises everything, baud rates included.
@@ -64,7 +72,7 @@ impl Port {
         // Another host may write COMMAND as well, and a network may do it late.
         self.machine.not_observed();
         match self.stop_with(bus, Operation::StopAll) {
-            Err(PortError::Wait(_)) => {
+            Err(PortError::Timeout { .. }) => {
                 self.free(bus)?;
                 self.stop_with(bus, Operation::StopAll)
             }
@@ -94,14 +102,16 @@ impl Port {
         bus: &mut B,
         operation: Operation,
     ) -> PortResult<(), B> {
-        let (Complete { bad, .. }, snapshot) = self.run(bus, operation, &[], Wanted::Cs)?;
-        match bad.iter().next() {
-            None => Ok(()),
-            Some(channel) => Err(PortError::NotStopped {
-                port: self.layout.instance(),
-                channel,
-                cs: snapshot.channel_status(channel),
-            }),
-        }
+        let (complete, snapshot) = self.run(bus, operation, &[])?;
+        let Some(channel) = complete.bad.iter().next() else {
+            return Ok(());
+        };
+        Err(PortError::Channel {
+            port: self.layout.instance,
+            channel,
+            failed: "not stopped by a stop".into(),
+            cs: snapshot.status(channel),
+            hint: "reset the port",
+        })
     }
 }

@@ -167,7 +167,7 @@ impl Recovery {
 
     /// Counts the time of a transfer that is polled for and is complete.
     pub fn transfer_complete(&mut self, machine: &Machine, now: Instant) {
-        if let (true, Some(issued)) = (is_transferring(machine), machine.issued())
+        if let Some((Operation::Transfer(_), issued)) = machine.in_flight()
             && !core::mem::replace(&mut self.is_measured, true)
         {
             self.statistics.doit.record(now.since(issued));
@@ -240,13 +240,13 @@ impl Recovery {
                 continue;
             }
             let link = machine.link(channel);
-            let reason = match link.verdict() {
+            let reason = match link.verdict {
                 Verdict::Good => None,
                 Verdict::Faulty(faults) => {
                     remote.faults = faults;
                     Some(OfflineReason::of_faults(faults))
                 }
-                Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs())),
+                Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs)),
                 Verdict::Failed(Failure::Doubtful) => {
                     outcome.failed = outcome.failed.union(mask);
                     None
@@ -261,7 +261,7 @@ impl Recovery {
             };
             if let Some(reason) = reason {
                 outcome.offline = outcome.offline.union(mask);
-                remote.go_offline(now, reason, link.good_since_start(), policy);
+                remote.go_offline(now, reason, link.good, policy);
             }
         }
         outcome.failed = outcome.failed.difference(outcome.offline);
@@ -329,8 +329,8 @@ impl Recovery {
                     None => ChannelVariable::RxSize,
                     Some(_) => ChannelVariable::TxSize,
                 };
-                let address = |channel| self.parameters.variable(channel, variable, 0);
-                if let Some(address) = mask.iter().next().and_then(address) {
+                if let Some(channel) = mask.iter().next() {
+                    let address = self.parameters.variable(channel, variable);
                     return Some(Operation::ReadLocal(address));
                 }
                 self.end_restart(now);
@@ -348,10 +348,10 @@ impl Recovery {
 
 /// Whether a transfer is in flight.
 pub(crate) fn is_transferring(machine: &Machine) -> bool {
-    matches!(machine.in_flight(), Some(Operation::Transfer(_)))
+    matches!(machine.in_flight(), Some((Operation::Transfer(_), _)))
 }
 
 /// Whether a STOP is in flight.
 pub(crate) fn is_stopping(machine: &Machine) -> bool {
-    matches!(machine.in_flight(), Some(Operation::Stop(_)))
+    matches!(machine.in_flight(), Some((Operation::Stop(_), _)))
 }

@@ -34,7 +34,7 @@ impl Recovery {
     pub(super) fn all_offline(&mut self, machine: &Machine, now: Instant) {
         self.end_restart(now);
         for remote in &mut self.remotes {
-            let good = machine.link(remote.channel()).good_since_start();
+            let good = machine.link(remote.channel()).good;
             remote.go_offline(now, OfflineReason::PortStuck, good, &self.policy);
         }
     }
@@ -107,8 +107,8 @@ impl Recovery {
     ) {
         let policy = self.policy;
         for remote in self.each(complete.bad) {
-            let cs = CsStatus::from_register(seen.cs(remote.channel()));
-            let good = machine.link(remote.channel()).good_since_start();
+            let cs = CsStatus(seen.cs(remote.channel()));
+            let good = machine.link(remote.channel()).good;
             remote.go_offline(now, OfflineReason::DidNotStart(cs), good, &policy);
         }
         let wanted = self.mask(|remote| matches!(remote.state, RemoteState::Restarting { .. }));
@@ -129,21 +129,21 @@ impl Recovery {
                 remote.has_failed = true;
                 // What the last step of START read of the remote's faults is in CS (FACTS 4.1).
                 if matches!(
-                    link.cs().state(),
+                    link.cs.state(),
                     ComState::CheckFaults | ComState::FaultsTried
                 ) {
-                    remote.faults = link.cs().remote_faults();
+                    remote.faults = link.cs.remote_faults();
                 }
-                Some(OfflineReason::DidNotStart(link.cs()))
+                Some(OfflineReason::DidNotStart(link.cs))
             } else if complete.good.contains(channel) {
-                remote.refuses(link.told())
+                remote.refuses(link.told)
             } else {
                 continue;
             };
             if let Some(reason) = problem {
-                remote.go_offline(now, reason, link.good_since_start(), &self.policy);
+                remote.go_offline(now, reason, link.good, &self.policy);
             } else if remote.has_run {
-                remote.restarted(link.told());
+                remote.restarted(link.told);
             } else {
                 mask = mask.union(channel.mask());
             }
@@ -170,10 +170,10 @@ impl Recovery {
             let found = ProcessDataSizes { rx, tx: size };
             let expected = remote.started.sizes;
             if found == expected {
-                remote.restarted(link.told());
+                remote.restarted(link.told);
             } else {
                 let reason = OfflineReason::OtherSizes { found, expected };
-                remote.go_offline(now, reason, link.good_since_start(), &policy);
+                remote.go_offline(now, reason, link.good, &policy);
             }
         }
         let mask = mask.difference(channel.mask());

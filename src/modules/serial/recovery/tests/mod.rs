@@ -3,7 +3,7 @@ mod absent;
 use super::super::RemoteWatchdog;
 use super::*;
 use crate::discovery::RemoteName;
-use crate::sslbp::{Channel, Command, CsStatus, ProcessDataSizes, StartedRemote};
+use crate::sslbp::{COMMAND_IGNORED, Channel, CsStatus, ProcessDataSizes, StartedRemote};
 
 const RUNNING: u32 = 0x0042_0000;
 const CHATTER: u32 = 0x003A_0000;
@@ -11,14 +11,10 @@ const STOPPED: u32 = 0x0000_C100;
 
 /// FACTS 2.3.
 const PARAMETERS: PortParameters = PortParameters {
-    interface_type: 0x12,
-    interface_width: 8,
     major: 1,
     minor: 43,
     variables_start: 0x70,
     variables_stride: 0x32,
-    processor: 0xD8,
-    channels: 8,
     clock_hz: 100_000_000,
 };
 
@@ -38,7 +34,7 @@ fn started(channel: Channel) -> StartedRemote {
         ptoc: tables as u16,
         gtoc: (tables >> 16) as u16,
         sizes: ProcessDataSizes { rx: 5, tx: 2 },
-        cs: CsStatus::from_register(CHATTER),
+        cs: CsStatus(CHATTER),
     }
 }
 
@@ -116,8 +112,7 @@ impl Rig {
     fn write(&mut self) -> u32 {
         let next = self.recovery.next(&mut self.machine, self.now, false);
         self.machine.written(self.now, true);
-        let command = next.map_or(Command::IGNORED, |operation| operation.command());
-        command.word()
+        next.map_or(COMMAND_IGNORED, |operation| operation.command())
     }
 
     fn state(&self, channel: Channel) -> RemoteState {

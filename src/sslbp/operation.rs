@@ -1,0 +1,379 @@
+//! What a port can be told: the words for its registers, and how long it takes.
+
+use super::{Channel, ChannelMask, DEFAULT_BAUD_RATE, RemoteAccess, USUAL_REMOTE_LATENCY};
+use core::{fmt, time::Duration};
+
+const WRITE: u32 = 1 << 15;
+const RESET: u32 = 1 << 14;
+const REQUEST: u32 = 1 << 13;
+const DOIT: u32 = 1 << 12;
+const STOP: u32 = 0x0800;
+const START: u32 = 0x0900;
+const SETUP_START: u32 = 0x0F00;
+
+/// A word that COMMAND ignores, at any time: bit 31.
+///
+/// Manual: 7I77, "COMMAND REGISTER WRITE IGNORE".
+pub const COMMAND_IGNORED: u32 = 1 << 31;
+
+/// The highest address of the port's own memory that COMMAND has room for.
+const LAST_LOCAL: u16 = 0x0FFF;
+
+/// Which START.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StartMode {
+    /// For process data. Manual: 7I77, "NORMAL START".
+    Normal,
+    /// For pass-through accesses. Manual: 7I77, "SETUP MODE OPERATION".
+    Setup,
+}
+
+/// One operation of a port: a command, with the registers that belong to it.
+///
+/// Only the commands that the manuals define can be made: other bits beside DOIT run the transfer
+/// but leave COMMAND busy for ever (FACTS 3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// Stops all channels and initialises everything, baud rates included: 0800.
+    ///
+    /// Not while COMMAND is not 0: it would stay there for good. Manual: 7I77, "STOP ALL"; FACTS
+    /// 3.1 says why the manual's "always" is wrong.
+    StopAll,
+    /// Stops these channels; none of them stops nothing, although that word is STOPALL.
+    ///
+    /// Manual: 7I77, "STOP INDIVIDUAL CHANNELS".
+    Stop(ChannelMask),
+    /// Starts these channels, which are stopped; CS of each holds its software mode.
+    Start(StartMode, ChannelMask),
+    /// Transfers the process data of these channels, which run in normal mode (FACTS 5.5).
+    ///
+    /// Manual: 7I77, "DOIT".
+    Transfer(ChannelMask),
+    /// One access to the remote on a channel that runs in setup mode.
+    Access(Channel, RemoteAccess),
+    /// Reads a byte of the port's own memory, which has 12 bits of address.
+    ///
+    /// Manual: 7I77, "LOCAL READ OPERATIONS".
+    ReadLocal(u16),
+    /// Writes a byte, which is in DATA, to the port's own memory. Manual: 7I77, "LOCAL WRITE
+    /// OPERATIONS".
+    WriteLocal(u16),
+    /// Frees a port that is stuck: ends the waiting, and not what it waits for. 08FF, the only word
+    /// that may be written while COMMAND is not 0; clears COMMAND in 7 us. FACTS 3.1, 3.2.
+    Free,
+    /// Holds the port's processor in reset: 4000. FACTS 2.5.
+    Reset,
+    /// Ends the reset: 0001. FACTS 2.5.
+    Release,
+    /// Whatever another host, or an earlier run of this one, has written to COMMAND.
+    Foreign,
+}
+
+/// How long an operation takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Times {
+    /// Until COMMAND is 0, where all is well.
+    pub usual: Duration,
+    /// After this time COMMAND is stuck.
+    pub longest: Duration,
+    /// From COMMAND = 0 until all registers are as the operation leaves them.
+    pub settle: Duration,
+}
+
+/// The firmware's own time for one access: 39 us in all for a byte (FACTS 6.2).
+const FIRMWARE: Duration = Duration::from_micros(7);
+
+impl Operation {
+    /// How long it takes. A port with a clock of 33 MHz takes three times as long as those that
+    /// were recorded.
+    ///
+    /// Source: FACTS 2.5, 3, 3.3, 4.2, 5.2, 6.2; the longest times against all recordings in
+    /// `tests/protocol/sslbp_stepped.rs`.
+    pub fn times(&self) -> Times {
+        let (usual, longest, settle) = match self {
+            // The registers are wiped 1 to 6 us after COMMAND is 0.
+            Self::StopAll => (125, 5_000, 50),
+            Self::Stop(_) => (7, 5_000, 50),
+            // 17 ms for a remote that is absent, which is 20 errors of one kind; there are seven.
+            Self::Start(StartMode::Normal, _) => (1_000, 120_000, 0),
+            // 55 ms for a remote that is absent.
+            Self::Start(StartMode::Setup, _) => (1_800, 400_000, 0),
+            Self::Transfer(_) => (50, 20_000, 0),
+            // 49.8 ms without a reply.
+            Self::Access(_, access) => (access.usual_time().as_micros() as u64, 200_000, 0),
+            Self::ReadLocal(_) | Self::WriteLocal(_) => (1, 5_000, 0),
+            // It is found twice: soon after COMMAND is 0 it is taken as invalid and cleared once
+            // more, and a command written in between is lost.
+            Self::Free => (7, 5_000, 20),
+            Self::Reset => (20, 5_000, 0),
+            // The initialisation takes 142 us.
+            Self::Release => (500, 5_000, 0),
+            Self::Foreign => (0, 120_000, 0),
+        };
+        Times {
+            usual: Duration::from_micros(usual),
+            longest: Duration::from_micros(longest),
+            settle: Duration::from_micros(settle),
+        }
+    }
+
+    /// The word for COMMAND; one that the register ignores where there is nothing to do.
+    pub fn command(&self) -> u32 {
+        match *self {
+            Self::StopAll => STOP,
+            Self::Stop(ChannelMask::NONE) | Self::Foreign => COMMAND_IGNORED,
+            Self::Stop(mask) => STOP | u32::from(mask.bits()),
+            Self::Start(StartMode::Normal, mask) => START | u32::from(mask.bits()),
+            Self::Start(StartMode::Setup, mask) => SETUP_START | u32::from(mask.bits()),
+            Self::Transfer(mask) => DOIT | u32::from(mask.bits()),
+            Self::Access(channel, _) => DOIT | u32::from(channel.mask().bits()),
+            Self::ReadLocal(address) => REQUEST | local(address),
+            Self::WriteLocal(address) => WRITE | REQUEST | local(address),
+            Self::Free => STOP | 0xFF,
+            Self::Reset => RESET,
+            Self::Release => 1,
+        }
+    }
+
+    /// The channels that it is about.
+    pub const fn channels(&self) -> ChannelMask {
+        match self {
+            Self::StopAll => ChannelMask::first(u8::MAX),
+            Self::Stop(mask) | Self::Start(_, mask) | Self::Transfer(mask) => *mask,
+            Self::Access(channel, _) => channel.mask(),
+            _ => ChannelMask::NONE,
+        }
+    }
+
+    /// Whether COMMAND may be written with it whatever it reads (FACTS 2.5, 3.1).
+    pub(super) const fn interrupts(&self) -> bool {
+        matches!(self, Self::Free | Self::Reset | Self::Release)
+    }
+}
+
+fn local(address: u16) -> u32 {
+    debug_assert!(
+        address <= LAST_LOCAL,
+        "the port's memory has no {address:#X}"
+    );
+    u32::from(address & LAST_LOCAL)
+}
+
+impl fmt::Display for Operation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StopAll => f.write_str("STOPALL"),
+            Self::Stop(mask) => write!(f, "stop of channels {mask}"),
+            Self::Start(StartMode::Normal, mask) => write!(f, "START of channels {mask}"),
+            Self::Start(StartMode::Setup, mask) => write!(f, "setup START of channels {mask}"),
+            Self::Transfer(mask) => write!(f, "DOIT of channels {mask}"),
+            Self::Access(channel, access) => write!(f, "DOIT of channel {channel}: {access}"),
+            Self::ReadLocal(address) => write!(f, "local read at {address:#05X}"),
+            Self::WriteLocal(address) => write!(f, "local write at {address:#05X}"),
+            Self::Free => f.write_str("the way out"),
+            Self::Reset => f.write_str("reset"),
+            Self::Release => f.write_str("release from reset"),
+            Self::Foreign => return f.write_str("another program's command"),
+        }?;
+        write!(f, " ({:04X})", self.command())
+    }
+}
+
+/// What CS of a channel is written with before START: its software mode in the top byte.
+///
+/// Manual: 7I77, "REMOTE MODES".
+pub const fn software_mode_word(mode: u8) -> u32 {
+    (mode as u32) << 24
+}
+
+/// What a port takes for an access, and how it answers.
+///
+/// Manual: 7I77, "REMOTE READ EXAMPLE", "REMOTE WRITE EXAMPLE"; FACTS 6.1.
+impl RemoteAccess {
+    /// The word for CS: the LBP command in the top byte, the address in the low word.
+    pub const fn cs_word(self) -> u32 {
+        let address = match self {
+            Self::Read { address, .. } | Self::Write { address, .. } => address,
+            Self::ReadLocal(_) | Self::WriteLocal(..) => 0,
+        };
+        (self.command() as u32) << 24 | address as u32
+    }
+
+    /// What it writes, right-justified; `None` if it reads.
+    pub const fn written(self) -> Option<u64> {
+        match self {
+            Self::Write { size, value, .. } => Some(value & size.mask()),
+            Self::WriteLocal(_, value) => Some(value as u64),
+            Self::Read { .. } | Self::ReadLocal(_) => None,
+        }
+    }
+
+    /// The words for interface registers 0 and 1, if it writes.
+    pub fn data_words(self) -> Option<[u32; 2]> {
+        let value = self.written()?;
+        Some([value as u32, (value >> 32) as u32])
+    }
+
+    /// The value that interface registers 0 and 1 hold after a read.
+    pub const fn value(self, [low, high]: [u32; 2]) -> u64 {
+        let value = (high as u64) << 32 | low as u64;
+        match self {
+            Self::Read { size, .. } | Self::Write { size, .. } => value & size.mask(),
+            Self::ReadLocal(_) | Self::WriteLocal(..) => value & 0xFF,
+        }
+    }
+
+    /// A read of the same place.
+    pub(super) const fn read_back(self) -> Self {
+        match self {
+            Self::Write { address, size, .. } => Self::Read { address, size },
+            Self::WriteLocal(location, _) => Self::ReadLocal(location),
+            read => read,
+        }
+    }
+
+    /// Without an error, at the default baud rate.
+    fn usual_time(self) -> Duration {
+        let bits = u64::from(self.characters()) * 10;
+        let line = Duration::from_nanos(bits * 1_000_000_000 / u64::from(DEFAULT_BAUD_RATE));
+        line + USUAL_REMOTE_LATENCY + FIRMWARE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sslbp::{AccessSize, LocalLocation};
+    use alloc::string::ToString;
+    use proptest::prelude::*;
+
+    const SIZES: [AccessSize; 4] = [
+        AccessSize::Byte,
+        AccessSize::Word,
+        AccessSize::Long,
+        AccessSize::Double,
+    ];
+
+    fn mask(bits: u8) -> ChannelMask {
+        ChannelMask::from_bits(bits)
+    }
+
+    /// Manual: 7I77, "COMMAND REGISTER", "NORMAL START", "STOP ALL", "STOP INDIVIDUAL CHANNELS",
+    /// "NORMAL MODE OPERATION" and "SETUP MODE OPERATION". Gateware transcripts t01 (parameter 7,
+    /// scratch 66, 4000 and 0001) and t18 (baud rate, 9A).
+    #[test]
+    fn the_words_are_those_of_the_manual_and_of_the_transcripts() {
+        use Operation as O;
+        let words = [
+            (O::StopAll, 0x800),
+            (O::Stop(mask(0x02)), 0x802),
+            (O::Start(StartMode::Normal, mask(0x07)), 0x907),
+            (O::Start(StartMode::Setup, mask(0x01)), 0xF01),
+            (O::Transfer(mask(0x03)), 0x1003),
+            (O::ReadLocal(0x007), 0x2007),
+            (O::ReadLocal(0x230), 0x2230),
+            (O::WriteLocal(0x066), 0xA066),
+            (O::WriteLocal(0x09A), 0xA09A),
+            (O::Reset, 0x4000),
+            (O::Release, 0x0001),
+            (O::Foreign, 0x8000_0000),
+        ];
+        for (operation, word) in words {
+            assert_eq!(operation.command(), word, "{operation}");
+        }
+    }
+
+    #[test]
+    fn stopping_no_channel_is_not_stopping_all() {
+        let nothing = Operation::Stop(ChannelMask::NONE);
+        assert_eq!(nothing.command(), COMMAND_IGNORED);
+    }
+
+    #[test]
+    fn an_operation_says_what_it_does() {
+        let doit = Operation::Transfer(mask(5)).to_string();
+        assert_eq!(doit, "DOIT of channels 0,2 (1005)");
+        assert_eq!(Operation::StopAll.to_string(), "STOPALL (0800)");
+        assert_eq!(Operation::Free.to_string(), "the way out (08FF)");
+        let read = Operation::ReadLocal(3).to_string();
+        assert_eq!(read, "local read at 0x003 (2003)");
+    }
+
+    /// Manual: 7I77, "REMOTE READ EXAMPLE" (45, and 44, 46, 47 for the other sizes), "REMOTE WRITE
+    /// EXAMPLE" (65, and 64, 66, 67).
+    #[test]
+    fn accesses_are_those_of_the_manual() {
+        let reads = SIZES.map(|size| {
+            RemoteAccess::Read {
+                address: 0x1234,
+                size,
+            }
+            .cs_word()
+        });
+        assert_eq!(reads, [0x4400_1234, 0x4500_1234, 0x4600_1234, 0x4700_1234]);
+        let writes = SIZES.map(|size| {
+            RemoteAccess::Write {
+                address: 0x1234,
+                size,
+                value: 0,
+            }
+            .cs_word()
+        });
+        assert_eq!(writes, [0x6400_1234, 0x6500_1234, 0x6600_1234, 0x6700_1234]);
+    }
+
+    /// Gateware transcript t05.
+    #[test]
+    fn recorded_accesses_have_these_words() {
+        let value = 0xFEDC_BA98_89AB_CDEF;
+        let write = RemoteAccess::Write {
+            address: 0x308,
+            size: AccessSize::Double,
+            value,
+        };
+        assert_eq!(write.cs_word(), 0x6700_0308);
+        assert_eq!(write.data_words(), Some([0x89AB_CDEF, 0xFEDC_BA98]));
+        let read = RemoteAccess::Read {
+            address: 0x308,
+            size: AccessSize::Double,
+        };
+        assert_eq!(read.value([0x89AB_CDEF, 0xFEDC_BA98]), value);
+        let cookie = RemoteAccess::ReadLocal(LocalLocation::COOKIE);
+        assert_eq!(cookie.cs_word(), 0xDF00_0000);
+        let select = RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 1);
+        assert_eq!(select.cs_word(), 0xEC00_0000);
+    }
+
+    #[test]
+    fn a_size_is_the_smallest_that_holds_the_bits() {
+        let bits = [0, 1, 8, 9, 16, 17, 32, 33, 64, 65];
+        let bytes = bits.map(|bits| AccessSize::for_bits(bits).map_or(0, AccessSize::bytes));
+        assert_eq!(bytes, [0, 1, 1, 2, 2, 4, 4, 8, 8, 0]);
+    }
+
+    proptest! {
+        #[test]
+        fn no_access_is_one_that_the_gateware_rejects(address: u16, value: u64, index in 0u8..64) {
+            let mut accesses = std::vec::Vec::new();
+            if let Some(location) = LocalLocation::new(index) {
+                accesses.push(RemoteAccess::ReadLocal(location));
+                accesses.push(RemoteAccess::WriteLocal(location, value as u8));
+            }
+            for size in SIZES {
+                accesses.push(RemoteAccess::Read { address, size });
+                accesses.push(RemoteAccess::Write { address, size, value });
+            }
+            for access in accesses {
+                prop_assert_ne!(access.cs_word() & 0x4000_0000, 0);
+            }
+        }
+
+        #[test]
+        fn a_value_comes_back_as_it_was_written(address: u16, value: u64, n in 0usize..4) {
+            let size = SIZES[n];
+            let words = RemoteAccess::Write { address, size, value }.data_words().unwrap();
+            let read = RemoteAccess::Read { address, size };
+            prop_assert_eq!(read.value(words), value & size.mask());
+        }
+    }
+}
