@@ -41,17 +41,10 @@ pub struct Dpll {
     words: [u32; 5],
     /// In the order of the words.
     settings: [Setting; 5],
-    /// Where the board paces, nobody is followed: without these the loop runs free.
-    following: Option<Following>,
-}
-
-/// How the loop follows the reads.
-#[derive(Clone, Copy, Debug)]
-struct Following {
-    /// Any access marks the thread's read and latches the phase, which it reads: the phase error.
-    sync: ReadSlot,
-    /// A write sets the phase.
-    phase: Setting,
+    /// Where the board paces, nobody is followed: without these the loop runs free. Any access of the
+    /// first marks the thread's read and latches the phase, which it reads: the phase error. A write
+    /// of the second sets the phase.
+    following: Option<(ReadSlot, Setting)>,
     start: PhaseStart,
 }
 
@@ -85,12 +78,9 @@ impl Dpll {
             setting(5, timers_34)?,
         ];
         let (phase, sync) = (module.register(1, 0)?, module.register(6, 0)?);
-        let following = (r.settings.pace == Pace::Host).then(|| Following {
-            // It is what the loop follows, so it comes first.
-            sync: r.latch(sync),
-            phase: r.on_demand(phase),
-            start: PhaseStart::default(),
-        });
+        // What the loop follows comes first.
+        let is_following = r.settings.pace == Pace::Host;
+        let following = is_following.then(|| (r.latch(sync), r.on_demand(phase)));
         Ok(Some(Self {
             pins,
             clock_hz: module.clock_hz,
@@ -99,17 +89,18 @@ impl Dpll {
             words,
             settings,
             following,
+            start: PhaseStart::default(),
         }))
     }
 }
 
 impl Module for Dpll {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        if let Some(following) = &mut self.following {
-            let word = cycle.word(following.sync);
+        if let Some((sync, _)) = self.following {
+            let word = cycle.word(sync);
             let error = phase_error_us(word, self.config.hz);
             cycle.pins.publish(self.pins.phase_error_us, error);
-            following.start.read(word);
+            self.start.read(word);
         }
     }
 
@@ -117,11 +108,11 @@ impl Module for Dpll {
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         let [_, control_0, ..] = self.settings;
         // Control 0 is written again, so that the loop forgets what it took for an error meanwhile.
-        if let Some(following) = &mut self.following
-            && let Some(phase) = following.start.write()
+        if let Some((_, phase)) = self.following
+            && let Some(word) = self.start.write()
         {
-            cycle.set(following.phase, phase);
-            cycle.repeat(following.phase);
+            cycle.set(phase, word);
+            cycle.repeat(phase);
             cycle.repeat(control_0);
         }
         if !cycle.changed {
@@ -136,7 +127,7 @@ impl Module for Dpll {
                 let rate = |[base_rate, control_0, ..]: [u32; 5]| (base_rate, control_0 >> 24);
                 let (base_rate, prescale) = rate(words);
                 if (base_rate, prescale) != rate(self.words) {
-                    self.start_again();
+                    self.start = PhaseStart::default();
                 }
                 (self.config, self.words) = (config, words);
                 cycle.pins.publish(self.pins.prescale, prescale);
@@ -152,15 +143,7 @@ impl Module for Dpll {
 
     /// The loop runs at another phase.
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
-        self.start_again();
-    }
-}
-
-impl Dpll {
-    fn start_again(&mut self) {
-        if let Some(following) = &mut self.following {
-            following.start = PhaseStart::default();
-        }
+        self.start = PhaseStart::default();
     }
 }
 

@@ -46,6 +46,8 @@ struct Port {
     levels: Option<ReadSlot>,
     /// The levels that were taken last.
     taken: Option<u32>,
+    /// They differ from those before.
+    is_new: bool,
     data: Option<WriteSlot>,
     invert: Setting,
     direction: Setting,
@@ -157,6 +159,7 @@ impl Port {
             wanted: setup,
             levels: is_read.then(|| r.input(address.data)),
             taken: None,
+            is_new: false,
             data: is_written.then(|| r.output(address.data, setup.data)),
             invert: r.setting(Stage::Route, address.invert, setup.invert),
             direction: r.drive(address.direction, setup.direction),
@@ -168,20 +171,19 @@ impl Port {
 impl Module for Gpio {
     /// Ports of which no pin has changed are passed over.
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let mut changed = 0_u64;
-        for (index, port) in self.ports.iter_mut().enumerate() {
+        let mut is_any_new = false;
+        for port in &mut self.ports {
             let word = port.levels.map(|slot| cycle.word(slot));
-            changed |= u64::from(word != port.taken) << (index & 63);
-            port.taken = word;
+            port.is_new = core::mem::replace(&mut port.taken, word) != word;
+            is_any_new |= port.is_new;
         }
-        if changed == 0 {
+        if !is_any_new {
             return;
         }
         for (place, pin) in self.places.iter().zip(&self.pins) {
-            let word = self.ports.get(usize::from(place.port));
-            let word = word.and_then(|port| port.taken);
-            let has_changed = changed >> (place.port & 63) & 1 != 0;
-            if let (Some(word), Some(input), true) = (word, pin.input, has_changed) {
+            let port = self.ports.get(usize::from(place.port));
+            let word = port.filter(|port| port.is_new).and_then(|port| port.taken);
+            if let (Some(word), Some(input)) = (word, pin.input) {
                 cycle.pins.publish(input.pin, place.get(word));
                 cycle.pins.publish(input.not, !place.get(word));
             }

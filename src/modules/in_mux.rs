@@ -6,7 +6,7 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::Instant;
 use crate::bus::{ReadSlot, Setting, Stage};
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
@@ -243,10 +243,8 @@ impl InMuxPins {
 
     /// Control, filter and modes.
     fn words(&self, pins: &mut PinStore, clock_hz: u32) -> [u32; 3] {
-        let mut slow = 0;
-        for (n, input) in self.inputs.iter().enumerate() {
-            slow |= u32::from(pins.fetch(input.slow)) << (n & 31);
-        }
+        let slow = (0..).zip(self.inputs.iter().map(|input| input.slow));
+        let slow = bits_of(pins, slow);
         let control = control(
             (clock_hz, self.inputs.len() as u32),
             pins.param(self.scan_rate),

@@ -9,7 +9,7 @@
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::{Module, RegisterError, Registrar, WriteCycle};
+use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage};
 use crate::hal::Output;
 use crate::hostmot2::Gtag;
@@ -51,28 +51,9 @@ impl Module for Leds {
         if !cycle.changed {
             return;
         }
-        let mut word = 0;
-        for (n, led) in (0..).zip(&self.leds) {
-            word |= led_bit(n, cycle.pins.fetch(*led));
-        }
+        // LED 0 is bit 31 (FACTS 13.9).
+        let leds = (0..32).rev().zip(self.leds.iter().copied());
+        let word = bits_of(cycle.pins, leds);
         cycle.set(self.word, word);
-    }
-}
-
-/// The LED register: LED 0 is bit 31, LED 7 bit 24.
-///
-/// Source: FACTS 13.9.
-const fn led_bit(led: u8, on: bool) -> u32 {
-    (on as u32) << (31 - (led & 7))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn led_0_is_the_top_bit() {
-        assert_eq!(led_bit(0, true) | led_bit(3, true), 0x9000_0000);
-        assert_eq!(led_bit(0, false), 0);
     }
 }

@@ -29,7 +29,7 @@ use core::fmt;
 
 use crate::bus::Instant;
 use crate::bus::{ReadSlot, Setting, Words, WriteSlot};
-use crate::hal::{GroupId, PinStore};
+use crate::hal::{GroupId, Output, PinStore};
 
 /// A part of the board in the cycle.
 ///
@@ -38,34 +38,22 @@ use crate::hal::{GroupId, PinStore};
 /// is a state machine that does one step for each call.
 pub trait Module: Any + fmt::Debug + Send {
     /// Takes its inputs from a read that is sound.
-    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let _ = cycle;
-    }
+    fn read(&mut self, _cycle: &mut ReadCycle<'_>) {}
 
     /// A read failed: nothing new is known.
-    fn not_read(&mut self, pins: &mut PinStore) {
-        let _ = pins;
-    }
+    fn not_read(&mut self, _pins: &mut PinStore) {}
 
     /// Puts its outputs.
-    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
-        let _ = cycle;
-    }
+    fn write(&mut self, _cycle: &mut WriteCycle<'_>) {}
 
-    /// The write was sent at `now`, or it is not known whether it has `arrived`.
-    fn written(&mut self, now: Instant, arrived: bool) {
-        let _ = (now, arrived);
-    }
+    /// The write was sent at this time, and arrived; or it is not known whether it did.
+    fn written(&mut self, _now: Instant, _arrived: bool) {}
 
     /// Something made everything safe. The outputs of the board's own group are safe already.
-    fn make_safe(&mut self, pins: &mut PinStore) {
-        let _ = pins;
-    }
+    fn make_safe(&mut self, _pins: &mut PinStore) {}
 
     /// The board has lost its set-up and got it back: counts may stand anywhere.
-    fn restored(&mut self, pins: &mut PinStore, now: Instant) {
-        let _ = (pins, now);
-    }
+    fn restored(&mut self, _pins: &mut PinStore, _now: Instant) {}
 }
 
 /// What a module has after a read.
@@ -152,6 +140,16 @@ impl WriteCycle<'_> {
     pub fn ask_extra(&mut self) {
         self.wants_extra = true;
     }
+}
+
+/// The word in which the bit of each output is its number, modulo 32.
+pub(crate) fn bits_of(
+    pins: &mut PinStore,
+    outputs: impl IntoIterator<Item = (u8, Output<bool>)>,
+) -> u32 {
+    outputs.into_iter().fold(0, |word, (bit, output)| {
+        word | u32::from(pins.fetch(output)) << (bit & 31)
+    })
 }
 
 #[cfg(all(test, feature = "std"))]

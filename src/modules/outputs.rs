@@ -5,7 +5,7 @@
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::{Module, RegisterError, Registrar, WriteCycle};
+use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{DigitalOut, Invert, Output, Spec};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
@@ -15,19 +15,14 @@ use crate::hostmot2::{Gtag, ModuleDescriptor};
 pub struct Outputs {
     /// SSR or OutM.
     pub gtag: Gtag,
-    /// The handles of its pins.
-    pub pins: OutputPins,
-    data: WriteSlot,
-    drive: Option<Drive>,
-}
-
-/// The handles of one instance's pins.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct OutputPins {
-    /// The frequency of the isolation's drive in Hz; 0 switches all outputs off. OutM has none.
-    pub rate: Option<Output<u32>>,
     /// The outputs, by number.
     pub outputs: Vec<NumberedOutput>,
+    /// The frequency in Hz of the drive of the isolation; 0 switches all outputs off. OutM has none.
+    pub rate: Option<Output<u32>>,
+    clock_hz: u32,
+    data: WriteSlot,
+    /// What switches the relays: without it they are off whatever the data is.
+    drive: Option<Setting>,
 }
 
 /// The pins of one output.
@@ -38,14 +33,6 @@ pub struct NumberedOutput {
     pub number: u8,
     /// Closes the output, or puts it high; inverted, closed or high for false.
     pub out: DigitalOut,
-}
-
-/// What switches the relays: without it they are off whatever the data says.
-#[derive(Clone, Copy, Debug)]
-struct Drive {
-    hz: Output<u32>,
-    clock_hz: u32,
-    rate: Setting,
 }
 
 /// The drive frequency that the relays are made for.
@@ -66,25 +53,22 @@ impl Outputs {
         r.use_io(gtag, instance)?;
         let name = if gtag == Gtag::SSR { "ssr" } else { "outm" };
         let stem = format!("{name}.{instance:02}.");
-        let mut pins = OutputPins::default();
         let data = r.output(module.register(0, instance)?, 0);
-        let mut drive = None;
+        let (mut rate, mut drive) = (None, None);
         if gtag == Gtag::SSR {
-            let hz = r.maker(&stem).switch("rate", DRIVE_HZ)?;
+            rate = Some(r.maker(&stem).switch("rate", DRIVE_HZ)?);
             let address = module.register(1, instance)?;
             // Only when the pins are driven by the module.
             r.step(Stage::Configure, address, 0);
-            let rate = r.setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ));
-            drive = Some(Drive { hz, clock_hz, rate });
-            pins.rate = Some(hz);
+            drive = Some(r.setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ)));
         }
-        for number in numbers(r, gtag, instance) {
-            pins.outputs
-                .push(output(r, &stem, (gtag, instance), number)?);
-        }
+        let numbers = numbers(r, gtag, instance).into_iter();
+        let outputs = numbers.map(|number| output(r, &stem, (gtag, instance), number));
         Ok(Self {
             gtag,
-            pins,
+            outputs: outputs.collect::<Result<_, _>>()?,
+            rate,
+            clock_hz,
             data,
             drive,
         })
@@ -128,18 +112,16 @@ impl Module for Outputs {
         if !cycle.changed {
             return;
         }
-        if let Some(drive) = self.drive {
-            let rate = match cycle.pins.fetch(drive.hz) {
+        if let (Some(rate), Some(drive)) = (self.rate, self.drive) {
+            let word = match cycle.pins.fetch(rate) {
                 0 => 0,
-                hz => drive_rate(drive.clock_hz, hz),
+                hz => drive_rate(self.clock_hz, hz),
             };
-            cycle.set(drive.rate, rate);
+            cycle.set(drive, word);
         }
-        let mut word = 0;
-        for output in &self.pins.outputs {
-            let is_on = cycle.pins.fetch(output.out.pin);
-            word |= u32::from(is_on) << (output.number & 31);
-        }
+        let outputs = self.outputs.iter();
+        let outputs = outputs.map(|output| (output.number, output.out.pin));
+        let word = bits_of(cycle.pins, outputs);
         cycle.put(self.data, word);
     }
 }

@@ -5,7 +5,7 @@
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::{Module, RegisterError, Registrar, WriteCycle};
+use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::boards::PwmTable;
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
@@ -45,7 +45,9 @@ pub struct Pwm {
     /// The pins of all generators together.
     pub bank: PwmBankPins,
     generators: Vec<Generator>,
-    kind: Kind,
+    clock_hz: u32,
+    /// The fraction of the duty is used: module version 1.
+    dithers: bool,
     /// The frequencies that were asked for last, of PWM and PDM, ...
     hz: (u32, u32),
     /// ... and what the hardware makes of the first.
@@ -68,13 +70,6 @@ struct Generator {
     mode: Setting,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Kind {
-    clock_hz: u32,
-    /// The fraction of the duty is used: module version 1.
-    dithers: bool,
-}
-
 impl Pwm {
     /// The pins of each generator.
     pub fn pins(&self) -> impl ExactSizeIterator<Item = PwmPins> + '_ {
@@ -89,34 +84,28 @@ impl Pwm {
         };
         module.expect(5, 0x3)?;
         module.expect_version(module.version, 0..=1)?;
-        let kind = Kind {
-            clock_hz: module.clock_hz,
-            dithers: module.version >= 1,
-        };
+        let (clock_hz, dithers) = (module.clock_hz, module.version >= 1);
         let table = &r.board.pwm;
-        let usual = if kind.dithers {
-            table.hz_dither
-        } else {
-            table.hz
-        };
+        let usual = if dithers { table.hz_dither } else { table.hz };
         let hz = (r.settings.pwm_hz.unwrap_or(usual), 20_000);
         let mut make = r.maker("pwmgen.");
         let bank = PwmBankPins {
             pwm_frequency: make.setting("pwm_frequency", hz.0)?,
             pdm_frequency: make.setting("pdm_frequency", hz.1)?,
         };
-        let rate = PwmRate::new(kind.clock_hz, hz.0.into());
+        let rate = PwmRate::new(clock_hz, hz.0.into());
         let (master_rate, pdm_rate) = (module.register(2, 0)?, module.register(3, 0)?);
         let enables = r.output(module.register(4, 0)?, 0);
         let master_rate = r.setting(Stage::Configure, master_rate, rate.rate.into());
-        let pdm_rate = r.setting(Stage::Configure, pdm_rate, kind.pdm_rate(hz.1).into());
+        let pdm_rate = r.setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
         let generators = (0..module.instances)
-            .map(|number| Generator::new(r, &module, number, kind, table, rate))
+            .map(|number| Generator::new(r, &module, number, rate.bits))
             .collect::<Result<_, _>>()?;
         Ok(Some(Self {
             bank,
             generators,
-            kind,
+            clock_hz,
+            dithers,
             hz,
             rate,
             master_rate,
@@ -132,9 +121,9 @@ impl Pwm {
         );
         if hz != self.hz {
             self.hz = hz;
-            self.rate = PwmRate::new(self.kind.clock_hz, hz.0.into());
+            self.rate = PwmRate::new(self.clock_hz, hz.0.into());
             cycle.set(self.master_rate, self.rate.rate.into());
-            cycle.set(self.pdm_rate, self.kind.pdm_rate(hz.1).into());
+            cycle.set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
         }
     }
 }
@@ -145,13 +134,12 @@ impl Module for Pwm {
             return;
         }
         self.write_rates(cycle);
-        let mut enables = 0;
-        for (n, generator) in self.generators.iter().enumerate() {
-            let enabled = cycle.pins.fetch(generator.pins.enable);
-            enables |= u32::from(enabled) << (n & 31);
-        }
+        let enables = (0..).zip(self.pins().map(|pins| pins.enable));
+        let enables = bits_of(cycle.pins, enables);
         for generator in &mut self.generators {
-            let shape = generator.pins.shape(cycle.pins, self.kind, self.rate);
+            let shape = generator
+                .pins
+                .shape(cycle.pins, self.rate.bits, self.dithers);
             if shape != generator.shape {
                 generator.shape = shape;
                 cycle.set(generator.mode, shape.mode());
@@ -174,13 +162,12 @@ impl Generator {
         r: &mut Registrar<'_>,
         module: &ModuleDescriptor,
         number: u8,
-        kind: Kind,
-        table: &PwmTable,
-        rate: PwmRate,
+        bits: u8,
     ) -> Result<Self, RegisterError> {
         r.use_io(Gtag::PWM, number)?;
+        let table = &r.board.pwm;
         let pins = PwmPins::new(r, number, table)?;
-        let shape = pins.shape(r.pins, kind, rate);
+        let shape = pins.shape(r.pins, bits, module.version >= 1);
         let (value, mode) = (module.register(0, number)?, module.register(1, number)?);
         // A value that is double buffered would wait for the end of a period.
         r.step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
@@ -225,22 +212,20 @@ impl PwmPins {
         })
     }
 
-    fn shape(&self, pins: &PinStore, kind: Kind, rate: PwmRate) -> PwmShape {
+    fn shape(&self, pins: &PinStore, bits: u8, dither: bool) -> PwmShape {
         let output_type = pins.param(self.output_type);
         PwmShape {
-            bits: if output_type == PDM { 12 } else { rate.bits },
+            bits: if output_type == PDM { 12 } else { bits },
             output_type,
             offset: pins.param(self.offset_mode),
-            dither: kind.dithers,
+            dither,
         }
     }
 }
 
-impl Kind {
-    /// The PDM rate register: clock*n/65536. PDM has always 12 bits, and takes 4096 ticks for all.
-    fn pdm_rate(self, hz: u32) -> u16 {
-        to_rate(f64::from(hz) * 65_536.0 / f64::from(self.clock_hz))
-    }
+/// The PDM rate register: clock*n/65536. PDM has always 12 bits, and takes 4096 ticks for all.
+fn pdm_word(clock_hz: u32, hz: u32) -> u16 {
+    to_rate(f64::from(hz) * 65_536.0 / f64::from(clock_hz))
 }
 
 /// The master rate register, and the width of the duty that goes with it.
@@ -353,11 +338,7 @@ mod tests {
         let fast = PwmRate::new(CLOCK, 96_000.0);
         assert_eq!((fast.bits, fast.rate), (11, 64_425));
         // One step of 4096 at each tick, as LinuxCNC counts.
-        let kind = Kind {
-            clock_hz: CLOCK,
-            dithers: false,
-        };
-        assert_eq!(kind.pdm_rate(6_000_000), 1_966);
+        assert_eq!(pdm_word(CLOCK, 6_000_000), 1_966);
     }
 
     #[test]

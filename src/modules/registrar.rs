@@ -8,7 +8,7 @@ use super::{RegisterError, Settings};
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
-use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor, PinDescriptor};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor};
 
 /// What a module is made from.
 ///
@@ -85,20 +85,8 @@ impl Registrar<'_> {
     /// # Errors
     /// [`RegisterError::Firmware`]: it has none, or they are in use.
     pub fn use_io(&mut self, gtag: Gtag, instance: u8) -> Result<(), RegisterError> {
-        self.use_some_io(gtag, instance, |_| true)
-    }
-
-    /// The same for those of its I/O pins that are `wanted`; the others stay free for plain I/O.
-    ///
-    /// # Errors
-    /// As [`use_io`](Self::use_io).
-    pub fn use_some_io(
-        &mut self,
-        gtag: Gtag,
-        instance: u8,
-        wanted: impl Fn(PinDescriptor) -> bool,
-    ) -> Result<(), RegisterError> {
-        self.io.use_module(self.firmware, gtag, instance, wanted)?;
+        self.io
+            .use_module(self.firmware, gtag, instance, |_| true)?;
         Ok(())
     }
 }
