@@ -47,10 +47,10 @@
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
 //! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
 //!
-//! A layer knows only those below it: `bus`, the wire formats and `hal` know nothing else, `modules`
-//! and `sslbp` stand on them, then `discovery` and `remote`, `boards`, `driver`. The simulator shares
-//! wire formats and register addresses with the driver and nothing else, so that the two can not
-//! agree on the same mistake.
+//! A layer knows only those below it: `bus` and the wire formats know nothing else, `hal` and
+//! `hostmot2` stand on them, then `sslbp`, `discovery`, `remote` with `boards`, `modules`, `driver`. The
+//! simulator shares wire formats and register addresses with the driver and nothing else, so that the
+//! two can not agree on the same mistake.
 //!
 //! # Words
 //! | word | means |
@@ -139,8 +139,9 @@ pub mod transport;
 
 pub use boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
-pub use driver::{Board, Driver, Settings};
-pub use driver::{BoardState, CycleError, CycleReport, Pace, RemoteState, StartError};
+pub use driver::{Board, Driver, DriverError, Settings};
+pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};
+pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
 #[cfg(feature = "std")]

@@ -47,11 +47,7 @@ fn write_all<B: RegisterBus + Clock>(
         println!("  note: {remark}");
     }
     for missing in driver.missing() {
-        writeln!(
-            out,
-            "  missing: port {}, channel {}: {}",
-            missing.port, missing.channel, missing.reason
-        )?;
+        writeln!(out, "  missing: {missing}")?;
     }
     let lists = driver.lists();
     let words = |list: &[Access]| list.iter().map(|access| access.count).sum::<u16>();

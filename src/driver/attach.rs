@@ -1,29 +1,25 @@
 //! Typed handles of a board and its remotes.
 
-use super::Driver;
+use super::{Board, Driver};
 use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
-use crate::discovery::RemoteTable;
-use crate::sslbp::Channel;
+use crate::discovery::{RemoteDescriptor, RemoteTable};
+use crate::hal::Pins;
+use crate::modules::serial::RemoteStatus;
+use crate::remote::RemotePins;
 
-impl<B: RegisterBus + Clock> Driver<B> {
+impl<B: RegisterBus + Clock> Board<B> {
     /// The handles of the remote on `channel` (0 to 7) of `port`, which has to be of their kind.
+    /// After [`discover`](Self::discover).
     ///
     /// # Errors
     /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
     /// (swapped channels), or it lacks a pin in its software mode.
     pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
-        let ports = self.ports().get(usize::from(port));
-        let remote = ports.and_then(|ports| ports.remote(Channel::new(channel)?));
-        let Some(remote) = remote else {
-            return Err(AttachError::NoRemote {
-                port,
-                channel,
-                expected: T::TABLE.title,
-            });
-        };
-        let names = (self.pins(), &*remote.pins.prefix);
-        RemoteTable::attach(names, remote.descriptor, (port, channel))
+        let stage = self.stages.get(usize::from(port));
+        let remote = stage.and_then(|stage| stage.remote(channel));
+        let remote = remote.map(|remote| (&remote.descriptor, &remote.pins));
+        attach(self.pins(), remote, (port, channel))
     }
 
     /// The handles of the board's own functions.
@@ -34,4 +30,47 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
         BoardTable::attach((self.pins(), self.name()), self.firmware())
     }
+}
+
+impl<B: RegisterBus + Clock> Driver<B> {
+    /// As [`Board::attach`].
+    ///
+    /// # Errors
+    /// As [`Board::attach`].
+    pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
+        let remote = self.remote(port, channel);
+        let remote = remote
+            .as_ref()
+            .map(|remote| (remote.descriptor, remote.pins));
+        attach(self.pins(), remote, (port, channel))
+    }
+
+    /// As [`Board::attach_board`].
+    ///
+    /// # Errors
+    /// As [`Board::attach_board`].
+    pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
+        BoardTable::attach((self.pins(), self.name()), self.firmware())
+    }
+
+    /// The remote on `channel` (0 to 7) of `port` as it is now; `None` if none takes part there.
+    pub fn remote(&self, port: u8, channel: u8) -> Option<RemoteStatus<'_>> {
+        let mut remotes = self.ports().get(usize::from(port))?.remotes();
+        remotes.find(|remote| remote.started.channel.index() == channel)
+    }
+}
+
+fn attach<T: RemoteHandles>(
+    pins: &Pins,
+    remote: Option<(&RemoteDescriptor, &RemotePins)>,
+    (port, channel): (u8, u8),
+) -> Result<T, AttachError> {
+    let Some((descriptor, of)) = remote else {
+        return Err(AttachError::NoRemote {
+            port,
+            channel,
+            expected: T::TABLE.title,
+        });
+    };
+    RemoteTable::attach((pins, &*of.prefix), descriptor, (port, channel))
 }

@@ -6,12 +6,12 @@ use core::time::Duration;
 use super::connection::Connection;
 use super::held::Held;
 use super::pace::Pacer;
-use super::remotes::{PortStage, Remotes};
+use super::remotes::PortStage;
 use super::{
-    BoardState, Driver, DriverStatistics, FaultPolicy, MissingRemote, Pace, Part, Parts, Remark,
-    SerialPort, Settings, StartError,
+    BoardState, Driver, DriverError, DriverStatistics, FaultPolicy, Pace, Part, Parts, Remark,
+    Settings,
 };
-use crate::boards::{AttachError, BoardHandles, BoardTable, REMOTES, RemoteHandles};
+use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
 use crate::discovery::RemoteTable;
 use crate::hal::{GroupId, Input, PinStore, Pins};
@@ -31,13 +31,12 @@ use crate::modules::{Module, RegisterError, Registrar};
 /// Dropping it leaves the board driving nothing.
 #[derive(Debug)]
 pub struct Board<B: RegisterBus + Clock> {
-    bus: Held<B>,
-    plan: Plan,
-    watchdog: Watchdog,
+    pub(super) bus: Held<B>,
+    pub(super) plan: Plan,
+    pub(super) stages: Vec<PortStage>,
+    parts: Parts,
     connection: Connection,
-    modules: Vec<Part>,
     phase_error_us: Option<Input<f64>>,
-    ports: Vec<PortStage>,
     is_discovered: bool,
 }
 
@@ -55,7 +54,7 @@ pub(super) struct Plan {
     pub status: GroupId,
     pub io: IoPorts,
     pub image: ImagePlan,
-    pub missing: Vec<MissingRemote>,
+    pub missing: Vec<Remark>,
     pub remarks: Vec<Remark>,
     /// Kinds of remotes: those that were added, then those that are built in.
     pub tables: Vec<&'static RemoteTable>,
@@ -65,14 +64,15 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Finds out what firmware the board has, and registers the modules that this crate knows.
     ///
     /// # Errors
-    /// [`StartError`]: the bus, the firmware, or settings that do not fit it.
+    /// [`DriverError`]: the bus, the firmware, or settings that do not fit it.
     ///
     /// # Real time
     /// Not for the cycle. Bounded.
-    pub fn identify(mut bus: B, settings: Settings) -> Result<Self, StartError<B::Error>> {
+    pub fn identify(mut bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
         let settings = checked(settings)?;
         if settings.pace == Pace::Board && !B::CAN_HOLD {
-            return Err(StartError::NotPaced);
+            let why = "this bus can not hold reads back";
+            return Err(DriverError::NotPaced { why });
         }
         bus.set_cycle(settings.period, None);
         let firmware = HostMot2::identify(&mut bus)?;
@@ -86,28 +86,28 @@ impl<B: RegisterBus + Clock> Board<B> {
         let mut board = Self {
             bus,
             plan,
-            watchdog,
+            stages: Vec::new(),
+            parts: Parts {
+                watchdog,
+                ports: Vec::new(),
+                modules: Vec::new(),
+            },
             connection,
-            modules: Vec::new(),
             phase_error_us: None,
-            ports: Vec::new(),
             is_discovered: false,
         };
         board.add_built_in()?;
-        board.ports = board.plan.locate_ports()?;
+        board.stages = board.plan.locate_ports()?;
         Ok(board)
     }
 
-    fn add_built_in(&mut self) -> Result<(), StartError<B::Error>> {
-        let mut phase_error_us = None;
-        self.add(|r| {
-            let dpll = Dpll::register(r)?;
-            phase_error_us = dpll.as_ref().map(|dpll| dpll.pins.phase_error_us);
-            Ok(dpll)
-        })?;
-        self.phase_error_us = phase_error_us;
-        if self.plan.settings.pace == Pace::Board && phase_error_us.is_none() {
-            return Err(StartError::NoPace);
+    fn add_built_in(&mut self) -> Result<(), DriverError<B::Error>> {
+        self.add(Dpll::register)?;
+        let dpll = self.parts.of::<Dpll>().next();
+        self.phase_error_us = dpll.map(|dpll| dpll.pins.phase_error_us);
+        if self.plan.settings.pace == Pace::Board && self.phase_error_us.is_none() {
+            let why = "this firmware's phase-locked loop is missing, or left alone";
+            return Err(DriverError::NotPaced { why });
         }
         self.add(Encoders::register)?;
         self.add(Pwm::register)?;
@@ -119,27 +119,29 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// Adds a part of the board: none, one or several instances of a module that `register` makes.
     ///
     /// # Errors
-    /// [`StartError::Register`]: why it can not be used. [`StartError::AddedLate`] after
+    /// [`DriverError::Register`]: why it can not be used. [`DriverError::AddedLate`] after
     /// [`discover`](Self::discover).
     pub fn add<M, I>(
         &mut self,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<I, RegisterError>,
-    ) -> Result<(), StartError<B::Error>>
+    ) -> Result<(), DriverError<B::Error>>
     where
         M: Module,
         I: IntoIterator<Item = M>,
     {
         if self.is_discovered {
-            return Err(StartError::AddedLate);
+            return Err(DriverError::AddedLate);
         }
         let group = self.plan.pins.add_part(self.plan.group);
         let group = group.map_err(RegisterError::from)?;
         let made = self.plan.register(&mut *self.bus, group, register)?;
-        self.modules.extend(made.into_iter().map(|module| Part {
-            module: Box::new(module),
-            group,
-            version: None,
-        }));
+        self.parts
+            .modules
+            .extend(made.into_iter().map(|module| Part {
+                module: Box::new(module),
+                group,
+                version: None,
+            }));
         Ok(())
     }
 
@@ -164,119 +166,79 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// that was started is stopped again.
     ///
     /// # Errors
-    /// [`StartError`].
+    /// [`DriverError`].
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(mut self) -> Result<Driver<B>, StartError<B::Error>> {
+    pub fn start(mut self) -> Result<Driver<B>, DriverError<B::Error>> {
         self.discover()?;
-        let started = self.plan.start_ports(&mut *self.bus, &mut self.ports);
-        match started.and_then(|ports| Ok((self.plan.prepare(&mut *self.bus)?, ports))) {
-            Ok((image, ports)) => Ok(self.into_driver(image, ports)),
+        match self.start_ports() {
+            Ok(image) => Ok(self.into_driver(image)),
             Err(error) => Err(self.stopped(error)),
         }
     }
 
-    /// Adds a kind of remote that this crate does not know: it names terminals, units and safe
-    /// values. Those that are added count before those that are built in.
-    ///
-    /// # Errors
-    /// [`StartError::AddedLate`] after [`discover`](Self::discover).
-    pub fn add_remote(&mut self, table: &'static RemoteTable) -> Result<(), StartError<B::Error>> {
-        if self.is_discovered {
-            return Err(StartError::AddedLate);
+    fn start_ports(&mut self) -> Result<Image<B>, DriverError<B::Error>> {
+        let bus = &mut *self.bus;
+        for stage in &mut self.stages {
+            self.parts.ports.push(self.plan.start(bus, stage)?);
         }
-        let tables = &mut self.plan.tables;
-        tables.insert(tables.len() - REMOTES.len(), table);
-        Ok(())
+        self.plan.prepare(bus)
     }
 
     /// Sets the board up, with everything off, and finds out what remotes there are. They stay in
-    /// setup mode until the [start](Self::start): here their parameters are read and written.
+    /// setup mode until the [start](Self::start): here their parameters are
+    /// [read](Self::read_remote_parameter) and [written](Self::write_remote_parameter).
     ///
     /// The first call does so; [`start`](Self::start) does, if nobody has.
     ///
     /// # Errors
-    /// [`StartError`]. Everything that was started is stopped again.
+    /// [`DriverError`]. Everything that was started is stopped again.
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn discover(&mut self) -> Result<Remotes<'_, B>, StartError<B::Error>> {
-        if !self.is_discovered
-            && let Err(error) = self.find_remotes()
-        {
-            return Err(self.stopped(error));
+    pub fn discover(&mut self) -> Result<(), DriverError<B::Error>> {
+        if self.is_discovered {
+            return Ok(());
         }
-        Ok(Remotes::new(
-            &mut *self.bus,
-            &mut self.plan,
-            &mut self.ports,
-        ))
+        self.find_remotes().map_err(|error| self.stopped(error))
     }
 
-    fn find_remotes(&mut self) -> Result<(), StartError<B::Error>> {
+    fn find_remotes(&mut self) -> Result<(), DriverError<B::Error>> {
         // I/O pins come last, when everybody has taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
         self.is_discovered = true;
         let bus = &mut *self.bus;
-        self.plan.image.set_up(bus).map_err(StartError::Bus)?;
-        self.plan.image.watch(bus).map_err(StartError::Bus)?;
-        self.plan.discover(bus, &mut self.ports)
+        self.plan.image.set_up(bus).map_err(DriverError::Bus)?;
+        self.plan.image.watch(bus).map_err(DriverError::Bus)?;
+        for stage in &mut self.stages {
+            self.plan.discover(bus, stage)?;
+        }
+        Ok(())
     }
 
-    fn stopped(&mut self, error: StartError<B::Error>) -> StartError<B::Error> {
-        for stage in &mut self.ports {
+    fn stopped(&mut self, error: DriverError<B::Error>) -> DriverError<B::Error> {
+        for stage in &mut self.stages {
             // The error counts; whatever can still be stopped is stopped.
             let _ = stage.port.stop_all(&mut *self.bus);
         }
         error
     }
 
-    /// The handles of the remote on `channel` (0 to 7) of `port`, which has to be of their kind.
-    /// After [`discover`](Self::discover).
-    ///
-    /// # Errors
-    /// [`AttachError`]: no remote takes part there, it is of another kind or another part of a card
-    /// (swapped channels), or it lacks a pin in its software mode.
-    pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
-        self.plan.attach(&self.ports, (port, channel))
-    }
-
-    /// The handles of the board's own functions.
-    ///
-    /// # Errors
-    /// [`AttachError`]: it is another board, its firmware lacks a module, or not all instances are
-    /// in use.
-    pub fn attach_board<T: BoardHandles>(&self) -> Result<T, AttachError> {
-        BoardTable::attach((self.pins(), self.name()), self.firmware())
-    }
-
-    fn into_driver(self, image: Image<B>, ports: Vec<SerialPort>) -> Driver<B> {
-        let Self {
-            bus,
-            plan,
-            watchdog,
-            connection,
-            modules,
-            phase_error_us,
-            ..
-        } = self;
+    fn into_driver(self, image: Image<B>) -> Driver<B> {
+        let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
         let driver = Driver {
-            bus,
+            bus: self.bus,
             firmware: plan.firmware,
             name: plan.name,
             period,
             image,
             pins: plan.pins,
             group: plan.group,
-            parts: Parts {
-                watchdog,
-                ports,
-                modules,
-            },
-            connection,
-            phase_error_us,
+            parts: self.parts,
+            connection: self.connection,
+            phase_error_us: self.phase_error_us,
             missing: plan.missing,
             remarks: plan.remarks,
             state: BoardState::Running,
@@ -298,26 +260,17 @@ impl<B: RegisterBus + Clock> Board<B> {
 }
 
 /// Refuses times that do not fit each other, and completes what follows the period.
-fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, StartError<E>> {
+fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<E>> {
     let period = settings.period;
     if !(Duration::from_micros(1)..=Duration::from_millis(800)).contains(&period) {
-        return Err(StartError::BadPeriod { period });
+        return Err(DriverError::BadPeriod { period });
     }
-    let (watchdog, needed) = (settings.watchdog_time(), period * WATCHDOG_FEEDS);
-    if watchdog < needed {
-        return Err(StartError::WatchdogTooShort {
-            watchdog,
-            needed,
-            period,
-        });
-    }
+    let of = "the board's watchdog (`Settings::watchdog`)";
+    DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
     let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);
     settings.fault_policy.rest = rest.max(period * 3 / 4);
     Ok(settings)
 }
-
-/// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
-pub(super) const WATCHDOG_FEEDS: u32 = 2;
 
 impl Plan {
     fn new(firmware: HostMot2, io: IoPorts, settings: Settings) -> Self {
@@ -326,6 +279,7 @@ impl Plan {
             format!("hm2_{board}.{}", settings.board_number)
         };
         let mut pins = PinStore::default();
+        let tables = settings.remotes.iter().copied().chain(REMOTES).collect();
         Self {
             table: BoardTable::for_firmware(&firmware, &settings.boards),
             status: pins.add_group(),
@@ -338,17 +292,17 @@ impl Plan {
             firmware,
             missing: Vec::new(),
             remarks: Vec::new(),
-            tables: REMOTES.to_vec(),
+            tables,
         }
     }
 
     /// Lays out all that was registered, and has the bus prepare its lists.
-    fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B>, StartError<B::Error>> {
+    fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B>, DriverError<B::Error>> {
         self.image.check().map_err(RegisterError::from)?;
         // The board's timer comes once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.settings;
         let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
-        self.image.freeze(bus, held).map_err(StartError::Bus)
+        self.image.freeze(bus, held).map_err(DriverError::Bus)
     }
 
     /// Lets something register, with pins of this group.
@@ -357,7 +311,7 @@ impl Plan {
         bus: &mut B,
         group: GroupId,
         register: impl FnOnce(&mut Registrar<'_>) -> Result<T, RegisterError>,
-    ) -> Result<T, StartError<B::Error>> {
+    ) -> Result<T, DriverError<B::Error>> {
         let mut bus_error = None;
         let mut peek = |address| {
             bus.read(address).map_err(|error| {
@@ -382,8 +336,8 @@ impl Plan {
                 self.image.check().map_err(RegisterError::from)?;
                 Ok(made)
             }
-            (Err(RegisterError::Peek { .. }), Some(error)) => Err(StartError::Bus(error)),
-            (Err(error), _) => Err(StartError::Register(error)),
+            (Err(RegisterError::Peek { .. }), Some(error)) => Err(DriverError::Bus(error)),
+            (Err(error), _) => Err(DriverError::Register(error)),
         }
     }
 }

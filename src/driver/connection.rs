@@ -13,44 +13,38 @@ const COOKIE: u32 = 0x55AA_CAFE;
 /// Less is never waited for a reply, whatever the application sets: as in LinuxCNC.
 const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
 
-/// The pins of the connection, and what is behind them.
+/// The connection by Ethernet: LinuxCNC's pins and parameters, and what is behind them.
 #[derive(Debug)]
 pub(super) struct Connection {
     cookie: ReadSlot,
     /// The group of the driver's own pins, which are valid whatever fails.
     group: GroupId,
-    pins: ConnectionPins,
     lost_writes: Input<u32>,
-    /// LinuxCNC's `packet-error-level`.
-    error_level: i32,
-    /// LinuxCNC's `packet-read-timeout`, as it was last.
-    read_timeout: i32,
-}
-
-/// The pins of a connection by Ethernet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ConnectionPins {
     /// The connection failed for good; set it to false to try again.
-    pub io_error: Param<bool>,
+    io_error: Param<bool>,
     /// This cycle had an error.
-    pub packet_error: Input<bool>,
+    packet_error: Input<bool>,
     /// Reads and writes that failed, counted on from whatever it is set to.
-    pub packet_error_total: InOut<u32>,
+    packet_error_total: InOut<u32>,
     /// Rises by the increment for a read or write that failed, and falls by the decrement for a
     /// read that did not, within 0 and the limit. Manual page hm2_eth(9).
-    pub packet_error_level: Input<i32>,
+    packet_error_level: Input<i32>,
     /// The level is at the limit.
-    pub packet_error_exceeded: Input<bool>,
+    packet_error_exceeded: Input<bool>,
     /// By how much the level falls. LinuxCNC 2.9 made it read-only, against its manual page.
-    pub packet_error_decrement: Param<i32>,
+    packet_error_decrement: Param<i32>,
     /// By how much the level rises.
-    pub packet_error_increment: Param<i32>,
+    packet_error_increment: Param<i32>,
     /// The level at which the connection counts as failed: everything is safe, and `io_error` set.
-    pub packet_error_limit: Param<i32>,
+    packet_error_limit: Param<i32>,
     /// How long a reply is waited for: up to 99 in per cent of the period, otherwise in
     /// nanoseconds; 0 or less is 80 %. Until it is changed, the bus keeps its own deadline.
     /// Manual page hm2_eth(9), `packet-read-timeout`.
-    pub packet_read_timeout: Param<i32>,
+    packet_read_timeout: Param<i32>,
+    /// LinuxCNC's `packet-error-level`; 0 when the board has its set-up again.
+    pub level: i32,
+    /// LinuxCNC's `packet-read-timeout`, as it was last.
+    read_timeout: i32,
 }
 
 /// What a failure adds to the level.
@@ -61,8 +55,11 @@ impl Connection {
     pub fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
         let errors = i32::try_from(r.settings.bus_error_limit.max(1)).unwrap_or(i32::MAX);
         let limit = INCREMENT.saturating_mul(errors);
+        let (cookie, group) = (r.status(COOKIE_ADDRESS), r.group);
         let mut make = r.maker("");
-        let pins = ConnectionPins {
+        Ok(Self {
+            cookie,
+            group,
             io_error: make.setting("io_error", false)?,
             packet_error: make.input("packet-error")?,
             packet_error_total: make.inout("packet-error-total")?,
@@ -72,19 +69,10 @@ impl Connection {
             packet_error_increment: make.setting("packet-error-increment", INCREMENT)?,
             packet_error_limit: make.setting("packet-error-limit", limit)?,
             packet_read_timeout: make.setting("packet-read-timeout", READ_TIMEOUT)?,
-        };
-        Ok(Self {
             lost_writes: make.input("lost-writes")?,
-            pins,
-            group: r.group,
-            cookie: r.status(COOKIE_ADDRESS),
-            error_level: 0,
+            level: 0,
             read_timeout: READ_TIMEOUT,
         })
-    }
-
-    pub fn pins(&self) -> ConnectionPins {
-        self.pins
     }
 
     /// Whether the registers are those of a HostMot2; if not, what they are.
@@ -95,14 +83,9 @@ impl Connection {
         }
     }
 
-    /// The board has its set-up again.
-    pub fn restored(&mut self) {
-        self.error_level = 0;
-    }
-
     /// How long a reply may take, when the application has changed that.
     pub fn new_deadline(&mut self, pins: &Pins, period: Duration) -> Option<Duration> {
-        let timeout = pins.param(self.pins.packet_read_timeout);
+        let timeout = pins.param(self.packet_read_timeout);
         if core::mem::replace(&mut self.read_timeout, timeout) == timeout {
             return None;
         }
@@ -118,40 +101,39 @@ impl Connection {
     /// increment, each success takes the decrement off, and the level stays within 0 and the limit:
     /// manual page hm2_eth(9).
     pub fn count_exchange(&mut self, pins: &mut PinStore, failed: bool) -> bool {
-        if !failed && self.error_level == 0 && !pins.read(self.pins.packet_error).value {
+        if !failed && self.level == 0 && !pins.read(self.packet_error).value {
             return false;
         }
-        let of = &self.pins;
-        let limit = pins.param(of.packet_error_limit).max(1);
-        self.error_level = if failed {
-            let more = pins.param(of.packet_error_increment).max(1);
-            self.error_level.saturating_add(more).min(limit)
+        let limit = pins.param(self.packet_error_limit).max(1);
+        self.level = if failed {
+            let more = pins.param(self.packet_error_increment).max(1);
+            self.level.saturating_add(more).min(limit)
         } else {
-            let less = pins.param(of.packet_error_decrement).max(0);
-            self.error_level.saturating_sub(less).clamp(0, limit)
+            let less = pins.param(self.packet_error_decrement).max(0);
+            self.level.saturating_sub(less).clamp(0, limit)
         };
         if failed {
             // From what the application may have set it to.
-            let total = pins.read(of.packet_error_total).value;
-            pins.publish(of.packet_error_total, total.saturating_add(1));
+            let total = pins.read(self.packet_error_total).value;
+            pins.publish(self.packet_error_total, total.saturating_add(1));
         }
-        let exceeded = self.error_level == limit;
-        pins.publish(of.packet_error, failed);
-        pins.publish(of.packet_error_level, self.error_level);
-        pins.publish(of.packet_error_exceeded, exceeded);
+        let exceeded = self.level == limit;
+        pins.publish(self.packet_error, failed);
+        pins.publish(self.packet_error_level, self.level);
+        pins.publish(self.packet_error_exceeded, exceeded);
         failed && exceeded
     }
 
     /// Whether the application has cleared the error.
     pub fn is_cleared(&self, pins: &Pins) -> bool {
-        !pins.param(self.pins.io_error)
+        !pins.param(self.io_error)
     }
 
     /// Shows the state of the board. Once, so that the error stays cleared when the application
     /// clears it to go on.
     pub fn show(&self, pins: &mut PinStore, state: BoardState) {
         let is_error = matches!(state, BoardState::BusDown | BoardState::Reset);
-        pins.publish(self.pins.io_error, is_error);
+        pins.publish(self.io_error, is_error);
     }
 
     pub fn publish(&self, pins: &mut PinStore, statistics: &DriverStatistics) {

@@ -232,7 +232,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// One packet out. No allocation.
     pub fn request_read(&mut self) {
-        if self.pacer.pace() == Pace::Host {
+        if self.pacer.pace == Pace::Host {
             let extra = self.wants_closer_look();
             self.pacer.start_read(&mut *self.bus, &self.image, extra);
         }
@@ -262,7 +262,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         limit: Duration,
         mut are: impl FnMut(&mut SerialPort, &Words, Instant) -> bool,
     ) -> Result<bool, B::Error> {
-        if self.pacer.pace() == Pace::Board {
+        if self.pacer.pace == Pace::Board {
             return Ok(false);
         }
         // A reply that was asked for ahead is older than what is waited for.

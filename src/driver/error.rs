@@ -1,21 +1,25 @@
-//! What goes wrong when a driver starts, and in the cycle.
+//! What goes wrong when a board is configured, and in the cycle.
 
+use alloc::boxed::Box;
+use alloc::format;
+use alloc::string::String;
 use core::time::Duration;
 
-use crate::boards::{AttachError, IdentityError};
+use super::{BoardState, Remark};
+use crate::boards::AttachError;
 use crate::bus::BusError;
-use crate::discovery::{Problem, RemoteName};
 use crate::hostmot2::IdentifyError;
 use crate::modules::RegisterError;
-use crate::remote::RemoteError;
-use crate::sslbp::{Channel, PortError, StartFailure};
+use crate::modules::serial::WATCHDOG_PARAMETER;
+use crate::remote::ParameterError;
+use crate::sslbp::PortError;
 
-use super::RemoteParameterError;
-
-/// Why a driver did not start. Everything that was started is stopped again.
+/// Why a board was not configured or started, or a parameter of a remote not read or written.
+///
+/// If a start fails, everything that was started is stopped again.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum StartError<E: BusError> {
+pub enum DriverError<E: BusError> {
     /// The bus failed.
     #[error(transparent)]
     Bus(E),
@@ -25,6 +29,9 @@ pub enum StartError<E: BusError> {
     /// A module can not be used.
     #[error(transparent)]
     Register(#[from] RegisterError),
+    /// A serial port does not do what it is told.
+    #[error(transparent)]
+    Port(PortError<E>),
     /// A serial port was configured that the firmware does not have.
     #[error(
         "there is no serial port {port}: this firmware has {ports}; leave its configuration out"
@@ -35,92 +42,51 @@ pub enum StartError<E: BusError> {
         /// How many there are.
         ports: u8,
     },
-    /// A channel was configured that no serial port has.
-    #[error("there is no channel {channel} on serial port {port}: channels are 0 to 7; correct it")]
-    NoSuchChannel {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
-    },
-    /// A serial port does not do what it is told.
-    #[error(transparent)]
-    Port(PortError<E>),
-    /// A remote that the machine can not do without is missing.
-    #[error("port {}, channel {}: {}", .0.port, .0.channel, .0.reason)]
-    Missing(MissingRemote),
-    /// No remote takes part there.
-    #[error(
-        "no remote takes part on port {port}, channel {channel}; `missing` says why, if it was configured"
-    )]
-    NoRemote {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
-    },
-    /// There are no handles of a board or a remote.
+    /// A remote that is needed does not take part.
+    #[error("{0}")]
+    Missing(Remark),
+    /// There are no handles of a board or a remote, or no remote takes part there.
     #[error(transparent)]
     Attach(#[from] AttachError),
-    /// Something was added when the board was set up already.
-    #[error(
-        "modules and kinds of remotes are added before `discover`, which sets the board up; add them first"
-    )]
-    AddedLate,
     /// A parameter of a remote was not read or written.
-    #[error("parameter {name} on port {port}, channel {channel}: {source}")]
-    RemoteParameter {
+    #[error("port {port}, channel {channel}, parameter {name}: {source}")]
+    Parameter {
         /// The port.
         port: u8,
         /// The channel.
         channel: u8,
         /// The parameter, as it was asked for.
-        name: alloc::boxed::Box<str>,
+        name: Box<str>,
         /// Why.
-        source: RemoteParameterError<E>,
+        source: ParameterError<PortError<E>>,
     },
-    /// The board was asked to pace the cycle, and has nothing to do it with.
+    /// Something was added when the board was set up already.
     #[error(
-        "this firmware's phase-locked loop is missing, or left alone, so the board can not pace \
-         the cycle; let the host do it (`Pace::Host`)"
+        "modules and kinds of remotes are added before `discover`, which sets the board up; add them first"
     )]
-    NoPace,
-    /// The bus can not hold reads back until the board's clock begins a period.
-    #[error("this bus can not let the board pace the cycle; let the host pace it (`Pace::Host`)")]
-    NotPaced,
+    AddedLate,
+    /// The board was asked to pace the cycle, and can not.
+    #[error("the board can not pace the cycle: {why}; let the host pace it (`Pace::Host`)")]
+    NotPaced {
+        /// What is missing.
+        why: &'static str,
+    },
     /// No cycle has this period.
     #[error("a period of {period:?} can not be kept: choose one of 1 us to 800 ms")]
     BadPeriod {
         /// The period.
         period: Duration,
     },
-    /// The period can not feed the board's watchdog.
+    /// The period can not feed a watchdog.
     #[error(
-        "the board's watchdog bites after {watchdog:?}, and is fed once in a period of {period:?}; \
-         a write that is lost must not let it bite, so it needs 2 x {period:?} = {needed:?}: choose a \
-         longer watchdog (`Settings::watchdog`) or a shorter period"
+        "{of} bites after {watchdog:?}, and is fed once in a period of {period:?}; a write or \
+         transfer that is lost must not let it bite, so it needs 2 x {period:?} = {needed:?}: choose \
+         a longer time for it, or a shorter period"
     )]
     WatchdogTooShort {
-        /// The time that was asked for.
-        watchdog: Duration,
-        /// What it must be at least.
-        needed: Duration,
-        /// The period.
-        period: Duration,
-    },
-    /// The period can not feed a remote's watchdog.
-    #[error(
-        "port {port}, channel {channel}: the remote's watchdog bites after {watchdog:?}, and is fed once in \
-         a period of {period:?}; a transfer that is lost must not let it bite, so it needs \
-         2 x {period:?} = {needed:?}: choose a shorter period, or set the remote's \
-         NVWatchDogTimeout to more milliseconds"
-    )]
-    RemoteWatchdogTooShort {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: Channel,
-        /// What the remote says, or 50 ms if it says nothing.
+        /// Which watchdog, and what sets it.
+        of: Box<str>,
+        /// Its time. Of a remote that does not say it, 50 ms.
         watchdog: Duration,
         /// What it must be at least.
         needed: Duration,
@@ -140,67 +106,57 @@ pub enum StartError<E: BusError> {
         /// The period.
         period: Duration,
     },
+    /// The board is not set up, so that its serial lines are no lines.
+    #[error("the board is not running ({state:?}), and reaches no remote: call `rearm` first")]
+    NotRunning {
+        /// What it is.
+        state: BoardState,
+    },
 }
 
-impl<E: BusError> From<PortError<E>> for StartError<E> {
+/// How often a watchdog must be fed within its time: a write, or a transfer, may be lost.
+const WATCHDOG_FEEDS: u32 = 2;
+
+/// Names the watchdog of a remote, and what sets it.
+pub(super) fn remote_watchdog((port, channel): (u8, u8)) -> String {
+    format!("port {port}, channel {channel}: the remote's watchdog ({WATCHDOG_PARAMETER} in ms)")
+}
+
+impl<E: BusError> DriverError<E> {
+    /// Refuses a watchdog that the period can not feed.
+    pub(super) fn check_watchdog(
+        of: &str,
+        watchdog: Duration,
+        period: Duration,
+    ) -> Result<(), Self> {
+        let needed = period.saturating_mul(WATCHDOG_FEEDS);
+        if watchdog >= needed {
+            return Ok(());
+        }
+        Err(Self::WatchdogTooShort {
+            of: of.into(),
+            watchdog,
+            needed,
+            period,
+        })
+    }
+
+    pub(super) fn no_remote(port: u8, channel: u8) -> Self {
+        Self::Attach(AttachError::NoRemote {
+            port,
+            channel,
+            expected: "remote",
+        })
+    }
+}
+
+impl<E: BusError> From<PortError<E>> for DriverError<E> {
     fn from(error: PortError<E>) -> Self {
         match error {
             PortError::Bus(error) => Self::Bus(error),
             error => Self::Port(error),
         }
     }
-}
-
-/// A remote that was configured and does not take part.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MissingRemote {
-    /// The port.
-    pub port: u8,
-    /// The channel.
-    pub channel: Channel,
-    /// Why.
-    pub reason: MissingReason,
-}
-
-impl core::fmt::Display for MissingRemote {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self {
-            port,
-            channel,
-            reason,
-        } = self;
-        write!(f, "port {port}, {channel}: {reason}")
-    }
-}
-
-/// Why a remote does not take part.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum MissingReason {
-    /// It did not start; the registers say why.
-    #[error(transparent)]
-    DidNotStart(StartFailure),
-    /// It is another remote than was asked for.
-    #[error(transparent)]
-    WrongRemote(IdentityError),
-    /// Its process data is not known for certain, so that its pins could be wrong.
-    #[error(transparent)]
-    Tables(Problem),
-    /// It did not tell the same in setup mode and in normal mode.
-    #[error("{name}: another remote answers in normal mode than in setup mode; is a plug loose?")]
-    Changed {
-        /// Its name in setup mode.
-        name: RemoteName,
-    },
-    /// Its pins can not be made.
-    #[error(transparent)]
-    Pins(RemoteError),
-    /// There is no such channel.
-    #[error("this firmware has only {channels} channels on the port")]
-    NoSuchChannel {
-        /// How many there are.
-        channels: u8,
-    },
 }
 
 /// Why a cycle brought nothing.

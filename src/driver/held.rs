@@ -10,11 +10,12 @@ use crate::modules::watchdog::WatchdogRegisters;
 /// A bus. When it is dropped, the board is [released](Self::release).
 #[derive(Debug)]
 pub(super) struct Held<B: RegisterBus> {
-    /// `None` only while it is taken out.
+    /// `None` only when it was taken out.
     bus: Option<B>,
-    /// What leaves the board driving nothing.
-    release: Vec<(u16, u32)>,
-    is_released: bool,
+    /// What leaves the board driving nothing, ...
+    release: Vec<Access>,
+    /// ... until it was written.
+    words: Vec<u32>,
 }
 
 impl<B: RegisterBus> Held<B> {
@@ -24,39 +25,38 @@ impl<B: RegisterBus> Held<B> {
             ports().map(|at| at.direction),
             ports().map(|at| at.open_drain),
         );
-        let inputs = directions.chain(open_drains);
-        let mut release: Vec<_> = inputs.map(|address| (address, 0)).collect();
-        release.push((watchdog.time, WatchdogRegisters::AT_ONCE));
+        let inputs = directions.chain(open_drains).map(|address| (address, 0));
+        let bite = (watchdog.time, WatchdogRegisters::AT_ONCE);
+        let writes = (0..).zip(inputs.chain([bite]));
+        let (release, words) = writes
+            .map(|(n, (address, word))| (Access::write(address, n, 1), word))
+            .unzip();
         Self {
             bus: Some(bus),
             release,
-            is_released: false,
+            words,
         }
     }
 
     /// Leaves the board driving nothing: all pins are inputs, and the watchdog bites. Acknowledged,
-    /// so that a lost packet is repeated.
+    /// so that a lost packet is repeated. Once.
     pub fn release(&mut self) -> Result<(), B::Error> {
-        self.is_released = true;
-        let accesses: Vec<_> = (0u16..)
-            .zip(&self.release)
-            .map(|(n, &(address, _))| Access::write(address, n, 1))
-            .collect();
-        let mut words: Vec<_> = self.release.iter().map(|&(_, word)| word).collect();
+        let mut words = core::mem::take(&mut self.words);
         match &mut self.bus {
-            Some(bus) => bus.exchange(&accesses, &mut words),
-            None => Ok(()),
+            Some(bus) if !words.is_empty() => bus.exchange(&self.release, &mut words),
+            _ => Ok(()),
         }
     }
 
     /// The bus itself, taken out once, before this is dropped.
     pub fn take(&mut self) -> B {
-        self.is_released = true;
-        match self.bus.take() {
-            Some(bus) => bus,
-            None => unreachable!("a driver that is being dropped is not shut down again"),
-        }
+        self.bus.take().unwrap_or_else(|| gone())
     }
+}
+
+/// Only an owned driver can be shut down, and nothing of it is used afterwards.
+fn gone() -> ! {
+    unreachable!("the bus is taken out last")
 }
 
 impl<B: RegisterBus> Deref for Held<B> {
@@ -64,28 +64,20 @@ impl<B: RegisterBus> Deref for Held<B> {
 
     #[inline]
     fn deref(&self) -> &B {
-        match &self.bus {
-            Some(bus) => bus,
-            None => unreachable!("it is only taken where nobody has it any more"),
-        }
+        self.bus.as_ref().unwrap_or_else(|| gone())
     }
 }
 
 impl<B: RegisterBus> DerefMut for Held<B> {
     #[inline]
     fn deref_mut(&mut self) -> &mut B {
-        match &mut self.bus {
-            Some(bus) => bus,
-            None => unreachable!("it is only taken where nobody has it any more"),
-        }
+        self.bus.as_mut().unwrap_or_else(|| gone())
     }
 }
 
 impl<B: RegisterBus> Drop for Held<B> {
     fn drop(&mut self) {
-        if !self.is_released {
-            // Nobody is left to tell; the watchdog does the rest.
-            let _ = self.release();
-        }
+        // Nobody is left to tell; the watchdog does the rest.
+        let _ = self.release();
     }
 }

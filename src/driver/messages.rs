@@ -20,10 +20,7 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
             log::info!("{} port {number}: {}", driver.name(), remote.started);
         }
     }
-    for remark in driver.remarks() {
+    for remark in driver.remarks().iter().chain(driver.missing()) {
         log::warn!("{}: {remark}", driver.name());
-    }
-    for missing in driver.missing() {
-        log::warn!("{}: {missing}", driver.name());
     }
 }

@@ -64,11 +64,8 @@ pub use crate::modules::serial::{
 pub use crate::modules::{BoardState, CycleReport};
 pub use crate::modules::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};
 pub use configure::Board;
-pub use connection::ConnectionPins;
-pub use error::{CycleError, MissingReason, MissingRemote, StartError};
-pub use parameters::RemoteParameterError;
+pub use error::{CycleError, DriverError};
 pub use remark::{Remark, RemarkKind};
-pub use remotes::{RemoteInSetup, Remotes};
 pub use report::{DriverStatistics, Rearmed};
 pub use stop::ShutdownError;
 
@@ -102,7 +99,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     connection: Connection,
     /// How late the last read was for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
-    missing: Vec<MissingRemote>,
+    missing: Vec<Remark>,
     remarks: Vec<Remark>,
     state: BoardState,
     /// The state that the pins show.
@@ -141,6 +138,14 @@ struct Part {
 }
 
 impl Parts {
+    /// The modules of a kind.
+    fn of<M: Module>(&self) -> impl Iterator<Item = &M> {
+        let parts = self.modules.iter();
+        let all = parts.map(|part| -> &dyn Any { &*part.module });
+        let all = all.chain(core::iter::once::<&dyn Any>(&self.watchdog));
+        all.filter_map(|module| module.downcast_ref())
+    }
+
     fn each(&mut self) -> impl Iterator<Item = &mut dyn Module> {
         let watchdog: &mut dyn Module = &mut self.watchdog;
         let ports = self.ports.iter_mut().map(|port| port as &mut dyn Module);
@@ -155,11 +160,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// [`Board::identify`] and [`Board::start`], for who needs nothing between them.
     ///
     /// # Errors
-    /// [`StartError`]. Everything that was started is stopped again.
+    /// [`DriverError`]. Everything that was started is stopped again.
     ///
     /// # Real time
     /// Not for the cycle. Bounded; up to some seconds with many remotes.
-    pub fn start(bus: B, settings: Settings) -> Result<Self, StartError<B::Error>> {
+    pub fn start(bus: B, settings: Settings) -> Result<Self, DriverError<B::Error>> {
         Board::identify(bus, settings)?.start()
     }
 
@@ -182,15 +187,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # }
     /// ```
     pub fn modules<M: Module>(&self) -> impl Iterator<Item = &M> {
-        let parts = self.parts.modules.iter();
-        let all = parts.map(|part| -> &dyn Any { &*part.module });
-        let all = all.chain(core::iter::once::<&dyn Any>(&self.parts.watchdog));
-        all.filter_map(|module| module.downcast_ref())
-    }
-
-    /// The pins of the connection.
-    pub fn connection(&self) -> ConnectionPins {
-        self.connection.pins()
+        self.parts.of()
     }
 
     /// The group of the board's own pins.
@@ -219,7 +216,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Remotes that were configured and do not take part, with the reason.
-    pub fn missing(&self) -> &[MissingRemote] {
+    pub fn missing(&self) -> &[Remark] {
         &self.missing
     }
 

@@ -6,9 +6,9 @@ use super::Pace;
 use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply};
 
 /// Keeps the pace.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pacer {
-    pace: Pace,
+    pub pace: Pace,
     period: Duration,
     /// What was asked for ahead.
     started: Option<Ask>,
@@ -69,17 +69,8 @@ impl Pacer {
         Self {
             pace,
             period,
-            started: None,
-            begun: None,
-            arrived: None,
-            was_short: false,
-            failures: 0,
-            lock: Lock::default(),
+            ..Self::default()
         }
-    }
-
-    pub fn pace(&self) -> Pace {
-        self.pace
     }
 
     /// What was asked for ahead is of no use any more. Waits for it, because the board holds back

@@ -1,167 +1,152 @@
-//! Parameters that remotes keep: writing them, which is only possible in setup mode.
+//! Parameters that remotes keep: reading and writing them, which is only possible in setup mode.
 
 use core::time::Duration;
 
+use super::error::remote_watchdog;
+use super::{Board, Driver, DriverError, Remark, RemarkKind};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::{DataRecord, PortMemory};
 use crate::hal::AnyValue;
-use crate::modules::watchdog::WatchdogRegisters;
-use crate::remote::{ParameterError, RemotePins};
-use crate::sslbp::{Channel, Port, PortError, StartFailure, StartMode, StartedRemote};
-
-use super::configure::WATCHDOG_FEEDS;
-use super::{BoardState, Driver};
 use crate::modules::serial::WATCHDOG_PARAMETER;
-
-/// Why a parameter of a remote was not written.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum RemoteParameterError<E: BusError> {
-    /// There is no such port.
-    #[error("there is no serial port {port}: this driver has {ports}")]
-    NoSuchPort {
-        /// The port.
-        port: u8,
-        /// How many there are.
-        ports: usize,
-    },
-    /// No remote takes part there.
-    #[error(
-        "no remote takes part on port {port}, channel {channel}; `Driver::missing` says why, if it \
-         was configured"
-    )]
-    NoSuchRemote {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: u8,
-    },
-    /// The remote does not have it.
-    #[error(
-        "port {port}, channel {channel}: the remote has no parameter of that name; its parameters are in \
-         `RemoteStatus::descriptor`"
-    )]
-    NoSuchParameter {
-        /// The port.
-        port: u8,
-        /// The channel.
-        channel: Channel,
-    },
-    /// The value is a watchdog's, and shorter than what the period feeds. Nothing was stopped.
-    #[error(
-        "a watchdog of {watchdog:?} can not be fed with a period of {period:?}: a transfer that is \
-         lost must not let it bite, so it needs 2 x {period:?} = {needed:?}; choose more \
-         milliseconds, or a shorter period"
-    )]
-    WatchdogTooShort {
-        /// What was to be written.
-        watchdog: Duration,
-        /// What it must be at least.
-        needed: Duration,
-        /// The period.
-        period: Duration,
-    },
-    /// The remote did not start in setup mode.
-    #[error(transparent)]
-    DidNotStart(StartFailure),
-    /// Another device is on the channel; nothing was written.
-    #[error(
-        "channel {channel}: another device answers ({found}); nothing was written: plug the right one in"
-    )]
-    AnotherDevice {
-        /// The channel.
-        channel: Channel,
-        /// What answers.
-        found: crate::discovery::RemoteName,
-    },
-    /// The port or the bus failed, or the remote did not keep a non-volatile value.
-    #[error(transparent)]
-    Port(PortError<E>),
-    /// The parameter can not have this value, and nothing was stopped; or the remote did not take it.
-    #[error(transparent)]
-    Parameter(ParameterError<PortError<E>>),
-    /// The board is not set up, so that its serial lines are no lines.
-    #[error("the board is not running ({state:?}), and reaches no remote: call `rearm` first")]
-    BoardNotRunning {
-        /// What it is.
-        state: BoardState,
-    },
-}
+use crate::modules::watchdog::WatchdogRegisters;
+use crate::remote::{ParameterError, ParameterValue, RemotePins};
+use crate::sslbp::{Port, PortError, StartMode, StartedRemote};
 
 /// The board's watchdog while nobody feeds it: longer than everything can take together, accesses
 /// that are tried again included.
 const UNFED: Duration = Duration::from_secs(8);
 
-/// One parameter of one remote, and what it is to be.
-#[derive(Clone, Debug)]
-pub(super) struct ParameterWrite {
-    /// Its place in [`RemotePins::parameters`].
-    pub place: usize,
-    record: DataRecord,
-    value: AnyValue,
-    pub raw: u64,
+/// A parameter of a remote.
+#[derive(Clone, Copy, Debug)]
+struct Parameter<'a> {
+    port: u8,
+    channel: u8,
+    name: &'a str,
 }
 
-/// Refuses a remote's watchdog that the period can not feed; 0 switches it off.
-pub(super) fn check_watchdog<E: BusError>(
-    name: &str,
-    value: AnyValue,
-    period: Duration,
-) -> Result<(), RemoteParameterError<E>> {
-    let millis = match value {
-        AnyValue::U32(value) => Some(u64::from(value)),
-        AnyValue::U64(value) => Some(value),
-        AnyValue::S32(value) => u64::try_from(value).ok(),
-        AnyValue::S64(value) => u64::try_from(value).ok(),
-        _ => None,
-    };
-    let needed = period.saturating_mul(WATCHDOG_FEEDS);
-    let watchdog = millis.map(Duration::from_millis).unwrap_or_default();
-    if !name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) || watchdog.is_zero() || watchdog >= needed {
-        return Ok(());
+impl Parameter<'_> {
+    fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
+        match source {
+            ParameterError::Memory(error) => error.into(),
+            source => DriverError::Parameter {
+                port: self.port,
+                channel: self.channel,
+                name: self.name.into(),
+                source,
+            },
+        }
     }
-    Err(RemoteParameterError::WatchdogTooShort {
-        watchdog,
-        needed,
-        period,
-    })
-}
 
-impl ParameterWrite {
+    fn record<E: BusError>(self, pins: &RemotePins) -> Result<&DataRecord, DriverError<E>> {
+        let parameter = pins.parameter(self.name);
+        let record = parameter.map(|parameter| &parameter.record);
+        record.ok_or_else(|| self.failed(ParameterError::Unknown))
+    }
+
     /// Checks everything that can be checked before anything is stopped.
-    pub fn new<E: BusError>(
-        (port, channel): (u8, Channel),
-        pins: &RemotePins,
-        name: &str,
+    fn check<E: BusError>(
+        self,
+        record: &DataRecord,
         value: AnyValue,
-    ) -> Result<Self, RemoteParameterError<E>> {
-        let mut parameters = pins.parameters.iter().enumerate();
-        let found = parameters.find(|(_, parameter)| parameter.record.is_named(name));
-        let Some((place, parameter)) = found else {
-            return Err(RemoteParameterError::NoSuchParameter { port, channel });
-        };
-        Ok(Self {
-            place,
-            record: parameter.record.clone(),
-            value,
-            raw: parameter.record.raw_of(value)?,
-        })
+        period: Duration,
+    ) -> Result<u64, DriverError<E>> {
+        let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
+        // 0 switches it off.
+        if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
+            let of = remote_watchdog((self.port, self.channel));
+            DriverError::check_watchdog(&of, Duration::from_millis(raw), period)?;
+        }
+        Ok(raw)
     }
 
-    /// Writes it to a remote in setup mode, and reads it back.
-    pub fn write<B: RegisterBus + Clock>(
-        &self,
+    /// Starts its remote alone in setup mode, whatever ran before, and writes it.
+    fn start_and_write<B: RegisterBus + Clock>(
+        self,
         bus: &mut B,
         port: &mut Port,
-        channel: Channel,
-    ) -> Result<(), RemoteParameterError<B::Error>> {
-        let mut memory = PortMemory { port, bus, channel };
-        Ok(self.record.write_parameter(&mut memory, self.value)?)
+        is: &StartedRemote,
+        (record, value): (&DataRecord, AnyValue),
+    ) -> Result<(), DriverError<B::Error>> {
+        let channel = is.channel;
+        port.stop_all(bus)?;
+        let report = port.start(bus, StartMode::Setup, &[(channel, is.software_mode)])?;
+        let kind = match report.outcome(channel) {
+            Some(Ok(found)) if (found.name, found.unit_number) == (is.name, is.unit_number) => {
+                let mut memory = PortMemory { port, bus, channel };
+                let written = record.write_parameter(&mut memory, value);
+                return written.map_err(|error| self.failed(error));
+            }
+            Some(Ok(found)) => RemarkKind::Changed {
+                name: is.name,
+                found: found.name,
+            },
+            Some(Err(failure)) => RemarkKind::DidNotStart(failure),
+            None => return Err(DriverError::no_remote(self.port, self.channel)),
+        };
+        let missing = Remark::new(self.port, self.channel, kind);
+        Err(DriverError::Missing(missing))
+    }
+}
+
+impl<B: RegisterBus + Clock> Board<B> {
+    /// Reads a parameter from the remote on `channel` (0 to 7) of `port`. `name` is as the remote
+    /// spells it, or as LinuxCNC does. After [`discover`](Self::discover).
+    ///
+    /// # Errors
+    /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
+    /// remote does not have it, or the access failed.
+    pub fn read_remote_parameter(
+        &mut self,
+        port: u8,
+        channel: u8,
+        name: &str,
+    ) -> Result<ParameterValue, DriverError<B::Error>> {
+        let (mut memory, _, remote) = self.in_setup(port, channel)?;
+        let parameter = Parameter {
+            port,
+            channel,
+            name,
+        };
+        let read = parameter.record(remote)?.read_parameter(&mut memory);
+        read.map_err(|error| parameter.failed(error))
+    }
+
+    /// Writes a parameter that the remote on `channel` (0 to 7) of `port` keeps, for example
+    /// `NVWatchDogTimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
+    /// does. After [`discover`](Self::discover): nothing is driven.
+    ///
+    /// A non-volatile one is written only if it is another than before, and the remote uses it from
+    /// its next power-up on.
+    ///
+    /// # Errors
+    /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
+    /// remote does not have it, or can not take the value. [`DriverError::WatchdogTooShort`]: it is
+    /// a watchdog's, and shorter than what the period feeds.
+    pub fn write_remote_parameter(
+        &mut self,
+        port: u8,
+        channel: u8,
+        name: &str,
+        value: impl Into<AnyValue>,
+    ) -> Result<(), DriverError<B::Error>> {
+        let (value, period) = (value.into(), self.plan.settings.period);
+        let (mut memory, pins, remote) = self.in_setup(port, channel)?;
+        let parameter = Parameter {
+            port,
+            channel,
+            name,
+        };
+        let record = parameter.record(remote)?;
+        let raw = parameter.check(record, value, period)?;
+        let written = record.write_parameter(&mut memory, value);
+        written.map_err(|error| parameter.failed(error))?;
+        remote.publish_parameter(pins, name, raw);
+        Ok(())
     }
 }
 
 impl<B: RegisterBus + Clock> Driver<B> {
-    /// Writes a parameter that the remote on `channel` of `port` keeps, for example
+    /// Writes a parameter that the remote on `channel` (0 to 7) of `port` keeps, for example
     /// `nvwatchdogtimeout`, and reads it back. `name` is as the remote spells it, or as LinuxCNC
     /// does.
     ///
@@ -177,7 +162,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// it from its next power-up on.
     ///
     /// # Errors
-    /// [`RemoteParameterError`]. If it is about port, remote, name or value, nothing was stopped.
+    /// [`DriverError`]. If it is about port, remote, name or value, nothing was stopped.
     ///
     /// # Real time
     /// Not for the cycle: 2 ms for the START, some accesses of 40 us, and 10 to 130 ms more where
@@ -185,31 +170,32 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub fn write_remote_parameter(
         &mut self,
         port: u8,
-        channel: Channel,
+        channel: u8,
         name: &str,
         value: impl Into<AnyValue>,
-    ) -> Result<(), RemoteParameterError<B::Error>> {
-        let ports = self.parts.ports.len();
-        let Some(found) = self.parts.ports.get(usize::from(port)) else {
-            return Err(RemoteParameterError::NoSuchPort { port, ports });
-        };
-        let Some(remote) = found.remote(channel) else {
-            let channel = channel.index();
-            return Err(RemoteParameterError::NoSuchRemote { port, channel });
-        };
+    ) -> Result<(), DriverError<B::Error>> {
         let value = value.into();
-        let write = ParameterWrite::new((port, channel), remote.pins, name, value)?;
-        check_watchdog(name, value, self.period)?;
+        let parameter = Parameter {
+            port,
+            channel,
+            name,
+        };
+        let Some(remote) = self.remote(port, channel) else {
+            return Err(DriverError::no_remote(port, channel));
+        };
+        let record = parameter.record(remote.pins)?.clone();
+        let raw = parameter.check(&record, value, self.period)?;
         let started = *remote.started;
         // The remotes of other ports are not served either: all are told safe values.
-        self.last_transfer().map_err(RemoteParameterError::Port)?;
+        self.last_transfer()?;
         if !self.is_running() {
             let state = self.state;
-            return Err(RemoteParameterError::BoardNotRunning { state });
+            return Err(DriverError::NotRunning { state });
         }
         let usual = self.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
-        let result = fed.and_then(|()| self.write_in_setup(port, &started, &write));
+        let result =
+            fed.and_then(|()| self.write_in_setup(parameter, &started, (&record, value, raw)));
         self.make_safe();
         self.pacer.forget_started(&mut *self.bus, &mut self.image);
         self.look_closely = true;
@@ -219,7 +205,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
     /// the watchdog is restarted before it has the time.
-    fn feed_for(&mut self, time: Duration) -> Result<(), RemoteParameterError<B::Error>> {
+    fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
         let watchdog = self.parts.watchdog.registers;
         let words = &mut [WatchdogRegisters::PET, watchdog.time_for(time)];
         let accesses = [
@@ -228,53 +214,29 @@ impl<B: RegisterBus + Clock> Driver<B> {
         ];
         self.bus
             .exchange(&accesses, words)
-            .map_err(|error| RemoteParameterError::Port(PortError::Bus(error)))
+            .map_err(DriverError::Bus)
     }
 
     fn write_in_setup(
         &mut self,
-        port: u8,
-        remote: &StartedRemote,
-        write: &ParameterWrite,
-    ) -> Result<(), RemoteParameterError<B::Error>> {
-        let bus = &mut *self.bus;
-        let ports = self.parts.ports.len();
-        let Some(found) = self.parts.ports.get_mut(usize::from(port)) else {
-            return Err(RemoteParameterError::NoSuchPort { port, ports });
-        };
-        let result = in_setup(bus, &mut found.port, remote, write);
-        let stopped = found.port.stop_all(bus);
-        found.taken_over(&mut self.pins, bus.now());
-        result?;
-        found.parameter_written(&mut self.pins, remote.channel, write.place, write.raw);
-        stopped.map_err(RemoteParameterError::Port)
-    }
-}
-
-/// Starts one remote in setup mode and writes; whatever ran before is stopped.
-fn in_setup<B: RegisterBus + Clock>(
-    bus: &mut B,
-    port: &mut Port,
-    remote: &StartedRemote,
-    write: &ParameterWrite,
-) -> Result<(), RemoteParameterError<B::Error>> {
-    let channel = remote.channel;
-    port.stop_all(bus).map_err(RemoteParameterError::Port)?;
-    let report = port
-        .start(bus, StartMode::Setup, &[(channel, remote.software_mode)])
-        .map_err(RemoteParameterError::Port)?;
-    match report.outcome(channel) {
-        Some(Ok(found)) if (found.name, found.unit_number) == (remote.name, remote.unit_number) => {
-            write.write(bus, port, channel)
-        }
-        Some(Ok(found)) => Err(RemoteParameterError::AnotherDevice {
+        parameter: Parameter<'_>,
+        started: &StartedRemote,
+        (record, value, raw): (&DataRecord, AnyValue, u64),
+    ) -> Result<(), DriverError<B::Error>> {
+        let Parameter {
+            port,
             channel,
-            found: found.name,
-        }),
-        Some(Err(failure)) => Err(RemoteParameterError::DidNotStart(failure)),
-        None => Err(RemoteParameterError::NoSuchRemote {
-            port: port.layout().instance,
-            channel: channel.index(),
-        }),
+            name,
+        } = parameter;
+        let bus = &mut *self.bus;
+        let Some(serial) = self.parts.ports.get_mut(usize::from(port)) else {
+            return Err(DriverError::no_remote(port, channel));
+        };
+        let result = parameter.start_and_write(bus, &mut serial.port, started, (record, value));
+        let stopped = serial.port.stop_all(bus);
+        serial.taken_over(&mut self.pins, bus.now());
+        result?;
+        serial.parameter_written(&mut self.pins, started.channel, name, raw);
+        Ok(stopped?)
     }
 }

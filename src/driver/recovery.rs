@@ -92,7 +92,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             part.restored(&mut self.pins, now);
         }
         self.state = BoardState::Running;
-        self.connection.restored();
+        self.connection.level = 0;
         self.read_failures = 0;
         self.write_failures = 0;
         Ok(())

@@ -1,137 +1,141 @@
-//! What is odd about a remote that runs.
-
-use core::fmt;
+//! What a person should look at: remotes that are missing, or odd.
 
 use alloc::vec::Vec;
 
-use crate::boards::i7i77;
-use crate::discovery::{
-    Difference, Discovered, Problem, RemoteDescriptor, RemoteName, RemoteTable,
-};
-use crate::sslbp::Channel;
+use crate::boards::{IdentityError, i7i77};
+use crate::discovery::{Difference, Discovered, Problem, RemoteName, RemoteTable};
+use crate::modules::serial::FoundRemote;
+use crate::remote::RemoteError;
+use crate::sslbp::{MAX_CHANNELS, StartFailure};
 
-/// Something about a remote that a person should look at, though it runs.
-#[derive(Clone, Debug, PartialEq)]
+/// Why a remote does not take part, or what is odd about one that does.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("port {port}, channel {channel}: {kind}")]
 pub struct Remark {
     /// The port.
     pub port: u8,
     /// The channel.
-    pub channel: Channel,
-    /// The remote's name.
-    pub name: RemoteName,
+    pub channel: u8,
     /// What it is.
     pub kind: RemarkKind,
 }
 
-/// What is odd about a remote.
-#[derive(Clone, Debug, PartialEq)]
+/// Why a remote does not take part, or what is odd about one that does.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RemarkKind {
+    /// Missing: there is no such channel.
+    #[error("this firmware has only {channels} channels on the port")]
+    NoSuchChannel {
+        /// How many there are.
+        channels: u8,
+    },
+    /// Missing: it did not start; the registers say why.
+    #[error(transparent)]
+    DidNotStart(StartFailure),
+    /// Missing: it is another remote than was asked for.
+    #[error(transparent)]
+    WrongRemote(IdentityError),
+    /// Missing: another remote answers than when it was discovered.
+    #[error(
+        "another remote answers ({found}) than the {name} that was discovered; nothing was written \
+         to it: plug the right one in (is a plug loose?)"
+    )]
+    Changed {
+        /// Its name when it was discovered.
+        name: RemoteName,
+        /// The name of what answers.
+        found: RemoteName,
+    },
+    /// Missing: its pins can not be made.
+    #[error(transparent)]
+    Pins(RemoteError),
+    /// A problem of its tables. It is missing if that leaves its process data uncertain, so that its
+    /// pins could be wrong.
+    #[error("{0}")]
+    Tables(Problem),
     /// It describes itself otherwise than the built-in table of its kind does. Its own description
     /// decides (FACTS 8.5); terminals and ranges of the card's manual may not be true for it.
+    #[error(
+        "this {name} differs from the {title} that is known: {difference}. The remote is believed; \
+         check terminals and ranges in the manual of its firmware"
+    )]
     Table {
+        /// Its name.
+        name: RemoteName,
         /// The table.
         title: &'static str,
         /// The difference.
         difference: Difference,
     },
-    /// A problem of its tables that leaves the layout of its process data alone.
-    Tables(Problem),
     /// It is the analog part of a 7I77, and the next channel has the field I/O: on the card's
     /// connector the field I/O comes first (FACTS 8.1).
+    #[error(
+        "this is the analog part of a 7I77, and the field I/O is on the next channel; a card's \
+         connector has them the other way round: exchange the channels if the card is plugged to one"
+    )]
     Swapped,
     /// Its name is that of a card whose parts are told apart by the unit number, and its unit number
     /// is none of theirs: it has no terminals and no safe values of its own.
+    #[error(
+        "a {name} with unit number {unit_number:#010x}, which belongs to no part of the card that is \
+         known; its pins are made from its own description alone"
+    )]
     UnknownPart {
+        /// Its name.
+        name: RemoteName,
         /// Its unit number.
         unit_number: u32,
     },
 }
 
 impl Remark {
-    /// Everything that is odd about a remote.
-    pub(super) fn on(
-        port: u8,
-        discovered: &Discovered,
-        tables: &[&'static RemoteTable],
-        table: Option<&RemoteTable>,
-    ) -> Vec<Self> {
-        let descriptor = &discovered.descriptor;
-        let channel = discovered.started.channel;
-        let name = descriptor.name;
-        let mut kinds = Vec::new();
-        if let Some(table) = table {
-            let title = table.title;
-            let differences = table.differences(descriptor).into_iter();
-            kinds.extend(differences.map(|difference| RemarkKind::Table { title, difference }));
-        } else if tables.iter().any(|table| table.name == name.0) {
-            let unit_number = descriptor.unit_number;
-            kinds.push(RemarkKind::UnknownPart { unit_number });
-        }
-        kinds.extend(discovered.problems.iter().cloned().map(RemarkKind::Tables));
-        let remark = |kind| Self {
+    pub(super) fn new(port: u8, channel: u8, kind: RemarkKind) -> Self {
+        Self {
             port,
             channel,
-            name,
             kind,
-        };
-        kinds.into_iter().map(remark).collect()
+        }
     }
 }
 
-/// What is odd about the order of remotes on a port.
-pub(super) fn on_order<'a>(
-    port: u8,
-    remotes: impl Iterator<Item = (Channel, &'a RemoteDescriptor)>,
-) -> Vec<Remark> {
-    let mut found = Vec::new();
-    let mut previous: Option<(Channel, &RemoteDescriptor)> = None;
-    for (channel, remote) in remotes {
-        if let Some((first, analog)) = previous
-            && first.index() + 1 == channel.index()
-            && i7i77::ANALOG.matches(analog)
-            && i7i77::FIELD.matches(remote)
-        {
-            found.push(Remark {
-                port,
-                channel: first,
-                name: analog.name,
-                kind: RemarkKind::Swapped,
-            });
-        }
-        // The analog part of the card before is none of the next card's.
-        let is_second = previous.is_some_and(|(_, field)| i7i77::FIELD.matches(field));
-        previous = (!is_second || i7i77::FIELD.matches(remote)).then_some((channel, remote));
+/// Everything that is odd about a remote, of which this table is known.
+pub(super) fn on(
+    discovered: &Discovered,
+    tables: &[&'static RemoteTable],
+    table: Option<&RemoteTable>,
+) -> Vec<RemarkKind> {
+    let descriptor = &discovered.descriptor;
+    let name = descriptor.name;
+    let mut kinds = Vec::new();
+    if let Some(table) = table {
+        let title = table.title;
+        let differences = table.differences(descriptor).into_iter();
+        kinds.extend(differences.map(|difference| RemarkKind::Table {
+            name,
+            title,
+            difference,
+        }));
+    } else if tables.iter().any(|table| table.name == name.0) {
+        let unit_number = descriptor.unit_number;
+        kinds.push(RemarkKind::UnknownPart { name, unit_number });
     }
-    found
+    kinds.extend(discovered.problems.iter().cloned().map(RemarkKind::Tables));
+    kinds
 }
 
-impl fmt::Display for Remark {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            port,
-            channel,
-            name,
-            kind,
-        } = self;
-        write!(f, "port {port}, channel {channel}: ")?;
-        match kind {
-            RemarkKind::Table { title, difference } => write!(
-                f,
-                "this {name} differs from the {title} that is known: {difference}. The remote is \
-                 believed; check terminals and ranges in the manual of its firmware"
-            ),
-            RemarkKind::Tables(problem) => write!(f, "{problem}"),
-            RemarkKind::Swapped => f.write_str(
-                "this is the analog part of a 7I77, and the field I/O is on the next channel; a \
-                 card's connector has them the other way round: exchange the channels if the card \
-                 is plugged to one",
-            ),
-            RemarkKind::UnknownPart { unit_number } => write!(
-                f,
-                "a {name} with unit number {unit_number:#010x}, which belongs to no part of the \
-                 card that is known; its pins are made from its own description alone"
-            ),
-        }
-    }
+/// The channels of a port on which a 7I77 is plugged the wrong way round. Its analog part may as well
+/// follow the field I/O of the channel before.
+pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
+    let is = |channel: Option<u8>, table: &RemoteTable| {
+        let mut remotes = remotes.iter();
+        remotes.any(|remote| {
+            Some(remote.started.channel.index()) == channel && table.matches(&remote.descriptor)
+        })
+    };
+    (0..MAX_CHANNELS).filter(move |&channel| {
+        is(Some(channel), &i7i77::ANALOG)
+            && is(Some(channel + 1), &i7i77::FIELD)
+            && !is(channel.checked_sub(1), &i7i77::FIELD)
+    })
 }

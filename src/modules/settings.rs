@@ -66,13 +66,15 @@ pub struct Settings {
     /// 5 by default.
     ///
     /// Fewer in a row do it, too, when others failed shortly before: failures are counted as
-    /// LinuxCNC counts them, see
-    /// [`packet_error_level`](crate::driver::ConnectionPins::packet_error_level). A failure adds
+    /// LinuxCNC counts them, on the pin `packet-error-level`. A failure adds
     /// `packet-error-increment` (2), a read that succeeds takes `packet-error-decrement` (1) off, and
     /// `packet-error-limit` is set to this number of increments: 10.
     pub bus_error_limit: u32,
     /// Kinds of boards that this crate does not know. They count before those that are built in.
     pub boards: Vec<&'static BoardTable>,
+    /// Kinds of remotes that this crate does not know: they name terminals, units and safe values.
+    /// They count before those that are built in.
+    pub remotes: Vec<&'static RemoteTable>,
 }
 
 impl Default for Settings {
@@ -90,6 +92,7 @@ impl Default for Settings {
             no_dpll: false,
             bus_error_limit: 5,
             boards: Vec::new(),
+            remotes: Vec::new(),
         }
     }
 }

@@ -127,6 +127,14 @@ impl RemotePins {
         parameters.find(|parameter| parameter.record.is_named(name))
     }
 
+    /// Publishes what a parameter is now.
+    pub(crate) fn publish_parameter(&mut self, pins: &mut PinStore, name: &str, raw: u64) {
+        let mut parameters = self.parameters.iter_mut();
+        if let Some(parameter) = parameters.find(|parameter| parameter.record.is_named(name)) {
+            parameter.publish(pins, raw);
+        }
+    }
+
     /// Publishes what a good transfer brought: `words` are the interface registers, from 0 on. The
     /// group is valid afterwards, of age 0.
     ///

@@ -24,6 +24,9 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     /// The access failed.
     #[error(transparent)]
     Memory(#[from] E),
+    /// The remote does not have it.
+    #[error("the remote has no parameter of that name; its descriptor lists those that it has")]
+    Unknown,
     /// The record has a size that no access has.
     #[error("the parameter has {bits} bits, expected 1 to 64; its record is damaged, leave it out")]
     Size {
@@ -178,7 +181,7 @@ impl DataRecord {
 ///
 /// It lives in the remote, which is reached in setup mode only: the driver reads it there and
 /// [`publish`](Self::publish)es it. To change it is an operation of its own, before the driver
-/// starts or while its port stands still: [`Remotes::at`](crate::driver::Remotes::at),
+/// starts or while its port stands still: [`Board::write_remote_parameter`](crate::driver::Board::write_remote_parameter),
 /// [`Driver::write_remote_parameter`](crate::driver::Driver::write_remote_parameter).
 #[derive(Clone, Debug, PartialEq)]
 pub struct RemoteParameter {

@@ -115,7 +115,7 @@ fn a_wait_for_transfers_ends_at_its_limit() {
 
 #[test]
 fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
-    use mesa_hal::driver::{Driver, RemoteConfig, SerialConfig, Settings, StartError};
+    use mesa_hal::driver::{Driver, DriverError, RemoteConfig, SerialConfig, Settings};
     use mesa_hal::sim::machines;
 
     let build = |port, config| {
@@ -130,7 +130,7 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
     for port in [1, 3, 4, 200, 255] {
         let error = build(port, SerialConfig::default()).expect_err("there is one port");
         let is_it =
-            matches!(error, StartError::NoSuchPort { port: found, ports: 1 } if found == port);
+            matches!(error, DriverError::NoSuchPort { port: found, ports: 1 } if found == port);
         assert!(is_it, "port {port}: {error}");
     }
     for channel in [8, 100, 255] {
@@ -138,7 +138,8 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
             channels: [(channel, RemoteConfig::default())].into(),
         };
         let error = build(0, config).expect_err("channels are 0 to 7");
-        let is_it = matches!(error, StartError::NoSuchChannel { port: 0, channel: found } if found == channel);
+        let is_it =
+            matches!(error, DriverError::Missing(ref missing) if missing.channel == channel);
         assert!(is_it, "channel {channel}: {error}");
     }
 }

@@ -5,8 +5,7 @@ use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{
-    Driver, MissingReason, Presence, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
-    StartError,
+    Driver, DriverError, Presence, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
 use mesa_hal::sim::devices::{
     Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
@@ -59,7 +58,7 @@ fn device(name: &str) -> Box<dyn RemoteEnd> {
 /// The driver of a board with these devices in these modes.
 fn build(
     devices: &[(&str, u8)],
-) -> Result<Driver<SimFpga>, StartError<<SimFpga as RegisterBus>::Error>> {
+) -> Result<Driver<SimFpga>, DriverError<<SimFpga as RegisterBus>::Error>> {
     let mut fpga = SimFpga::new(machines::firmware_serial(&[8]));
     let mut modes = String::new();
     for (channel, (name, mode)) in devices.iter().enumerate() {
@@ -215,8 +214,8 @@ fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.channel.index(), 1);
-    assert!(matches!(missing.reason, MissingReason::Tables(_)));
+    assert_eq!(missing.channel, 1);
+    assert!(matches!(missing.kind, RemarkKind::Tables(_)));
     let text = missing.to_string();
     assert!(
         text.contains("8I20") && text.contains("not supported"),

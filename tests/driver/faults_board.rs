@@ -6,6 +6,7 @@ use crate::common::machine::{ANALOG, Embedded, FIELD, Machine, OUTPUTS, device, 
 use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{BoardState, CycleError, Driver};
+use mesa_hal::hal::Pins;
 use mesa_hal::sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
 
@@ -280,7 +281,8 @@ fn lose_a_read(machine: &mut Machine<Faulty<SimFpga>>) {
 #[test]
 fn errors_are_counted_on_from_what_the_application_sets() {
     let mut machine = faulty();
-    let total = machine.driver.connection().packet_error_total;
+    let total = "hm2_7i92.0.packet-error-total";
+    let total = machine.driver.pins().inout::<u32>(total).expect("a pin");
     let count = |machine: &Machine<Faulty<SimFpga>>| machine.driver.pins().read(total).value;
     assert_eq!(count(&machine), 0);
     for _ in 0..3 {
@@ -305,15 +307,18 @@ fn errors_are_counted_on_from_what_the_application_sets() {
 #[test]
 fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
     let mut machine = faulty();
-    let pins = machine.driver.connection();
+    let pins = machine.driver.pins();
+    let count = pins.input::<i32>("hm2_7i92.0.packet-error-level");
+    let count = count.expect("a pin");
+    let exceeded = pins.input::<bool>("hm2_7i92.0.packet-error-exceeded");
+    let exceeded = exceeded.expect("a pin");
     let level = |machine: &Machine<Faulty<SimFpga>>| {
         let read = machine.driver.pins();
-        (
-            read.read(pins.packet_error_level).value,
-            read.read(pins.packet_error_exceeded).value,
-        )
+        (read.read(count).value, read.read(exceeded).value)
     };
-    assert_eq!(machine.driver.pins().param(pins.packet_error_limit), 10);
+    let limit = "hm2_7i92.0.packet-error-limit";
+    let limit_of = |pins: &Pins| pins.param(pins.parameter::<i32>(limit).expect("a parameter"));
+    assert_eq!(limit_of(pins), 10);
     // Never two in a row: 2, 1, 3, 2, 4, 3 ... 10.
     for n in 0..8 {
         lose_a_read(&mut machine);
@@ -336,8 +341,7 @@ fn the_error_level_is_a_leaky_bucket_and_no_count_of_failures_in_a_row() {
         ..Settings::default()
     };
     let driver = Driver::start(Faulty::new(fpga(), 7), settings).unwrap();
-    let limit = driver.connection().packet_error_limit;
-    assert_eq!(driver.pins().param(limit), 6, "three failures in a row");
+    assert_eq!(limit_of(driver.pins()), 6, "three failures in a row");
 }
 
 #[test]
@@ -367,8 +371,8 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.channel.index(), 2);
-    let text = missing.reason.to_string();
+    assert_eq!(missing.channel, 2);
+    let text = missing.kind.to_string();
     assert!(
         text.contains("no reply") || text.contains("does not answer"),
         "{text}"

@@ -397,10 +397,9 @@ fn busy_machine_with_watchdog(millis: u32) -> Machine {
         ..Settings::default()
     };
     let mut board = Board::identify(fpga(), settings).expect("a board");
-    let mut remotes = board.discover().expect("its remotes");
-    let mut outputs = remotes.at(0, 2).expect("a 7I72");
-    outputs
-        .write("nvwatchdogtimeout", millis)
+    board.discover().expect("its remotes");
+    board
+        .write_remote_parameter(0, 2, "nvwatchdogtimeout", millis)
         .expect("it takes it");
     let mut machine = Machine::with(board.start().expect("all of them run"));
     cycle(&mut machine, |_| {});

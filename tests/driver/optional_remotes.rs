@@ -99,20 +99,19 @@ fn optional(channel: usize, mode: u8, kind: &'static RemoteTable) -> Settings {
     }
 }
 
-fn board(end: Option<Box<dyn RemoteEnd>>, settings: Settings) -> Board<SimFpga> {
+fn board(end: Option<Box<dyn RemoteEnd>>, mut settings: Settings) -> Board<SimFpga> {
     let mut fpga = fpga();
     let _ = fpga.plug(0, OUTPUTS, end);
-    let mut board = Board::identify(fpga, settings).expect("a 7I92");
-    board.add_remote(&VALVES).expect("before discovery");
-    board
+    settings.remotes.push(&VALVES);
+    Board::identify(fpga, settings).expect("a 7I92")
 }
 
 /// A machine whose valve block is not there yet.
 fn shop() -> Shop {
     let mut board = board(None, optional(OUTPUTS, 0, &VALVES));
-    let remotes = board.discover().expect("two remotes");
-    assert_eq!(remotes.iter().count(), 3);
-    assert_eq!(remotes.missing(), []);
+    board.discover().expect("two remotes");
+    assert_eq!(board.remotes().count(), 3);
+    assert_eq!(board.missing(), []);
     let absent = board.attach::<Valves>(0, OUTPUTS as u8);
     let absent = absent.expect("its pins are made");
     let shop = Shop::of(board.start().expect("two remotes run"));
@@ -154,12 +153,14 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let mut shop = {
         // What is there is what it is, optional or not.
         let mut board = board(Some(valve_block("")), optional(OUTPUTS, 0, &VALVES));
-        let mut remotes = board.discover().expect("three remotes");
-        assert_eq!(remotes.iter().count(), 3);
-        assert_eq!(remotes.remarks(), []);
-        let mut block = remotes.at(0, OUTPUTS as u8).expect("it is there");
-        block.write("NVWatchDogTimeout", 100).expect("it takes it");
-        let watchdog = block.read("nvwatchdogtimeout").expect("it tells it");
+        board.discover().expect("three remotes");
+        assert_eq!(board.remotes().count(), 3);
+        assert_eq!(board.remarks(), []);
+        let channel = OUTPUTS as u8;
+        let written = board.write_remote_parameter(0, channel, "NVWatchDogTimeout", 100);
+        written.expect("it takes it");
+        let watchdog = board.read_remote_parameter(0, channel, "nvwatchdogtimeout");
+        let watchdog = watchdog.expect("it tells it");
         assert_eq!(watchdog.raw, 100);
         let valves = board.attach::<Valves>(0, OUTPUTS as u8);
         valves.expect("valves");
@@ -202,11 +203,9 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
 #[test]
 fn a_remote_that_is_absent_at_the_start_and_not_optional_stays_missing() {
     let mut board = board(None, Settings::default());
+    board.discover().expect("two remotes");
     let error = board
-        .discover()
-        .expect("two remotes")
-        .at(0, OUTPUTS as u8)
-        .map(drop)
+        .read_remote_parameter(0, OUTPUTS as u8, "nvwatchdogtimeout")
         .unwrap_err();
     assert!(error.to_string().contains("channel 2"), "{error}");
     let attached = board.attach::<Valves>(0, OUTPUTS as u8);

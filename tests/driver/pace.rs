@@ -8,7 +8,7 @@ use crate::common::ethernet::{self, SimLink, WIRE, cut, good};
 use mesa_hal::Settings;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{BoardState, Driver, Pace, StartError};
+use mesa_hal::driver::{BoardState, Driver, DriverError, Pace};
 use mesa_hal::sim::{MotorConfig, machines};
 use mesa_hal::transport::udp::UdpBus;
 
@@ -249,14 +249,14 @@ fn what_can_not_pace_is_said_when_the_driver_is_built() {
         },
     )
     .unwrap_err();
-    assert!(matches!(error, StartError::NoPace), "{error}");
+    assert!(matches!(error, DriverError::NotPaced { .. }), "{error}");
     let settings = Settings {
         pace: Pace::Board,
         no_dpll: true,
         ..Settings::default()
     };
     let error = Driver::start(bus(), settings).unwrap_err();
-    assert!(matches!(error, StartError::NoPace), "{error}");
+    assert!(matches!(error, DriverError::NotPaced { .. }), "{error}");
     let embedded = machines::six_axes_7i97(MotorConfig::default());
     let error = Driver::start(
         embedded,
@@ -266,7 +266,7 @@ fn what_can_not_pace_is_said_when_the_driver_is_built() {
         },
     );
     let error = error.unwrap_err();
-    let refused = matches!(error, StartError::NotPaced);
+    let refused = matches!(error, DriverError::NotPaced { .. });
     assert!(refused, "{error}");
     assert!(
         error.to_string().contains("let the host pace it"),

@@ -6,7 +6,7 @@ use crate::common::machine::{OUTPUTS, fpga};
 use mesa_hal::Settings;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::discovery::RemoteTable;
-use mesa_hal::driver::{Driver, MissingReason, Presence, RemoteConfig, SerialConfig, StartError};
+use mesa_hal::driver::{Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig};
 use mesa_hal::sim::{SimError, SimFpga};
 
 #[test]
@@ -22,10 +22,10 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
                 ..Settings::default()
             },
         );
-        let Err(StartError::Missing(missing)) = result else {
+        let Err(DriverError::Missing(missing)) = result else {
             panic!("built");
         };
-        missing.reason
+        missing.kind
     };
     let any = RemoteConfig {
         presence: Presence::Required,
@@ -34,18 +34,18 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
     let (kind, unit_number) = (Some(&OTHER), Some(1));
     let mut simulated = fpga();
     let wrong = build(RemoteConfig { kind, ..any }, &mut simulated);
-    assert!(matches!(wrong, MissingReason::WrongRemote(_)), "{wrong}");
+    assert!(matches!(wrong, RemarkKind::WrongRemote(_)), "{wrong}");
     let wrong = build(RemoteConfig { unit_number, ..any }, &mut simulated);
-    assert!(matches!(wrong, MissingReason::WrongRemote(_)), "{wrong}");
+    assert!(matches!(wrong, RemarkKind::WrongRemote(_)), "{wrong}");
     let wrong = build(RemoteConfig { mode: 7, ..any }, &mut simulated);
     assert!(
-        matches!(wrong, MissingReason::Tables(_))
+        matches!(wrong, RemarkKind::Tables(_))
             && wrong.to_string().contains("software mode 7 is not one of"),
         "{wrong}"
     );
     simulated.plug(0, OUTPUTS, None);
     let wrong = build(any, &mut simulated);
-    assert!(matches!(wrong, MissingReason::DidNotStart(_)), "{wrong}");
+    assert!(matches!(wrong, RemarkKind::DidNotStart(_)), "{wrong}");
     assert_eq!(
         simulated.read_register(0x5C00) & 0xFFFF,
         0xC100,
@@ -64,7 +64,7 @@ fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
             ..Settings::default()
         },
     );
-    let Err(StartError::PeriodTooShort { needed, .. }) = result else {
+    let Err(DriverError::PeriodTooShort { needed, .. }) = result else {
         panic!("built");
     };
     assert!(needed > period && needed < 2 * period, "{needed:?}");
@@ -110,7 +110,7 @@ impl Clock for &mut TooSmall {
 fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stopped() {
     let mut bus = TooSmall(fpga());
     let error = Driver::start(&mut bus, Settings::default()).unwrap_err();
-    assert!(matches!(error, StartError::Bus(_)), "{error}");
+    assert!(matches!(error, DriverError::Bus(_)), "{error}");
     for channel in 0..3u16 {
         let cs = bus.0.read_register(0x5C00 + 4 * channel);
         assert_eq!(cs & 0xFFFF, 0xC100, "channel {channel}");

@@ -4,13 +4,12 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use mesa_hal::boards::AttachError;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
-use mesa_hal::driver::{
-    Board, BoardState, Driver, RemoteParameterError, RemoteWatchdog, Settings, StartError,
-};
+use mesa_hal::driver::{Board, BoardState, Driver, DriverError, RemoteWatchdog, Settings};
 use mesa_hal::hal::PinError;
+use mesa_hal::remote::ParameterError;
 use mesa_hal::sim::SimFpga;
-use mesa_hal::sslbp::Channel;
 use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -44,7 +43,7 @@ fn set_param_of_a_parameter_in_a_remote_is_refused_and_says_how() {
 /// A board whose remotes are in setup mode.
 fn discovered(fpga: SimFpga) -> Board<SimFpga> {
     let mut board = Board::identify(fpga, Settings::default()).expect("a board");
-    let _ = board.discover().expect("its remotes");
+    board.discover().expect("its remotes");
     board
 }
 
@@ -53,9 +52,8 @@ fn write(
     channel: usize,
     name: &str,
     value: u32,
-) -> Result<(), StartError<<SimFpga as RegisterBus>::Error>> {
-    let mut remotes = board.discover()?;
-    remotes.at(0, channel as u8)?.write(name, value)
+) -> Result<(), DriverError<<SimFpga as RegisterBus>::Error>> {
+    board.write_remote_parameter(0, channel as u8, name, value)
 }
 
 #[test]
@@ -68,12 +66,9 @@ fn parameters_are_written_in_setup_mode_before_the_start() {
     ] {
         write(&mut board, channel, name, value).expect("it takes it");
     }
-    let mut remotes = board.discover().expect("they stay discovered");
-    let mut field = remotes.at(0, 0).expect("field I/O");
-    assert_eq!(
-        field.read("nvwatchdogtimeout").expect("it is read").raw,
-        100
-    );
+    board.discover().expect("they stay discovered");
+    let field = board.read_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout");
+    assert_eq!(field.expect("it is read").raw, 100);
     let mut machine = Machine::with(board.start().expect("all of them run"));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
     assert_eq!(kept(&machine, ANALOG, "nvwatchdogtimeout"), 50);
@@ -115,41 +110,43 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
             0,
             "nvwatchdog",
             50,
-            "parameter nvwatchdog on port 0, channel 0: port 0, channel 0: the remote has no \
-             parameter of that name; its parameters are in `RemoteStatus::descriptor`",
+            "port 0, channel 0, parameter nvwatchdog: the remote has no parameter of that name; its \
+             descriptor lists those that it has",
         ),
         (
             0,
             "nvwatchdogtimeout",
             65_536,
-            "parameter nvwatchdogtimeout on port 0, channel 0: 65536 does not fit: the parameter \
+            "port 0, channel 0, parameter nvwatchdogtimeout: 65536 does not fit: the parameter \
              is u32, 16 bits wide",
         ),
         (
             0,
             "swrevision",
             1,
-            "parameter swrevision on port 0, channel 0: the remote's parameter can only be read",
+            "port 0, channel 0, parameter swrevision: the remote's parameter can only be read",
         ),
         (
             9,
             "nvwatchdogtimeout",
             100,
-            "no remote takes part on port 0, channel 9; `missing` says why, if it was configured",
+            "no remote takes part on port 0, channel 9, where a remote was asked for; `missing` says \
+             why, if it was configured",
         ),
         (
             ANALOG,
             "nvwatchdogtimeout",
             100,
-            "no remote takes part on port 0, channel 1; `missing` says why, if it was configured",
+            "no remote takes part on port 0, channel 1, where a remote was asked for; `missing` says \
+             why, if it was configured",
         ),
     ] {
         let error = write(&mut board, channel, name, value).unwrap_err();
         assert_eq!(error.to_string(), expected);
     }
-    let mut remotes = board.discover().expect("they stay discovered");
-    assert_eq!(remotes.missing().len(), 1);
-    assert!(remotes.at(3, 0).is_err());
+    assert_eq!(board.missing().len(), 1);
+    let elsewhere = board.read_remote_parameter(3, 0, "nvwatchdogtimeout");
+    assert!(elsewhere.is_err());
     let driver = board.start().expect("the others run");
     assert_eq!(driver.ports()[0].remotes().count(), 2);
 }
@@ -189,7 +186,7 @@ fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_resta
         let before = machine.now();
         machine
             .driver
-            .write_remote_parameter(0, Channel::ALL[OUTPUTS], "nvwatchdogtimeout", 200)
+            .write_remote_parameter(0, OUTPUTS as u8, "nvwatchdogtimeout", 200)
             .unwrap();
         let took = (machine.now() - before) / 1_000_000;
         assert!(took < 50, "{took} ms");
@@ -220,23 +217,35 @@ fn a_wrong_name_or_value_at_run_time_stops_nothing() {
     switch_on(&mut machine);
     machine.cycles(5);
     let driver = &mut machine.driver;
-    let channel = Channel::ALL[FIELD];
+    let channel = FIELD as u8;
     let result = driver.write_remote_parameter(0, channel, "nothing", 1);
     assert!(matches!(
         result,
-        Err(RemoteParameterError::NoSuchParameter { .. })
+        Err(DriverError::Parameter {
+            source: ParameterError::Unknown,
+            ..
+        })
     ));
     let result = driver.write_remote_parameter(0, channel, "nvbaudrate", -1);
-    assert!(matches!(result, Err(RemoteParameterError::Parameter(_))));
-    let result = driver.write_remote_parameter(0, Channel::ALL[5], "nvbaudrate", 9);
     assert!(matches!(
         result,
-        Err(RemoteParameterError::NoSuchRemote { channel: 5, .. })
+        Err(DriverError::Parameter {
+            source: ParameterError::DoesNotFit { .. },
+            ..
+        })
+    ));
+    let result = driver.write_remote_parameter(0, 5, "nvbaudrate", 9);
+    assert!(matches!(
+        result,
+        Err(DriverError::Attach(AttachError::NoRemote {
+            channel: 5,
+            ..
+        }))
     ));
     let result = driver.write_remote_parameter(1, channel, "nvbaudrate", 9);
     assert!(matches!(
         result,
-        Err(RemoteParameterError::NoSuchPort { port: 1, ports: 1 })
+        Err(DriverError::Attach(AttachError::NoRemote { port: 1, .. }))
     ));
     for _ in 0..5 {
         assert!(machine.cycle().is_good());
@@ -250,11 +259,10 @@ fn an_absent_remote_is_an_error_and_the_others_come_back() {
     machine.cycles(5);
     machine.cable(FIELD).unplug();
     machine.cycles(40);
-    let result =
-        machine
-            .driver
-            .write_remote_parameter(0, Channel::ALL[FIELD], "nvwatchdogtimeout", 100);
-    assert!(matches!(result, Err(RemoteParameterError::DidNotStart(_))));
+    let result = machine
+        .driver
+        .write_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout", 100);
+    assert!(matches!(result, Err(DriverError::Missing(_))));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 50);
     machine.until(300, |machine| {
         let _ = machine.driver.rearm().unwrap();
@@ -268,32 +276,28 @@ fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an
     machine.cycles(5);
     let write = |machine: &mut Machine, value: u32| {
         let driver = &mut machine.driver;
-        driver.write_remote_parameter(0, Channel::ALL[FIELD], "nvwatchdogtimeout", value)
+        driver.write_remote_parameter(0, FIELD as u8, "nvwatchdogtimeout", value)
     };
     write(&mut machine, 100).unwrap();
     machine.pass_nanos(7_000_000);
     let _ = machine.driver.read().unwrap();
     assert_eq!(machine.driver.board_state(), BoardState::WatchdogBitten);
     let result = write(&mut machine, 200);
-    assert!(matches!(
-        result,
-        Err(RemoteParameterError::BoardNotRunning { .. })
-    ));
+    assert!(matches!(result, Err(DriverError::NotRunning { .. })));
     assert_eq!(kept(&machine, FIELD, "nvwatchdogtimeout"), 100);
 }
 
 #[test]
 fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
-    let text = "a watchdog of 1ms can not be fed with a period of 1ms: a transfer that is lost must \
-                not let it bite, so it needs 2 x 1ms = 2ms; choose more milliseconds, or a shorter \
-                period";
+    let text = "port 0, channel 1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1ms, \
+                and is fed once in a period of 1ms; a write or transfer that is lost must not let it \
+                bite, so it needs 2 x 1ms = 2ms: choose a longer time for it, or a shorter period";
     let error = write(&mut discovered(fpga()), ANALOG, "NVWatchDogTimeout", 1).unwrap_err();
-    let place = "parameter NVWatchDogTimeout on port 0, channel 1: ";
-    assert_eq!(error.to_string(), format!("{place}{text}"));
+    assert_eq!(error.to_string(), text);
 
     let mut machine = Machine::new();
     let mut write = |value: u32| {
-        let (driver, analog) = (&mut machine.driver, Channel::ALL[ANALOG]);
+        let (driver, analog) = (&mut machine.driver, ANALOG as u8);
         driver.write_remote_parameter(0, analog, "nvwatchdogtimeout", value)
     };
     assert_eq!(write(1).unwrap_err().to_string(), text);
@@ -311,7 +315,7 @@ fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power
     machine.cycles(5);
     let driver = &mut machine.driver;
     driver
-        .write_remote_parameter(0, Channel::ALL[OUTPUTS], "nvwatchdogtimeout", 200)
+        .write_remote_parameter(0, OUTPUTS as u8, "nvwatchdogtimeout", 200)
         .unwrap();
     machine.until(200, |machine| {
         machine.driver.rearm().unwrap().waiting == 0 && machine.is_valid(OUTPUTS)
@@ -355,7 +359,7 @@ fn a_bus_that_fails_during_the_call_leaves_nothing_that_the_cycle_takes_for_its_
                 machine.driver.bus_mut().fail_at(exchange, fault);
             }
             let starts = machine.driver.ports()[0].statistics().starts;
-            let (driver, channel) = (&mut machine.driver, Channel::ALL[FIELD]);
+            let (driver, channel) = (&mut machine.driver, FIELD as u8);
             let _ = driver.write_remote_parameter(0, channel, "nvwatchdogtimeout", value);
             let used = machine.driver.bus().exchanges() - first;
             machine.driver.bus_mut().heal();

@@ -9,7 +9,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
-    BoardState, Driver, GpioConfig, Presence, RemoteConfig, SerialConfig, StartError,
+    BoardState, Driver, DriverError, GpioConfig, Presence, RemoteConfig, SerialConfig,
 };
 use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
 
@@ -37,7 +37,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
             ..Settings::default()
         },
     );
-    let Err(error @ StartError::WatchdogTooShort { needed, .. }) = result else {
+    let Err(error @ DriverError::WatchdogTooShort { needed, .. }) = result else {
         panic!("built");
     };
     assert_eq!(needed, millis(2));
@@ -70,7 +70,7 @@ fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmeti
             },
         )
     };
-    let Err(error @ StartError::RemoteWatchdogTooShort { watchdog, .. }) = built(26) else {
+    let Err(error @ DriverError::WatchdogTooShort { watchdog, .. }) = built(26) else {
         panic!("built");
     };
     assert_eq!(watchdog, millis(50));
@@ -98,7 +98,7 @@ fn no_period_panics_and_what_can_not_be_kept_is_refused() {
             },
         );
         assert!(
-            matches!(result, Err(StartError::BadPeriod { .. })),
+            matches!(result, Err(DriverError::BadPeriod { .. })),
             "{period:?}"
         );
     }
@@ -277,7 +277,7 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
             ..Settings::default()
         },
     );
-    assert!(matches!(built, Err(StartError::Missing(_))));
+    assert!(matches!(built, Err(DriverError::Missing(_))));
     drop(built);
     simulated.wait(millis(1));
     assert_eq!(driven(&simulated), [], "the driver was not built");

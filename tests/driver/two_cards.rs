@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use mesa_hal::Settings;
-use mesa_hal::driver::{Driver, EncoderSetup, StartError};
+use mesa_hal::driver::{Driver, DriverError, EncoderSetup};
 use mesa_hal::hal::Pins;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
@@ -124,7 +124,7 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
     let error = build(7).map(drop).expect_err("there are six");
     assert!(matches!(
         error,
-        StartError::Register(RegisterError::TooManyEncoders { count: 7, all: 6 })
+        DriverError::Register(RegisterError::TooManyEncoders { count: 7, all: 6 })
     ));
     assert!(error.to_string().contains("at most 6"), "{error}");
     let driver = build(3).expect("three of six");

@@ -123,6 +123,7 @@ fn settings() -> Settings {
     Settings {
         period: PERIOD,
         boards: vec![&BOARD],
+        remotes: vec![&VALVES],
         gpio: vec![(LAMP, lamp)],
         ..Settings::default()
     }
@@ -151,7 +152,6 @@ impl Machine {
     fn on(fpga: SimFpga) -> Self {
         let mut board = Board::identify(fpga, settings()).expect("a board");
         board.add(Pulser::register).expect("the module");
-        board.add_remote(&VALVES).expect("before the discovery");
         board.discover().expect("the card");
         let valves = board.attach(0, 0).expect("the card");
         let lamp = board.attach_board().expect("the board");
@@ -337,14 +337,14 @@ fn what_is_not_there_or_there_already_is_told() {
         .add(Pulser::register)
         .expect_err("its I/O pin is taken");
     println!("{twice}");
-    board.add_remote(&VALVES).expect("before the discovery");
     board.discover().expect("the card");
     let absent = board
         .attach::<Valves>(0, 1)
         .err()
         .expect("nothing is there");
     assert!(absent.to_string().contains("valve block"), "{absent}");
-    let late = board.add_remote(&VALVES).expect_err("after the discovery");
+    let late = board.add(Pulser::register);
+    let late = late.expect_err("after the discovery");
     println!("{late}");
 
     let mut other = Board::identify(machines::i7i92_7i77(), Settings::default()).expect("a 7I92");

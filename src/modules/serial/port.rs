@@ -133,19 +133,17 @@ impl SerialPort {
         self.restart(self.recovery.known, pins, now);
     }
 
-    /// A parameter of a remote, the one at this place, was written and read back.
+    /// A parameter of a remote was written and read back.
     pub(crate) fn parameter_written(
         &mut self,
         pins: &mut PinStore,
         channel: Channel,
-        place: usize,
+        name: &str,
         raw: u64,
     ) {
         let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
         if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == channel) {
-            if let Some(parameter) = remote.pins.parameters.get_mut(place) {
-                parameter.publish(pins, raw);
-            }
+            remote.pins.publish_parameter(pins, name, raw);
             health.watchdog = remote.watchdog();
         }
     }

@@ -60,7 +60,7 @@ impl Port {
         self.machine.running
     }
 
-    fn known_parameters<E: BusError>(&self) -> Result<PortParameters, PortError<E>> {
+    pub(crate) fn known_parameters<E: BusError>(&self) -> Result<PortParameters, PortError<E>> {
         let needed = "its parameters (call reset or identify first)";
         self.parameters
             .ok_or_else(|| self.wrong_state(needed.into()))

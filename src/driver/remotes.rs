@@ -1,0 +1,389 @@
+//! Serial ports and their remotes while a board is configured: from reset to the first transfer.
+
+use alloc::collections::BTreeMap;
+use alloc::string::ToString;
+use alloc::vec::Vec;
+
+use super::configure::Plan;
+use super::error::remote_watchdog;
+use super::remark;
+use super::{Board, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
+use crate::boards::{AttachError, check_identity};
+use crate::bus::{BusError, Clock, RegisterBus};
+use crate::discovery::{
+    Discovered, DiscoveryOptions, PackingPlan, PortMemory, RemoteDescriptor, RemoteTable,
+    discover_port,
+};
+use crate::hal::PinStore;
+use crate::hostmot2::PinDescriptor;
+use crate::modules::RegisterError;
+use crate::modules::serial::FoundRemote;
+use crate::remote::{ParameterError, RemoteError, RemoteLocation, RemotePins};
+use crate::sslbp::{
+    Channel, CsStatus, Layout, MAX_CHANNELS, Port, PortError, ProcessDataSizes, ReplyFormat,
+    StartMode, StartedRemote,
+};
+
+/// What nothing is known of.
+const ANY: RemoteTable = RemoteTable::new("remote of any kind", [0; 4], &[]);
+
+/// A serial port while its board is configured.
+#[derive(Debug)]
+pub(super) struct PortStage {
+    pub port: Port,
+    /// The channels that are used.
+    configs: BTreeMap<Channel, RemoteConfig>,
+    /// By channel.
+    remotes: Vec<FoundRemote>,
+}
+
+impl PortStage {
+    fn number(&self) -> u8 {
+        self.port.layout().instance
+    }
+
+    pub fn remote(&self, channel: u8) -> Option<&FoundRemote> {
+        let mut remotes = self.remotes.iter();
+        remotes.find(|remote| remote.started.channel.index() == channel)
+    }
+}
+
+/// What discovery has found.
+impl<B: RegisterBus + Clock> Board<B> {
+    /// The remotes that take part, port by port, with the number of the port; so do those that are
+    /// absent and optional.
+    pub fn remotes(&self) -> impl Iterator<Item = (u8, &FoundRemote)> {
+        let stages = self.stages.iter();
+        stages.flat_map(|stage| {
+            let number = stage.number();
+            stage.remotes.iter().map(move |remote| (number, remote))
+        })
+    }
+
+    /// Remotes that were configured and do not take part, with the reason. They are looked for
+    /// again at the next start; see [`Presence::Optional`].
+    pub fn missing(&self) -> &[Remark] {
+        &self.plan.missing
+    }
+
+    /// What is odd about the remotes that take part.
+    pub fn remarks(&self) -> &[Remark] {
+        &self.plan.remarks
+    }
+
+    /// The memory and the pins of a remote in setup mode.
+    #[expect(
+        clippy::type_complexity,
+        reason = "parts of the board, borrowed at once"
+    )]
+    pub(super) fn in_setup(
+        &mut self,
+        port: u8,
+        channel: u8,
+    ) -> Result<(PortMemory<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
+        let Self {
+            bus, plan, stages, ..
+        } = self;
+        let stage = stages.get_mut(usize::from(port));
+        let found = stage.and_then(|stage| {
+            let is_it = |remote: &&mut FoundRemote| {
+                remote.started.channel.index() == channel && !remote.is_absent
+            };
+            Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
+        });
+        let (port, remote) = found.ok_or_else(|| DriverError::no_remote(port, channel))?;
+        let memory = PortMemory {
+            port,
+            bus: &mut **bus,
+            channel: remote.started.channel,
+        };
+        Ok((memory, &mut plan.pins, &mut remote.pins))
+    }
+}
+
+impl Plan {
+    /// Finds the ports of the firmware and takes their I/O pins.
+    pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
+        let module = self.firmware.require_sserial().ok().copied();
+        let ports = module.map_or(0, |module| module.instances);
+        let serial_ports = &self.settings.serial_ports;
+        if let Some((&port, _)) = serial_ports.range(ports..).next() {
+            return Err(DriverError::NoSuchPort { port, ports });
+        }
+        let Some(module) = module else {
+            return Ok(Vec::new());
+        };
+        let mut located = Vec::new();
+        for port in 0..ports {
+            let layout = Layout::locate(&self.firmware, port).map_err(RegisterError::from)?;
+            let channels = layout.channels;
+            let mut wanted = serial_ports
+                .get(&port)
+                .cloned()
+                .unwrap_or_default()
+                .channels;
+            for (channel, config) in wanted.split_off(&channels) {
+                if channel >= MAX_CHANNELS || config.presence != Presence::Any {
+                    let kind = RemarkKind::NoSuchChannel { channels };
+                    return Err(DriverError::Missing(Remark::new(port, channel, kind)));
+                }
+            }
+            // As in LinuxCNC, the pins of channels that are not used are plain I/O.
+            let is_used = |pin: PinDescriptor| {
+                let number = pin.secondary_pin & 0x0F;
+                let channel = number.checked_sub(1);
+                channel.is_none_or(|channel| wanted.contains_key(&channel))
+            };
+            self.io
+                .use_module(&self.firmware, module.gtag, port, is_used)
+                .map_err(RegisterError::from)?;
+            let config = |channel: Channel| Some((channel, *wanted.get(&channel.index())?));
+            located.push(PortStage {
+                port: Port::new(layout),
+                configs: Channel::ALL.into_iter().filter_map(config).collect(),
+                remotes: Vec::new(),
+            });
+        }
+        Ok(located)
+    }
+
+    /// Resets a port and discovers its remotes, which are in setup mode then.
+    pub fn discover<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        stage: &mut PortStage,
+    ) -> Result<(), DriverError<B::Error>> {
+        stage.port.reset(bus)?;
+        let starts: Vec<_> = stage
+            .configs
+            .iter()
+            .map(|(&channel, config)| (channel, config.mode))
+            .collect();
+        let options = DiscoveryOptions {
+            tables: &self.tables,
+            ..DiscoveryOptions::default()
+        };
+        let mut absent = Vec::new();
+        for outcome in discover_port(&mut stage.port, bus, &starts, &options)? {
+            let outcome = outcome
+                .map_err(|failure| (failure.channel, RemarkKind::DidNotStart(failure)))
+                .and_then(|discovered| self.candidate(stage, discovered));
+            match outcome {
+                Ok(mut remote) => {
+                    self.read_parameters(bus, &mut stage.port, &mut remote)?;
+                    stage.remotes.push(remote);
+                }
+                Err(missing) => absent.push(missing),
+            }
+        }
+        let number = stage.number();
+        let swapped = remark::swapped(&stage.remotes)
+            .map(|channel| Remark::new(number, channel, RemarkKind::Swapped));
+        self.remarks.extend(swapped);
+        for (channel, kind) in absent {
+            match stage.configs.get(&channel) {
+                Some(config) if config.presence == Presence::Optional => {
+                    let remote = self.absent(stage, channel, *config)?;
+                    stage.remotes.push(remote);
+                }
+                _ => self.miss(stage, channel, kind)?,
+            }
+        }
+        stage.remotes.sort_by_key(|remote| remote.started.channel);
+        Ok(())
+    }
+
+    /// A remote does not take part. Fails if the machine can not do without it.
+    fn miss<E: BusError>(
+        &mut self,
+        stage: &PortStage,
+        channel: Channel,
+        kind: RemarkKind,
+    ) -> Result<(), DriverError<E>> {
+        let missing = Remark::new(stage.number(), channel.index(), kind);
+        let config = stage.configs.get(&channel);
+        if config.is_some_and(|config| config.presence == Presence::Required) {
+            return Err(DriverError::Missing(missing));
+        }
+        self.missing.push(missing);
+        Ok(())
+    }
+
+    /// Makes the pins of a remote that is the right one and that is understood.
+    fn candidate(
+        &mut self,
+        stage: &PortStage,
+        discovered: Discovered,
+    ) -> Result<FoundRemote, (Channel, RemarkKind)> {
+        let descriptor = &discovered.descriptor;
+        let channel = discovered.started.channel;
+        let expected = stage.configs.get(&channel).copied().unwrap_or_default();
+        let identity = check_identity(descriptor, expected.kind, expected.unit_number);
+        identity.map_err(|error| (channel, RemarkKind::WrongRemote(error)))?;
+        let plan = discovered.plan.as_ref();
+        let plan = plan.map_err(|problem| (channel, RemarkKind::Tables(problem.clone())))?;
+        let table = self.tables.iter().find(|table| table.matches(descriptor));
+        let table = table.copied();
+        let remarks = remark::on(&discovered, &self.tables, table).into_iter();
+        let remarks: Vec<_> = remarks
+            .map(|kind| Remark::new(stage.number(), channel.index(), kind))
+            .collect();
+        let pins = self.remote_pins(stage, channel, descriptor, (plan, table));
+        let pins = pins.map_err(|error| (channel, RemarkKind::Pins(error)))?;
+        self.remarks.extend(remarks);
+        Ok(FoundRemote {
+            started: discovered.started,
+            descriptor: discovered.descriptor,
+            problems: discovered.problems,
+            pins,
+            is_absent: false,
+        })
+    }
+
+    /// Makes a remote that is not there: of the kind and in the software mode it is configured for.
+    fn absent(
+        &mut self,
+        stage: &PortStage,
+        channel: Channel,
+        config: RemoteConfig,
+    ) -> Result<FoundRemote, AttachError> {
+        let RemoteConfig { mode, kind, .. } = config;
+        let table = kind.unwrap_or(&ANY);
+        let unusable = |why| AttachError::Table {
+            kind: table.title,
+            mode,
+            why,
+        };
+        let descriptor = table.descriptor(mode);
+        let descriptor =
+            descriptor.ok_or_else(|| unusable("it does not say all of its process data".into()))?;
+        let plan = PackingPlan::new(&descriptor, stage.port.layout().interface_registers);
+        let plan = plan.map_err(|problem| unusable(problem.to_string()))?;
+        let contents = table.contents.iter().find(|contents| contents.mode == mode);
+        let mut expected = StartedRemote {
+            channel,
+            software_mode: mode,
+            unit_number: descriptor.unit_number,
+            name: descriptor.name,
+            ptoc: contents.map_or(0, |contents| contents.ptoc),
+            gtoc: contents.map_or(0, |contents| contents.gtoc),
+            sizes: ProcessDataSizes {
+                rx: plan.input_bytes() as u8,
+                tx: plan.output_bytes() as u8,
+            },
+            cs: CsStatus::default(),
+        };
+        if expected.reply_format() == ReplyFormat::FaultByteFirst {
+            expected.sizes.rx += 1;
+        }
+        let pins = self.remote_pins(stage, channel, &descriptor, (&plan, Some(table)));
+        Ok(FoundRemote {
+            started: expected,
+            pins: pins.map_err(|error| unusable(error.to_string()))?,
+            descriptor,
+            problems: Vec::new(),
+            is_absent: true,
+        })
+    }
+
+    fn remote_pins(
+        &mut self,
+        stage: &PortStage,
+        channel: Channel,
+        descriptor: &RemoteDescriptor,
+        (plan, table): (&PackingPlan, Option<&RemoteTable>),
+    ) -> Result<RemotePins, RemoteError> {
+        let location = RemoteLocation {
+            board: &self.name,
+            port: stage.number(),
+            channel: channel.index(),
+        };
+        RemotePins::new(&mut self.pins, location, descriptor, plan, table)
+    }
+
+    /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.
+    fn read_parameters<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        port: &mut Port,
+        remote: &mut FoundRemote,
+    ) -> Result<(), DriverError<B::Error>> {
+        let channel = remote.started.channel;
+        let mut memory = PortMemory { port, bus, channel };
+        for parameter in &mut remote.pins.parameters {
+            match parameter.record.read_parameter(&mut memory) {
+                Ok(value) => parameter.publish(&mut self.pins, value.raw),
+                Err(ParameterError::Memory(PortError::Bus(error))) => {
+                    return Err(DriverError::Bus(error));
+                }
+                Err(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts the remotes of a port in normal mode.
+    pub fn start<B: RegisterBus + Clock>(
+        &mut self,
+        bus: &mut B,
+        stage: &mut PortStage,
+    ) -> Result<SerialPort, DriverError<B::Error>> {
+        stage.port.stop_all(bus)?;
+        let there = stage.remotes.iter().filter(|remote| !remote.is_absent);
+        let starts: Vec<_> = there
+            .map(|remote| &remote.started)
+            .map(|is| (is.channel, is.software_mode))
+            .collect();
+        let report = stage.port.start(bus, StartMode::Normal, &starts)?;
+        let mut remotes = Vec::new();
+        for mut remote in core::mem::take(&mut stage.remotes) {
+            let is = remote.started;
+            let kind = match report.outcome(is.channel) {
+                None => {
+                    remotes.push(remote);
+                    continue;
+                }
+                // It tells the same as in setup mode.
+                Some(Ok(found)) if (StartedRemote { cs: is.cs, ..found }) == is => {
+                    remote.started = found;
+                    remotes.push(remote);
+                    continue;
+                }
+                Some(Ok(found)) => RemarkKind::Changed {
+                    name: is.name,
+                    found: found.name,
+                },
+                Some(Err(failure)) => RemarkKind::DidNotStart(failure),
+            };
+            self.miss(stage, is.channel, kind)?;
+        }
+        let parameters = stage.port.known_parameters()?;
+        let (now, status) = (bus.now(), self.status);
+        let port = (stage.port.clone(), parameters);
+        let port = self.register(bus, status, |r| SerialPort::register(r, port, remotes, now))?;
+        self.check(&port)?;
+        Ok(port)
+    }
+
+    /// Whether the period is long enough for the transfers of a port, and short enough for the
+    /// watchdogs of its remotes.
+    fn check<E: BusError>(&self, port: &SerialPort) -> Result<(), DriverError<E>> {
+        let period = self.settings.period;
+        let number = port.layout().instance;
+        let needed = port.expected_time.usual;
+        if needed > period {
+            return Err(DriverError::PeriodTooShort {
+                port: number,
+                needed,
+                period,
+            });
+        }
+        for remote in port.remotes() {
+            if let Some(time) = remote.watchdog.time() {
+                let place = (number, remote.started.channel.index());
+                DriverError::check_watchdog(&remote_watchdog(place), time, period)?;
+            }
+        }
+        Ok(())
+    }
+}
