@@ -4,7 +4,8 @@ use alloc::format;
 use alloc::string::String;
 
 use super::{i7i64, i7i72, i7i77};
-use crate::discovery::{RemoteDescriptor, RemoteName, RemoteTable};
+use crate::discovery::{RemoteDescriptor, RemoteTable};
+use crate::sslbp::RemoteName;
 
 /// The tables of remotes that are built in.
 pub const REMOTES: [&RemoteTable; 4] = [

@@ -1,41 +1,8 @@
 //! What discovery finds out about a remote.
 
 use super::ProblemKind;
+use crate::sslbp::RemoteName;
 use alloc::{string::String, vec::Vec};
-use core::fmt;
-
-/// The four characters a remote calls itself by, for example `7I77`.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct RemoteName(pub [u8; 4]);
-
-impl RemoteName {
-    /// From interface register 1 after START, which holds the name least significant byte first.
-    pub const fn from_register(word: u32) -> Self {
-        Self(word.to_le_bytes())
-    }
-}
-
-fn printable(byte: u8) -> char {
-    if byte.is_ascii_graphic() {
-        char::from(byte)
-    } else {
-        '_'
-    }
-}
-
-impl fmt::Display for RemoteName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0
-            .iter()
-            .try_for_each(|&c| fmt::Write::write_char(f, printable(c)))
-    }
-}
-
-impl fmt::Debug for RemoteName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "RemoteName({self})")
-    }
-}
 
 /// Everything discovery finds out about a remote, in the software mode it was started in.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,9 +11,7 @@ mod record;
 mod table;
 mod walk;
 
-pub use descriptor::{
-    DataDirection, DataRecord, DataType, ModeRecord, ModeType, RemoteDescriptor, RemoteName,
-};
+pub use descriptor::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, RemoteDescriptor};
 pub use memory::{PortMemory, RemoteMemory};
 pub use plan::{Element, PackingPlan};
 pub use port::discover_port;

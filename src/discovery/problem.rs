@@ -1,6 +1,6 @@
 //! What can be wrong with what a remote tells about itself.
 
-use super::RemoteName;
+use crate::sslbp::RemoteName;
 use alloc::{
     string::{String, ToString},
     vec::Vec,

@@ -6,8 +6,9 @@ use alloc::{
     vec::Vec,
 };
 
-use super::{DataDirection, DataRecord, DataType, RemoteDescriptor, RemoteName};
+use super::{DataDirection, DataRecord, DataType, RemoteDescriptor};
 use crate::hal::{Place, Terminals};
+use crate::sslbp::RemoteName;
 
 /// What is known of one element of a remote's process data.
 #[derive(Clone, Copy, Debug, PartialEq)]

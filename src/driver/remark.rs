@@ -3,9 +3,10 @@
 use alloc::vec::Vec;
 
 use crate::boards::{IdentityError, i7i77};
-use crate::discovery::{Difference, Discovered, Problem, RemoteName, RemoteTable};
+use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
 use crate::modules::serial::FoundRemote;
 use crate::remote::RemoteError;
+use crate::sslbp::RemoteName;
 use crate::sslbp::{MAX_CHANNELS, StartFailure};
 
 /// Why a remote does not take part, or what is odd about one that does.

@@ -25,7 +25,8 @@ pub use operation::{COMMAND_IGNORED, Operation, StartMode, Times, software_mode_
 pub use parameters::{ChannelVariable, PortParameters};
 pub use port::{Port, PortResult, PortWords, Transfer};
 pub use started::{
-    ProcessDataSizes, ReplyFormat, StartFailure, StartFailureReason, StartReport, StartedRemote,
+    ProcessDataSizes, RemoteName, ReplyFormat, StartFailure, StartFailureReason, StartReport,
+    StartedRemote,
 };
 pub use status::{ComState, CsStatus, LinkStatus, LocalFaults};
 

@@ -1,7 +1,6 @@
 //! What START found out about each channel.
 
 use super::{Channel, ChannelMask, ComState, CsStatus, LocalFaults, RemoteFaults};
-use crate::discovery::RemoteName;
 use alloc::vec::Vec;
 use core::fmt;
 use thiserror::Error;
@@ -41,6 +40,39 @@ pub enum ReplyFormat {
     FaultByteFirst,
     /// Data: the 7I64 has no fault byte. Gateware transcript t26.
     DataOnly,
+}
+
+/// The four characters a remote calls itself by, for example `7I77`.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct RemoteName(pub [u8; 4]);
+
+impl RemoteName {
+    /// From interface register 1 after START, which holds the name least significant byte first.
+    pub const fn from_register(word: u32) -> Self {
+        Self(word.to_le_bytes())
+    }
+}
+
+fn printable(byte: u8) -> char {
+    if byte.is_ascii_graphic() {
+        char::from(byte)
+    } else {
+        '_'
+    }
+}
+
+impl fmt::Display for RemoteName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0
+            .iter()
+            .try_for_each(|&c| fmt::Write::write_char(f, printable(c)))
+    }
+}
+
+impl fmt::Debug for RemoteName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RemoteName({self})")
+    }
 }
 
 /// A remote that START has identified.

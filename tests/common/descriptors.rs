@@ -1,6 +1,7 @@
 //! Descriptors of the devices, as their manuals tell them, written out for the tests.
 
-use mesa_hal::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor, RemoteName};
+use mesa_hal::discovery::{DataDirection, DataRecord, DataType, RemoteDescriptor};
+use mesa_hal::sslbp::RemoteName;
 
 pub fn record(
     name: &str,

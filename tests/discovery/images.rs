@@ -4,8 +4,9 @@ use crate::common::replay::{memory_of, recording};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
     DataDirection, DataType, Discovered, DiscoveryOptions, ModeType, ProblemKind, RemoteMemory,
-    RemoteName, Table, discover,
+    Table, discover,
 };
+use mesa_hal::sslbp::RemoteName;
 use mesa_hal::sslbp::{
     AccessSize, Channel, CsStatus, NonvolatileMemory, ProcessDataSizes, StartedRemote,
 };

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::discovery::RemoteName;
+use crate::sslbp::RemoteName;
 use crate::sslbp::{Channel, RemoteFaults, StartedRemote};
 
 /// Good transfers after which a remote counts as healthy again.

@@ -1,7 +1,7 @@
 //! Why a remote is offline.
 
 use super::Failure;
-use crate::discovery::RemoteName;
+use crate::sslbp::RemoteName;
 use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
 
 /// Why a remote is offline.

@@ -2,7 +2,7 @@ mod absent;
 
 use super::super::RemoteWatchdog;
 use super::*;
-use crate::discovery::RemoteName;
+use crate::sslbp::RemoteName;
 use crate::sslbp::{COMMAND_IGNORED, Channel, CsStatus, ProcessDataSizes, StartedRemote};
 
 const RUNNING: u32 = 0x0042_0000;
