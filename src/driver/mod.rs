@@ -183,7 +183,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// ```no_run
     /// # fn pins(driver: &mesa_hal::Driver<mesa_hal::SimFpga>) {
     /// use mesa_hal::modules::led::Leds;
-    /// let leds = driver.modules::<Leds>().next().map(Leds::leds);
+    /// let leds = driver.modules::<Leds>().next().map(|module| &module.leds);
     /// # }
     /// ```
     pub fn modules<M: Module>(&self) -> impl Iterator<Item = &M> {

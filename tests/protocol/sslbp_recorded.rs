@@ -1,6 +1,8 @@
 //! The driver against recorded gateware, at register level: the manual's step lists, every recorded
 //! failure of START, and the way out of a port that is stuck.
 
+mod failures;
+
 use crate::common::replay::{MODULE, Replay, Segment, port_words, recording, size_replies};
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sslbp::{
@@ -216,139 +218,6 @@ fn nonvolatile_access_is_confirmed_and_switched_off_again() {
     assert_eq!(port.access(&mut bus, ZERO, read), Ok(0x32));
     assert!(bus.upcoming().is_none(), "the whole sequence was played");
     never_busy(&bus);
-}
-
-fn reason_of(name: &str, mode: StartMode, software_mode: u8) -> StartFailureReason {
-    let mut bus = Replay::of(name);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
-    if let Some(&(rx, tx)) = size_replies(&recording(name)).first() {
-        bus.set_sizes(0, rx, tx);
-    }
-    let report = port
-        .start(&mut bus, mode, &start_zero(software_mode))
-        .unwrap();
-    assert_eq!(report.started(), ChannelMask::NONE);
-    assert_eq!(port.running(), ChannelMask::NONE);
-    never_busy(&bus);
-    report.failures[0].reason
-}
-
-/// FACTS 4.5, 5.6; transcripts t06d, t15d, t15f, t20.
-#[test]
-fn recorded_failures_of_start_are_told_apart() {
-    assert_eq!(
-        reason_of("t06d_badmode", StartMode::Normal, 5),
-        StartFailureReason::IllegalMode(5)
-    );
-    assert_eq!(
-        reason_of("t20_rxlow", StartMode::Normal, 0),
-        StartFailureReason::LineLow
-    );
-    let limit = ProcessDataSizes { rx: 13, tx: 12 };
-    for (name, rx, tx) in [("t15d_14_13", 14, 13), ("t15f_16_2", 16, 2)] {
-        assert_eq!(
-            reason_of(name, StartMode::Normal, 0),
-            StartFailureReason::SizesTooLarge {
-                sizes: ProcessDataSizes { rx, tx },
-                limit
-            }
-        );
-    }
-}
-
-/// Transcript t16: wrong cookie, bad CRC, and missing BC and BB in both modes.
-#[test]
-fn recorded_errors_during_start_end_as_recorded() {
-    let mut bus = Replay::of("t16_start_errors");
-    let mut port = identified(&mut bus);
-    let mut run = |mode| {
-        port.stop_all(&mut bus).unwrap();
-        port.start(&mut bus, mode, &start_zero(0)).unwrap()
-    };
-    let reason = |report: &StartReport| report.failures[0].reason;
-
-    let wrong_cookie = run(StartMode::Setup);
-    assert_eq!(reason(&wrong_cookie), StartFailureReason::WrongCookie);
-    let bad_crc = run(StartMode::Setup);
-    assert_eq!(bad_crc.remotes[0].unit_number, 0x77AA);
-    let no_unit = run(StartMode::Setup);
-    assert_eq!(no_unit.remotes[0].unit_number, 0);
-    let no_sizes = run(StartMode::Setup);
-    assert_eq!(no_sizes.remotes[0].ptoc, 0);
-    let no_sizes = run(StartMode::Normal);
-    assert_eq!(reason(&no_sizes), StartFailureReason::NoSizes);
-    let no_unit = run(StartMode::Normal);
-    assert_eq!(reason(&no_unit), StartFailureReason::NoUnitNumber);
-    never_busy(&bus);
-}
-
-/// FACTS 4.3; transcript t04: one remote, seven absent.
-#[test]
-fn absent_channels_do_not_fail_the_others() {
-    let mut bus = Replay::of("t04_setup_absent8").without(|segment| segment.command == 0x1003);
-    bus.set_sizes(0, 5, 2);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
-    let all = Channel::ALL.map(|channel| (channel, 0));
-    let report = port.start(&mut bus, StartMode::Setup, &all).unwrap();
-    assert_eq!(report.started().bits(), 0x01);
-    assert_eq!(report.failed().bits(), 0xFE);
-    assert!(
-        report
-            .failures
-            .iter()
-            .all(|failure| failure.reason == StartFailureReason::NoReply)
-    );
-    // the counters at B6..BC, as the transcript reads them
-    let counters: [u8; 7] = port
-        .read_variable(&mut bus, Channel::ALL[1], ChannelVariable::ErrorCounters)
-        .unwrap();
-    assert_eq!(counters, [0, 0, 0, 20, 0, 0, 0], "time-outs");
-    never_busy(&bus);
-}
-
-/// FACTS 3.1; transcript t09c: STOPALL written while a DOIT ran, so that COMMAND stays 0800.
-#[test]
-fn a_port_that_is_stuck_is_freed_and_then_stopped() {
-    let mut bus = Replay::of("t09c_stopall_doit")
-        .without(|segment| segment.command == 0x1001 || segment.command == 0x0901);
-    bus.begin_inside();
-    let mut port = port();
-    port.stop_all(&mut bus).unwrap();
-    assert_eq!(bus.commands, [(0x08FF, true), (0x0800, false)]);
-    assert_eq!(port.state(), PortState::Stopped);
-}
-
-/// Every wait is bounded, and says what it waited for.
-#[test]
-fn a_command_that_never_completes_is_an_error_with_the_registers() {
-    let stuck = Segment {
-        command: 0x0901,
-        ..Segment::default()
-    };
-    let stop = Segment {
-        command: 0x0800,
-        cleared: Some(120_000),
-        ..Segment::default()
-    };
-    let mut bus = Replay::new(vec![stop, stuck]);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
-    let error = port
-        .start(&mut bus, StartMode::Normal, &start_zero(0))
-        .unwrap_err();
-    let PortError::Timeout { waited, .. } = error else {
-        panic!("expected a wait that ended, got {error}");
-    };
-    let longest = Operation::Start(StartMode::Normal, ZERO.mask())
-        .times()
-        .longest;
-    assert!(waited >= longest && waited < longest * 11 / 10);
-    let text = error.to_string();
-    let awaited = "COMMAND to be 0 after START of channels 0 (0901)";
-    assert!(text.contains(awaited), "{text}");
-    assert!(text.contains("COMMAND 0901, DATA"), "{text}");
 }
 
 /// Transcript t08: one channel is stopped, the other goes on; then it is started again.

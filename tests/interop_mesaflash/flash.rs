@@ -1,0 +1,138 @@
+//! mesaflash and this crate write and verify the same flash memory.
+
+use std::fs;
+
+use mesa_hal::ethernet::{self, Area, Bitfile, FlashLayout};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+use super::*;
+
+#[test]
+fn a_bitfile_is_written_verified_and_backed_up() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let (file, backup) = (Scratch::new("made-up.bit"), Scratch::new("backup.bin"));
+    let data = made_up_data(70_000);
+    fs::write(&file.0, bitfile("6slx9tqg144", &data)).unwrap();
+
+    let (good, text) = board.try_mesaflash(&["--write", file.path()]);
+    assert!(!good && text.contains("BootSector is invalid"), "{text}");
+    let text = board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+    assert!(text.contains("BootBlock installed"), "{text}");
+    assert!(
+        text.contains("FLASH memory sectors to write: 2, max sectors in area: 16"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Board configuration updated successfully"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+    let text = board.mesaflash(&["--verify", file.path()]);
+    assert!(text.contains("Boot sector OK"), "{text}");
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+
+    let text = board.mesaflash(&["--backup-flash", backup.path()]);
+    assert!(text.contains("created successfully"), "{text}");
+    let flash = fs::read(&backup.0).unwrap();
+    let _ = fs::remove_file(format!("{}.sha256", backup.path()));
+    assert_eq!(flash.len(), 2 << 20);
+    assert_eq!(
+        flash[10..14],
+        [0xAA, 0x99, 0x55, 0x66],
+        "sync word of the boot block"
+    );
+    let written = &flash[0x10_0000..0x10_0000 + data.len()];
+    assert!(
+        written == data,
+        "the data of the bitfile, without its header"
+    );
+    let erased = |range: std::ops::Range<usize>| flash[range].iter().all(|&byte| byte == 0xFF);
+    assert!(
+        erased(0x1_0000..0x10_0000),
+        "the fallback area is left alone"
+    );
+    assert!(
+        erased(0x12_0000..0x20_0000),
+        "and what is behind the user area"
+    );
+
+    let other = bitfile("6slx9tqg144", &made_up_data(70_001));
+    fs::write(&file.0, other).unwrap();
+    let (good, text) = board.try_mesaflash(&["--verify", file.path()]);
+    // The byte behind the data: 70000 is 0x11170.
+    assert!(!good && text.contains("Error at 0x111170"), "{text}");
+    fs::write(&file.0, bitfile("6slx25ftg256", &[0; 1000])).unwrap();
+    let (good, text) = board.try_mesaflash(&["--write", file.path()]);
+    assert!(!good && text.contains("wrong"), "{text}");
+}
+
+#[test]
+fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let file = Scratch::new("both-ways.bit");
+    let synchronised = |len| {
+        let mut data = made_up_data(len);
+        data[16..20].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
+        bitfile("6slx9tqg144", &data)
+    };
+    let bytes = synchronised(70_000);
+    fs::write(&file.0, &bytes).unwrap();
+    board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+
+    let address = board.board.address;
+    let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let mut flash = ethernet::EthernetBoard::new(bus)
+        .into_flash(FlashLayout::I7I97)
+        .unwrap();
+    let written = Bitfile::parse(&bytes).unwrap();
+    flash.verify(&written, Area::User, |_, _| {}).unwrap();
+
+    // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
+    let bytes = synchronised(508 * 256);
+    fs::write(&file.0, &bytes).unwrap();
+    let ours = Bitfile::parse(&bytes).unwrap();
+    flash.program(&ours, Area::User, |_, _| {}).unwrap();
+    let text = board.mesaflash(&["--verify", file.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+
+    let mut board_itself = flash.into_board();
+    let layout = FlashLayout::I7I97;
+    board_itself
+        .reload(layout.user.0, layout.fallback.0)
+        .unwrap();
+    assert_eq!(board_itself.identity().unwrap().card, "7I97");
+    assert_eq!(board.stop()["board.reloads"], "1");
+}
+
+#[test]
+fn the_fallback_area_is_written_when_it_is_asked_for() {
+    if skipped() {
+        return;
+    }
+    let board = Board::i7i97(&[]);
+    let file = Scratch::new("fallback.bit");
+    fs::write(&file.0, bitfile("6slx9tqg144", &made_up_data(3_000))).unwrap();
+    let arguments = ["--fix-boot-block", "--fallback", "--write", file.path()];
+    let text = board.mesaflash(&arguments);
+    assert!(text.contains("starting from 0x10000..."), "{text}");
+    let text = board.mesaflash(&["--fallback", "--verify", file.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+}
