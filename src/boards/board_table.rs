@@ -2,8 +2,7 @@
 
 use super::{FlashLayout, i7i77, i7i97};
 use crate::hal::{Place, Terminals};
-use crate::hostmot2::{Gtag, HostMot2};
-use crate::modules::encoder::TickRate;
+use crate::hostmot2::{Gtag, HostMot2, TickRate};
 
 /// A kind of board: rates that it is made for, and where its modules come out.
 ///

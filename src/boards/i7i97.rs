@@ -14,8 +14,7 @@ use super::{
 use crate::hal::{
     AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins, Terminals,
 };
-use crate::hostmot2::Gtag;
-use crate::modules::encoder::TickRate;
+use crate::hostmot2::{Gtag, TickRate};
 
 /// The 7I97.
 pub const BOARD: BoardTable = BoardTable {

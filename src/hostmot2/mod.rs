@@ -7,6 +7,7 @@ mod idrom;
 mod io_port;
 mod module;
 mod pin;
+mod tick_rate;
 
 pub use error::{HostMot2Error, IdentifyError};
 pub use gtag::Gtag;
@@ -15,3 +16,4 @@ pub use idrom::Idrom;
 pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
 pub use module::ModuleDescriptor;
 pub use pin::PinDescriptor;
+pub use tick_rate::TickRate;

@@ -17,9 +17,10 @@ use crate::bus::{ReadSlot, Setting, Stage};
 use crate::hal::PinStore;
 use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor};
 
+pub use crate::hostmot2::TickRate;
+
 use pins::{Command, Common};
 pub use pins::{EncoderBankPins, EncoderPins};
-pub use registers::TickRate;
 use state::{EncoderReading, EncoderSample, EncoderState};
 
 /// How encoders are set up.

@@ -1,9 +1,10 @@
 //! The pins of encoders, and what they ask for.
 
 use super::latch::LatchRequest;
-use super::registers::{TickRate, bits, latch_timer, mux_skew};
+use super::registers::{bits, latch_timer, mux_skew};
 use super::state::{EncoderConfig, EncoderReading, EncoderState};
 use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Rejection};
+use crate::hostmot2::TickRate;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
