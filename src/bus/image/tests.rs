@@ -225,6 +225,8 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     words.set(drive, 0x30);
     words.put(output, 99);
     words.put_safe(output, 6);
+    // Of another image: what the set-up writes besides stays.
+    words.put_safe(WriteSlot(1), 5);
     let Ok(()) = image.set_up(&mut bus);
     let again = [
         (0x0C00, 2),

@@ -126,8 +126,9 @@ impl Words {
 
     /// Changes the word that the set-up writes to an output.
     pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
-        let place = self.first_setting + self.settings.len() + usize::from(slot.0);
-        if let Some(old) = self.content.get_mut(place) {
+        let first = self.first_setting + self.settings.len();
+        let safes = self.content.get_mut(first..first + self.writes.len());
+        if let Some(old) = safes.and_then(|safes| safes.get_mut(usize::from(slot.0))) {
             *old = word;
         }
     }
