@@ -92,7 +92,7 @@ impl Request {
             0x80,
             "an RPC has a command byte of 80 to BF"
         );
-        let mut body = vec![command];
+        let mut body = vec![0x80 | command & 0x3F];
         body.extend(data);
         Self::new(body, reply_len)
     }

@@ -53,6 +53,16 @@ pub enum PortError<E: BusError> {
         /// Number of channels.
         channels: u8,
     },
+    /// The port's own memory does not have this address.
+    #[error("SSLBP port {port} has no local address {address:#X}; the last is {last:#X}")]
+    NoSuchAddress {
+        /// The port.
+        port: u8,
+        /// What was asked for.
+        address: u16,
+        /// The highest that there is.
+        last: u16,
+    },
     /// The operation needs another state of the port.
     #[error(
         "SSLBP port {port}: {needed} needed, but the port is {state} (channels that run: {running})"

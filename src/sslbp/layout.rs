@@ -7,8 +7,8 @@ use alloc::format;
 /// The most interface registers a channel has: 224 bits.
 pub const MAX_INTERFACE_REGISTERS: u8 = 7;
 
-/// The most instances one module has.
-const MAX_INSTANCES: u8 = 4;
+/// The most ports of a module that are used.
+pub(crate) const MAX_PORTS: u8 = 4;
 
 /// Distance of the registers of neighbouring channels.
 const CHANNEL_STRIDE: u16 = 4;
@@ -82,7 +82,7 @@ impl Layout {
             };
             return Err(unknown(text(found), text(expected)));
         }
-        if instance >= module.instances.min(MAX_INSTANCES) {
+        if instance >= module.instances.min(MAX_PORTS) {
             return Err(HostMot2Error::NoRegister {
                 gtag,
                 register: 0,

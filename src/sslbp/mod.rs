@@ -30,4 +30,6 @@ pub use started::{
 };
 pub use status::{ComState, CsStatus, LinkStatus, LocalFaults};
 
+pub(crate) use layout::MAX_PORTS;
+
 use doit_time::USUAL_REMOTE_LATENCY;

@@ -17,7 +17,7 @@ const SETUP_START: u32 = 0x0F00;
 pub const COMMAND_IGNORED: u32 = 1 << 31;
 
 /// The highest address of the port's own memory that COMMAND has room for.
-const LAST_LOCAL: u16 = 0x0FFF;
+pub(super) const LAST_LOCAL: u16 = 0x0FFF;
 
 /// Which START.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -127,8 +127,8 @@ impl Operation {
             Self::Start(StartMode::Setup, mask) => SETUP_START | u32::from(mask.bits()),
             Self::Transfer(mask) => DOIT | u32::from(mask.bits()),
             Self::Access(channel, _) => DOIT | u32::from(channel.mask().bits()),
-            Self::ReadLocal(address) => REQUEST | local(address),
-            Self::WriteLocal(address) => WRITE | REQUEST | local(address),
+            Self::ReadLocal(address) => local(REQUEST, address),
+            Self::WriteLocal(address) => local(WRITE | REQUEST, address),
             Self::Free => STOP | 0xFF,
             Self::Reset => RESET,
             Self::Release => 1,
@@ -151,12 +151,13 @@ impl Operation {
     }
 }
 
-fn local(address: u16) -> u32 {
-    debug_assert!(
-        address <= LAST_LOCAL,
-        "the port's memory has no {address:#X}"
-    );
-    u32::from(address & LAST_LOCAL)
+/// Nothing, for an address that would be cut off to another one.
+fn local(request: u32, address: u16) -> u32 {
+    if address <= LAST_LOCAL {
+        return request | u32::from(address);
+    }
+    debug_assert!(false, "the port's memory has no {address:#X}");
+    COMMAND_IGNORED
 }
 
 impl fmt::Display for Operation {

@@ -143,3 +143,28 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
         assert!(is_it, "channel {channel}: {error}");
     }
 }
+
+#[test]
+fn of_a_firmware_with_more_than_four_serial_ports_four_run() {
+    use mesa_hal::driver::{Driver, DriverError, SerialConfig, Settings};
+    use mesa_hal::sim::{SimFpga, gtag, machines};
+
+    let build = |settings| {
+        let mut firmware = machines::firmware_serial(&[1; 4]);
+        let mut modules = firmware.modules.iter_mut();
+        let serial = modules.find(|module| module.gtag == gtag::SSERIAL);
+        serial.expect("serial ports").instances = 5;
+        Driver::start(SimFpga::new(firmware), settings)
+    };
+    let driver = build(Settings::default()).expect("four ports");
+    assert_eq!(driver.ports().len(), 4);
+    let fifth = Settings {
+        serial_ports: [(4, SerialConfig::default())].into(),
+        ..Settings::default()
+    };
+    let error = build(fifth).expect_err("it is not used");
+    assert!(
+        matches!(error, DriverError::NoSuchPort { port: 4, ports: 4 }),
+        "{error}"
+    );
+}

@@ -186,6 +186,28 @@ fn local_reads_complete_at_any_phase_of_the_firmware_loop() {
     }
 }
 
+/// COMMAND has 12 bits of address: 1066 would be 066, which keeps another byte.
+#[test]
+fn an_address_that_command_has_no_room_for_is_refused_and_not_cut_off() {
+    const SCRATCH: u16 = 0x66;
+    let (mut fpga, mut port) = machine();
+    port.local_write(&mut fpga, SCRATCH, 0x5A).unwrap();
+    let refused = |address| {
+        Err(PortError::NoSuchAddress {
+            port: 0,
+            address,
+            last: 0xFFF,
+        })
+    };
+    for address in [0x1000, 0x1000 | SCRATCH, u16::MAX] {
+        let read = port.local_read(&mut fpga, address);
+        assert_eq!(read, refused(address).map(|()| 0));
+        let written = port.local_write(&mut fpga, address, 0xA5);
+        assert_eq!(written, refused(address));
+    }
+    assert_eq!(port.local_read(&mut fpga, SCRATCH), Ok(0x5A));
+}
+
 #[test]
 fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
     let (mut fpga, mut port) = machine();

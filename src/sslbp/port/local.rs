@@ -2,10 +2,10 @@
 
 use super::{Port, PortResult};
 use crate::{
-    bus::{Clock, RegisterBus},
+    bus::{BusError, Clock, RegisterBus},
     sslbp::{
         Channel, ChannelVariable, MAX_CHANNELS, Observed, Operation, PortError, PortParameters,
-        ProcessDataSizes,
+        ProcessDataSizes, operation::LAST_LOCAL,
     },
 };
 use alloc::format;
@@ -24,14 +24,26 @@ impl Port {
     /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
     ///
     /// # Errors
-    /// The bus fails, or the port does not answer.
+    /// There is no such address; the bus fails, or the port does not answer.
     pub fn local_read<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         address: u16,
     ) -> PortResult<u8, B> {
+        self.require_local(address)?;
         let (_, snapshot) = self.run(bus, Operation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
+    }
+
+    const fn require_local<E: BusError>(&self, address: u16) -> Result<(), PortError<E>> {
+        if address <= LAST_LOCAL {
+            return Ok(());
+        }
+        Err(PortError::NoSuchAddress {
+            port: self.layout.instance,
+            address,
+            last: LAST_LOCAL,
+        })
     }
 
     /// Reads neighbouring bytes of the port's memory.
@@ -51,13 +63,14 @@ impl Port {
     /// OPERATIONS".
     ///
     /// # Errors
-    /// [`PortError::NotKept`]; the bus fails, or the port does not answer.
+    /// [`PortError::NotKept`]; there is no such address; the bus fails, or the port does not answer.
     pub fn local_write<B: RegisterBus + Clock>(
         &mut self,
         bus: &mut B,
         address: u16,
         value: u8,
     ) -> PortResult<(), B> {
+        self.require_local(address)?;
         let data = [(self.layout.data(), u32::from(value))];
         self.run(bus, Operation::WriteLocal(address), &data)?;
         let read = self.local_read(bus, address)?;
