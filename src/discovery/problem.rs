@@ -82,7 +82,7 @@ pub enum ProblemKind {
     /// The remote has no tables, and none is known for its name.
     #[error(
         "it is not supported: it has no discovery, and there is no table of its process data; \
-         leave the channel out (x), or add its table (`Settings::remotes`)"
+         leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)"
     )]
     NoTables,
     /// The remote does not have the software mode that was asked for, and is in another.

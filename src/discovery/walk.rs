@@ -82,9 +82,9 @@ impl Discovered {
     /// remote says they are read as zeros.
     fn sizes_problem(&self, plan: &PackingPlan) -> Option<ProblemKind> {
         let started = &self.started;
-        // The gateware knows the sizes of a remote without discovery itself, but keeps them only
-        // for a normal START.
-        let is_untold = started.ptoc == 0 && started.sizes == ProcessDataSizes::default();
+        // The gateware knows the sizes of a 7I64 itself, but keeps them only for a normal START.
+        let is_untold = (started.name, started.ptoc) == (StartedRemote::NAME_7I64, 0)
+            && started.sizes == ProcessDataSizes::default();
         let (rx, tx) = (started.input_bytes(), started.output_bytes());
         let (plan_rx, plan_tx) = (plan.input_bytes(), plan.output_bytes());
         let is_same = (u32::from(rx), u32::from(tx)) == (plan_rx, plan_tx);

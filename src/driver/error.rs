@@ -61,9 +61,7 @@ pub enum DriverError<E: BusError> {
         source: ParameterError<PortError<E>>,
     },
     /// Something was added when the board was set up already.
-    #[error(
-        "modules and kinds of remotes are added before `discover`, which sets the board up; add them first"
-    )]
+    #[error("modules are added before `discover`, which sets the board up; add them first")]
     AddedLate,
     /// The board was asked to pace the cycle, and can not.
     #[error("the board can not pace the cycle: {why}; let the host pace it (`Pace::Host`)")]

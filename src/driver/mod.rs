@@ -19,7 +19,7 @@
 //! - A transfer of a remote: its inputs are not taken, not valid, and grow older. Too many of
 //!   them: the remote goes offline alone, its outputs are safe, and it is tried again with growing
 //!   pauses, in small steps inside the cycle. See [`RemoteState`], [`FaultPolicy`].
-//! - A remote reports a fault: it goes offline at once and not talked to, so that its own watchdog
+//! - A remote reports a fault: it goes offline at once and gets no frame, so that its own watchdog
 //!   switches all its outputs off, and it is started again afterwards. See [`FaultPolicy`],
 //!   [`RemoteStatus::faults`], [`RemoteStatus::first_fault`].
 //! - The bus: nothing is taken; when it fails too often, everything is safe. See

@@ -94,7 +94,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ///
     /// # Errors
     /// [`DriverError::Attach`] if no remote takes part there now. [`DriverError::Parameter`]: the
-    /// remote does not have it, or the access failed.
+    /// remote does not have it. [`DriverError::Port`], [`DriverError::Bus`]: the access failed.
     pub fn read_remote_parameter(
         &mut self,
         port: u8,

@@ -39,8 +39,8 @@ pub enum RemarkKind {
     WrongRemote(IdentityError),
     /// Missing: another remote answers than when it was discovered.
     #[error(
-        "another remote answers ({found}) than the {name} that was discovered; nothing was written \
-         to it: plug the right one in (is a plug loose?)"
+        "what answers ({found}) is not the {name} that was discovered, or says other things of itself; \
+         no parameter was written: plug the right one in (is a plug loose?)"
     )]
     Changed {
         /// Its name when it was discovered.

@@ -20,8 +20,8 @@ use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemoteError, RemoteLocation, RemotePins};
 use crate::sslbp::{
-    Channel, CsStatus, Layout, MAX_CHANNELS, Port, PortError, ProcessDataSizes, ReplyFormat,
-    StartMode, StartedRemote,
+    Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, ProcessDataSizes,
+    ReplyFormat, StartMode, StartedRemote,
 };
 
 /// What nothing is known of.
@@ -105,7 +105,7 @@ impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
     pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
         let module = self.firmware.require_sserial().ok().copied();
-        let ports = module.map_or(0, |module| module.instances);
+        let ports = module.map_or(0, |module| module.instances.min(MAX_PORTS));
         let serial_ports = &self.settings.serial_ports;
         if let Some((&port, _)) = serial_ports.range(ports..).next() {
             return Err(DriverError::NoSuchPort { port, ports });
@@ -247,7 +247,12 @@ impl Plan {
         channel: Channel,
         config: RemoteConfig,
     ) -> Result<FoundRemote, AttachError> {
-        let RemoteConfig { mode, kind, .. } = config;
+        let RemoteConfig {
+            mode,
+            kind,
+            unit_number,
+            ..
+        } = config;
         let table = kind.unwrap_or(&ANY);
         let unusable = |why| AttachError::Table {
             kind: table.title,
@@ -263,7 +268,7 @@ impl Plan {
         let mut expected = StartedRemote {
             channel,
             software_mode: mode,
-            unit_number: descriptor.unit_number,
+            unit_number: unit_number.unwrap_or(descriptor.unit_number),
             name: descriptor.name,
             ptoc: contents.map_or(0, |contents| contents.ptoc),
             gtoc: contents.map_or(0, |contents| contents.gtoc),

@@ -214,8 +214,8 @@ pub enum Presence {
     /// when it is plugged in later, and waits to be armed then.
     ///
     /// What is plugged in has to be what the table says: name, part of the card, size of the process
-    /// data, and the place of its tables of contents where the table knows that. Anything else stays
-    /// offline, and says what was expected and found. Another firmware with process data of the same
+    /// data, and the place of its tables of contents where the table knows that; and it has to have the
+    /// unit number, if one is given. Anything else stays offline, and says what was expected and found. Another firmware with process data of the same
     /// size is seen by the place of its tables alone, which the built-in tables do not know: if it
     /// may have another meaning, use a table of your own with [`Contents`](crate::discovery::Contents).
     /// Its parameters have no pins.

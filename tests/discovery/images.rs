@@ -5,8 +5,8 @@ mod damage;
 use crate::common::replay::{memory_of, recording};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, DataType, Discovered, DiscoveryOptions, ModeType, ProblemKind, RemoteMemory,
-    Table, discover,
+    DataDirection, DataType, Discovered, DiscoveryOptions, ElementTable, ModeType, ProblemKind,
+    RemoteMemory, RemoteTable, Table, discover,
 };
 use mesa_hal::sslbp::RemoteName;
 use mesa_hal::sslbp::{
@@ -250,6 +250,34 @@ fn a_7i64_is_recognised_by_its_name() {
         ..started(0, 0, 5, 2)
     };
     assert_eq!(kinds(&run(&mut image, &known)), [ProblemKind::NoTables]);
+}
+
+/// A table can not stand for what START did not tell: nothing of it would be transferred.
+#[test]
+fn a_remote_without_tables_that_tells_no_sizes_is_refused_whatever_is_known_of_it() {
+    const DRIVE: RemoteTable = RemoteTable {
+        has_discovery: false,
+        ..RemoteTable::new("drive", *b"8I20", &[ElementTable::bits_in("Fault", 16)])
+    };
+    let options = DiscoveryOptions {
+        tables: &[&DRIVE],
+        ..DiscoveryOptions::default()
+    };
+    let discover = |rx| {
+        let drive = StartedRemote {
+            name: RemoteName(DRIVE.name),
+            ..started(0, 0, rx, 0)
+        };
+        discover(&mut Image::default(), &drive, 3, &options)
+    };
+    assert_eq!(discover(3).problems, []);
+    let untold = ProblemKind::Sizes {
+        rx: 0,
+        tx: 0,
+        plan_rx: 2,
+        plan_tx: 0,
+    };
+    assert_eq!(kinds(&discover(0)), [untold]);
 }
 
 /// A data record: bits, type, direction, limits, unit, name.

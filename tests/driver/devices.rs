@@ -221,6 +221,10 @@ fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
         text.contains("8I20") && text.contains("not supported"),
         "{text}"
     );
+    assert!(
+        text.contains("`has_discovery` false (`Settings::remotes`)"),
+        "{text}"
+    );
     drive(&mut driver, 0, "7i64");
     drive(&mut driver, 2, "7i72");
 }

@@ -294,6 +294,30 @@ fn something_else_that_is_plugged_in_for_an_optional_remote_stays_offline_and_sa
     shop.until(12_000, |shop| shop.is_running(OUTPUTS));
 }
 
+/// Neither one that is there at the start nor one that is plugged in later.
+#[test]
+fn an_optional_remote_with_another_unit_number_than_is_asked_for_is_not_taken() {
+    for is_there in [false, true] {
+        let shop_of = |unit_number| {
+            let mut settings = optional(OUTPUTS, 0, &VALVES);
+            let port = settings.serial_ports.get_mut(&0).expect("the port");
+            let remote = port.channels.get_mut(&(OUTPUTS as u8));
+            remote.expect("the channel").unit_number = Some(unit_number);
+            let end = is_there.then(|| valve_block(""));
+            let mut shop = Shop::of(board(end, settings).start().expect("two remotes run"));
+            plug(&mut shop, Some(valve_block("")));
+            shop
+        };
+        let mut shop = shop_of(0x56);
+        shop.until(12_000, |shop| {
+            assert!(!shop.is_running(OUTPUTS), "{is_there}");
+            reason(shop).contains("another device answers (VLV4, unit number 0x00000055)")
+        });
+        let mut shop = shop_of(0x55);
+        shop.until(12_000, |shop| shop.is_running(OUTPUTS));
+    }
+}
+
 fn are_open_somewhere(shop: &Shop) -> bool {
     let world = shop.device(OUTPUTS).world();
     (0..48).any(|n| world.output(n) == Some(true))

@@ -179,8 +179,8 @@ impl Health {
     }
 
     /// Why what answered START is not this one: by interface registers 0 to 2, its unit number, name
-    /// and tables. Of one that has never run, its kind counts as far as it is known, and its sizes
-    /// are still to be compared.
+    /// and tables. Of one that has never run, its kind counts as far as it is known, unless its unit
+    /// number is, and its sizes are still to be compared.
     pub fn refuses(&self, [unit_number, name, found]: [u32; 3]) -> Option<OfflineReason> {
         let StartedRemote {
             gtoc,
@@ -190,7 +190,8 @@ impl Health {
         } = self.started;
         let expected = u32::from(gtoc) << 16 | u32::from(ptoc);
         let name = RemoteName::from_register(name);
-        let is_kind = !self.has_run && (unit == 0 || unit >> 24 == unit_number >> 24);
+        let is_of_kind = unit == 0 || unit == unit_number & 0xFF00_0000;
+        let is_kind = !self.has_run && is_of_kind;
         if name != self.started.name || unit != unit_number && !is_kind {
             return Some(OfflineReason::AnotherDevice { name, unit_number });
         }

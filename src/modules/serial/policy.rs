@@ -47,7 +47,7 @@ pub struct FaultPolicy {
     pub longest_backoff: Duration,
     /// How long a channel is left out of transfers after a failed one, at least
     /// [`SHORTEST_REST`](Self::SHORTEST_REST). In this time a late reply shows itself as late; one
-    /// that comes even later can not be distinguished from the reply to the next request. The builder sets
+    /// that comes even later can not be distinguished from the reply to the next request. It is
     /// three quarters of the period if that is longer.
     pub rest: Duration,
     /// Cycles without a new transfer after which inputs are no longer valid.
