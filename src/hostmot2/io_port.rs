@@ -89,7 +89,7 @@ impl IoPorts {
     /// [`HostMot2Error`]: it has none, or none that are known.
     pub fn locate(firmware: &HostMot2) -> Result<Self, HostMot2Error> {
         let module = firmware.require(Gtag::IO_PORT)?;
-        module.expect(Self::REGISTERS, Self::MULTIPLE)?;
+        module.check_layout(Self::REGISTERS, Self::MULTIPLE)?;
         let port = |number| {
             let address = |register| module.register(register, number);
             Ok(IoPort {

@@ -150,7 +150,7 @@ impl ModuleDescriptor {
     ///
     /// # Errors
     /// [`HostMot2Error::Unknown`].
-    pub fn expect(&self, registers: u8, multiple: u32) -> Result<(), HostMot2Error> {
+    pub fn check_layout(&self, registers: u8, multiple: u32) -> Result<(), HostMot2Error> {
         let mask = 1u32
             .checked_shl(u32::from(registers))
             .map_or(u32::MAX, |bit| bit - 1);

@@ -57,7 +57,7 @@ impl Dpll {
         if r.settings.no_dpll {
             return Ok(None);
         }
-        module.expect(7, 0)?;
+        module.check_layout(7, 0)?;
         let dds_bits = r.peek(module.register(3, 0)?)? as u8;
         let khz = 1e-3 / r.settings.period.as_secs_f64();
         let pins = DpllPins::new(r.maker("dpll."), khz)?;

@@ -34,7 +34,7 @@ impl Leds {
         let Some(module) = r.module(Gtag::LED) else {
             return Ok(None);
         };
-        module.expect(1, 0)?;
+        module.check_layout(1, 0)?;
         let data = module.register(0, 0)?;
         let mut make = r.maker("led.");
         let leds = (1..=LEDS).map(|n| make.output(format!("CR{n:02}"), false));

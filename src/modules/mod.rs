@@ -38,22 +38,34 @@ use crate::hal::{GroupId, Output, PinStore};
 /// is a state machine that does one step for each call.
 pub trait Module: Any + fmt::Debug + Send {
     /// Takes its inputs from a read that is sound.
-    fn read(&mut self, _cycle: &mut ReadCycle<'_>) {}
+    fn read(&mut self, cycle: &mut ReadCycle<'_>) {
+        let _ = cycle;
+    }
 
     /// A read failed: nothing new is known.
-    fn not_read(&mut self, _pins: &mut PinStore) {}
+    fn not_read(&mut self, pins: &mut PinStore) {
+        let _ = pins;
+    }
 
     /// Puts its outputs.
-    fn write(&mut self, _cycle: &mut WriteCycle<'_>) {}
+    fn write(&mut self, cycle: &mut WriteCycle<'_>) {
+        let _ = cycle;
+    }
 
-    /// The write was sent at this time, and arrived; or it is not known whether it did.
-    fn written(&mut self, _now: Instant, _arrived: bool) {}
+    /// The write was sent at `now`; whether it `arrived`, or that is not known.
+    fn written(&mut self, now: Instant, arrived: bool) {
+        let _ = (now, arrived);
+    }
 
     /// Something made everything safe. The outputs of the board's own group are safe already.
-    fn make_safe(&mut self, _pins: &mut PinStore) {}
+    fn make_safe(&mut self, pins: &mut PinStore) {
+        let _ = pins;
+    }
 
     /// The board has lost its set-up and got it back: counts may stand anywhere.
-    fn restored(&mut self, _pins: &mut PinStore, _now: Instant) {}
+    fn restored(&mut self, pins: &mut PinStore, now: Instant) {
+        let _ = (pins, now);
+    }
 }
 
 /// What a module has after a read.

@@ -82,7 +82,7 @@ impl Pwm {
         let Some(module) = r.module(Gtag::PWM) else {
             return Ok(None);
         };
-        module.expect(5, 0x3)?;
+        module.check_layout(5, 0x3)?;
         module.expect_version(module.version, 0..=1)?;
         let (clock_hz, dithers) = (module.clock_hz, module.version >= 1);
         let table = &r.board.pwm;

@@ -103,7 +103,7 @@ impl Encoders {
         let is_muxed = gtag == Gtag::MUXED_ENCODER;
         let probe = module.version & if is_muxed { WITH_PROBE } else { 0 };
         let version = module.version & !probe;
-        module.expect(5, 0x3)?;
+        module.check_layout(5, 0x3)?;
         module.expect_version(version, 2..=if is_muxed { 4 } else { 3 })?;
         let is_probe =
             |pin: &PinDescriptor| pin.secondary == gtag && pin.secondary_pin == PROBE_PIN;

@@ -52,7 +52,7 @@ impl WatchdogRegisters {
     /// The firmware has none, or one that is not known.
     pub fn locate(firmware: &HostMot2) -> Result<Self, HostMot2Error> {
         let module = firmware.require(Gtag::WATCHDOG)?;
-        module.expect(3, 0)?;
+        module.check_layout(3, 0)?;
         Ok(Self {
             time: module.register(0, 0)?,
             status: module.register(1, 0)?,
