@@ -81,8 +81,8 @@ pub enum ProblemKind {
     },
     /// The remote has no tables, and none is known for its name.
     #[error(
-        "it is not supported: it has no discovery, and there is no table of its process data; \
-         leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)"
+        "it is not supported: it has no discovery, and there is no table of all its process data, with \
+         finite limits; leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)"
     )]
     NoTables,
     /// The remote does not have the software mode that was asked for, and is in another.

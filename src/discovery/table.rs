@@ -295,13 +295,16 @@ impl ElementTable {
         (self.name, self.direction) == (&*record.name, record.direction)
     }
 
-    /// The record of a remote that has it; `None` if its limits are not known, and are needed.
+    /// The record of a remote that has it; `None` if its limits are not known or not finite, and
+    /// are needed: they are its scale.
     fn record(&self) -> Option<DataRecord> {
         let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
-        let (min, max) = match self.limits {
-            None if is_scaled => return None,
-            limits => limits.unwrap_or_default(),
-        };
+        let is_scale = |(min, max): &(f32, f32)| min.is_finite() && max.is_finite();
+        let limits = self.limits.filter(|limits| !is_scaled || is_scale(limits));
+        if is_scaled && limits.is_none() {
+            return None;
+        }
+        let (min, max) = limits.unwrap_or_default();
         Some(DataRecord {
             record_address: 0,
             bits: self.bits,

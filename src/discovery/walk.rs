@@ -34,7 +34,7 @@ impl Default for DiscoveryOptions<'_> {
 /// What discovery found out about a remote, and what it could not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discovered {
-    /// What START told.
+    /// What START told. Sizes that it did not tell of a 7I64 are those of its table.
     pub started: StartedRemote,
     /// What was found; after a problem, as much of it as was found.
     pub descriptor: RemoteDescriptor,
@@ -69,31 +69,33 @@ impl Discovered {
         if self.plan.is_err() {
             return;
         }
-        match PackingPlan::new(&self.descriptor, registers) {
-            Ok(plan) => match self.sizes_problem(&plan) {
-                Some(kind) => self.note(Table::Process, self.started.ptoc, kind),
-                None => self.plan = Ok(plan),
-            },
-            Err(problem) => self.note(problem.table, problem.record, problem.kind),
-        }
-    }
-
-    /// What a remote transfers must be what its tables describe. Tables that can not be where the
-    /// remote says they are read as zeros.
-    fn sizes_problem(&self, plan: &PackingPlan) -> Option<ProblemKind> {
-        let started = &self.started;
-        // The gateware knows the sizes of a 7I64 itself, but keeps them only for a normal START.
+        let plan = match PackingPlan::new(&self.descriptor, registers) {
+            Ok(plan) => plan,
+            Err(problem) => return self.note(problem.table, problem.record, problem.kind),
+        };
+        let started = &mut self.started;
+        // The gateware knows the sizes of a 7I64 itself (FACTS 4.7), and may keep them for a normal
+        // START only, which is then held against them.
         let is_untold = (started.name, started.ptoc) == (StartedRemote::NAME_7I64, 0)
             && started.sizes == ProcessDataSizes::default();
+        if is_untold {
+            started.sizes = plan.sizes(started.reply_format());
+        }
+        // What a remote transfers must be what its tables describe. Tables that can not be where the
+        // remote says they are read as zeros.
         let (rx, tx) = (started.input_bytes(), started.output_bytes());
         let (plan_rx, plan_tx) = (plan.input_bytes(), plan.output_bytes());
-        let is_same = (u32::from(rx), u32::from(tx)) == (plan_rx, plan_tx);
-        (!is_same && !is_untold).then_some(ProblemKind::Sizes {
+        if (u32::from(rx), u32::from(tx)) == (plan_rx, plan_tx) {
+            self.plan = Ok(plan);
+            return;
+        }
+        let kind = ProblemKind::Sizes {
             rx,
             tx,
             plan_rx,
             plan_tx,
-        })
+        };
+        self.note(Table::Process, self.started.ptoc, kind);
     }
 
     /// Some remotes list process data in the GTOC by a record of its own. FACTS 7.2.

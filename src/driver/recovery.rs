@@ -41,12 +41,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         Ok(Rearmed { armed, waiting })
     }
 
-    /// Restarts a remote in the next cycles, which clears the faults it reports: at once, but for
-    /// one that is offline not before its own watchdog must have bitten. Its outputs are safe
-    /// until it is re-armed.
-    pub fn restart(&mut self, port: u8, channel: Channel) {
+    /// Restarts the remote on `channel` (0 to 7) of `port` in the next cycles, which clears the
+    /// faults it reports: at once, but for one that is offline not before its own watchdog must have
+    /// bitten. Its outputs are safe until it is re-armed. Does nothing if none takes part there.
+    pub fn restart(&mut self, port: u8, channel: u8) {
         let now = self.bus.now();
-        if let Some(port) = self.parts.ports.get_mut(usize::from(port)) {
+        let port = self.parts.ports.get_mut(usize::from(port));
+        if let (Some(port), Some(channel)) = (port, Channel::new(channel)) {
             port.restart(channel.mask(), &mut self.pins, now);
         }
     }

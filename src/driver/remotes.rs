@@ -21,7 +21,7 @@ use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemoteError, RemoteLocation, RemotePins};
 use crate::sslbp::{
     Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, ProcessDataSizes,
-    ReplyFormat, StartMode, StartedRemote,
+    StartMode, StartedRemote,
 };
 
 /// What nothing is known of.
@@ -260,8 +260,9 @@ impl Plan {
             why,
         };
         let descriptor = table.descriptor(mode);
-        let descriptor =
-            descriptor.ok_or_else(|| unusable("it does not say all of its process data".into()))?;
+        let descriptor = descriptor.ok_or_else(|| {
+            unusable("it lacks process data of this mode, or finite limits of a number".into())
+        })?;
         let plan = PackingPlan::new(&descriptor, stage.port.layout().interface_registers);
         let plan = plan.map_err(|problem| unusable(problem.to_string()))?;
         let contents = table.contents.iter().find(|contents| contents.mode == mode);
@@ -272,15 +273,10 @@ impl Plan {
             name: descriptor.name,
             ptoc: contents.map_or(0, |contents| contents.ptoc),
             gtoc: contents.map_or(0, |contents| contents.gtoc),
-            sizes: ProcessDataSizes {
-                rx: plan.input_bytes() as u8,
-                tx: plan.output_bytes() as u8,
-            },
+            sizes: ProcessDataSizes::default(),
             cs: CsStatus::default(),
         };
-        if expected.reply_format() == ReplyFormat::FaultByteFirst {
-            expected.sizes.rx += 1;
-        }
+        expected.sizes = plan.sizes(expected.reply_format());
         let pins = self.remote_pins(stage, channel, &descriptor, (&plan, Some(table)));
         Ok(FoundRemote {
             started: expected,

@@ -438,7 +438,7 @@ impl Application {
                 .remote(channel)
                 .map(|status| status.state);
             if state.is_some_and(|state| state != RemoteState::Running) {
-                driver.restart(port as u8, channel);
+                driver.restart(port as u8, channel.index());
             }
         }
     }

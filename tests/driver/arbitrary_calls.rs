@@ -267,8 +267,7 @@ impl Trial {
                 self.took_less_than(now, 200_000);
             }
             Step::Restart(channel) => {
-                let channel = mesa_hal::sslbp::Channel::ALL[channel];
-                self.machine.driver.restart(0, channel);
+                self.machine.driver.restart(0, channel as u8);
             }
             Step::Run(on) => {
                 let pins = self.machine.driver.pins_mut();

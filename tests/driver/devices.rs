@@ -3,17 +3,21 @@
 
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
-use mesa_hal::bus::RegisterBus;
+use mesa_hal::bus::{Access, Direction, RegisterBus};
+use mesa_hal::discovery::{ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Driver, DriverError, Presence, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
+use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::devices::{
     Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
 };
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{SimFpga, machines};
-use mesa_hal::sslbp::Channel;
+use mesa_hal::sim::{SimError, SimFpga, machines};
+use mesa_hal::sslbp::{Channel, Layout};
+
+use crate::common::bus::{Around, Between};
 
 /// The devices, and the software modes they have.
 const DEVICES: [(&str, u8); 6] = [
@@ -171,7 +175,7 @@ fn a_7i64_comes_back_after_a_restart_in_the_cycle() {
         if is_unplugged {
             cable(&mut driver, 1).unplug();
         } else {
-            driver.restart(0, channel);
+            driver.restart(0, channel.index());
         }
         let mut was_offline = false;
         for cycle in 0..1000 {
@@ -227,6 +231,81 @@ fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
     );
     drive(&mut driver, 0, "7i64");
     drive(&mut driver, 2, "7i72");
+}
+
+/// A gateware that has the sizes of a 7I64 on channel 0 only after a normal START.
+struct SizesOfNormalStart {
+    layout: Layout,
+    is_setup: bool,
+    is_asked: bool,
+}
+
+impl Between for SizesOfNormalStart {
+    fn exchange(
+        &mut self,
+        fpga: &mut SimFpga,
+        accesses: &[Access],
+        words: &mut [u32],
+    ) -> Result<(), SimError> {
+        let at = |address, direction| {
+            let mut accesses = accesses.iter();
+            let access = accesses.find(|a| (a.address, a.direction) == (address, direction));
+            access.map(|access| usize::from(access.first))
+        };
+        if let Some(place) = at(self.layout.command, Direction::Write) {
+            let command = words[place];
+            self.is_setup = match command >> 8 {
+                0x0F => true,
+                0x09 => false,
+                _ => self.is_setup,
+            };
+            // RXSize and TXSize.
+            self.is_asked = matches!(command, 0x209E | 0x209F);
+        }
+        fpga.exchange(accesses, words)?;
+        if let Some(place) = at(self.layout.data(), Direction::Read)
+            && self.is_setup
+            && self.is_asked
+        {
+            words[place] = 0;
+        }
+        Ok(())
+    }
+}
+
+/// FACTS 4.7: the gateware gives a 7I64 its sizes. What they are in setup mode is not known.
+#[test]
+fn a_7i64_of_which_only_the_normal_start_tells_the_sizes_runs_with_a_table_of_these_sizes() {
+    const OTHER: RemoteTable = RemoteTable {
+        has_discovery: false,
+        ..RemoteTable::new(
+            "other 7I64",
+            *b"7I64",
+            &[ElementTable::bits_out("output", 24)],
+        )
+    };
+    for (remotes, runs) in [(vec![], true), (vec![&OTHER], false)] {
+        let mut fpga = machine(vec![device("7i64")]);
+        let firmware = HostMot2::identify(&mut fpga).expect("a firmware");
+        let between = SizesOfNormalStart {
+            layout: Layout::locate(&firmware, 0).expect("a port"),
+            is_setup: false,
+            is_asked: false,
+        };
+        let settings = Settings {
+            serial_ports: [(0, "0xxxxxxx".parse().expect("modes"))].into(),
+            remotes,
+            ..Settings::default()
+        };
+        let driver = Driver::start(Around { fpga, between }, settings).expect("a board");
+        let missing = driver.missing();
+        assert_eq!(missing.is_empty(), runs, "{missing:?}");
+        assert_eq!(driver.ports()[0].remotes().count(), usize::from(runs));
+        if let Some(remark) = missing.first() {
+            let text = remark.to_string();
+            assert!(text.contains("says other things of itself"), "{text}");
+        }
+    }
 }
 
 fn machine(ends: Vec<Box<dyn RemoteEnd>>) -> SimFpga {

@@ -266,9 +266,7 @@ fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() 
                 machine.cable(FIELD).unplug();
                 machine.until(100, |machine| !machine.is_running(FIELD));
             }
-            machine
-                .driver
-                .restart(0, mesa_hal::sslbp::Channel::ALL[FIELD]);
+            machine.driver.restart(0, FIELD as u8);
             for _ in 0..wait {
                 cycle(&mut machine, |_| {});
             }
@@ -295,9 +293,7 @@ fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outpu
         let _ = machine.driver.read().unwrap();
         assert!(!machine.is_running(FIELD), "told");
         for _ in 0..300 {
-            machine
-                .driver
-                .restart(0, mesa_hal::sslbp::Channel::ALL[FIELD]);
+            machine.driver.restart(0, FIELD as u8);
             let _ = machine.driver.rearm().unwrap();
             cycle(&mut machine, &mut look);
         }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
 use mesa_hal::boards::{AttachError, Finder, I7i72, I7i77Field, RemoteHandles, i7i72, i7i77};
-use mesa_hal::discovery::{Contents, DataDirection, ElementTable, RemoteTable};
+use mesa_hal::discovery::{Contents, DataDirection, DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
@@ -396,4 +396,44 @@ fn an_optional_remote_of_which_the_table_does_not_know_all_is_refused() {
         text.contains("7I72") && text.contains("software mode 1"),
         "{text}"
     );
+}
+
+/// With limits that are not finite, full scale would silently be 1. FACTS 11.10: floating-point
+/// numbers may have such limits.
+#[test]
+fn an_optional_remote_with_a_number_whose_limits_are_not_finite_is_refused() {
+    const fn meter(elements: &'static [ElementTable; 1]) -> RemoteTable {
+        RemoteTable::new("meter", *b"METR", elements)
+    }
+    const fn number(data_type: DataType, bits: u8, limits: (f32, f32)) -> [ElementTable; 1] {
+        [ElementTable {
+            data_type,
+            limits: Some(limits),
+            ..ElementTable::volts_in("Supply", bits, 36.3)
+        }]
+    }
+    const INFINITE: (f32, f32) = (f32::NEG_INFINITY, f32::INFINITY);
+    static REFUSED: [RemoteTable; 4] = [
+        meter(&const { number(DataType::Unsigned, 8, (0.0, f32::INFINITY)) }),
+        meter(&const { number(DataType::Signed, 16, INFINITE) }),
+        meter(&const { number(DataType::Unsigned, 8, (0.0, f32::NAN)) }),
+        meter(&const { number(DataType::Signed, 16, (f32::NAN, 1.0)) }),
+    ];
+    static TAKEN: [RemoteTable; 2] = [
+        meter(&const { number(DataType::Unsigned, 8, (0.0, 36.3)) }),
+        meter(&const { number(DataType::Float, 32, INFINITE) }),
+    ];
+    let start = |kind| {
+        let mut fpga = fpga();
+        let _ = fpga.plug(0, OUTPUTS, None);
+        Driver::start(fpga, optional(OUTPUTS, 0, kind))
+    };
+    for kind in &TAKEN {
+        let driver = start(kind).expect("two remotes run");
+        assert_eq!(driver.ports()[0].remotes().count(), 3);
+    }
+    for kind in &REFUSED {
+        let text = start(kind).unwrap_err().to_string();
+        assert!(text.contains("meter") && text.contains("finite"), "{text}");
+    }
 }

@@ -15,7 +15,6 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
 use mesa_hal::sim::{Cause, DEFAULT_ACCESS_COST, Director, MotorConfig, SimFpga, machines};
-use mesa_hal::sslbp::Channel;
 
 const BOARD: &str = "hm2_7i97.0";
 /// Pins that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
@@ -111,7 +110,7 @@ const CHANGES: [Change; 13] = [
 impl Change {
     fn make<B: RegisterBus + Clock>(self, driver: &mut Driver<B>) {
         match self {
-            Self::Restart => return driver.restart(0, Channel::ALL[0]),
+            Self::Restart => return driver.restart(0, 0),
             Self::TimeAndDirection | Self::TimeAndDriveRate => Self::WatchdogTime.make(driver),
             _ => {}
         }

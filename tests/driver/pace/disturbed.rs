@@ -9,7 +9,6 @@ use mesa_hal::hal::Input;
 use mesa_hal::modules::dpll::Dpll;
 use mesa_hal::sim::devices::{Analog, Device, find_cable, find_mut};
 use mesa_hal::sim::remote::Remote;
-use mesa_hal::sslbp::Channel;
 use mesa_hal::transport::udp::UdpBus;
 
 use super::{Machine, PERIOD, Pace, SimLink, WIRE, machine};
@@ -114,7 +113,7 @@ fn shown(driver: &Machine, inputs: &[Input<bool>; 32]) -> Option<(u32, Duration)
 fn disturb(driver: &mut Machine, chance: &mut Chance) {
     match chance.below(40) {
         0 => drop(driver.rearm()),
-        1 => driver.restart(0, Channel::ALL[chance.below(3) as usize]),
+        1 => driver.restart(0, chance.below(3) as u8),
         2 => driver.request_read(),
         3 => drop(driver.wait_transfers(PERIOD)),
         4 => driver

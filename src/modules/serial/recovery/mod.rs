@@ -286,7 +286,8 @@ impl Recovery {
         match operation {
             Some(operation) => {
                 self.is_measured &= !matches!(operation, Operation::Transfer(_));
-                machine.begin(operation);
+                let command = machine.begin(operation);
+                debug_assert_eq!(command, operation.command(), "the port is not idle");
             }
             None => machine.begin_nothing(),
         }
