@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use mesa_hal::boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{CycleReport, Driver, RemoteState, RemoteStatus, Settings};
+use mesa_hal::driver::{
+    CycleReport, Driver, DriverError, Pace, RemoteState, RemoteStatus, Settings,
+};
 use mesa_hal::hal::{Input, Output, Param, Pins, Value};
 use mesa_hal::sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal::sim::remote::Cable;
@@ -78,6 +80,16 @@ impl World for UdpBus<SimLink> {
     }
 }
 
+/// Starts a driver whose settings differ from the default by a change.
+pub fn start<B: RegisterBus + Clock>(
+    bus: B,
+    change: impl FnOnce(&mut Settings),
+) -> Result<Driver<B>, DriverError<B::Error>> {
+    let mut settings = Settings::default();
+    change(&mut settings);
+    Driver::start(bus, settings)
+}
+
 /// What an application holds of a board.
 pub trait Cards {
     fn of<B: World>(driver: &Driver<B>) -> Self;
@@ -126,6 +138,11 @@ impl Cards for Remotes {
     }
 }
 
+/// Nothing: a test that looks at pins by their names.
+impl Cards for () {
+    fn of<B: World>(_: &Driver<B>) -> Self {}
+}
+
 impl Cards for I7i97 {
     fn of<B: World>(driver: &Driver<B>) -> Self {
         driver.attach_board().expect("a 7I97")
@@ -144,16 +161,18 @@ pub struct Machine<B: World = SimFpga, C = Remotes> {
     pub driver: Driver<B>,
     pub cards: C,
     pub period: Duration,
+    /// With the board's, cycles follow each other without a pause.
+    pub pace: Pace,
 }
 
 impl Machine {
     /// The machine of the README with all remotes in mode 0 and a cycle of 1 ms.
     pub fn new() -> Self {
-        Self::build(|builder| builder)
+        Self::build(|_| {})
     }
 
-    pub fn build(configure: impl FnOnce(Settings) -> Settings) -> Self {
-        Self::on(fpga(), configure)
+    pub fn build(change: impl FnOnce(&mut Settings)) -> Self {
+        Self::on(fpga(), change)
     }
 }
 
@@ -164,15 +183,15 @@ impl<B: World> Machine<B> {
 }
 
 impl<B: World, C: Cards> Machine<B, C> {
-    pub fn on(bus: B, configure: impl FnOnce(Settings) -> Settings) -> Self {
-        let driver = Driver::start(bus, configure(Settings::default()));
-        Self::of(driver.expect("the machine is complete"))
+    pub fn on(bus: B, change: impl FnOnce(&mut Settings)) -> Self {
+        Self::of(start(bus, change).expect("the machine is complete"))
     }
 
     pub fn of(driver: Driver<B>) -> Self {
         Self {
             cards: C::of(&driver),
             period: driver.period(),
+            pace: Pace::Host,
             driver,
         }
     }
@@ -194,7 +213,9 @@ impl<B: World, C> Machine<B, C> {
 
     /// Up to the next period, so that periods do not grow by what accesses cost.
     pub fn rest(&mut self) {
-        self.pass(self.period);
+        if self.pace == Pace::Host {
+            self.pass(self.period);
+        }
     }
 
     /// Up to the next multiple of `time`.

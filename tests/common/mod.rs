@@ -12,5 +12,5 @@ pub mod ethernet;
 pub mod fpga;
 pub mod machine;
 pub mod recording;
-pub mod registers;
 pub mod replay;
+pub mod watch;

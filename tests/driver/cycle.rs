@@ -1,7 +1,7 @@
 //! The cycle on the simulated machine: values arrive where they belong, and what is planned is
 //! what happens.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, start};
 
 #[test]
 fn inputs_and_outputs_of_three_remotes_arrive_at_the_right_terminals() {
@@ -115,17 +115,13 @@ fn a_wait_for_transfers_ends_at_its_limit() {
 
 #[test]
 fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
-    use mesa_hal::driver::{Driver, DriverError, RemoteConfig, SerialConfig, Settings};
+    use mesa_hal::driver::{DriverError, RemoteConfig, SerialConfig};
     use mesa_hal::sim::machines;
 
     let build = |port, config| {
-        Driver::start(
-            machines::i7i92_7i77(),
-            Settings {
-                serial_ports: [(port, config)].into(),
-                ..Settings::default()
-            },
-        )
+        start(machines::i7i92_7i77(), |s| {
+            s.serial_ports = [(port, config)].into();
+        })
     };
     for port in [1, 3, 4, 200, 255] {
         let error = build(port, SerialConfig::default()).expect_err("there is one port");

@@ -1,6 +1,7 @@
 //! A driver is built with each simulated device, alone and in company: its inputs come, its outputs
 //! arrive, and nobody is missing.
 
+use crate::common::machine::start;
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::{Access, Direction, RegisterBus};
@@ -70,13 +71,7 @@ fn build(
         modes.push_str(&mode.to_string());
     }
     let modes: SerialConfig = format!("{modes:x<8}").parse().expect("modes");
-    Driver::start(
-        fpga,
-        Settings {
-            serial_ports: [(0, modes)].into(),
-            ..Settings::default()
-        },
-    )
+    start(fpga, |s| s.serial_ports = [(0, modes)].into())
 }
 
 fn step(driver: &mut Driver<SimFpga>) {
@@ -409,27 +404,14 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
     let kinds = SerialConfig {
         channels: [(0, field), (1, analog)].into(),
     };
-    let error = Driver::start(
-        swapped(),
-        Settings {
-            serial_ports: [(0, kinds.clone())].into(),
-            ..Settings::default()
-        },
-    )
-    .expect_err("swapped");
+    let error =
+        start(swapped(), |s| s.serial_ports = [(0, kinds.clone())].into()).expect_err("swapped");
     assert!(
         error.to_string().contains("swapped; exchange them"),
         "{error}"
     );
     let right = machine(vec![device("7i77"), device("analog")]);
-    let driver = Driver::start(
-        right,
-        Settings {
-            serial_ports: [(0, kinds)].into(),
-            ..Settings::default()
-        },
-    )
-    .expect("right");
+    let driver = start(right, |s| s.serial_ports = [(0, kinds)].into()).expect("right");
     assert_eq!((driver.missing(), driver.remarks()), (&[][..], &[][..]));
 }
 
@@ -439,14 +421,7 @@ fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     let build = |modes: &str| {
         let fpga = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
         let modes: SerialConfig = modes.parse().expect("modes");
-        Driver::start(
-            fpga,
-            Settings {
-                serial_ports: [(0, modes)].into(),
-                ..Settings::default()
-            },
-        )
-        .expect("complete")
+        start(fpga, |s| s.serial_ports = [(0, modes)].into()).expect("complete")
     };
     // FACTS 8.1: TXEN2, TX2 and RX2 are I/O 0 to 2, TX1 and RX1 are 3 and 4.
     let all = build("000");

@@ -3,9 +3,9 @@
 //! The truth is the edges of the simulated DPLL, whose loop is that of the gateware, against the
 //! moment at which the host reads.
 
+use crate::common::machine::start;
 use std::time::Duration;
 
-use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{CycleReport, Driver};
 use mesa_hal::modules::dpll::{Dpll, DpllPins};
@@ -37,13 +37,9 @@ struct Machine {
 
 impl Machine {
     fn new(host: Host) -> Self {
-        let driver = Driver::start(
-            machines::i7i97(1),
-            Settings {
-                period: Duration::from_nanos(PERIOD),
-                ..Settings::default()
-            },
-        )
+        let driver = start(machines::i7i97(1), |s| {
+            s.period = Duration::from_nanos(PERIOD);
+        })
         .expect("a 7I97");
         let dpll = driver.modules::<Dpll>().next().expect("a DPLL").pins;
         let mut this = Self {

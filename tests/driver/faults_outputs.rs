@@ -303,10 +303,7 @@ fn an_application_that_restarts_and_re_arms_all_the_time_does_not_keep_old_outpu
 /// The host stands still for longer than the remotes' watchdogs allow, and the board's.
 #[test]
 fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_once() {
-    let mut machine = Machine::build(|builder| Settings {
-        watchdog: Some(std::time::Duration::from_millis(500)),
-        ..builder
-    });
+    let mut machine = Machine::build(|s| s.watchdog = Some(std::time::Duration::from_millis(500)));
     for _ in 0..5 {
         cycle(&mut machine, |_| {});
     }

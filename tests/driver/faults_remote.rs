@@ -2,7 +2,6 @@
 //! safe, and how a remote comes back.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::Settings;
 use mesa_hal::driver::{Failure, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig};
 use mesa_hal::sim::devices::{FieldIo, Outputs48};
 use mesa_hal::sim::remote::{Cable, Toward, WireFault};
@@ -17,10 +16,7 @@ fn busy_machine(mode: u8) -> Machine {
     };
     let mut config = SerialConfig::default();
     config.channels.insert(0, remote);
-    let mut machine = Machine::build(|builder| Settings {
-        serial_ports: [(0, config)].into(),
-        ..builder
-    });
+    let mut machine = Machine::build(|s| s.serial_ports = [(0, config)].into());
     switch_on(&mut machine);
     machine.cycles(5);
     assert!(are_outputs_on(&machine, FIELD));
@@ -226,10 +222,7 @@ fn an_unplugged_remote_switches_off_by_itself_and_says_so_when_it_is_back() {
 /// watchdog allows: it answers again, with a bitten watchdog.
 #[test]
 fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
-    let mut machine = Machine::build(|builder| Settings {
-        watchdog: Some(std::time::Duration::from_millis(500)),
-        ..builder
-    });
+    let mut machine = Machine::build(|s| s.watchdog = Some(std::time::Duration::from_millis(500)));
     switch_on(&mut machine);
     machine.cycles(5);
     machine.sleep(70);
@@ -396,12 +389,11 @@ fn attempts_to_bring_a_remote_back_never_starve_the_others() {
 
 #[test]
 fn without_automatic_recovery_the_application_decides() {
-    let mut machine = Machine::build(|builder| Settings {
-        fault_policy: mesa_hal::driver::FaultPolicy {
+    let mut machine = Machine::build(|s| {
+        s.fault_policy = mesa_hal::driver::FaultPolicy {
             automatic: false,
             ..Default::default()
-        },
-        ..builder
+        }
     });
     machine.cycles(5);
     machine.cable(FIELD).unplug();

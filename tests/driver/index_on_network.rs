@@ -1,11 +1,11 @@
 //! `index-enable` ends by a true latch and by nothing else, whatever the network does to the writes
 //! of the control word: each zero is held against the place of the index on the simulated shaft.
 
+use crate::common::machine::start;
 use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{Fate, SimLink, WIRE};
-use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
@@ -50,15 +50,11 @@ fn machine() -> Machine {
         ..UdpConfig::default()
     };
     let bus = UdpBus::new(link, config).expect("the board answers");
-    Driver::start(
-        bus,
-        Settings {
-            period: PERIOD,
-            bus_error_limit: 1000,
-            watchdog: Some(Duration::from_millis(500)),
-            ..Settings::default()
-        },
-    )
+    start(bus, |s| {
+        s.period = PERIOD;
+        s.bus_error_limit = 1000;
+        s.watchdog = Some(Duration::from_millis(500));
+    })
     .expect("the machine is complete")
 }
 

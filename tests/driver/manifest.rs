@@ -66,11 +66,7 @@ fn differences(made: &List, written: &List) -> Vec<String> {
 /// A 7I77 with everything that it measures, and a 7I72 with its supply voltage.
 fn machine_7i92() -> Driver<SimFpga> {
     let modes: SerialConfig = "301".parse().expect("modes");
-    Machine::build(|builder| Settings {
-        serial_ports: [(0, modes)].into(),
-        ..builder
-    })
-    .driver
+    Machine::build(|s| s.serial_ports = [(0, modes)].into()).driver
 }
 
 fn machine_7i97() -> Driver<SimFpga> {

@@ -5,10 +5,9 @@ use std::time::Duration;
 
 use crate::common::bus::{Around, Between};
 use crate::common::chance::Chance;
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
-use mesa_hal::Settings;
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga, start};
 use mesa_hal::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
-use mesa_hal::driver::{BoardState, Driver, FaultPolicy};
+use mesa_hal::driver::{BoardState, FaultPolicy};
 use mesa_hal::hal::{HalType, Pins, Role};
 use mesa_hal::sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
@@ -88,14 +87,7 @@ fn remotes_of_a_port_that_is_switched_off_are_told_and_not_left_to_their_watchdo
 
 #[test]
 fn writes_alone_do_not_bring_back_a_board_whose_bus_was_down() {
-    let driver = Driver::start(
-        Faulty::new(fpga(), 1),
-        Settings {
-            bus_error_limit: 1,
-            ..Settings::default()
-        },
-    )
-    .unwrap();
+    let driver = start(Faulty::new(fpga(), 1), |s| s.bus_error_limit = 1).unwrap();
     let mut machine = Machine::with(driver);
     machine.cycles(3);
     let bus = machine.driver.bus_mut();
@@ -115,10 +107,7 @@ fn pauses_without_end_are_a_policy_like_any_other() {
         longest_backoff: Duration::MAX,
         ..FaultPolicy::default()
     };
-    let mut machine = Machine::build(|builder| Settings {
-        fault_policy: policy,
-        ..builder
-    });
+    let mut machine = Machine::build(|s| s.fault_policy = policy);
     machine.cable(FIELD).unplug();
     machine.until(40, |machine| !machine.is_running(FIELD));
     machine.cycles(300);
@@ -221,13 +210,9 @@ fn no_value_of_a_register_pin_or_parameter_makes_the_cycle_fail() {
             one_in: 0,
         };
         let fpga = fpga();
-        let mut driver = Driver::start(
-            Around { fpga, between },
-            Settings {
-                serial_ports: [(0, "301".parse().unwrap())].into(),
-                ..Settings::default()
-            },
-        )
+        let mut driver = start(Around { fpga, between }, |s| {
+            s.serial_ports = [(0, "301".parse().unwrap())].into();
+        })
         .unwrap();
         driver.bus_mut().between.one_in = [0, 3, 30, 1000][seed as usize % 4];
         for _ in 0..1500 {

@@ -2,13 +2,15 @@
 
 mod disturbed;
 
+use super::cycle_7i97::follow;
+use crate::common::machine::{self, start};
 use std::time::Duration;
 
 use crate::common::ethernet::{self, SimLink, WIRE, cut, good};
 use mesa_hal::Settings;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{BoardState, Driver, DriverError, Pace};
+use mesa_hal::driver::{BoardState, CycleReport, Driver, DriverError, Pace};
 use mesa_hal::sim::{MotorConfig, machines};
 use mesa_hal::transport::udp::UdpBus;
 
@@ -21,15 +23,21 @@ fn bus() -> UdpBus<SimLink> {
 }
 
 fn machine(pace: Pace) -> Machine {
-    Driver::start(
-        bus(),
-        Settings {
-            period: PERIOD,
-            pace,
-            ..Settings::default()
-        },
-    )
-    .expect("the board is complete")
+    start(bus(), |s| s.pace = pace).expect("the board is complete")
+}
+
+/// One that the board paces, after its first read, which waits for the clock as well.
+fn paced() -> Machine {
+    let mut driver = machine(Pace::Board);
+    let _ = driver.read().expect("the board is there");
+    driver
+}
+
+/// The host takes some of the period, writes, and reads what the board's next period brings.
+fn cycle(driver: &mut Machine, work: Duration) -> CycleReport {
+    driver.bus_mut().wait(work);
+    driver.write().expect("the board is there");
+    driver.read().expect("the board is there")
 }
 
 /// When the board answered the requests of the cycle, from the packet `first` on.
@@ -49,9 +57,7 @@ fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
     for n in 0..500_u64 {
         // The host takes now less, now more of the period.
         let work = Duration::from_micros(50 + n * 7919 % 700);
-        driver.bus_mut().wait(work);
-        driver.write().expect("the board is there");
-        let report = driver.read().expect("the board is there");
+        let report = cycle(&mut driver, work);
         assert_eq!((report.missed_periods, report.is_good()), (0, true), "{n}");
         let slack = report.slack.expect("the board waited");
         let taken = work + 4 * Duration::from_nanos(WIRE);
@@ -72,15 +78,8 @@ fn the_reads_come_with_the_boards_periods_whatever_the_host_does_between() {
 
 #[test]
 fn a_board_that_paces_says_when_the_host_keeps_pace() {
-    let mut driver = machine(Pace::Board);
-    let _ = driver
-        .read()
-        .expect("the first waits for the clock as well");
-    let mut cycle = |work: u64| {
-        driver.bus_mut().wait(Duration::from_micros(work));
-        driver.write().expect("the board is there");
-        driver.read().expect("the board is there").locked
-    };
+    let mut driver = paced();
+    let mut cycle = |work| cycle(&mut driver, Duration::from_micros(work)).locked;
     let locked: Vec<bool> = (0..150).map(|n| cycle(100 + n * 37 % 500)).collect();
     let first = locked.iter().position(|&locked| locked);
     assert!(first.is_some_and(|n| (118..=121).contains(&n)), "{first:?}");
@@ -100,13 +99,11 @@ fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcn
         "it runs free"
     );
     for _ in 0..10 {
-        driver.write().expect("the board is there");
-        let _ = driver.read().expect("the board is there");
+        let _ = cycle(&mut driver, Duration::ZERO);
     }
     let before = driver.bus().statistics();
     for _ in 0..100 {
-        driver.write().expect("the board is there");
-        let _ = driver.read().expect("the board is there");
+        let _ = cycle(&mut driver, Duration::ZERO);
     }
     let after = driver.bus().statistics();
     assert_eq!(after.exchanges - before.exchanges, 100);
@@ -121,12 +118,9 @@ fn a_paced_cycle_is_one_packet_out_and_one_back_and_smaller_than_that_of_linuxcn
 
 #[test]
 fn a_late_host_misses_a_period_and_gets_the_next() {
-    let mut driver = machine(Pace::Board);
-    let _ = driver.read().expect("the board is there");
+    let mut driver = paced();
     for work in [300, 1_400, 300, 3_300, 300_u64] {
-        driver.bus_mut().wait(Duration::from_micros(work));
-        driver.write().expect("the board is there");
-        let report = driver.read().expect("the board is there");
+        let report = cycle(&mut driver, Duration::from_micros(work));
         assert_eq!(report.missed_periods, work / 1000, "{work} us");
     }
     assert_eq!(driver.statistics().missed_periods, 4);
@@ -137,8 +131,7 @@ fn without_a_board_the_loop_still_takes_its_time() {
     let lost = |link: &mut SimLink| link.to_board = cut();
     let unreachable = |link: &mut SimLink| link.is_unreachable = true;
     for cut in [lost as fn(&mut SimLink), unreachable] {
-        let mut driver = machine(Pace::Board);
-        let _ = driver.read().expect("the board is there");
+        let mut driver = paced();
         cut(driver.bus_mut().link());
         for n in 0..20 {
             let before = driver.bus_mut().now();
@@ -193,37 +186,12 @@ fn after_a_reset_the_board_paces_again_when_it_is_set_up_again() {
 
 #[test]
 fn six_position_loops_are_closed_at_the_boards_pace() {
-    let mut driver = machine(Pace::Board);
-    let card: I7i97 = driver.attach_board().expect("a 7I97");
-    let pins = driver.pins_mut();
-    for output in card.analog_out {
-        pins.set(output.enable, true);
-    }
-    for encoder in card.encoders {
-        pins.set_param(encoder.scale, 1000.0).expect("a scale");
-    }
-    let _ = driver.rearm();
-    let mut worst = 0.0_f64;
-    for n in 0..500_u32 {
-        let _ = driver.read().expect("the board is there");
-        for (axis, (output, encoder)) in card.analog_out.iter().zip(card.encoders).enumerate() {
-            let phase = f64::from(n) * 0.01 + axis as f64;
-            let target = phase.sin() - (axis as f64).sin();
-            let position = driver.pins().read(encoder.position);
-            let error = target - position.value;
-            if n > 100 {
-                worst = worst.max(error.abs());
-            }
-            driver
-                .pins_mut()
-                .set(output.volts, phase.cos() + error * 5.0);
-        }
-        driver.write().expect("the board is there");
-    }
+    let mut machine = machine::Machine::<_, I7i97>::of(machine(Pace::Board));
+    machine.pace = Pace::Board;
+    let worst = follow(&mut machine);
     assert!(worst < 0.1, "{worst}");
-    let fpga = driver.bus_mut().link().board.gateware_mut();
     for axis in 0..6 {
-        let position = fpga.motor(axis).expect("an axis").position();
+        let position = machine.fpga().motor(axis).expect("an axis").position();
         assert!(position.abs() > 0.05, "axis {axis} has moved: {position}");
     }
 }
@@ -240,38 +208,33 @@ fn a_pace_has_a_name() {
 
 #[test]
 fn what_can_not_pace_is_said_when_the_driver_is_built() {
-    let fpga = machines::six_axes_7i92(MotorConfig::default());
-    let error = Driver::start(
-        ethernet::bus(fpga),
-        Settings {
-            pace: Pace::Board,
-            ..Settings::default()
-        },
-    )
-    .unwrap_err();
-    assert!(matches!(error, DriverError::NotPaced { .. }), "{error}");
-    let settings = Settings {
-        pace: Pace::Board,
-        no_dpll: true,
-        ..Settings::default()
-    };
-    let error = Driver::start(bus(), settings).unwrap_err();
-    assert!(matches!(error, DriverError::NotPaced { .. }), "{error}");
-    let embedded = machines::six_axes_7i97(MotorConfig::default());
-    let error = Driver::start(
-        embedded,
-        Settings {
-            pace: Pace::Board,
-            ..Settings::default()
-        },
+    let by_board = |s: &mut Settings| s.pace = Pace::Board;
+    let without_dpll = start(
+        ethernet::bus(machines::six_axes_7i92(MotorConfig::default())),
+        by_board,
     );
-    let error = error.unwrap_err();
-    let refused = matches!(error, DriverError::NotPaced { .. });
-    assert!(refused, "{error}");
-    assert!(
-        error.to_string().contains("let the host pace it"),
-        "{error}"
-    );
+    let left_alone = start(bus(), |s| {
+        by_board(s);
+        s.no_dpll = true;
+    });
+    let embedded = start(machines::six_axes_7i97(MotorConfig::default()), by_board);
+    for (is_refused, text) in [
+        refusal(without_dpll),
+        refusal(left_alone),
+        refusal(embedded),
+    ] {
+        assert!(is_refused, "{text}");
+        assert!(text.contains("let the host pace it"), "{text}");
+    }
+}
+
+/// Whether it is the error of what can not pace, and its text.
+fn refusal<B: RegisterBus + Clock>(
+    started: Result<Driver<B>, DriverError<B::Error>>,
+) -> (bool, String) {
+    let error = started.err().expect("it can not pace");
+    let is_refused = matches!(error, DriverError::NotPaced { .. });
+    (is_refused, error.to_string())
 }
 
 #[test]
@@ -355,8 +318,7 @@ fn inputs_that_wait_for_their_cycle_are_as_old_as_that() {
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut cycle = |delay: u64| {
         driver.bus_mut().link().to_host = Box::new(move |_, _| vec![WIRE + delay]);
-        driver.write().expect("the board is there");
-        let _ = driver.read().expect("the board is there");
+        let _ = super::pace::cycle(&mut driver, Duration::ZERO);
         let link = driver.bus_mut().link();
         let (arrived, _) = link.journal.last().expect("it was asked").replies[0];
         let now = driver.bus_mut().now().as_nanos();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::common::machine::{OUTPUTS, fpga};
+use crate::common::machine::{OUTPUTS, fpga, start};
 use mesa_hal::Settings;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::discovery::RemoteTable;
@@ -15,13 +15,7 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
     let build = |remote: RemoteConfig, fpga: &mut SimFpga| {
         let mut config = SerialConfig::default();
         config.channels.insert(2, remote);
-        let result = Driver::start(
-            &mut *fpga,
-            Settings {
-                serial_ports: [(0, config)].into(),
-                ..Settings::default()
-            },
-        );
+        let result = start(&mut *fpga, |s| s.serial_ports = [(0, config)].into());
         let Err(DriverError::Missing(missing)) = result else {
             panic!("built");
         };
@@ -57,13 +51,7 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
 fn a_period_that_is_too_short_is_refused_with_the_time_it_needs() {
     let mut simulated = fpga();
     let period = Duration::from_micros(50);
-    let result = Driver::start(
-        &mut simulated,
-        Settings {
-            period,
-            ..Settings::default()
-        },
-    );
+    let result = start(&mut simulated, |s| s.period = period);
     let Err(DriverError::PeriodTooShort { needed, .. }) = result else {
         panic!("built");
     };

@@ -176,10 +176,7 @@ fn are_on(machine: &Machine) -> Vec<bool> {
 fn at_run_time_a_parameter_is_written_while_all_outputs_are_off_and_all_is_restarted() {
     // Also with a board's watchdog that is shorter than the call.
     for watchdog in [5, 1000] {
-        let mut machine = Machine::build(|builder| Settings {
-            watchdog: Some(Duration::from_millis(watchdog)),
-            ..builder
-        });
+        let mut machine = Machine::build(|s| s.watchdog = Some(Duration::from_millis(watchdog)));
         switch_on(&mut machine);
         machine.cycles(5);
         assert!(are_on(&machine).into_iter().all(|on| on));
@@ -308,10 +305,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
 
 #[test]
 fn a_remote_keeps_the_watchdog_that_was_written_and_uses_it_after_the_next_power_up() {
-    let mut machine = Machine::build(|builder| Settings {
-        watchdog: Some(Duration::from_secs(1)),
-        ..builder
-    });
+    let mut machine = Machine::build(|s| s.watchdog = Some(Duration::from_secs(1)));
     machine.cycles(5);
     let driver = &mut machine.driver;
     driver

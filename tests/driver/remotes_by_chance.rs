@@ -5,10 +5,9 @@
 use std::time::Duration;
 
 use crate::common::chance::Chance;
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
-use mesa_hal::Settings;
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
 use mesa_hal::bus::{BusErrorKind, Clock};
-use mesa_hal::driver::{Driver, FaultPolicy, SerialConfig};
+use mesa_hal::driver::{FaultPolicy, SerialConfig};
 use mesa_hal::hal::Reading;
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::remote::{Toward, WireFault};
@@ -59,14 +58,10 @@ impl Run {
             ..FaultPolicy::default()
         };
         let config: SerialConfig = "301".parse().expect("modes");
-        let driver = Driver::start(
-            Faulty::new(fpga(), seed),
-            Settings {
-                serial_ports: [(0, config)].into(),
-                fault_policy: policy,
-                ..Settings::default()
-            },
-        )
+        let driver = start(Faulty::new(fpga(), seed), |s| {
+            s.serial_ports = [(0, config)].into();
+            s.fault_policy = policy;
+        })
         .expect("the machine is complete");
         Self {
             machine: Machine::with(driver),

@@ -5,73 +5,20 @@
 
 mod bitten;
 
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::common::ethernet::{self, WIRE, good, is_request};
-use crate::common::machine::World;
-use mesa_hal::Settings;
+use crate::common::machine::{World, start};
+use crate::common::watch::Watch;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
-use mesa_hal::sim::{Cause, DEFAULT_ACCESS_COST, Director, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{DEFAULT_ACCESS_COST, MotorConfig, SimFpga, machines};
 
 const BOARD: &str = "hm2_7i97.0";
-/// Pins that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
-const LOW_ENABLES: [usize; 3] = [5, 7, 8];
 const PINS: usize = 51;
 /// Writes of the whole set-up from the first direction on.
 const SET_UP_AFTER_DRIVE: usize = 9;
-
-/// What the director is told and what it has seen.
-#[derive(Debug, Default)]
-struct Stage {
-    reset_at: Option<u64>,
-    /// Since the board has lost its set-up, and until it is re-armed.
-    guards: bool,
-    /// A pin was driven meanwhile, ...
-    driven: Vec<String>,
-    /// ... or something was switched on.
-    switched_on: Vec<String>,
-}
-
-#[derive(Debug)]
-struct Watch(Arc<Mutex<Stage>>);
-
-impl Director for Watch {
-    fn due(&self) -> Option<u64> {
-        self.0.lock().expect("one thread").reset_at
-    }
-
-    fn act(&mut self, fpga: &mut SimFpga) {
-        let mut stage = self.0.lock().expect("one thread");
-        stage.reset_at = None;
-        stage.guards = true;
-        fpga.reload();
-    }
-
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
-        let mut stage = self.0.lock().expect("one thread");
-        stage.guards |= cause == Cause::Bite;
-        if !stage.guards {
-            return;
-        }
-        let at = SimFpga::now(fpga);
-        let driven: Vec<_> = (0..PINS)
-            .filter(|&pin| fpga.driven_level(pin).is_some())
-            .collect();
-        if !driven.is_empty() {
-            stage.driven.push(format!("{at} ns, {cause:?}: {driven:?}"));
-        }
-        let low = LOW_ENABLES.map(|pin| fpga.driven_level(pin) == Some(false));
-        let drives: Vec<_> = (0..6).map(|n| fpga.analog_output(n)).collect();
-        let outputs: Vec<_> = (0..6).map(|n| fpga.isolated_output(n)).collect();
-        if low.contains(&true) || drives.iter().any(|d| d.enabled) || outputs.contains(&true) {
-            let what = format!("{at} ns, {cause:?}: {low:?} {drives:?} {outputs:?}");
-            stage.switched_on.push(what);
-        }
-    }
-}
 
 /// A part of the set-up that the next write holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,7 +109,7 @@ fn world(remotes: bool) -> SimFpga {
 
 struct Machine<B: World> {
     driver: Driver<B>,
-    stage: Arc<Mutex<Stage>>,
+    watch: Watch,
     counts: [Input<i32>; 6],
     name: String,
 }
@@ -177,19 +124,13 @@ impl<B: World> Machine<B> {
                 channels: [].into(),
             }
         };
-        let driver = Driver::start(
-            bus,
-            Settings {
-                serial_ports: [(0, serial)].into(),
-                ..Settings::default()
-            },
-        );
+        let driver = start(bus, |s| s.serial_ports = [(0, serial)].into());
         let driver = driver.expect("the board is complete");
         let count = |n| format!("{BOARD}.encoder.{n:02}.count");
         let counts = [0, 1, 2, 3, 4, 5].map(|n| driver.pins().input(&count(n)).expect("a pin"));
         let mut this = Self {
             driver,
-            stage: Arc::default(),
+            watch: Watch::default(),
             counts,
             name,
         };
@@ -208,8 +149,7 @@ impl<B: World> Machine<B> {
                 .all(|count| count.is_some_and(|c| c.abs() > 100))
         );
         this.assert_drives();
-        let watch = Box::new(Watch(Arc::clone(&this.stage)));
-        this.fpga().set_director(watch);
+        this.watch = Watch::since_a_loss(this.fpga());
         this
     }
 
@@ -291,27 +231,17 @@ impl<B: World> Machine<B> {
             "{}: noticed in read {noticed:?}",
             self.name
         );
-        let stage = std::mem::take(&mut *self.stage.lock().expect("one thread"));
+        let seen = std::mem::take(&mut *self.watch.seen());
         assert!(
-            stage.switched_on.is_empty(),
+            seen.switched_on.is_empty(),
             "{}: {:#?}",
             self.name,
-            stage.switched_on
+            seen.switched_on
         );
         if drives_pins {
-            assert!(
-                stage.driven.len() <= 2,
-                "{}: {:#?}",
-                self.name,
-                stage.driven
-            );
+            assert!(seen.driven.len() <= 2, "{}: {:#?}", self.name, seen.driven);
         } else {
-            assert!(
-                stage.driven.is_empty(),
-                "{}: {:#?}",
-                self.name,
-                stage.driven
-            );
+            assert!(seen.driven.is_empty(), "{}: {:#?}", self.name, seen.driven);
         }
         self.comes_back();
     }
@@ -364,7 +294,7 @@ fn reset_at<B: World>(bus: B, remotes: bool, change: Change, delay: u64, name: S
     let mut machine = Machine::running(bus, remotes, name);
     let before = machine.counts();
     let at = machine.driver.bus_mut().now().as_nanos() + delay;
-    machine.stage.lock().expect("one thread").reset_at = Some(at);
+    machine.watch.seen().reset_at = Some(at);
     let _ = machine.driver.read();
     for (count, before) in machine.counts().into_iter().zip(before) {
         assert!(
@@ -423,17 +353,17 @@ fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
         machine.cycle();
         assert_eq!(machine.driver.board_state(), BoardState::Reset, "{delay}");
         let at = SimFpga::now(machine.fpga()) + delay;
-        machine.stage.lock().expect("one thread").reset_at = Some(at);
+        machine.watch.seen().reset_at = Some(at);
         let _ = machine.driver.rearm().expect("the bus does not fail");
         // In the middle of the set-up: what was still to come drives pins, but not for long.
-        let mut stage = machine.stage.lock().expect("one thread");
+        let mut seen = machine.watch.seen();
         assert!(
-            stage.driven.len() <= SET_UP_AFTER_DRIVE,
+            seen.driven.len() <= SET_UP_AFTER_DRIVE,
             "{delay}: {:#?}",
-            stage.driven
+            seen.driven
         );
-        (stage.driven, stage.switched_on) = Default::default();
-        drop(stage);
+        (seen.driven, seen.switched_on) = Default::default();
+        drop(seen);
         let is_driven = (0..PINS).any(|pin| machine.fpga().driven_level(pin).is_some());
         assert!(
             !is_driven || machine.driver.board_state() == BoardState::Running,

@@ -1,8 +1,7 @@
 //! The board is reset, and nothing that stood before may look true: whatever its remotes do at
 //! that time.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::Settings;
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, start};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::Input;
@@ -37,14 +36,7 @@ fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
     let no_remotes = SerialConfig {
         channels: [].into(),
     };
-    let mut driver = Driver::start(
-        fpga,
-        Settings {
-            serial_ports: [(0, no_remotes)].into(),
-            ..Settings::default()
-        },
-    )
-    .unwrap();
+    let mut driver = start(fpga, |s| s.serial_ports = [(0, no_remotes)].into()).unwrap();
     let counts: Vec<Input<i32>> = (0..6)
         .map(|n| {
             driver

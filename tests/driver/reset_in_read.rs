@@ -2,27 +2,11 @@
 //! not have.
 
 use crate::common::machine::{ANALOG, Machine, fpga};
+use crate::common::watch::Watch;
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::DEFAULT_ACCESS_COST;
-use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
-
-/// Resets the FPGA at a time.
-#[derive(Debug)]
-struct ResetAt(Option<u64>);
-
-impl Director for ResetAt {
-    fn due(&self) -> Option<u64> {
-        self.0
-    }
-
-    fn act(&mut self, fpga: &mut SimFpga) {
-        self.0 = None;
-        fpga.reload();
-    }
-
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
-}
+use mesa_hal::sim::{MotorConfig, machines};
 
 /// All inputs of the 7I77 are on and all its encoders have counted.
 fn running() -> Machine {
@@ -67,14 +51,8 @@ fn a_reset_between_any_two_accesses_of_a_read_leaves_no_input_valid_that_was_not
             "{before:?}"
         );
         let at = machine.now() + access * DEFAULT_ACCESS_COST + DEFAULT_ACCESS_COST / 2;
-        let reset = ResetAt(Some(at));
-        assert!(
-            machine
-                .driver
-                .bus_mut()
-                .set_director(Box::new(reset))
-                .is_none()
-        );
+        let watch = Watch::since_a_loss(machine.fpga());
+        watch.seen().reset_at = Some(at);
         let _ = machine.driver.read().expect("the bus works");
         let is_reset = machine.now() > at;
         let pins = machine.driver.pins();

@@ -1,17 +1,18 @@
 //! Set-up and end: times that fit each other, a watchdog that bites by nothing but silence, and pins
 //! that are not driven before and after.
 
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::common::ethernet::{self, WIRE, cut, good};
+use crate::common::machine::start;
+use crate::common::watch::Watch;
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
     BoardState, Driver, DriverError, GpioConfig, Presence, RemoteConfig, SerialConfig,
 };
-use mesa_hal::sim::{Cause, Director, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 
 const PINS: usize = 51;
 
@@ -30,13 +31,7 @@ fn driven(fpga: &SimFpga) -> Vec<usize> {
 
 #[test]
 fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
-    let result = Driver::start(
-        fpga(),
-        Settings {
-            watchdog: Some(Duration::from_micros(1_900)),
-            ..Settings::default()
-        },
-    );
+    let result = start(fpga(), |s| s.watchdog = Some(Duration::from_micros(1_900)));
     let Err(error @ DriverError::WatchdogTooShort { needed, .. }) = result else {
         panic!("built");
     };
@@ -46,29 +41,16 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
         text.contains("1.9ms") && text.contains("2 x 1ms = 2ms"),
         "{text}"
     );
-    assert!(
-        Driver::start(
-            fpga(),
-            Settings {
-                watchdog: Some(millis(2)),
-                ..Settings::default()
-            }
-        )
-        .is_ok()
-    );
+    assert!(start(fpga(), |s| s.watchdog = Some(millis(2))).is_ok());
 }
 
 #[test]
 fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
     let built = |period| {
-        Driver::start(
-            fpga(),
-            Settings {
-                no_dpll: true,
-                period: millis(period),
-                ..Settings::default()
-            },
-        )
+        start(fpga(), |s| {
+            s.no_dpll = true;
+            s.period = millis(period);
+        })
     };
     let Err(error @ DriverError::WatchdogTooShort { watchdog, .. }) = built(26) else {
         panic!("built");
@@ -90,13 +72,7 @@ fn no_period_panics_and_what_can_not_be_kept_is_refused() {
         Duration::from_secs(1),
         Duration::from_nanos(1),
     ] {
-        let result = Driver::start(
-            fpga(),
-            Settings {
-                period,
-                ..Settings::default()
-            },
-        );
+        let result = start(fpga(), |s| s.period = period);
         assert!(
             matches!(result, Err(DriverError::BadPeriod { .. })),
             "{period:?}"
@@ -111,13 +87,9 @@ fn watchdog_and_deadline_follow_the_period() {
         (1_000, 5_000, 800),
         (4_000, 20_000, 3_200),
     ] {
-        let built = Driver::start(
-            ethernet::bus(fpga()),
-            Settings {
-                period: Duration::from_micros(period),
-                ..Settings::default()
-            },
-        );
+        let built = start(ethernet::bus(fpga()), |s| {
+            s.period = Duration::from_micros(period);
+        });
         let mut driver = built.expect("the board is complete");
         for _ in 0..3 {
             let _ = driver.read().expect("a good network");
@@ -148,28 +120,6 @@ fn watchdog_and_deadline_follow_the_period() {
     }
 }
 
-/// Looks at what is driven while a board is set up.
-#[derive(Debug)]
-struct Watch(Arc<Mutex<Vec<String>>>);
-
-impl Director for Watch {
-    fn due(&self) -> Option<u64> {
-        None
-    }
-
-    fn act(&mut self, _: &mut SimFpga) {}
-
-    fn drives(&mut self, fpga: &SimFpga, cause: Cause) {
-        // /ENA4, /ENA5, /ENA0 to 3: FACTS 9.2.
-        let low = [5, 7, 8].map(|pin| fpga.driven_level(pin) == Some(false));
-        let on = (0..6).any(|n| fpga.analog_output(n).enabled || fpga.isolated_output(n));
-        if low.contains(&true) || on {
-            let text = format!("{} ns, {cause:?}: {low:?} {on}", SimFpga::now(fpga));
-            self.0.lock().expect("one thread").push(text);
-        }
-    }
-}
-
 /// Another program has left everything as badly as it can.
 #[test]
 fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bite() {
@@ -183,8 +133,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
         fpga.write_register(0x1100 + 4 * port, 0x1_FFFF);
     }
     fpga.write_register(0x0D00, 1);
-    let seen = Arc::<Mutex<Vec<String>>>::default();
-    fpga.set_director(Box::new(Watch(Arc::clone(&seen))));
+    let watch = Watch::now(&mut fpga);
     let mut driver = Driver::start(fpga, Settings::default()).expect("the board is complete");
     for n in 0..50 {
         let report = driver.read().expect("the bus does not fail");
@@ -193,8 +142,7 @@ fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bit
         driver.bus_mut().wait(millis(1));
         assert!(!driver.bus().watchdog().has_bitten(), "cycle {n}");
     }
-    let seen = seen.lock().expect("one thread").clone();
-    assert!(seen.is_empty(), "{seen:#?}");
+    assert_eq!(watch.seen().switched_on, [""; 0]);
     assert_eq!(
         driver.bus_mut().read_register(0x1108),
         0,
@@ -243,13 +191,9 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
     };
     let mut simulated = fpga();
     {
-        let mut driver = Driver::start(
-            &mut simulated,
-            Settings {
-                gpio: vec![(40, open_drain), (41, open_drain)],
-                ..Settings::default()
-            },
-        )
+        let mut driver = start(&mut simulated, |s| {
+            s.gpio = vec![(40, open_drain), (41, open_drain)];
+        })
         .expect("the board is complete");
         for _ in 0..5 {
             let _ = driver.read().expect("the bus does not fail");
@@ -269,14 +213,10 @@ fn whatever_ends_the_driver_no_pin_is_driven_after_it() {
     let missing = SerialConfig {
         channels: [(0, required)].into(),
     };
-    let built = Driver::start(
-        &mut simulated,
-        Settings {
-            gpio: vec![(40, open_drain)],
-            serial_ports: [(0, missing)].into(),
-            ..Settings::default()
-        },
-    );
+    let built = start(&mut simulated, |s| {
+        s.gpio = vec![(40, open_drain)];
+        s.serial_ports = [(0, missing)].into();
+    });
     assert!(matches!(built, Err(DriverError::Missing(_))));
     drop(built);
     simulated.wait(millis(1));

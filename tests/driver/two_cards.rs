@@ -1,5 +1,6 @@
 //! Two 7I77 on one board, and what is asked of encoders that a firmware does not have.
 
+use crate::common::machine::start;
 use std::collections::BTreeMap;
 
 use std::time::Duration;
@@ -113,13 +114,7 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
             count: Some(count),
             ..EncoderSetup::default()
         };
-        Driver::start(
-            fpga,
-            Settings {
-                encoders: setup,
-                ..Settings::default()
-            },
-        )
+        start(fpga, |s| s.encoders = setup)
     };
     let error = build(7).map(drop).expect_err("there are six");
     assert!(matches!(

@@ -4,13 +4,13 @@
 
 mod truth;
 
+use crate::common::machine::start;
 use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, cut, good};
-use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
@@ -77,17 +77,13 @@ fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> Et
         fault_lim: 10_000,
         ..FaultPolicy::default()
     };
-    Driver::start(
-        bus,
-        Settings {
-            period,
-            pace,
-            bus_error_limit: 50,
-            watchdog: Some(Duration::from_millis(50)),
-            fault_policy: policy,
-            ..Settings::default()
-        },
-    )
+    start(bus, |s| {
+        s.period = period;
+        s.pace = pace;
+        s.bus_error_limit = 50;
+        s.watchdog = Some(Duration::from_millis(50));
+        s.fault_policy = policy;
+    })
     .expect("the machine is complete")
 }
 

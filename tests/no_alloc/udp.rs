@@ -1,6 +1,7 @@
 //! Nothing in the cycle over Ethernet allocates, whoever paces it: real sockets, and a board on
 //! another thread behind a network that loses, delays and doubles packets.
 
+use crate::common::machine::start;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,9 +9,8 @@ use std::thread::{JoinHandle, spawn};
 use std::time::Duration;
 
 use allocation_counter::measure;
-use mesa_hal::Settings;
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::{Driver, Pace};
+use mesa_hal::driver::Pace;
 use mesa_hal::sim::{BoardConfig, Mishaps, MotorConfig, SimBoard, UdpFace, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
@@ -72,14 +72,10 @@ fn a_thousand_cycles_over_ethernet_allocate_nothing() {
             ..UdpConfig::default()
         };
         let bus = UdpBus::connect(board.address, config).expect("the board answers");
-        let mut driver = Driver::start(
-            bus,
-            Settings {
-                pace,
-                bus_error_limit: 100,
-                ..Settings::default()
-            },
-        )
+        let mut driver = start(bus, |s| {
+            s.pace = pace;
+            s.bus_error_limit = 100;
+        })
         .expect("the board is complete");
         let mut good = 0;
         let allocated = measure(|| {

@@ -1,34 +1,10 @@
 //! The analog outputs: voltages, enables, and the PWM behind them.
 
-use std::sync::{Arc, Mutex};
-
 use mesa_hal::boards::PwmTable;
 use mesa_hal::hal::Value;
-use mesa_hal::sim::{Cause, Director};
 
 use super::*;
-
-/// Notes everything but 0 V and open switches that the drives of a 7I97 see.
-#[derive(Debug)]
-struct Onlooker(Arc<Mutex<Vec<(usize, f64, bool)>>>);
-
-impl Director for Onlooker {
-    fn due(&self) -> Option<u64> {
-        None
-    }
-
-    fn act(&mut self, _: &mut SimFpga) {}
-
-    fn drives(&mut self, fpga: &SimFpga, _: Cause) {
-        for axis in 0..6 {
-            let signal = fpga.analog_output(axis);
-            if signal.volts != 0.0 || signal.enabled {
-                let mut seen = self.0.lock().unwrap();
-                seen.push((axis, signal.volts, signal.enabled));
-            }
-        }
-    }
-}
+use crate::common::watch::Watch;
 
 #[test]
 fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
@@ -45,11 +21,10 @@ fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
     for mut fpga in [machines::i7i97(1), used] {
         // A bus so quick that the whole set-up fits into a period of the PWM.
         fpga.set_access_cost(20);
-        let seen = Arc::<Mutex<Vec<_>>>::default();
-        fpga.set_director(Box::new(Onlooker(Arc::clone(&seen))));
+        let watch = Watch::now(&mut fpga);
         let mut machine = started(fpga);
         machine.cycles(5);
-        assert_eq!(*seen.lock().unwrap(), []);
+        assert_eq!(watch.seen().volts, []);
     }
 }
 
@@ -102,7 +77,6 @@ fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators
         let mut fpga = SimFpga::new(firmware);
         fpga.set_access_cost(20);
         let settings = Settings {
-            period: PERIOD,
             boards: vec![&WITHOUT_OFFSET],
             ..Settings::default()
         };
@@ -111,7 +85,7 @@ fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators
             for _ in 0..count {
                 let _ = driver.read();
                 driver.write().expect("the bus does not fail");
-                driver.bus_mut().wait(PERIOD);
+                driver.bus_mut().wait(Duration::from_millis(1));
             }
         };
         cycles(&mut driver, 2);
@@ -142,13 +116,11 @@ fn no_drive_sees_a_voltage_while_a_board_is_set_up_again_whatever_its_generators
             }
             cycles(&mut driver, 2);
             assert_ne!(driver.board_state(), BoardState::Running);
-            let seen = Arc::<Mutex<Vec<_>>>::default();
-            let onlooker = Onlooker(Arc::clone(&seen));
-            driver.bus_mut().set_director(Box::new(onlooker));
+            let watch = Watch::now(driver.bus_mut());
             let _ = driver.rearm().expect("the bus does not fail");
             cycles(&mut driver, 5);
             assert_eq!(driver.board_state(), BoardState::Running);
-            assert_eq!(*seen.lock().unwrap(), [], "bite: {is_bite}");
+            assert_eq!(watch.seen().volts, [], "bite: {is_bite}");
             let _ = driver.rearm().expect("the bus does not fail");
             drive(&mut driver, -7.0);
         }

@@ -1,6 +1,7 @@
 //! The isolated inputs and outputs, the MPGs, the LEDs and the expansion connector's pins.
 
 use super::*;
+use crate::common::machine::start;
 
 #[test]
 fn inputs_arrive_filtered_and_raw() {
@@ -224,10 +225,7 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
         ..config
     };
     let fpga = machines::i7i97(1);
-    let mut machine = build(fpga, |builder| Settings {
-        gpio: vec![(34, config), (50, inverted)],
-        ..builder
-    });
+    let mut machine = build(fpga, |s| s.gpio = vec![(34, config), (50, inverted)]);
     let all: [Output<bool>; 17] =
         core::array::from_fn(|n| machine.output(&format!("gpio.{:03}.out", 34 + n)));
     let out = |n: usize| all[n];
@@ -273,13 +271,9 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
 
 #[test]
 fn a_pin_that_a_module_uses_is_no_plain_io() {
-    let error = Driver::start(
-        machines::i7i97(1),
-        Settings {
-            gpio: vec![(19, GpioConfig::default())],
-            ..Settings::default()
-        },
-    )
+    let error = start(machines::i7i97(1), |s| {
+        s.gpio = vec![(19, GpioConfig::default())];
+    })
     .expect_err("an isolated output");
     assert!(error.to_string().contains("I/O pin 19"), "{error}");
 }
