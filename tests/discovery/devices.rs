@@ -2,18 +2,20 @@
 //! letter: byte by byte, by a program that shares nothing with the driver's.
 
 use crate::common::fpga::set_up_pins;
+use crate::common::replay::port_words;
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
-    DataDirection, Discovered, DiscoveryOptions, PortMemory, ProblemKind, RemoteDescriptor,
+    DataDirection, DataType, Discovered, DiscoveryOptions, ProblemKind, RemoteDescriptor,
     discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::devices::{Analog, FieldIo, Outputs48, Plain, find_mut};
+use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
+use mesa_hal::sim::remote::Remote;
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{SimFpga, machines};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, Layout, LocalLocation, NonvolatileMemory, Port, PortWords,
-    ProcessDataSizes, RemoteAccess, StartMode,
+    AccessSize, Channel, Layout, LocalLocation, NonvolatileMemory, Port, ProcessDataSizes,
+    RemoteAccess, StartMode,
 };
 
 /// A 7I97 whose serial port has four channels: a 7I77's two remotes, a 7I72 and a 7I64.
@@ -82,6 +84,8 @@ fn the_devices_are_what_the_facts_say() {
         elements(&field_io.descriptor),
         [("Output", 16, Output), ("Input", 32, Input)]
     );
+    let field = &field_io.descriptor;
+    assert_eq!((field.parameters.len(), field.modes.len()), (8, 5));
     for name in [
         "SwRevision",
         "UnitNumber",
@@ -94,6 +98,12 @@ fn the_devices_are_what_the_facts_say() {
 
     assert_eq!(analog.started.unit_number >> 24, 0x11);
     assert_eq!(analog.started.sizes, ProcessDataSizes { rx: 1, tx: 10 });
+    let last = &analog.descriptor.process_data[5];
+    assert_eq!(
+        (&*last.name, last.data_type),
+        ("AnalogOut5", DataType::Signed)
+    );
+    assert_eq!((last.min, last.max), (-10.0, 10.0));
     let analog = elements(&analog.descriptor);
     assert_eq!(analog[0], ("AnalogOut0", 13, Output));
     assert_eq!(
@@ -130,7 +140,7 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
     }
 }
 
-/// Transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the
+/// FACTS 4.7, transcript t26: all eight bytes of a 7I64's reply are data, so that its inputs are where the
 /// built-in table has them.
 #[test]
 fn the_inputs_of_a_7i64_are_where_its_table_says() {
@@ -142,14 +152,19 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
     assert!(records.iter().map(|record| record.name.as_str()).eq(names));
     port.stop_all(&mut fpga).unwrap();
     let starts = [(channel, 0)];
-    port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
+    let sizes = report.remotes[0].sizes;
+    assert_eq!(sizes, ProcessDataSizes { rx: 8, tx: 4 });
     let device = find_mut(fpga.remote_mut(0, 3).unwrap()).unwrap();
     device.set_input(0, true).unwrap();
     device.set_input(23, true).unwrap();
     device.set_input_volts(1, 3.3).unwrap();
-    let outputs = PortWords::default();
+    let outputs = port_words([(channel, &[0x00C0_FFEE])]);
     let transfer = port.transfer(&mut fpga, channel.mask(), &outputs).unwrap();
     assert_eq!(transfer.inputs[channel][..3], [0x0080_0001, 0xFFFF_0000, 0]);
+    let device: &Remote<Device<Plain>> = fpga.device(0, 3).unwrap();
+    let world = device.application().world();
+    assert_eq!(world.raw("Output"), Some(&[0xEE, 0xFF, 0xC0][..]));
 }
 
 /// Manual: 7I77, "REMOTE MODES": each software mode has its own process data. FACTS 8.2.
@@ -330,34 +345,6 @@ fn data_address(line: &str) -> String {
     } else {
         String::from("none")
     }
-}
-
-/// FACTS 6.3, 8.2.
-#[test]
-fn parameters_of_a_device_are_read_and_written_by_name() {
-    let (mut fpga, mut port) = machine();
-    let descriptor = &found(&mut port, &mut fpga, &[0])[0].descriptor;
-    let mut memory = PortMemory {
-        port: &mut port,
-        bus: &mut fpga,
-        channel: Channel::ALL[0],
-    };
-    let watchdog = descriptor.parameter("nvwatchdogtimeout").unwrap();
-    let value = watchdog.read_parameter(&mut memory).unwrap();
-    assert_eq!((value.raw, value.value), (50, 50.0));
-    watchdog.write_parameter(&mut memory, 100.0).unwrap();
-    assert_eq!(watchdog.read_parameter(&mut memory).unwrap().raw, 100);
-    assert!(watchdog.write_parameter(&mut memory, 1e6).is_err());
-    assert!(watchdog.write_parameter(&mut memory, f64::NAN).is_err());
-    let baud = descriptor.parameter("NVBaudRate").unwrap();
-    assert_eq!(baud.read_parameter(&mut memory).unwrap().raw, 9);
-    let unit = descriptor.parameter("UnitNumber").unwrap();
-    let value = unit.read_parameter(&mut memory).unwrap();
-    assert_eq!(
-        (value.raw, value.value),
-        (0x1200_0001, 301_989_889.0),
-        "its maximum is 2^32 - 1 rounded to a 32-bit float"
-    );
 }
 
 /// The fault is 40 in the fault byte; a setup START does not look at it.

@@ -5,7 +5,6 @@
 mod common;
 mod lbp;
 mod lbp16;
-mod sslbp_cards;
 mod sslbp_hostile;
 mod sslbp_recorded;
 mod sslbp_simulated;

@@ -249,26 +249,6 @@ fn process_data_goes_both_ways_and_a_lost_reply_is_marked() {
     assert_eq!(transfer.failed, ChannelMask::NONE);
 }
 
-/// FACTS 4.7: no discovery in the remote, a table in this crate.
-#[test]
-fn a_7i64_is_discovered_by_its_name_and_exchanges_data() {
-    let (mut fpga, mut port) = machine();
-    let settings = "present=1 name=7I64 unit=0x64 mode0=8,4,0,0 fault=0 in=010200A0A1A2A3 wd=0";
-    fpga.plug(0, 0, Some(Box::new(model(settings))));
-    let starts = [start(ZERO, 0)];
-    let found = found(&mut port, &mut fpga, starts[0]);
-    assert_eq!((found.started.ptoc, &found.problems[..]), (0, &[][..]));
-    assert_eq!(found.descriptor.process_data.len(), 6);
-    port.stop_all(&mut fpga).unwrap();
-    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
-    let sizes = report.remotes[0].sizes;
-    assert_eq!(sizes, ProcessDataSizes { rx: 8, tx: 4 });
-    let transfer = port
-        .transfer(&mut fpga, ZERO.mask(), &PortWords::default())
-        .unwrap();
-    assert_eq!(transfer.inputs[ZERO][..2], [0x0002_0100, 0xA3A2_A1A0]);
-}
-
 /// FACTS 2.1: GTAG C6 has seven interface registers.
 #[test]
 fn the_wide_layout_moves_more_than_96_bits() {

@@ -4,7 +4,7 @@ mod arbitrary_accesses;
 #[path = "../common/mod.rs"]
 mod common;
 mod identity;
-mod machine;
 mod modules;
 mod remotes;
+mod serial_ports;
 mod six_axes;

@@ -50,17 +50,32 @@ fn start(mut fpga: SimFpga, mode: u32) -> SimFpga {
     fpga
 }
 
-/// Output words of the analog section for one voltage on all six outputs.
-fn analog_words(volts: f64) -> [u32; 3] {
-    let raw = (volts / 10.0 * 4096.0) as i16 & 0x1FFF;
-    let word = (0..6).fold(3u128 << 78, |word, n| word | (raw as u128) << (13 * n));
+/// Output words of the analog section (FACTS 8.3).
+fn analog_words(volts: [f64; 6]) -> [u32; 3] {
+    let raw = |volts: f64| (volts / 10.0 * 4096.0) as i16 & 0x1FFF;
+    let outputs = volts.into_iter().enumerate();
+    let word = outputs.fold(3u128 << 78, |word, (n, volts)| {
+        word | (raw(volts) as u128) << (13 * n)
+    });
     [word as u32, (word >> 32) as u32, (word >> 64) as u32]
 }
 
-fn set_analog(fpga: &mut SimFpga, volts: f64) {
+fn set_analog(fpga: &mut SimFpga, volts: [f64; 6]) {
     for (n, word) in (0..).zip(analog_words(volts)) {
         fpga.write(interface(1, n), word).expect("write");
     }
+}
+
+/// A tenth of a second of transfers.
+fn run(fpga: &mut SimFpga) {
+    for _ in 0..100 {
+        assert_eq!(command(fpga, 0x1007), 0);
+        fpga.wait(Duration::from_micros(800));
+    }
+}
+
+fn velocities(fpga: &mut SimFpga) -> [f64; 6] {
+    [0, 1, 2, 3, 4, 5].map(|axis| fpga.motor(axis).expect("axis").velocity())
 }
 
 #[test]
@@ -103,34 +118,41 @@ fn field_io_and_7i72_follow_the_registers_and_the_world() {
 #[test]
 fn analog_outputs_of_a_7i77_drive_the_motors() {
     let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 0);
-    for _ in 0..100 {
-        set_analog(&mut fpga, 2.5);
-        assert_eq!(command(&mut fpga, 0x1007), 0);
-        fpga.wait(Duration::from_micros(800));
-    }
+    let volts = [5.0, -5.0, 1.0, 0.0, 9.0, -10.0];
+    set_analog(&mut fpga, volts);
+    run(&mut fpga);
     let analog = fpga.device::<Remote<Device<Analog>>>(0, 1).expect("analog");
-    assert_eq!(analog.application().world().volts(3), Some(2.5));
+    assert_eq!(analog.application().world().volts(0), Some(5.0));
+    let speeds = velocities(&mut fpga);
+    for (speed, volts) in speeds.iter().zip(volts) {
+        assert!((speed - 10.0 * volts).abs() < 0.1, "{speeds:?}");
+    }
     for axis in 0..6u16 {
-        let motor = fpga.motor(axis.into()).expect("axis");
-        assert!((motor.velocity() - 25.0).abs() < 0.01);
-        let counts = motor.counts().floor() as i64 as u16;
-        assert_eq!(fpga.read_register(0x3500 + 4 * axis) as u16, counts);
+        let counts = fpga.motor(axis.into()).expect("axis").counts();
+        let count = fpga.read_register(0x3500 + 4 * axis) as u16;
+        assert_eq!(count, counts.floor() as i64 as u16);
     }
     // SPINENA alone: only the last motor goes on.
-    fpga.write(interface(1, 2), analog_words(2.5)[2] & !(1 << 14))
+    fpga.write(interface(1, 2), analog_words(volts)[2] & !(1 << 14))
         .expect("write");
-    for _ in 0..100 {
-        assert_eq!(command(&mut fpga, 0x1007), 0);
-        fpga.wait(Duration::from_micros(800));
-    }
-    let speeds: Vec<f64> = (0..6)
-        .map(|axis| fpga.motor(axis).expect("axis").velocity())
-        .collect();
-    assert!(
-        speeds[..5].iter().all(|speed| speed.abs() < 1e-3),
-        "{speeds:?}"
-    );
-    assert!((speeds[5] - 25.0).abs() < 0.01);
+    run(&mut fpga);
+    let speeds = velocities(&mut fpga);
+    assert!(speeds[..5].iter().all(|v| v.abs() < 1e-3), "{speeds:?}");
+    assert!((speeds[5] + 100.0).abs() < 0.1, "{speeds:?}");
+    // Nobody talks to the remote any more: its watchdog takes the outputs away after 50 ms.
+    fpga.wait(Duration::from_millis(200));
+    assert!(velocities(&mut fpga)[5].abs() < 1e-6);
+}
+
+#[test]
+fn unplugging_the_analog_remote_stops_the_motors() {
+    let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 0);
+    set_analog(&mut fpga, [5.0; 6]);
+    run(&mut fpga);
+    assert!(velocities(&mut fpga)[0] > 10.0);
+    assert!(fpga.plug(0, 1, None).is_some());
+    fpga.wait(Duration::from_millis(100));
+    assert!(velocities(&mut fpga).iter().all(|v| v.abs() < 1e-3));
 }
 
 /// The cycle at 1 kHz, an outer loop closed on the encoders. Hands back the trace of counts.
@@ -149,7 +171,7 @@ fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
         }
         let target = 20.0 * (n as f64 * 0.004).sin();
         let volts = (target - total[0] as f64 / 1000.0).clamp(-9.9, 9.9);
-        set_analog(&mut fpga, volts);
+        set_analog(&mut fpga, [volts; 6]);
         assert_eq!(command(&mut fpga, 0x1007), 0, "cycle {n}");
         fpga.advance_to(begin + (n + 1) * MS);
     }
@@ -166,6 +188,14 @@ fn a_servo_second_is_deterministic_and_fast() {
     assert!(host < Duration::from_secs(3), "{host:?}");
     let travelled = fpga.motor(0).expect("axis").position();
     assert!(travelled.abs() > 1.0, "{travelled}");
-    let (second, _) = servo(1.0);
+    let (second, mut other) = servo(1.0);
     assert_eq!(first, second);
+    for axis in 0..6 {
+        let ends = [&mut fpga, &mut other].map(|f| f.motor(axis).expect("axis").position());
+        assert_eq!(ends[0].to_bits(), ends[1].to_bits());
+    }
+    assert_eq!(
+        (fpga.now(), fpga.counters()),
+        (other.now(), other.counters())
+    );
 }

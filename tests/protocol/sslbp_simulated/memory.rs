@@ -92,6 +92,10 @@ fn a_nonvolatile_parameter_survives_a_power_cycle() {
     assert_eq!(read(&mut port, &mut fpga).raw, 50);
     let written = watchdog.write_parameter(&mut memory(&mut port, &mut fpga), 120.0);
     assert_eq!(written, Ok(()));
+    for value in [1e6, f64::NAN] {
+        let refused = watchdog.write_parameter(&mut memory(&mut port, &mut fpga), value);
+        assert!(refused.is_err(), "{value}");
+    }
     assert_eq!(read(&mut port, &mut fpga).raw, 120);
 
     let now = fpga.now();
