@@ -115,7 +115,7 @@ fn measure(options: Options) -> Result<Option<Signal>, Box<dyn Error>> {
     )?;
     let before = driver.bus().statistics();
     let measured = run(&mut driver, options, &stop);
-    let text = report(&driver, options.pace, before, &measured)?;
+    let text = report(&mut driver, options.pace, before, &measured)?;
     let stopped = driver.shutdown().map(drop);
     say(text);
     match (stop.signal(), stopped) {
@@ -158,7 +158,7 @@ fn run(driver: &mut Driver<UdpBus>, options: Options, stop: &Stop) -> Measured {
 }
 
 fn report(
-    driver: &Driver<UdpBus>,
+    driver: &mut Driver<UdpBus>,
     pace: Pace,
     before: BusStatistics,
     measured: &Measured,
@@ -195,7 +195,7 @@ fn report(
     }?;
     writeln!(out, "CPU per cycle: {:.1} us", microseconds(measured.cpu))?;
     writeln!(out, "bus: {after:?}")?;
-    for option in driver.bus().refused_options() {
+    for option in &driver.bus_mut().link().refused {
         writeln!(out, "this host does not allow {option}")?;
     }
     Ok(out)

@@ -102,16 +102,15 @@ fn take(options: &Options, stop: &Stop) -> Result<Report, Box<dyn Error>> {
 fn take_from(address: SocketAddrV4, modes: &Modes, stop: &Stop) -> Result<Report, Box<dyn Error>> {
     let config = UdpConfig::default();
     let tries = config.setup_tries;
-    let bus = UdpBus::connect(address, config).map_err(|error| match error.kind() {
+    let mut bus = UdpBus::connect(address, config).map_err(|error| match error.kind() {
         _ if matches!(error, UdpError::Foreign { .. }) => {
             format!("asked {tries} times, and no board answers, but somebody: {error}")
         }
         BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
         _ => error.to_string(),
     })?;
-    let mut board = EthernetBoard::new(bus);
-    let identity = board.identity()?;
-    report::take(&mut board.into_inner(), Some(identity), modes, stop)
+    let identity = EthernetBoard::new(&mut bus).identity()?;
+    report::take(&mut bus, Some(identity), modes, stop)
 }
 
 struct Options {

@@ -1,7 +1,6 @@
 //! The flash memory that holds the FPGA's configurations, and what may be written where.
 
 use alloc::format;
-use alloc::string::String;
 use core::ops::Range;
 use core::time::Duration;
 
@@ -63,18 +62,21 @@ pub enum FlashStep {
 
 /// The flash memory of a board, guarded by its layout.
 #[derive(Debug)]
-pub struct Flash<B> {
-    board: EthernetBoard<B>,
+pub struct Flash<'a, B> {
+    board: EthernetBoard<'a, B>,
     layout: FlashLayout,
 }
 
-impl<B: Lbp16Board> EthernetBoard<B> {
+impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     /// The board's flash memory, after checking that the board and its chip are those that the
     /// layout is for.
     ///
     /// # Errors
     /// [`EthernetError::WrongBoard`], and those of [`identity`](Self::identity).
-    pub fn into_flash(mut self, layout: FlashLayout) -> Result<Flash<B>, EthernetError<B::Error>> {
+    pub fn into_flash(
+        mut self,
+        layout: FlashLayout,
+    ) -> Result<Flash<'a, B>, EthernetError<B::Error>> {
         let found = self.identity()?.card;
         if !found.eq_ignore_ascii_case(layout.board) {
             return Err(EthernetError::WrongBoard {
@@ -86,12 +88,18 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     }
 }
 
-impl<B: Lbp16Board> Flash<B> {
-    fn open(board: EthernetBoard<B>, layout: FlashLayout) -> Result<Self, EthernetError<B::Error>> {
-        let mut this = Self { board, layout };
-        let (found, expected) = (this.id()?, layout.id);
+impl<'a, B: Lbp16Board> Flash<'a, B> {
+    fn open(
+        mut board: EthernetBoard<'a, B>,
+        layout: FlashLayout,
+    ) -> Result<Self, EthernetError<B::Error>> {
+        let mut id = [0; 4];
+        board.run(&mut id, QUICK, |request| {
+            request.read(Space::Flash, flash::ID, 1)
+        })?;
+        let (found, expected) = (u32::from_le_bytes(id), layout.id);
         if found == expected {
-            return Ok(this);
+            return Ok(Self { board, layout });
         }
         Err(EthernetError::WrongBoard {
             found: format!("a board with flash id 0x{found:08X}"),
@@ -99,29 +107,12 @@ impl<B: Lbp16Board> Flash<B> {
         })
     }
 
-    /// Gives the board back.
-    pub fn into_board(self) -> EthernetBoard<B> {
-        self.board
-    }
-
-    /// The chip's identification.
-    ///
-    /// # Errors
-    /// Those of the bus.
-    pub fn id(&mut self) -> Result<u32, EthernetError<B::Error>> {
-        let mut id = [0; 4];
-        self.board.run(&mut id, QUICK, |request| {
-            request.read(Space::Flash, flash::ID, 1)
-        })?;
-        Ok(u32::from_le_bytes(id))
-    }
-
     /// Reads from anywhere.
     ///
     /// # Errors
     /// [`EthernetError::OutsideArea`] beyond the chip's end, and those of the bus.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
-        self.inside(address, bytes.len(), Area::Whole)?;
+        self.check(Area::Whole, address, bytes.len(), false)?;
         for (at, part) in (address..).step_by(PACKET).zip(bytes.chunks_mut(PACKET)) {
             // Addresses and sizes of the memory are multiples of 4; what is asked for need not be.
             let skip = at % 4;
@@ -129,10 +120,10 @@ impl<B: Lbp16Board> Flash<B> {
             let mut buffer = [0; PACKET + 4];
             let reply = buffer.get_mut(..wanted).unwrap_or_default();
             self.board.run(reply, QUICK, |request| {
-                request.write_doubles(Space::Flash, flash::ADDRESS, &[at - skip])?;
+                request.write(Space::Flash, flash::ADDRESS, &(at - skip).to_le_bytes())?;
                 for done in (0..wanted).step_by(BLOCK) {
                     let count = (wanted - done).min(BLOCK) / 4;
-                    let read = from_port(Command::read(Space::Flash, count as u8));
+                    let read = Command::read(Space::Flash, count as u8).standing();
                     request.command(read, flash::DATA, &[])?;
                 }
                 Ok(())
@@ -166,9 +157,20 @@ impl<B: Lbp16Board> Flash<B> {
         let FlashLayout { board, part, .. } = self.layout;
         let range = self.layout.addresses(area);
         bitfile.check(board, part, range.len())?;
-        self.need_boot_block()?;
+        let (address, _) = self.layout.boot_block;
+        let mut head = [0; PAGE];
+        self.read(address, &mut head)?;
+        if head == [0xFF; PAGE] {
+            return Err(EthernetError::NoBootBlock { address });
+        }
         if area == Area::Fallback {
-            self.need_user_configuration()?;
+            // That a configuration begins is enough: `write` writes its beginning last.
+            let (address, _) = self.layout.user;
+            let mut head = [0; Bitfile::SYNC_WITHIN];
+            self.read(address, &mut head)?;
+            if !Bitfile::has_sync(&head) {
+                return Err(EthernetError::NoUserConfiguration { address });
+            }
         }
         self.write(area, range.start, bitfile.configuration, progress)
     }
@@ -184,7 +186,7 @@ impl<B: Lbp16Board> Flash<B> {
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
         let start = self.layout.addresses(area).start;
-        self.inside(start, bitfile.configuration.len(), area)?;
+        self.check(area, start, bitfile.configuration.len(), false)?;
         self.compare(start, bitfile.configuration, &mut progress)
     }
 
@@ -205,7 +207,7 @@ impl<B: Lbp16Board> Flash<B> {
         data: &[u8],
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
-        self.may_write(area, address, data.len())?;
+        self.check(area, address, data.len(), true)?;
         let end = address + data.len() as u32;
         for sector in (address..end).step_by(SECTOR) {
             let erase = Command::write(Space::Flash, 1);
@@ -221,7 +223,7 @@ impl<B: Lbp16Board> Flash<B> {
             }
             // An erased page is all FF already.
             if page != [0xFF; PAGE] {
-                let write = from_port(Command::write(Space::Flash, (PAGE / 4) as u8));
+                let write = Command::write(Space::Flash, (PAGE / 4) as u8).standing();
                 self.change(at, WRITE, (write, flash::DATA, &page))?;
             }
             written += chunk.len();
@@ -240,68 +242,41 @@ impl<B: Lbp16Board> Flash<B> {
         let mut echo = [0; 4];
         self.board.run(&mut echo, deadline, |request| {
             // Cleared at the end of every packet, so it is part of each that writes.
-            let enable = [control::ENABLE_FLASH];
-            request.write_words(Space::Control, control::WRITE_ENABLE, &enable)?;
-            request.write_doubles(Space::Flash, flash::ADDRESS, &[address])?;
+            let enable = control::ENABLE_FLASH.to_le_bytes();
+            request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
+            request.write(Space::Flash, flash::ADDRESS, &address.to_le_bytes())?;
             request.command(command, register, data)?;
             // Reading the address starts the write of a page, and waits for the end of anything.
             request.read(Space::Flash, flash::ADDRESS, 1)
         })
     }
 
-    fn may_write(
+    /// Checks that the bytes are inside of the area, and if they are to be written, that no others
+    /// are erased with them.
+    fn check(
         &self,
         area: Area,
         address: u32,
         bytes: usize,
-    ) -> Result<(), EthernetError<B::Error>> {
-        self.inside(address, bytes, area)?;
-        let (size, within) = (self.layout.size, address % SECTOR as u32);
-        if area == Area::Whole && bytes != size as usize {
-            let expected = format!("all of its {size} bytes from 0 on");
-            return Err(outside(area, address, bytes, expected));
-        }
-        if within != 0 {
-            let expected = format!("what begins a sector, here 0x{:06X}", address - within);
-            return Err(outside(area, address, bytes, expected));
-        }
-        Ok(())
-    }
-
-    fn inside(
-        &self,
-        address: u32,
-        bytes: usize,
-        area: Area,
+        is_write: bool,
     ) -> Result<(), EthernetError<B::Error>> {
         let Range { start, end } = self.layout.addresses(area);
-        if start <= address && u64::from(address) + bytes as u64 <= u64::from(end) {
+        let (size, within) = (self.layout.size, address % SECTOR as u32);
+        let expected = if address < start || u64::from(address) + bytes as u64 > u64::from(end) {
+            format!("0x{start:06X} to 0x{end:06X}")
+        } else if is_write && area == Area::Whole && bytes != size as usize {
+            format!("all of its {size} bytes from 0 on")
+        } else if is_write && within != 0 {
+            format!("what begins a sector, here 0x{:06X}", address - within)
+        } else {
             return Ok(());
-        }
-        let expected = format!("0x{start:06X} to 0x{end:06X}");
-        Err(outside(area, address, bytes, expected))
-    }
-
-    fn need_boot_block(&mut self) -> Result<(), EthernetError<B::Error>> {
-        let address = self.layout.boot_block.0;
-        let mut head = [0xFF; PAGE];
-        self.read(address, &mut head)?;
-        if head == [0xFF; PAGE] {
-            return Err(EthernetError::NoBootBlock { address });
-        }
-        Ok(())
-    }
-
-    /// Whether a configuration begins in the user area; see [`write`](Self::write) for why that is
-    /// enough.
-    fn need_user_configuration(&mut self) -> Result<(), EthernetError<B::Error>> {
-        let address = self.layout.user.0;
-        let mut head = [0; Bitfile::SYNC_WITHIN];
-        self.read(address, &mut head)?;
-        if Bitfile::has_sync(&head) {
-            return Ok(());
-        }
-        Err(EthernetError::NoUserConfiguration { address })
+        };
+        Err(EthernetError::OutsideArea {
+            address,
+            bytes,
+            area,
+            expected,
+        })
     }
 
     fn compare(
@@ -326,23 +301,6 @@ impl<B: Lbp16Board> Flash<B> {
             progress(FlashStep::Verify, (at - start) as usize + chunk.len());
         }
         Ok(())
-    }
-}
-
-/// The data port stays where it is.
-const fn from_port(command: Command) -> Command {
-    Command {
-        increment: false,
-        ..command
-    }
-}
-
-fn outside<E>(area: Area, address: u32, bytes: usize, expected: String) -> EthernetError<E> {
-    EthernetError::OutsideArea {
-        address,
-        bytes,
-        area,
-        expected,
     }
 }
 

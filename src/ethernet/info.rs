@@ -98,12 +98,26 @@ pub enum LedMode {
     Debug = 1,
 }
 
-/// Where the mode of the LEDs is, for now and for the next start.
-const LEDS_NOW: (Space, u16) = (Space::Control, control::LED_MODE);
-const LEDS_AT_START: (Space, u16) = (Space::Eeprom, eeprom::LED_MODE);
+/// Which mode of the LEDs is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LedTime {
+    /// The present one, until the board restarts.
+    Now,
+    /// That of the EEPROM, which each restart makes the present one.
+    AtStart,
+}
+
+impl LedTime {
+    fn register(self) -> (Space, u16) {
+        match self {
+            Self::Now => (Space::Control, control::LED_MODE),
+            Self::AtStart => (Space::Eeprom, eeprom::LED_MODE),
+        }
+    }
+}
 
 /// What the board says.
-impl<B: Lbp16Board> EthernetBoard<B> {
+impl<B: Lbp16Board> EthernetBoard<'_, B> {
     /// Who it is. Checks first that it is an LBP16 board at all.
     ///
     /// # Errors
@@ -144,19 +158,16 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     /// # Errors
     /// Those of the bus.
     pub fn counters(&mut self) -> Result<Counters, EthernetError<B::Error>> {
-        let words = self.words(Space::Control, control::ERROR)?;
+        let [errors, counted @ ..]: [u16; 10] = self.words(Space::Control, control::ERROR)?;
+        let [parse_errors, memory_errors, write_errors, packets @ ..] = counted;
         let [
-            errors,
-            parse_errors,
-            memory_errors,
-            write_errors,
             received,
             received_udp,
             received_bad,
             sent,
             sent_udp,
             sent_bad,
-        ] = words;
+        ] = packets;
         Ok(Counters {
             errors: ErrorRegister::from_bits_retain(errors),
             parse_errors,
@@ -186,33 +197,17 @@ impl<B: Lbp16Board> EthernetBoard<B> {
         })
     }
 
-    /// What the user LEDs show at present.
+    /// What the user LEDs show.
     ///
     /// # Errors
     /// Those of the bus.
-    pub fn led_mode(&mut self) -> Result<LedMode, EthernetError<B::Error>> {
-        Ok(self.leds(LEDS_NOW)?.1)
-    }
-
-    /// What the user LEDs show after a restart, as the EEPROM says.
-    ///
-    /// # Errors
-    /// Those of the bus.
-    pub fn eeprom_led_mode(&mut self) -> Result<LedMode, EthernetError<B::Error>> {
-        Ok(self.leds(LEDS_AT_START)?.1)
-    }
-
-    /// The word that has the mode of the LEDs, and the mode.
-    fn leds(
-        &mut self,
-        (space, address): (Space, u16),
-    ) -> Result<(u16, LedMode), EthernetError<B::Error>> {
+    pub fn led_mode(&mut self, time: LedTime) -> Result<LedMode, EthernetError<B::Error>> {
+        let (space, address) = time.register();
         let [word] = self.words(space, address)?;
-        let mode = match word & LedMode::Debug as u16 {
+        Ok(match word & LedMode::Debug as u16 {
             0 => LedMode::HostMot2,
             _ => LedMode::Debug,
-        };
-        Ok((word, mode))
+        })
     }
 
     fn eeprom_address(&mut self, address: u16) -> Result<Ipv4Addr, EthernetError<B::Error>> {
@@ -222,7 +217,7 @@ impl<B: Lbp16Board> EthernetBoard<B> {
 }
 
 /// What is set. What is written to the EEPROM is read back.
-impl<B: Lbp16Board> EthernetBoard<B> {
+impl<B: Lbp16Board> EthernetBoard<'_, B> {
     /// Sets the error register and the counters of errors to 0.
     ///
     /// The counters of packets stay: they serve to tell packets apart.
@@ -232,43 +227,34 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     pub fn clear_errors(&mut self) -> Result<(), EthernetError<B::Error>> {
         let [_] = self.ask(|request| {
             // The register, and the counters of parse, memory and write errors behind it.
-            request.write_words(Space::Control, control::ERROR, &[0; 4])?;
-            request.write_words(Space::Control, control::RX_BAD, &[0])?;
-            request.write_words(Space::Control, control::TX_BAD, &[0])?;
+            request.write(Space::Control, control::ERROR, &[0; 8])?;
+            request.write(Space::Control, control::RX_BAD, &[0; 2])?;
+            request.write(Space::Control, control::TX_BAD, &[0; 2])?;
             request.read(Space::Control, control::ERROR, 1)
         })?;
         Ok(())
     }
 
-    /// Gives the user LEDs to the FPGA or to the network side, from now on until the board restarts;
-    /// reads it back. Until they are the FPGA's, the driver's LED pins show nothing.
+    /// Gives the user LEDs to the FPGA or to the network side, and reads the mode back. Until they
+    /// are the FPGA's, the driver's LED pins show nothing.
+    ///
+    /// Writes only what changes, for the EEPROM wears out with writes, and keeps the other bits of
+    /// the register.
     ///
     /// # Errors
     /// [`EthernetError::NotKept`], and those of the bus.
-    pub fn set_led_mode(&mut self, mode: LedMode) -> Result<(), EthernetError<B::Error>> {
-        self.set_leds(LEDS_NOW, mode)
-    }
-
-    /// Sets in the EEPROM what the user LEDs show after each restart. What they show now stays: see
-    /// [`set_led_mode`](Self::set_led_mode).
-    ///
-    /// # Errors
-    /// [`EthernetError::NotKept`], and those of the bus.
-    pub fn set_eeprom_led_mode(&mut self, mode: LedMode) -> Result<(), EthernetError<B::Error>> {
-        self.set_leds(LEDS_AT_START, mode)
-    }
-
-    /// Writes only what changes: the EEPROM wears out with writes.
-    fn set_leds(
+    pub fn set_led_mode(
         &mut self,
-        (space, address): (Space, u16),
+        time: LedTime,
         mode: LedMode,
     ) -> Result<(), EthernetError<B::Error>> {
-        let (word, found) = self.leds((space, address))?;
-        if found == mode {
+        let (space, address) = time.register();
+        let [word] = self.words(space, address)?;
+        let bit = LedMode::Debug as u16;
+        if word & bit == mode as u16 {
             return Ok(());
         }
-        self.write_words(space, address, [word ^ LedMode::Debug as u16])
+        self.write_words(space, address, [word ^ bit], bit)
     }
 
     /// Sets the IP address in the EEPROM.
@@ -278,7 +264,7 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     /// # Errors
     /// [`EthernetError::NotKept`], and those of the bus.
     pub fn set_eeprom_ip(&mut self, address: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
-        self.write_words(Space::Eeprom, eeprom::IP_ADDRESS, low_first(address))
+        self.write_words(Space::Eeprom, eeprom::IP_ADDRESS, low_first(address), !0)
     }
 
     /// Sets the netmask in the EEPROM. Needs firmware 16 or later.
@@ -287,7 +273,7 @@ impl<B: Lbp16Board> EthernetBoard<B> {
     /// [`EthernetError::Firmware`], [`EthernetError::NotKept`], and those of the bus.
     pub fn set_eeprom_netmask(&mut self, netmask: Ipv4Addr) -> Result<(), EthernetError<B::Error>> {
         self.need_firmware(eeprom::NETMASK_FIRMWARE)?;
-        self.write_words(Space::Eeprom, eeprom::NETMASK, low_first(netmask))
+        self.write_words(Space::Eeprom, eeprom::NETMASK, low_first(netmask), !0)
     }
 
     /// Restarts the board's protocol processor. It answers again after up to half a second, with
@@ -356,4 +342,80 @@ fn icap_reboot(user: u32, fallback: u32) -> [u16; 14] {
         0x000E, // CMD: IPROG
         0x2000, // no operation
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::{Clock, Instant};
+    use crate::lbp16::Operations;
+    use alloc::vec::Vec;
+
+    /// A register of the mode whose other bits are the board's own and change, or that keeps nothing.
+    #[derive(Debug)]
+    struct Leds {
+        word: u16,
+        is_stuck: bool,
+        writes: usize,
+    }
+
+    impl Clock for Leds {
+        fn now(&mut self) -> Instant {
+            Instant::from_nanos(0)
+        }
+
+        fn wait(&mut self, _: Duration) {}
+    }
+
+    impl Lbp16Board for Leds {
+        type Error = core::convert::Infallible;
+
+        fn run_commands(
+            &mut self,
+            commands: &[u8],
+            reply: &mut [u8],
+            _: Duration,
+        ) -> Result<(), Self::Error> {
+            let mut answer = Vec::new();
+            for operation in Operations::new(commands).map(Result::unwrap) {
+                assert_eq!(operation.address, Some(control::LED_MODE));
+                for value in operation.elements() {
+                    self.writes += 1;
+                    if !self.is_stuck {
+                        self.word = value as u16;
+                    }
+                }
+                if !operation.command.write {
+                    self.word = self.word.wrapping_add(2);
+                    answer.extend(self.word.to_le_bytes());
+                }
+            }
+            reply.copy_from_slice(&answer);
+            Ok(())
+        }
+
+        fn send(&mut self, _: &[u8]) -> Result<(), Self::Error> {
+            unreachable!("everything is answered")
+        }
+    }
+
+    #[test]
+    fn of_the_mode_of_the_leds_only_its_own_bit_is_compared() {
+        let (word, is_stuck, writes) = (0xFF01, false, 0);
+        let mut leds = Leds {
+            word,
+            is_stuck,
+            writes,
+        };
+        let mut board = EthernetBoard::new(&mut leds);
+        for mode in [LedMode::HostMot2, LedMode::HostMot2, LedMode::Debug] {
+            assert_eq!(board.set_led_mode(LedTime::Now, mode), Ok(()));
+            assert_eq!(board.led_mode(LedTime::Now), Ok(mode));
+        }
+        assert_eq!((leds.word & 0xFF00, leds.writes), (0xFF00, 2));
+        leds.is_stuck = true;
+        let mut board = EthernetBoard::new(&mut leds);
+        let error = board.set_led_mode(LedTime::Now, LedMode::HostMot2);
+        assert!(matches!(error, Err(EthernetError::NotKept { .. })));
+    }
 }

@@ -14,5 +14,5 @@ pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
 pub use flash::{Area, Flash, FlashStep};
-pub use info::{Counters, Identity, LedMode, MacAddress, Timestamps};
+pub use info::{Counters, Identity, LedMode, LedTime, MacAddress, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

@@ -5,7 +5,7 @@ use core::time::Duration;
 use super::EthernetError;
 use crate::bus::Clock;
 use crate::lbp16::registers::control;
-use crate::lbp16::{Command, Lbp16Error, MAX_PACKET, RequestBuilder, Space};
+use crate::lbp16::{Command, Lbp16Error, RequestBuilder, Space};
 
 /// A board that executes LBP16 commands.
 ///
@@ -35,44 +35,22 @@ pub trait Lbp16Board: Clock {
     fn send(&mut self, commands: &[u8]) -> Result<(), Self::Error>;
 }
 
-impl<B: Lbp16Board + ?Sized> Lbp16Board for &mut B {
-    type Error = B::Error;
-
-    fn run_commands(
-        &mut self,
-        commands: &[u8],
-        reply: &mut [u8],
-        deadline: Duration,
-    ) -> Result<(), Self::Error> {
-        (**self).run_commands(commands, reply, deadline)
-    }
-
-    fn send(&mut self, commands: &[u8]) -> Result<(), Self::Error> {
-        (**self).send(commands)
-    }
-}
-
 /// An Ethernet board beside its HostMot2 registers.
 ///
 /// Everything here is for set-up: it takes milliseconds, and tries again when a packet is lost. Every
 /// error but [`EthernetError::Bus`] is of what the board answers, or of what it is asked for.
 #[derive(Debug)]
-pub struct EthernetBoard<B> {
-    pub(super) bus: B,
+pub struct EthernetBoard<'a, B> {
+    pub(super) bus: &'a mut B,
 }
 
 /// How long anything but flash memory takes at most.
 pub(super) const QUICK: Duration = Duration::from_millis(50);
 
-impl<B: Lbp16Board> EthernetBoard<B> {
+impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
     /// The board behind a bus.
-    pub fn new(bus: B) -> Self {
+    pub fn new(bus: &'a mut B) -> Self {
         Self { bus }
-    }
-
-    /// Gives the bus back.
-    pub fn into_inner(self) -> B {
-        self.bus
     }
 
     /// Runs the packet that `build` makes; the reply fills `reply`.
@@ -80,20 +58,19 @@ impl<B: Lbp16Board> EthernetBoard<B> {
         &mut self,
         reply: &mut [u8],
         deadline: Duration,
-        build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<T, Lbp16Error>,
+        build: impl FnOnce(&mut RequestBuilder) -> Result<T, Lbp16Error>,
     ) -> Result<(), EthernetError<B::Error>> {
-        let mut buffer = [0; MAX_PACKET];
-        let mut request = RequestBuilder::new(&mut buffer);
+        let mut request = RequestBuilder::default();
         build(&mut request)?;
         self.bus
-            .run_commands(request.bytes(), reply, deadline)
+            .run_commands(&request.bytes, reply, deadline)
             .map_err(EthernetError::Bus)
     }
 
     /// The same for a packet that reads `N` words.
     pub(super) fn ask<const N: usize, T>(
         &mut self,
-        build: impl FnOnce(&mut RequestBuilder<'_>) -> Result<T, Lbp16Error>,
+        build: impl FnOnce(&mut RequestBuilder) -> Result<T, Lbp16Error>,
     ) -> Result<[u16; N], EthernetError<B::Error>> {
         let mut reply = [[0; 2]; N];
         self.run(reply.as_flattened_mut(), QUICK, build)?;
@@ -109,25 +86,27 @@ impl<B: Lbp16Board> EthernetBoard<B> {
         self.ask(|request| request.read(space, address, N as u8))
     }
 
-    /// Writes neighbouring 16-bit registers, and reads them back.
+    /// Writes neighbouring 16-bit registers, reads them back, and compares the bits of `mask`.
     pub(super) fn write_words<const N: usize>(
         &mut self,
         space: Space,
         address: u16,
         words: [u16; N],
+        mask: u16,
     ) -> Result<(), EthernetError<B::Error>> {
         let found: [u16; N] = self.ask(|request| {
             if space == Space::Eeprom {
                 // Cleared at the end of every packet, so it stands in front of the write.
-                let enable = [control::ENABLE_EEPROM];
-                request.write_words(Space::Control, control::WRITE_ENABLE, &enable)?;
+                let enable = control::ENABLE_EEPROM.to_le_bytes();
+                request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
             }
-            request.write_words(space, address, &words)?;
+            let data = words.map(u16::to_le_bytes);
+            request.write(space, address, data.as_flattened())?;
             request.read(space, address, N as u8)
         })?;
         let places = (address..).step_by(2);
         for (address, (expected, found)) in places.zip(words.into_iter().zip(found)) {
-            if expected != found {
+            if (expected ^ found) & mask != 0 {
                 return Err(EthernetError::NotKept {
                     space,
                     address,
@@ -145,15 +124,11 @@ impl<B: Lbp16Board> EthernetBoard<B> {
         address: u16,
         values: &[u16],
     ) -> Result<(), EthernetError<B::Error>> {
-        let mut buffer = [0; 128];
-        let mut request = RequestBuilder::new(&mut buffer);
+        let mut request = RequestBuilder::default();
         for value in values {
-            let write = Command {
-                increment: false,
-                ..Command::write(Space::Control, 1)
-            };
+            let write = Command::write(Space::Control, 1).standing();
             request.command(write, address, &value.to_le_bytes())?;
         }
-        self.bus.send(request.bytes()).map_err(EthernetError::Bus)
+        self.bus.send(&request.bytes).map_err(EthernetError::Bus)
     }
 }

@@ -148,6 +148,15 @@ impl Command {
         }
     }
 
+    /// The same with an address pointer that stands, as data ports want it.
+    #[must_use]
+    pub const fn standing(self) -> Self {
+        Self {
+            increment: false,
+            ..self
+        }
+    }
+
     /// Bytes that are transferred: behind the command in a request, or in the reply.
     pub const fn data_len(&self) -> usize {
         self.count as usize * self.size.bytes()

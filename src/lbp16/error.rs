@@ -12,14 +12,6 @@ pub enum Lbp16Error {
         /// The number asked for.
         count: u8,
     },
-    /// The buffer is full.
-    #[error("the command needs {needed} bytes, the buffer has {free} left; send the request first")]
-    NoRoom {
-        /// Bytes of the command.
-        needed: usize,
-        /// Bytes left.
-        free: usize,
-    },
     /// The data is not what the command announces.
     #[error(
         "{found} bytes of data for a command that writes {expected}; give its count times the \

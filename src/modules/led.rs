@@ -1,9 +1,8 @@
 //! The LEDs of the board: `hm2_7i97.0.led.CR01` and so on.
 //!
 //! As they come, Ethernet boards count packets on these LEDs, and the pins show nothing: give the
-//! LEDs to the FPGA first, with [`EthernetBoard::set_led_mode`](crate::ethernet::EthernetBoard::set_led_mode) until
-//! the board restarts, or with
-//! [`EthernetBoard::set_eeprom_led_mode`](crate::ethernet::EthernetBoard::set_eeprom_led_mode) for good.
+//! LEDs to the FPGA first, with
+//! [`EthernetBoard::set_led_mode`](crate::ethernet::EthernetBoard::set_led_mode).
 //! Manual: 7I97, "BOARD STATUS LEDS".
 
 use alloc::format;

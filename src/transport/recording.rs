@@ -22,9 +22,11 @@ use crate::bus::{
 pub struct Recording<B> {
     /// The bus inside.
     pub inner: B,
-    log: VecDeque<Entry>,
+    /// The log, oldest entry first.
+    pub entries: VecDeque<Entry>,
     capacity: usize,
-    dropped: u64,
+    /// How many entries had to go for newer ones.
+    pub dropped: u64,
 }
 
 /// One line of the log.
@@ -74,46 +76,30 @@ impl<B> Recording<B> {
     pub fn new(inner: B, capacity: usize) -> Self {
         Self {
             inner,
-            log: VecDeque::with_capacity(capacity),
+            entries: VecDeque::with_capacity(capacity),
             capacity,
             dropped: 0,
         }
     }
 
-    /// The log, oldest entry first.
-    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
-        self.log.iter()
-    }
-
-    /// How many entries had to go for newer ones.
-    pub fn dropped(&self) -> u64 {
-        self.dropped
-    }
-
-    /// Forgets the log.
-    pub fn clear(&mut self) {
-        self.log.clear();
-        self.dropped = 0;
-    }
-
     /// Writes the log as text, oldest entry first.
     pub fn write_to(&self, mut out: impl io::Write) -> io::Result<()> {
-        let (kept, dropped) = (self.log.len(), self.dropped);
+        let (kept, dropped) = (self.entries.len(), self.dropped);
         writeln!(
             out,
             "# {kept} accesses, {dropped} earlier ones dropped; time in us"
         )?;
-        for entry in &self.log {
+        for entry in &self.entries {
             writeln!(out, "{entry}")?;
         }
         Ok(())
     }
 
     fn push(&mut self, at: Instant, address: u16, event: Event) {
-        let is_full = self.log.len() == self.capacity;
+        let is_full = self.entries.len() >= self.capacity;
         self.dropped += u64::from(is_full);
-        if !is_full || self.log.pop_front().is_some() {
-            self.log.push_back(Entry { at, address, event });
+        if !is_full || self.entries.pop_front().is_some() {
+            self.entries.push_back(Entry { at, address, event });
         }
     }
 }

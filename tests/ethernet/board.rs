@@ -10,7 +10,7 @@ use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{BusError, BusErrorKind, Clock, RegisterBus};
 use mesa_hal::driver::Driver;
 use mesa_hal::ethernet::{
-    Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashStep, LedMode,
+    Area, Bitfile, EthernetBoard, EthernetError, Flash, FlashLayout, FlashStep, LedMode, LedTime,
 };
 use mesa_hal::lbp16::{ErrorRegister, Space};
 use mesa_hal::sim::{BoardConfig, SimBoard, machines};
@@ -20,12 +20,15 @@ fn link() -> SimLink {
     SimLink::new(machines::i7i97(1))
 }
 
-fn board_on(link: SimLink) -> EthernetBoard<UdpBus<SimLink>> {
-    EthernetBoard::new(connect(link))
+type Bus = UdpBus<SimLink>;
+
+fn bus() -> Bus {
+    connect(link())
 }
 
-fn board() -> EthernetBoard<UdpBus<SimLink>> {
-    board_on(link())
+fn flash(bus: &mut Bus) -> Flash<'_, Bus> {
+    let board = EthernetBoard::new(bus);
+    board.into_flash(FlashLayout::I7I97).expect("an M25P16")
 }
 
 /// A made-up configuration for the 7I97's FPGA.
@@ -47,8 +50,8 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
 }
 
 /// Something in the boot block, without which nothing is written to the user area.
-fn with_boot_block(board: EthernetBoard<UdpBus<SimLink>>) -> Flash<UdpBus<SimLink>> {
-    let mut flash = board.into_flash(FlashLayout::I7I97).expect("an M25P16");
+fn with_boot_block(bus: &mut Bus) -> Flash<'_, Bus> {
+    let mut flash = flash(bus);
     let boot = configuration(300);
     flash
         .write(Area::BootBlock, 0, &boot, |_, _| {})
@@ -58,7 +61,8 @@ fn with_boot_block(board: EthernetBoard<UdpBus<SimLink>>) -> Flash<UdpBus<SimLin
 
 #[test]
 fn a_board_says_who_it_is() {
-    let mut board = board();
+    let mut bus = bus();
+    let mut board = EthernetBoard::new(&mut bus);
     let identity = board.identity().expect("identity");
     assert_eq!(identity.card, "7I97");
     assert_eq!(identity.firmware_version, 16);
@@ -74,7 +78,8 @@ fn a_board_says_who_it_is() {
 
 #[test]
 fn addresses_in_the_eeprom_are_written_and_read_back() {
-    let mut board = board();
+    let mut bus = bus();
+    let mut board = EthernetBoard::new(&mut bus);
     let address = Ipv4Addr::new(192, 168, 7, 97);
     let netmask = Ipv4Addr::new(255, 255, 0, 0);
     board
@@ -87,7 +92,7 @@ fn addresses_in_the_eeprom_are_written_and_read_back() {
 }
 
 /// What a person sees while the driver sets one LED after the other: CR01 first.
-fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
+fn running_light(driver: &mut Driver<Bus>) -> Vec<[bool; 4]> {
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let mut seen = Vec::new();
     for n in 0..4 {
@@ -104,15 +109,16 @@ fn running_light(driver: &mut Driver<UdpBus<SimLink>>) -> Vec<[bool; 4]> {
 
 #[test]
 fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
-    let bus = board().into_inner();
-    let mut driver = Driver::start(bus, Settings::default()).expect("a 7I97");
+    let mut driver = Driver::start(bus(), Settings::default()).expect("a 7I97");
     let one_by_one: Vec<_> = (0..4).map(|n| [0, 1, 2, 3].map(|k| k == n)).collect();
     assert_ne!(running_light(&mut driver), one_by_one, "they count packets");
     for (mode, shows) in [(LedMode::HostMot2, true), (LedMode::Debug, false)] {
         let mut board = EthernetBoard::new(driver.bus_mut());
-        board.set_led_mode(mode).expect("the register");
-        assert_eq!(board.led_mode(), Ok(mode));
-        assert_eq!(board.eeprom_led_mode(), Ok(LedMode::Debug), "as it was");
+        let set = board.set_led_mode(LedTime::Now, mode);
+        set.expect("the register");
+        assert_eq!(board.led_mode(LedTime::Now), Ok(mode));
+        let at_start = board.led_mode(LedTime::AtStart);
+        assert_eq!(at_start, Ok(LedMode::Debug), "as it was");
         let seen = running_light(&mut driver);
         assert_eq!(seen == one_by_one, shows, "{mode:?}");
     }
@@ -120,15 +126,25 @@ fn led_pins_show_on_the_leds_once_these_are_given_to_the_fpga() {
 
 #[test]
 fn a_restart_gives_the_leds_to_whom_the_eeprom_says() {
-    let mut board = board();
-    assert_eq!(board.led_mode(), Ok(LedMode::Debug), "as it comes");
+    let mut bus = bus();
+    let mut board = EthernetBoard::new(&mut bus);
+    assert_eq!(
+        board.led_mode(LedTime::Now),
+        Ok(LedMode::Debug),
+        "as it comes"
+    );
     for mode in [LedMode::HostMot2, LedMode::Debug] {
-        let before = board.led_mode();
-        board.set_eeprom_led_mode(mode).expect("the EEPROM");
-        assert_eq!(board.eeprom_led_mode(), Ok(mode));
-        assert_eq!(board.led_mode(), before, "only from the next start on");
+        let before = board.led_mode(LedTime::Now);
+        let set = board.set_led_mode(LedTime::AtStart, mode);
+        set.expect("the EEPROM");
+        assert_eq!(board.led_mode(LedTime::AtStart), Ok(mode));
+        assert_eq!(
+            board.led_mode(LedTime::Now),
+            before,
+            "only from the next start on"
+        );
         board.reset().expect("a restart");
-        assert_eq!(board.led_mode(), Ok(mode));
+        assert_eq!(board.led_mode(LedTime::Now), Ok(mode));
     }
 }
 
@@ -136,7 +152,8 @@ fn a_restart_gives_the_leds_to_whom_the_eeprom_says() {
 fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
     let mut config = BoardConfig::new("7I97");
     config.firmware_version = 14;
-    let mut board = board_on(SimLink::to(SimBoard::new(config, machines::i7i97(1))));
+    let mut bus = connect(SimLink::to(SimBoard::new(config, machines::i7i97(1))));
+    let mut board = EthernetBoard::new(&mut bus);
     assert_eq!(board.identity().expect("identity").eeprom_netmask, None);
     let error = board.set_eeprom_netmask(Ipv4Addr::BROADCAST);
     let needs = |needed| Err(EthernetError::Firmware { needed, found: 14 });
@@ -147,17 +164,17 @@ fn old_firmware_has_no_netmask_and_can_not_be_reloaded() {
 
 #[test]
 fn a_board_counts_what_it_could_not_do() {
-    let mut board = board();
+    let mut bus = bus();
+    let mut board = EthernetBoard::new(&mut bus);
     let before = board.counters().expect("counters");
     assert_eq!(before.errors, ErrorRegister::empty());
-    let mut bus = board.into_inner();
     // A command for no element, and a write to read-only space 7.
     let commands = [0x00, 0x42, 0x00, 0x01];
     mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
     let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
     mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
     bus.wait(Duration::from_millis(1));
-    let after = EthernetBoard::new(bus).counters().expect("counters");
+    let after = EthernetBoard::new(&mut bus).counters().expect("counters");
     assert!(after.errors.contains(ErrorRegister::PARSE), "{after:?}");
     assert_eq!(after.parse_errors, before.parse_errors + 1);
     assert_eq!(after.write_errors, before.write_errors + 1);
@@ -166,11 +183,11 @@ fn a_board_counts_what_it_could_not_do() {
 
 #[test]
 fn errors_are_cleared_and_packets_go_on_being_counted() {
-    let mut bus = board().into_inner();
+    let mut bus = bus();
     let commands = [0x01, 0xDD, 0x10, 0x00, 0x34, 0x12];
     mesa_hal::ethernet::Lbp16Board::send(&mut bus, &commands).expect("it is sent");
     bus.wait(Duration::from_millis(1));
-    let mut board = EthernetBoard::new(bus);
+    let mut board = EthernetBoard::new(&mut bus);
     let before = board.counters().expect("counters");
     assert_eq!(
         (before.errors, before.write_errors),
@@ -183,17 +200,18 @@ fn errors_are_cleared_and_packets_go_on_being_counted() {
     assert_eq!(errors, [0; 3]);
     assert_eq!((after.received_bad, after.sent_bad), (0, 0));
     assert_eq!(after.received_udp, before.received_udp + 2);
-    let mut bus = board.into_inner();
     assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
 }
 
 #[test]
 fn its_clock_tells_when_packets_came_and_went() {
-    let mut board = board();
+    let mut bus = bus();
+    let mut board = EthernetBoard::new(&mut bus);
     let first = board.timestamps().expect("timestamps");
-    let mut bus = board.into_inner();
     bus.wait(Duration::from_millis(10));
-    let second = EthernetBoard::new(bus).timestamps().expect("timestamps");
+    let second = EthernetBoard::new(&mut bus)
+        .timestamps()
+        .expect("timestamps");
     let microseconds = second.receive_done.wrapping_sub(first.receive_done);
     assert!((10_000..10_200).contains(&microseconds), "{microseconds}");
     assert!(second.send_start.wrapping_sub(first.receive_done) < 100);
@@ -201,7 +219,8 @@ fn its_clock_tells_when_packets_came_and_went() {
 
 #[test]
 fn a_configuration_is_programmed_and_verified_over_the_network() {
-    let mut flash = with_boot_block(board());
+    let mut bus = bus();
+    let mut flash = with_boot_block(&mut bus);
     let data = configuration(200_001);
     let mut verified = 0;
     let progress = |stage, bytes| {
@@ -237,7 +256,8 @@ fn a_configuration_is_programmed_and_verified_over_the_network() {
 
 #[test]
 fn without_a_boot_block_nothing_is_erased() {
-    let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");
+    let mut bus = bus();
+    let mut flash = flash(&mut bus);
     let data = configuration(1000);
     let error = flash
         .program(&bitfile(&data), Area::User, |_, _| {})
@@ -264,20 +284,21 @@ fn lost_packets_only_take_longer() {
     let mut link = link();
     link.to_board = Box::new(lossy(seed));
     link.to_host = Box::new(lossy(seed + 1));
-    let mut flash = with_boot_block(board_on(link));
+    let mut bus = connect(link);
+    let mut flash = with_boot_block(&mut bus);
     let data = configuration(70_000);
     flash
         .program(&bitfile(&data), Area::User, |_, _| {})
         .unwrap_or_else(|error| {
             panic!("seed {seed:#x}: {error}");
         });
-    let bus = flash.into_board().into_inner();
     assert!(bus.statistics().lost > 10, "{:?}", bus.statistics());
 }
 
 #[test]
 fn after_reset_and_reload_the_board_answers_again() {
-    let mut board = board();
+    let mut bus = bus();
+    let mut board = EthernetBoard::new(&mut bus);
     board.reset().expect("reset");
     board.identity().expect("it answers again");
     let layout = FlashLayout::I7I97;
@@ -285,7 +306,6 @@ fn after_reset_and_reload_the_board_answers_again() {
         .reload(layout.user.0, layout.fallback.0)
         .expect("reload");
     board.identity().expect("it answers again");
-    let mut bus = board.into_inner();
     assert_eq!(bus.link().board.restarts(), (1, 1));
     assert_eq!(bus.read(0x0100), Ok(0x55AA_CAFE));
 }
@@ -362,24 +382,15 @@ fn every_error_says_what_to_do_next() {
 }
 
 #[test]
-fn the_flash_id_is_that_of_the_layout() {
-    let mut flash = board().into_flash(FlashLayout::I7I97).expect("an M25P16");
-    assert_eq!(flash.id(), Ok(FlashLayout::I7I97.id));
-}
-
-#[test]
 fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
-    let board = || {
-        let link = SimLink::new(machines::i7i92_7i77());
-        board_on(link)
-    };
-    let error = board()
+    let mut bus = connect(SimLink::new(machines::i7i92_7i77()));
+    let error = EthernetBoard::new(&mut bus)
         .into_flash(FlashLayout::I7I97)
         .expect_err("another board");
     let text = "this is a 7I92, and the layout is that of a 7I97; ";
     assert!(error.to_string().starts_with(text), "{error}");
 
-    let mut board = board();
+    let mut board = EthernetBoard::new(&mut bus);
     let identity = board.identity().expect("identity");
     let layout = *FlashLayout::for_card(&identity.card).expect("a known board");
     let mut flash = board.into_flash(layout).expect("16 Mbit");
@@ -400,7 +411,6 @@ fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
     flash
         .program(&bitfile(&data), Area::User, |_, _| {})
         .expect("it is programmed");
-    let mut bus = flash.into_board().into_inner();
     let kept = bus.link().board.state();
     let mut places = kept.windows(data.len());
     assert!(places.any(|bytes| bytes == data), "it is in the chip");

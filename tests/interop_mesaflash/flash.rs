@@ -92,8 +92,8 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
 
     let address = board.board.address;
-    let bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
-    let mut flash = ethernet::EthernetBoard::new(bus)
+    let mut bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let mut flash = ethernet::EthernetBoard::new(&mut bus)
         .into_flash(FlashLayout::I7I97)
         .unwrap();
     let written = Bitfile::parse(&bytes).unwrap();
@@ -110,7 +110,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
         "{text}"
     );
 
-    let mut board_itself = flash.into_board();
+    let mut board_itself = ethernet::EthernetBoard::new(&mut bus);
     let layout = FlashLayout::I7I97;
     board_itself
         .reload(layout.user.0, layout.fallback.0)

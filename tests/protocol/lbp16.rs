@@ -14,37 +14,28 @@ fn hex(text: &str) -> Vec<u8> {
     digits.chunks(2).map(|d| d[0] << 4 | d[1]).collect()
 }
 
-/// With an address pointer that stays where it is.
-fn standing(command: Command) -> Command {
-    Command {
-        increment: false,
-        ..command
-    }
-}
-
 /// What a host sends. The manual leaves the increment bit away where one element is transferred.
 #[derive(Default)]
 struct Host(Vec<u8>);
 
 impl Host {
     fn command(mut self, command: Command, address: u16, data: &[u8]) -> Self {
-        let mut buffer = [0; 1472];
-        let mut request = RequestBuilder::new(&mut buffer);
+        let mut request = RequestBuilder::default();
         request.command(command, address, data).unwrap();
-        self.0.extend(request.bytes());
+        self.0.extend(request.bytes);
         self
     }
 
     fn read(self, space: Space, address: u16, count: u8) -> Self {
         let read = Command::read(space, count);
-        self.command(standing(read), address, &[])
+        self.command(read.standing(), address, &[])
     }
 
     fn read_on(self, space: Space, count: u8) -> Self {
         let read = Command::read(space, count);
         let on = Command {
             address: false,
-            ..standing(read)
+            ..read.standing()
         };
         self.command(on, 0, &[])
     }
@@ -52,7 +43,7 @@ impl Host {
     fn write(self, space: Space, address: u16, data: &[u8]) -> Self {
         let count = data.len() / space.element().bytes();
         let write = Command::write(space, count as u8);
-        self.command(standing(write), address, data)
+        self.command(write.standing(), address, data)
     }
 
     fn enable(self, space: u8) -> Self {
@@ -201,7 +192,7 @@ fn flash_memory_is_written_read_and_erased() {
 /// A hint stands behind a semicolon, or is a question.
 #[test]
 fn every_error_says_what_to_do_next() {
-    let errors: [&dyn std::error::Error; 6] = [
+    let errors: [&dyn std::error::Error; 5] = [
         &Lbp16Error::Count { count: 200 },
         &Lbp16Error::BadCommand {
             offset: 4,
@@ -213,7 +204,6 @@ fn every_error_says_what_to_do_next() {
             expected: 2,
             found: 1,
         },
-        &Lbp16Error::NoRoom { needed: 8, free: 4 },
         &Lbp16Error::DataLength {
             expected: 8,
             found: 1,

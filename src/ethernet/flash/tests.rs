@@ -110,7 +110,7 @@ impl Chip {
     }
 }
 
-fn open(chip: &mut Chip) -> Result<Flash<&mut Chip>, EthernetError<NoPower>> {
+fn open(chip: &mut Chip) -> Result<Flash<'_, Chip>, EthernetError<NoPower>> {
     Flash::open(EthernetBoard::new(chip), FlashLayout::I7I97)
 }
 

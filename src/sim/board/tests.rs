@@ -62,10 +62,9 @@ fn run(board: &mut SimBoard<Registers>, request: &[u8]) -> Vec<u8> {
 }
 
 fn word(board: &mut SimBoard<Registers>, space: Space, address: u16) -> u16 {
-    let mut buffer = [0; 8];
-    let mut request = RequestBuilder::new(&mut buffer);
+    let mut request = RequestBuilder::default();
     request.read(space, address, 1).unwrap();
-    let reply = run(board, request.bytes());
+    let reply = run(board, &request.bytes);
     u16::from_le_bytes([reply[0], reply[1]])
 }
 
@@ -152,11 +151,10 @@ fn info_areas_describe_every_space() {
     let mut board = board();
     let mut names = Vec::new();
     for space in (0..8).map(Space::from_bits) {
-        let mut buffer = [0; 8];
-        let mut request = RequestBuilder::new(&mut buffer);
+        let mut request = RequestBuilder::default();
         let read = Command::read_info(space, 8);
         request.command(read, 0, &[]).unwrap();
-        let reply = run(&mut board, request.bytes());
+        let reply = run(&mut board, &request.bytes);
         let mut words = [0; 8];
         for (word, pair) in words.iter_mut().zip(reply.chunks(2)) {
             *word = u16::from_le_bytes([pair[0], pair[1]]);
@@ -439,12 +437,11 @@ proptest! {
     fn replies_have_the_length_that_the_host_expects(
         reads in prop::collection::vec((0..8_u16, any::<u16>(), 1..20_u8), 1..8),
     ) {
-        let mut buffer = [0; 1472];
-        let mut request = RequestBuilder::new(&mut buffer);
+        let mut request = RequestBuilder::default();
         for (space, address, count) in reads {
             request.read(Space::from_bits(space), address, count).unwrap();
         }
-        let reply = run(&mut board(), request.bytes());
-        prop_assert_eq!(reply.len(), request.reply_len());
+        let reply = run(&mut board(), &request.bytes);
+        prop_assert_eq!(reply.len(), request.reply_len);
     }
 }

@@ -8,7 +8,7 @@ use super::ledger::{Account, Details, Kind, SLOTS};
 use super::receiving::Wait;
 use crate::bus::{Access, Direction, Hold};
 use crate::lbp16::registers::{control, timer};
-use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, Space};
+use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, RequestBuilder, Space};
 
 /// Scratch registers of the board: the writes' turns, the last write, and the request.
 const SLOT: u16 = timer::SCRATCH;
@@ -16,47 +16,36 @@ const LAST_WRITE: u16 = SLOT + 2 * SLOTS as u16;
 const REQUEST_NUMBER: u16 = LAST_WRITE + 2;
 /// The board's account at the end of a reply: its counts of packets, from RXUDPCount on, then the
 /// scratch registers.
-const BRIEF: Tail = Tail::new(1, LAST_WRITE);
+const BRIEF: Tail = Tail(1, LAST_WRITE);
 /// Of a whole cycle, whose write is the last itself.
-const OWN: Tail = Tail::new(1, REQUEST_NUMBER);
-const DETAILED: Tail = Tail::new(4, SLOT);
+const OWN: Tail = Tail(1, REQUEST_NUMBER);
+const DETAILED: Tail = Tail(4, SLOT);
 /// Bytes of a command with its address.
 const COMMAND: usize = 4;
+/// Bytes of a [`Tail`].
+const TAIL: usize = 2 * COMMAND;
 
-/// What the board's account is read by: the last two commands of a request.
+/// What the board's account is read by, the last two commands of a request: 16-bit registers from
+/// RXUDPCount on, and the first scratch register of those up to the request's number.
 #[derive(Clone, Copy, Debug)]
-struct Tail {
-    /// 16-bit registers from RXUDPCount on.
-    counts: u8,
-    /// First scratch register.
-    first: u16,
-    /// Scratch registers up to the request's number.
-    scratch: u8,
-}
+struct Tail(u8, u16);
 
 impl Tail {
-    const fn new(counts: u8, first: u16) -> Self {
-        Self {
-            counts,
-            first,
-            scratch: (REQUEST_NUMBER + 4 - first) as u8 / 2,
-        }
+    const fn scratch(self) -> u8 {
+        (REQUEST_NUMBER + 4 - self.1) as u8 / 2
     }
 
     const fn reply_len(self) -> usize {
-        2 * (self.counts as usize + self.scratch as usize)
+        2 * (self.0 as usize + self.scratch() as usize)
     }
 
-    fn commands(self) -> [[u8; COMMAND]; 2] {
-        [
-            command(
-                Direction::Read,
-                Space::Control,
-                control::RX_UDP,
-                self.counts,
-            ),
-            command(Direction::Read, Space::Timer, self.first, self.scratch),
-        ]
+    /// Writes the commands to the end of a packet.
+    fn put(self, packet: &mut [u8]) {
+        let counts = Command::read(Space::Control, self.0).encode();
+        let scratch = Command::read(Space::Timer, self.scratch()).encode();
+        let words = [counts, control::RX_UDP, scratch, self.1].map(u16::to_le_bytes);
+        let at = packet.len().saturating_sub(TAIL);
+        put(packet, at, words.as_flattened());
     }
 }
 
@@ -69,7 +58,8 @@ pub struct UdpList {
     pub(super) accesses: Vec<Access>,
     /// How many words the buffer must have.
     words: usize,
-    packet: Vec<u8>,
+    /// The packet; the length of its reply is without the board's account.
+    request: RequestBuilder,
     /// The packet is answered, and begins with the number of the request.
     pub(super) is_answered: bool,
     /// What tells that its writes were executed, if the packet changes registers of the board.
@@ -82,28 +72,13 @@ pub struct UdpList {
     pub(super) held: Duration,
     /// ... and where the reply has the time that it did.
     waited: Option<usize>,
-    /// Bytes of the reply before the board's account.
-    body_len: usize,
 }
 
 /// Words of the buffer, and where their bytes are in a packet.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Piece {
-    offset: u16,
-    first: u16,
-    count: u16,
-}
-
-impl Piece {
-    fn words(self) -> Range<usize> {
-        let first = usize::from(self.first);
-        first..first + usize::from(self.count)
-    }
-
-    fn bytes(self) -> Range<usize> {
-        let offset = usize::from(self.offset);
-        offset..offset + 4 * usize::from(self.count)
-    }
+    words: Range<usize>,
+    bytes: Range<usize>,
 }
 
 impl AsRef<[Access]> for UdpList {
@@ -115,7 +90,7 @@ impl AsRef<[Access]> for UdpList {
 impl UdpList {
     /// Bytes of the packet that is sent, without the headers of lower layers.
     pub fn request_bytes(&self) -> usize {
-        self.packet.len()
+        self.request.bytes.len()
     }
 
     /// Bytes of its reply; 0 if it has none. A reply that tells of packets that were lost has 16
@@ -130,7 +105,10 @@ impl UdpList {
     /// With room for a packet: [`encode`](Self::encode) does not allocate.
     pub(super) fn with_room() -> Self {
         Self {
-            packet: Vec::with_capacity(MAX_PACKET),
+            request: RequestBuilder {
+                bytes: Vec::with_capacity(MAX_PACKET),
+                reply_len: 0,
+            },
             accesses: Vec::with_capacity(MAX_PACKET / 4),
             writes: Vec::with_capacity(MAX_PACKET / 4),
             ..Self::default()
@@ -181,12 +159,10 @@ impl UdpList {
             let (free, held) = accesses.split_at(before.min(accesses.len()));
             this.push_accesses(free);
             if hold.is_some() {
-                this.write_timer(timer::HM2_TIMEOUT, &[limit_us]);
-                this.waited = Some(this.body_len);
-                let address = timer::WAIT_FOR_HM2_REFERENCE;
-                let wait = command(Direction::Read, Space::Timer, address, 1);
-                this.packet.extend(wait);
-                this.body_len += 2;
+                this.write_timer(timer::HM2_TIMEOUT, &limit_us.to_le_bytes());
+                let wait = Command::read(Space::Timer, 1);
+                let waited = this.request.push(wait, timer::WAIT_FOR_HM2_REFERENCE, &[]);
+                this.waited = Some(waited.start);
             }
             this.push_accesses(held);
         })
@@ -194,32 +170,28 @@ impl UdpList {
 
     /// The packet that only asks for the board's account.
     pub(super) fn question() -> Result<Self, UdpError> {
-        Self::answered(None, |_| {})
+        Self::answered(None, &[], 0)
     }
 
     /// The packet that clears the numbers of all writes. It may be executed more than once.
     pub(super) fn clearing() -> Result<Self, UdpError> {
-        Self::answered(None, |this| {
-            this.write_timer(SLOT, &[0; SLOTS + 1]);
-        })
+        let mut request = RequestBuilder::default();
+        let clear = Command::write(Space::Timer, SLOTS as u8 + 1);
+        request.push(clear, SLOT, &[0; 2 * (SLOTS + 1)]);
+        Self::answered(None, &request.bytes, 0)
     }
 
-    /// The packet that is a write with a number, and nothing else.
-    pub(super) fn first_contact() -> Result<Self, UdpError> {
-        Self::answered(Some(Kind::Acknowledged), |_| {})
-    }
-
-    /// A packet of ready-made commands, which are answered with `reply_len` bytes.
-    pub(super) fn raw(commands: &[u8], reply_len: usize) -> Result<Self, UdpError> {
-        Self::answered(None, |this| {
-            this.packet.extend_from_slice(commands);
-            this.body_len += reply_len;
-        })
-    }
-
-    fn answered(kind: Option<Kind>, body: impl FnOnce(&mut Self)) -> Result<Self, UdpError> {
+    /// The packet of ready-made commands, which are answered with `reply_len` bytes.
+    pub(super) fn answered(
+        kind: Option<Kind>,
+        commands: &[u8],
+        reply_len: usize,
+    ) -> Result<Self, UdpError> {
         let mut this = Self::default();
-        this.make(true, kind, body)?;
+        this.make(true, kind, |this| {
+            this.request.bytes.extend_from_slice(commands);
+            this.request.reply_len += reply_len;
+        })?;
         Ok(this)
     }
 
@@ -229,94 +201,89 @@ impl UdpList {
         kind: Option<Kind>,
         body: impl FnOnce(&mut Self),
     ) -> Result<(), UdpError> {
-        self.packet.clear();
+        self.request.bytes.clear();
         self.writes.clear();
         self.reads.clear();
-        (self.body_len, self.waited) = (0, None);
+        (self.request.reply_len, self.waited) = (0, None);
         (self.is_answered, self.kind) = (is_answered, kind);
         if is_answered {
-            self.write_timer(REQUEST_NUMBER, &[0, 0]);
+            self.write_timer(REQUEST_NUMBER, &[0; 4]);
         }
         body(self);
         if kind.is_some() {
-            self.write_number = self.write_timer(SLOT, &[0]);
+            self.write_number = self.write_timer(SLOT, &[0; 2]);
         }
         if kind.is_some_and(|kind| kind != Kind::Cycle) {
-            self.write_timer(LAST_WRITE, &[0]);
+            self.write_timer(LAST_WRITE, &[0; 2]);
         }
         if is_answered {
-            self.packet.extend(self.brief().commands().as_flattened());
+            self.request.bytes.extend([0; TAIL]);
+            self.tail(false).put(&mut self.request.bytes);
         }
-        check("request", self.packet.len())?;
-        check("reply", self.reply_len(true))
+        let (request, reply) = (self.request.bytes.len(), self.reply_len(true));
+        for (what, bytes) in [("request", request), ("reply", reply)] {
+            let limit = MAX_PACKET;
+            if bytes > limit {
+                return Err(UdpError::TooLong { what, bytes, limit });
+            }
+        }
+        Ok(())
     }
 
     /// Adds a write of 16-bit registers; returns where their bytes are.
-    fn write_timer(&mut self, address: u16, words: &[u16]) -> usize {
-        let count = words.len() as u8;
-        self.packet
-            .extend(command(Direction::Write, Space::Timer, address, count));
-        let at = self.packet.len();
-        self.packet
-            .extend(words.iter().flat_map(|word| word.to_le_bytes()));
-        at
+    fn write_timer(&mut self, address: u16, data: &[u8]) -> usize {
+        let write = Command::write(Space::Timer, data.len() as u8 / 2);
+        self.request.push(write, address, data).start
     }
 
     /// Adds accesses in their order. Neighbouring registers share a command, as many as it takes.
     fn push_accesses(&mut self, accesses: &[Access]) {
-        // The newest command, and where it is.
+        // Where the newest command is, and its registers.
         let mut newest: Option<(usize, Access)> = None;
         for access in accesses {
-            let mut rest = *access;
-            while rest.count > 0 {
-                let end = self.packet.len();
-                let (at, mut run) = newest
-                    .filter(|(_, run)| goes_on(*run, rest))
-                    .unwrap_or((end, Access { count: 0, ..rest }));
-                let count = rest.count.min(u16::from(MAX_COUNT) - run.count);
-                run.count += count;
-                let header = command(run.direction, Space::HostMot2, run.address, run.count as u8);
-                if at == end {
-                    self.packet.extend(header);
-                } else {
-                    put(&mut self.packet, at, &header);
-                }
-                self.push_words(rest, count);
-                newest = Some((at, run));
-                rest = Access {
-                    address: rest.address.wrapping_add(4 * count),
-                    first: rest.first + count,
-                    count: rest.count - count,
-                    ..rest
+            for n in 0..access.count {
+                let next = Access {
+                    address: access.address + 4 * n,
+                    first: access.first + n,
+                    ..*access
                 };
+                let begun = newest.filter(|(_, run)| goes_on(*run, next));
+                let (at, mut run) = begun.unwrap_or_else(|| {
+                    let mut command = Command::read(Space::HostMot2, 0);
+                    command.write = next.direction == Direction::Write;
+                    let at = self.request.bytes.len();
+                    self.request.push(command, next.address, &[]);
+                    (at, Access { count: 0, ..next })
+                });
+                run.count += 1;
+                // The lowest bits of a command are its count.
+                if let Some(low) = self.request.bytes.get_mut(at) {
+                    *low += 1;
+                }
+                newest = Some((at, run));
+                self.push_word(next.direction, next.first.into());
             }
         }
     }
 
-    /// Adds the first `count` words of an access.
-    fn push_words(&mut self, access: Access, count: u16) {
-        let bytes = 4 * usize::from(count);
-        let (pieces, offset) = match access.direction {
+    /// Adds the place of a word.
+    fn push_word(&mut self, direction: Direction, word: usize) {
+        let (pieces, at) = match direction {
             Direction::Read => {
-                self.body_len += bytes;
-                (&mut self.reads, self.body_len - bytes)
+                self.request.reply_len += 4;
+                (&mut self.reads, self.request.reply_len - 4)
             }
             Direction::Write => {
-                let offset = self.packet.len();
-                self.packet.resize(offset + bytes, 0);
-                (&mut self.writes, offset)
+                self.request.bytes.extend([0; 4]);
+                (&mut self.writes, self.request.bytes.len() - 4)
             }
         };
-        let piece = Piece {
-            offset: offset as u16,
-            first: access.first,
-            count,
-        };
+        let (words, bytes) = (word..word + 1, at..at + 4);
         match pieces.last_mut() {
-            Some(last) if last.bytes().end == offset && last.words().end == piece.words().start => {
-                last.count += count;
+            Some(last) if last.words.end == word && last.bytes.end == at => {
+                (last.words.end, last.bytes.end) = (words.end, bytes.end);
             }
-            _ => pieces.push(piece),
+            _ => pieces.push(Piece { words, bytes }),
         }
     }
 }
@@ -332,14 +299,13 @@ impl UdpList {
         wait: Option<Wait>,
         write: Option<(u32, usize)>,
     ) -> &'a [u8] {
-        let packet = buffer.get_mut(..self.packet.len()).unwrap_or_default();
-        put(packet, 0, &self.packet);
+        let template = &self.request.bytes;
+        let packet = buffer.get_mut(..template.len()).unwrap_or_default();
+        put(packet, 0, template);
         if let Some(wait) = wait {
             put(packet, COMMAND, &wait.request.to_le_bytes());
             if wait.detailed {
-                let commands = DETAILED.commands();
-                let at = packet.len().saturating_sub(commands.as_flattened().len());
-                put(packet, at, commands.as_flattened());
+                DETAILED.put(packet);
             }
         }
         if let Some((number, slot)) = write {
@@ -351,8 +317,8 @@ impl UdpList {
             }
         }
         for piece in &self.writes {
-            let values = words.get(piece.words()).unwrap_or_default();
-            let bytes = packet.get_mut(piece.bytes()).unwrap_or_default();
+            let values = words.get(piece.words.clone()).unwrap_or_default();
+            let bytes = packet.get_mut(piece.bytes.clone()).unwrap_or_default();
             for (target, value) in bytes.chunks_exact_mut(4).zip(values) {
                 target.copy_from_slice(&value.to_le_bytes());
             }
@@ -363,8 +329,11 @@ impl UdpList {
     /// Takes the words of a reply, which has the right size.
     pub(super) fn take(&self, reply: &[u8], words: &mut [u32]) {
         for piece in &self.reads {
-            let (values, _) = reply.get(piece.bytes()).unwrap_or_default().as_chunks();
-            let targets = words.get_mut(piece.words()).unwrap_or_default();
+            let (values, _) = reply
+                .get(piece.bytes.clone())
+                .unwrap_or_default()
+                .as_chunks();
+            let targets = words.get_mut(piece.words.clone()).unwrap_or_default();
             for (target, value) in targets.iter_mut().zip(values) {
                 *target = u32::from_le_bytes(*value);
             }
@@ -386,7 +355,8 @@ impl UdpList {
     /// whole of it.
     pub(super) fn account(&self, reply: &[u8], detailed: bool) -> Account {
         let mut words = [0; DETAILED.reply_len() / 2];
-        let (tail, _) = reply.get(self.body_len..).unwrap_or_default().as_chunks();
+        let tail = reply.get(self.request.reply_len..).unwrap_or_default();
+        let (tail, _) = tail.as_chunks();
         for (word, bytes) in words.iter_mut().zip(tail) {
             *word = u16::from_le_bytes(*bytes);
         }
@@ -405,19 +375,18 @@ impl UdpList {
         }
     }
 
-    fn brief(&self) -> Tail {
-        if self.kind == Some(Kind::Cycle) {
-            OWN
-        } else {
-            BRIEF
+    fn tail(&self, detailed: bool) -> Tail {
+        match self.kind {
+            _ if detailed => DETAILED,
+            Some(Kind::Cycle) => OWN,
+            _ => BRIEF,
         }
     }
 
     /// Bytes of the reply; 0 if there is none. `detailed`: with the whole account.
     pub(super) fn reply_len(&self, detailed: bool) -> usize {
-        let tail = if detailed { DETAILED } else { self.brief() };
         if self.is_answered {
-            self.body_len + tail.reply_len()
+            self.request.reply_len + self.tail(detailed).reply_len()
         } else {
             0
         }
@@ -428,28 +397,10 @@ impl UdpList {
         if self.words <= words {
             return Ok(());
         }
-        let is_missing = |access: &&Access| access.words().end > words;
-        let access = self
-            .accesses
-            .iter()
-            .copied()
-            .find(|access| is_missing(&access));
-        Err(UdpError::BadAccess {
-            access: access.unwrap_or(Access::read(0, 0, 0)),
-            words,
-        })
+        let mut accesses = self.accesses.iter();
+        let missing = accesses.find(|access| access.words().end > words);
+        missing.map_or(Ok(()), |&access| Err(UdpError::BadAccess { access, words }))
     }
-}
-
-/// A command of `count` registers, 1 to 127, of a space's own size, and its address.
-fn command(direction: Direction, space: Space, address: u16, count: u8) -> [u8; COMMAND] {
-    let command = match direction {
-        Direction::Read => Command::read(space, count),
-        Direction::Write => Command::write(space, count),
-    };
-    let [a, b] = command.encode().to_le_bytes();
-    let [c, d] = address.to_le_bytes();
-    [a, b, c, d]
 }
 
 /// Whether a command has room, and ends where an access begins.
@@ -463,14 +414,6 @@ fn goes_on(run: Access, next: Access) -> bool {
 fn is_sound(access: Access) -> bool {
     let end = u32::from(access.address) + 4 * u32::from(access.count);
     access.address.is_multiple_of(4) && end <= 0x1_0000 && access.words().end <= 0xFFFF
-}
-
-fn check(what: &'static str, bytes: usize) -> Result<(), UdpError> {
-    let limit = MAX_PACKET;
-    if bytes > limit {
-        return Err(UdpError::TooLong { what, bytes, limit });
-    }
-    Ok(())
 }
 
 fn put(packet: &mut [u8], offset: usize, bytes: &[u8]) {

@@ -38,8 +38,9 @@ pub trait Link {
 #[derive(Debug)]
 pub struct UdpLink {
     socket: UdpSocket,
-    /// Socket options that shorten or steady the round trip, and that this host did not allow.
-    refused: Vec<&'static str>,
+    /// Socket options that shorten or steady the round trip, and that this host did not allow, by the
+    /// names that system administrators know.
+    pub refused: Vec<&'static str>,
     clock: HostClock,
 }
 
@@ -59,29 +60,20 @@ impl UdpLink {
         socket.connect(&SocketAddr::from(address).into())?;
         socket.set_nonblocking(true)?;
         // None of them needs root; a host that does not know or allow one works without it.
+        let is_whole = set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok();
         let options = [
             // Polls the network device instead of waiting for its interrupt.
             ("SO_BUSY_POLL", socket.set_busy_poll(BUSY_POLL).is_ok()),
             // In the queue of the network device.
             ("SO_PRIORITY", socket.set_priority(PRIORITY).is_ok()),
             // Datagrams are never fragmented; boards do not reassemble.
-            (
-                "IP_MTU_DISCOVER",
-                set_ip_mtu_discover(&socket, Ipv4PathMtuDiscovery::DO).is_ok(),
-            ),
+            ("IP_MTU_DISCOVER", is_whole),
         ];
-        let refused = options.iter().filter(|(_, is_allowed)| !is_allowed);
         Ok(Self {
-            refused: refused.map(|(name, _)| *name).collect(),
+            refused: refused(options),
             socket: socket.into(),
             clock: HostClock::new(),
         })
-    }
-
-    /// Socket options that shorten or steady the round trip, and that this host did not allow, by the
-    /// names that system administrators know.
-    pub fn refused_options(&self) -> &[&'static str] {
-        &self.refused
     }
 
     /// Blocks until something arrives or `left` is nearly over; exact to the nanosecond that the
@@ -102,6 +94,12 @@ impl UdpLink {
             Err(errno) => Err(errno.into()),
         }
     }
+}
+
+/// The names of the options that were not set.
+fn refused(options: [(&'static str, bool); 3]) -> Vec<&'static str> {
+    let refused = options.into_iter().filter(|(_, is_set)| !is_set);
+    refused.map(|(name, _)| name).collect()
 }
 
 impl Link for UdpLink {
@@ -141,6 +139,13 @@ impl Link for UdpLink {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_option_that_the_host_does_not_allow_is_named_and_no_other() {
+        let options = [("ONE", false), ("TWO", true), ("THREE", false)];
+        assert_eq!(refused(options), ["ONE", "THREE"]);
+        assert!(refused(options.map(|(name, _)| (name, true))).is_empty());
+    }
 
     #[test]
     fn a_receive_ends_at_its_deadline_or_with_a_datagram() {

@@ -28,7 +28,7 @@ use crate::bus::{
 };
 use crate::ethernet::Lbp16Board;
 use crate::lbp16::MAX_PACKET;
-use ledger::Ledger;
+use ledger::{Kind, Ledger};
 use matching::Requests;
 use receiving::Wait;
 
@@ -116,15 +116,10 @@ impl UdpBus<UdpLink> {
     pub fn connect(address: SocketAddrV4, config: UdpConfig) -> Result<Self, UdpError> {
         let link = UdpLink::connect(address)?;
         #[cfg(feature = "log")]
-        for option in link.refused_options() {
+        for option in &link.refused {
             log::info!("{address}: this host does not allow {option}; round trips may be longer");
         }
         Self::new(link, config)
-    }
-
-    /// Socket options that shorten or steady the round trip, and that this host did not allow.
-    pub fn refused_options(&self) -> &[&'static str] {
-        self.link.refused_options()
     }
 }
 
@@ -157,8 +152,9 @@ impl<L: Link> UdpBus<L> {
         }
         // Without these, numbers that an earlier program left would look like writes that were
         // executed, or like a lost one.
-        bus.with_retries(&UdpList::clearing()?, &mut [])?;
-        bus.with_retries(&UdpList::first_contact()?, &mut [])?;
+        bus.set_up(&UdpList::clearing()?, &mut [])?;
+        let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
+        bus.set_up(&contact, &mut [])?;
         bus.statistics = BusStatistics::default();
         Ok(bus)
     }
@@ -170,11 +166,11 @@ impl<L: Link> UdpBus<L> {
 
     /// Fails if the board receives more packets than ours. Writes nothing but a request's number.
     fn watch_for_others(&mut self) -> Result<(), UdpError> {
-        self.with_retries(&UdpList::question()?, &mut [])?;
+        self.set_up(&UdpList::question()?, &mut [])?;
         let (before, sent) = (self.ledger.received(), self.statistics.exchanges);
         let start = self.link.now();
         self.link.sleep_until(start.after(WATCH));
-        self.with_retries(&UdpList::question()?, &mut [])?;
+        self.set_up(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
         let own = (self.statistics.exchanges - sent) as u16;
         let (Some(before), Some(after)) = (before, self.ledger.received()) else {
@@ -190,58 +186,52 @@ impl<L: Link> UdpBus<L> {
     }
 
     /// An exchange of set-up, repeated until it is done or the tries are used up.
-    ///
+    fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError> {
+        let (deadline, mut tries) = (self.config.setup_deadline, self.config.setup_tries);
+        self.with_retries(list, words, deadline, &mut tries)
+    }
+
     /// What writes is repeated only if the board says that it has not executed it; if it has, and
     /// only the reply was lost, the reads alone are repeated.
-    fn with_retries(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError> {
-        let deadline = self.config.setup_deadline;
-        let mut tries = self.config.setup_tries;
-        loop {
-            match self.transact(list, words, deadline) {
-                Ok(length) => {
-                    list.take(self.reply.get(..length).unwrap_or(&[]), words);
-                    return Ok(());
-                }
-                Err(error) => tries = another_try(tries, error)?,
+    fn with_retries(
+        &mut self,
+        list: &UdpList,
+        words: &mut [u32],
+        deadline: Duration,
+        tries: &mut u32,
+    ) -> Result<(), UdpError> {
+        while let Err(error) = self.transact(list, words, deadline) {
+            let lasts = matches!(error.kind(), BusErrorKind::Occupied | BusErrorKind::Invalid);
+            if lasts || *tries <= 1 {
+                return Err(error);
             }
+            *tries -= 1;
             if list.kind.is_none() {
                 continue;
             }
-            self.repeat(&UdpList::question()?, deadline, &mut tries)?;
+            self.with_retries(&UdpList::question()?, &mut [], deadline, tries)?;
             if self.ledger.is_executed() {
                 let mut reads = list.accesses.clone();
                 reads.retain(|access| access.direction == Direction::Read);
                 if reads.is_empty() {
                     return Ok(());
                 }
-                return self.with_retries(&UdpList::new(&reads, true, None)?, words);
+                return self.set_up(&UdpList::new(&reads, true, None)?, words);
             }
-        }
-    }
-
-    /// A packet that may be executed more than once, repeated until its reply comes.
-    fn repeat(
-        &mut self,
-        list: &UdpList,
-        deadline: Duration,
-        tries: &mut u32,
-    ) -> Result<(), UdpError> {
-        while let Err(error) = self.transact(list, &[], deadline) {
-            *tries = another_try(*tries, error)?;
         }
         Ok(())
     }
 
-    /// One packet out and, if it is answered, its reply: how many bytes of it were received.
+    /// One packet out, and its reply.
     fn transact(
         &mut self,
         list: &UdpList,
-        words: &[u32],
+        words: &mut [u32],
         deadline: Duration,
-    ) -> Result<usize, UdpError> {
+    ) -> Result<(), UdpError> {
         match self.send(list, words, deadline)? {
-            Some(wait) => self.receive(list, wait),
-            None => Ok(0),
+            Some(wait) => self.receive(list, wait, words),
+            None => Ok(()),
         }
     }
 
@@ -273,15 +263,6 @@ impl<L: Link> UdpBus<L> {
     }
 }
 
-/// How many tries are left after `error`; or `error` itself if there are none, or no use in one.
-fn another_try(tries: u32, error: UdpError) -> Result<u32, UdpError> {
-    let lasts = matches!(error.kind(), BusErrorKind::Occupied | BusErrorKind::Invalid);
-    if lasts || tries <= 1 {
-        return Err(error);
-    }
-    Ok(tries - 1)
-}
-
 impl<L: Link> Lbp16Board for UdpBus<L> {
     type Error = UdpError;
 
@@ -291,9 +272,9 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
         reply: &mut [u8],
         deadline: Duration,
     ) -> Result<(), UdpError> {
-        let list = UdpList::raw(commands, reply.len())?;
+        let list = UdpList::answered(None, commands, reply.len())?;
         let mut tries = self.config.setup_tries;
-        self.repeat(&list, deadline, &mut tries)?;
+        self.with_retries(&list, &mut [], deadline, &mut tries)?;
         for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
             *target = *byte;
         }
@@ -326,7 +307,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     fn exchange(&mut self, accesses: &[Access], words: &mut [u32]) -> Result<(), UdpError> {
         let list = UdpList::new(accesses, true, None)?;
         list.check_words(words.len())?;
-        self.with_retries(&list, words)
+        self.set_up(&list, words)
     }
 
     /// The board can wait for up to 65.535 ms. Of the time that a reply takes, what the board
@@ -358,10 +339,8 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         let Some((_, wait)) = self.started.take_if(is_its) else {
             return Err(UdpError::NotStarted);
         };
-        let length = self.receive(list, wait)?;
-        let reply = self.reply.get(..length).unwrap_or(&[]);
-        list.take(reply, words);
-        let waited = list.waited_us(reply).map(u64::from);
+        self.receive(list, wait, words)?;
+        let waited = list.waited_us(self.reply.as_slice()).map(u64::from);
         let news = core::mem::replace(&mut self.news, Reply::CERTAIN);
         Ok(Reply {
             slack: waited.map(Duration::from_micros),

@@ -25,9 +25,14 @@ pub(super) struct Wait {
 const MAX_OVERTIME: u32 = 64;
 
 impl<L: Link> UdpBus<L> {
-    /// Waits for the reply to the newest request, and throws away everything else that comes. Returns
-    /// how many bytes it has.
-    pub(super) fn receive(&mut self, list: &UdpList, wait: Wait) -> Result<usize, UdpError> {
+    /// Waits for the reply to the newest request, takes its words, and throws away everything else
+    /// that comes.
+    pub(super) fn receive(
+        &mut self,
+        list: &UdpList,
+        wait: Wait,
+        words: &mut [u32],
+    ) -> Result<(), UdpError> {
         let request = wait.request;
         let deadline = wait.deadline.saturating_add(list.held);
         let until = wait.started.after(deadline);
@@ -38,7 +43,10 @@ impl<L: Link> UdpBus<L> {
             let waited = self.link.now().since(wait.started);
             match received {
                 Ok(Some(length)) => match self.sort(list, length, wait, waited)? {
-                    Some(got) if got == request => return Ok(length),
+                    Some(got) if got == request => {
+                        list.take(self.reply.as_slice(), words);
+                        return Ok(());
+                    }
                     Some(got) => {
                         instead = Some(UdpError::Stale {
                             request,
