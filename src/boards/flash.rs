@@ -1,30 +1,6 @@
-//! Where things are in the flash memories of boards.
+//! Where things are in the flash memories of the boards that this crate knows.
 
-use super::BoardTable;
-
-/// Where things are in a board's flash memory.
-///
-/// Source: manual 7I97, "EEPROM LAYOUT"; that of the 7I92, whose manual is not at hand, is what
-/// mesaflash uses for it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FlashLayout {
-    /// The board, as it names itself.
-    pub board: &'static str,
-    /// The FPGA on the board, as its bitfiles call it.
-    pub part: &'static str,
-    /// What the chip's identification must be.
-    pub id: u32,
-    /// Size of the chip.
-    pub size: u32,
-    /// What makes the FPGA load the user configuration, or the fallback when that is damaged.
-    pub boot_block: (u32, u32),
-    /// The configuration that is loaded when the user's is damaged.
-    pub fallback: (u32, u32),
-    /// The configuration in use.
-    pub user: (u32, u32),
-    /// Free for applications.
-    pub application: (u32, u32),
-}
+use super::{BoardTable, FlashLayout};
 
 impl FlashLayout {
     /// The 7I97: M25P16, XC6SLX9.

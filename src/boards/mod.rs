@@ -14,9 +14,10 @@ pub mod i7i77;
 pub mod i7i97;
 mod identity;
 
+pub use crate::hostmot2::board_table::{
+    BoardTable, CardTable, FlashLayout, ModuleTerminals, PwmTable,
+};
 pub use attach::{AttachError, BoardHandles, Finder, RemoteHandles};
-pub use board_table::{BoardTable, CardTable, ModuleTerminals, PwmTable};
-pub use flash::FlashLayout;
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;

@@ -1,5 +1,7 @@
-//! HostMot2: cookie, IDROM, module and pin descriptors, and who drives which I/O pin.
+//! HostMot2: cookie, IDROM, module and pin descriptors, who drives which I/O pin, and the layout of
+//! the tables of what a firmware does not tell of its board.
 
+pub(crate) mod board_table;
 mod error;
 mod gtag;
 mod identify;

@@ -15,12 +15,13 @@ impl TickRate {
     /// Manual: 7I97, "MAXIMUM ENCODER COUNT RATE".
     pub const MUX_7I97: Self = Self(14);
 
-    const LARGEST: u32 = 0xFFF;
+    /// The slowest rate: clock/4097. The register has 12 bits.
+    pub const SLOWEST: Self = Self(0xFFF);
 
     /// The value for a rate, rounded down to what there is; at least clock/4097, at most clock/2.
     pub fn for_hz(clock_hz: u32, hz: u32) -> Self {
         let n = clock_hz.div_ceil(hz.max(1)).saturating_sub(2);
-        Self(n.min(Self::LARGEST))
+        Self(n.min(Self::SLOWEST.0))
     }
 
     /// The rate in Hz.
@@ -52,10 +53,10 @@ mod tests {
         fn a_rate_is_the_fastest_that_is_not_above_what_was_asked_for(clock in 1_000_000u32.., hz: u32) {
             let rate = TickRate::for_hz(clock, hz);
             let wanted = f64::from(hz);
-            if rate.0 < TickRate::LARGEST && wanted <= f64::from(clock) / 2.0 {
+            if rate.0 < TickRate::SLOWEST.0 && wanted <= f64::from(clock) / 2.0 {
                 prop_assert!(rate.hz(clock) <= wanted);
             }
-            if let Some(faster) = rate.0.checked_sub(1) && rate.0 < TickRate::LARGEST {
+            if let Some(faster) = rate.0.checked_sub(1) && rate.0 < TickRate::SLOWEST.0 {
                 prop_assert!(TickRate(faster).hz(clock) > wanted);
             }
         }

@@ -62,7 +62,18 @@ impl Dpll {
         let khz = 1e-3 / r.settings.period.as_secs_f64();
         let pins = DpllPins::new(r.maker("dpll."), khz)?;
         let config = pins.config(r.pins);
-        let words = config.words(module.clock_hz, dds_bits)?;
+        let clock_hz = module.clock_hz;
+        let words = config.words(clock_hz, dds_bits);
+        let words = words.map_err(|(prescale, base_rate)| RegisterError::Setting {
+            what: "rate that the DPLL follows",
+            found: format!(
+                "{khz} kHz, which with a clock of {clock_hz} Hz and a DDS of {dds_bits} bits needs \
+                 prescale {prescale} and base rate {base_rate}"
+            ),
+            expected: "1 to 63 bits, prescale 1 to 255 and base rate 1 to 2^32-1; choose another \
+                 thread period, or go on without it (`Settings::no_dpll`)"
+                .into(),
+        })?;
         let [base_rate, control_0, control_1, timers_12, timers_34] = words;
         r.pins.publish(pins.ddsize, dds_bits.into());
         r.pins.publish(pins.prescale, control_0 >> 24);
@@ -83,7 +94,7 @@ impl Dpll {
         let following = is_following.then(|| (r.latch(sync), r.on_demand(phase)));
         Ok(Some(Self {
             pins,
-            clock_hz: module.clock_hz,
+            clock_hz,
             dds_bits,
             config,
             words,
@@ -122,21 +133,18 @@ impl Module for Dpll {
         if config == self.config {
             return;
         }
-        match config.words(self.clock_hz, self.dds_bits) {
-            Ok(words) => {
-                let rate = |[base_rate, control_0, ..]: [u32; 5]| (base_rate, control_0 >> 24);
-                let (base_rate, prescale) = rate(words);
-                if (base_rate, prescale) != rate(self.words) {
-                    self.start = PhaseStart::default();
-                }
-                (self.config, self.words) = (config, words);
-                cycle.pins.publish(self.pins.prescale, prescale);
-            }
-            Err(_) => cycle
-                .pins
-                .count_rejection(self.pins.base_freq_khz, Rejection::OutOfRange),
+        let Ok(words) = config.words(self.clock_hz, self.dds_bits) else {
+            let pin = self.pins.base_freq_khz;
+            return cycle.pins.count_rejection(pin, Rejection::OutOfRange);
+        };
+        let rate = |[base_rate, control_0, ..]: [u32; 5]| (base_rate, control_0 >> 24);
+        if rate(words) != rate(self.words) {
+            self.start = PhaseStart::default();
         }
-        for (setting, word) in self.settings.into_iter().zip(self.words) {
+        let (_, prescale) = rate(words);
+        cycle.pins.publish(self.pins.prescale, prescale);
+        (self.config, self.words) = (config, words);
+        for (setting, word) in self.settings.into_iter().zip(words) {
             cycle.set(setting, word);
         }
     }
@@ -199,8 +207,9 @@ impl DpllConfig {
     /// Prescale and base rate are cut off as LinuxCNC does.
     ///
     /// # Errors
-    /// [`RegisterError::DpllRate`].
-    pub fn words(&self, clock_hz: u32, dds_bits: u8) -> Result<[u32; 5], RegisterError> {
+    /// The prescale and base rate that would be needed: one of them is out of reach, or the DDS is
+    /// not known.
+    pub fn words(&self, clock_hz: u32, dds_bits: u8) -> Result<[u32; 5], (f64, f64)> {
         let (hz, clock) = (self.hz, f64::from(clock_hz));
         let turn = libm::ldexp(1.0, i32::from(dds_bits)) * hz;
         let prescale = libm::floor(libm::ldexp(clock, 30) / turn).max(1.0);
@@ -210,13 +219,7 @@ impl DpllConfig {
             && (1.0..=255.0).contains(&prescale)
             && (1.0..=f64::from(u32::MAX)).contains(&base_rate);
         if !fits {
-            return Err(RegisterError::DpllRate {
-                hz,
-                clock_hz,
-                dds_bits,
-                prescale,
-                base_rate,
-            });
+            return Err((prescale, base_rate));
         }
         let [one, two, three, four] = self.timers_us.map(|us| u32::from(timer_of(us, hz)));
         Ok([
@@ -297,7 +300,7 @@ mod tests {
         timers_us: [-100.0; 4],
     };
 
-    fn words(dds_bits: u8, config: &DpllConfig) -> Result<[u32; 5], RegisterError> {
+    fn words(dds_bits: u8, config: &DpllConfig) -> Result<[u32; 5], (f64, f64)> {
         config.words(CLOCK, dds_bits)
     }
 
@@ -342,13 +345,13 @@ mod tests {
     }
 
     #[test]
-    fn what_the_hardware_can_not_do_is_an_error() {
+    fn what_the_hardware_can_not_do_is_refused() {
         for dds_bits in [0, 64] {
             assert!(words(dds_bits, &CONFIG).is_err(), "{dds_bits}");
         }
         for hz in [1.0, 0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let error = words(42, &DpllConfig { hz, ..CONFIG });
-            assert!(matches!(error, Err(RegisterError::DpllRate { .. })), "{hz}");
+            let words = words(42, &DpllConfig { hz, ..CONFIG });
+            assert!(words.is_err(), "{hz}");
         }
     }
 

@@ -1,5 +1,7 @@
 //! Why a module can not be used.
 
+use alloc::string::String;
+
 use crate::bus::ImageError;
 use crate::hal::PinError;
 use crate::hostmot2::HostMot2Error;
@@ -24,33 +26,14 @@ pub enum RegisterError {
         /// The register.
         address: u16,
     },
-    /// More encoders were asked for than the firmware has.
-    #[error(
-        "{count} encoders were asked for, and this firmware has {all}; ask for at most {all} \
-         (`EncoderSetup::count`), or load a firmware that has more"
-    )]
-    TooManyEncoders {
-        /// How many were asked for.
-        count: u8,
-        /// How many there are.
-        all: u8,
-    },
-    /// The rate of the thread is out of reach of the phase-locked loop, or its DDS is not known.
-    #[error(
-        "the DPLL can not follow {hz} Hz: with a clock of {clock_hz} Hz and a DDS of {dds_bits} bits \
-         (1 to 63), prescale {prescale} (1 to 255) and base rate {base_rate} (1 to 2^32-1) would be \
-         needed; choose another thread period, or go on without it (`Settings::no_dpll`)"
-    )]
-    DpllRate {
+    /// A setting that this firmware can not follow.
+    #[error("{what}: {found}, expected {expected}")]
+    Setting {
+        /// What is set, and where.
+        what: &'static str,
         /// What was asked for.
-        hz: f64,
-        /// The clock.
-        clock_hz: u32,
-        /// Size of the DDS, as the DPLL reports it.
-        dds_bits: u8,
-        /// The prescale that would be needed.
-        prescale: f64,
-        /// The base rate that would be needed.
-        base_rate: f64,
+        found: String,
+        /// What is possible, and what to do otherwise.
+        expected: String,
     },
 }

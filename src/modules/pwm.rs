@@ -6,9 +6,10 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
-use crate::boards::PwmTable;
+
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
+use crate::hostmot2::board_table::PwmTable;
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.

@@ -5,9 +5,10 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::{RegisterError, Settings};
-use crate::boards::BoardTable;
+
 use crate::bus::{ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
+use crate::hostmot2::board_table::BoardTable;
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor};
 
 /// What a module is made from.

@@ -10,8 +10,9 @@ use super::encoder::EncoderSetup;
 use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
 use super::watchdog::WatchdogRegisters;
-use crate::boards::BoardTable;
+
 use crate::discovery::RemoteTable;
+use crate::hostmot2::board_table::BoardTable;
 use crate::sslbp::MAX_CHANNELS;
 
 /// What a driver is to be.

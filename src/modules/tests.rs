@@ -11,7 +11,7 @@ use super::{RegisterError, Registrar, Settings};
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
-use crate::hostmot2::{Gtag, HostMot2, IoPorts};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
 use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 
 /// Everything that a module registers with.
@@ -113,6 +113,18 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
     // EncMux: FACTS 8.1, 12.7.
     assert_eq!(bench.outputs(), [1 << 7, 1 << 7]);
     assert_eq!(bench.set_up(0x3900, 0x3904), [(0x3900, 6)], "ClockLow/8");
+}
+
+#[test]
+fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
+    let mut bench = i7i97();
+    bench.settings.encoders.rate = Some(TickRate(0x1000));
+    let error = bench.register(Encoders::register).unwrap_err().to_string();
+    assert_eq!(
+        error,
+        "rate of the encoders (`EncoderSetup::rate`): TickRate(4096), expected at most \
+         TickRate(4095): the register has 12 bits"
+    );
 }
 
 /// At rest when it is over: the mode without double buffering, the value, the mode.

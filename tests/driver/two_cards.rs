@@ -119,7 +119,7 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
     let error = build(7).map(drop).expect_err("there are six");
     assert!(matches!(
         error,
-        DriverError::Register(RegisterError::TooManyEncoders { count: 7, all: 6 })
+        DriverError::Register(RegisterError::Setting { .. })
     ));
     assert!(error.to_string().contains("at most 6"), "{error}");
     let driver = build(3).expect("three of six");

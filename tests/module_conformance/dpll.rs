@@ -197,9 +197,8 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
         time_constant: (word("DPLL_CTL1") >> 16) as u16,
         timers_us: timers.map(|timer| offset_us(timer as u16, hz)),
     };
-    let words = match config.words(CLOCK, DDS_BITS) {
-        Ok(words) => words,
-        Err(error) => return outcome.fail(0, format!("{hz} Hz"), error.to_string()),
+    let Ok(words) = config.words(CLOCK, DDS_BITS) else {
+        return outcome.fail(0, format!("{hz} Hz"), "out of reach");
     };
     let names = [
         "DPLL_BASE",

@@ -14,12 +14,12 @@ use alloc::vec::Vec;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
 use crate::bus::{ReadSlot, Setting, Stage};
-use crate::hal::PinStore;
+use crate::hal::{PinStore, Rejection};
 use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor};
 
 pub use crate::hostmot2::TickRate;
 
-use pins::{Command, Common};
+use pins::Command;
 pub use pins::{EncoderBankPins, EncoderPins};
 use state::{EncoderReading, EncoderSample, EncoderState};
 
@@ -28,7 +28,8 @@ use state::{EncoderReading, EncoderSample, EncoderState};
 pub struct EncoderSetup {
     /// How many are used; `None` for all that the firmware has. More than it has are refused.
     pub count: Option<u8>,
-    /// Rate of the multiplexer or of the filters; `None` for what the board is made for.
+    /// Rate of the multiplexer or of the filters, at the slowest [`TickRate::SLOWEST`]; `None` for
+    /// what the board is made for.
     pub rate: Option<TickRate>,
 }
 
@@ -46,8 +47,6 @@ pub struct Encoders {
     has_probe: bool,
     /// The rate of the set-up.
     usual: TickRate,
-    /// As it was written last.
-    common: Common,
     timestamp: ReadSlot,
     rate: Setting,
     timestamps: Setting,
@@ -86,7 +85,11 @@ impl Encoders {
         let all = found.map_or(0, |module| module.instances);
         let count = r.settings.encoders.count.unwrap_or(all);
         if count > all {
-            return Err(RegisterError::TooManyEncoders { count, all });
+            return Err(RegisterError::Setting {
+                what: "encoders (`EncoderSetup::count`)",
+                found: format!("{count}"),
+                expected: format!("at most {all}, or a firmware that has more"),
+            });
         }
         match found {
             Some(module) if count > 0 => Self::new(r, &module, count).map(Some),
@@ -115,6 +118,13 @@ impl Encoders {
             .checked_add(module.register_stride)
             .filter(|_| r.module(Gtag::HM2DPLL).is_some());
         let usual = r.settings.encoders.rate.unwrap_or(r.board.encoder_rate);
+        if usual.0 > TickRate::SLOWEST.0 {
+            return Err(RegisterError::Setting {
+                what: "rate of the encoders (`EncoderSetup::rate`)",
+                found: format!("{usual:?}"),
+                expected: format!("at most {:?}: the register has 12 bits", TickRate::SLOWEST),
+            });
+        }
         let bank = EncoderBankPins::new(
             r.maker("encoder."),
             usual.hz(clock_hz) as u32,
@@ -131,8 +141,10 @@ impl Encoders {
         for number in 0..count {
             let mut encoder = Encoder::new(r, module, number)?;
             let (state, pins) = (&mut encoder.state, &encoder.pins);
-            state.set_tick_hz(common.timestamps.hz(clock_hz));
-            state.set_sample_hz(common.rate.hz(clock_hz) * samples);
+            state.set_rates(
+                common.timestamps.hz(clock_hz),
+                common.rate.hz(clock_hz) * samples,
+            );
             r.pins.publish(pins.max_count_rate, state.max_count_rate());
             axes.push(encoder);
         }
@@ -143,7 +155,6 @@ impl Encoders {
             samples,
             has_probe: probe != 0 || r.firmware.pins.iter().any(is_probe),
             usual,
-            common,
             timestamp: r.input(module.register(3, 0)?),
             rate,
             timestamps,
@@ -154,14 +165,9 @@ impl Encoders {
     /// Writes what has changed of what all encoders have in common.
     fn write_common(&mut self, cycle: &mut WriteCycle<'_>) {
         let wanted = self.bank.common(cycle.pins, self.clock_hz, self.usual);
-        let before = core::mem::replace(&mut self.common, wanted);
+        let [ticks, samples] = [wanted.timestamps, wanted.rate].map(|rate| rate.hz(self.clock_hz));
         for Encoder { state, .. } in &mut self.axes {
-            if wanted.timestamps != before.timestamps {
-                state.set_tick_hz(wanted.timestamps.hz(self.clock_hz));
-            }
-            if wanted.rate != before.rate {
-                state.set_sample_hz(wanted.rate.hz(self.clock_hz) * self.samples);
-            }
+            state.set_rates(ticks, samples * self.samples);
         }
         cycle.set(self.rate, wanted.rate.0 | wanted.skew);
         cycle.set(self.timestamps, wanted.timestamps.0);
@@ -207,6 +213,22 @@ impl Encoder {
             self.pins.publish(pins, &reading);
         }
     }
+
+    fn write(&mut self, cycle: &mut WriteCycle<'_>, has_probe: bool) {
+        let (pins, state) = (&self.pins, &mut self.state);
+        if cycle.changed {
+            self.command = pins.command(cycle.pins, state, has_probe);
+        }
+        if self.command.refuses_probe {
+            let pin = pins.probe_enable;
+            cycle.pins.count_rejection(pin, Rejection::OutOfRange);
+        }
+        state.follow(self.command);
+        cycle.set(self.mode, state.control());
+        if state.latch.is_unsettled() {
+            cycle.repeat(self.mode);
+        }
+    }
 }
 
 /// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the
@@ -250,22 +272,8 @@ impl Module for Encoders {
         if cycle.changed {
             self.write_common(cycle);
         }
-        for Encoder {
-            pins,
-            state,
-            command,
-            mode,
-            ..
-        } in &mut self.axes
-        {
-            if cycle.changed {
-                *command = pins.command(cycle.pins, state, self.has_probe);
-            }
-            pins.carry_out(*command, cycle.pins, state);
-            cycle.set(*mode, state.control());
-            if state.latch.is_unsettled() {
-                cycle.repeat(*mode);
-            }
+        for encoder in &mut self.axes {
+            encoder.write(cycle, self.has_probe);
         }
     }
 

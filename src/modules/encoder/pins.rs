@@ -63,9 +63,10 @@ pub struct EncoderPins {
 /// What an encoder is asked for in each cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Command {
-    reset: bool,
-    request: LatchRequest,
-    refuses_probe: bool,
+    pub reset: bool,
+    pub request: LatchRequest,
+    /// The probe is not there: it is counted as a refused value.
+    pub refuses_probe: bool,
 }
 
 impl EncoderPins {
@@ -160,22 +161,6 @@ impl EncoderPins {
             request,
             refuses_probe: probes && !has_probe,
         }
-    }
-
-    /// Has a command carried out in this cycle.
-    pub(super) fn carry_out(
-        &self,
-        command: Command,
-        pins: &mut PinStore,
-        state: &mut EncoderState,
-    ) {
-        if command.refuses_probe {
-            pins.count_rejection(self.probe_enable, Rejection::OutOfRange);
-        }
-        if command.reset {
-            state.reset();
-        }
-        state.latch.request(command.request);
     }
 
     /// Shows a reading. When the index came, `index-enable` goes off, but for one that the application

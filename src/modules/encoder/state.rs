@@ -1,6 +1,7 @@
 //! One encoder, cycle by cycle: counts, index and velocity.
 
 use super::latch::{Latch, LatchRequest};
+use super::pins::Command;
 use super::registers::bits;
 use super::velocity::VelocityEstimator;
 use crate::bus::Instant;
@@ -19,7 +20,7 @@ pub struct EncoderSample {
 }
 
 /// How an encoder counts.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EncoderConfig {
     /// The control word, without any latch or clear.
     pub mode: u32,
@@ -73,11 +74,7 @@ pub struct EncoderReading {
 ///
 /// # Real time
 /// Constant time, no allocation.
-#[derive(Clone, Debug)]
-#[allow(
-    clippy::struct_excessive_bools,
-    reason = "independent conditions, each shown on its own"
-)]
+#[derive(Clone, Debug, Default)]
 pub struct EncoderState {
     /// How it counts; the control word follows with the next write.
     pub config: EncoderConfig,
@@ -95,14 +92,11 @@ pub struct EncoderState {
     short_gap_ns: u64,
     /// The read before, and the time stamp counter then, without wrap-around.
     last: Option<(EncoderSample, u64)>,
-    rawcounts: i64,
-    zero: i64,
-    latched: Option<i64>,
+    /// What it shows, as far as it is kept from read to read.
+    reading: EncoderReading,
     /// The error of the control register is an old one, which is cleared and not shown until it is
     /// gone.
     clears_error: bool,
-    quadrature_error: bool,
-    is_unsure: bool,
     velocity: VelocityEstimator,
 }
 
@@ -111,39 +105,20 @@ impl EncoderState {
     pub fn new(config: EncoderConfig) -> Self {
         Self {
             config,
-            latch: Latch::default(),
-            watches_errors: false,
             is_awake: true,
             tick_hz: 1e6,
-            sample_hz: 0.0,
-            short_gap_ns: 0,
-            last: None,
-            rawcounts: 0,
-            zero: 0,
-            latched: None,
-            clears_error: false,
-            quadrature_error: false,
-            is_unsure: false,
-            velocity: VelocityEstimator::default(),
+            ..Self::default()
         }
     }
 
-    /// Changes how often it is sampled in a second.
-    pub fn set_sample_hz(&mut self, sample_hz: f64) {
-        self.sample_hz = sample_hz;
-        self.limit_gap();
-    }
-
-    /// The rate of the time stamps has changed. Velocity begins anew, since times before and after
-    /// can not be compared; counts go on.
-    pub fn set_tick_hz(&mut self, tick_hz: f64) {
-        self.tick_hz = tick_hz;
-        self.velocity = VelocityEstimator::default();
-        self.limit_gap();
-    }
-
-    fn limit_gap(&mut self) {
-        let seconds = AMBIGUOUS / self.sample_hz.max(self.tick_hz).max(1.0);
+    /// Changes how many time stamps and samples there are in a second. With another rate of the time
+    /// stamps velocity begins anew, since times before and after can not be compared; counts go on.
+    pub fn set_rates(&mut self, tick_hz: f64, sample_hz: f64) {
+        if tick_hz != self.tick_hz {
+            self.velocity = VelocityEstimator::default();
+        }
+        (self.tick_hz, self.sample_hz) = (tick_hz, sample_hz);
+        let seconds = AMBIGUOUS / sample_hz.max(tick_hz).max(1.0);
         // Less by a thousandth: a gap as long as this is none that has to be looked at closely.
         self.short_gap_ns = (seconds * 0.999e9) as u64;
     }
@@ -184,15 +159,25 @@ impl EncoderState {
 
     /// Makes the count 0 here.
     pub fn reset(&mut self) {
-        self.is_awake |= self.is_unsure || self.zero != self.rawcounts;
-        self.zero = self.rawcounts;
-        self.is_unsure = false;
+        let EncoderReading {
+            count, is_unsure, ..
+        } = &mut self.reading;
+        self.is_awake |= *is_unsure || *count != 0;
+        (*count, *is_unsure) = (0, false);
+    }
+
+    /// Does what is asked for with this write.
+    pub fn follow(&mut self, command: Command) {
+        if command.reset {
+            self.reset();
+        }
+        self.latch.request(command.request);
     }
 
     /// Takes the next read as a new start: counts go on from here, whatever the counter in the FPGA
     /// shows then. For when it may have been reset, or moved by 32768 counts or more unseen.
     pub fn resume(&mut self) {
-        self.is_unsure |= self.last.is_some();
+        self.reading.is_unsure |= self.last.is_some();
         self.last = None;
         self.latch.forget();
         self.velocity = VelocityEstimator::default();
@@ -221,39 +206,36 @@ impl EncoderState {
         // As the multiplexer makes when its select line begins to be driven.
         self.clears_error |= self.last.is_none();
         self.clears_error &= has_error;
-        self.quadrature_error |= has_error && !self.clears_error;
-        self.quadrature_error &= self.watches_errors;
+        let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
         self.advance(last, ticks, sample);
         let index_came = self.check_latch(sample, last.count as u16);
-        let count = self.rawcounts.wrapping_sub(self.zero);
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
-        EncoderReading {
-            rawcounts: self.rawcounts,
-            count,
-            position: count as f64 / scale,
+        self.reading = EncoderReading {
+            position: self.reading.count as f64 / scale,
             velocity: velocity / scale,
             scale,
-            latched: self.latched,
             index_came,
-            quadrature_error: self.quadrature_error,
-            is_unsure: self.is_unsure,
+            quadrature_error: self.watches_errors && has_error,
             is_near_max: fastest > 0.0 && velocity.abs() >= NEAR * fastest,
             inputs: [bits::A, bits::B, bits::INDEX].map(input),
-        }
+            ..self.reading
+        };
+        self.reading
     }
 
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
         let change = i64::from((sample.count as u16).wrapping_sub(last.count as u16) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
-        self.is_unsure |= gap * self.sample_hz >= AMBIGUOUS;
+        self.reading.is_unsure |= gap * self.sample_hz >= AMBIGUOUS;
         let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.tick_hz);
         // A change after the time stamp counter was read would look 65535 ticks old.
         let age = sample.timestamp.wrapping_sub((sample.count >> 16) as u16);
         let age = if age > u16::MAX - READ_SKEW { 0 } else { age };
         let elapsed = ticks.saturating_sub(last_ticks);
         let changed_at = ticks.saturating_sub(u64::from(age).min(elapsed));
-        self.rawcounts = self.rawcounts.wrapping_add(change);
+        self.reading.rawcounts = self.reading.rawcounts.wrapping_add(change);
+        self.reading.count = self.reading.count.wrapping_add(change);
         let (hz, idle_time) = (self.tick_hz, self.config.idle_time);
         self.velocity
             .update(change, changed_at, (last_ticks, ticks), hz, idle_time);
@@ -266,14 +248,12 @@ impl EncoderState {
         let Some(latched) = self.latch.observe(sample.control, from, count) else {
             return false;
         };
-        let behind = count.wrapping_sub(latched) as i16;
-        let latched = self.rawcounts.wrapping_sub(i64::from(behind));
+        let behind = i64::from(count.wrapping_sub(latched) as i16);
         let is_index = wanted == LatchRequest::Index;
         if is_index {
-            self.zero = latched;
-            self.is_unsure = false;
+            (self.reading.count, self.reading.is_unsure) = (behind, false);
         }
-        self.latched = Some(latched.wrapping_sub(self.zero));
+        self.reading.latched = Some(self.reading.count.wrapping_sub(behind));
         is_index
     }
 }

@@ -48,7 +48,7 @@ impl Machine {
     fn write(&mut self) -> u32 {
         let (handles, pins) = (&self.handles, &mut self.pins);
         let command = handles.command(pins, &mut self.state, true);
-        handles.carry_out(command, pins, &mut self.state);
+        self.state.follow(command);
         self.state.control()
     }
 }

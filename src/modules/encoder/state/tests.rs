@@ -240,7 +240,7 @@ fn a_gap_that_could_hide_a_wrap_around_is_said_until_the_count_is_zeroed() {
     let mut hardware = Hardware::default();
     // 1 million counts a second: 32768 of them take 32.8 ms.
     let mut fresh = encoder();
-    fresh.set_sample_hz(1e6);
+    fresh.set_rates(HZ, 1e6);
     let mut encoder = fresh.clone();
     assert!(!encoder.read(hardware.sample()).is_unsure);
     assert!(!encoder.read(hardware.step(10, 32_000)).is_unsure);
@@ -345,8 +345,7 @@ proptest! {
         let mut hardware = Hardware::default();
         let (mut close, mut restful) = (encoder(), encoder());
         for state in [&mut close, &mut restful] {
-            state.set_sample_hz(6e6);
-            state.set_tick_hz(HZ);
+            state.set_rates(HZ, 6e6);
         }
         let mut shown = EncoderReading::default();
         let mut latched = 0;
@@ -388,7 +387,7 @@ proptest! {
 #[test]
 fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-    encoder.set_sample_hz(6e6);
+    encoder.set_rates(HZ, 6e6);
     let _ = encoder.read(hardware.step(0, 1_000));
     let _ = encoder.read(hardware.step(0, 1_000));
     encoder.reset();
@@ -404,8 +403,7 @@ fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back(
 #[test]
 fn an_encoder_that_stands_still_is_passed_over() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
-    encoder.set_sample_hz(6e6);
-    encoder.set_tick_hz(HZ);
+    encoder.set_rates(HZ, 6e6);
     for _ in 0..1_000 {
         let _ = encoder.read(hardware.step(0, 1_000));
     }

@@ -1,0 +1,183 @@
+//! What is known of a kind of board beforehand: what its firmware does not tell.
+
+use super::{Gtag, HostMot2, TickRate};
+use crate::hal::{Place, Terminals};
+
+/// A kind of board: rates that it is made for, and where its modules come out.
+///
+/// Boards with connectors for cards need none of their own: see [`BoardTable::CONNECTORS`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardTable {
+    /// Its name, for example `7I97`: what its firmware has as board name after `MESA`.
+    pub name: &'static str,
+    /// The rate of the encoders' multiplexer or filters.
+    pub encoder_rate: TickRate,
+    /// Its PWM generators.
+    pub pwm: PwmTable,
+    /// The terminals of its modules.
+    pub terminals: &'static [ModuleTerminals],
+    /// The cards that encoders may be on: they are told by the pins of a connector.
+    pub cards: &'static [&'static CardTable],
+    /// Its flash memory, where that is known.
+    pub flash: Option<&'static FlashLayout>,
+}
+
+/// What the PWM generators of a board are for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PwmTable {
+    /// The usual frequency.
+    pub hz: u32,
+    /// The same of firmware whose generators dither, and so keep their resolution at a higher one.
+    pub hz_dither: u32,
+    /// Full scale, at first.
+    pub full_scale: f64,
+    /// The unit of the value.
+    pub unit: &'static str,
+    /// 0 is half scale on the wire, at first: for analog outputs of both signs.
+    pub is_offset: bool,
+    /// The terminals of the outputs, by generator.
+    pub outputs: &'static [Terminals],
+    /// The terminals of the enable outputs, by generator.
+    pub enables: &'static [Terminals],
+    /// Generators whose drives the enable output of the first of them switches together.
+    pub common_enable: &'static [u8],
+}
+
+/// The terminals of all instances of a module, numbered as its pins are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ModuleTerminals {
+    /// The modules that may be there: the first of them that a firmware has is the one.
+    pub modules: &'static [Gtag],
+    /// Encoder, input, output or I/O pin by its number.
+    pub terminals: &'static [Terminals],
+}
+
+impl ModuleTerminals {
+    /// Terminals of the first of these modules.
+    pub const fn new(modules: &'static [Gtag], terminals: &'static [Terminals]) -> Self {
+        Self { modules, terminals }
+    }
+}
+
+/// A card with encoders, on a connector whose pins it fills.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CardTable {
+    /// Its name.
+    pub name: &'static str,
+    /// Module and secondary pin of each pin of the connector.
+    pub pins: &'static [(Gtag, u8)],
+    /// Where on the connector those of the encoders begin: three for each pair of encoders.
+    pub first_encoder_pin: usize,
+    /// The terminals of its encoders.
+    pub encoders: &'static [Terminals],
+}
+
+/// Where things are in a board's flash memory.
+///
+/// Source: manual 7I97, "EEPROM LAYOUT"; that of the 7I92, whose manual is not at hand, is what
+/// mesaflash uses for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FlashLayout {
+    /// The board, as it names itself.
+    pub board: &'static str,
+    /// The FPGA on the board, as its bitfiles call it.
+    pub part: &'static str,
+    /// What the chip's identification must be.
+    pub id: u32,
+    /// Size of the chip.
+    pub size: u32,
+    /// What makes the FPGA load the user configuration, or the fallback when that is damaged.
+    pub boot_block: (u32, u32),
+    /// The configuration that is loaded when the user's is damaged.
+    pub fallback: (u32, u32),
+    /// The configuration in use.
+    pub user: (u32, u32),
+    /// Free for applications.
+    pub application: (u32, u32),
+}
+
+impl PwmTable {
+    /// Generators of which nothing is known: LinuxCNC's frequency.
+    pub const PLAIN: Self = Self {
+        hz: 20_000,
+        hz_dither: 20_000,
+        full_scale: 1.0,
+        unit: "",
+        is_offset: false,
+        outputs: &[],
+        enables: &[],
+        common_enable: &[],
+    };
+
+    /// The generator whose enable output switches the drive of generator `n`, if that has none of
+    /// its own.
+    pub fn switched_by(&self, n: u8) -> Option<u8> {
+        let leader = *self.common_enable.first()?;
+        (n != leader && self.common_enable.contains(&n)).then_some(leader)
+    }
+}
+
+impl BoardTable {
+    /// Whether a firmware says that it is for this kind of board.
+    pub fn fits(&self, firmware: &HostMot2) -> bool {
+        !self.name.is_empty() && firmware.idrom.board().eq_ignore_ascii_case(self.name)
+    }
+
+    /// Where encoder, input, output or I/O pin `number` of an instance of a module comes out. Of
+    /// several instances, the first one is on the board.
+    pub fn place(&self, firmware: &HostMot2, (gtag, instance): (Gtag, u8), number: u16) -> Place {
+        match instance {
+            0 => Terminals::of(self.ranges(firmware, gtag), number),
+            _ => Place::default(),
+        }
+    }
+
+    /// The terminals of a module, if it is the one on the board.
+    pub fn ranges(&self, firmware: &HostMot2, gtag: Gtag) -> &'static [Terminals] {
+        let is_it = |entry: &&ModuleTerminals| {
+            let mut there = entry
+                .modules
+                .iter()
+                .filter(|m| firmware.find(**m).is_some());
+            there.next() == Some(&gtag)
+        };
+        let entry = self.terminals.iter().find(is_it);
+        entry.map_or(&[], |entry| entry.terminals)
+    }
+
+    /// Where encoder `number` comes out: on the board itself, or on the card whose pins it has.
+    pub fn encoder_place(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> Place {
+        let on_card = |card: &&CardTable| Some((card.encoder(firmware, number)?, card.encoders));
+        match self.cards.iter().find_map(on_card) {
+            Some((encoder, terminals)) => Terminals::of(terminals, encoder),
+            None => self.place(firmware, (gtag, 0), number),
+        }
+    }
+}
+
+impl CardTable {
+    /// Which encoder of its card encoder `number` of a firmware is: its pins, and all others of
+    /// their connector, have to be those of this card.
+    ///
+    /// Source: FACTS 8.1 and 12.7.
+    pub fn encoder(&self, firmware: &HostMot2, number: u16) -> Option<u16> {
+        let unit = u8::try_from(number / 2).ok()?;
+        let mut pins = firmware.pins_of(Gtag::MUXED_ENCODER, unit);
+        let (a, _) = pins.find(|(_, pin)| pin.secondary_pin == 1)?;
+        let width = self.pins.len();
+        if width == 0 || firmware.idrom.port_width as usize != width {
+            return None;
+        }
+        let (connector, place) = (usize::from(a) / width, usize::from(a) % width);
+        let pins = firmware.pins.iter().skip(connector * width);
+        let is_card = pins.zip(self.pins).all(|(pin, &(kind, signal))| {
+            let is_serial = kind == Gtag::SSERIAL;
+            let is_kind = pin.secondary == kind || is_serial && pin.secondary == Gtag::SSERIAL_B;
+            // The low half of a serial pin is its channel, which differs from card to card.
+            let mask = if is_serial { 0xF0 } else { 0xFF };
+            is_kind && pin.secondary_pin & mask == signal & mask
+        });
+        let pair = place.checked_sub(self.first_encoder_pin)? / 3;
+        is_card.then_some(pair as u16 * 2 + number % 2)
+    }
+}
