@@ -8,7 +8,7 @@
 //!
 //! Pin 0x81 carries the pulses.
 
-use mesa_hal::bus::{Instant, ReadSlot, Setting, Stage, WriteSlot};
+use mesa_hal::bus::{Instant, Phase, ReadSlot, Setting, Stage, WriteSlot};
 use mesa_hal::hal::{Input, Output, Param, PinStore};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -56,16 +56,18 @@ impl Pulser {
             clock_hz,
             total: 0,
             last: None,
-            rate: r.output(module.register(0, 0)?, 0),
-            width: r.setting(Stage::Configure, module.register(1, 0)?, width),
-            counter: r.input(module.register(2, 0)?),
+            rate: r.image.output(module.register(0, 0)?, 0),
+            width: r
+                .image
+                .setting(Stage::Configure, module.register(1, 0)?, width),
+            counter: r.image.read(Phase::Data, module.register(2, 0)?),
         }))
     }
 }
 
 impl Module for Pulser {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let now = cycle.word(self.counter);
+        let now = cycle.words.word(self.counter);
         let last = self.last.replace(now).unwrap_or(now);
         self.total = self.total.wrapping_add(now.wrapping_sub(last) as i32);
         cycle.pins.publish(self.count, self.total);
@@ -76,9 +78,9 @@ impl Module for Pulser {
             return;
         }
         let turns = cycle.pins.fetch(self.frequency) / f64::from(self.clock_hz);
-        cycle.put(self.rate, (turns * 4_294_967_296.0) as u32);
+        cycle.words.put(self.rate, (turns * 4_294_967_296.0) as u32);
         let width_us = cycle.pins.param(self.width_us);
-        cycle.set(self.width, clocks(width_us, self.clock_hz));
+        cycle.words.set(self.width, clocks(width_us, self.clock_hz));
     }
 
     fn restored(&mut self, _: &mut PinStore, _: Instant) {

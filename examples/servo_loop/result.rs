@@ -123,8 +123,8 @@ fn write_port(out: &mut String, number: usize, port: &SerialPort, period: Durati
 
 fn doit(statistics: &PortStatistics, period: Duration) -> String {
     let times = &statistics.doit;
-    match (times.min(), times.percentile(50), times.max()) {
-        (Some(min), Some(median), Some(max)) => format!(
+    match (times.range(), times.percentile(50)) {
+        (Some((min, max)), Some(median)) => format!(
             "DOIT min {:.1} us, median {:.0} us, max {:.1} us; margin {:.1} us of {:.0} us",
             micros(min),
             micros(median),

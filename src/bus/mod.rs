@@ -16,8 +16,10 @@ pub use error::{BusError, BusErrorKind};
 pub use host_clock::HostClock;
 #[cfg(feature = "std")]
 pub(crate) use host_clock::SPIN;
-pub(crate) use image::{Ask, Image, ImagePlan, Phase, Words};
-pub use image::{CycleLists, ImageError, ReadSlot, Setting, Stage, WriteSlot};
+pub(crate) use image::{Ask, Image};
+pub use image::{
+    CycleLists, ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, Words, WriteSlot,
+};
 
 use alloc::boxed::Box;
 use core::fmt::Debug;

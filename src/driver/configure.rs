@@ -328,7 +328,7 @@ impl Plan {
             status: self.status,
             pins: &mut self.pins,
             io: &mut self.io,
-            plan: &mut self.image,
+            image: &mut self.image,
             bus: &mut peek,
         });
         match (registered, bus_error) {

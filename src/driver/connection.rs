@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::{BoardState, DriverStatistics};
-use crate::bus::{ReadSlot, Words};
+use crate::bus::{Phase, ReadSlot, Words};
 use crate::hal::{GroupId, InOut, Input, Param, PinStore, Pins};
 use crate::modules::{RegisterError, Registrar};
 
@@ -55,7 +55,7 @@ impl Connection {
     pub fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
         let errors = i32::try_from(r.settings.bus_error_limit.max(1)).unwrap_or(i32::MAX);
         let limit = INCREMENT.saturating_mul(errors);
-        let (cookie, group) = (r.status(COOKIE_ADDRESS), r.group);
+        let (cookie, group) = (r.image.read(Phase::Status, COOKIE_ADDRESS), r.group);
         let mut make = r.maker("");
         Ok(Self {
             cookie,

@@ -91,7 +91,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let mut cycle = ReadCycle {
             words: &self.image.words,
             pins: &mut self.pins,
-            group: self.group,
             now,
             certain,
             repeated: self.is_repeated,
@@ -106,7 +105,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         } else if is_running {
             self.is_repeated = false;
             for part in &mut self.parts.modules {
-                cycle.group = part.group;
                 part.module.read(&mut cycle);
             }
             self.pins.group_good_since(self.group, 0, now);
@@ -200,7 +198,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let mut cycle = WriteCycle {
             words: &mut self.image.words,
             pins: &mut self.pins,
-            group: self.group,
             now,
             // A board that is not set up gets nothing of its set-up before it gets all of it.
             hold: !is_running || self.is_last,
@@ -214,7 +211,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         for part in &mut self.parts.modules {
             let version = cycle.pins.output_version(part.group);
-            cycle.group = part.group;
             cycle.changed = version.is_none() || version != part.version;
             part.version = version;
             part.module.write(&mut cycle);

@@ -6,7 +6,7 @@ use alloc::format;
 
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
-use crate::bus::{ReadSlot, Setting, Stage};
+use crate::bus::{Phase, ReadSlot, Setting, Stage};
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
 use crate::hostmot2::Gtag;
 
@@ -79,7 +79,7 @@ impl Dpll {
         r.pins.publish(pins.prescale, control_0 >> 24);
         let mut setting = |register, word| {
             let address = module.register(register, 0)?;
-            Ok::<_, RegisterError>(r.setting(Stage::Configure, address, word))
+            Ok::<_, RegisterError>(r.image.setting(Stage::Configure, address, word))
         };
         let settings = [
             setting(0, base_rate)?,
@@ -91,7 +91,8 @@ impl Dpll {
         let (phase, sync) = (module.register(1, 0)?, module.register(6, 0)?);
         // What the loop follows comes first.
         let is_following = r.settings.pace == Pace::Host;
-        let following = is_following.then(|| (r.latch(sync), r.on_demand(phase)));
+        let following =
+            is_following.then(|| (r.image.read(Phase::First, sync), r.image.on_demand(phase)));
         Ok(Some(Self {
             pins,
             clock_hz,
@@ -108,7 +109,7 @@ impl Dpll {
 impl Module for Dpll {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         if let Some((sync, _)) = self.following {
-            let word = cycle.word(sync);
+            let word = cycle.words.word(sync);
             let error = phase_error_us(word, self.config.hz);
             cycle.pins.publish(self.pins.phase_error_us, error);
             self.start.read(word);
@@ -122,9 +123,9 @@ impl Module for Dpll {
         if let Some((_, phase)) = self.following
             && let Some(word) = self.start.write()
         {
-            cycle.set(phase, word);
-            cycle.repeat(phase);
-            cycle.repeat(control_0);
+            cycle.words.set(phase, word);
+            cycle.words.repeat(phase);
+            cycle.words.repeat(control_0);
         }
         if !cycle.changed {
             return;
@@ -145,7 +146,7 @@ impl Module for Dpll {
         cycle.pins.publish(self.pins.prescale, prescale);
         (self.config, self.words) = (config, words);
         for (setting, word) in self.settings.into_iter().zip(words) {
-            cycle.set(setting, word);
+            cycle.words.set(setting, word);
         }
     }
 

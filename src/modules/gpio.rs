@@ -4,7 +4,7 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
-use crate::bus::{ReadSlot, Setting, Stage, WriteSlot};
+use crate::bus::{Phase, ReadSlot, Setting, Stage, WriteSlot};
 use crate::hal::{DigitalIn, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, IoPort, PinDescriptor, PinPlace, PortRegisters};
 
@@ -30,24 +30,18 @@ pub struct GpioPins {
 /// All I/O pins.
 #[derive(Debug)]
 pub struct Gpio {
-    /// The I/O pins, by number.
-    pub pins: Vec<GpioPins>,
-    places: Vec<PinPlace>,
     ports: Vec<Port>,
 }
 
 /// One port.
 #[derive(Debug)]
 struct Port {
-    /// As the modules have it, ...
+    pins: Vec<(PinPlace, GpioPins)>,
+    /// As the modules have it, and before the application asks for anything.
     setup: PortRegisters<u32>,
-    /// ... and with what the application asks for.
-    wanted: PortRegisters<u32>,
     levels: Option<ReadSlot>,
     /// The levels that were taken last.
     taken: Option<u32>,
-    /// They differ from those before.
-    is_new: bool,
     data: Option<WriteSlot>,
     invert: Setting,
     direction: Setting,
@@ -62,30 +56,29 @@ impl Gpio {
     ///
     /// [`Settings`]: crate::modules::Settings
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
-        let (mut pins, mut places) = (Vec::new(), Vec::new());
+        let mut pins = Vec::new();
         for number in 0.. {
             let Some(place) = r.io.place(number) else {
                 break;
             };
-            pins.push(GpioPins::new(r, number)?);
-            places.push(place);
+            pins.push((place, GpioPins::new(r, number)?));
         }
         for &(number, config) in &r.settings.gpio {
             r.io.use_gpio(number, config)?;
         }
-        let mut ports = Vec::new();
-        for (number, port) in (0..).zip(r.io.ports.clone()) {
-            let all = pins.iter().zip(&places);
-            let mut of_port = all.filter(|(_, place)| place.port == number);
-            let is_read = of_port.clone().any(|(pin, _)| pin.input.is_some());
-            let is_written = of_port.any(|(pin, _)| pin.out.is_some());
-            ports.push(Port::new(r, port, is_read, is_written));
-        }
+        let ports = (0..).zip(r.io.ports.clone()).map(|(number, port)| {
+            let of_port = pins.iter().filter(|(place, _)| place.port == number);
+            Port::new(r, port, of_port.copied().collect())
+        });
         Ok(Self {
-            pins,
-            places,
-            ports,
+            ports: ports.collect(),
         })
+    }
+
+    /// The I/O pins, by number.
+    pub fn pins(&self) -> impl Iterator<Item = GpioPins> + '_ {
+        let pins = self.ports.iter().flat_map(|port| &port.pins);
+        pins.map(|&(_, pins)| pins)
     }
 }
 
@@ -141,29 +134,28 @@ impl Port {
     fn new(
         r: &mut Registrar<'_>,
         IoPort { address, setup }: IoPort,
-        is_read: bool,
-        is_written: bool,
+        pins: Vec<(PinPlace, GpioPins)>,
     ) -> Self {
-        r.step(Stage::Quiesce, address.direction, 0);
-        r.step(Stage::Quiesce, address.open_drain, 0);
+        let is_read = pins.iter().any(|(_, pins)| pins.input.is_some());
+        let is_written = pins.iter().any(|(_, pins)| pins.out.is_some());
+        r.image.step(Stage::Quiesce, address.direction, 0);
+        r.image.step(Stage::Quiesce, address.open_drain, 0);
         if !is_written {
-            r.step(Stage::Configure, address.data, setup.data);
+            r.image.step(Stage::Configure, address.data, setup.data);
         }
-        r.step(
-            Stage::Route,
-            address.alternate_source,
-            setup.alternate_source,
-        );
+        let (source, word) = (address.alternate_source, setup.alternate_source);
+        r.image.step(Stage::Route, source, word);
         Self {
+            pins,
             setup,
-            wanted: setup,
-            levels: is_read.then(|| r.input(address.data)),
+            levels: is_read.then(|| r.image.read(Phase::Data, address.data)),
             taken: None,
-            is_new: false,
-            data: is_written.then(|| r.output(address.data, setup.data)),
-            invert: r.setting(Stage::Route, address.invert, setup.invert),
-            direction: r.drive(address.direction, setup.direction),
-            open_drain: r.setting(Stage::Drive, address.open_drain, setup.open_drain),
+            data: is_written.then(|| r.image.output(address.data, setup.data)),
+            invert: r.image.setting(Stage::Route, address.invert, setup.invert),
+            direction: r.image.drive(address.direction, setup.direction),
+            open_drain: r
+                .image
+                .setting(Stage::Drive, address.open_drain, setup.open_drain),
         }
     }
 }
@@ -171,21 +163,16 @@ impl Port {
 impl Module for Gpio {
     /// Ports of which no pin has changed are passed over.
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let mut is_any_new = false;
         for port in &mut self.ports {
-            let word = port.levels.map(|slot| cycle.word(slot));
-            port.is_new = core::mem::replace(&mut port.taken, word) != word;
-            is_any_new |= port.is_new;
-        }
-        if !is_any_new {
-            return;
-        }
-        for (place, pin) in self.places.iter().zip(&self.pins) {
-            let port = self.ports.get(usize::from(place.port));
-            let word = port.filter(|port| port.is_new).and_then(|port| port.taken);
-            if let (Some(word), Some(input)) = (word, pin.input) {
-                cycle.pins.publish(input.pin, place.get(word));
-                cycle.pins.publish(input.not, !place.get(word));
+            let word = port.levels.map(|slot| cycle.words.word(slot));
+            if core::mem::replace(&mut port.taken, word) == word {
+                continue;
+            }
+            for (place, pins) in &port.pins {
+                if let (Some(word), Some(input)) = (word, pins.input) {
+                    cycle.pins.publish(input.pin, place.get(word));
+                    cycle.pins.publish(input.not, !place.get(word));
+                }
             }
         }
     }
@@ -194,21 +181,17 @@ impl Module for Gpio {
         if !cycle.changed {
             return;
         }
-        for port in &mut self.ports {
-            port.wanted = port.setup;
-        }
-        for (place, pin) in self.places.iter().zip(&self.pins) {
-            if let Some(port) = self.ports.get_mut(usize::from(place.port)) {
-                pin.put(&mut port.wanted, *place, cycle.pins);
-            }
-        }
         for port in &self.ports {
-            if let Some(slot) = port.data {
-                cycle.put(slot, port.wanted.data);
+            let mut wanted = port.setup;
+            for (place, pins) in &port.pins {
+                pins.put(&mut wanted, *place, cycle.pins);
             }
-            cycle.set(port.invert, port.wanted.invert);
-            cycle.set(port.direction, port.wanted.direction);
-            cycle.set(port.open_drain, port.wanted.open_drain);
+            if let Some(slot) = port.data {
+                cycle.words.put(slot, wanted.data);
+            }
+            cycle.words.set(port.invert, wanted.invert);
+            cycle.words.set(port.direction, wanted.direction);
+            cycle.words.set(port.open_drain, wanted.open_drain);
         }
     }
 }

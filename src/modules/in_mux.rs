@@ -8,7 +8,7 @@ use core::time::Duration;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::Instant;
-use crate::bus::{ReadSlot, Setting, Stage};
+use crate::bus::{Phase, ReadSlot, Setting, Stage};
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 
@@ -56,7 +56,10 @@ pub struct InMux {
     /// The handles of its pins.
     pub pins: InMuxPins,
     clock_hz: u32,
-    /// Control, filter and modes, as they were written last.
+    /// As they were written last:
+    /// - control;
+    /// - the inputs with the long filter: bit n is input n;
+    /// - bit 0 of each byte: counter k counts every edge (4X), else one per cycle (1X).
     words: [u32; 3],
     mpgs: [Mpg; 4],
     /// What was published last.
@@ -65,11 +68,7 @@ pub struct InMux {
     is_settling: bool,
     /// ... which was read first then.
     since: Option<Instant>,
-    control: Setting,
-    /// The inputs with the long filter: bit n is input n.
-    filter: Setting,
-    /// Bit 0 of each byte: counter k counts every edge (4X), else one per cycle (1X).
-    modes: Setting,
+    settings: [Setting; 3],
     filtered: ReadSlot,
     raw: ReadSlot,
     /// Four counters of 8 bits. Counter k is on inputs 2k (A) and 2k+1 (B).
@@ -101,11 +100,14 @@ impl InMux {
         let (gtag, clock_hz) = (module.gtag, module.clock_hz);
         r.use_io(gtag, instance)?;
         let register = |register| module.register(register, instance);
-        let (control, filter, mpg) = (register(0)?, register(1)?, register(4)?);
+        let [control, mpg] = [register(0)?, register(4)?];
         let inputs = (r.peek(control)? & LAST_INPUT) as u16 + 1;
         let pins = InMuxPins::new(r, (gtag, instance), inputs)?;
         let words = pins.words(r.pins, clock_hz);
         let [control_word, slow, modes] = words;
+        let settings = [(control, control_word), (register(1)?, slow), (mpg, modes)];
+        let settings =
+            settings.map(|(address, word)| r.image.setting(Stage::Configure, address, word));
         Ok(Self {
             gtag,
             pins,
@@ -115,12 +117,10 @@ impl InMux {
             shown: None,
             is_settling: true,
             since: None,
-            control: r.setting(Stage::Configure, control, control_word),
-            filter: r.setting(Stage::Configure, filter, slow),
-            modes: r.setting(Stage::Configure, mpg, modes),
-            filtered: r.input(register(2)?),
-            raw: r.input(register(3)?),
-            mpg: r.input(mpg),
+            settings,
+            filtered: r.image.read(Phase::Data, register(2)?),
+            raw: r.image.read(Phase::Data, register(3)?),
+            mpg: r.image.read(Phase::Data, mpg),
         })
     }
 
@@ -169,8 +169,8 @@ impl Module for InMux {
         let held = self.unsettled(cycle.now);
         self.count(cycle.pins, cycle.words.word(self.mpg), held.filtered);
         let levels = Levels {
-            filtered: cycle.word(self.filtered),
-            raw: cycle.word(self.raw),
+            filtered: cycle.words.word(self.filtered),
+            raw: cycle.words.word(self.raw),
         };
         // What was withheld last is published once more.
         if self.shown.replace(levels) != Some(levels) || was_settling {
@@ -183,10 +183,9 @@ impl Module for InMux {
             return;
         }
         self.words = self.pins.words(cycle.pins, self.clock_hz);
-        let [control, slow, modes] = self.words;
-        cycle.set(self.control, control);
-        cycle.set(self.filter, slow);
-        cycle.set(self.modes, modes);
+        for (setting, word) in self.settings.into_iter().zip(self.words) {
+            cycle.words.set(setting, word);
+        }
     }
 
     /// The counters may stand anywhere, and the counts go on from where they were.

@@ -39,7 +39,7 @@ impl Leds {
         let leds = (1..=LEDS).map(|n| make.output(format!("CR{n:02}"), false));
         Ok(Some(Self {
             leds: leds.collect::<Result<_, _>>()?,
-            word: r.setting(Stage::Configure, data, 0),
+            word: r.image.setting(Stage::Configure, data, 0),
         }))
     }
 }
@@ -53,6 +53,6 @@ impl Module for Leds {
         // LED 0 is bit 31 (FACTS 13.9).
         let leds = (0..32).rev().zip(self.leds.iter().copied());
         let word = bits_of(cycle.pins, leds);
-        cycle.set(self.word, word);
+        cycle.words.set(self.word, word);
     }
 }

@@ -27,9 +27,8 @@ pub use settings::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Setti
 use core::any::Any;
 use core::fmt;
 
-use crate::bus::Instant;
-use crate::bus::{ReadSlot, Setting, Words, WriteSlot};
-use crate::hal::{GroupId, Output, PinStore};
+use crate::bus::{Instant, Words};
+use crate::hal::{Output, PinStore};
 
 /// A part of the board in the cycle.
 ///
@@ -71,11 +70,10 @@ pub trait Module: Any + fmt::Debug + Send {
 /// What a module has after a read.
 #[derive(Debug)]
 pub struct ReadCycle<'a> {
-    pub(crate) words: &'a Words,
+    /// What was read.
+    pub words: &'a Words,
     /// Where its inputs go.
     pub pins: &'a mut PinStore,
-    /// The group of its pins, a part of that of the board.
-    pub group: GroupId,
     /// When the registers were read.
     pub now: Instant,
     /// All writes have arrived, the newest last. Otherwise others than the newest may have been
@@ -87,23 +85,14 @@ pub struct ReadCycle<'a> {
     pub report: &'a mut CycleReport,
 }
 
-impl ReadCycle<'_> {
-    /// What was read.
-    #[inline]
-    pub fn word(&self, slot: ReadSlot) -> u32 {
-        self.words.word(slot)
-    }
-}
-
 /// What a module has before a write.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub struct WriteCycle<'a> {
-    pub(crate) words: &'a mut Words,
+    /// What is written: outputs, triggers and settings.
+    pub words: &'a mut Words,
     /// Where its outputs come from.
     pub pins: &'a mut PinStore,
-    /// The group of its pins, a part of that of the board.
-    pub group: GroupId,
     /// When the write began.
     pub now: Instant,
     /// Nothing is to be started anew: the board is not set up, or safe values are told for the last
@@ -119,36 +108,7 @@ pub struct WriteCycle<'a> {
 }
 
 impl WriteCycle<'_> {
-    /// Puts the word of an output or a trigger.
-    #[inline]
-    pub fn put(&mut self, slot: WriteSlot, word: u32) {
-        self.words.put(slot, word);
-    }
-
-    /// Changes the word that an output has after the board's set-up: it follows from settings that
-    /// have changed.
-    #[inline]
-    pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
-        self.words.put_safe(slot, word);
-    }
-
-    /// Changes a setting. Only if it differs from what it was before, it is written, and from then on
-    /// with the board's set-up.
-    ///
-    /// # Real time
-    /// Constant time. A setting that [drives a pin](crate::bus::Stage::Drive) costs
-    /// three exchanges more in this cycle.
-    #[inline]
-    pub fn set(&mut self, setting: Setting, word: u32) {
-        self.words.set(setting, word);
-    }
-
-    /// Writes a setting in this cycle, changed or not.
-    pub fn repeat(&mut self, setting: Setting) {
-        self.words.repeat(setting);
-    }
-
-    /// The next read holds the [extra inputs](Registrar::extra_input) as well.
+    /// The next read holds the [extra registers](crate::bus::ImagePlan::read_extra) as well.
     pub fn ask_extra(&mut self) {
         self.wants_extra = true;
     }

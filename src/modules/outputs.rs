@@ -53,14 +53,17 @@ impl Outputs {
         r.use_io(gtag, instance)?;
         let name = if gtag == Gtag::SSR { "ssr" } else { "outm" };
         let stem = format!("{name}.{instance:02}.");
-        let data = r.output(module.register(0, instance)?, 0);
+        let data = r.image.output(module.register(0, instance)?, 0);
         let (mut rate, mut drive) = (None, None);
         if gtag == Gtag::SSR {
             rate = Some(r.maker(&stem).switch("rate", DRIVE_HZ)?);
             let address = module.register(1, instance)?;
             // Only when the pins are driven by the module.
-            r.step(Stage::Configure, address, 0);
-            drive = Some(r.setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ)));
+            r.image.step(Stage::Configure, address, 0);
+            drive = Some(
+                r.image
+                    .setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ)),
+            );
         }
         let numbers = numbers(r, gtag, instance).into_iter();
         let outputs = numbers.map(|number| output(r, &stem, (gtag, instance), number));
@@ -117,12 +120,12 @@ impl Module for Outputs {
                 0 => 0,
                 hz => drive_rate(self.clock_hz, hz),
             };
-            cycle.set(drive, word);
+            cycle.words.set(drive, word);
         }
         let outputs = self.outputs.iter();
         let outputs = outputs.map(|output| (output.number, output.out.pin));
         let word = bits_of(cycle.pins, outputs);
-        cycle.put(self.data, word);
+        cycle.words.put(self.data, word);
     }
 }
 

@@ -96,9 +96,13 @@ impl Pwm {
         };
         let rate = PwmRate::new(clock_hz, hz.0.into());
         let (master_rate, pdm_rate) = (module.register(2, 0)?, module.register(3, 0)?);
-        let enables = r.output(module.register(4, 0)?, 0);
-        let master_rate = r.setting(Stage::Configure, master_rate, rate.rate.into());
-        let pdm_rate = r.setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
+        let enables = r.image.output(module.register(4, 0)?, 0);
+        let master_rate = r
+            .image
+            .setting(Stage::Configure, master_rate, rate.rate.into());
+        let pdm_rate = r
+            .image
+            .setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
         let generators = (0..module.instances)
             .map(|number| Generator::new(r, &module, number, rate.bits))
             .collect::<Result<_, _>>()?;
@@ -123,8 +127,10 @@ impl Pwm {
         if hz != self.hz {
             self.hz = hz;
             self.rate = PwmRate::new(self.clock_hz, hz.0.into());
-            cycle.set(self.master_rate, self.rate.rate.into());
-            cycle.set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
+            cycle.words.set(self.master_rate, self.rate.rate.into());
+            cycle
+                .words
+                .set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
         }
     }
 }
@@ -143,18 +149,18 @@ impl Module for Pwm {
                 .shape(cycle.pins, self.rate.bits, self.dithers);
             if shape != generator.shape {
                 generator.shape = shape;
-                cycle.set(generator.mode, shape.mode());
+                cycle.words.set(generator.mode, shape.mode());
                 // The set-up that is written again holds what is at rest in this mode.
-                cycle.put_safe(generator.value, shape.encode(0.0));
+                cycle.words.put_safe(generator.value, shape.encode(0.0));
             }
             let fraction = cycle.pins.fetch(generator.pins.value);
             let is_on = enables & generator.enabled_by == generator.enabled_by;
-            cycle.put(
+            cycle.words.put(
                 generator.value,
                 shape.encode(if is_on { fraction } else { 0.0 }),
             );
         }
-        cycle.put(self.enables, enables);
+        cycle.words.put(self.enables, enables);
     }
 }
 
@@ -171,14 +177,15 @@ impl Generator {
         let shape = pins.shape(r.pins, bits, module.version >= 1);
         let (value, mode) = (module.register(0, number)?, module.register(1, number)?);
         // A value that is double buffered would wait for the end of a period.
-        r.step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
+        r.image
+            .step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
         let bit = |n: u8| 1 << (n & 31);
         Ok(Self {
             pins,
             enabled_by: bit(number) | table.switched_by(number).map_or(0, bit),
             shape,
-            value: r.output(value, shape.encode(0.0)),
-            mode: r.setting(Stage::Configure, mode, shape.mode()),
+            value: r.image.output(value, shape.encode(0.0)),
+            mode: r.image.setting(Stage::Configure, mode, shape.mode()),
         })
     }
 }

@@ -6,7 +6,7 @@ use core::fmt;
 
 use super::{RegisterError, Settings};
 
-use crate::bus::{ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
+use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::board_table::BoardTable;
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor};
@@ -32,12 +32,12 @@ pub struct Registrar<'a> {
     /// Where pins are made.
     pub pins: &'a mut PinStore,
     pub(crate) io: &'a mut IoPorts,
-    pub(crate) plan: &'a mut ImagePlan,
+    /// Where registers are registered.
+    pub image: &'a mut ImagePlan,
     /// Reads a register.
     pub(crate) bus: &'a mut dyn FnMut(u16) -> Result<u32, RegisterError>,
 }
 
-/// What there is.
 impl Registrar<'_> {
     /// What the firmware says of a module; `None` if it has none.
     pub fn module(&self, gtag: Gtag) -> Option<ModuleDescriptor> {
@@ -81,7 +81,7 @@ impl Registrar<'_> {
     }
 
     /// Gives instance `instance` of a module its I/O pins: those that it drives are driven by it from
-    /// [`Stage::Drive`] on.
+    /// [`Stage::Drive`](crate::bus::Stage::Drive) on.
     ///
     /// # Errors
     /// [`RegisterError::Firmware`]: it has none, or they are in use.
@@ -92,83 +92,11 @@ impl Registrar<'_> {
     }
 }
 
-/// Registers. Their addresses are multiples of 4. Any number of modules may read a register; one may
-/// write it.
-impl Registrar<'_> {
-    /// Data that is read in every cycle.
-    pub fn input(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(Phase::Data, address)
-    }
-
-    /// Read in every cycle before everything else: what latches or marks a time.
-    pub fn latch(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(Phase::First, address)
-    }
-
-    /// Read in every cycle before data: what says whether the data can be trusted.
-    pub fn status(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(Phase::Status, address)
-    }
-
-    /// Read in every cycle after all data: what says whether the board is the one that was set up.
-    pub fn evidence(&mut self, address: u16) -> ReadSlot {
-        self.plan.read(Phase::Evidence, address)
-    }
-
-    /// Data that is only read after somebody [asked](super::WriteCycle::ask_extra) for it, and when
-    /// the driver looks closely.
-    pub fn extra_input(&mut self, address: u16) -> ReadSlot {
-        self.plan.read_extra(Phase::Data, address)
-    }
-
-    /// Data that is written in every cycle, and as `safe` in [`Stage::Configure`] of the set-up.
-    pub fn output(&mut self, address: u16, safe: u32) -> WriteSlot {
-        self.plan.output(address, safe)
-    }
-
-    /// Data that is written in every cycle, and not with the set-up: nothing uses it before a
-    /// [`trigger`](Self::trigger).
-    pub(crate) fn process_data(&mut self, address: u16) -> WriteSlot {
-        self.plan.write(Phase::Data, address, 0)
-    }
-
-    /// Written in every cycle after all data, as `idle` until something else is put.
-    pub fn trigger(&mut self, address: u16, idle: u32) -> WriteSlot {
-        self.plan.write(Phase::Trigger, address, idle)
-    }
-
-    /// Written at set-up, when it changes, and after a reset: always with the word it has then.
-    ///
-    /// One of [`Stage::Drive`] or [`Stage::Enable`] that changes in the cycle is only written to a
-    /// board that is seen to be set up before and after it.
-    pub fn setting(&mut self, stage: Stage, address: u16, word: u32) -> Setting {
-        self.plan.setting(stage, address, word)
-    }
-
-    /// The directions of the pins of a port: a setting of [`Stage::Drive`] that is evidence as well,
-    /// where the board reads it back.
-    pub(crate) fn drive(&mut self, address: u16, word: u32) -> Setting {
-        self.plan.drive(address, word)
-    }
-
-    /// Written in the cycles in which it changes or is [repeated](super::WriteCycle::repeat), and never
-    /// with the set-up.
-    pub fn on_demand(&mut self, address: u16) -> Setting {
-        self.plan.on_demand(address)
-    }
-
-    /// A write of the set-up whose word stays. Within a stage, the set-up is written in the order in
-    /// which it is registered.
-    pub fn step(&mut self, stage: Stage, address: u16, word: u32) {
-        self.plan.step(stage, address, word);
-    }
-}
-
 impl fmt::Debug for Registrar<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Registrar")
             .field("name", &self.name)
-            .field("plan", &self.plan)
+            .field("image", &self.image)
             .finish_non_exhaustive()
     }
 }

@@ -55,7 +55,7 @@ impl Bench {
             status: self.group,
             pins: &mut self.pins,
             io: &mut self.io,
-            plan: &mut self.plan,
+            image: &mut self.plan,
             bus: &mut peek,
         })
     }

@@ -122,9 +122,10 @@ pub(super) enum Again {
     Word(u32),
 }
 
-/// The registers of all modules, while they are collected.
+/// The registers of all modules, while they are collected. Registering one says everything about it.
 ///
-/// Belongs to set-up: it allocates.
+/// Addresses are multiples of 4. Any number of modules may read a register, all in the same phase;
+/// one may write it. Belongs to set-up: it allocates, and nothing is written to the board yet.
 #[derive(Clone, Debug, Default)]
 pub struct ImagePlan {
     pub(super) reads: Vec<Register>,
@@ -140,7 +141,8 @@ impl ImagePlan {
         ReadSlot(push(&mut self.reads, register))
     }
 
-    /// A register that is only read when somebody asks for more than usual.
+    /// A register that is only read after somebody
+    /// [asked](crate::modules::WriteCycle::ask_extra) for it, and when the driver looks closely.
     pub fn read_extra(&mut self, phase: Phase, address: u16) -> ReadSlot {
         add_extra(&mut self.reads, phase, address)
     }
@@ -161,19 +163,22 @@ impl ImagePlan {
         WriteSlot(push(&mut self.writes, Register { word, ..register }))
     }
 
-    /// A register that is written with the set-up and when its word changes. Nothing else may write
-    /// it, but for [steps](Self::step).
+    /// A register that is written with the set-up, when its word changes, and after a reset: always
+    /// with the word it has then. Nothing else may write it, but for [steps](Self::step).
+    ///
+    /// One of [`Stage::Drive`] or [`Stage::Enable`] that changes in the cycle is only written to a
+    /// board that is seen to be set up before and after it.
     pub fn setting(&mut self, stage: Stage, address: u16, word: u32) -> Setting {
         self.add_setting(Some(stage), address, word, false)
     }
 
     /// A setting of [`Stage::Drive`] that a reset clears: see [`watch`](Self::watch).
-    pub fn drive(&mut self, address: u16, word: u32) -> Setting {
+    pub(crate) fn drive(&mut self, address: u16, word: u32) -> Setting {
         self.add_setting(Some(Stage::Drive), address, word, true)
     }
 
-    /// A register that is written when its word changes or somebody asks for it, and never with the
-    /// set-up.
+    /// A register that is written in the cycles in which its word changes or is
+    /// [repeated](super::Words::repeat), and never with the set-up.
     pub fn on_demand(&mut self, address: u16) -> Setting {
         self.add_setting(None, address, 0, false)
     }
@@ -205,7 +210,7 @@ impl ImagePlan {
     ///
     /// # Errors
     /// Those of the bus.
-    pub fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
+    pub(crate) fn watch<B: RegisterBus>(&mut self, bus: &mut B) -> Result<(), B::Error> {
         let mut reads_back = false;
         let drives = self.settings.iter_mut().filter(|setting| setting.is_drive);
         let mut drives: Vec<_> = drives.collect();
@@ -225,13 +230,13 @@ impl ImagePlan {
     }
 
     /// A write before all stages: `first` at first, `again` when the set-up is written again.
-    pub fn opening(&mut self, address: u16, first: u32, again: u32) {
+    pub(crate) fn opening(&mut self, address: u16, first: u32, again: u32) {
         let again = Again::Word(again);
         self.add_step(StepPlace::Opening, address, Some(first), again);
     }
 
     /// A write after all stages: `first` at first, `again` when the set-up is written again.
-    pub fn closing(&mut self, address: u16, first: Option<u32>, again: u32) {
+    pub(crate) fn closing(&mut self, address: u16, first: Option<u32>, again: u32) {
         self.add_step(StepPlace::Closing, address, first, Again::Word(again));
     }
 
@@ -245,7 +250,7 @@ impl ImagePlan {
     }
 
     /// Addresses and words of the set-up as it is written first, in order.
-    pub fn first_set_up(&self) -> Vec<(u16, u32)> {
+    pub(crate) fn first_set_up(&self) -> Vec<(u16, u32)> {
         let steps = self.sorted_steps().into_iter();
         steps
             .filter_map(|step| Some((step.address, step.first?)))
@@ -263,7 +268,7 @@ impl ImagePlan {
     ///
     /// # Errors
     /// Those of the bus.
-    pub fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
+    pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
         let list = (0u16..).zip(self.first_set_up());
         let (accesses, mut words): (Vec<_>, Vec<_>) = list
             .map(|(n, (address, word))| (Access::write(address, n, 1), word))
@@ -272,7 +277,7 @@ impl ImagePlan {
     }
 
     /// Refuses registers that can not be, that two write, or that two read at different times.
-    pub fn check(&self) -> Result<(), ImageError> {
+    pub(crate) fn check(&self) -> Result<(), ImageError> {
         let mut reads: Vec<_> = self.reads.iter().map(|r| (r.address, r.phase)).collect();
         reads.sort_unstable();
         reads.dedup();

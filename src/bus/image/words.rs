@@ -113,7 +113,7 @@ impl Words {
         word.copied().unwrap_or(0)
     }
 
-    /// What the next write holds.
+    /// Puts the word of an output or a trigger, which the next write holds.
     #[inline]
     pub fn put(&mut self, slot: WriteSlot, word: u32) {
         let place = self.writes.get(usize::from(slot.0));
@@ -124,7 +124,8 @@ impl Words {
         }
     }
 
-    /// Changes the word that the set-up writes to an output.
+    /// Changes the word that the set-up writes to an output: it follows from settings that have
+    /// changed.
     pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
         let first = self.first_setting + self.settings.len();
         let safes = self.content.get_mut(first..first + self.writes.len());
@@ -133,7 +134,12 @@ impl Words {
         }
     }
 
-    /// Changes a setting: it is written when that is another word than before.
+    /// Changes a setting. Only if it differs from what it was before, it is written, and from then on
+    /// with the board's set-up.
+    ///
+    /// # Real time
+    /// Constant time. A setting that [drives a pin](Stage::Drive) costs three exchanges more in this
+    /// cycle.
     #[inline]
     pub fn set(&mut self, setting: Setting, word: u32) {
         let place = self.first_setting + usize::from(setting.0);
@@ -156,7 +162,7 @@ impl Words {
     }
 
     /// Whether what is watched was read as it must be.
-    pub fn stands(&self) -> bool {
+    pub(crate) fn stands(&self) -> bool {
         self.settings.iter().all(|state| {
             let shows = |slot| self.word(slot) & state.expected == state.expected;
             state.shown.is_none_or(shows)
@@ -164,18 +170,18 @@ impl Words {
     }
 
     /// Whether the next write holds settings.
-    pub fn has_news(&self) -> bool {
+    pub(crate) fn has_news(&self) -> bool {
         self.has_news
     }
 
     /// Whether settings wait for a [guarded](super::Image::write_guarded) write.
-    pub fn has_guarded_news(&self) -> bool {
+    pub(crate) fn has_guarded_news(&self) -> bool {
         self.has_guarded_news
     }
 
     /// The board was heard: whether the newest write, and nothing older after it, has arrived. If not,
     /// what was sent lately is written again.
-    pub fn confirm(&mut self, is_certain: bool) {
+    pub(crate) fn confirm(&mut self, is_certain: bool) {
         if !self.has_sent {
             return;
         }
@@ -218,7 +224,7 @@ impl Words {
 
     /// Guarded settings were written, and the evidence was read after it: those that are read back as
     /// they were written, or not at all, have arrived.
-    pub fn guarded_sent(&mut self) {
+    pub(crate) fn guarded_sent(&mut self) {
         let words = self.content.iter().skip(self.first_setting);
         let mut settings = self.settings.iter().zip(words);
         let have_arrived = settings.all(|(state, word)| {
@@ -242,7 +248,7 @@ impl Words {
 
     /// The board has the set-up: what was asked for before has not to be written any more. Writes of
     /// what the set-up holds may still come late.
-    pub fn all_set(&mut self) {
+    pub(crate) fn all_set(&mut self) {
         self.each_setting(|state, _| {
             state.progress = match state.progress {
                 Progress::Sent(left) if state.stage.is_some() => Progress::Sent(left),

@@ -13,7 +13,7 @@ use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::Instant;
-use crate::bus::{ReadSlot, Setting, Stage};
+use crate::bus::{Phase, ReadSlot, Setting, Stage};
 use crate::hal::{PinStore, Rejection};
 use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor};
 
@@ -133,18 +133,18 @@ impl Encoders {
         )?;
         let common = bank.common(r.pins, clock_hz, usual);
         let divider = module.register(2, 0)?;
-        let timestamps = r.setting(Stage::Configure, divider, common.timestamps.0);
+        let timestamps = r
+            .image
+            .setting(Stage::Configure, divider, common.timestamps.0);
         let rate_word = common.rate.0 | common.skew;
-        let rate = r.setting(Stage::Configure, rate_register, rate_word);
+        let rate = r.image.setting(Stage::Configure, rate_register, rate_word);
         let samples = if is_muxed { 0.5 } else { 1.0 };
+        let [ticks, sample_hz] = [common.timestamps, common.rate].map(|rate| rate.hz(clock_hz));
         let mut axes = Vec::new();
         for number in 0..count {
             let mut encoder = Encoder::new(r, module, number)?;
             let (state, pins) = (&mut encoder.state, &encoder.pins);
-            state.set_rates(
-                common.timestamps.hz(clock_hz),
-                common.rate.hz(clock_hz) * samples,
-            );
+            state.set_rates(ticks, sample_hz * samples);
             r.pins.publish(pins.max_count_rate, state.max_count_rate());
             axes.push(encoder);
         }
@@ -155,10 +155,11 @@ impl Encoders {
             samples,
             has_probe: probe != 0 || r.firmware.pins.iter().any(is_probe),
             usual,
-            timestamp: r.input(module.register(3, 0)?),
+            timestamp: r.image.read(Phase::Data, module.register(3, 0)?),
             rate,
             timestamps,
-            timer: timer_register.map(|address| r.setting(Stage::Configure, address, common.timer)),
+            timer: timer_register
+                .map(|address| r.image.setting(Stage::Configure, address, common.timer)),
         })
     }
 
@@ -169,10 +170,10 @@ impl Encoders {
         for Encoder { state, .. } in &mut self.axes {
             state.set_rates(ticks, samples * self.samples);
         }
-        cycle.set(self.rate, wanted.rate.0 | wanted.skew);
-        cycle.set(self.timestamps, wanted.timestamps.0);
+        cycle.words.set(self.rate, wanted.rate.0 | wanted.skew);
+        cycle.words.set(self.timestamps, wanted.timestamps.0);
         if let Some(timer) = self.timer {
-            cycle.set(timer, wanted.timer);
+            cycle.words.set(timer, wanted.timer);
         }
     }
 }
@@ -190,15 +191,15 @@ impl Encoder {
         let pins = EncoderPins::new(make, gtag != Gtag::MUXED_ENCODER)?;
         let config = pins.config(r.pins);
         let (count, control) = (module.register(0, number)?, module.register(1, number)?);
-        let mode = r.setting(Stage::Configure, control, config.mode);
-        r.step(Stage::Configure, count, 0);
+        let mode = r.image.setting(Stage::Configure, control, config.mode);
+        r.image.step(Stage::Configure, count, 0);
         Ok(Self {
             pins,
             state: EncoderState::new(config),
             command: Command::default(),
             shown: None,
-            count: r.input(count),
-            control: r.input(control),
+            count: r.image.read(Phase::Data, count),
+            control: r.image.read(Phase::Data, control),
             mode,
         })
     }
@@ -224,9 +225,9 @@ impl Encoder {
             cycle.pins.count_rejection(pin, Rejection::OutOfRange);
         }
         state.follow(self.command);
-        cycle.set(self.mode, state.control());
+        cycle.words.set(self.mode, state.control());
         if state.latch.is_unsettled() {
-            cycle.repeat(self.mode);
+            cycle.words.repeat(self.mode);
         }
     }
 }
@@ -253,11 +254,11 @@ fn has_select(firmware: &HostMot2, unit: u8) -> bool {
 
 impl Module for Encoders {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        let timestamp = cycle.word(self.timestamp) as u16;
+        let timestamp = cycle.words.word(self.timestamp) as u16;
         for encoder in &mut self.axes {
             let sample = EncoderSample {
-                count: cycle.word(encoder.count),
-                control: cycle.word(encoder.control),
+                count: cycle.words.word(encoder.count),
+                control: cycle.words.word(encoder.control),
                 timestamp,
                 at: cycle.now,
             };

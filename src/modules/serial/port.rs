@@ -7,7 +7,7 @@ use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, Served};
 use super::{PortStatistics, RemoteStatus};
-use crate::bus::{Instant, ReadSlot, Words, WriteSlot};
+use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
@@ -51,13 +51,15 @@ impl SerialPort {
     ) -> Result<Self, RegisterError> {
         let policy = r.settings.fault_policy;
         let layout = *port.layout();
-        let command = r.status(layout.command);
+        let command = r.image.read(Phase::Status, layout.command);
         let mut slots = Slots {
             command,
-            data: r.input(layout.data()),
+            data: r.image.read(Phase::Data, layout.data()),
             channels: PerChannel([[command; 4]; MAX_CHANNELS as usize]),
         };
-        let doit = r.trigger(layout.command, COMMAND_IGNORED);
+        let doit = r
+            .image
+            .write(Phase::Trigger, layout.command, COMMAND_IGNORED);
         let (mut healths, mut served) = (Vec::new(), Vec::new());
         for remote in remotes {
             let (started, is_absent) = (remote.started, remote.is_absent);
@@ -67,9 +69,9 @@ impl SerialPort {
                 continue;
             };
             let [cs, told @ ..] = &mut slots.channels[channel];
-            *cs = r.input(registers.cs);
+            *cs = r.image.read(Phase::Data, registers.cs);
             for (slot, address) in told.iter_mut().zip(registers.interfaces()) {
-                *slot = r.extra_input(address);
+                *slot = r.image.read_extra(Phase::Data, address);
             }
             let remote = Served::register(r, remote, registers)?;
             let mut health = Health::new(started, remote.watchdog(), &policy);
@@ -163,11 +165,7 @@ impl SerialPort {
 impl Module for SerialPort {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         self.note_armed(cycle.pins);
-        let seen = Seen {
-            words: cycle.words,
-            slots: &self.slots,
-        };
-        let machine = &mut self.port.machine;
+        let (machine, seen) = (&mut self.port.machine, (cycle.words, &self.slots));
         let outcome = self
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
@@ -224,7 +222,7 @@ impl Module for SerialPort {
             }
         }
         let command = operation.map_or(COMMAND_IGNORED, |operation| operation.command());
-        cycle.put(self.doit, command);
+        cycle.words.put(self.doit, command);
         if self.recovery.needs_start_data() {
             cycle.ask_extra();
         }
@@ -292,27 +290,22 @@ impl SerialPort {
 }
 
 /// The registers of a port as a read brought them.
-struct Seen<'a> {
-    words: &'a Words,
-    slots: &'a Slots,
-}
-
-impl Observed for Seen<'_> {
+impl Observed for (&Words, &Slots) {
     fn command(&self) -> u32 {
-        self.words.word(self.slots.command)
+        self.0.word(self.1.command)
     }
 
     fn data(&self) -> u32 {
-        self.words.word(self.slots.data)
+        self.0.word(self.1.data)
     }
 
     fn cs(&self, channel: Channel) -> u32 {
-        let [cs, ..] = self.slots.channels[channel];
-        self.words.word(cs)
+        let [cs, ..] = self.1.channels[channel];
+        self.0.word(cs)
     }
 
     fn told(&self, channel: Channel) -> [u32; 3] {
-        let [_, told @ ..] = self.slots.channels[channel];
-        told.map(|slot| self.words.word(slot))
+        let [_, told @ ..] = self.1.channels[channel];
+        told.map(|slot| self.0.word(slot))
     }
 }

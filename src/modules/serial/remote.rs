@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::RemoteWatchdog;
 use super::pins::RemoteFaultPins;
-use crate::bus::{ReadSlot, Setting, WriteSlot};
+use crate::bus::{Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::{Problem, RemoteDescriptor};
 use crate::hal::PinStore;
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -70,9 +70,13 @@ impl Served {
             fault_pins: RemoteFaultPins::new(r.pins, r.status, &pins.prefix)?,
             descriptor: found.descriptor,
             pins,
-            inputs: inputs.map(|address| r.input(address)).collect(),
-            outputs: outputs.map(|address| r.process_data(address)).collect(),
-            mode: r.on_demand(registers.cs),
+            inputs: inputs
+                .map(|address| r.image.read(Phase::Data, address))
+                .collect(),
+            outputs: outputs
+                .map(|address| r.image.write(Phase::Data, address, 0))
+                .collect(),
+            mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
             without_news: 0,
             put: None,
@@ -93,7 +97,7 @@ impl Served {
     pub fn take(&mut self, cycle: &mut ReadCycle<'_>) {
         let mut words = [0; REGISTERS];
         for (word, &slot) in words.iter_mut().zip(&self.inputs) {
-            *word = cycle.word(slot);
+            *word = cycle.words.word(slot);
         }
         self.pins.take_inputs(cycle.pins, &words);
         self.without_news = 0;
@@ -123,13 +127,13 @@ impl Served {
         let mut words = [0; REGISTERS];
         self.pins.put_outputs(cycle.pins, &mut words);
         for (word, &slot) in words.into_iter().zip(&self.outputs) {
-            cycle.put(slot, word);
+            cycle.words.put(slot, word);
         }
     }
 
     /// Its software mode is written with its START.
     pub fn put_mode(&self, cycle: &mut WriteCycle<'_>) {
-        cycle.set(self.mode, self.mode_word);
-        cycle.repeat(self.mode);
+        cycle.words.set(self.mode, self.mode_word);
+        cycle.words.repeat(self.mode);
     }
 }

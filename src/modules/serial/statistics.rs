@@ -28,8 +28,8 @@ const BUCKETS: usize = 512;
 pub struct TimeHistogram {
     buckets: [u32; BUCKETS],
     count: u64,
-    min: Duration,
-    max: Duration,
+    /// The shortest and the longest.
+    range: Option<(Duration, Duration)>,
 }
 
 impl Default for TimeHistogram {
@@ -37,8 +37,7 @@ impl Default for TimeHistogram {
         Self {
             buckets: [0; BUCKETS],
             count: 0,
-            min: Duration::MAX,
-            max: Duration::ZERO,
+            range: None,
         }
     }
 }
@@ -50,8 +49,8 @@ impl TimeHistogram {
     /// Constant time, no allocation.
     pub fn record(&mut self, time: Duration) {
         self.count += 1;
-        self.min = self.min.min(time);
-        self.max = self.max.max(time);
+        let (min, max) = self.range.unwrap_or((time, time));
+        self.range = Some((min.min(time), max.max(time)));
         let micros = usize::try_from(time.as_micros()).unwrap_or(usize::MAX);
         if let Some(bucket) = self.buckets.get_mut(micros) {
             *bucket = bucket.saturating_add(1);
@@ -63,19 +62,15 @@ impl TimeHistogram {
         self.count
     }
 
-    /// The shortest.
-    pub fn min(&self) -> Option<Duration> {
-        (self.count > 0).then_some(self.min)
-    }
-
-    /// The longest.
-    pub fn max(&self) -> Option<Duration> {
-        (self.count > 0).then_some(self.max)
+    /// The shortest and the longest; `None` if none was counted.
+    pub const fn range(&self) -> Option<(Duration, Duration)> {
+        self.range
     }
 
     /// The time that `percent` of them did not exceed, to the microsecond; the longest one for
     /// those above half a millisecond.
     pub fn percentile(&self, percent: u8) -> Option<Duration> {
+        let (min, max) = self.range?;
         let wanted = (self.count * u64::from(percent.min(100)))
             .div_ceil(100)
             .max(1);
@@ -84,9 +79,9 @@ impl TimeHistogram {
             seen += u64::from(count);
             seen >= wanted
         });
-        let time = bucket.map_or(self.max, |micros| Duration::from_micros(micros as u64));
+        let time = bucket.map_or(max, |micros| Duration::from_micros(micros as u64));
         // A bucket begins at whole microseconds, which may be below the shortest time.
-        (self.count > 0).then(|| time.clamp(self.min, self.max))
+        Some(time.clamp(min, max))
     }
 }
 
@@ -97,7 +92,7 @@ mod tests {
     #[test]
     fn percentiles_are_those_of_the_times() {
         let mut times = TimeHistogram::default();
-        assert_eq!((times.percentile(50), times.min()), (None, None));
+        assert_eq!((times.percentile(50), times.range()), (None, None));
         for micros in 1..=99 {
             times.record(Duration::from_micros(micros));
         }
@@ -105,7 +100,8 @@ mod tests {
         assert_eq!(times.percentile(50), Some(Duration::from_micros(50)));
         assert_eq!(times.percentile(99), Some(Duration::from_micros(99)));
         assert_eq!(times.percentile(100), Some(Duration::from_millis(9)));
-        assert_eq!(times.min(), Some(Duration::from_micros(1)));
+        let range = (Duration::from_micros(1), Duration::from_millis(9));
+        assert_eq!(times.range(), Some(range));
         assert_eq!(times.count(), 100);
     }
 
@@ -114,7 +110,8 @@ mod tests {
         let mut times = TimeHistogram::default();
         times.record(Duration::from_nanos(71_600));
         times.record(Duration::from_nanos(71_900));
-        assert_eq!(times.percentile(50), times.min());
-        assert_eq!(times.percentile(100), times.min());
+        let shortest = Some(Duration::from_nanos(71_600));
+        assert_eq!(times.percentile(50), shortest);
+        assert_eq!(times.percentile(100), shortest);
     }
 }

@@ -95,20 +95,15 @@ impl Watchdog {
             has_bit: make.inout("has_bit")?,
             timeout_ns: make.setting("timeout_ns", timeout_ns)?,
         };
-        let WatchdogRegisters {
-            time,
-            status,
-            reset,
-            ..
-        } = registers;
+        let (time, status, reset) = (registers.time, registers.status, registers.reset);
         // At first it must not bite before the cycle feeds it: discovery takes seconds. If it runs, it
         // bites now (FACTS 12.1).
         let (at_first, again) = (WatchdogRegisters::DISABLED, WatchdogRegisters::LONGEST);
-        r.plan.opening(time, at_first, again);
+        r.image.opening(time, at_first, again);
         // Older firmware starts with a bite.
-        r.plan.closing(status, Some(0), 0);
+        r.image.closing(status, Some(0), 0);
         // If the board was reset in the middle of it, the time is lost again, and the watchdog bites.
-        r.plan.closing(reset, None, WatchdogRegisters::PET);
+        r.image.closing(reset, None, WatchdogRegisters::PET);
         Ok(Self {
             registers,
             pins,
@@ -118,11 +113,11 @@ impl Watchdog {
             longest: 0,
             is_fed: false,
             fed: None,
-            status: r.evidence(status),
-            time_left: r.evidence(time),
+            status: r.image.read(Phase::Evidence, status),
+            time_left: r.image.read(Phase::Evidence, time),
             // First, so that a board that was reset bites before it is given a time.
-            pet: r.plan.write(Phase::First, reset, WatchdogRegisters::PET),
-            time: r.on_demand(time),
+            pet: r.image.write(Phase::First, reset, WatchdogRegisters::PET),
+            time: r.image.on_demand(time),
         })
     }
 
@@ -203,21 +198,15 @@ impl Module for Watchdog {
         self.is_fed = cycle.is_running;
         // Restarted without a time, it would bite.
         let is_restarted = self.is_fed && self.stage != Stage::Disabled;
-        cycle.put(
-            self.pet,
-            if is_restarted {
-                WatchdogRegisters::PET
-            } else {
-                0
-            },
-        );
+        let word = u32::from(is_restarted) * WatchdogRegisters::PET;
+        cycle.words.put(self.pet, word);
         if !cycle.is_running || self.stage == Stage::Running && !is_new {
             return;
         }
         let time = self.registers.time_for(self.timeout().max(self.shortest));
         self.longest = self.longest.max(time);
-        cycle.set(self.time, time);
-        cycle.repeat(self.time);
+        cycle.words.set(self.time, time);
+        cycle.words.repeat(self.time);
         cycle.ask_extra();
     }
 
