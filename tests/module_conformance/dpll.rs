@@ -198,7 +198,7 @@ fn compare_set_up(transcript: &Transcript, outcome: &mut Outcome) {
         timers_us: timers.map(|timer| offset_us(timer as u16, hz)),
     };
     let Ok(words) = config.words(CLOCK, DDS_BITS) else {
-        return outcome.fail(0, format!("{hz} Hz"), "out of reach");
+        return outcome.fail(0, format!("{hz} Hz"), "out of reach".into());
     };
     let names = [
         "DPLL_BASE",
