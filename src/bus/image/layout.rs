@@ -21,7 +21,7 @@ impl ImagePlan {
     ///
     /// # Errors
     /// What the bus says of a list, for example that it does not fit a packet.
-    pub fn freeze<B: RegisterBus>(
+    pub(crate) fn freeze<B: RegisterBus>(
         &self,
         bus: &mut B,
         held: Option<Duration>,
