@@ -12,21 +12,18 @@ use mesa_hal::Settings;
 use mesa_hal::discovery::PackingPlan;
 use mesa_hal::driver::Driver;
 use mesa_hal::hal::PinStore;
-use mesa_hal::remote::{RemoteLocation, RemotePins};
+use mesa_hal::remote::RemotePins;
 
 fn packing(criterion: &mut Criterion) {
     let driver = Driver::start(three_remotes(), Settings::default()).expect("complete");
     let mut group = criterion.benchmark_group("packing");
     for remote in driver.ports()[0].remotes() {
-        let location = RemoteLocation {
-            board: "bench.0",
-            port: 0,
-            channel: remote.started.channel.index(),
-        };
+        let at = (0, remote.started.channel.index());
         let mut pins = PinStore::default();
         let descriptor = remote.descriptor;
         let plan = PackingPlan::new(descriptor, 3).expect("a plan");
-        let mut of = RemotePins::new(&mut pins, location, descriptor, &plan, None).expect("pins");
+        let mut of =
+            RemotePins::new(&mut pins, "bench.0", at, descriptor, &plan, None).expect("pins");
         let mut words = [0x0F0F_1234; 7];
         let bits = plan.input_bits + plan.output_bits;
         group.throughput(Throughput::Elements(bits.into()));

@@ -99,10 +99,10 @@ fn write_terminals<B: RegisterBus + Clock>(
         .infos()
         .iter()
         .filter(|pin| pin.group == remote.pins.group && !pin.role.is_param())
-        .filter(|pin| !pin.terminal.is_empty() && !pin.name.ends_with("-not"))
+        .filter(|pin| !pin.place.terminal.is_empty() && !pin.name.ends_with("-not"))
         .map(|pin| {
             let name = pin.name.strip_prefix(prefix).unwrap_or(&pin.name);
-            format!("{} = {}", name.trim_start_matches('.'), pin.terminal)
+            format!("{} = {}", name.trim_start_matches('.'), pin.place.terminal)
         })
         .collect();
     for line in pins.chunks(4) {
@@ -122,7 +122,7 @@ fn write_every_pin<B: RegisterBus + Clock>(out: &mut String, driver: &Driver<B>)
             pin.hal_type.as_str(),
             Role::hal_direction(pin.role),
             pin.name,
-            pin.terminal
+            pin.place.terminal
         )?;
     }
     Ok(())

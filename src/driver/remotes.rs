@@ -18,7 +18,7 @@ use crate::hal::PinStore;
 use crate::hostmot2::PinDescriptor;
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
-use crate::remote::{ParameterError, RemoteError, RemoteLocation, RemotePins};
+use crate::remote::{ParameterError, RemoteError, RemotePins};
 use crate::sslbp::{
     Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, ProcessDataSizes,
     StartMode, StartedRemote,
@@ -294,12 +294,8 @@ impl Plan {
         descriptor: &RemoteDescriptor,
         (plan, table): (&PackingPlan, Option<&RemoteTable>),
     ) -> Result<RemotePins, RemoteError> {
-        let location = RemoteLocation {
-            board: &self.name,
-            port: stage.number(),
-            channel: channel.index(),
-        };
-        RemotePins::new(&mut self.pins, location, descriptor, plan, table)
+        let at = (stage.number(), channel.index());
+        RemotePins::new(&mut self.pins, &self.name, at, descriptor, plan, table)
     }
 
     /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.

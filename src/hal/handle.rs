@@ -20,11 +20,13 @@ pub struct GroupId(pub(super) Key);
 ///
 /// The default is a handle to nothing: reads are never valid, writes are ignored, both are counted
 /// by the store as uses of a foreign handle.
-#[derive(Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Handle<K, T> {
     pub(super) key: Key,
     of: PhantomData<(K, T)>,
 }
+
+impl<K: PartialEq, T: PartialEq> Eq for Handle<K, T> {}
 
 impl<K, T> Handle<K, T> {
     pub(super) const fn new(key: Key) -> Self {
@@ -34,22 +36,6 @@ impl<K, T> Handle<K, T> {
         }
     }
 }
-
-impl<K, T> Clone for Handle<K, T> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<K, T> Copy for Handle<K, T> {}
-
-impl<K, T> PartialEq for Handle<K, T> {
-    fn eq(&self, other: &Self) -> bool {
-        self.key == other.key
-    }
-}
-
-impl<K, T> Eq for Handle<K, T> {}
 
 /// A pin that the machine sets and the application reads.
 ///
@@ -88,6 +74,11 @@ pub type InOut<T> = Handle<kind::InOut, T>;
 pub type Param<T> = Handle<kind::Param, T>;
 
 impl<T> InOut<T> {
+    /// The machine's half of it: a handle that reads it, or publishes it, and does not set it.
+    pub const fn as_input(self) -> Input<T> {
+        Input::new(self.key)
+    }
+
     /// The application's half of it: a handle that sets it and does not read it.
     pub const fn as_output(self) -> Output<T> {
         Output::new(self.key)
@@ -97,46 +88,37 @@ impl<T> InOut<T> {
 /// Kinds of handles, and what can be done with each.
 pub mod kind {
     /// Of an [`Input`](super::Input).
-    #[derive(Debug, Default)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Input;
 
     /// Of an [`Output`](super::Output).
-    #[derive(Debug, Default)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Output;
 
     /// Of an [`InOut`](super::InOut).
-    #[derive(Debug, Default)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct InOut;
 
     /// Of a [`Param`](super::Param).
-    #[derive(Debug, Default)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct Param;
 
     /// What an application reads.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that can be read")]
-    pub trait Readable {}
+    pub trait Readable: Copy {}
     impl Readable for Input {}
     impl Readable for InOut {}
 
     /// What an application sets.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that an application can set")]
-    pub trait Settable {}
+    pub trait Settable: Copy {}
     impl Settable for Output {}
     impl Settable for InOut {}
 
     /// What a driver gives values.
     #[diagnostic::on_unimplemented(message = "{Self} is not a pin that a driver can publish")]
-    pub trait Publishable {
-        /// Outputs may depend on it.
-        const IS_SHARED: bool;
-    }
-    impl Publishable for Input {
-        const IS_SHARED: bool = false;
-    }
-    impl Publishable for InOut {
-        const IS_SHARED: bool = true;
-    }
-    impl Publishable for Param {
-        const IS_SHARED: bool = true;
-    }
+    pub trait Publishable: Copy {}
+    impl Publishable for Input {}
+    impl Publishable for InOut {}
+    impl Publishable for Param {}
 }

@@ -1,9 +1,8 @@
 //! What is known of a pin beside its value.
 
-use alloc::borrow::Cow;
 use alloc::string::String;
 
-use super::{GroupId, HalType};
+use super::{GroupId, HalType, Place};
 
 /// The longest name: what LinuxCNC's HAL takes.
 ///
@@ -73,12 +72,10 @@ pub struct PinInfo {
     pub hal_type: HalType,
     /// Which way it goes, or what kind of parameter it is.
     pub role: Role,
-    /// The terminal it is at, for example `TB8 pin 3`; empty if it is at none.
-    pub terminal: Cow<'static, str>,
-    /// The terminal's name in the manual, for example `INPUT2`; empty if it has none.
-    pub signal: Cow<'static, str>,
+    /// Where it is; empty if it is at no terminal.
+    pub place: Place,
     /// Its unit, for example `V`; empty for a plain number or truth value.
-    pub unit: Cow<'static, str>,
+    pub unit: String,
     /// The smallest and the largest value it can have, where there are such.
     pub limits: Option<(f64, f64)>,
     /// The group it belongs to.

@@ -1,12 +1,11 @@
 //! Making pins and parameters.
 
-use alloc::borrow::Cow;
 use alloc::string::String;
 
 use super::rule::make_slot;
 use super::{
-    FullScale, GroupId, Handle, InOut, Input, Invert, MAX_NAME, MAX_PINS, Output, Param, PinError,
-    PinInfo, PinStore, Role, Value,
+    AnyValue, FullScale, GroupId, HalType, Handle, InOut, Input, Invert, MAX_NAME, MAX_PINS,
+    Output, Param, PinError, PinInfo, PinStore, Place, Role, Value,
 };
 
 /// What a pin or parameter is to be beside its type. A name alone is one at the maker's terminal,
@@ -24,12 +23,10 @@ use super::{
 pub struct Spec {
     /// Its name, without what the maker puts before it.
     pub name: String,
-    /// The terminal it is at, for example `TB8 pin 3`; empty for that of the maker.
-    pub terminal: Cow<'static, str>,
-    /// The terminal's name in the manual, for example `INPUT2`.
-    pub signal: Cow<'static, str>,
+    /// Where it is; empty for the place of the maker.
+    pub place: Place,
     /// Its unit, for example `V`.
-    pub unit: Cow<'static, str>,
+    pub unit: String,
     /// The smallest and the largest value. On an output they are enforced: a value outside becomes
     /// the nearest limit, as in LinuxCNC: the command of a servo loop that saturates means "as much
     /// as there is", and dropping it to the safe value at that moment would let the axis go. On a
@@ -68,8 +65,7 @@ pub struct PinMaker<'a> {
     store: &'a mut PinStore,
     group: GroupId,
     stem: String,
-    terminal: String,
-    signal: String,
+    place: Place,
 }
 
 impl<'a> PinMaker<'a> {
@@ -79,22 +75,19 @@ impl<'a> PinMaker<'a> {
             store,
             group,
             stem: stem.into(),
-            terminal: String::new(),
-            signal: String::new(),
+            place: Place::default(),
         }
     }
 
-    /// Pins, but no parameters, are at these terminals from now on, as
-    /// [`Place`](super::Place) has them.
+    /// Pins, but no parameters, are at this place from now on.
     #[must_use]
-    pub fn at(mut self, terminal: impl Into<String>, signal: impl Into<String>) -> Self {
-        (self.terminal, self.signal) = (terminal.into(), signal.into());
-        self
+    pub fn at(self, place: Place) -> Self {
+        Self { place, ..self }
     }
 
     /// An input.
     pub fn input<T: Value>(&mut self, spec: impl Into<Spec>) -> Result<Input<T>, PinError> {
-        self.add(Role::Input, spec.into(), T::default())
+        self.add(Role::Input, spec, T::default())
     }
 
     /// An output, which is `safe` before the application sets it, while its group is not armed, and
@@ -104,7 +97,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         safe: T,
     ) -> Result<Output<T>, PinError> {
-        self.add(Role::Output, spec.into(), safe)
+        self.add(Role::Output, spec, safe)
     }
 
     /// An output that decides how the driver works: faults do not touch it.
@@ -113,14 +106,14 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Output<T>, PinError> {
-        let output = self.add(Role::Output, spec.into(), initial)?;
-        self.exempt(output)
+        let pin = self.output(spec, initial)?;
+        self.store.exempt(pin)
     }
 
     /// A pin that both sides set, zero or off at first, which faults do not touch.
     pub fn inout<T: Value>(&mut self, spec: impl Into<Spec>) -> Result<InOut<T>, PinError> {
         let pin = self.bidirectional(spec, T::default())?;
-        self.exempt(pin)
+        self.store.exempt(pin)
     }
 
     /// A pin that both sides set, and that is `safe` when an output is.
@@ -129,7 +122,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         safe: T,
     ) -> Result<InOut<T>, PinError> {
-        self.add(Role::InOut, spec.into(), safe)
+        self.add(Role::InOut, spec, safe)
     }
 
     /// A parameter that the application may set within its limits.
@@ -138,7 +131,7 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Param<T>, PinError> {
-        self.add(Role::Setting, spec.into(), initial)
+        self.add(Role::Setting, spec, initial)
     }
 
     /// A parameter that the application can only read.
@@ -147,34 +140,38 @@ impl<'a> PinMaker<'a> {
         spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Param<T>, PinError> {
-        self.add(Role::Property, spec.into(), initial)
+        self.add(Role::Property, spec, initial)
     }
 
-    /// A parameter that a remote keeps: the application can only read it here.
-    pub fn in_remote<T: Value>(
+    /// A parameter of a remote, whose type is known at run time only, zero at first; limits are
+    /// informational. The application can only read it here. `role` is [`Role::InRemote`], or
+    /// [`Role::Property`] where the remote does not let it be written.
+    pub(crate) fn of_remote(
         &mut self,
         spec: impl Into<Spec>,
-        initial: T,
-    ) -> Result<Param<T>, PinError> {
-        self.add(Role::InRemote, spec.into(), initial)
-    }
-
-    fn exempt<K, T>(&mut self, pin: Handle<K, T>) -> Result<Handle<K, T>, PinError> {
-        let slot = self.store.slot_mut(pin.key);
-        slot.ok_or(PinError::ForeignHandle)?.exempt = true;
-        Ok(pin)
+        role: Role,
+        hal_type: HalType,
+    ) -> Result<Param<AnyValue>, PinError> {
+        let mut spec = spec.into();
+        spec.range = spec.limits.take();
+        // The bits of zero are the same in every type.
+        let param: Param<u64> = self.add(role, spec, 0)?;
+        if let Some(info) = self.store.infos.last_mut() {
+            info.hal_type = hal_type;
+        }
+        Ok(Handle::new(param.key))
     }
 
     fn add<K, T: Value>(
         &mut self,
         role: Role,
-        mut spec: Spec,
+        spec: impl Into<Spec>,
         initial: T,
     ) -> Result<Handle<K, T>, PinError> {
+        let mut spec = spec.into();
         spec.name.insert_str(0, &self.stem);
-        if !role.is_param() && spec.terminal.is_empty() {
-            spec.terminal = self.terminal.clone().into();
-            spec.signal = self.signal.clone().into();
+        if !role.is_param() && spec.place.terminal.is_empty() {
+            spec.place = self.place.clone();
         }
         self.store.insert(self.group, role, spec, initial)
     }
@@ -213,13 +210,19 @@ impl PinStore {
             name: spec.name,
             hal_type: T::TYPE,
             role,
-            terminal: spec.terminal,
-            signal: spec.signal,
+            place: spec.place,
             unit: spec.unit,
             limits: spec.limits.or(spec.range),
             group,
         });
         Ok(Handle::new(self.key(index)))
+    }
+
+    /// Faults do not touch the pin.
+    fn exempt<K, T>(&mut self, pin: Handle<K, T>) -> Result<Handle<K, T>, PinError> {
+        let slot = self.slot_mut(pin.key);
+        slot.ok_or(PinError::ForeignHandle)?.exempt = true;
+        Ok(pin)
     }
 }
 

@@ -5,12 +5,13 @@
 //! keeps handles, in which the direction and the type of a pin are part of the Rust type:
 //!
 //! ```
-//! use mesa_hal::hal::{PinMaker, PinStore, Pins, Spec};
+//! use mesa_hal::hal::{PinMaker, PinStore, Pins, Place, Spec};
 //! # fn main() -> Result<(), mesa_hal::hal::PinError> {
 //! // A driver does this at set-up ...
 //! let mut store = PinStore::default();
 //! let remote = store.add_group();
-//! let mut make = PinMaker::new(&mut store, remote, "card.").at("TB8 pin 3", "INPUT2");
+//! let place = Place { terminal: "TB8 pin 3".into(), signal: "INPUT2".into() };
+//! let mut make = PinMaker::new(&mut store, remote, "card.").at(place);
 //! let switch = make.input::<bool>("limit")?;
 //! let volts = Spec { limits: Some((-10.0, 10.0)), unit: "V".into(), ..Spec::from("drive") };
 //! let drive = make.output(volts, 0.0)?;

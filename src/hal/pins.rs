@@ -101,14 +101,17 @@ impl Pins {
     }
 
     /// What is known of a pin; `None` for a handle of another store.
-    pub fn info<K, T>(&self, pin: Handle<K, T>) -> Option<&PinInfo> {
+    pub fn info<K: Copy, T: Copy>(&self, pin: Handle<K, T>) -> Option<&PinInfo> {
         self.infos.get(self.index(pin.key)?)
     }
 
     /// What all of them hold, in the order of [`infos`](Self::infos).
     pub fn values(&self) -> impl Iterator<Item = AnyValue> + '_ {
         let infos = self.infos.iter().zip(&self.slots);
-        infos.map(|(info, slot)| AnyValue::from_bits(info.hal_type, slot.bits))
+        infos.map(|(info, slot)| AnyValue {
+            hal_type: info.hal_type,
+            bits: slot.bits,
+        })
     }
 
     /// Reads a pin.
@@ -120,7 +123,6 @@ impl Pins {
     /// Constant time, no allocation.
     pub fn read<K: Readable, T: Value>(&self, pin: Handle<K, T>) -> Reading<T> {
         let Some((slot, group)) = self.slot(pin.key) else {
-            self.count_foreign();
             return Reading {
                 value: T::default(),
                 valid: false,
@@ -143,19 +145,17 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn set<K: Settable, T: Value>(&mut self, pin: Handle<K, T>, value: T) {
-        let key = pin.key;
-        let Some(slot) = self.slot_mut(key) else {
-            return self.count_foreign();
-        };
         let bits = value.to_bits();
-        if core::mem::replace(&mut slot.bits, bits) != bits {
-            self.changed(key);
+        if let Some(slot) = self.slot_mut(pin.key)
+            && core::mem::replace(&mut slot.bits, bits) != bits
+        {
+            self.changed(pin.key);
         }
     }
 
     /// What the application last set an output to; after a fault, its safe value.
     pub fn commanded<K: Settable, T: Value>(&self, pin: Handle<K, T>) -> T {
-        self.bits(pin.key).map_or_else(T::default, T::from_bits)
+        self.value(pin.key)
     }
 
     /// The value of a parameter; zero for a handle of another store.
@@ -163,7 +163,7 @@ impl Pins {
     /// # Real time
     /// Constant time, no allocation.
     pub fn param<T: Value>(&self, param: Param<T>) -> T {
-        self.bits(param.key).map_or_else(T::default, T::from_bits)
+        self.value(param.key)
     }
 
     /// Changes a setting.
@@ -186,7 +186,7 @@ impl Pins {
             _ => return Err(PinError::ReadOnly),
         }
         let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);
-        if !value.is_finite() || !within {
+        if !AnyValue::from(value).is_finite() || !within {
             return Err(PinError::BadValue);
         }
         slot.bits = value.to_bits();
@@ -197,7 +197,7 @@ impl Pins {
 
     /// The state of a group; `None` for a group of another store.
     pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
-        let group = self.group_ref(group)?;
+        let group = self.groups.get(self.group_index(group)?)?;
         Some(GroupState {
             valid: group.valid,
             armed: group.armed,
@@ -251,7 +251,7 @@ impl Pins {
     }
 
     /// Values of this pin that were not used as they were.
-    pub fn rejections<K, T>(&self, pin: Handle<K, T>) -> Rejections {
+    pub fn rejections<K: Copy, T: Copy>(&self, pin: Handle<K, T>) -> Rejections {
         let rule = self.index(pin.key).and_then(|index| self.rules.get(index));
         rule.map_or_else(Rejections::default, |rule| rule.rejections)
     }
@@ -308,18 +308,23 @@ impl Pins {
         (key.store == self.id).then_some(key.index as usize)
     }
 
+    /// The slot and the group of a pin; one of another store is counted.
     pub(super) fn slot(&self, key: Key) -> Option<(&Slot, &Group)> {
-        let slot = self.slots.get(self.index(key)?)?;
-        Some((slot, self.groups.get(slot.group as usize)?))
+        let slot = self.index(key).and_then(|index| self.slots.get(index));
+        let found = slot.and_then(|slot| Some((slot, self.groups.get(slot.group as usize)?)));
+        if found.is_none() {
+            self.count_foreign();
+        }
+        found
     }
 
+    /// The same to change it.
     pub(super) fn slot_mut(&mut self, key: Key) -> Option<&mut Slot> {
-        let index = self.index(key)?;
-        self.slots.get_mut(index)
-    }
-
-    pub(super) fn group_ref(&self, group: GroupId) -> Option<&Group> {
-        self.groups.get(self.group_index(group)?)
+        let index = self.index(key);
+        if index.is_none() {
+            self.count_foreign();
+        }
+        self.slots.get_mut(index?)
     }
 
     pub(super) fn group_index(&self, group: GroupId) -> Option<usize> {
@@ -330,21 +335,22 @@ impl Pins {
         self.parts.get(self.index(group.0)?)
     }
 
+    /// A group to change it; one of another store is counted.
     pub(super) fn group_mut(&mut self, group: GroupId) -> Option<&mut Group> {
-        let index = self.group_index(group)?;
-        self.groups.get_mut(index)
+        let index = self.group_index(group);
+        if index.is_none() {
+            self.count_foreign();
+        }
+        self.groups.get_mut(index?)
     }
 
     pub(super) fn count_foreign(&self) {
         self.foreign.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn bits(&self, key: Key) -> Option<u64> {
-        let bits = self.slot(key).map(|(slot, _)| slot.bits);
-        if bits.is_none() {
-            self.count_foreign();
-        }
-        bits
+    fn value<T: Value>(&self, key: Key) -> T {
+        let slot = self.slot(key);
+        slot.map_or_else(T::default, |(slot, _)| T::from_bits(slot.bits))
     }
 
     /// Arms a group that runs and is disarmed: its outputs follow what is set from now on. Returns
@@ -360,17 +366,11 @@ impl Pins {
 
     /// Sets the outputs of a group to their safe values, but for those that faults do not touch.
     pub(super) fn forget_commands(&mut self, index: usize) -> Option<&mut Group> {
-        let Self {
-            groups,
-            slots,
-            rules,
-            ..
-        } = self;
-        let group = groups.get_mut(index)?;
+        let group = self.groups.get_mut(index)?;
         group.epoch = group.epoch.wrapping_add(1);
         for &output in &group.outputs {
-            let output = output as usize;
-            if let (Some(slot), Some(rule)) = (slots.get_mut(output), rules.get(output))
+            if let Some(slot) = self.slots.get_mut(output as usize)
+                && let Some(rule) = self.rules.get(output as usize)
                 && !slot.exempt
             {
                 slot.bits = rule.safe;

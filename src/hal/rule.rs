@@ -2,7 +2,8 @@
 
 use super::handle::Key;
 use super::{
-    GroupId, HalType, Output, Param, PinError, Pins, Rejection, Rejections, Role, Spec, Value,
+    AnyValue, GroupId, HalType, Output, Param, PinError, Pins, Rejection, Rejections, Role, Spec,
+    Value,
 };
 
 /// What inverts a digital output: a parameter, or a pin that faults do not touch.
@@ -54,6 +55,7 @@ pub(super) struct Slot {
     pub exempt: bool,
     /// Every value of its type is allowed: nothing has to be looked up in its [`Rule`].
     pub is_free: bool,
+    pub role: Role,
 }
 
 /// What a pin may be, and what became of values that it may not.
@@ -70,17 +72,13 @@ pub(super) struct Rule {
     /// The ends of that on the wire.
     pub wire: (f64, f64),
     pub rejections: Rejections,
-    pub now: Now,
-}
-
-/// The rule with the parameters as they are.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Now {
-    /// The state of the parameters from which it was computed.
+    /// The state of the parameters from which the rest was computed.
     pub settings: u64,
-    min: u64,
-    max: u64,
-    scale: f64,
+    /// The limits as the parameters narrow them.
+    lowest: u64,
+    highest: u64,
+    /// What full scale is now.
+    scale_now: f64,
 }
 
 impl Rule {
@@ -94,20 +92,18 @@ impl Rule {
             Some(set) if set > max => max,
             Some(set) => set,
         };
-        self.now = Now {
-            settings,
-            min: limit(self.min_limit, min).to_bits(),
-            max: limit(self.max_limit, max).to_bits(),
-            scale: param(self.scale).unwrap_or(0.0),
-        };
+        self.settings = settings;
+        self.lowest = limit(self.min_limit, min).to_bits();
+        self.highest = limit(self.max_limit, max).to_bits();
+        self.scale_now = param(self.scale).unwrap_or(0.0);
     }
 
     /// What becomes of a value that the application has set.
     pub fn sanitise<T: Value>(&self, value: T) -> (T, Option<Rejection>) {
-        if !value.is_finite() {
+        if !AnyValue::from(value).is_finite() {
             return (T::from_bits(self.safe), Some(Rejection::NotFinite));
         }
-        let (min, max) = (T::from_bits(self.now.min), T::from_bits(self.now.max));
+        let (min, max) = (T::from_bits(self.lowest), T::from_bits(self.highest));
         if min <= value && value <= max {
             return (value, None);
         }
@@ -115,25 +111,22 @@ impl Rule {
             // No value is allowed, so that neither limit is a sensible one.
             self.safe
         } else if value > max {
-            self.now.max
+            self.highest
         } else {
-            self.now.min
+            self.lowest
         };
         (T::from_bits(allowed), Some(Rejection::OutOfRange))
     }
 
-    /// A value in the units of the wire, if it has any.
+    /// A value in the units of the wire.
     // The scale is compared with what it was made with: nothing was computed.
     #[allow(clippy::float_cmp)]
     pub fn on_wire(&self, value: f64) -> (f64, Option<Rejection>) {
-        if self.scale == NONE {
-            return (value, None);
-        }
         let (end, full) = self.wire;
-        let value = if self.now.scale == full {
+        let value = if self.scale_now == full {
             value
         } else {
-            value / self.now.scale * full
+            value / self.scale_now * full
         };
         let (lowest, highest) = if end <= full {
             (end, full)
@@ -183,7 +176,7 @@ pub(super) fn make_slot<T: Value>(
     let are_finite = [ends.0, ends.1, wire.0, wire.1].map(f64::is_finite);
     let (min, max) =
         limits.map_or_else(T::bounds, |(min, max)| (T::from_f64(min), T::from_f64(max)));
-    let is_within = min <= initial && initial <= max && initial.is_finite();
+    let is_within = min <= initial && initial <= max && AnyValue::from(initial).is_finite();
     if are_finite != [true; 4] || !is_within || (scale != NONE && !is_real) {
         return Err(PinError::BadLimits);
     }
@@ -197,6 +190,7 @@ pub(super) fn make_slot<T: Value>(
         exempt: false,
         // A real number can be NaN.
         is_free: !is_real && (min, max) == T::bounds() && max_limit == NONE && min_limit == NONE,
+        role,
     };
     let (min, max) = (min.to_bits(), max.to_bits());
     let rule = Rule {
@@ -208,12 +202,10 @@ pub(super) fn make_slot<T: Value>(
         scale,
         wire,
         rejections: Rejections::default(),
-        now: Now {
-            settings: u64::MAX,
-            min,
-            max,
-            scale: 0.0,
-        },
+        settings: u64::MAX,
+        lowest: min,
+        highest: max,
+        scale_now: 0.0,
     };
     Ok((slot, rule))
 }

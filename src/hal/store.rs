@@ -13,7 +13,7 @@ use super::handle::Key;
 use super::kind::{Publishable, Settable};
 use super::pins::{Group, Part};
 use super::rule::NONE;
-use super::{GroupId, Handle, Input, PinError, Pins, Rejection, Value};
+use super::{AnyValue, GroupId, Handle, Input, PinError, Pins, Rejection, Role, Value};
 use crate::bus::Instant;
 
 /// Where the number of the next store comes from; 0 belongs to none.
@@ -70,8 +70,7 @@ impl PinStore {
             part,
             epoch: 0,
         });
-        self.parts.push(Part { group, version: 0 });
-        GroupId(self.key(part))
+        self.push_part(group)
     }
 
     /// A new part of a group, for pins whose changes are to be noticed apart from those of the rest:
@@ -82,9 +81,13 @@ impl PinStore {
     /// [`PinError::ForeignHandle`] for a group of another store.
     pub fn add_part(&mut self, group: GroupId) -> Result<GroupId, PinError> {
         let Part { group, .. } = *self.part(group).ok_or(PinError::ForeignHandle)?;
-        let part = self.parts.len() as u32;
+        Ok(self.push_part(group))
+    }
+
+    fn push_part(&mut self, group: u32) -> GroupId {
+        let part = self.key(self.parts.len() as u32);
         self.parts.push(Part { group, version: 0 });
-        Ok(GroupId(self.key(part)))
+        GroupId(part)
     }
 }
 
@@ -101,17 +104,23 @@ impl PinStore {
     ///
     /// A value that is not finite is not published: the pin keeps its last value, is not valid,
     /// and the value is counted.
-    pub fn publish<K: Publishable, T: Value>(&mut self, pin: Handle<K, T>, value: T) {
-        let key = pin.key;
+    pub fn publish<K: Publishable, T: Copy + Into<AnyValue>>(
+        &mut self,
+        pin: Handle<K, T>,
+        value: T,
+    ) {
+        let (key, value) = (pin.key, value.into());
+        debug_assert!(self.info(pin).is_none_or(|i| i.hal_type == value.hal_type));
         let Some(slot) = self.slot_mut(key) else {
-            return self.count_foreign();
+            return;
         };
         slot.bad = !value.is_finite();
         if slot.bad {
             return self.reject(key, Rejection::NotFinite);
         }
-        let bits = value.to_bits();
-        if core::mem::replace(&mut slot.bits, bits) != bits && K::IS_SHARED {
+        let has_changed = core::mem::replace(&mut slot.bits, value.bits) != value.bits;
+        // Outputs may depend on anything else.
+        if has_changed && slot.role != Role::Input {
             self.changed(key);
             self.settings = self.settings.wrapping_add(1);
         }
@@ -120,9 +129,8 @@ impl PinStore {
     /// Takes the value of an input back: it is not valid until it is published again, even if its
     /// group is. For values that are not known yet.
     pub fn withhold<T: Value>(&mut self, pin: Input<T>) {
-        match self.slot_mut(pin.key) {
-            Some(slot) => slot.bad = true,
-            None => self.count_foreign(),
+        if let Some(slot) = self.slot_mut(pin.key) {
+            slot.bad = true;
         }
     }
 
@@ -135,20 +143,16 @@ impl PinStore {
     /// could only be taken `cycles` cycles after it was due: its data is as old as that.
     pub fn group_good_since(&mut self, group: GroupId, cycles: u64, started: Instant) {
         let good = (self.cycle.saturating_sub(cycles), started.min(self.now));
-        match self.group_mut(group) {
-            Some(group) => {
-                group.valid = true;
-                group.last_good = Some(good);
-            }
-            None => self.count_foreign(),
+        if let Some(group) = self.group_mut(group) {
+            group.valid = true;
+            group.last_good = Some(good);
         }
     }
 
     /// The inputs of a group are no longer valid: a transfer failed. Outputs are not touched.
     pub fn invalidate(&mut self, group: GroupId) {
-        match self.group_mut(group) {
-            Some(group) => group.valid = false,
-            None => self.count_foreign(),
+        if let Some(group) = self.group_mut(group) {
+            group.valid = false;
         }
     }
 
@@ -192,7 +196,6 @@ impl PinStore {
     pub fn fetch<K: Settable, T: Value>(&mut self, pin: Handle<K, T>) -> T {
         let key = pin.key;
         let Some((slot, group)) = self.slot(key) else {
-            self.count_foreign();
             return T::default();
         };
         let follows = group.armed || slot.exempt;
@@ -208,7 +211,7 @@ impl PinStore {
     }
 
     /// Counts a value that was refused further down, where it is scaled.
-    pub fn count_rejection<K, T>(&mut self, pin: Handle<K, T>, rejection: Rejection) {
+    pub fn count_rejection<K: Copy, T: Copy>(&mut self, pin: Handle<K, T>, rejection: Rejection) {
         self.reject(pin.key, rejection);
     }
 
@@ -217,28 +220,24 @@ impl PinStore {
         let Some(index) = self.index(key) else {
             return T::default();
         };
-        let Pins {
-            rules,
-            slots,
-            settings,
-            ..
-        } = &mut self.pins;
-        let Some(rule) = rules.get_mut(index) else {
+        let pins = &mut self.pins;
+        let Some(rule) = pins.rules.get_mut(index) else {
             return T::default();
         };
-        if rule.now.settings != *settings {
-            rule.apply::<T>(slots, *settings);
+        if rule.settings != pins.settings {
+            rule.apply::<T>(&pins.slots, pins.settings);
         }
-        let (value, mut rejection) = if follows {
+        let (mut value, mut rejection) = if follows {
             rule.sanitise(set)
         } else {
             (T::from_bits(rule.safe), None)
         };
-        let value = value.map_real(|value| {
-            let (value, refused) = rule.on_wire(value);
+        if rule.scale != NONE {
+            // Only a real number has one.
+            let (real, refused) = rule.on_wire(f64::from_bits(value.to_bits()));
+            value = T::from_bits(real.to_bits());
             rejection = rejection.or(refused);
-            value
-        });
+        }
         if let Some(rejection) = rejection {
             self.reject(key, rejection);
         }

@@ -81,31 +81,21 @@ impl Terminals {
             let things = range.pins.chunks(range.signals.len().max(1));
             (range.first..).zip(things).flat_map(move |(number, pins)| {
                 let terminals = pins.iter().zip(range.signals);
-                terminals.map(move |(pin, signal)| (number, range.place(number, *pin, signal)))
+                let places = terminals.map(move |(pin, signal)| Place {
+                    terminal: format!("{}{pin}", range.connector),
+                    signal: signal.replace('#', &number.to_string()),
+                });
+                places.map(move |place| (number, place))
             })
         })
     }
-
-    fn place(&self, number: u16, pin: u8, signal: &str) -> Place {
-        Place {
-            terminal: format!("{}{pin}", self.connector),
-            signal: signal.replace('#', &number.to_string()),
-        }
-    }
 }
 
-impl Place {
-    /// Both.
-    #[must_use]
-    pub fn and(self, other: Self) -> Self {
-        let both = [self, other].into_iter();
-        both.filter(|place| *place != Self::default()).collect()
-    }
-}
-
+/// All places together.
 impl FromIterator<Self> for Place {
     fn from_iter<I: IntoIterator<Item = Self>>(places: I) -> Self {
         let places = places.into_iter();
+        let places = places.filter(|place| *place != Self::default());
         let (terminals, mut signals): (Vec<_>, Vec<_>) =
             places.map(|place| (place.terminal, place.signal)).unzip();
         signals.dedup();

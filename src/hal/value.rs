@@ -2,12 +2,6 @@
 
 mod sealed {
     pub trait Sealed {}
-    impl Sealed for bool {}
-    impl Sealed for f64 {}
-    impl Sealed for i32 {}
-    impl Sealed for u32 {}
-    impl Sealed for i64 {}
-    impl Sealed for u64 {}
 }
 
 /// The type of a pin or parameter, as LinuxCNC calls it.
@@ -41,12 +35,6 @@ impl HalType {
     }
 }
 
-impl core::fmt::Display for HalType {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.pad(self.as_str())
-    }
-}
-
 /// A type that pins and parameters can have: `bool`, `f64`, `i32`, `u32`, `i64`, `u64`.
 ///
 /// Sealed: the list is LinuxCNC's.
@@ -62,21 +50,9 @@ pub trait Value:
     /// The value from the 64 bits a store keeps.
     fn from_bits(bits: u64) -> Self;
 
-    /// Whether it is finite; only a real number can fail to be.
-    fn is_finite(self) -> bool {
-        true
-    }
-
     /// The opposite of a truth value; numbers stay.
     #[must_use]
     fn inverted(self) -> Self {
-        self
-    }
-
-    /// Applies `change` to a real number; other values stay.
-    #[must_use]
-    fn map_real(self, change: impl FnOnce(f64) -> f64) -> Self {
-        let _ = change;
         self
     }
 
@@ -87,6 +63,7 @@ pub trait Value:
     fn from_f64(value: f64) -> Self;
 }
 
+impl sealed::Sealed for bool {}
 impl Value for bool {
     const TYPE: HalType = HalType::Bit;
 
@@ -111,6 +88,7 @@ impl Value for bool {
     }
 }
 
+impl sealed::Sealed for f64 {}
 impl Value for f64 {
     const TYPE: HalType = HalType::Float;
 
@@ -120,14 +98,6 @@ impl Value for f64 {
 
     fn from_bits(bits: u64) -> Self {
         f64::from_bits(bits)
-    }
-
-    fn is_finite(self) -> bool {
-        f64::is_finite(self)
-    }
-
-    fn map_real(self, change: impl FnOnce(f64) -> f64) -> Self {
-        change(self)
     }
 
     fn bounds() -> (Self, Self) {
@@ -141,6 +111,7 @@ impl Value for f64 {
 
 macro_rules! integer {
     ($type:ty, $through:ty, $hal:ident) => {
+        impl sealed::Sealed for $type {}
         impl Value for $type {
             const TYPE: HalType = HalType::$hal;
 
@@ -170,58 +141,38 @@ integer!(u32, u64, U32);
 integer!(i64, i64, S64);
 integer!(u64, u64, U64);
 
-/// A value and its type.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AnyValue {
-    /// A truth value.
-    Bit(bool),
-    /// A real number.
-    Float(f64),
-    /// A 32-bit number with sign.
-    S32(i32),
-    /// A 32-bit number.
-    U32(u32),
-    /// A 64-bit number with sign.
-    S64(i64),
-    /// A 64-bit number.
-    U64(u64),
+/// A value whose type is known at run time only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AnyValue {
+    /// Its type.
+    pub hal_type: HalType,
+    /// The value as [`Value::to_bits`] makes it of that type.
+    pub bits: u64,
 }
 
 impl AnyValue {
-    /// The value from the 64 bits a store keeps.
-    pub(super) fn from_bits(hal_type: HalType, bits: u64) -> Self {
-        match hal_type {
-            HalType::Bit => Self::Bit(Value::from_bits(bits)),
-            HalType::Float => Self::Float(Value::from_bits(bits)),
-            HalType::S32 => Self::S32(Value::from_bits(bits)),
-            HalType::U32 => Self::U32(Value::from_bits(bits)),
-            HalType::S64 => Self::S64(Value::from_bits(bits)),
-            HalType::U64 => Self::U64(Value::from_bits(bits)),
+    /// Whether it is finite; only a real number can fail to be.
+    pub fn is_finite(self) -> bool {
+        self.hal_type != HalType::Float || f64::from_bits(self.bits).is_finite()
+    }
+}
+
+impl<T: Value> From<T> for AnyValue {
+    fn from(value: T) -> Self {
+        Self {
+            hal_type: T::TYPE,
+            bits: value.to_bits(),
         }
     }
 }
 
-macro_rules! any_value {
-    ($($type:ty => $variant:ident),*) => {
-        $(impl From<$type> for AnyValue {
-            fn from(value: $type) -> Self {
-                Self::$variant(value)
-            }
-        })*
-    };
-}
-
-any_value!(bool => Bit, f64 => Float, i32 => S32, u32 => U32, i64 => S64, u64 => U64);
-
 impl core::fmt::Display for AnyValue {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Bit(value) => value.fmt(f),
-            Self::Float(value) => value.fmt(f),
-            Self::S32(value) => value.fmt(f),
-            Self::U32(value) => value.fmt(f),
-            Self::S64(value) => value.fmt(f),
-            Self::U64(value) => value.fmt(f),
+        match self.hal_type {
+            HalType::Bit => bool::from_bits(self.bits).fmt(f),
+            HalType::Float => f64::from_bits(self.bits).fmt(f),
+            HalType::S32 | HalType::S64 => i64::from_bits(self.bits).fmt(f),
+            HalType::U32 | HalType::U64 => self.bits.fmt(f),
         }
     }
 }

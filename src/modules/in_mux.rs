@@ -232,7 +232,7 @@ impl InMuxPins {
         let mpgs = all.mpg_counts.iter_mut().zip(&mut all.mpg_resets);
         for (k, (count, reset)) in (0u16..).zip(mpgs) {
             let at = |n| r.board.place(r.firmware, (gtag, instance), n);
-            let place = at(2 * k).and(at(2 * k + 1));
+            let place = [at(2 * k), at(2 * k + 1)].into_iter().collect();
             let mut make = r.maker_at(&stem, place);
             *count = make.input(format!("enc{k}-count"))?;
             *reset = make.switch(format!("enc{k}-reset"), false)?;

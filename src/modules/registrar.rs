@@ -68,7 +68,7 @@ impl Registrar<'_> {
 
     /// The same for pins at a place on the board.
     pub fn maker_at(&mut self, stem: &str, place: Place) -> PinMaker<'_> {
-        self.maker(stem).at(place.terminal, place.signal)
+        self.maker(stem).at(place)
     }
 
     /// Reads a register at once.

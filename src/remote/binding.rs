@@ -2,36 +2,12 @@
 
 use super::scaling::{real, real_bits};
 use super::{Field, Scaling};
-use crate::hal::{InOut, Input, Output, Param, PinStore, Value};
+use crate::hal::{Input, Output, Param, PinStore};
 
-/// A pin, whichever way it goes.
+/// The halves of a pin: what is published, and what is fetched. A pin that goes one way only has
+/// nothing in place of the other.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Pin<T> {
-    In(Input<T>),
-    Out(Output<T>),
-    Both(InOut<T>),
-}
-
-impl<T: Value> Pin<T> {
-    fn publish(self, pins: &mut PinStore, value: T) {
-        match self {
-            Self::In(pin) => pins.publish(pin, value),
-            Self::Both(pin) => pins.publish(pin, value),
-            Self::Out(_) => debug_assert!(false, "an output has no bits in the input stream"),
-        }
-    }
-
-    fn fetch(self, pins: &mut PinStore) -> T {
-        match self {
-            Self::Out(pin) => pins.fetch(pin),
-            Self::Both(pin) => pins.fetch(pin),
-            Self::In(_) => {
-                debug_assert!(false, "an input has no bits in the output stream");
-                T::default()
-            }
-        }
-    }
-}
+pub(super) struct Pin<T>(pub Input<T>, pub Output<T>);
 
 /// A field of the interface registers, in one direction, and the pin it belongs to.
 #[derive(Clone, Copy, Debug)]
@@ -67,7 +43,7 @@ impl Binding {
         let bits = self.field.get(words);
         match self.codec {
             Codec::Bit { pin, not } => {
-                pin.publish(pins, bits != 0);
+                pins.publish(pin.0, bits != 0);
                 if let Some(not) = not {
                     pins.publish(not, bits == 0);
                 }
@@ -78,25 +54,25 @@ impl Binding {
                 scale,
             } => {
                 let value = to_scale(scaling, pins.param(scale), scaling.value(bits));
-                pin.publish(pins, value);
+                pins.publish(pin.0, value);
             }
-            Codec::Float(pin) => pin.publish(pins, real(bits, self.field.bits())),
-            Codec::Raw(pin) => pin.publish(pins, bits as u32),
-            Codec::Wide(pin) => pin.publish(pins, bits),
+            Codec::Float(pin) => pins.publish(pin.0, real(bits, self.field.bits)),
+            Codec::Raw(pin) => pins.publish(pin.0, bits as u32),
+            Codec::Wide(pin) => pins.publish(pin.0, bits),
         }
     }
 
     /// From the pin to the interface registers.
     pub fn put(&self, pins: &mut PinStore, words: &mut [u32]) {
         let bits = match self.codec {
-            Codec::Bit { pin, .. } if pin.fetch(pins) => u64::MAX,
+            Codec::Bit { pin, .. } if pins.fetch(pin.1) => u64::MAX,
             Codec::Bit { .. } => 0,
             // The store scales and limits it.
-            Codec::Number { pin, scaling, .. } => scaling.raw(pin.fetch(pins)),
+            Codec::Number { pin, scaling, .. } => scaling.raw(pins.fetch(pin.1)),
             // The pin's limits are those of 32 bits, or closer.
-            Codec::Float(pin) => real_bits(pin.fetch(pins), self.field.bits()),
-            Codec::Raw(pin) => u64::from(pin.fetch(pins)),
-            Codec::Wide(pin) => pin.fetch(pins),
+            Codec::Float(pin) => real_bits(pins.fetch(pin.1), self.field.bits),
+            Codec::Raw(pin) => u64::from(pins.fetch(pin.1)),
+            Codec::Wide(pin) => pins.fetch(pin.1),
         };
         self.field.put(words, bits);
     }
@@ -118,7 +94,7 @@ impl BitInputs {
         let bits = self.field.get(words);
         let mut changed = match self.taken.replace(bits) {
             Some(taken) => taken ^ bits,
-            None => self.field.mask(),
+            None => self.field.mask,
         };
         while changed != 0 {
             let bit = changed.trailing_zeros();
@@ -136,9 +112,9 @@ impl BitInputs {
 // The scale is compared with what it was set to: nothing was computed.
 #[allow(clippy::float_cmp)]
 fn to_scale(scaling: Scaling, scale: f64, value: f64) -> f64 {
-    if scale == scaling.max() {
+    if scale == scaling.max {
         value
     } else {
-        value / scaling.max() * scale
+        value / scaling.max * scale
     }
 }

@@ -1,4 +1,4 @@
-//! Counters of few bits, continued to 64, and the pins of a counter in a remote, such as an MPG.
+//! The pins of a counter in a remote, such as an MPG: few bits, continued to 64.
 
 use core::cmp::Ordering;
 
@@ -6,72 +6,39 @@ use super::Field;
 use super::scaling::sign_extend;
 use crate::hal::{Counter, PinStore};
 
-/// Continues a counter of n bits to 64: it takes the shortest way from one reading to the next, so
-/// it is right as long as the counter moves by less than half its range between two readings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct CounterExtension {
-    bits: u8,
-    last: Option<u64>,
-    count: i64,
-}
-
-impl CounterExtension {
-    /// For a counter of `bits` (1 to 64) bits, starting at zero wherever the counter stands.
-    const fn new(bits: u8) -> Self {
-        Self {
-            bits,
-            last: None,
-            count: 0,
-        }
-    }
-
-    /// Takes a reading; returns the count since the first one.
-    fn update(&mut self, raw: u64) -> i64 {
-        let moved = self
-            .last
-            .map_or(0, |last| sign_extend(raw.wrapping_sub(last), self.bits));
-        self.last = Some(raw);
-        self.count = self.count.wrapping_add(moved);
-        self.count
-    }
-
-    /// Forgets the last reading: the next one moves nothing, and the count goes on from where it
-    /// was. For after a gap in which the counter may have moved by any distance, or restarted.
-    fn resynchronise(&mut self) {
-        self.last = None;
-    }
-}
-
 /// A counter of a remote: its bits, and the count of 64 bits behind its pins.
+///
+/// It takes the shortest way from one reading to the next, so it is right as long as the counter
+/// moves by less than half its range between two readings. It starts at zero wherever the counter
+/// stands.
 #[derive(Debug)]
 pub(super) struct CounterPins {
-    field: Field,
+    pub field: Field,
     /// Upper bits that come first; 0 for a count in one piece.
-    high_bits: u8,
-    extension: CounterExtension,
+    pub high_bits: u8,
+    pub handles: Counter,
+    /// The last reading.
+    pub last: Option<u64>,
+    /// Counts since the first reading.
+    pub now: i64,
     /// What `count` is 0 at.
-    zero: i64,
-    handles: Counter,
+    pub zero: i64,
 }
 
 impl CounterPins {
-    pub fn new(field: Field, high_bits: u8, handles: Counter) -> Self {
-        Self {
-            field,
-            high_bits,
-            extension: CounterExtension::new(field.bits()),
-            zero: 0,
-            handles,
-        }
-    }
-
+    /// Forgets the last reading: the next one moves nothing, and the count goes on from where it
+    /// was. For after a gap in which the counter may have moved by any distance, or restarted.
     pub fn resynchronise(&mut self) {
-        self.extension.resynchronise();
+        self.last = None;
     }
 
     pub fn take(&mut self, pins: &mut PinStore, words: &[u32]) {
-        let before = self.extension.count;
-        let now = self.extension.update(self.raw(words));
+        let (raw, before) = (self.raw(words), self.now);
+        if let Some(last) = self.last.replace(raw) {
+            let moved = sign_extend(raw.wrapping_sub(last), self.field.bits);
+            self.now = before.wrapping_add(moved);
+        }
+        let now = self.now;
         let handles = self.handles;
         if pins.read(handles.index_enable).value {
             let revolution = handles
@@ -99,11 +66,12 @@ impl CounterPins {
         if self.high_bits == 0 {
             return bits;
         }
-        let low_bits = self.field.bits() - self.high_bits;
+        let low_bits = self.field.bits - self.high_bits;
         let high = bits & (u64::MAX >> (64 - u32::from(self.high_bits)));
         high << low_bits | bits >> self.high_bits
     }
 }
+
 /// The multiple of a revolution between two counts, the later one included.
 fn passed(before: i64, now: i64, revolution: i64) -> Option<i64> {
     if revolution <= 0 {
@@ -131,21 +99,41 @@ mod tests {
         assert_eq!(passed(5, 600, 0), None);
     }
 
+    /// A counter of `bits` bits, and its count after each of these readings.
+    fn counter(bits: u8) -> impl FnMut(Option<u64>) -> i64 {
+        let mut pins = PinStore::default();
+        let mut counter = CounterPins {
+            field: Field::new(Some(0), bits.into()).unwrap(),
+            high_bits: 0,
+            handles: Counter::default(),
+            last: None,
+            now: 0,
+            zero: 0,
+        };
+        move |reading| {
+            match reading {
+                Some(raw) => counter.take(&mut pins, &[raw as u32, (raw >> 32) as u32]),
+                None => counter.resynchronise(),
+            }
+            counter.now
+        }
+    }
+
     #[test]
     fn the_first_reading_is_zero_wherever_the_counter_stands() {
-        let mut counter = CounterExtension::new(8);
-        assert_eq!(counter.update(200), 0);
-        assert_eq!(counter.update(201), 1);
+        let mut counts = counter(8);
+        assert_eq!(counts(Some(200)), 0);
+        assert_eq!(counts(Some(201)), 1);
     }
 
     #[test]
     fn a_gap_moves_nothing() {
-        let mut counter = CounterExtension::new(8);
-        counter.update(0);
-        counter.update(5);
-        counter.resynchronise();
-        assert_eq!(counter.update(100), 5);
-        assert_eq!(counter.update(101), 6);
+        let mut counts = counter(8);
+        counts(Some(0));
+        counts(Some(5));
+        counts(None);
+        assert_eq!(counts(Some(100)), 5);
+        assert_eq!(counts(Some(101)), 6);
     }
 
     proptest! {
@@ -153,14 +141,14 @@ mod tests {
         fn it_follows_any_movement_of_less_than_half_the_range(
             bits in 2..=64u8, steps in prop::collection::vec(any::<i64>(), 0..200),
         ) {
-            let mut counter = CounterExtension::new(bits);
+            let mut counts = counter(bits);
             let mut position = 0_i64;
-            counter.update(0);
+            counts(Some(0));
             let mask = u64::MAX >> (64 - u32::from(bits));
             for step in steps {
                 let step = sign_extend(step as u64, bits).max(-(i64::MAX >> (64 - bits)));
                 position = position.wrapping_add(step);
-                prop_assert_eq!(counter.update(position as u64 & mask), position);
+                prop_assert_eq!(counts(Some(position as u64 & mask)), position);
             }
         }
     }

@@ -12,8 +12,10 @@ use super::scaling::mask;
 pub(super) struct Field {
     word: u8,
     shift: u8,
-    bits: u8,
-    mask: u64,
+    /// Its width.
+    pub bits: u8,
+    /// Its bits, all ones.
+    pub mask: u64,
 }
 
 impl Field {
@@ -31,16 +33,6 @@ impl Field {
             bits,
             mask: mask(bits),
         })
-    }
-
-    /// Its width.
-    pub const fn bits(self) -> u8 {
-        self.bits
-    }
-
-    /// Its bits, all ones.
-    pub const fn mask(self) -> u64 {
-        self.mask
     }
 
     /// The bits, as an unsigned number.
@@ -84,7 +76,7 @@ mod tests {
         assert_eq!(Field::new(Some(0), 0), None);
         assert_eq!(Field::new(Some(0), 65), None);
         assert_eq!(Field::new(None, 1), None);
-        assert_eq!(Field::new(Some(31), 64).map(Field::bits), Some(64));
+        assert_eq!(Field::new(Some(31), 64).map(|field| field.bits), Some(64));
     }
 
     #[test]
@@ -96,7 +88,7 @@ mod tests {
                     let mut words = [background; 7];
                     let value = 0x9E37_79B9_7F4A_7C15 ^ u64::from(offset);
                     field.put(&mut words, value);
-                    assert_eq!(field.get(&words), value & field.mask(), "{field:?}");
+                    assert_eq!(field.get(&words), value & field.mask, "{field:?}");
                     for bit in 0..224u16 {
                         let word = words[usize::from(bit / 32)] >> (bit % 32) & 1;
                         let expected = if (offset..offset + bits).contains(&bit) {

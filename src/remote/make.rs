@@ -6,33 +6,23 @@ use alloc::vec::Vec;
 
 use super::binding::{Binding, BitInputs, Codec, Pin};
 use super::counter::CounterPins;
-use super::parameter::largest_below;
-use super::{Field, Scaling};
+use super::scaling::narrow_limits;
+use super::{Field, RemotePins, Scaling};
 use crate::discovery::{DataDirection, DataRecord, DataType, Element, ElementTable};
 use crate::hal::{
-    Counter, FullScale, GroupId, Input, Invert, Param, PinError, PinMaker, PinStore, Place, Spec,
+    Counter, FullScale, Input, Invert, Output, Param, PinError, PinMaker, PinStore, Place, Spec,
     Value,
 };
-
-/// What the pins of a remote's process data are made of.
-#[derive(Debug, Default)]
-pub(super) struct Bindings {
-    pub inputs: Vec<Binding>,
-    pub bit_inputs: Vec<BitInputs>,
-    pub counters: Vec<CounterPins>,
-    pub outputs: Vec<Binding>,
-}
 
 /// Makes the pins of one element.
 pub(super) struct Maker<'a> {
     pub pins: &'a mut PinStore,
-    pub group: GroupId,
+    pub remote: &'a mut RemotePins,
     /// What the names begin with: board, card, port, channel and element.
     pub stem: String,
     pub element: Element,
     pub record: &'a DataRecord,
     pub known: Option<&'a ElementTable>,
-    pub bindings: &'a mut Bindings,
 }
 
 impl Maker<'_> {
@@ -66,8 +56,8 @@ impl Maker<'_> {
 
     fn bind(&mut self, input: Option<Field>, output: Option<Field>, codec: Codec) {
         let bound = |field: Field| Binding { field, codec };
-        self.bindings.inputs.extend(input.map(bound));
-        self.bindings.outputs.extend(output.map(bound));
+        self.remote.inputs.extend(input.map(bound));
+        self.remote.outputs.extend(output.map(bound));
     }
 
     /// A pin that goes the way of the element.
@@ -75,35 +65,36 @@ impl Maker<'_> {
         let direction = self.record.direction;
         let mut make = self.maker();
         Ok(match direction {
-            DataDirection::Input => Pin::In(make.input(spec)?),
-            DataDirection::Output => Pin::Out(make.output(spec, safe)?),
-            DataDirection::Bidirectional => Pin::Both(make.bidirectional(spec, safe)?),
+            DataDirection::Input => Pin(make.input(spec)?, Output::default()),
+            DataDirection::Output => Pin(Input::default(), make.output(spec, safe)?),
+            DataDirection::Bidirectional => {
+                let pin = make.bidirectional(spec, safe)?;
+                Pin(pin.as_input(), pin.as_output())
+            }
         })
     }
 
     /// Makes pins whose names begin with that of the element.
     fn maker(&mut self) -> PinMaker<'_> {
-        PinMaker::new(self.pins, self.group, self.stem.clone())
+        PinMaker::new(self.pins, self.remote.group, self.stem.clone())
     }
 
     /// A pin or parameter in the element's unit: the record's, or the table's.
     fn in_unit(&self, suffix: &str) -> Spec {
         let unit = match self.known {
-            Some(known) if self.record.unit.is_empty() => known.unit.into(),
-            _ => self.record.unit.clone().into(),
+            Some(known) if self.record.unit.is_empty() => known.unit,
+            _ => &self.record.unit,
         };
         Spec {
-            unit,
+            unit: unit.into(),
             ..Spec::from(suffix)
         }
     }
 
     /// A pin at its terminal: that of a bit, or of the element.
     fn spec(&self, suffix: &str, bit: Option<u16>) -> Spec {
-        let place = self.place(bit);
         Spec {
-            terminal: place.terminal.into(),
-            signal: place.signal.into(),
+            place: self.place(bit),
             ..self.in_unit(suffix)
         }
     }
@@ -128,9 +119,9 @@ impl Maker<'_> {
         let mut together = Vec::new();
         for bit in 0..bits {
             let (pin, not) = self.bit(&format!("-{bit:02}"), Some(bit))?;
-            match (pin, not) {
-                (Pin::In(pin), Some(not)) => together.push((pin, not)),
-                _ => self.bind(one(input, bit), one(output, bit), Codec::Bit { pin, not }),
+            match not {
+                Some(not) => together.push((pin.0, not)),
+                None => self.bind(one(input, bit), one(output, bit), Codec::Bit { pin, not }),
             }
         }
         let fields = (0..bits).step_by(usize::from(Field::MAX_BITS));
@@ -141,7 +132,7 @@ impl Maker<'_> {
                 pins: pins.to_vec(),
                 taken: None,
             });
-            self.bindings.bit_inputs.extend(bits);
+            self.remote.bit_inputs.extend(bits);
         }
         Ok(())
     }
@@ -168,7 +159,7 @@ impl Maker<'_> {
 
     fn number(&mut self) -> Result<Codec, PinError> {
         let scaling = Scaling::of(self.record);
-        let (min, max) = (scaling.min(), scaling.max());
+        let Scaling { min, max, .. } = scaling;
         let scale = self.setting("-scalemax", max)?;
         let mut spec = Spec {
             range: Some((min, max)),
@@ -208,10 +199,8 @@ impl Maker<'_> {
 
     fn stream(&mut self) -> Result<Codec, PinError> {
         let bits = self.record.bits;
-        // A number as wide as its type takes every value.
-        let is_narrow = !matches!(bits, 32 | 64);
         let spec = Spec {
-            limits: is_narrow.then(|| (0.0, largest_below(bits))),
+            limits: narrow_limits(bits, false),
             ..self.spec("", None)
         };
         Ok(match bits {
@@ -232,8 +221,8 @@ impl Maker<'_> {
             1.0
         };
         let place = self.place(None);
-        let mut make = PinMaker::new(self.pins, self.group, format!("{}.", self.stem))
-            .at(place.terminal, place.signal);
+        let mut make =
+            PinMaker::new(self.pins, self.remote.group, format!("{}.", self.stem)).at(place);
         let handles = Counter {
             count: make.input("count")?,
             rawcounts: make.input("rawcounts")?,
@@ -243,8 +232,14 @@ impl Maker<'_> {
             scale: make.setting("scale", full_scale)?,
             counts_per_rev: Some(make.setting("counts-per-rev", 256)?),
         };
-        let counter = CounterPins::new(field, self.element.high_bits, handles);
-        self.bindings.counters.push(counter);
+        self.remote.counters.push(CounterPins {
+            field,
+            high_bits: self.element.high_bits,
+            handles,
+            last: None,
+            now: 0,
+            zero: 0,
+        });
         Ok(())
     }
 }

@@ -19,7 +19,9 @@ use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 
-use self::make::{Bindings, Maker};
+use self::binding::{Binding, BitInputs};
+use self::counter::CounterPins;
+use self::make::Maker;
 use crate::discovery::{PackingPlan, RemoteDescriptor, RemoteTable, hal_name};
 use crate::hal::{GroupId, PinError, PinStore};
 
@@ -29,8 +31,8 @@ use crate::hal::{GroupId, PinError, PinStore};
 /// descriptor does not tell: terminals and safe values.
 ///
 /// A driver calls [`take_inputs`](Self::take_inputs) when a transfer succeeded,
-/// [`fault`](Self::fault) when the remote failed, and [`put_outputs`](Self::put_outputs) before
-/// each transfer.
+/// [`PinStore::fault`] of its group when the remote failed, and [`put_outputs`](Self::put_outputs)
+/// before each transfer.
 #[derive(Debug)]
 pub struct RemotePins {
     /// What their names begin with, for example `hm2_7i92.0.7i77.0.0`.
@@ -39,7 +41,10 @@ pub struct RemotePins {
     pub group: GroupId,
     /// The remote's parameters, which are no process data: read and written in setup mode.
     pub parameters: Vec<RemoteParameter>,
-    bindings: Bindings,
+    inputs: Vec<Binding>,
+    bit_inputs: Vec<BitInputs>,
+    counters: Vec<CounterPins>,
+    outputs: Vec<Binding>,
 }
 
 /// Why the pins of a remote were not made.
@@ -52,20 +57,9 @@ pub struct RemoteError {
     pub source: PinError,
 }
 
-/// Where a remote is: what its pins are named after.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RemoteLocation<'a> {
-    /// The board's name, for example `hm2_7i92.0`.
-    pub board: &'a str,
-    /// The port.
-    pub port: u8,
-    /// The channel of the port.
-    pub channel: u8,
-}
-
 impl RemotePins {
-    /// Makes the pins and parameters of a remote, in a group of their own. `plan` is the
-    /// descriptor's.
+    /// Makes the pins and parameters of the remote on a port and channel of `board`, in a group of
+    /// their own. `plan` is the descriptor's.
     ///
     /// Names follow LinuxCNC: `hm2_7i92.0.7i77.0.0.input-07`.
     ///
@@ -74,51 +68,46 @@ impl RemotePins {
     /// the store, never valid.
     pub fn new(
         pins: &mut PinStore,
-        location: RemoteLocation<'_>,
+        board: &str,
+        (port, channel): (u8, u8),
         descriptor: &RemoteDescriptor,
         plan: &PackingPlan,
         table: Option<&RemoteTable>,
     ) -> Result<Self, RemoteError> {
-        let group = pins.add_group();
-        let RemoteLocation {
-            board,
-            port,
-            channel,
-        } = location;
         let card = hal_name(&descriptor.name.to_string());
-        let prefix = format!("{board}.{card}.{port}.{channel}");
-        let mut bindings = Bindings::default();
+        let mut remote = Self {
+            prefix: format!("{board}.{card}.{port}.{channel}"),
+            group: pins.add_group(),
+            parameters: Vec::new(),
+            inputs: Vec::new(),
+            bit_inputs: Vec::new(),
+            counters: Vec::new(),
+            outputs: Vec::new(),
+        };
         for &element in &plan.elements {
             let Some(record) = descriptor.process_data.get(element.record) else {
                 debug_assert!(false, "the plan is of this descriptor");
                 continue;
             };
-            let stem = format!("{prefix}.{}", hal_name(&record.name));
             let mut maker = Maker {
+                stem: format!("{}.{}", remote.prefix, hal_name(&record.name)),
                 pins,
-                group,
-                stem,
+                remote: &mut remote,
                 element,
                 record,
                 known: table.and_then(|table| table.element(&record.name, record.direction)),
-                bindings: &mut bindings,
             };
             let made = maker.make();
             let name = maker.stem;
             made.map_err(|source| RemoteError { name, source })?;
         }
-        let mut parameters = Vec::new();
         for record in &descriptor.parameters {
-            let name = format!("{prefix}.{}", hal_name(&record.name));
-            let made = RemoteParameter::new(pins, group, &name, record);
-            parameters.extend(made.map_err(|source| RemoteError { name, source })?);
+            let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
+            let made = RemoteParameter::new(pins, remote.group, &name, record);
+            let made = made.map_err(|source| RemoteError { name, source })?;
+            remote.parameters.extend(made);
         }
-        Ok(Self {
-            prefix,
-            group,
-            parameters,
-            bindings,
-        })
+        Ok(remote)
     }
 
     /// The parameter of that name, as the remote spells it or LinuxCNC does (in lower case).
@@ -142,13 +131,13 @@ impl RemotePins {
     /// Grows with the number of pins; no allocation, no panic. Missing words count as zero: read as
     /// many as the inputs take.
     pub fn take_inputs(&mut self, pins: &mut PinStore, words: &[u32]) {
-        for bits in &mut self.bindings.bit_inputs {
+        for bits in &mut self.bit_inputs {
             bits.take(pins, words);
         }
-        for binding in &self.bindings.inputs {
+        for binding in &self.inputs {
             binding.take(pins, words);
         }
-        for counter in &mut self.bindings.counters {
+        for counter in &mut self.counters {
             counter.take(pins, words);
         }
         pins.group_good(self.group);
@@ -163,21 +152,15 @@ impl RemotePins {
     /// Grows with the number of pins; no allocation, no panic.
     pub fn put_outputs(&self, pins: &mut PinStore, words: &mut [u32]) {
         words.fill(0);
-        for binding in &self.bindings.outputs {
+        for binding in &self.outputs {
             binding.put(pins, words);
         }
-    }
-
-    /// The remote failed: inputs are no longer valid, outputs are safe until the application
-    /// re-arms the group.
-    pub fn fault(&self, pins: &mut PinStore) {
-        pins.fault(self.group);
     }
 
     /// The remote was started again: its counters may stand anywhere, so the next reading moves
     /// no count.
     pub fn restarted(&mut self) {
-        for counter in &mut self.bindings.counters {
+        for counter in &mut self.counters {
             counter.resynchronise();
         }
     }

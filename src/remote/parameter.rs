@@ -3,9 +3,11 @@
 use core::convert::Infallible;
 
 use super::Scaling;
-use super::scaling::{mask, real, real_bits, sign_extend, whole_range};
+use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_range};
 use crate::discovery::{DataDirection, DataRecord, DataType, RemoteMemory};
-use crate::hal::{AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Spec, Value};
+use crate::hal::{
+    AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Role, Spec, Value,
+};
 use crate::sslbp::{AccessSize, NonvolatileMemory};
 
 /// The value of a parameter.
@@ -37,7 +39,7 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     #[error("the remote's parameter can only be read")]
     ReadOnly,
     /// The value does not fit.
-    #[error("{value} does not fit: the parameter is {kind}, {bits} bits wide")]
+    #[error("{value} does not fit: the parameter is {}, {bits} bits wide", .kind.as_str())]
     DoesNotFit {
         /// The value.
         value: AnyValue,
@@ -120,13 +122,11 @@ impl DataRecord {
         }
         let (kind, bits) = (self.parameter_type(), self.bits);
         let raw = if kind == HalType::Float {
-            let raw = real_of(value).map(|value| real_bits(value, bits));
-            raw.filter(|&raw| real(raw, bits).is_finite())
+            let raw = real_bits(real_of(value), bits);
+            real(raw, bits).is_finite().then_some(raw)
         } else {
-            let (lowest, highest) = match kind {
-                HalType::Bit => (0, 1),
-                _ => whole_range(bits.clamp(1, 64), is_signed(kind)),
-            };
+            let width = if kind == HalType::Bit { 1 } else { bits };
+            let (lowest, highest) = whole_range(width.clamp(1, 64), is_signed(kind));
             let whole = whole_of(value).filter(|n| (lowest..=highest).contains(n));
             whole.map(|n| n as u64 & mask(bits))
         };
@@ -135,8 +135,7 @@ impl DataRecord {
         // Those of scaled numbers are in units; equal ones are none.
         let is_scaled = matches!(self.data_type, DataType::Unsigned | DataType::Signed);
         let is_limited = !is_scaled && kind != HalType::Bit && min < max;
-        let is_within = |real| (f64::from(min)..=f64::from(max)).contains(&real);
-        if is_limited && !real_of(value).is_some_and(is_within) {
+        if is_limited && !(f64::from(min)..=f64::from(max)).contains(&real_of(value)) {
             return Err(ParameterError::OutOfRange { value, min, max });
         }
         Ok(raw)
@@ -145,10 +144,21 @@ impl DataRecord {
     /// What the bits of the parameter are in the record's unit; what has no scale is a whole number.
     fn value_of(&self, raw: u64) -> f64 {
         match self.parameter_type() {
-            HalType::Bit => f64::from(u8::from(raw != 0)),
-            HalType::Float => real(raw, self.bits),
+            HalType::Bit | HalType::Float => real_of(self.typed(raw)),
             _ => Scaling::of(self).value(raw),
         }
+    }
+
+    /// What the bits of the parameter are as LinuxCNC has it: without its scale.
+    fn typed(&self, raw: u64) -> AnyValue {
+        let hal_type = self.parameter_type();
+        let bits = match hal_type {
+            HalType::Bit => u64::from(raw != 0),
+            HalType::Float => real(raw, self.bits).to_bits(),
+            HalType::S32 | HalType::S64 => sign_extend(raw, self.bits) as u64,
+            HalType::U32 | HalType::U64 => raw,
+        };
+        AnyValue { hal_type, bits }
     }
 
     /// The memory it is in, and how much of it.
@@ -192,18 +202,7 @@ pub struct RemoteParameter {
     pub first: Option<u64>,
     /// What the remote has, right-justified, as far as known.
     pub known: Option<u64>,
-    handle: Handle,
-}
-
-/// The handle of a parameter, by type.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Handle {
-    Bit(Param<bool>),
-    U32(Param<u32>),
-    S32(Param<i32>),
-    Float(Param<f64>),
-    U64(Param<u64>),
-    S64(Param<i64>),
+    param: Param<AnyValue>,
 }
 
 impl RemoteParameter {
@@ -219,63 +218,32 @@ impl RemoteParameter {
             return Ok(None);
         }
         let kind = record.parameter_type();
-        // A number as wide as its type takes every value; a narrower one only what its bits hold.
-        let limits = match (kind, record.bits) {
-            (HalType::Bit | HalType::Float, _) | (_, 32 | 64) => None,
-            (_, bits) if is_signed(kind) => {
-                let (lowest, _) = whole_range(bits, true);
-                Some((lowest as f64, largest_below(bits - 1)))
-            }
-            (_, bits) => Some((0.0, largest_below(bits))),
-        };
         let spec = Spec {
-            unit: record.unit.clone().into(),
-            limits,
+            unit: record.unit.clone(),
+            limits: match kind {
+                HalType::Bit | HalType::Float => None,
+                _ => narrow_limits(record.bits, is_signed(kind)),
+            },
             ..Spec::from(name)
         };
-        let make = PinMaker::new(pins, group, "");
-        let handle = match kind {
-            HalType::Bit => Handle::Bit(add(make, spec, record)?),
-            HalType::Float => Handle::Float(add(make, spec, record)?),
-            HalType::S32 => Handle::S32(add(make, spec, record)?),
-            HalType::U32 => Handle::U32(add(make, spec, record)?),
-            HalType::S64 => Handle::S64(add(make, spec, record)?),
-            HalType::U64 => Handle::U64(add(make, spec, record)?),
+        let role = match record.direction {
+            DataDirection::Input => Role::Property,
+            _ => Role::InRemote,
         };
         Ok(Some(Self {
             record: record.clone(),
             first: None,
             known: None,
-            handle,
+            param: PinMaker::new(pins, group, "").of_remote(spec, role, kind)?,
         }))
     }
 
     /// Takes what was read from the remote, right-justified.
     pub fn publish(&mut self, pins: &mut PinStore, raw: u64) {
-        let bits = self.record.bits;
-        let raw = raw & mask(bits);
+        let raw = raw & mask(self.record.bits);
         self.first.get_or_insert(raw);
         self.known = Some(raw);
-        match self.handle {
-            Handle::Bit(param) => pins.publish(param, raw != 0),
-            Handle::U32(param) => pins.publish(param, raw as u32),
-            Handle::S32(param) => pins.publish(param, sign_extend(raw, bits) as i32),
-            Handle::U64(param) => pins.publish(param, raw),
-            Handle::S64(param) => pins.publish(param, sign_extend(raw, bits)),
-            Handle::Float(param) => pins.publish(param, real(raw, bits)),
-        }
-    }
-}
-
-fn add<T: Value>(
-    mut make: PinMaker<'_>,
-    spec: Spec,
-    record: &DataRecord,
-) -> Result<Param<T>, PinError> {
-    if record.direction == DataDirection::Input {
-        make.property(spec, T::default())
-    } else {
-        make.in_remote(spec, T::default())
+        pins.publish(self.param, self.record.typed(raw));
     }
 }
 
@@ -285,34 +253,24 @@ fn is_signed(kind: HalType) -> bool {
 
 /// A value as a whole number, if it is one.
 fn whole_of(value: AnyValue) -> Option<i128> {
-    match value {
-        AnyValue::Bit(value) => Some(i128::from(value)),
-        AnyValue::S32(value) => Some(i128::from(value)),
-        AnyValue::U32(value) => Some(i128::from(value)),
-        AnyValue::S64(value) => Some(i128::from(value)),
-        AnyValue::U64(value) => Some(i128::from(value)),
-        // Beyond 2^53 a real number does not say which whole one is meant.
-        AnyValue::Float(value) => (libm::trunc(value) == value
-            && libm::fabs(value) <= 9_007_199_254_740_992.0)
-            .then_some(value as i128),
+    match value.hal_type {
+        HalType::Float => {
+            // Beyond 2^53 a real number does not say which whole one is meant.
+            let real = real_of(value);
+            let is_whole = libm::trunc(real) == real && libm::fabs(real) <= 9_007_199_254_740_992.0;
+            is_whole.then_some(real as i128)
+        }
+        HalType::S32 | HalType::S64 => Some(i64::from_bits(value.bits).into()),
+        HalType::Bit | HalType::U32 | HalType::U64 => Some(value.bits.into()),
     }
 }
 
-fn real_of(value: AnyValue) -> Option<f64> {
-    match value {
-        AnyValue::Float(value) => Some(value),
-        other => whole_of(other).map(|n| n as f64),
-    }
-}
-
-/// The largest real number that is no more than `2^bits - 1`: for wide numbers that is less, and
-/// rounding it up would let one more bit through.
-pub(super) fn largest_below(bits: u8) -> f64 {
-    let largest = ((1_u128 << bits) - 1) as f64;
-    if bits > 53 {
-        libm::nextafter(largest, 0.0)
-    } else {
-        largest
+/// A value as a real number, the nearest one to a whole number.
+fn real_of(value: AnyValue) -> f64 {
+    match value.hal_type {
+        HalType::Float => Value::from_bits(value.bits),
+        HalType::S32 | HalType::S64 => i64::from_bits(value.bits) as f64,
+        HalType::Bit | HalType::U32 | HalType::U64 => value.bits as f64,
     }
 }
 
@@ -390,7 +348,7 @@ mod tests {
             let data_type = if signed { DataType::Signed } else { DataType::Unsigned };
             let record = record(data_type, bits, if signed { -10.0 } else { 0.0 }, 10.0);
             let raw = raw & mask(record.bits);
-            let value = if signed { AnyValue::S64(sign_extend(raw, bits)) } else { AnyValue::U64(raw) };
+            let value = if signed { AnyValue::from(sign_extend(raw, bits)) } else { AnyValue::from(raw) };
             prop_assert_eq!(bits_of(&record, value), Some(raw));
         }
 

@@ -38,8 +38,10 @@ use crate::discovery::{DataRecord, DataType};
 pub struct Scaling {
     form: Form,
     bits: u8,
-    min: f64,
-    max: f64,
+    /// The value of the smallest raw value.
+    pub(super) min: f64,
+    /// The value of full scale.
+    pub(super) max: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,16 +107,6 @@ impl Scaling {
         matches!(self.form, Form::Whole { .. })
     }
 
-    /// The value of the smallest raw value.
-    pub fn min(self) -> f64 {
-        self.min
-    }
-
-    /// The value of full scale.
-    pub fn max(self) -> f64 {
-        self.max
-    }
-
     /// The value of a raw value; bits above the width are ignored.
     pub fn value(self, raw: u64) -> f64 {
         let raw = raw & self.mask();
@@ -133,25 +125,12 @@ impl Scaling {
     /// The raw value of a value, as the field has it on the wire: right-justified, bits above the
     /// width are zero.
     pub fn raw(self, value: f64) -> u64 {
-        match self.form {
-            Form::Signed if value.is_finite() && self.bits < 32 => self
-                .signed_raw(value / self.max, |fraction| {
-                    (fraction * 2_147_483_647.0) as i64 >> (32 - self.bits)
-                }),
-            _ => self.nearest(value),
-        }
-    }
-
-    /// The raw value whose value is the nearest: `nearest(value(raw))` is `raw`, up to the 53 bits
-    /// that a real number holds.
-    fn nearest(self, value: f64) -> u64 {
         let value = if value.is_finite() { value } else { 0.0 };
-        match self.form {
+        let raw = match self.form {
             Form::Whole { signed } => {
                 let (lowest, highest) = whole_range(self.bits, signed);
                 // Exact, or saturated far outside of every range.
-                let number = (libm::round(value) as i128).clamp(lowest, highest);
-                number as u64 & self.mask()
+                (libm::round(value) as i128).clamp(lowest, highest) as u64
             }
             Form::Offset => {
                 let fraction = (value - self.min) / (self.max - self.min);
@@ -159,22 +138,20 @@ impl Scaling {
                 let raw = libm::round(fraction.clamp(0.0, 1.0) * self.mask() as f64) as u64;
                 raw.min(self.mask())
             }
-            Form::Signed => self.signed_raw(value / self.max, |fraction| {
-                libm::round(fraction * self.half()) as i64
-            }),
-        }
-    }
-
-    /// `number` makes the two's complement number of a fraction from -1 to 1; full scale may be
-    /// one too large.
-    fn signed_raw(self, fraction: f64, number: impl FnOnce(f64) -> i64) -> u64 {
-        let highest = (self.mask() >> 1) as i64;
-        let number = if fraction <= -1.0 {
-            -highest - 1
-        } else {
-            number(fraction.min(1.0)).min(highest)
+            Form::Signed => {
+                let (fraction, highest) = (value / self.max, (self.mask() >> 1) as i64);
+                let number = match fraction.min(1.0) {
+                    ..=-1.0 => -highest - 1,
+                    fraction if self.bits < 32 => {
+                        (fraction * 2_147_483_647.0) as i64 >> (32 - self.bits)
+                    }
+                    fraction => libm::round(fraction * self.half()) as i64,
+                };
+                // Full scale may be one too large.
+                number.min(highest) as u64
+            }
         };
-        number as u64 & self.mask()
+        raw & self.mask()
     }
 
     fn mask(self) -> u64 {
@@ -195,6 +172,18 @@ pub(super) fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
     } else {
         (0, (1_i128 << bits) - 1)
     }
+}
+
+/// The same as real numbers, none beyond them, for a number that is narrower than the 32 or 64 bits
+/// of its type; `None` for one that is as wide.
+pub(super) fn narrow_limits(bits: u8, signed: bool) -> Option<(f64, f64)> {
+    let (lowest, highest) = whole_range(bits, signed);
+    let (min, mut max) = (lowest as f64, highest as f64);
+    if max as i128 > highest {
+        // Rounded up, it would let one more bit through.
+        max = libm::nextafter(max, 0.0);
+    }
+    (!matches!(bits, 32 | 64)).then_some((min, max))
 }
 
 /// Ones in the low `bits` bits; at least one, at most 64.

@@ -15,13 +15,13 @@ fn made(pins: &Pins) -> List {
     let mut list = List::new();
     for info in pins.infos() {
         let kind = if info.role.is_param() { "param" } else { "pin" };
-        let terminal = if info.terminal.is_empty() {
+        let terminal = if info.place.terminal.is_empty() {
             "-"
         } else {
-            &info.terminal
+            &info.place.terminal
         };
         let direction = info.role.hal_direction();
-        let line = format!("{kind} {} {direction} {terminal}", info.hal_type);
+        let line = format!("{kind} {} {direction} {terminal}", info.hal_type.as_str());
         assert!(list.insert(info.name.clone(), line).is_none());
     }
     list

@@ -182,7 +182,7 @@ fn a_card_of_a_kind_that_this_crate_does_not_know_has_typed_handles() {
     let volts = handles.supply.read(pins).ok().expect("a voltage");
     assert!((volts - 24.0).abs() < 0.1, "{volts}");
     let info = pins.info(handles.outputs[3].pin).expect("a pin");
-    assert_eq!((&*info.terminal, &*info.signal), ("X2.6", "Y3"));
+    assert_eq!((&*info.place.terminal, &*info.place.signal), ("X2.6", "Y3"));
     // The handles are for this card only.
     let other = shop.driver.attach::<Valves>(0, FIELD as u8).unwrap_err();
     assert_eq!(

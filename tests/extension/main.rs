@@ -221,7 +221,7 @@ impl Machine {
         let name = format!("hm2_9x99.0.{name}");
         let infos = self.driver.pins().infos();
         let info = infos.iter().find(|info| info.name == name);
-        &info.unwrap_or_else(|| panic!("no {name}")).terminal
+        &info.unwrap_or_else(|| panic!("no {name}")).place.terminal
     }
 }
 
@@ -408,7 +408,10 @@ fn a_board_table_from_outside_tells_rates_terminals_and_full_scales() {
     assert_eq!((info.limits, &*info.unit), (Some((-5.0, 5.0)), "V"));
     let count = pins.input::<i32>("hm2_9i99.0.encoder.01.count");
     let info = pins.info(count.expect("encoders")).expect("a pin");
-    assert!(info.terminal.starts_with("X1 pin 9, X1 pin 10"), "{info:?}");
+    assert!(
+        info.place.terminal.starts_with("X1 pin 9, X1 pin 10"),
+        "{info:?}"
+    );
     let mut fpga = driver.shutdown().expect("the bus does not fail");
     // ClockLow/32, each encoder in every other tick.
     let rate = fpga.encoders().expect("encoders").sample_rate();

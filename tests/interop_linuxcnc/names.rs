@@ -81,7 +81,7 @@ pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
     let of = |info: &PinInfo| {
         let name = info.name.strip_prefix(&format!("{prefix}."));
         let name = name.unwrap_or(&info.name).to_owned();
-        let kind = info.hal_type.to_string();
+        let kind = info.hal_type.as_str().to_owned();
         (name, (kind, info.role.hal_direction().to_owned()))
     };
     let ours: List = ours.infos().iter().map(of).collect();

@@ -4,7 +4,7 @@ use crate::common::descriptors::{analog, descriptor, field_io, outputs_48, recor
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataRecord, DataType, PackingPlan, Problem, ProblemKind};
 use mesa_hal::hal::PinStore;
-use mesa_hal::remote::{RemoteLocation, RemotePins};
+use mesa_hal::remote::RemotePins;
 use proptest::prelude::*;
 
 const THREE: u8 = 3;
@@ -195,8 +195,7 @@ proptest! {
         let descriptor = descriptor(*b"TEST", 1, 0, records);
         let plan = PackingPlan::new(&descriptor, SEVEN).unwrap();
         let mut pins = PinStore::default();
-        let location = RemoteLocation { board: "b", port: 0, channel: 0 };
-        let mut remote = RemotePins::new(&mut pins, location, &descriptor, &plan, None).unwrap();
+        let mut remote = RemotePins::new(&mut pins, "b", (0, 0), &descriptor, &plan, None).unwrap();
         let name = |n: usize| format!("b.test.0.0.n{n}");
         let narrow = |pins: &PinStore, n| pins.inout::<u32>(&name(n)).ok();
         let wide = |pins: &PinStore, n| pins.inout::<u64>(&name(n)).unwrap();

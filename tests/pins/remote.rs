@@ -7,18 +7,13 @@ use mesa_hal::boards::{
 use mesa_hal::bus::Instant;
 use mesa_hal::discovery::{DataDirection, DataType, PackingPlan, RemoteDescriptor};
 use mesa_hal::hal::{AnyValue, PinError, PinStore, Role};
-use mesa_hal::remote::{ParameterError, RemoteLocation, RemotePins};
+use mesa_hal::remote::{ParameterError, RemotePins};
 use proptest::prelude::*;
 
 fn remote(pins: &mut PinStore, channel: u8, descriptor: &RemoteDescriptor) -> RemotePins {
-    let location = RemoteLocation {
-        board: "hm2_7i92.0",
-        port: 0,
-        channel,
-    };
     let table = REMOTES.into_iter().find(|table| table.matches(descriptor));
     let plan = PackingPlan::new(descriptor, 3).unwrap();
-    RemotePins::new(pins, location, descriptor, &plan, table).unwrap()
+    RemotePins::new(pins, "hm2_7i92.0", (0, channel), descriptor, &plan, table).unwrap()
 }
 
 fn handles<T: RemoteHandles>(pins: &PinStore, remote: &RemotePins) -> Result<T, AttachError> {
@@ -50,9 +45,15 @@ fn field_inputs_come_from_interface_0_and_outputs_go_to_its_low_16_bits() {
     assert_eq!(words, [0x8001, 0, 0]);
 
     let info = pins.info(field.inputs[2].pin).unwrap();
-    assert_eq!((&*info.terminal, &*info.signal), ("TB8 pin 3", "INPUT2"));
+    assert_eq!(
+        (&*info.place.terminal, &*info.place.signal),
+        ("TB8 pin 3", "INPUT2")
+    );
     let info = pins.info(field.outputs[8].pin).unwrap();
-    assert_eq!((&*info.terminal, &*info.signal), ("TB7 pin 17", "OUTPUT8"));
+    assert_eq!(
+        (&*info.place.terminal, &*info.place.signal),
+        ("TB7 pin 17", "OUTPUT8")
+    );
 }
 
 #[test]
@@ -120,7 +121,7 @@ fn analog_outputs_make_the_same_bits_as_linuxcnc() {
     assert_eq!(stream >> 78, 0b10, "AnalogEna off, SpinEna on");
     let info = pins.info(card.analog_out[5].volts).unwrap();
     assert_eq!(
-        (&*info.terminal, &*info.signal, &*info.unit),
+        (&*info.place.terminal, &*info.place.signal, &*info.unit),
         ("TB5 pin 24", "AOUT5", "volts")
     );
     assert_eq!(
@@ -175,7 +176,7 @@ fn a_failed_remote_is_safe_alone_until_rearmed() {
 
     cycle(&mut pins);
     field.take_inputs(&mut pins, &[1]);
-    drives.fault(&mut pins);
+    pins.fault(drives.group);
     let mut words = [0; 3];
     drives.put_outputs(&mut pins, &mut words);
     assert_eq!(words, [0; 3]);
@@ -210,7 +211,13 @@ fn all_48_outputs_of_a_7i72_and_its_field_voltage() {
     remote.take_inputs(&mut pins, &[0xFFFF]);
     let volts = card.field_voltage.unwrap();
     assert_eq!(pins.read(volts.volts).ok(), Some(f64::from(36.3_f32)));
-    let terminal = |n: usize| pins.info(card.outputs[n].pin).unwrap().terminal.clone();
+    let terminal = |n: usize| {
+        pins.info(card.outputs[n].pin)
+            .unwrap()
+            .place
+            .terminal
+            .clone()
+    };
     assert_eq!((&*terminal(1), &*terminal(47)), ("TB3 pin 2", "TB2 pin 24"));
 }
 
@@ -280,21 +287,21 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
     assert_eq!((parameter.first, parameter.known), (None, None));
     let record = field.parameter("nvbaudrate").unwrap();
     for (value, raw) in [
-        (AnyValue::U32(10), Some(10)),
-        (AnyValue::S32(10), Some(10)),
-        (AnyValue::Float(10.0), Some(10)),
-        (AnyValue::Float(10.5), None),
-        (AnyValue::Float(f64::NAN), None),
-        (AnyValue::S32(-1), None),
-        (AnyValue::U64(255), Some(255)),
-        (AnyValue::U64(256), None),
+        (AnyValue::from(10_u32), Some(10)),
+        (AnyValue::from(10_i32), Some(10)),
+        (AnyValue::from(10.0), Some(10)),
+        (AnyValue::from(10.5), None),
+        (AnyValue::from(f64::NAN), None),
+        (AnyValue::from(-1_i32), None),
+        (AnyValue::from(255_u64), Some(255)),
+        (AnyValue::from(256_u64), None),
     ] {
         let found: Result<u64, ParameterError> = record.raw_of(value);
         assert_eq!(found.ok(), raw, "{value:?}");
     }
     let read_only = field.parameter("swrevision").unwrap();
     assert_eq!(
-        read_only.raw_of(AnyValue::U32(3)),
+        read_only.raw_of(AnyValue::from(3_u32)),
         Err::<u64, ParameterError>(ParameterError::ReadOnly)
     );
     for value in [9, 10] {
@@ -433,9 +440,8 @@ proptest! {
         let mut pins = PinStore::default();
         let mut remote_descriptor = descriptor(*b"ANY1", 0, 0, data);
         remote_descriptor.parameters = parameters;
-        let location = RemoteLocation { board: "hm2_7i92.0", port: 0, channel: 0 };
         let made = PackingPlan::new(&remote_descriptor, 7).ok().and_then(|plan| {
-            let made = RemotePins::new(&mut pins, location, &remote_descriptor, &plan, None);
+            let made = RemotePins::new(&mut pins, "hm2_7i92.0", (0, 0), &remote_descriptor, &plan, None);
             Some((made.ok()?, plan.output_bits))
         });
         if let Some((mut remote, used)) = made {

@@ -235,7 +235,7 @@ impl Module for SerialPort {
     /// All its remotes fail together: inputs not valid, outputs safe until re-armed.
     fn make_safe(&mut self, pins: &mut PinStore) {
         for remote in &self.remotes {
-            remote.pins.fault(pins);
+            pins.fault(remote.pins.group);
         }
     }
 

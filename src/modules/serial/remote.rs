@@ -63,7 +63,7 @@ impl Served {
         let inputs = registers.interfaces_for(started.input_bytes());
         let outputs = registers.interfaces_for(started.output_bytes());
         if found.is_absent {
-            pins.fault(r.pins);
+            r.pins.fault(pins.group);
         }
         Ok(Self {
             channel: started.channel,
@@ -113,7 +113,7 @@ impl Served {
 
     /// It went offline: what it counted may be anywhere when it comes back.
     pub fn lost(&mut self, pins: &mut PinStore) {
-        self.pins.fault(pins);
+        pins.fault(self.pins.group);
         self.pins.restarted();
     }
 

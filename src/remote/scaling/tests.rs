@@ -67,7 +67,7 @@ fn a_number_with_the_limits_of_its_own_bits_is_its_own_value() {
         let mask = u64::MAX >> (64 - u32::from(bits));
         let [min, max] = in_record([0, i128::from(mask)]);
         let numbers = unsigned(bits, min, max);
-        assert_eq!(numbers.max(), mask as f64, "{bits} bits");
+        assert_eq!(numbers.max, mask as f64, "{bits} bits");
         for raw in [0, 1, 0x1200_0001, 0x7FFF_FFFF, mask >> 1, mask - 1, mask] {
             let raw = raw & mask;
             assert_eq!(numbers.value(raw), raw as f64, "{bits} bits");
@@ -161,15 +161,16 @@ proptest! {
     }
 
     #[test]
-    fn the_nearest_raw_value_of_a_raw_value_is_itself(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
+    fn raw_values_come_back_as_they_were_where_the_nearest_one_is_taken(bits in 1..=48u8, seed in any::<u64>(), max in 1e-3..1e6_f64) {
         let raw = seed >> (64 - bits);
         for scaling in [
-            signed(bits, -max, max),
+            // LinuxCNC's way up to 31 bits is not the nearest.
+            signed(bits.max(32), -max, max),
             signed(bits, -max, max / 3.0),
             unsigned(bits, 0.0, max),
             Scaling::whole(bits, true),
         ] {
-            prop_assert_eq!(scaling.nearest(scaling.value(raw)), raw, "{:?}", scaling);
+            prop_assert_eq!(scaling.raw(scaling.value(raw)), raw, "{:?}", scaling);
         }
     }
 
@@ -193,7 +194,6 @@ proptest! {
     ) {
         for scaling in [signed(bits, min, max), unsigned(bits, min, max)] {
             prop_assert_eq!(scaling.raw(value) & !scaling.mask(), 0);
-            prop_assert_eq!(scaling.nearest(value) & !scaling.mask(), 0);
             let _ = scaling.value(raw);
         }
     }

@@ -20,7 +20,7 @@ fn inputs_arrive_filtered_and_raw() {
             assert_eq!(pins.read(raw.not).value, !level, "input {n}");
             assert_eq!(pins.read(input.pin).value, filtered, "input {n}");
             assert_eq!(pins.read(input.not).value, !filtered, "input {n}");
-            let terminal = &pins.info(input.pin).expect("a pin").signal;
+            let terminal = &pins.info(input.pin).expect("a pin").place.signal;
             assert_eq!(*terminal, format!("IN{n}"));
         }
         // 500 scans at 20 kHz: 25 ms.
