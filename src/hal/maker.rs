@@ -23,7 +23,7 @@ use super::{
 pub struct Spec {
     /// Its name, without what the maker puts before it.
     pub name: String,
-    /// Where it is; empty for the place of the maker.
+    /// Where a pin is; empty for the place of the maker. A parameter is nowhere.
     pub place: Place,
     /// Its unit, for example `V`.
     pub unit: String,
@@ -170,7 +170,9 @@ impl<'a> PinMaker<'a> {
     ) -> Result<Handle<K, T>, PinError> {
         let mut spec = spec.into();
         spec.name.insert_str(0, &self.stem);
-        if !role.is_param() && spec.place.terminal.is_empty() {
+        if role.is_param() {
+            spec.place = Place::default();
+        } else if spec.place.terminal.is_empty() {
             spec.place = self.place.clone();
         }
         self.store.insert(self.group, role, spec, initial)

@@ -128,20 +128,15 @@ impl Rule {
         } else {
             value / self.scale_now * full
         };
-        let (lowest, highest) = if end <= full {
-            (end, full)
-        } else {
-            (full, end)
-        };
+        let (lowest, highest) = (end.min(full), end.max(full));
         if lowest <= value && value <= highest {
             (value, None)
         } else if !value.is_finite() {
             let safe = f64::from_bits(self.safe).clamp(lowest, highest);
             (safe, Some(Rejection::NotFinite))
-        } else if value > highest {
-            (highest, Some(Rejection::OutOfRange))
         } else {
-            (lowest, Some(Rejection::OutOfRange))
+            let nearest = value.clamp(lowest, highest);
+            (nearest, Some(Rejection::OutOfRange))
         }
     }
 }

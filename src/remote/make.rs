@@ -44,12 +44,8 @@ impl Maker<'_> {
             DataType::Float | DataType::NonvolFloat => self.float()?,
             DataType::Stream => self.stream()?,
         };
-        let Element {
-            input,
-            output,
-            bits,
-            ..
-        } = self.element;
+        let Element { bits, .. } = self.element;
+        let [input, output] = [self.element.input, self.element.output];
         self.bind(Field::new(input, bits), Field::new(output, bits), codec);
         Ok(())
     }
@@ -79,23 +75,17 @@ impl Maker<'_> {
         PinMaker::new(self.pins, self.remote.group, self.stem.clone())
     }
 
-    /// A pin or parameter in the element's unit: the record's, or the table's.
-    fn in_unit(&self, suffix: &str) -> Spec {
+    /// In the element's unit, which is the record's or the table's, and for a pin at its terminal:
+    /// that of a bit, or of the element.
+    fn spec(&self, suffix: &str, bit: Option<u16>) -> Spec {
         let unit = match self.known {
             Some(known) if self.record.unit.is_empty() => known.unit,
             _ => &self.record.unit,
         };
         Spec {
             unit: unit.into(),
-            ..Spec::from(suffix)
-        }
-    }
-
-    /// A pin at its terminal: that of a bit, or of the element.
-    fn spec(&self, suffix: &str, bit: Option<u16>) -> Spec {
-        Spec {
             place: self.place(bit),
-            ..self.in_unit(suffix)
+            ..Spec::from(suffix)
         }
     }
 
@@ -109,12 +99,8 @@ impl Maker<'_> {
     }
 
     fn bits(&mut self) -> Result<(), PinError> {
-        let Element {
-            input,
-            output,
-            bits,
-            ..
-        } = self.element;
+        let Element { bits, .. } = self.element;
+        let [input, output] = [self.element.input, self.element.output];
         let one = |first: Option<u16>, bit: u16| Field::new(Some(first? + bit), 1);
         let mut together = Vec::new();
         for bit in 0..bits {
@@ -178,7 +164,7 @@ impl Maker<'_> {
     }
 
     fn setting(&mut self, suffix: &str, value: f64) -> Result<Param<f64>, PinError> {
-        let spec = self.in_unit(suffix);
+        let spec = self.spec(suffix, None);
         self.maker().setting(spec, value)
     }
 
@@ -214,23 +200,17 @@ impl Maker<'_> {
         let Some(field) = Field::new(self.element.input, self.element.bits) else {
             return Ok(());
         };
-        let full_scale = f64::from(self.record.max);
-        let full_scale = if full_scale.is_finite() {
-            full_scale
-        } else {
-            1.0
-        };
+        let full_scale = Some(f64::from(self.record.max)).filter(|max| max.is_finite());
         let place = self.place(None);
-        let mut make =
-            PinMaker::new(self.pins, self.remote.group, format!("{}.", self.stem)).at(place);
+        let mut make = self.maker().at(place);
         let handles = Counter {
-            count: make.input("count")?,
-            rawcounts: make.input("rawcounts")?,
-            position: make.input("position")?,
-            index_enable: make.inout("index-enable")?,
-            reset: make.inout("reset")?.as_output(),
-            scale: make.setting("scale", full_scale)?,
-            counts_per_rev: Some(make.setting("counts-per-rev", 256)?),
+            count: make.input(".count")?,
+            rawcounts: make.input(".rawcounts")?,
+            position: make.input(".position")?,
+            index_enable: make.inout(".index-enable")?,
+            reset: make.inout(".reset")?.as_output(),
+            scale: make.setting(".scale", full_scale.unwrap_or(1.0))?,
+            counts_per_rev: Some(make.setting(".counts-per-rev", 256)?),
         };
         self.remote.counters.push(CounterPins {
             field,

@@ -81,7 +81,7 @@ fn terminals(pins: &Pins) -> Vec<String> {
     let infos = pins.infos().iter();
     let encoders = infos.filter(|info| info.name.ends_with(".rawcounts"));
     let found: BTreeMap<_, _> = encoders
-        .map(|info| (&info.name, info.place.terminal.to_string()))
+        .map(|info| (&info.name, info.place.terminal.clone()))
         .collect();
     found.into_values().collect()
 }

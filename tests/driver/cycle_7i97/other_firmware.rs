@@ -14,7 +14,7 @@ fn names_of(driver: &Driver<SimFpga>, module: &str) -> Vec<(String, String)> {
         .map(|info| {
             (
                 info.name[stem.len()..].to_owned(),
-                info.place.terminal.to_string(),
+                info.place.terminal.clone(),
             )
         })
         .collect()
