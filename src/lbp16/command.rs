@@ -182,15 +182,12 @@ impl Command {
 
     /// The command word.
     pub const fn encode(&self) -> u16 {
-        const fn flag(set: bool, bit: u16) -> u16 {
-            if set { bit } else { 0 }
-        }
-        flag(self.write, WRITE)
-            | flag(self.address, ADDRESS)
-            | flag(self.info, INFO)
+        (self.write as u16 * WRITE)
+            | (self.address as u16 * ADDRESS)
+            | (self.info as u16 * INFO)
             | (self.space as u16) << SPACE_SHIFT
             | (self.size as u16) << SIZE_SHIFT
-            | flag(self.increment, INCREMENT)
+            | (self.increment as u16 * INCREMENT)
             | (self.count & COUNT_MASK) as u16
     }
 }

@@ -127,11 +127,7 @@ impl AddressPointers {
         let pointer = pointers.get_mut(command.space as usize);
         let pointer = pointer.unwrap_or(&mut unused);
         let first = operation.address.unwrap_or(*pointer);
-        let step = if command.increment {
-            command.size.bytes() as u16
-        } else {
-            0
-        };
+        let step = u16::from(command.increment) * command.size.bytes() as u16;
         *pointer = first.wrapping_add(step * u16::from(command.count));
         (0..command.count).map(move |n| first.wrapping_add(step * u16::from(n)))
     }

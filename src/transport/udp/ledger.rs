@@ -115,7 +115,7 @@ pub(super) struct Ledger {
     /// Requests since the last account.
     requests: u32,
     /// RXUDPCount of the last account.
-    received: Option<u16>,
+    pub(super) received: Option<u16>,
     /// RXUDPCount less TXUDPCount less the executions that are accounted for: it grows when a
     /// packet is executed that nobody answered and nobody knows.
     unaccounted: Option<u16>,
@@ -164,13 +164,9 @@ impl Ledger {
             self.forgotten = self.forgotten.saturating_add(u32::from(is_open));
         }
         let slot = self.choose_slot();
-        let write = Write {
-            fate: Fate::Underway,
-            kind,
-            slot,
-        };
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
-            *place = write;
+            let fate = Fate::Underway;
+            *place = Write { fate, kind, slot };
         }
         (self.newest, slot)
     }
@@ -215,11 +211,6 @@ impl Ledger {
         self.is_open || self.requests > 1 || self.underway() > 1
     }
 
-    /// RXUDPCount as the last account told it.
-    pub(super) fn received(&self) -> Option<u16> {
-        self.received
-    }
-
     /// Whether the newest write was executed, as far as the last account tells.
     pub(super) fn is_executed(&self) -> bool {
         self.fate(self.newest) == Fate::Executed
@@ -230,10 +221,7 @@ impl Ledger {
     /// [`open_request`]: Self::open_request
     pub(super) fn hear(&mut self, account: Account, asked: Asked) -> News {
         let mut news = News::default();
-        let Asked {
-            newest: asked,
-            last: newest_last,
-        } = asked;
+        let (asked, newest_last) = (asked.newest, asked.last);
         // Of several writes nobody can tell in which order they were executed.
         let is_sequence = asked.wrapping_sub(self.settled) > 1;
         let last_register = account.last_write.unwrap_or(asked as u16);
@@ -322,7 +310,7 @@ impl Ledger {
     /// Nothing came but what is known to be executed: the rest is lost.
     fn nothing_else_came(&mut self, asked: u32, news: &mut News) {
         while let Some(number) = self.next_to_settle(asked) {
-            news.lost += self.miss(number);
+            news.lost += self.give_up(number, Fate::Missing);
         }
     }
 
@@ -350,11 +338,11 @@ impl Ledger {
             let slot = self.write(number).map_or(0, |write| write.slot);
             let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
-            if is_overwritten && self.fate(number) == Fate::Underway {
-                self.set(number, Fate::Unknown);
-                news.unconfirmed = news.unconfirmed.saturating_add(1);
+            if is_overwritten {
+                let forgotten = self.give_up(number, Fate::Unknown);
+                news.unconfirmed = news.unconfirmed.saturating_add(forgotten);
             } else {
-                news.lost += self.miss(number);
+                news.lost += self.give_up(number, Fate::Missing);
             }
         }
         let executions = core::mem::take(&mut self.executions);
@@ -372,12 +360,14 @@ impl Ledger {
         self.is_open = false;
     }
 
-    /// A write that is still in flight is lost: 1 if it was.
-    fn miss(&mut self, number: u32) -> u32 {
+    /// A write that is still in flight gets another fate: 1 if it was.
+    fn give_up(&mut self, number: u32, fate: Fate) -> u32 {
         if self.fate(number) != Fate::Underway {
             return 0;
         }
-        self.set(number, Fate::Missing);
+        if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
+            write.fate = fate;
+        }
         1
     }
 
@@ -418,12 +408,6 @@ impl Ledger {
         let is_remembered = self.age(number) < REMEMBERED;
         let place = (number % REMEMBERED) as usize;
         self.writes.get(place).filter(|_| is_remembered)
-    }
-
-    fn set(&mut self, number: u32, fate: Fate) {
-        if let Some(write) = self.writes.get_mut((number % REMEMBERED) as usize) {
-            write.fate = fate;
-        }
     }
 }
 

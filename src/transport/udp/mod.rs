@@ -167,13 +167,13 @@ impl<L: Link> UdpBus<L> {
     /// Fails if the board receives more packets than ours. Writes nothing but a request's number.
     fn watch_for_others(&mut self) -> Result<(), UdpError> {
         self.set_up(&UdpList::question()?, &mut [])?;
-        let (before, sent) = (self.ledger.received(), self.statistics.exchanges);
+        let (before, sent) = (self.ledger.received, self.statistics.exchanges);
         let start = self.link.now();
         self.link.sleep_until(start.after(WATCH));
         self.set_up(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
         let own = (self.statistics.exchanges - sent) as u16;
-        let (Some(before), Some(after)) = (before, self.ledger.received()) else {
+        let (Some(before), Some(after)) = (before, self.ledger.received) else {
             return Ok(());
         };
         // Each of ours, and those of before that are late, may have come twice.
