@@ -116,7 +116,7 @@ fn measure(options: Options) -> Result<Option<Signal>, Box<dyn Error>> {
     let before = driver.bus().statistics();
     let measured = run(&mut driver, options, &stop);
     let text = report(&mut driver, options.pace, before, &measured)?;
-    let stopped = driver.shutdown().map(drop);
+    let (_, stopped) = driver.shutdown();
     say(text);
     match (stop.signal(), stopped) {
         (None, Err(error)) => Err(error.into()),

@@ -23,7 +23,8 @@
 //!     driver.write()?;
 //!     driver.bus_mut().wait(period); // your realtime thread's pace
 //! }
-//! let bus = driver.shutdown()?; // outputs off, ports stopped
+//! let (bus, stopped) = driver.shutdown(); // outputs off, ports stopped
+//! stopped?;
 //! # Ok(())
 //! # }
 //! ```

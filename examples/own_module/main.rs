@@ -48,8 +48,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     driver.pins_mut().set(frequency, 5_000.0);
     run(&mut driver, 100)?;
     println!("after 100 ms more: {:?}", driver.pins().read(count));
-    driver.shutdown()?;
-    Ok(())
+    let (_, stopped) = driver.shutdown();
+    Ok(stopped?)
 }
 
 fn run(driver: &mut Driver<SimFpga>, cycles: u32) -> Result<(), Box<dyn Error>> {

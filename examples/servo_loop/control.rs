@@ -239,8 +239,8 @@ impl<B: World> Control<B> {
     }
 
     pub fn stop(self) -> Result<(), Failure> {
-        let stopped = self.driver.shutdown();
-        Ok(stopped.map(drop).map_err(|stopped| stopped.error)?)
+        let (_, stopped) = self.driver.shutdown();
+        Ok(stopped?)
     }
 }
 

@@ -22,6 +22,7 @@ pub use image::{
 };
 
 use alloc::boxed::Box;
+use alloc::vec::Vec;
 use core::fmt::Debug;
 use core::time::Duration;
 
@@ -89,6 +90,13 @@ impl Access {
             first,
             count,
         }
+    }
+
+    /// Writes of single words to these addresses, in order, and the words.
+    pub(crate) fn writes(all: impl IntoIterator<Item = (u16, u32)>) -> (Vec<Self>, Vec<u32>) {
+        let all = (0..).zip(all);
+        all.map(|(n, (address, word))| (Self::write(address, n, 1), word))
+            .unzip()
     }
 
     /// A write of `count` registers from the buffer, from `first` on.

@@ -7,6 +7,7 @@ use crate::discovery::{RemoteDescriptor, RemoteTable};
 use crate::hal::Pins;
 use crate::modules::serial::RemoteStatus;
 use crate::remote::RemotePins;
+use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Board<B> {
     /// The handles of the remote on `channel` (0 to 7) of `port`, which has to be of their kind.
@@ -39,9 +40,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// As [`Board::attach`].
     pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
         let remote = self.remote(port, channel);
-        let remote = remote
-            .as_ref()
-            .map(|remote| (remote.descriptor, remote.pins));
+        let remote = remote.map(|remote| (remote.descriptor, remote.pins));
         attach(self.pins(), remote, (port, channel))
     }
 
@@ -55,8 +54,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// The remote on `channel` (0 to 7) of `port` as it is now; `None` if none takes part there.
     pub fn remote(&self, port: u8, channel: u8) -> Option<RemoteStatus<'_>> {
-        let mut remotes = self.ports().get(usize::from(port))?.remotes();
-        remotes.find(|remote| remote.started.channel.index() == channel)
+        let port = self.parts.ports.get(usize::from(port))?;
+        port.remote(Channel::new(channel)?)
     }
 }
 

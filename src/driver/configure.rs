@@ -14,7 +14,7 @@ use super::{
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
 use crate::discovery::RemoteTable;
-use crate::hal::{GroupId, Input, PinStore, Pins};
+use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
@@ -36,7 +36,6 @@ pub struct Board<B: RegisterBus + Clock> {
     pub(super) stages: Vec<PortStage>,
     parts: Parts,
     connection: Connection,
-    phase_error_us: Option<Input<f64>>,
     is_discovered: bool,
 }
 
@@ -93,7 +92,6 @@ impl<B: RegisterBus + Clock> Board<B> {
                 modules: Vec::new(),
             },
             connection,
-            phase_error_us: None,
             is_discovered: false,
         };
         board.add_built_in()?;
@@ -103,9 +101,7 @@ impl<B: RegisterBus + Clock> Board<B> {
 
     fn add_built_in(&mut self) -> Result<(), DriverError<B::Error>> {
         self.add(Dpll::register)?;
-        let dpll = self.parts.of::<Dpll>().next();
-        self.phase_error_us = dpll.map(|dpll| dpll.pins.phase_error_us);
-        if self.plan.settings.pace == Pace::Board && self.phase_error_us.is_none() {
+        if self.plan.settings.pace == Pace::Board && self.parts.of::<Dpll>().next().is_none() {
             let why = "this firmware's phase-locked loop is missing, or left alone";
             return Err(DriverError::NotPaced { why });
         }
@@ -183,7 +179,10 @@ impl<B: RegisterBus + Clock> Board<B> {
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
         }
-        self.plan.prepare(bus)
+        // The board's timer comes once in a period: a longer wait means that it stands still.
+        let Settings { pace, period, .. } = self.plan.settings;
+        let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
+        self.plan.image.freeze(bus, held).map_err(DriverError::Bus)
     }
 
     /// Sets the board up, with everything off, and finds out what remotes there are. They stay in
@@ -228,6 +227,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     fn into_driver(self, image: Image<B>) -> Driver<B> {
         let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
+        let dpll = self.parts.of::<Dpll>().next();
         let driver = Driver {
             bus: self.bus,
             firmware: plan.firmware,
@@ -236,9 +236,9 @@ impl<B: RegisterBus + Clock> Board<B> {
             image,
             pins: plan.pins,
             group: plan.group,
+            phase_error_us: dpll.map(|dpll| dpll.pins.phase_error_us),
             parts: self.parts,
             connection: self.connection,
-            phase_error_us: self.phase_error_us,
             missing: plan.missing,
             remarks: plan.remarks,
             state: BoardState::Running,
@@ -274,10 +274,7 @@ fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<
 
 impl Plan {
     fn new(firmware: HostMot2, io: IoPorts, settings: Settings) -> Self {
-        let name = {
-            let board = firmware.idrom.board();
-            format!("hm2_{board}.{}", settings.board_number)
-        };
+        let name = format!("hm2_{}.{}", firmware.idrom.board(), settings.board_number);
         let mut pins = PinStore::default();
         let tables = settings.remotes.iter().copied().chain(REMOTES).collect();
         Self {
@@ -294,15 +291,6 @@ impl Plan {
             remarks: Vec::new(),
             tables,
         }
-    }
-
-    /// Lays out all that was registered, and has the bus prepare its lists.
-    fn prepare<B: RegisterBus>(&self, bus: &mut B) -> Result<Image<B>, DriverError<B::Error>> {
-        self.image.check().map_err(RegisterError::from)?;
-        // The board's timer comes once in a period: a longer wait means that it stands still.
-        let Settings { pace, period, .. } = self.settings;
-        let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
-        self.image.freeze(bus, held).map_err(DriverError::Bus)
     }
 
     /// Lets something register, with pins of this group.

@@ -5,11 +5,9 @@ use core::time::Duration;
 use super::{BoardState, DriverStatistics};
 use crate::bus::{Phase, ReadSlot, Words};
 use crate::hal::{GroupId, InOut, Input, Param, PinStore, Pins};
+use crate::hostmot2::{COOKIE, COOKIE_ADDRESS};
 use crate::modules::{RegisterError, Registrar};
 
-/// Where every HostMot2 has its cookie, and what it is.
-const COOKIE_ADDRESS: u16 = 0x0100;
-const COOKIE: u32 = 0x55AA_CAFE;
 /// Less is never waited for a reply, whatever the application sets: as in LinuxCNC.
 const SHORTEST_DEADLINE: Duration = Duration::from_micros(100);
 

@@ -144,7 +144,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let _ = self.write_guarded();
         self.keep_quiet();
         if was_running && !self.is_running() {
-            self.give_up_write();
+            // Nothing of what was put is written.
+            let now = self.bus.now();
+            self.written(now, false);
+            // Before the next write, which looks whether the application has cleared it.
+            self.publish();
             return Ok(());
         }
         if let Some(deadline) = self.connection.new_deadline(&self.pins, self.period) {
@@ -175,15 +179,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 })
             }
         }
-    }
-
-    /// The board was found not to be set up when its outputs were put already: nothing of them is
-    /// written.
-    fn give_up_write(&mut self) {
-        let now = self.bus.now();
-        self.written(now, false);
-        // Before the next write, which looks whether the application has cleared it.
-        self.publish();
     }
 
     fn written(&mut self, now: Instant, arrived: bool) {

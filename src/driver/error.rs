@@ -139,7 +139,7 @@ impl<E: BusError> DriverError<E> {
         })
     }
 
-    pub(super) fn no_remote(port: u8, channel: u8) -> Self {
+    pub(super) fn no_remote((port, channel): (u8, u8)) -> Self {
         Self::Attach(AttachError::NoRemote {
             port,
             channel,

@@ -20,17 +20,11 @@ pub(super) struct Held<B: RegisterBus> {
 
 impl<B: RegisterBus> Held<B> {
     pub fn new(bus: B, ports: &IoPorts, watchdog: &WatchdogRegisters) -> Self {
-        let ports = || ports.ports.iter().map(|port| port.address);
-        let (directions, open_drains) = (
-            ports().map(|at| at.direction),
-            ports().map(|at| at.open_drain),
-        );
-        let inputs = directions.chain(open_drains).map(|address| (address, 0));
+        let ports = ports.ports.iter().map(|port| port.address);
+        let directions = ports.clone().map(|at| (at.direction, 0));
+        let open_drains = ports.map(|at| (at.open_drain, 0));
         let bite = (watchdog.time, WatchdogRegisters::AT_ONCE);
-        let writes = (0..).zip(inputs.chain([bite]));
-        let (release, words) = writes
-            .map(|(n, (address, word))| (Access::write(address, n, 1), word))
-            .unzip();
+        let (release, words) = Access::writes(directions.chain(open_drains).chain([bite]));
         Self {
             bus: Some(bus),
             release,

@@ -67,7 +67,6 @@ pub use configure::Board;
 pub use error::{CycleError, DriverError};
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
-pub use stop::ShutdownError;
 
 use alloc::{boxed::Box, string::String, vec::Vec};
 use core::any::Any;

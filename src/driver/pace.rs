@@ -20,19 +20,13 @@ pub(super) struct Pacer {
     was_short: bool,
     /// Reads in a row that failed.
     failures: u32,
-    lock: Lock,
-}
-
-/// Whether cycle and board run together.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Lock {
     /// The mean of the last phase errors, early or late, in microseconds.
-    error_us: Option<f64>,
-    /// Reads in a row that were in step.
-    reads: u32,
+    mean_error_us: Option<f64>,
+    /// Reads in a row in which cycle and board ran together.
+    locked_reads: u32,
 }
 
-/// So many reads in a row have to be in step: more than those in which the phase is set.
+/// Reads in a row that have to be in step: more than those in which the phase is set.
 const LOCKED: u32 = 120;
 
 /// Weight of one read in the mean of phase errors.
@@ -41,7 +35,7 @@ const WEIGHT: f64 = 1.0 / 16.0;
 /// How far the mean may be off, as a part of the period.
 const TOLERANCE: f64 = 1.0 / 20.0;
 
-/// After so many failures the board is asked at once: requests that it holds back would stand in a
+/// After this number of failures the board is asked at once: requests that it holds back would stand in a
 /// row there, with the writes between them, and outputs would come that many periods late.
 const BEHIND: u32 = 2;
 
@@ -168,23 +162,20 @@ impl Pacer {
             Pace::Board => slack.is_some() && beat == Beat::default(),
             Pace::Host => {
                 let error = libm::fabs(phase_error_us);
-                let before = self.lock.error_us.unwrap_or(error);
+                let before = self.mean_error_us.unwrap_or(error);
                 let mean = before + (error - before) * WEIGHT;
-                self.lock.error_us = Some(mean);
+                self.mean_error_us = Some(mean);
                 mean <= self.period.as_secs_f64() * 1e6 * TOLERANCE
             }
         };
-        self.lock.reads = if is_in_step {
-            self.lock.reads.saturating_add(1)
-        } else {
-            0
-        };
-        self.lock.reads >= LOCKED
+        let reads = self.locked_reads.saturating_add(1);
+        self.locked_reads = if is_in_step { reads } else { 0 };
+        self.locked_reads >= LOCKED
     }
 
     /// The board is not running.
     pub fn unlock(&mut self) {
-        self.lock = Lock::default();
+        (self.mean_error_us, self.locked_reads) = (None, 0);
     }
 
     /// Inputs have arrived, which the board held back for `slack`.

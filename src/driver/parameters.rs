@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::error::remote_watchdog;
-use super::{Board, Driver, DriverError, Remark, RemarkKind};
+use super::{Board, Driver, DriverError, Remark, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
 use crate::discovery::{DataRecord, PortMemory};
 use crate::hal::AnyValue;
@@ -19,18 +19,22 @@ const UNFED: Duration = Duration::from_secs(8);
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
 struct Parameter<'a> {
-    port: u8,
-    channel: u8,
+    /// Port and channel.
+    place: (u8, u8),
     name: &'a str,
 }
 
-impl Parameter<'_> {
+impl<'a> Parameter<'a> {
+    fn new(place: (u8, u8), name: &'a str) -> Self {
+        Self { place, name }
+    }
+
     fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
         match source {
             ParameterError::Memory(error) => error.into(),
             source => DriverError::Parameter {
-                port: self.port,
-                channel: self.channel,
+                port: self.place.0,
+                channel: self.place.1,
                 name: self.name.into(),
                 source,
             },
@@ -53,7 +57,7 @@ impl Parameter<'_> {
         let raw = record.raw_of(value).map_err(|error| self.failed(error))?;
         // 0 switches it off.
         if self.name.eq_ignore_ascii_case(WATCHDOG_PARAMETER) && raw != 0 {
-            let of = remote_watchdog((self.port, self.channel));
+            let of = remote_watchdog(self.place);
             DriverError::check_watchdog(&of, Duration::from_millis(raw), period)?;
         }
         Ok(raw)
@@ -70,21 +74,14 @@ impl Parameter<'_> {
         let channel = is.channel;
         port.stop_all(bus)?;
         let report = port.start(bus, StartMode::Setup, &[(channel, is.software_mode)])?;
-        let kind = match report.outcome(channel) {
-            Some(Ok(found)) if (found.name, found.unit_number) == (is.name, is.unit_number) => {
-                let mut memory = PortMemory { port, bus, channel };
-                let written = record.write_parameter(&mut memory, value);
-                return written.map_err(|error| self.failed(error));
-            }
-            Some(Ok(found)) => RemarkKind::Changed {
-                name: is.name,
-                found: found.name,
-            },
-            Some(Err(failure)) => RemarkKind::DidNotStart(failure),
-            None => return Err(DriverError::no_remote(self.port, self.channel)),
+        let Some(outcome) = report.outcome(channel) else {
+            return Err(DriverError::no_remote(self.place));
         };
-        let missing = Remark::new(self.port, self.channel, kind);
-        Err(DriverError::Missing(missing))
+        let missing = |kind| DriverError::Missing(Remark::new(self.place, kind));
+        remark::is_same(is, outcome).map_err(missing)?;
+        let mut memory = PortMemory { port, bus, channel };
+        let written = record.write_parameter(&mut memory, value);
+        written.map_err(|error| self.failed(error))
     }
 }
 
@@ -102,11 +99,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         name: &str,
     ) -> Result<ParameterValue, DriverError<B::Error>> {
         let (mut memory, _, remote) = self.in_setup(port, channel)?;
-        let parameter = Parameter {
-            port,
-            channel,
-            name,
-        };
+        let parameter = Parameter::new((port, channel), name);
         let read = parameter.record(remote)?.read_parameter(&mut memory);
         read.map_err(|error| parameter.failed(error))
     }
@@ -131,11 +124,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     ) -> Result<(), DriverError<B::Error>> {
         let (value, period) = (value.into(), self.plan.settings.period);
         let (mut memory, pins, remote) = self.in_setup(port, channel)?;
-        let parameter = Parameter {
-            port,
-            channel,
-            name,
-        };
+        let parameter = Parameter::new((port, channel), name);
         let record = parameter.record(remote)?;
         let raw = parameter.check(record, value, period)?;
         let written = record.write_parameter(&mut memory, value);
@@ -175,13 +164,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
         let value = value.into();
-        let parameter = Parameter {
-            port,
-            channel,
-            name,
-        };
+        let parameter = Parameter::new((port, channel), name);
         let Some(remote) = self.remote(port, channel) else {
-            return Err(DriverError::no_remote(port, channel));
+            return Err(DriverError::no_remote((port, channel)));
         };
         let record = parameter.record(remote.pins)?.clone();
         let raw = parameter.check(&record, value, self.period)?;
@@ -189,8 +174,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         // The remotes of other ports are not served either: all are told safe values.
         self.last_transfer()?;
         if !self.is_running() {
-            let state = self.state;
-            return Err(DriverError::NotRunning { state });
+            return Err(DriverError::NotRunning { state: self.state });
         }
         let usual = self.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
@@ -207,14 +191,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// the watchdog is restarted before it has the time.
     fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
         let watchdog = self.parts.watchdog.registers;
-        let words = &mut [WatchdogRegisters::PET, watchdog.time_for(time)];
-        let accesses = [
-            Access::write(watchdog.reset, 0, 1),
-            Access::write(watchdog.time, 1, 1),
-        ];
-        self.bus
-            .exchange(&accesses, words)
-            .map_err(DriverError::Bus)
+        let pet = (watchdog.reset, WatchdogRegisters::PET);
+        let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);
+        let fed = self.bus.exchange(&accesses, &mut words);
+        fed.map_err(DriverError::Bus)
     }
 
     fn write_in_setup(
@@ -223,20 +203,16 @@ impl<B: RegisterBus + Clock> Driver<B> {
         started: &StartedRemote,
         (record, value, raw): (&DataRecord, AnyValue, u64),
     ) -> Result<(), DriverError<B::Error>> {
-        let Parameter {
-            port,
-            channel,
-            name,
-        } = parameter;
         let bus = &mut *self.bus;
-        let Some(serial) = self.parts.ports.get_mut(usize::from(port)) else {
-            return Err(DriverError::no_remote(port, channel));
+        let port = self.parts.ports.get_mut(usize::from(parameter.place.0));
+        let Some(serial) = port else {
+            return Err(DriverError::no_remote(parameter.place));
         };
         let result = parameter.start_and_write(bus, &mut serial.port, started, (record, value));
         let stopped = serial.port.stop_all(bus);
         serial.taken_over(&mut self.pins, bus.now());
         result?;
-        serial.parameter_written(&mut self.pins, started.channel, name, raw);
+        serial.parameter_written(&mut self.pins, started.channel, parameter.name, raw);
         Ok(stopped?)
     }
 }

@@ -6,8 +6,7 @@ use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
 use crate::modules::serial::FoundRemote;
 use crate::remote::RemoteError;
-use crate::sslbp::RemoteName;
-use crate::sslbp::{MAX_CHANNELS, StartFailure};
+use crate::sslbp::{MAX_CHANNELS, RemoteName, StartFailure, StartedRemote};
 
 /// Why a remote does not take part, or what is odd about one that does.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -91,12 +90,27 @@ pub enum RemarkKind {
 }
 
 impl Remark {
-    pub(super) fn new(port: u8, channel: u8, kind: RemarkKind) -> Self {
+    pub(super) fn new((port, channel): (u8, u8), kind: RemarkKind) -> Self {
         Self {
             port,
             channel,
             kind,
         }
+    }
+}
+
+/// Whether a remote that is started again tells the same as when it was discovered, but for CS.
+pub(super) fn is_same(
+    is: &StartedRemote,
+    outcome: Result<StartedRemote, StartFailure>,
+) -> Result<StartedRemote, RemarkKind> {
+    match outcome {
+        Ok(found) if (StartedRemote { cs: is.cs, ..found }) == *is => Ok(found),
+        Ok(found) => Err(RemarkKind::Changed {
+            name: is.name,
+            found: found.name,
+        }),
+        Err(failure) => Err(RemarkKind::DidNotStart(failure)),
     }
 }
 

@@ -11,14 +11,13 @@ use super::{Board, DriverError, Presence, Remark, RemarkKind, RemoteConfig, Seri
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
 use crate::discovery::{
-    Discovered, DiscoveryOptions, PackingPlan, PortMemory, RemoteDescriptor, RemoteTable,
-    discover_port,
+    Discovered, DiscoveryOptions, PackingPlan, PortMemory, RemoteTable, discover_port,
 };
 use crate::hal::PinStore;
 use crate::hostmot2::PinDescriptor;
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
-use crate::remote::{ParameterError, RemoteError, RemotePins};
+use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
     Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, ProcessDataSizes,
     StartMode, StartedRemote,
@@ -32,7 +31,7 @@ const ANY: RemoteTable = RemoteTable::new("remote of any kind", [0; 4], &[]);
 pub(super) struct PortStage {
     pub port: Port,
     /// The channels that are used.
-    configs: BTreeMap<Channel, RemoteConfig>,
+    configs: BTreeMap<u8, RemoteConfig>,
     /// By channel.
     remotes: Vec<FoundRemote>,
 }
@@ -40,6 +39,14 @@ pub(super) struct PortStage {
 impl PortStage {
     fn number(&self) -> u8 {
         self.port.layout().instance
+    }
+
+    fn config(&self, channel: Channel) -> Option<&RemoteConfig> {
+        self.configs.get(&channel.index())
+    }
+
+    fn remark(&self, channel: u8, kind: RemarkKind) -> Remark {
+        Remark::new((self.number(), channel), kind)
     }
 
     pub fn remote(&self, channel: u8) -> Option<&FoundRemote> {
@@ -91,7 +98,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             };
             Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
         });
-        let (port, remote) = found.ok_or_else(|| DriverError::no_remote(port, channel))?;
+        let (port, remote) = found.ok_or_else(|| DriverError::no_remote((port, channel)))?;
         let memory = PortMemory {
             port,
             bus: &mut **bus,
@@ -125,7 +132,7 @@ impl Plan {
             for (channel, config) in wanted.split_off(&channels) {
                 if channel >= MAX_CHANNELS || config.presence != Presence::Any {
                     let kind = RemarkKind::NoSuchChannel { channels };
-                    return Err(DriverError::Missing(Remark::new(port, channel, kind)));
+                    return Err(DriverError::Missing(Remark::new((port, channel), kind)));
                 }
             }
             // As in LinuxCNC, the pins of channels that are not used are plain I/O.
@@ -137,10 +144,9 @@ impl Plan {
             self.io
                 .use_module(&self.firmware, module.gtag, port, is_used)
                 .map_err(RegisterError::from)?;
-            let config = |channel: Channel| Some((channel, *wanted.get(&channel.index())?));
             located.push(PortStage {
                 port: Port::new(layout),
-                configs: Channel::ALL.into_iter().filter_map(config).collect(),
+                configs: wanted,
                 remotes: Vec::new(),
             });
         }
@@ -154,11 +160,8 @@ impl Plan {
         stage: &mut PortStage,
     ) -> Result<(), DriverError<B::Error>> {
         stage.port.reset(bus)?;
-        let starts: Vec<_> = stage
-            .configs
-            .iter()
-            .map(|(&channel, config)| (channel, config.mode))
-            .collect();
+        let start = |channel| Some((channel, stage.config(channel)?.mode));
+        let starts: Vec<_> = Channel::ALL.into_iter().filter_map(start).collect();
         let options = DiscoveryOptions {
             tables: &self.tables,
             ..DiscoveryOptions::default()
@@ -176,12 +179,11 @@ impl Plan {
                 Err(missing) => absent.push(missing),
             }
         }
-        let number = stage.number();
         let swapped = remark::swapped(&stage.remotes)
-            .map(|channel| Remark::new(number, channel, RemarkKind::Swapped));
+            .map(|channel| stage.remark(channel, RemarkKind::Swapped));
         self.remarks.extend(swapped);
         for (channel, kind) in absent {
-            match stage.configs.get(&channel) {
+            match stage.config(channel) {
                 Some(config) if config.presence == Presence::Optional => {
                     let remote = self.absent(stage, channel, *config)?;
                     stage.remotes.push(remote);
@@ -200,8 +202,8 @@ impl Plan {
         channel: Channel,
         kind: RemarkKind,
     ) -> Result<(), DriverError<E>> {
-        let missing = Remark::new(stage.number(), channel.index(), kind);
-        let config = stage.configs.get(&channel);
+        let missing = stage.remark(channel.index(), kind);
+        let config = stage.config(channel);
         if config.is_some_and(|config| config.presence == Presence::Required) {
             return Err(DriverError::Missing(missing));
         }
@@ -217,19 +219,18 @@ impl Plan {
     ) -> Result<FoundRemote, (Channel, RemarkKind)> {
         let descriptor = &discovered.descriptor;
         let channel = discovered.started.channel;
-        let expected = stage.configs.get(&channel).copied().unwrap_or_default();
+        let expected = stage.config(channel).copied().unwrap_or_default();
         let identity = check_identity(descriptor, expected.kind, expected.unit_number);
         identity.map_err(|error| (channel, RemarkKind::WrongRemote(error)))?;
         let plan = discovered.plan.as_ref();
         let plan = plan.map_err(|problem| (channel, RemarkKind::Tables(problem.clone())))?;
         let table = self.tables.iter().find(|table| table.matches(descriptor));
         let table = table.copied();
-        let remarks = remark::on(&discovered, &self.tables, table).into_iter();
-        let remarks: Vec<_> = remarks
-            .map(|kind| Remark::new(stage.number(), channel.index(), kind))
-            .collect();
-        let pins = self.remote_pins(stage, channel, descriptor, (plan, table));
+        let at = (stage.number(), channel.index());
+        let pins = RemotePins::new(&mut self.pins, &self.name, at, descriptor, plan, table);
         let pins = pins.map_err(|error| (channel, RemarkKind::Pins(error)))?;
+        let remarks = remark::on(&discovered, &self.tables, table).into_iter();
+        let remarks = remarks.map(|kind| stage.remark(channel.index(), kind));
         self.remarks.extend(remarks);
         Ok(FoundRemote {
             started: discovered.started,
@@ -247,13 +248,7 @@ impl Plan {
         channel: Channel,
         config: RemoteConfig,
     ) -> Result<FoundRemote, AttachError> {
-        let RemoteConfig {
-            mode,
-            kind,
-            unit_number,
-            ..
-        } = config;
-        let table = kind.unwrap_or(&ANY);
+        let (mode, table) = (config.mode, config.kind.unwrap_or(&ANY));
         let unusable = |why| AttachError::Table {
             kind: table.title,
             mode,
@@ -269,7 +264,7 @@ impl Plan {
         let mut expected = StartedRemote {
             channel,
             software_mode: mode,
-            unit_number: unit_number.unwrap_or(descriptor.unit_number),
+            unit_number: config.unit_number.unwrap_or(descriptor.unit_number),
             name: descriptor.name,
             ptoc: contents.map_or(0, |contents| contents.ptoc),
             gtoc: contents.map_or(0, |contents| contents.gtoc),
@@ -277,7 +272,8 @@ impl Plan {
             cs: CsStatus::default(),
         };
         expected.sizes = plan.sizes(expected.reply_format());
-        let pins = self.remote_pins(stage, channel, &descriptor, (&plan, Some(table)));
+        let (at, of) = ((stage.number(), channel.index()), Some(table));
+        let pins = RemotePins::new(&mut self.pins, &self.name, at, &descriptor, &plan, of);
         Ok(FoundRemote {
             started: expected,
             pins: pins.map_err(|error| unusable(error.to_string()))?,
@@ -285,17 +281,6 @@ impl Plan {
             problems: Vec::new(),
             is_absent: true,
         })
-    }
-
-    fn remote_pins(
-        &mut self,
-        stage: &PortStage,
-        channel: Channel,
-        descriptor: &RemoteDescriptor,
-        (plan, table): (&PackingPlan, Option<&RemoteTable>),
-    ) -> Result<RemotePins, RemoteError> {
-        let at = (stage.number(), channel.index());
-        RemotePins::new(&mut self.pins, &self.name, at, descriptor, plan, table)
     }
 
     /// Reads the parameters of a remote in setup mode. One that can not be read stays unknown.
@@ -335,24 +320,15 @@ impl Plan {
         let mut remotes = Vec::new();
         for mut remote in core::mem::take(&mut stage.remotes) {
             let is = remote.started;
-            let kind = match report.outcome(is.channel) {
-                None => {
-                    remotes.push(remote);
-                    continue;
-                }
-                // It tells the same as in setup mode.
-                Some(Ok(found)) if (StartedRemote { cs: is.cs, ..found }) == is => {
+            // One that is absent has no outcome.
+            let outcome = report.outcome(is.channel).unwrap_or(Ok(is));
+            match remark::is_same(&is, outcome) {
+                Ok(found) => {
                     remote.started = found;
                     remotes.push(remote);
-                    continue;
                 }
-                Some(Ok(found)) => RemarkKind::Changed {
-                    name: is.name,
-                    found: found.name,
-                },
-                Some(Err(failure)) => RemarkKind::DidNotStart(failure),
-            };
-            self.miss(stage, is.channel, kind)?;
+                Err(kind) => self.miss(stage, is.channel, kind)?,
+            }
         }
         let parameters = stage.port.known_parameters()?;
         let (now, status) = (bus.now(), self.status);

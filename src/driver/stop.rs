@@ -1,6 +1,5 @@
 //! The end: outputs off, ports stopped, watchdog bitten.
 
-use core::fmt;
 use core::time::Duration;
 
 use super::{CycleError, Driver, SerialPort};
@@ -19,48 +18,35 @@ const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
-    /// bites, so that the board drives nothing. Gives the bus back.
+    /// bites, so that the board drives nothing. Gives the bus back, and the first error of all steps.
     ///
     /// Every step is tried, whatever became of those before. Dropping the driver does the same and
     /// ignores errors.
     ///
-    /// # Errors
-    /// The first error of all steps, with the bus.
-    ///
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
     /// each port, or the bus's own time-outs.
-    pub fn shutdown(mut self) -> Result<B, ShutdownError<B>> {
+    pub fn shutdown(mut self) -> (B, Result<(), PortError<B::Error>>) {
         let stopped = self.stop();
-        let bus = self.bus.take();
-        match stopped {
-            Ok(()) => Ok(bus),
-            Err(error) => Err(ShutdownError { bus, error }),
-        }
+        (self.bus.take(), stopped)
     }
 
     fn stop(&mut self) -> Result<(), PortError<B::Error>> {
         if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
-        let mut first = Ok(());
-        let mut keep = |result: Result<(), PortError<B::Error>>| {
-            if first.is_ok() {
-                first = result;
-            }
-        };
-        let mut last = self.last_transfer();
+        let mut first = self.last_transfer();
         for _ in 1..LAST_TRIES {
-            if last.is_err() {
-                last = self.last_transfer();
+            if first.is_err() {
+                first = self.last_transfer();
             }
         }
-        keep(last);
         for port in &mut self.parts.ports {
-            keep(port.port.stop_all(&mut *self.bus));
+            let stopped = port.port.stop_all(&mut *self.bus);
+            first = first.and(stopped);
         }
-        keep(self.bus.release().map_err(PortError::Bus));
-        first
+        let released = self.bus.release().map_err(PortError::Bus);
+        first.and(released)
     }
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
@@ -98,24 +84,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
         let _ = self.read();
         Ok(())
-    }
-}
-
-/// What went wrong while a driver was shut down, and its bus.
-#[derive(thiserror::Error)]
-#[error("{error}")]
-pub struct ShutdownError<B: RegisterBus> {
-    /// The bus.
-    pub bus: B,
-    /// The first error.
-    pub error: PortError<B::Error>,
-}
-
-impl<B: RegisterBus> fmt::Debug for ShutdownError<B> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ShutdownError")
-            .field("error", &self.error)
-            .finish_non_exhaustive()
     }
 }
 

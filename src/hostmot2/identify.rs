@@ -10,8 +10,8 @@ use alloc::vec;
 use alloc::vec::Vec;
 
 /// Address of the cookie; configuration name and IDROM address follow it.
-const COOKIE_ADDRESS: u16 = 0x0100;
-const COOKIE: u32 = 0x55AA_CAFE;
+pub(crate) const COOKIE_ADDRESS: u16 = 0x0100;
+pub(crate) const COOKIE: u32 = 0x55AA_CAFE;
 const CONFIG_NAME: &str = "HOSTMOT2";
 
 /// The most module descriptors there are.

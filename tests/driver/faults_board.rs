@@ -151,7 +151,8 @@ impl Pass for SimFpga {
 
 #[test]
 fn a_driver_that_is_shut_down_gives_the_bus_back_and_leaves_nothing_on() {
-    let mut fpga = running().driver.shutdown().unwrap();
+    let (mut fpga, stopped) = running().driver.shutdown();
+    stopped.unwrap();
     assert_eq!(are_on(&fpga), [false; 3]);
     fpga.pass(1);
     assert!(fpga.watchdog().has_bitten());

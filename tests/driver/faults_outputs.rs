@@ -239,7 +239,8 @@ fn shutdown_does_not_keep_the_outputs_of_a_faulty_remote_alive() {
             for _ in 0..n {
                 cycle(&mut machine, |_| {});
             }
-            let mut fpga = machine.driver.shutdown().unwrap();
+            let (mut fpga, stopped) = machine.driver.shutdown();
+            stopped.unwrap();
             let from = fpga.now() + OFF_WITHIN;
             fpga.advance_to(from);
             for _ in 0..100 * MS / STEP {
@@ -272,7 +273,8 @@ fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() 
             }
             let what = format!("absent: {is_absent}, {wait} cycles");
             let begin = machine.now();
-            let fpga = machine.driver.shutdown().expect(&what);
+            let (fpga, stopped) = machine.driver.shutdown();
+            stopped.expect(&what);
             // A START that waits for a remote which does not answer takes 17 ms (FACTS 5.7).
             let took = fpga.now() - begin;
             assert!(took < 20 * MS, "{what}: {took} ns");

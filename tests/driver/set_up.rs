@@ -238,7 +238,7 @@ fn the_end_survives_lost_packets() {
         if n % 3 == 0 { vec![WIRE] } else { vec![] }
     });
     let before = driver.bus_mut().now();
-    let mut bus = driver.shutdown().unwrap_or_else(|error| error.bus);
+    let (mut bus, _) = driver.shutdown();
     let took = bus.now().since(before);
     bus.wait(millis(1));
     let gateware = bus.link().board.gateware_mut();

@@ -321,7 +321,8 @@ fn the_end_leaves_nothing_of_it_on() {
     machine.set(5_000.0, true, true);
     machine.cycles(10);
     assert_eq!(machine.driven(), (Some(true), Some(true), true));
-    let mut fpga = machine.driver.shutdown().expect("the bus does not fail");
+    let (mut fpga, stopped) = machine.driver.shutdown();
+    stopped.expect("the bus does not fail");
     fpga.wait(Duration::from_millis(60));
     assert_eq!(fpga.driven_level(PIN), None);
     assert_eq!(fpga.driven_level(LAMP.into()), None);
@@ -412,7 +413,8 @@ fn a_board_table_from_outside_tells_rates_terminals_and_full_scales() {
         info.place.terminal.starts_with("X1 pin 9, X1 pin 10"),
         "{info:?}"
     );
-    let mut fpga = driver.shutdown().expect("the bus does not fail");
+    let (mut fpga, stopped) = driver.shutdown();
+    stopped.expect("the bus does not fail");
     // ClockLow/32, each encoder in every other tick.
     let rate = fpga.encoders().expect("encoders").sample_rate();
     assert!((rate - 100e6 / 32.0 / 2.0).abs() < 1.0, "{rate}");

@@ -269,10 +269,7 @@ impl ImagePlan {
     /// # Errors
     /// Those of the bus.
     pub(crate) fn set_up<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
-        let list = (0u16..).zip(self.first_set_up());
-        let (accesses, mut words): (Vec<_>, Vec<_>) = list
-            .map(|(n, (address, word))| (Access::write(address, n, 1), word))
-            .unzip();
+        let (accesses, mut words) = Access::writes(self.first_set_up());
         bus.exchange(&accesses, &mut words)
     }
 

@@ -44,7 +44,8 @@ fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {
             driver.write().expect("the board is there");
         }
         let before = driver.bus_mut().now();
-        let mut bus = driver.shutdown().expect("the board is there");
+        let (mut bus, stopped) = driver.shutdown();
+        stopped.expect("the board is there");
         let took = bus.now().since(before);
         assert!(took < Duration::from_millis(10), "{took:?}");
         assert_eq!(volts(&mut bus), 0.0, "{late} us late, {written}");
