@@ -232,7 +232,6 @@ impl<B: RegisterBus + Clock> Board<B> {
             bus: self.bus,
             firmware: plan.firmware,
             name: plan.name,
-            period,
             image,
             pins: plan.pins,
             group: plan.group,

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::pace::{Answer, Beat};
+use super::pace::Answer;
 use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
 use crate::bus::{Clock, Instant, RegisterBus, Reply, Words};
 use crate::modules::{Module, ReadCycle, WriteCycle};
@@ -76,7 +76,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.take_parts(now, certain, &mut report);
         }
         if self.is_running() {
-            report.locked = self.is_locked(beat, slack);
+            let error = self.phase_error_us.map(|pin| self.pins.read(pin).value);
+            report.locked = error.is_some_and(|error| self.pacer.lock(beat, slack, error));
         } else {
             self.pacer.unlock();
             self.make_safe();
@@ -111,14 +112,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    fn is_locked(&mut self, beat: Beat, slack: Option<Duration>) -> bool {
-        let Some(error) = self.phase_error_us else {
-            return false;
-        };
-        let error = self.pins.read(error).value;
-        self.pacer.lock(beat, slack, error)
-    }
-
     /// Writes the outputs to the board and starts the transfers to its remotes.
     ///
     /// A port's transfer is started only when the last read has seen the one before end; otherwise
@@ -151,8 +144,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.publish();
             return Ok(());
         }
-        if let Some(deadline) = self.connection.new_deadline(&self.pins, self.period) {
-            self.bus.set_cycle(self.period, Some(deadline));
+        if let Some(deadline) = self.connection.new_deadline(&self.pins, self.pacer.period) {
+            self.bus.set_cycle(self.pacer.period, Some(deadline));
         }
         let ask = (self.wants_closer_look(), !self.is_running());
         let result = self.pacer.write(&mut *self.bus, &mut self.image, ask);

@@ -29,7 +29,7 @@ pub enum DriverError<E: BusError> {
     /// A module can not be used.
     #[error(transparent)]
     Register(#[from] RegisterError),
-    /// A serial port does not do what it is told.
+    /// A serial port does not obey.
     #[error(transparent)]
     Port(PortError<E>),
     /// A serial port was configured that the firmware does not have.

@@ -1,4 +1,4 @@
-//! What the log is told when a driver has been built. Never in the cycle.
+//! What a driver that has been built writes to the log. Never in the cycle.
 
 use super::Driver;
 use crate::bus::{Clock, RegisterBus};

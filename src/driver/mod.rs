@@ -90,7 +90,6 @@ pub struct Driver<B: RegisterBus + Clock> {
     bus: Held<B>,
     firmware: HostMot2,
     name: String,
-    period: Duration,
     image: Image<B>,
     pins: PinStore,
     group: GroupId,
@@ -114,7 +113,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     look_closely: bool,
     /// Somebody asked for more than usual with the last write.
     wants_extra: bool,
-    /// Remotes are told safe values for the last time: nothing is restarted instead.
+    /// Remotes get safe values for the last time: nothing is restarted instead.
     is_last: bool,
     is_stopped: bool,
 }
@@ -201,7 +200,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// The period it was planned for.
     pub fn period(&self) -> Duration {
-        self.period
+        self.pacer.period
     }
 
     /// What the board's firmware says of itself.

@@ -9,7 +9,7 @@ use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply};
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pacer {
     pub pace: Pace,
-    period: Duration,
+    pub period: Duration,
     /// What was asked for ahead.
     started: Option<Ask>,
     /// When the last cycle began, ...

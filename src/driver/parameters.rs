@@ -169,9 +169,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
             return Err(DriverError::no_remote((port, channel)));
         };
         let record = parameter.record(remote.pins)?.clone();
-        let raw = parameter.check(&record, value, self.period)?;
+        let raw = parameter.check(&record, value, self.pacer.period)?;
         let started = *remote.started;
-        // The remotes of other ports are not served either: all are told safe values.
+        // The remotes of other ports are not served either: all get safe values.
         self.last_transfer()?;
         if !self.is_running() {
             return Err(DriverError::NotRunning { state: self.state });

@@ -75,7 +75,7 @@ pub enum RemarkKind {
          connector has them the other way round: exchange the channels if the card is plugged to one"
     )]
     Swapped,
-    /// Its name is that of a card whose parts are told apart by the unit number, and its unit number
+    /// Its name is that of a card whose parts differ in the unit number, and its unit number
     /// is none of theirs: it has no terminals and no safe values of its own.
     #[error(
         "a {name} with unit number {unit_number:#010x}, which belongs to no part of the card that is \

@@ -8,7 +8,7 @@ use crate::sslbp::PortError;
 
 /// How often the last transfer is tried: over a network one packet may be lost.
 const LAST_TRIES: u32 = 3;
-/// How long what a port was told before may take: a START waits 17 ms for a remote that does not
+/// How long a command in flight may take: a START waits 17 ms for a remote that does not
 /// answer (FACTS 5.7).
 const LAST_COMMAND: Duration = Duration::from_millis(20);
 /// Ends the waiting on a bus whose clock stands still.
@@ -77,7 +77,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             if all_idle || self.bus.now().since(begin) >= LAST_COMMAND {
                 break;
             }
-            let pause = self.period.min(LAST_COMMAND);
+            let pause = self.pacer.period.min(LAST_COMMAND);
             let _ = self.wait_ports(pause, |port, words, _| port.is_idle(words));
         }
         // Faults that the replies tell are to be known; the values were sent whatever this read says.
