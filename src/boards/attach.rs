@@ -14,12 +14,12 @@ use crate::hostmot2::{HostMot2, HostMot2Error};
 ///
 /// ```
 /// use mesa_hal::boards::{AttachError, Finder, RemoteHandles};
-/// use mesa_hal::discovery::{ElementTable, RemoteTable};
+/// use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 /// use mesa_hal::hal::{AnalogIn, DigitalOut};
 ///
 /// const VALVES: RemoteTable = RemoteTable::new("valve block", *b"VLV4", &[
-///     ElementTable::bits_out("Valve", 4),
-///     ElementTable::volts_in("Supply", 8, 36.3),
+///     ElementTable::output("Valve", 4, DataType::Bits),
+///     ElementTable::input("Supply", 8, DataType::Unsigned).range(0.0, 36.3, "V"),
 /// ]);
 ///
 /// struct Valves {

@@ -1,7 +1,7 @@
 //! The 7I64: 24 inputs and 24 outputs, two analog inputs of 0 to 3.3 V. It does not support
 //! discovery, and its reply has no fault byte.
 
-use crate::discovery::{DataDirection, ElementTable, RemoteTable};
+use crate::discovery::{DataType, ElementTable, RemoteTable};
 
 /// The gateware sends 4 bytes, of which the outputs are three. FACTS 11.10.
 ///
@@ -13,16 +13,19 @@ pub const REMOTE: RemoteTable = RemoteTable {
         "7I64",
         *b"7I64",
         &[
-            with_unit("none", ElementTable::bits_out("output", 24)),
-            ElementTable::pad(8, DataDirection::Output),
-            with_unit("none", ElementTable::bits_in("input", 24)),
-            ElementTable::pad(8, DataDirection::Input),
-            with_unit("volts", ElementTable::volts_in("analog0", 16, 3.3)),
-            with_unit("volts", ElementTable::volts_in("analog1", 16, 3.3)),
+            without_unit(ElementTable::output("output", 24, DataType::Bits)),
+            ElementTable::output("pad", 8, DataType::Pad),
+            without_unit(ElementTable::input("input", 24, DataType::Bits)),
+            ElementTable::input("pad", 8, DataType::Pad),
+            ElementTable::input("analog0", 16, DataType::Unsigned).range(0.0, 3.3, "volts"),
+            ElementTable::input("analog1", 16, DataType::Unsigned).range(0.0, 3.3, "volts"),
         ],
     )
 };
 
-const fn with_unit(unit: &'static str, element: ElementTable) -> ElementTable {
-    ElementTable { unit, ..element }
+const fn without_unit(element: ElementTable) -> ElementTable {
+    ElementTable {
+        unit: "none",
+        ..element
+    }
 }

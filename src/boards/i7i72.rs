@@ -4,7 +4,7 @@
 //! manual's table has pin 3 twice); FACTS 8.4.
 
 use super::{AttachError, Finder, RemoteHandles};
-use crate::discovery::{ElementTable, RemoteTable};
+use crate::discovery::{DataType, ElementTable, RemoteTable};
 use crate::hal::{AnalogIn, DigitalOut, Terminals};
 
 /// 48 outputs; mode 1 adds the field voltage, whose scale is not confirmed: the remote's own
@@ -13,10 +13,10 @@ pub const REMOTE: RemoteTable = RemoteTable::new(
     "7I72",
     *b"7I72",
     &[
-        ElementTable::bits_out("Output", 48).at(OUTPUTS),
+        ElementTable::output("Output", 48, DataType::Bits).at(OUTPUTS),
         ElementTable {
-            limits: None,
-            ..ElementTable::volts_in("FieldVoltage", 16, 36.3).in_modes(0b10)
+            unit: "V",
+            ..ElementTable::input("FieldVoltage", 16, DataType::Unsigned).in_modes(0b10)
         },
     ],
 );

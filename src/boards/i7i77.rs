@@ -9,7 +9,7 @@
 use alloc::format;
 
 use super::{AttachError, CardTable, Finder, RemoteHandles};
-use crate::discovery::{ElementTable, RemoteTable};
+use crate::discovery::{DataType, ElementTable, RemoteTable};
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
 use crate::hostmot2::Gtag;
 
@@ -19,8 +19,8 @@ pub const FIELD: RemoteTable = RemoteTable::new(
     "7I77 field I/O",
     *b"7I77",
     &[
-        ElementTable::bits_out("Output", 16).at(OUTPUTS),
-        ElementTable::bits_in("Input", 32).at(INPUTS),
+        ElementTable::output("Output", 16, DataType::Bits).at(OUTPUTS),
+        ElementTable::input("Input", 32, DataType::Bits).at(INPUTS),
         voltage("AnalogIn0", 0b1110).nth(INPUTS, 0),
         voltage("AnalogIn1", 0b1110).nth(INPUTS, 1),
         voltage("AnalogIn2", 0b1110).nth(INPUTS, 2),
@@ -43,22 +43,23 @@ pub const ANALOG: RemoteTable = RemoteTable::new(
         analog_out("AnalogOut3").nth(ANALOG_OUT, 3),
         analog_out("AnalogOut4").nth(ANALOG_OUT, 4),
         analog_out("AnalogOut5").nth(ANALOG_OUT, 5),
-        ElementTable::switch("AnalogEna").at(ENABLES),
-        ElementTable::switch("SpinEna").at(SPINDLE_ENABLE),
+        ElementTable::output("AnalogEna", 1, DataType::Boolean).at(ENABLES),
+        ElementTable::output("SpinEna", 1, DataType::Boolean).at(SPINDLE_ENABLE),
     ],
 )
 .of_class(0x11);
 
 const fn voltage(name: &'static str, modes: u16) -> ElementTable {
-    ElementTable::volts_in(name, 8, 36.3).in_modes(modes)
+    let number = ElementTable::input(name, 8, DataType::Unsigned);
+    number.range(0.0, 36.3, "V").in_modes(modes)
 }
 
 const fn mpg(name: &'static str) -> ElementTable {
-    ElementTable::counter(name, 8).in_modes(0b1000)
+    ElementTable::input(name, 8, DataType::Encoder).in_modes(0b1000)
 }
 
 const fn analog_out(name: &'static str) -> ElementTable {
-    ElementTable::volts_out(name, 13, 10.0)
+    ElementTable::output(name, 13, DataType::Signed).range(-10.0, 10.0, "V")
 }
 
 /// The card and its encoders on a connector: six of them, three terminals pairs each.

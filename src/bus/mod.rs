@@ -49,12 +49,10 @@ impl Instant {
     /// The point `duration` later; the end of time if that overflows.
     #[must_use]
     pub const fn after(self, duration: Duration) -> Self {
-        let nanos = duration.as_nanos();
-        let fits = nanos <= u64::MAX as u128;
-        Self(
-            self.0
-                .saturating_add(if fits { nanos as u64 } else { u64::MAX }),
-        )
+        match duration.as_nanos() {
+            nanos @ 0..=0xFFFF_FFFF_FFFF_FFFF => Self(self.0.saturating_add(nanos as u64)),
+            _ => Self(u64::MAX),
+        }
     }
 }
 
@@ -84,12 +82,7 @@ pub struct Access {
 impl Access {
     /// A read of `count` registers into the buffer from `first` on.
     pub const fn read(address: u16, first: u16, count: u16) -> Self {
-        Self {
-            address,
-            direction: Direction::Read,
-            first,
-            count,
-        }
+        Self::new(Direction::Read, address, first, count)
     }
 
     /// Writes of single words to these addresses, in order, and the words.
@@ -101,9 +94,13 @@ impl Access {
 
     /// A write of `count` registers from the buffer, from `first` on.
     pub const fn write(address: u16, first: u16, count: u16) -> Self {
+        Self::new(Direction::Write, address, first, count)
+    }
+
+    const fn new(direction: Direction, address: u16, first: u16, count: u16) -> Self {
         Self {
             address,
-            direction: Direction::Write,
+            direction,
             first,
             count,
         }
@@ -150,8 +147,7 @@ impl Reply {
     /// No reply was to come: nothing is known of the writes yet.
     pub const UNHEARD: Self = Self {
         certain: false,
-        lost_writes: 0,
-        slack: None,
+        ..Self::CERTAIN
     };
 
     /// What this reply and a `later` one told together.

@@ -2,10 +2,10 @@
 
 use super::ProblemKind;
 use crate::sslbp::RemoteName;
-use alloc::{string::String, vec::Vec};
+use alloc::{format, string::String, vec::Vec};
 
 /// Everything discovery finds out about a remote, in the software mode it was started in.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RemoteDescriptor {
     /// Its name.
     pub name: RemoteName,
@@ -165,7 +165,7 @@ impl DataType {
     }
 
     /// Whether an element of this type can have `bits` bits.
-    pub(super) const fn check_width(self, bits: u16) -> Result<(), ProblemKind> {
+    pub(super) fn check_width(self, bits: u16) -> Result<(), ProblemKind> {
         let expected = match (self, bits) {
             (Self::Float | Self::NonvolFloat, 32 | 64) => return Ok(()),
             (Self::Float | Self::NonvolFloat, _) => "32 or 64",
@@ -173,7 +173,8 @@ impl DataType {
             (Self::Pad | Self::Bits | Self::Unknown(_), 0) => "1 to 255",
             _ => "1 to 64",
         };
-        Err(ProblemKind::Width { bits, expected })
+        let found = format!("{bits} bits");
+        Err(ProblemKind::illegal("width", found, expected))
     }
 
     /// Whether values of this type survive a power cycle of the remote.

@@ -2,7 +2,7 @@
 
 use crate::{
     bus::{Clock, RegisterBus},
-    sslbp::{AccessSize, Channel, NonvolatileMemory, Port, PortError, RemoteAccess},
+    sslbp::{Channel, NonvolatileMemory, Port, PortError, RemoteAccess},
 };
 
 /// The memory of a remote in setup mode: over a port of the FPGA ([`PortMemory`]), or over anything
@@ -11,30 +11,16 @@ pub trait RemoteMemory {
     /// Why an access failed.
     type Error: core::error::Error + 'static;
 
-    /// Reads `size` bytes from `address` on, least significant first: of the working memory, or of
-    /// one that survives a power cycle.
-    ///
-    /// # Errors
-    /// The access failed.
-    fn read(
-        &mut self,
-        memory: Option<NonvolatileMemory>,
-        address: u16,
-        size: AccessSize,
-    ) -> Result<u64, Self::Error>;
-
-    /// Writes `size` bytes from `address` on, least significant first. One that survives a power
-    /// cycle is read back until it has kept them.
+    /// Reads or writes the working memory, or one that survives a power cycle, and returns what was
+    /// read. What is written to one that survives is read back until it has been kept.
     ///
     /// # Errors
     /// The access failed, or the memory does not keep the value.
-    fn write(
+    fn access(
         &mut self,
         memory: Option<NonvolatileMemory>,
-        address: u16,
-        size: AccessSize,
-        value: u64,
-    ) -> Result<(), Self::Error>;
+        access: RemoteAccess,
+    ) -> Result<u64, Self::Error>;
 }
 
 /// The memory of the remote on one channel of a port in setup mode.
@@ -51,37 +37,11 @@ pub struct PortMemory<'a, B> {
 impl<B: RegisterBus + Clock> RemoteMemory for PortMemory<'_, B> {
     type Error = PortError<B::Error>;
 
-    fn read(
-        &mut self,
-        memory: Option<NonvolatileMemory>,
-        address: u16,
-        size: AccessSize,
-    ) -> Result<u64, Self::Error> {
-        self.access(memory, RemoteAccess::Read { address, size })
-    }
-
-    fn write(
-        &mut self,
-        memory: Option<NonvolatileMemory>,
-        address: u16,
-        size: AccessSize,
-        value: u64,
-    ) -> Result<(), Self::Error> {
-        let write = RemoteAccess::Write {
-            address,
-            size,
-            value,
-        };
-        self.access(memory, write).map(drop)
-    }
-}
-
-impl<B: RegisterBus + Clock> PortMemory<'_, B> {
     fn access(
         &mut self,
         memory: Option<NonvolatileMemory>,
         access: RemoteAccess,
-    ) -> Result<u64, PortError<B::Error>> {
+    ) -> Result<u64, Self::Error> {
         let Self { port, bus, channel } = self;
         match memory {
             None => port.access(*bus, *channel, access),

@@ -1,8 +1,7 @@
 //! Discovery of all remotes of a port.
 
 use super::{
-    Discovered, DiscoveryOptions, ModeType, PortMemory, ProblemKind, RemoteDescriptor, Table,
-    discover,
+    Discovered, DiscoveryOptions, ModeType, PortMemory, ProblemKind, RemoteMemory, Table, discover,
 };
 use crate::{
     bus::{Clock, RegisterBus},
@@ -47,16 +46,16 @@ fn discover_remote<B: RegisterBus + Clock>(
 ) -> Discovered {
     let registers = port.layout().interface_registers;
     let channel = started.channel;
-    let shown = show_tables(port, bus, started);
     let mut memory = PortMemory { port, bus, channel };
+    let shown = show_tables(&mut memory, started);
     let mut found = discover(&mut memory, started, registers, options);
-    let is_legal = has_mode(memory.port, memory.bus, started, &found.descriptor);
+    let modes = found.descriptor.modes.iter();
+    let modes = modes.filter(|known| known.mode_type == ModeType::Software);
+    let known: Vec<u8> = modes.map(|known| known.index).collect();
+    let is_legal = has_mode(&mut memory, started, &known);
     if let Ok(false) = is_legal {
-        let modes = software_modes(&found.descriptor);
-        let kind = ProblemKind::IllegalSoftwareMode {
-            mode: started.software_mode,
-            known: modes.collect(),
-        };
+        let mode = started.software_mode;
+        let kind = ProblemKind::IllegalSoftwareMode { mode, known };
         found.note(Table::Process, started.ptoc, kind);
     }
     for error in [shown.err(), is_legal.err()].into_iter().flatten() {
@@ -67,64 +66,45 @@ fn discover_remote<B: RegisterBus + Clock>(
 
 /// A host that ended in the middle of an access to non-volatile memory has left that memory where
 /// the tables are; a START does not change that. FACTS 6.3.
-fn show_tables<B: RegisterBus + Clock>(
-    port: &mut Port,
-    bus: &mut B,
-    started: &StartedRemote,
-) -> PortResult<(), B> {
+fn show_tables<M: RemoteMemory>(memory: &mut M, started: &StartedRemote) -> Result<(), M::Error> {
     if started.ptoc == 0 && started.gtoc == 0 {
         return Ok(());
     }
     let select = RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, 0);
-    port.access(bus, started.channel, select).map(drop)
+    memory.access(None, select).map(drop)
 }
 
-fn software_modes(descriptor: &RemoteDescriptor) -> impl Iterator<Item = u8> {
-    let modes = descriptor.modes.iter();
-    modes
-        .filter(|known| known.mode_type == ModeType::Software)
-        .map(|known| known.index)
-}
-
-/// Whether the remote is in the software mode it was started in.
+/// Whether the remote is in the software mode it was started in, of those that it tells of.
 ///
 /// A setup START does not look at the fault byte, and so succeeds in a software mode that the
 /// remote does not have (FACTS 4.1); the tables are then those of another mode.
-fn has_mode<B: RegisterBus + Clock>(
-    port: &mut Port,
-    bus: &mut B,
+fn has_mode<M: RemoteMemory>(
+    memory: &mut M,
     started: &StartedRemote,
-    descriptor: &RemoteDescriptor,
-) -> PortResult<bool, B> {
+    known: &[u8],
+) -> Result<bool, M::Error> {
     /// What is written to [`LocalLocation::CLEAR_FAULTS`].
     const CLEAR: u8 = 0xFF;
-    let (channel, mode) = (started.channel, started.software_mode);
-    let mut known = software_modes(descriptor).peekable();
-    if known.peek().is_some() && !known.any(|known| known == mode) {
+    let mode = started.software_mode;
+    if !known.is_empty() && !known.contains(&mode) {
         return Ok(false);
     }
-    if started.ptoc == 0 {
-        // Remotes older than discovery have one mode.
-        return Ok(true);
-    }
-    if is_accepted(port, bus, channel)? {
+    // Remotes older than discovery have one mode.
+    if started.ptoc == 0 || is_accepted(memory)? {
         return Ok(true);
     }
     // The fault may be left from an earlier START: nothing has cleared it since.
-    let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, CLEAR);
-    port.access(bus, channel, clear)?;
-    let select = RemoteAccess::WriteLocal(LocalLocation::SOFTWARE_MODE, mode);
-    port.access(bus, channel, select)?;
-    is_accepted(port, bus, channel)
+    for (location, value) in [
+        (LocalLocation::CLEAR_FAULTS, CLEAR),
+        (LocalLocation::SOFTWARE_MODE, mode),
+    ] {
+        memory.access(None, RemoteAccess::WriteLocal(location, value))?;
+    }
+    is_accepted(memory)
 }
 
-fn is_accepted<B: RegisterBus + Clock>(
-    port: &mut Port,
-    bus: &mut B,
-    channel: Channel,
-) -> PortResult<bool, B> {
+fn is_accepted<M: RemoteMemory>(memory: &mut M) -> Result<bool, M::Error> {
     let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
-    let faults = port.access(bus, channel, read)? as u8;
-    let faults = RemoteFaults::from_bits_retain(faults);
+    let faults = RemoteFaults::from_bits_retain(memory.access(None, read)? as u8);
     Ok(!faults.contains(RemoteFaults::ILLEGAL_MODE))
 }

@@ -28,14 +28,7 @@ impl Problem {
     /// Whether the layout of the process data is in doubt. Such a remote must not run: its pins
     /// would show, or set, the wrong bits.
     pub(super) const fn affects_process_data(&self) -> bool {
-        matches!(self.table, Table::Process)
-            && !matches!(
-                self.kind,
-                ProblemKind::UnknownDataType { .. }
-                    | ProblemKind::StringTooLong { .. }
-                    // Limits say how values are scaled, and nothing of where they are.
-                    | ProblemKind::LimitsNotFinite { .. }
-            )
+        matches!(self.table, Table::Process) && !matches!(self.kind, ProblemKind::Odd { .. })
     }
 }
 
@@ -138,75 +131,40 @@ pub enum ProblemKind {
         /// The later entry, counted from 0.
         entry: u16,
     },
-    /// A byte that the manuals do not list.
-    #[error("its {field} is {found:#04X}, expected {expected}")]
-    IllegalByte {
-        /// What it is for.
+    /// Something in a record that can not be.
+    #[error("its {field} is {found}, expected {expected}")]
+    Illegal {
+        /// What of the record.
         field: &'static str,
         /// What is there.
-        found: u8,
+        found: String,
         /// What could be there.
         expected: &'static str,
     },
-    /// A data type that this crate does not know.
-    #[error("its data type {found:#04X} is not known; its bits are kept as they are")]
-    UnknownDataType {
-        /// What is there.
-        found: u8,
+    /// Something in a record that leaves its place among the process data certain.
+    #[error("its {what}")]
+    Odd {
+        /// What it is, and what is made of it.
+        what: String,
     },
     /// The record runs over the end of the address space.
     #[error("it does not end before the end of the address space")]
     PastEnd,
-    /// A string has no end within the limits.
-    #[error("its {field} has no end within {characters} characters")]
-    StringWithoutEnd {
-        /// `unit` or `name`.
-        field: &'static str,
-        /// Characters until then.
-        characters: u16,
-    },
-    /// A string is longer than what is kept.
-    #[error("its {field} has {characters} characters, of which {kept} are kept")]
-    StringTooLong {
-        /// `unit` or `name`.
-        field: &'static str,
-        /// Its length.
-        characters: u16,
-        /// How many are kept.
-        kept: u16,
-    },
-    /// A width that an element of its type can not have.
-    #[error("it has {bits} bits, expected {expected}")]
-    Width {
-        /// What is there.
-        bits: u16,
-        /// What could be there.
-        expected: &'static str,
-    },
     /// One part of a count in two parts stands alone.
     #[error(
         "it is one part of a count, and the other part does not follow; choose another software mode"
     )]
     HalfCount,
-    /// Limits of a scaled number that are not finite. Floating-point numbers need none: there,
-    /// infinite limits are no problem.
-    #[error(
-        "its limits {min} to {max} are not finite; its pins have a full scale of 1 instead, so check its scale"
-    )]
-    LimitsNotFinite {
-        /// Minimum.
-        min: f32,
-        /// Maximum.
-        max: f32,
-    },
-    /// Limits in the wrong order.
-    #[error("its minimum {min} is larger than its maximum {max}")]
-    LimitsReversed {
-        /// Minimum.
-        min: f32,
-        /// Maximum.
-        max: f32,
-    },
+}
+
+impl ProblemKind {
+    pub(super) fn illegal(field: &'static str, found: String, expected: &'static str) -> Self {
+        Self::Illegal {
+            field,
+            found,
+            expected,
+        }
+    }
 }
 
 fn list(modes: &[u8]) -> String {

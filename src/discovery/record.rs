@@ -1,9 +1,10 @@
 //! Bytes and records of a remote's memory, fetched with as few accesses as possible.
 
 use super::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, ProblemKind, RemoteMemory};
-use crate::sslbp::AccessSize;
+use crate::sslbp::{AccessSize, RemoteAccess};
 use alloc::{
     collections::BTreeMap,
+    format,
     string::{String, ToString},
     vec::Vec,
 };
@@ -43,6 +44,8 @@ pub(super) struct Reader<'m, M> {
     failures: u32,
     /// The last access that failed.
     pub error: Option<String>,
+    /// Records that were read, or tried.
+    pub seen: Vec<u16>,
     /// Problems of the record that is being read which do not make it useless.
     pub notes: Vec<ProblemKind>,
 }
@@ -57,6 +60,7 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
             accesses: 0,
             failures: 0,
             error: None,
+            seen: Vec::new(),
             notes: Vec::new(),
         }
     }
@@ -66,32 +70,32 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
         match self.byte(address, 0)? {
             DATA => self.data(address).map(Record::Data),
             MODE => self.mode(address).map(Record::Mode),
-            found => Err(ProblemKind::IllegalByte {
-                field: "type",
-                found,
-                expected: "A0 (data) or B0 (mode)",
-            }),
+            found => {
+                let expected = "A0 (data) or B0 (mode)";
+                Err(ProblemKind::illegal("type", byte(found), expected))
+            }
         }
     }
 
     /// Manual: 7I77, "PROCESS DATA DESCRIPTOR"; FACTS 7.1 for the offsets.
     fn data(&mut self, record_address: u16) -> Result<DataRecord, ProblemKind> {
         let [bits, data_type, direction] = self.bytes(record_address, 1)?;
-        let illegal = ProblemKind::IllegalByte {
-            field: "direction",
-            found: direction,
-            expected: "00 (input), 40 (both) or 80 (output)",
-        };
-        let direction = DataDirection::from_byte(direction).ok_or(illegal)?;
+        let direction = DataDirection::from_byte(direction).ok_or_else(|| {
+            let expected = "00 (input), 40 (both) or 80 (output)";
+            ProblemKind::illegal("direction", byte(direction), expected)
+        })?;
         let data_type = DataType::from_byte(data_type);
         data_type.check_width(bits.into())?;
         if let DataType::Unknown(found) = data_type {
-            self.notes.push(ProblemKind::UnknownDataType { found });
+            let found = byte(found);
+            self.note_odd(format!(
+                "data type {found} is not known; its bits are kept as they are"
+            ));
         }
         let min = f32::from_le_bytes(self.bytes(record_address, 4)?);
         let max = f32::from_le_bytes(self.bytes(record_address, 8)?);
         let (min, max) = self.limits(data_type, min, max);
-        let address = u16::from_le_bytes(self.bytes(record_address, 12)?);
+        let address = self.word(record_address, 12)?;
         let (unit, length) = self.string(record_address, UNIT, "unit")?;
         let (name, _) = self.string(record_address, UNIT + length + 1, "name")?;
         Ok(DataRecord {
@@ -127,10 +131,16 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
         let is_finite = min.is_finite() && max.is_finite();
         // FACTS 11.10: a floating-point number without limits has infinite ones.
         if !is_finite && (is_whole || is_float && (min.is_nan() || max.is_nan())) {
-            self.notes.push(ProblemKind::LimitsNotFinite { min, max });
+            self.note_odd(format!(
+                "limits {min} to {max} are not finite; its pins have a full scale of 1 instead, so \
+                 check its scale"
+            ));
         }
         if is_finite && (is_whole || is_float) && min > max {
-            self.notes.push(ProblemKind::LimitsReversed { min, max });
+            let found = format!("{min} to {max}");
+            let expected = "the smaller limit first";
+            self.notes
+                .push(ProblemKind::illegal("range", found, expected));
         }
         if is_finite { (min, max) } else { (0.0, 0.0) }
     }
@@ -147,22 +157,31 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
             match self.byte(record, offset + length)? {
                 0 => {
                     if length > KEPT {
-                        self.notes.push(ProblemKind::StringTooLong {
-                            field,
-                            characters: length,
-                            kept: KEPT,
-                        });
+                        self.note_odd(format!(
+                            "{field} has {length} characters, of which {KEPT} are kept"
+                        ));
                     }
                     return Ok((text, length));
                 }
-                byte if length < KEPT => text.push(character(byte)),
+                // Latin-1, as far as it can be shown.
+                byte if length < KEPT => text.push(match char::from(byte) {
+                    character if character.is_control() => '_',
+                    character => character,
+                }),
                 _ => {}
             }
         }
-        Err(ProblemKind::StringWithoutEnd {
-            field,
-            characters: CHARACTERS,
-        })
+        let found = format!("without end within {CHARACTERS} characters");
+        Err(ProblemKind::illegal(field, found, "a zero behind it"))
+    }
+
+    fn note_odd(&mut self, what: String) {
+        self.notes.push(ProblemKind::Odd { what });
+    }
+
+    /// The word at `offset` from an address.
+    pub fn word(&mut self, base: u16, offset: u16) -> Result<u16, ProblemKind> {
+        self.bytes(base, offset).map(u16::from_le_bytes)
     }
 
     fn bytes<const N: usize>(&mut self, base: u16, offset: u16) -> Result<[u8; N], ProblemKind> {
@@ -173,8 +192,7 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
         Ok(bytes)
     }
 
-    /// The byte at `offset` from an address.
-    pub fn byte(&mut self, base: u16, offset: u16) -> Result<u8, ProblemKind> {
+    fn byte(&mut self, base: u16, offset: u16) -> Result<u8, ProblemKind> {
         let address = base.checked_add(offset).ok_or(ProblemKind::PastEnd)?;
         if !self.known.contains_key(&address) {
             self.fetch(address)?;
@@ -194,7 +212,11 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
             self.accesses += 1;
             let size = self.size;
             let first = address.min(u16::MAX - u16::from(size.bytes() - 1));
-            match self.memory.read(None, first, size) {
+            let address = first;
+            match self
+                .memory
+                .access(None, RemoteAccess::Read { address, size })
+            {
                 Ok(value) => {
                     let bytes = value.to_le_bytes().into_iter();
                     self.known
@@ -216,12 +238,6 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
     }
 }
 
-/// Latin-1, as far as it can be shown.
-fn character(byte: u8) -> char {
-    let character = char::from(byte);
-    if character.is_control() {
-        '_'
-    } else {
-        character
-    }
+fn byte(found: u8) -> String {
+    format!("{found:#04X}")
 }

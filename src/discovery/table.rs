@@ -140,22 +140,19 @@ impl RemoteTable {
             unit_number: u32::from(self.unit_class.unwrap_or(0)) << 24,
             software_mode: mode,
             process_data: process_data.filter(|records| !records.is_empty())?,
-            parameters: Vec::new(),
-            modes: Vec::new(),
+            ..RemoteDescriptor::default()
         })
     }
 
     /// Where a remote's description differs from this table, in the mode it was started in.
     pub fn differences(&self, descriptor: &RemoteDescriptor) -> Vec<Difference> {
-        let records: Vec<&DataRecord> = {
-            let records = descriptor.process_data.iter();
-            let is_pad = |record: &&DataRecord| record.data_type == DataType::Pad;
-            records.filter(|record| !is_pad(record)).collect()
-        };
+        let is_pad = |data_type| data_type == DataType::Pad;
+        let records = descriptor.process_data.iter();
+        let records: Vec<_> = records.filter(|r| !is_pad(r.data_type)).collect();
         let known = self.of_mode(descriptor.software_mode);
-        let known: Vec<_> = known.filter(|e| e.data_type != DataType::Pad).collect();
+        let known: Vec<_> = known.filter(|e| !is_pad(e.data_type)).collect();
         let mut found = Vec::new();
-        let mut compare = |element: &str, what, expected: String, actual: String| {
+        let mut compare = |element: &str, what, [expected, actual]: [String; 2]| {
             if expected != actual {
                 found.push(Difference {
                     element: element.into(),
@@ -167,25 +164,32 @@ impl RemoteTable {
         };
         let text = |place: Option<usize>| place.map_or("none".into(), |place| place.to_string());
         for (expected, element) in known.iter().enumerate() {
+            let name = element.name;
             let place = records.iter().position(|record| element.is(record));
-            compare(element.name, "place", text(Some(expected)), text(place));
+            compare(name, "place", [Some(expected), place].map(text));
             let Some(record) = place.and_then(|place| records.get(place)) else {
                 continue;
             };
-            let [expected, actual] = [element.bits, record.bits].map(|bits| bits.to_string());
-            compare(element.name, "width", expected, actual);
+            let bits = [element.bits, record.bits];
+            compare(name, "width", bits.map(|bits| bits.to_string()));
             let types = [element.data_type, record.data_type];
-            let [expected, actual] = types.map(|data_type| format!("{data_type:?}"));
-            compare(element.name, "type", expected, actual);
-            if let Some(limits) = element.limits {
-                let limits = [limits, (record.min, record.max)];
-                let [expected, actual] = limits.map(|(min, max)| format!("{min} to {max}"));
-                compare(element.name, "limits", expected, actual);
-            }
+            compare(
+                name,
+                "type",
+                types.map(|data_type| format!("{data_type:?}")),
+            );
+            // Those that the table does not know are as the remote says.
+            let of_record = (record.min, record.max);
+            let limits = [element.limits.unwrap_or(of_record), of_record];
+            compare(
+                name,
+                "limits",
+                limits.map(|(min, max)| format!("{min} to {max}")),
+            );
         }
         for (actual, record) in records.iter().enumerate() {
             if !known.iter().any(|element| element.is(record)) {
-                compare(&record.name, "place", text(None), text(Some(actual)));
+                compare(&record.name, "place", [None, Some(actual)].map(text));
             }
         }
         found
@@ -193,12 +197,13 @@ impl RemoteTable {
 }
 
 impl ElementTable {
-    const fn new(name: &'static str, bits: u8, direction: DataDirection) -> Self {
+    /// An element that is read, in all modes, without limits and terminals.
+    pub const fn input(name: &'static str, bits: u8, data_type: DataType) -> Self {
         Self {
             name,
             bits,
-            data_type: DataType::Bits,
-            direction,
+            data_type,
+            direction: DataDirection::Input,
             limits: None,
             unit: "",
             modes: u16::MAX,
@@ -208,57 +213,21 @@ impl ElementTable {
         }
     }
 
-    /// Single bits that are read.
-    pub const fn bits_in(name: &'static str, bits: u8) -> Self {
-        Self::new(name, bits, DataDirection::Input)
-    }
-
-    /// Single bits that are written.
-    pub const fn bits_out(name: &'static str, bits: u8) -> Self {
-        Self::new(name, bits, DataDirection::Output)
-    }
-
-    /// A voltage from 0 to `max` that is read.
-    pub const fn volts_in(name: &'static str, bits: u8, max: f32) -> Self {
+    /// An element that is written.
+    pub const fn output(name: &'static str, bits: u8, data_type: DataType) -> Self {
         Self {
-            data_type: DataType::Unsigned,
-            limits: Some((0.0, max)),
-            unit: "V",
-            ..Self::new(name, bits, DataDirection::Input)
+            direction: DataDirection::Output,
+            ..Self::input(name, bits, data_type)
         }
     }
 
-    /// A voltage from -`max` to `max` that is written.
-    pub const fn volts_out(name: &'static str, bits: u8, max: f32) -> Self {
+    /// A number from `min` to `max` in this unit.
+    #[must_use]
+    pub const fn range(self, min: f32, max: f32, unit: &'static str) -> Self {
         Self {
-            data_type: DataType::Signed,
-            limits: Some((-max, max)),
-            unit: "V",
-            ..Self::new(name, bits, DataDirection::Output)
-        }
-    }
-
-    /// A truth value that is written.
-    pub const fn switch(name: &'static str) -> Self {
-        Self {
-            data_type: DataType::Boolean,
-            ..Self::new(name, 1, DataDirection::Output)
-        }
-    }
-
-    /// Bits that mean nothing, in one direction.
-    pub const fn pad(bits: u8, direction: DataDirection) -> Self {
-        Self {
-            data_type: DataType::Pad,
-            ..Self::new("pad", bits, direction)
-        }
-    }
-
-    /// A counter.
-    pub const fn counter(name: &'static str, bits: u8) -> Self {
-        Self {
-            data_type: DataType::Encoder,
-            ..Self::new(name, bits, DataDirection::Input)
+            limits: Some((min, max)),
+            unit,
+            ..self
         }
     }
 

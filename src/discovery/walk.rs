@@ -51,6 +51,12 @@ pub struct Discovered {
 impl Discovered {
     /// Adds a problem.
     pub(super) fn note(&mut self, table: Table, record: u16, kind: ProblemKind) {
+        let gave_up = |kind: &ProblemKind| matches!(kind, ProblemKind::GaveUp { .. });
+        let same = |noted: &Problem| noted.table == table && gave_up(&noted.kind);
+        // After giving up, every further record would say the same.
+        if gave_up(&kind) && self.problems.iter().any(same) {
+            return;
+        }
         let problem = Problem {
             name: self.started.name,
             unit_number: self.started.unit_number,
@@ -97,12 +103,6 @@ impl Discovered {
         };
         self.note(Table::Process, self.started.ptoc, kind);
     }
-
-    /// Some remotes list process data in the GTOC by a record of its own. FACTS 7.2.
-    fn is_process_data(&self, record: &DataRecord) -> bool {
-        let mut elements = self.descriptor.process_data.iter();
-        record.address != 0 && elements.any(|element| element.address == record.address)
-    }
 }
 
 /// Finds out what a remote is, from its own tables, or from a known one if it has none. It is on a
@@ -118,61 +118,37 @@ pub fn discover<M: RemoteMemory>(
     registers: u8,
     options: &DiscoveryOptions<'_>,
 ) -> Discovered {
-    let mut walk = Walk {
-        reader: Reader::new(memory, options.accesses),
-        found: Discovered {
-            started: *started,
-            descriptor: RemoteDescriptor {
-                name: started.name,
-                unit_number: started.unit_number,
-                software_mode: started.software_mode,
-                process_data: Vec::new(),
-                parameters: Vec::new(),
-                modes: Vec::new(),
-            },
-            plan: Ok(PackingPlan::default()),
-            problems: Vec::new(),
-            read_error: None,
-            accesses: 0,
+    let mut found = Discovered {
+        started: *started,
+        descriptor: RemoteDescriptor {
+            name: started.name,
+            unit_number: started.unit_number,
+            software_mode: started.software_mode,
+            ..RemoteDescriptor::default()
         },
-        seen: Vec::new(),
+        plan: Ok(PackingPlan::default()),
+        problems: Vec::new(),
+        read_error: None,
+        accesses: 0,
     };
+    let mut reader = Reader::new(memory, options.accesses);
     if started.ptoc == 0 {
-        walk.use_known(options.tables);
+        found.use_known(options.tables);
     } else {
-        walk.walk(Table::Process, started.ptoc);
+        found.walk(&mut reader, Table::Process, started.ptoc);
     }
     if started.gtoc != 0 {
-        walk.walk(Table::Global, started.gtoc);
+        found.walk(&mut reader, Table::Global, started.gtoc);
     }
-    let Walk {
-        reader, mut found, ..
-    } = walk;
     found.lay_out(registers);
     found.accesses = reader.accesses;
     found.read_error = reader.error;
     found
 }
 
-struct Walk<'m, M> {
-    reader: Reader<'m, M>,
-    found: Discovered,
-    /// Records that were read, or tried.
-    seen: Vec<u16>,
-}
-
-impl<M: RemoteMemory> Walk<'_, M> {
-    fn note(&mut self, table: Table, record: u16, kind: ProblemKind) {
-        let gave_up = |kind: &ProblemKind| matches!(kind, ProblemKind::GaveUp { .. });
-        let same = |noted: &Problem| noted.table == table && gave_up(&noted.kind);
-        // After giving up, every further record would say the same.
-        if !gave_up(&kind) || !self.found.problems.iter().any(same) {
-            self.found.note(table, record, kind);
-        }
-    }
-
+impl Discovered {
     fn use_known(&mut self, tables: &[&RemoteTable]) {
-        let descriptor = &mut self.found.descriptor;
+        let descriptor = &mut self.descriptor;
         let mut tables = tables.iter().filter(|table| !table.has_discovery);
         let table = tables.find(|table| table.matches(descriptor));
         match table.and_then(|table| table.descriptor(descriptor.software_mode)) {
@@ -181,58 +157,61 @@ impl<M: RemoteMemory> Walk<'_, M> {
         }
     }
 
-    fn walk(&mut self, table: Table, pointer: u16) {
-        for address in self.entries(table, pointer) {
-            if self.seen.contains(&address) {
+    fn walk<M: RemoteMemory>(&mut self, reader: &mut Reader<'_, M>, table: Table, pointer: u16) {
+        for address in self.entries(reader, table, pointer) {
+            if reader.seen.contains(&address) {
                 continue;
             }
-            self.seen.push(address);
-            let record = self.reader.record(address);
-            for kind in core::mem::take(&mut self.reader.notes) {
+            reader.seen.push(address);
+            let record = reader.record(address);
+            for kind in core::mem::take(&mut reader.notes) {
                 self.note(table, address, kind);
             }
-            let found = &mut self.found;
+            let descriptor = &mut self.descriptor;
             match record {
-                Ok(Record::Mode(record)) => found.descriptor.modes.push(record),
+                Ok(Record::Mode(record)) => descriptor.modes.push(record),
                 Ok(Record::Data(record)) if table == Table::Process => {
-                    found.descriptor.process_data.push(record);
+                    descriptor.process_data.push(record);
                 }
-                Ok(Record::Data(record)) if found.is_process_data(&record) => {}
-                Ok(Record::Data(record)) => found.descriptor.parameters.push(record),
+                Ok(Record::Data(record)) if self.is_process_data(&record) => {}
+                Ok(Record::Data(record)) => self.descriptor.parameters.push(record),
                 Err(kind) => self.note(table, address, kind),
             }
         }
     }
 
     /// The entries of a table, each once, until its end or the first problem.
-    fn entries(&mut self, table: Table, pointer: u16) -> Vec<u16> {
+    fn entries<M: RemoteMemory>(
+        &mut self,
+        reader: &mut Reader<'_, M>,
+        table: Table,
+        pointer: u16,
+    ) -> Vec<u16> {
         let mut entries = Vec::new();
         for entry in 0..=ENTRIES {
-            match self.entry(pointer, entry) {
-                Ok(0) => return entries,
-                Ok(_) if entry == ENTRIES => break,
+            let kind = match reader.word(pointer, 2 * entry) {
+                Ok(0) => break,
+                Ok(_) if entry == ENTRIES => ProblemKind::TableWithoutEnd { entries: entry },
                 Ok(word) if entries.contains(&word) => {
                     self.note(table, word, ProblemKind::RepeatedEntry { entry });
+                    continue;
                 }
-                Ok(word) => entries.push(word),
-                Err(ProblemKind::PastEnd) => {
-                    let kind = ProblemKind::TableWithoutEnd { entries: entry };
-                    self.note(table, pointer, kind);
-                    return entries;
+                Ok(word) => {
+                    entries.push(word);
+                    continue;
                 }
-                Err(kind) => {
-                    self.note(table, pointer, kind);
-                    return entries;
-                }
-            }
+                Err(ProblemKind::PastEnd) => ProblemKind::TableWithoutEnd { entries: entry },
+                Err(kind) => kind,
+            };
+            self.note(table, pointer, kind);
+            break;
         }
-        let kind = ProblemKind::TableWithoutEnd { entries: ENTRIES };
-        self.note(table, pointer, kind);
         entries
     }
 
-    fn entry(&mut self, pointer: u16, entry: u16) -> Result<u16, ProblemKind> {
-        let mut byte = |offset| self.reader.byte(pointer, 2 * entry + offset);
-        Ok(u16::from_le_bytes([byte(0)?, byte(1)?]))
+    /// Some remotes list process data in the GTOC by a record of its own. FACTS 7.2.
+    fn is_process_data(&self, record: &DataRecord) -> bool {
+        let mut elements = self.descriptor.process_data.iter();
+        record.address != 0 && elements.any(|element| element.address == record.address)
     }
 }

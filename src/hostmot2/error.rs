@@ -68,19 +68,13 @@ pub enum HostMot2Error {
         /// Number of instances.
         instances: u8,
     },
-    /// There is no such I/O pin.
-    #[error("there is no I/O pin {pin}: this firmware has {pins} of them, counted from 0")]
-    NoSuchPin {
+    /// The I/O pin is not there, or is in use.
+    #[error("I/O pin {pin} {why}")]
+    IoPin {
         /// The pin.
         pin: u16,
-        /// How many there are.
-        pins: usize,
-    },
-    /// The I/O pin is in use.
-    #[error("I/O pin {pin} is used by a module or as plain I/O already: choose another one")]
-    PinInUse {
-        /// The pin.
-        pin: u16,
+        /// Why it can not be used, and what to do.
+        why: String,
     },
     /// The module has no I/O pins.
     #[error("{gtag} {unit} has no pins in this firmware: choose another instance or firmware")]
@@ -90,6 +84,17 @@ pub enum HostMot2Error {
         /// The instance.
         unit: u8,
     },
+}
+
+impl HostMot2Error {
+    pub(super) fn description(what: &str, found: String, expected: &'static str) -> Self {
+        let what = what.into();
+        Self::Description {
+            what,
+            found,
+            expected,
+        }
+    }
 }
 
 /// Why no firmware was identified.

@@ -73,13 +73,8 @@ impl HostMot2 {
             .map_while(|(n, &words)| ModuleDescriptor::parse(n, words, &idrom).transpose())
             .collect::<Result<Vec<_>, _>>()?;
         let mut words = vec![0; idrom.io_width as usize];
-        read_part(
-            bus,
-            "pin descriptors",
-            start,
-            idrom.offset_to_pins,
-            &mut words,
-        )?;
+        let offset = idrom.offset_to_pins;
+        read_part(bus, "pin descriptors", start, offset, &mut words)?;
         let pins: Vec<_> = words.into_iter().map(PinDescriptor::parse).collect();
         Ok(Self {
             warnings: warnings(&idrom, &modules, &pins),
@@ -159,11 +154,8 @@ fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Er
     }
     let found = name(low, high);
     if found != CONFIG_NAME {
-        return Err(HostMot2Error::Description {
-            what: "configuration name at 0x0104".to_string(),
-            found,
-            expected: CONFIG_NAME,
-        });
+        let what = "configuration name at 0x0104";
+        return Err(HostMot2Error::description(what, found, CONFIG_NAME));
     }
     Ok(start)
 }
@@ -180,11 +172,12 @@ fn read_part<B: RegisterBus>(
     let end = place + 4 * words.len() as u64;
     match u16::try_from(place) {
         Ok(address) if address.is_multiple_of(4) && end <= 0x1_0000 => read(bus, address, words),
-        _ => Err(IdentifyError::Firmware(HostMot2Error::Description {
-            what: format!("IDROM {part}"),
-            found: format!("{} words at {place:#X}", words.len()),
-            expected: "a multiple of 4 in the 16-bit address space",
-        })),
+        _ => {
+            let found = format!("{} words at {place:#X}", words.len());
+            let expected = "a multiple of 4 in the 16-bit address space";
+            let what = format!("IDROM {part}");
+            Err(HostMot2Error::description(&what, found, expected).into())
+        }
     }
 }
 

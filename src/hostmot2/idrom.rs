@@ -59,65 +59,46 @@ const SLOWEST_CLOCK_HZ: u32 = 1_000_000;
 impl Idrom {
     /// Parses the header.
     pub(super) fn parse(words: [u32; IDROM_WORDS]) -> Result<Self, HostMot2Error> {
-        let [
-            idrom_type,
-            offset_to_modules,
-            offset_to_pins,
-            name_low,
-            name_high,
-            fpga_size,
-            fpga_pins,
-            io_ports,
-            io_width,
-            port_width,
-            clock_low_hz,
-            clock_high_hz,
-            instance_0,
-            instance_1,
-            register_0,
-            register_1,
-        ] = words;
-        let bad = |what: &str, found, expected| {
-            let what = what.to_string();
-            HostMot2Error::Description {
-                what,
-                found,
-                expected,
-            }
-        };
+        let bad = HostMot2Error::description;
+        let idrom_type = words[0];
         if !matches!(idrom_type, 2 | 3) {
             return Err(bad("IDROM type", idrom_type.to_string(), "3 or 2"));
-        }
-        let fits = (1..=MAX_PORT_WIDTH).contains(&port_width) && (1..=MAX_PINS).contains(&io_width);
-        if !fits || io_ports.checked_mul(port_width) != Some(io_width) {
-            let found = format!("{io_ports} ports of {port_width} pins, {io_width} pins in all");
-            let expected = "their product, 1 to 32 pins a port and 1 to 256 in all";
-            return Err(bad("I/O ports", found, expected));
-        }
-        for (clock, hz) in [("ClockLow", clock_low_hz), ("ClockHigh", clock_high_hz)] {
-            if hz < SLOWEST_CLOCK_HZ {
-                return Err(bad(clock, format!("{hz} Hz"), "at least 1 MHz"));
-            }
         }
         let stride = |word: u32| {
             u16::try_from(word)
                 .map_err(|_| bad("stride", format!("{word:#X}"), "at most 0xFFFF bytes"))
         };
-        Ok(Self {
+        let idrom = Self {
             idrom_type,
-            offset_to_modules,
-            offset_to_pins,
-            board_name: name(name_low, name_high),
-            fpga_size,
-            fpga_pins,
-            io_ports,
-            io_width,
-            port_width,
-            clock_low_hz,
-            clock_high_hz,
-            instance_strides: [stride(instance_0)?, stride(instance_1)?],
-            register_strides: [stride(register_0)?, stride(register_1)?],
-        })
+            offset_to_modules: words[1],
+            offset_to_pins: words[2],
+            board_name: name(words[3], words[4]),
+            fpga_size: words[5],
+            fpga_pins: words[6],
+            io_ports: words[7],
+            io_width: words[8],
+            port_width: words[9],
+            clock_low_hz: words[10],
+            clock_high_hz: words[11],
+            instance_strides: [stride(words[12])?, stride(words[13])?],
+            register_strides: [stride(words[14])?, stride(words[15])?],
+        };
+        let (ports, width, pins) = (idrom.io_ports, idrom.port_width, idrom.io_width);
+        let fits = (1..=MAX_PORT_WIDTH).contains(&width) && (1..=MAX_PINS).contains(&pins);
+        if !fits || ports.checked_mul(width) != Some(pins) {
+            let found = format!("{ports} ports of {width} pins, {pins} pins in all");
+            let expected = "their product, 1 to 32 pins a port and 1 to 256 in all";
+            return Err(bad("I/O ports", found, expected));
+        }
+        for (clock, hz) in [
+            ("ClockLow", idrom.clock_low_hz),
+            ("ClockHigh", idrom.clock_high_hz),
+        ] {
+            if hz < SLOWEST_CLOCK_HZ {
+                return Err(bad(clock, format!("{hz} Hz"), "at least 1 MHz"));
+            }
+        }
+        Ok(idrom)
     }
 
     /// The board's name in lower case, as pin names use it: the part before the first character that

@@ -1,7 +1,8 @@
 //! I/O ports: the pins themselves, and who drives them.
 
 use super::{Gtag, HostMot2, HostMot2Error, PinDescriptor};
-use crate::bus::{Access, RegisterBus};
+use crate::bus::{ImagePlan, RegisterBus, Stage};
+use alloc::format;
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -132,7 +133,7 @@ impl IoPorts {
     /// Source: FACTS 9.1 (bit 7 of the secondary pin).
     ///
     /// # Errors
-    /// [`HostMot2Error::NoPins`] and [`HostMot2Error::PinInUse`].
+    /// [`HostMot2Error::NoPins`] and [`HostMot2Error::IoPin`].
     pub fn use_module(
         &mut self,
         firmware: &HostMot2,
@@ -157,7 +158,7 @@ impl IoPorts {
     /// Uses a pin as plain I/O.
     ///
     /// # Errors
-    /// [`HostMot2Error::NoSuchPin`] and [`HostMot2Error::PinInUse`].
+    /// [`HostMot2Error::IoPin`].
     pub fn use_gpio(&mut self, pin: u16, config: GpioConfig) -> Result<(), HostMot2Error> {
         self.take(pin, |setup, place| {
             setup.direction = place.put(setup.direction, config.output);
@@ -172,13 +173,14 @@ impl IoPorts {
         change: impl FnOnce(&mut PortRegisters<u32>, PinPlace),
     ) -> Result<(), HostMot2Error> {
         let (place, pins) = (self.place(pin), self.taken.len());
-        let missing = HostMot2Error::NoSuchPin { pin, pins };
         let taken = self.taken.get_mut(usize::from(pin));
         let (Some(taken), Some(place)) = (taken, place) else {
-            return Err(missing);
+            let why = format!("is not there: this firmware has {pins} of them, counted from 0");
+            return Err(HostMot2Error::IoPin { pin, why });
         };
         if core::mem::replace(taken, true) {
-            return Err(HostMot2Error::PinInUse { pin });
+            let why = "is used by a module or as plain I/O already: choose another one".into();
+            return Err(HostMot2Error::IoPin { pin, why });
         }
         if let Some(port) = self.ports.get_mut(usize::from(place.port)) {
             change(&mut port.setup, place);
@@ -197,22 +199,17 @@ impl IoPorts {
     /// # Real time
     /// For set-up: allocates.
     pub fn apply<B: RegisterBus>(&self, bus: &mut B) -> Result<(), B::Error> {
-        type Write = fn(&IoPort) -> (u16, u32);
-        let order: [Write; 7] = [
-            |port| (port.address.direction, 0),
-            |port| (port.address.open_drain, 0),
-            |port| (port.address.data, port.setup.data),
-            |port| (port.address.invert, port.setup.invert),
-            |port| (port.address.alternate_source, port.setup.alternate_source),
-            |port| (port.address.direction, port.setup.direction),
-            |port| (port.address.open_drain, port.setup.open_drain),
-        ];
-        let writes = order.iter().flat_map(|write| self.ports.iter().map(write));
-        let (addresses, mut words): (Vec<_>, Vec<_>) = writes.unzip();
-        let accesses: Vec<_> = (0..)
-            .zip(addresses)
-            .map(|(n, address)| Access::write(address, n, 1))
-            .collect();
-        bus.exchange(&accesses, &mut words)
+        let mut plan = ImagePlan::default();
+        for IoPort { address, setup } in &self.ports {
+            plan.step(Stage::Quiesce, address.direction, 0);
+            plan.step(Stage::Quiesce, address.open_drain, 0);
+            plan.step(Stage::Configure, address.data, setup.data);
+            plan.step(Stage::Route, address.invert, setup.invert);
+            let source = setup.alternate_source;
+            plan.step(Stage::Route, address.alternate_source, source);
+            plan.step(Stage::Drive, address.direction, setup.direction);
+            plan.step(Stage::Enable, address.open_drain, setup.open_drain);
+        }
+        plan.set_up(bus)
     }
 }

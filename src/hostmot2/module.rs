@@ -53,10 +53,9 @@ impl ModuleDescriptor {
         if gtag == Gtag::NONE {
             return Ok(None);
         }
-        let bad = |what: &str, found: String, expected| HostMot2Error::Description {
-            what: format!("{what} of module descriptor {index}, {gtag}"),
-            found,
-            expected,
+        let bad = |what, found: String, expected| {
+            let what = format!("{what} of module descriptor {index}, {gtag}");
+            HostMot2Error::description(&what, found, expected)
         };
         let clock_hz = match clock_tag {
             1 => idrom.clock_low_hz,

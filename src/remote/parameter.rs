@@ -8,7 +8,7 @@ use crate::discovery::{DataDirection, DataRecord, DataType, RemoteMemory};
 use crate::hal::{
     AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Role, Spec, Value,
 };
-use crate::sslbp::{AccessSize, NonvolatileMemory};
+use crate::sslbp::{AccessSize, NonvolatileMemory, RemoteAccess};
 
 /// The value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,7 +81,9 @@ impl DataRecord {
         memory: &mut M,
     ) -> Result<ParameterValue, ParameterError<M::Error>> {
         let (kept_in, size) = self.place()?;
-        let raw = memory.read(kept_in, self.address, size)? & mask(self.bits);
+        let address = self.address;
+        let read = RemoteAccess::Read { address, size };
+        let raw = memory.access(kept_in, read)? & mask(self.bits);
         let value = self.value_of(raw);
         Ok(ParameterValue { raw, value })
     }
@@ -99,15 +101,25 @@ impl DataRecord {
         value: impl Into<AnyValue>,
     ) -> Result<(), ParameterError<M::Error>> {
         let (kept_in, size) = self.place()?;
-        let written = self.raw_of(value.into())?;
-        memory.write(kept_in, self.address, size, written)?;
+        let address = self.address;
+        let value = self.raw_of(value.into())?;
+        let write = RemoteAccess::Write {
+            address,
+            size,
+            value,
+        };
+        memory.access(kept_in, write)?;
         if kept_in.is_some() {
             // Read back already.
             return Ok(());
         }
-        match memory.read(None, self.address, size)? & mask(self.bits) {
-            read if read == written => Ok(()),
-            read => Err(ParameterError::NotTaken { written, read }),
+        let read = RemoteAccess::Read { address, size };
+        match memory.access(None, read)? & mask(self.bits) {
+            read if read == value => Ok(()),
+            read => Err(ParameterError::NotTaken {
+                written: value,
+                read,
+            }),
         }
     }
 

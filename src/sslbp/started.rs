@@ -43,7 +43,7 @@ pub enum ReplyFormat {
 }
 
 /// The four characters a remote calls itself by, for example `7I77`.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RemoteName(pub [u8; 4]);
 
 impl RemoteName {

@@ -10,6 +10,7 @@ pub mod chance;
 pub mod descriptors;
 pub mod ethernet;
 pub mod fpga;
+pub mod image;
 pub mod machine;
 pub mod recording;
 pub mod replay;

@@ -2,94 +2,15 @@
 
 mod damage;
 
-use crate::common::replay::{memory_of, recording};
+use crate::common::image::{Image, NoReply};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
     DataDirection, DataType, Discovered, DiscoveryOptions, ElementTable, ModeType, ProblemKind,
-    RemoteMemory, RemoteTable, Table, discover,
+    RemoteTable, Table, discover,
 };
 use mesa_hal::sslbp::RemoteName;
-use mesa_hal::sslbp::{
-    AccessSize, Channel, CsStatus, NonvolatileMemory, ProcessDataSizes, StartedRemote,
-};
+use mesa_hal::sslbp::{Channel, CsStatus, ProcessDataSizes, StartedRemote};
 use proptest::prelude::*;
-use std::collections::BTreeMap;
-
-/// A read that the remote does not answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no reply at {0:#06X}")]
-struct NoReply(u16);
-
-/// A remote's memory. Bytes that are not set read 0; reads that touch a missing range fail.
-#[derive(Clone, Debug, Default)]
-struct Image {
-    bytes: BTreeMap<u16, u8>,
-    missing: Option<std::ops::RangeInclusive<u16>>,
-    accesses: u32,
-    bytes_read: u32,
-}
-
-impl Image {
-    fn recorded(name: &str, remote: u8) -> Self {
-        Self {
-            bytes: memory_of(&recording(name), remote),
-            ..Self::default()
-        }
-    }
-
-    fn put(&mut self, address: u16, bytes: &[u8]) {
-        for (n, &byte) in (0..).zip(bytes) {
-            self.bytes.insert(address.wrapping_add(n), byte);
-        }
-    }
-
-    fn put_words(&mut self, address: u16, words: &[u16]) {
-        let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        self.put(address, &bytes);
-    }
-
-    fn byte(&self, address: u16) -> u8 {
-        self.bytes.get(&address).copied().unwrap_or(0)
-    }
-}
-
-impl RemoteMemory for Image {
-    type Error = NoReply;
-
-    fn read(
-        &mut self,
-        memory: Option<NonvolatileMemory>,
-        address: u16,
-        size: AccessSize,
-    ) -> Result<u64, NoReply> {
-        assert_eq!(memory, None);
-        self.accesses += 1;
-        self.bytes_read += u32::from(size.bytes());
-        let mut value = 0;
-        for n in 0..size.bytes() {
-            let place = address + u16::from(n);
-            if self
-                .missing
-                .as_ref()
-                .is_some_and(|gap| gap.contains(&place))
-            {
-                return Err(NoReply(place));
-            }
-            value |= u64::from(self.byte(place)) << (8 * n);
-        }
-        Ok(value)
-    }
-
-    fn write(
-        &mut self,
-        _: Option<NonvolatileMemory>,
-        address: u16,
-        _: AccessSize,
-        _: u64,
-    ) -> Result<(), NoReply> {
-        panic!("discovery writes to {address:#06X}");
-    }
-}
 
 fn started(ptoc: u16, gtoc: u16, rx: u8, tx: u8) -> StartedRemote {
     StartedRemote {
@@ -257,7 +178,11 @@ fn a_7i64_is_recognised_by_its_name() {
 fn a_remote_without_tables_that_tells_no_sizes_is_refused_whatever_is_known_of_it() {
     const DRIVE: RemoteTable = RemoteTable {
         has_discovery: false,
-        ..RemoteTable::new("drive", *b"8I20", &[ElementTable::bits_in("Fault", 16)])
+        ..RemoteTable::new(
+            "drive",
+            *b"8I20",
+            &[ElementTable::input("Fault", 16, DataType::Bits)],
+        )
     };
     let options = DiscoveryOptions {
         tables: &[&DRIVE],

@@ -5,7 +5,7 @@ use crate::common::machine::start;
 use mesa_hal::Settings;
 use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::{Access, Direction, RegisterBus};
-use mesa_hal::discovery::{ElementTable, RemoteTable};
+use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Driver, DriverError, Presence, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
@@ -276,7 +276,7 @@ fn a_7i64_of_which_only_the_normal_start_tells_the_sizes_runs_with_a_table_of_th
         ..RemoteTable::new(
             "other 7I64",
             *b"7I64",
-            &[ElementTable::bits_out("output", 24)],
+            &[ElementTable::output("output", 24, DataType::Bits)],
         )
     };
     for (remotes, runs) in [(vec![], true), (vec![&OTHER], false)] {

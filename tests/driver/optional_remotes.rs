@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
 use mesa_hal::boards::{AttachError, Finder, I7i72, I7i77Field, RemoteHandles, i7i72, i7i77};
-use mesa_hal::discovery::{Contents, DataDirection, DataType, ElementTable, RemoteTable};
+use mesa_hal::discovery::{Contents, DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
@@ -20,11 +20,16 @@ const VALVES: RemoteTable = RemoteTable::new(
     "valve block",
     *b"VLV4",
     &[
-        ElementTable::bits_out("Valve", 4).at(&[Terminals::new("X2.", 0, &["Y#"], &[3, 4, 5, 6])]),
-        ElementTable::pad(4, DataDirection::Output),
-        ElementTable::bits_in("Closed", 4),
-        ElementTable::pad(4, DataDirection::Input),
-        ElementTable::volts_in("Supply", 8, 36.3),
+        ElementTable::output("Valve", 4, DataType::Bits).at(&[Terminals::new(
+            "X2.",
+            0,
+            &["Y#"],
+            &[3, 4, 5, 6],
+        )]),
+        ElementTable::output("pad", 4, DataType::Pad),
+        ElementTable::input("Closed", 4, DataType::Bits),
+        ElementTable::input("pad", 4, DataType::Pad),
+        ElementTable::input("Supply", 8, DataType::Unsigned).range(0.0, 36.3, "V"),
     ],
 );
 
@@ -406,11 +411,8 @@ fn an_optional_remote_with_a_number_whose_limits_are_not_finite_is_refused() {
         RemoteTable::new("meter", *b"METR", elements)
     }
     const fn number(data_type: DataType, bits: u8, limits: (f32, f32)) -> [ElementTable; 1] {
-        [ElementTable {
-            data_type,
-            limits: Some(limits),
-            ..ElementTable::volts_in("Supply", bits, 36.3)
-        }]
+        let (min, max) = limits;
+        [ElementTable::input("Supply", bits, data_type).range(min, max, "V")]
     }
     const INFINITE: (f32, f32) = (f32::NEG_INFINITY, f32::INFINITY);
     static REFUSED: [RemoteTable; 4] = [

@@ -14,7 +14,7 @@ use mesa_hal::boards::{
     AttachError, BoardHandles, BoardTable, Finder, ModuleTerminals, PwmTable, RemoteHandles,
 };
 use mesa_hal::bus::Clock;
-use mesa_hal::discovery::{ElementTable, RemoteTable};
+use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
 use mesa_hal::hal::{AnalogIn, DigitalOut, Input, Output, Param, Pins, Terminals};
 use mesa_hal::hostmot2::Gtag;
@@ -54,9 +54,9 @@ const VALVES: RemoteTable = RemoteTable::new(
                 signals: &["V#"],
                 pins: &[1, 2, 3, 4],
             }],
-            ..ElementTable::bits_out("Valve", 4)
+            ..ElementTable::output("Valve", 4, DataType::Bits)
         },
-        ElementTable::volts_in("Supply", 8, 36.3),
+        ElementTable::input("Supply", 8, DataType::Unsigned).range(0.0, 36.3, "V"),
     ],
 );
 

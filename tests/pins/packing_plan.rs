@@ -117,7 +117,11 @@ fn damaged_records_are_refused_by_place() {
         assert_eq!(problem.record, 0x123);
         problem.kind
     };
-    let width = |bits, expected| ProblemKind::Width { bits, expected };
+    let width = |bits, expected| ProblemKind::Illegal {
+        field: "width",
+        found: format!("{bits} bits"),
+        expected,
+    };
     assert_eq!(bad(0, DataType::Bits), width(0, "1 to 255"));
     assert_eq!(bad(65, DataType::Unsigned), width(65, "1 to 64"));
     assert_eq!(bad(16, DataType::Float), width(16, "32 or 64"));

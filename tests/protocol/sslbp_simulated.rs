@@ -4,11 +4,12 @@ mod memory;
 
 use crate::common::bus::{Around, Between};
 use crate::common::fpga::set_up_pins;
-use crate::common::replay::{memory_of, port_words, recording, settings_of};
+use crate::common::image::Image;
+use crate::common::replay::{port_words, recording, settings_of};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{
-    Discovered, DiscoveryOptions, PortMemory, ProblemKind, RemoteMemory, discover, discover_port,
+    Discovered, DiscoveryOptions, PortMemory, ProblemKind, discover, discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::remote::{FixedData, Remote};
@@ -19,7 +20,7 @@ use mesa_hal::sslbp::{
     StartFailureReason, StartMode,
 };
 use proptest::prelude::*;
-use std::{collections::BTreeMap, time::Duration};
+use std::time::Duration;
 
 const ZERO: Channel = Channel::ALL[0];
 const ONE: Channel = Channel::ALL[1];
@@ -78,36 +79,6 @@ fn memory<'a>(port: &'a mut Port, fpga: &'a mut SimFpga) -> PortMemory<'a, SimFp
 
 fn start(channel: Channel, mode: u8) -> (Channel, u8) {
     (channel, mode)
-}
-
-/// A recorded memory image, without a port around it.
-struct Image(BTreeMap<u16, u8>);
-
-impl RemoteMemory for Image {
-    type Error = std::convert::Infallible;
-
-    fn read(
-        &mut self,
-        memory: Option<NonvolatileMemory>,
-        address: u16,
-        size: AccessSize,
-    ) -> Result<u64, Self::Error> {
-        assert_eq!(memory, None);
-        Ok((0..size.bytes()).fold(0, |value, n| {
-            let byte = self.0.get(&(address + u16::from(n))).copied().unwrap_or(0);
-            value | u64::from(byte) << (8 * n)
-        }))
-    }
-
-    fn write(
-        &mut self,
-        _: Option<NonvolatileMemory>,
-        address: u16,
-        _: AccessSize,
-        _: u64,
-    ) -> Result<(), Self::Error> {
-        panic!("discovery writes to {address:#06X}");
-    }
 }
 
 #[test]

@@ -77,16 +77,13 @@ pub struct CycleLists<'a, L> {
 impl<B: RegisterBus> Image<B> {
     /// The lists of a usual cycle.
     pub fn lists(&self) -> CycleLists<'_, B::List> {
-        let [read, _] = &self.lists.read;
-        let paced = self.lists.paced.as_ref();
+        let Lists {
+            read, write, paced, ..
+        } = &self.lists;
         CycleLists {
-            read,
-            write: &self.lists.write,
-            paced: paced.map(
-                |Paced {
-                     cycle: [usual, _], ..
-                 }| usual,
-            ),
+            read: &read[0],
+            write,
+            paced: paced.as_ref().map(|paced| &paced.cycle[0]),
         }
     }
 
@@ -208,14 +205,13 @@ impl Parts {
     ) -> Self {
         let mut settings: Vec<_> = (0u16..).zip(&plan.settings).collect();
         settings.sort_by_key(|(_, setting)| setting.stage);
-        let access = |n, address| (n, Access::write(address, first_setting + n, 1));
+        let settings = settings
+            .into_iter()
+            .map(|(n, setting)| (n, Access::write(setting.address, first_setting + n, 1)));
         Self {
             first: writes(Phase::First),
             data: writes(Phase::Data),
-            settings: settings
-                .iter()
-                .map(|(n, setting)| access(*n, setting.address))
-                .collect(),
+            settings: settings.collect(),
             triggers: writes(Phase::Trigger),
             chosen: Vec::with_capacity(plan.writes.len() + plan.settings.len()),
         }

@@ -133,15 +133,12 @@ impl Block {
     /// The places of `registers`, which this was made of.
     fn index(&self, registers: &[Register]) -> Vec<u16> {
         let key = |register: &Register| (register.phase, register.address);
-        let places = registers.iter().map(|register| {
-            let at = self
-                .places
-                .binary_search_by_key(&key(register), |(_, other)| key(other));
-            at.ok()
-                .and_then(|at| self.places.get(at))
-                .map_or(0, |(place, _)| *place)
-        });
-        places.collect()
+        let place = |register| {
+            let mut places = self.places.iter();
+            let place = places.find(|(_, other)| key(other) == key(register));
+            place.map_or(0, |(place, _)| *place)
+        };
+        registers.iter().map(place).collect()
     }
 
     /// The accesses to those that are `wanted`.
@@ -157,13 +154,7 @@ impl Block {
                     continue;
                 }
             }
-            let (address, direction) = (register.address, self.direction);
-            let run = Access {
-                address,
-                direction,
-                first,
-                count: 1,
-            };
+            let run = Access::new(self.direction, register.address, first, 1);
             runs.push((register.phase, run));
         }
         runs.into_iter().map(|(_, run)| run).collect()

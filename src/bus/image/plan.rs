@@ -70,17 +70,6 @@ pub(super) struct Register {
     pub word: u32,
 }
 
-impl Register {
-    const fn new(phase: Phase, address: u16) -> Self {
-        Self {
-            phase,
-            address,
-            is_extra: false,
-            word: 0,
-        }
-    }
-}
-
 /// A register that is written when its word changes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SettingRegister {
@@ -137,14 +126,13 @@ pub struct ImagePlan {
 impl ImagePlan {
     /// A register that is read in every cycle. Several may name the same.
     pub fn read(&mut self, phase: Phase, address: u16) -> ReadSlot {
-        let register = Register::new(phase, address);
-        ReadSlot(push(&mut self.reads, register))
+        add_read(&mut self.reads, phase, address, false)
     }
 
     /// A register that is only read after somebody
     /// [asked](crate::modules::WriteCycle::ask_extra) for it, and when the driver looks closely.
     pub fn read_extra(&mut self, phase: Phase, address: u16) -> ReadSlot {
-        add_extra(&mut self.reads, phase, address)
+        add_read(&mut self.reads, phase, address, true)
     }
 
     /// A register that is written in every cycle and with the set-up, then as `safe`. Nothing else
@@ -159,8 +147,13 @@ impl ImagePlan {
     /// A register that is written in every cycle, as `word` until another one is put, and not with the
     /// set-up. Nothing else may write it, but for [steps](Self::step).
     pub fn write(&mut self, phase: Phase, address: u16, word: u32) -> WriteSlot {
-        let register = Register::new(phase, address);
-        WriteSlot(push(&mut self.writes, Register { word, ..register }))
+        let register = Register {
+            phase,
+            address,
+            is_extra: false,
+            word,
+        };
+        WriteSlot(push(&mut self.writes, register))
     }
 
     /// A register that is written with the set-up, when its word changes, and after a reset: always
@@ -218,7 +211,8 @@ impl ImagePlan {
             reads_back |= bus.read(drive.address)? == drive.word;
         }
         for drive in drives.iter_mut().filter(|_| reads_back) {
-            drive.shown = Some(add_extra(&mut self.reads, Phase::Evidence, drive.address));
+            let (reads, address) = (&mut self.reads, drive.address);
+            drive.shown = Some(add_read(reads, Phase::Evidence, address, true));
         }
         Ok(())
     }
@@ -306,16 +300,14 @@ fn twice(mut addresses: Vec<u16>) -> Option<u16> {
     pair.first().copied()
 }
 
-fn add_extra(reads: &mut Vec<Register>, phase: Phase, address: u16) -> ReadSlot {
-    let register = Register::new(phase, address);
-    let is_extra = true;
-    ReadSlot(push(
-        reads,
-        Register {
-            is_extra,
-            ..register
-        },
-    ))
+fn add_read(reads: &mut Vec<Register>, phase: Phase, address: u16, is_extra: bool) -> ReadSlot {
+    let register = Register {
+        phase,
+        address,
+        is_extra,
+        word: 0,
+    };
+    ReadSlot(push(reads, register))
 }
 
 /// Adds to a list; returns the number of what was added.

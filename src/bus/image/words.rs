@@ -7,8 +7,8 @@ use super::{ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 /// What is read and what is written, one word for each register.
 ///
 /// # Real time
-/// No function allocates or panics. A slot of another image is a mistake in the program: it reads
-/// as 0 and is not written.
+/// No function allocates. A slot or setting of another image is a mistake in the program: a debug
+/// build panics where this image has none of that number, and a release reads 0 and writes nothing.
 #[derive(Debug)]
 pub struct Words {
     /// What is read, what is written, the settings, the safe words of what is written, and what the
@@ -142,9 +142,12 @@ impl Words {
     /// cycle.
     #[inline]
     pub fn set(&mut self, setting: Setting, word: u32) {
-        let place = self.first_setting + usize::from(setting.0);
-        let old = self.content.get_mut(place);
-        if old.is_none_or(|old| core::mem::replace(old, word) != word) {
+        let number = usize::from(setting.0);
+        // Behind the settings there are the safe words.
+        let is_ours = number < self.settings.len();
+        debug_assert!(is_ours, "a setting of another image");
+        let old = self.content.get_mut(self.first_setting + number);
+        if is_ours && old.is_some_and(|old| core::mem::replace(old, word) != word) {
             self.repeat(setting);
         }
     }

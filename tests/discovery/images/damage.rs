@@ -5,73 +5,66 @@ use super::*;
 #[test]
 fn each_kind_of_damage_has_its_own_error() {
     let limits = [0.0, 1.0];
-    assert_eq!(
-        only_problem(vec![0xC7, 8]),
-        ProblemKind::IllegalByte {
-            field: "type",
-            found: 0xC7,
-            expected: "A0 (data) or B0 (mode)"
-        }
+    let illegal = |record, expected: [&'static str; 3]| {
+        let [field, found, expected] = expected;
+        let found = found.into();
+        let kind = ProblemKind::Illegal {
+            field,
+            found,
+            expected,
+        };
+        assert_eq!(only_problem(record), kind);
+    };
+    illegal(vec![0xC7, 8], ["type", "0xC7", "A0 (data) or B0 (mode)"]);
+    illegal(
+        data(8, 2, 0x20, limits, "x"),
+        ["direction", "0x20", "00 (input), 40 (both) or 80 (output)"],
     );
-    assert_eq!(
-        only_problem(data(8, 2, 0x20, limits, "x")),
-        ProblemKind::IllegalByte {
-            field: "direction",
-            found: 0x20,
-            expected: "00 (input), 40 (both) or 80 (output)"
-        }
+    illegal(data(0, 2, 0, limits, "x"), ["width", "0 bits", "1 to 64"]);
+    illegal(data(65, 3, 0, limits, "x"), ["width", "65 bits", "1 to 64"]);
+    illegal(
+        data(16, 0x10, 0, limits, "x"),
+        ["width", "16 bits", "32 or 64"],
     );
-    assert_eq!(
-        only_problem(data(0, 2, 0, limits, "x")),
-        ProblemKind::Width {
-            bits: 0,
-            expected: "1 to 64"
-        }
+    illegal(
+        data(8, 2, 0, [2.0, 1.0], "x"),
+        ["range", "2 to 1", "the smaller limit first"],
     );
-    assert_eq!(
-        only_problem(data(65, 3, 0, limits, "x")),
-        ProblemKind::Width {
-            bits: 65,
-            expected: "1 to 64"
-        }
+    illegal(
+        data(8, 2, 0, limits, &"n".repeat(300)),
+        [
+            "name",
+            "without end within 255 characters",
+            "a zero behind it",
+        ],
     );
-    assert_eq!(
-        only_problem(data(16, 0x10, 0, limits, "x")),
-        ProblemKind::Width {
-            bits: 16,
-            expected: "32 or 64"
-        }
-    );
-    assert_eq!(
-        only_problem(data(8, 0x99, 0, limits, "x")),
-        ProblemKind::UnknownDataType { found: 0x99 }
-    );
-    assert_eq!(
-        only_problem(data(8, 2, 0, [1.0, f32::INFINITY], "x")),
-        ProblemKind::LimitsNotFinite {
-            min: 1.0,
-            max: f32::INFINITY
-        }
-    );
-    assert_eq!(
-        only_problem(data(8, 2, 0, [2.0, 1.0], "x")),
-        ProblemKind::LimitsReversed { min: 2.0, max: 1.0 }
-    );
-    assert_eq!(
-        only_problem(data(8, 2, 0, limits, &"n".repeat(60))),
-        ProblemKind::StringTooLong {
-            field: "name",
-            characters: 60,
-            kept: 48
-        }
-    );
-    assert_eq!(
-        only_problem(data(8, 2, 0, limits, &"n".repeat(300))),
-        ProblemKind::StringWithoutEnd {
-            field: "name",
-            characters: 255
-        }
-    );
+}
+
+/// Its place among the process data is certain, so that it can run.
+#[test]
+fn what_is_odd_about_a_record_is_told_and_the_record_is_used() {
+    for (record, text) in [
+        (
+            data(8, 0x99, 0, [0.0, 1.0], "x"),
+            "its data type 0x99 is not known; its bits are kept as they are",
+        ),
+        (
+            data(8, 2, 0, [1.0, f32::INFINITY], "x"),
+            "its limits 1 to inf are not finite; its pins have a full scale of 1 instead, so check \
+             its scale",
+        ),
+        (
+            data(8, 2, 0, [0.0, 1.0], &"n".repeat(60)),
+            "its name has 60 characters, of which 48 are kept",
+        ),
+    ] {
+        let (mut image, remote) = with_records(std::slice::from_ref(&record), 2, 0);
+        let found = run(&mut image, &remote);
+        let kinds = kinds(&found);
+        assert!(matches!(kinds[..], [ProblemKind::Odd { .. }]), "{kinds:?}");
+        assert_eq!(kinds[0].to_string(), text);
+        assert!(found.plan.is_ok());
+    }
 }
 
 /// A remote that shows something else in the place of its tables, such as erased or zeroed memory,

@@ -9,7 +9,7 @@ fn discovery_over_the_wire_is_the_same_as_from_the_image() {
     for mode in 0..4 {
         let before = fpga.counters();
         let found = found(&mut port, &mut fpga, start(ZERO, mode));
-        let mut image = Image(memory_of(&recording("t03_setup_one"), 0));
+        let mut image = Image::recorded("t03_setup_one", 0);
         let expected = discover(&mut image, &found.started, 3, &DiscoveryOptions::default());
         assert_eq!(found, expected);
         assert_eq!(found.problems, []);
