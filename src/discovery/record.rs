@@ -212,11 +212,11 @@ impl<'m, M: RemoteMemory> Reader<'m, M> {
             self.accesses += 1;
             let size = self.size;
             let first = address.min(u16::MAX - u16::from(size.bytes() - 1));
-            let address = first;
-            match self
-                .memory
-                .access(None, RemoteAccess::Read { address, size })
-            {
+            let read = RemoteAccess::Read {
+                address: first,
+                size,
+            };
+            match self.memory.access(None, read) {
                 Ok(value) => {
                     let bytes = value.to_le_bytes().into_iter();
                     self.known

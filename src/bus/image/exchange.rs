@@ -28,7 +28,7 @@ pub struct Image<B: RegisterBus> {
     pub(super) lists: Lists<B::List>,
     pub(super) parts: Parts,
     /// What the replies told since [`take_news`](Self::take_news).
-    pub(super) news: Option<Reply>,
+    pub(super) news: Reply,
 }
 
 #[derive(Debug)]
@@ -89,7 +89,7 @@ impl<B: RegisterBus> Image<B> {
 
     /// What all replies told since this was called last.
     pub fn take_news(&mut self) -> Reply {
-        self.news.take().unwrap_or(Reply::CERTAIN)
+        core::mem::replace(&mut self.news, Reply::CERTAIN)
     }
 
     /// Sends the request of a read; [`finish`](Self::finish) takes its reply.
@@ -121,7 +121,8 @@ impl<B: RegisterBus> Image<B> {
     /// Takes the reply to what was started.
     pub fn finish(&mut self, bus: &mut B, started: Ask) -> Result<Reply, B::Error> {
         let reply = bus.finish(self.lists.of(started), &mut self.words.content)?;
-        Ok(note(&mut self.news, reply))
+        self.news = self.news.and(reply);
+        Ok(reply)
     }
 
     /// Writes the registers of every cycle, triggers last, and the settings that have changed; without
@@ -152,14 +153,14 @@ impl<B: RegisterBus> Image<B> {
     /// Reads the status registers alone.
     pub fn read_status(&mut self, bus: &mut B) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.status, &mut self.words.content)?;
-        note(&mut self.news, reply);
+        self.news = self.news.and(reply);
         Ok(())
     }
 
     /// Reads all evidence alone.
     pub fn read_evidence(&mut self, bus: &mut B) -> Result<(), B::Error> {
         let reply = bus.run(&self.lists.evidence, &mut self.words.content)?;
-        note(&mut self.news, reply);
+        self.news = self.news.and(reply);
         Ok(())
     }
 
@@ -168,7 +169,7 @@ impl<B: RegisterBus> Image<B> {
     pub fn set_up(&mut self, bus: &mut B) -> Result<(), B::Error> {
         self.words.expect_all();
         let reply = bus.run(&self.lists.set_up, &mut self.words.content)?;
-        note(&mut self.news, reply);
+        self.news = self.news.and(reply);
         Ok(())
     }
 
@@ -177,12 +178,6 @@ impl<B: RegisterBus> Image<B> {
         let _ = bus.run(&self.lists.quiesce, &mut self.words.content)?;
         Ok(())
     }
-}
-
-fn note(news: &mut Option<Reply>, reply: Reply) -> Reply {
-    let all = news.map_or(reply, |before| before.and(reply));
-    *news = Some(all);
-    reply
 }
 
 /// Everything that is written, for writes that hold settings.

@@ -6,7 +6,7 @@ use core::time::Duration;
 use super::exchange::{Image, Lists, Paced, Parts};
 use super::plan::{Again, ImagePlan, Register, StepPlace, push};
 use super::{Phase, Stage, Words};
-use crate::bus::{Access, Direction, Hold, RegisterBus};
+use crate::bus::{Access, Direction, Hold, RegisterBus, Reply};
 
 /// Reads of registers so many registers apart are merged, and what lies between is read along and
 /// ignored: on Ethernet one register more costs four bytes, as does a command.
@@ -89,7 +89,7 @@ impl ImagePlan {
                 writes.index(&self.writes),
                 first_setting,
             ),
-            news: None,
+            news: Reply::CERTAIN,
         })
     }
 }

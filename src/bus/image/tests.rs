@@ -225,8 +225,6 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     words.set(drive, 0x30);
     words.put(output, 99);
     words.put_safe(output, 6);
-    // Of another image: what the set-up writes besides stays.
-    words.put_safe(WriteSlot(1), 5);
     let Ok(()) = image.set_up(&mut bus);
     let again = [
         (0x0C00, 2),
@@ -243,6 +241,36 @@ fn the_set_up_is_written_stage_by_stage_with_the_words_of_now_and_the_evidence_a
     assert_eq!(written(&mut image, &mut bus), [(0x4000, 99)]);
     let Ok(()) = image.quiesce(&mut bus);
     assert_eq!(bus.take_written(), [(0x1100, 0)]);
+}
+
+/// Behind the settings there are the safe words, and behind these the steps: a number that this image
+/// does not have must reach neither. In a debug build it is loud.
+fn after_a_mistake(mistake: fn(&mut Words)) -> Vec<(u16, u32)> {
+    let mut plan = ImagePlan::default();
+    plan.output(0x4000, 7);
+    plan.step(Stage::Configure, 0x4100, 8);
+    let mut bus = Memory::default();
+    let mut image = prepared(&plan, &mut bus);
+    mistake(&mut image.words);
+    let Ok(()) = image.set_up(&mut bus);
+    bus.take_written()
+}
+
+#[test]
+#[cfg_attr(
+    debug_assertions,
+    should_panic(expected = "a setting of another image")
+)]
+fn a_setting_of_another_image_changes_no_safe_word() {
+    let written = after_a_mistake(|words| words.set(Setting(0), 5));
+    assert_eq!(written, [(0x4000, 7), (0x4100, 8)]);
+}
+
+#[test]
+#[cfg_attr(debug_assertions, should_panic(expected = "a slot of another image"))]
+fn a_safe_word_of_another_image_changes_no_step() {
+    let written = after_a_mistake(|words| words.put_safe(WriteSlot(1), 5));
+    assert_eq!(written, [(0x4000, 7), (0x4100, 8)]);
 }
 
 #[test]

@@ -129,7 +129,9 @@ impl Words {
     pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
         let first = self.first_setting + self.settings.len();
         let safes = self.content.get_mut(first..first + self.writes.len());
-        if let Some(old) = safes.and_then(|safes| safes.get_mut(usize::from(slot.0))) {
+        let old = safes.and_then(|safes| safes.get_mut(usize::from(slot.0)));
+        debug_assert!(old.is_some(), "a slot of another image");
+        if let Some(old) = old {
             *old = word;
         }
     }
