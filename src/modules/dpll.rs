@@ -5,8 +5,7 @@
 use alloc::format;
 
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
-use crate::bus::Instant;
-use crate::bus::{Phase, ReadSlot, Setting, Stage};
+use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
 use crate::hostmot2::Gtag;
 

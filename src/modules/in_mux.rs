@@ -7,8 +7,7 @@ use alloc::vec::Vec;
 use core::time::Duration;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
-use crate::bus::Instant;
-use crate::bus::{Phase, ReadSlot, Setting, Stage};
+use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
 use crate::hostmot2::{Gtag, ModuleDescriptor};
 

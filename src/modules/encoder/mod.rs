@@ -12,10 +12,9 @@ use alloc::format;
 use alloc::vec::Vec;
 
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
-use crate::bus::Instant;
-use crate::bus::{Phase, ReadSlot, Setting, Stage};
+use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{PinStore, Rejection};
-use crate::hostmot2::{Gtag, HostMot2, ModuleDescriptor, PinDescriptor};
+use crate::hostmot2::{Gtag, ModuleDescriptor, PinDescriptor};
 
 pub use crate::hostmot2::TickRate;
 
@@ -233,23 +232,21 @@ impl Encoder {
 }
 
 /// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the
-/// select line.
+/// select line. Each card has one of its own, which carries the same signal; its unit is the number
+/// of the card's first encoder (FACTS 12.7).
 fn take_pins(r: &mut Registrar<'_>, gtag: Gtag, count: u8) -> Result<(), RegisterError> {
     let mut units = count;
     if gtag == Gtag::MUXED_ENCODER {
         units = count.div_ceil(2);
-        let firmware = r.firmware;
-        (0..count)
-            .filter(|unit| has_select(firmware, *unit))
-            .try_for_each(|unit| r.use_io(Gtag::MUX_SELECT, unit))?;
+        for unit in 0..count {
+            let mut pins = r.firmware.pins_of(Gtag::MUX_SELECT, unit);
+            // Without any for unit 0, taking its pins tells what is missing.
+            if unit == 0 || pins.next().is_some() {
+                r.use_io(Gtag::MUX_SELECT, unit)?;
+            }
+        }
     }
     (0..units).try_for_each(|unit| r.use_io(gtag, unit))
-}
-
-/// Each card has a select line of its own, which carries the same signal; its unit is the number of
-/// the card's first encoder (FACTS 12.7). Without any for unit 0, taking its pins tells what is missing.
-fn has_select(firmware: &HostMot2, unit: u8) -> bool {
-    unit == 0 || firmware.pins_of(Gtag::MUX_SELECT, unit).next().is_some()
 }
 
 impl Module for Encoders {

@@ -22,8 +22,7 @@ pub use registers::WatchdogRegisters;
 use core::time::Duration;
 
 use super::{Module, RegisterError, Registrar, WriteCycle};
-use crate::bus::Instant;
-use crate::bus::{Phase, ReadSlot, Setting, Words, WriteSlot};
+use crate::bus::{Instant, Phase, ReadSlot, Setting, Words, WriteSlot};
 use crate::hal::{InOut, Param, PinStore, Pins};
 
 /// The board's watchdog.
