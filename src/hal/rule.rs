@@ -128,7 +128,11 @@ impl Rule {
         } else {
             value / self.scale_now * full
         };
-        let (lowest, highest) = (end.min(full), end.max(full));
+        let (lowest, highest) = if end <= full {
+            (end, full)
+        } else {
+            (full, end)
+        };
         if lowest <= value && value <= highest {
             (value, None)
         } else if !value.is_finite() {
