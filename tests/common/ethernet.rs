@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io;
 
 use mesa_hal::bus::Instant;
+use mesa_hal::sim::devices::find;
 use mesa_hal::sim::{BoardConfig, SimBoard, SimFpga};
 use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
 
@@ -53,6 +54,13 @@ fn writes(packet: &[u8]) -> bool {
         rest = tail.get(skipped..).unwrap_or_default();
     }
     false
+}
+
+/// Volts at the first terminal of the analog remote on channel 1.
+pub fn volts(bus: &mut UdpBus<SimLink>) -> f64 {
+    let remote = bus.link().board.gateware_mut().remote(0, 1);
+    let device = remote.and_then(find).expect("a device");
+    device.world().analog_output(0).expect("an analog output")
 }
 
 /// What became of one packet of the host.

@@ -8,7 +8,7 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{
     CycleReport, Driver, DriverError, Pace, RemoteState, RemoteStatus, Settings,
 };
-use mesa_hal::hal::{Input, Output, Param, Pins, Value};
+use mesa_hal::hal::{Input, Output, Param, Pins, Reading, Value};
 use mesa_hal::sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
@@ -254,6 +254,17 @@ impl<B: World, C> Machine<B, C> {
         pin.unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
+    pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) {
+        let set = self.driver.pins_mut().set_param(param, value);
+        set.expect("a value that it takes");
+    }
+
+    /// Turns a motor by hand, in units a second.
+    pub fn turn(&mut self, axis: usize, velocity: f64) {
+        let motor = self.fpga().motor(axis).expect("an axis");
+        motor.turn_by_hand(Some(velocity));
+    }
+
     fn full(&self, name: &str) -> String {
         format!("{}.{name}", self.driver.name())
     }
@@ -273,6 +284,15 @@ impl<B: World, C> Machine<B, C> {
             let _ = self.cycle();
         }
         panic!("not within {limit} cycles: {:#?}", self.status(FIELD).state);
+    }
+
+    /// Re-arms in each cycle until nothing waits.
+    pub fn rearm_all(&mut self, limit: usize) {
+        let is_done = |machine: &mut Self| {
+            let rearmed = machine.driver.rearm();
+            rearmed.is_ok_and(|rearmed| rearmed.waiting == 0)
+        };
+        self.until(limit, is_done);
     }
 
     pub fn status(&self, channel: usize) -> RemoteStatus<'_> {
@@ -304,6 +324,14 @@ impl<B: World, C> Machine<B, C> {
 
     pub fn device_mut(&mut self, channel: usize) -> &mut dyn SimDevice {
         find_mut(self.fpga().remote_mut(0, channel).expect("remote")).expect("device")
+    }
+}
+
+impl<B: World> Machine<B> {
+    /// An input of the field I/O.
+    pub fn field_input(&self, input: usize) -> Reading<bool> {
+        let pin = self.cards.field.inputs[input].pin;
+        self.driver.pins().read(pin)
     }
 }
 

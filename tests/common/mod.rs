@@ -14,4 +14,5 @@ pub mod image;
 pub mod machine;
 pub mod recording;
 pub mod replay;
+pub mod valves;
 pub mod watch;

@@ -85,10 +85,7 @@ fn read_modify_write_sees_the_reply_to_its_own_write() {
         assert!(machine.driver.wait_transfers(limit).unwrap());
         let report = machine.driver.read().unwrap();
         assert_eq!((report.good, report.too_short), (3, 0));
-        let input = machine
-            .driver
-            .pins()
-            .read(machine.cards.field.inputs[4].pin);
+        let input = machine.field_input(4);
         assert_eq!((input.value, input.valid, input.age.cycles), (on, true, 0));
     }
     let port = &machine.driver.ports()[0];

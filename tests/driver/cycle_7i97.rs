@@ -85,11 +85,7 @@ fn both_firmwares() -> [SimFpga; 2] {
 pub fn follow<B: World>(machine: &mut Machine<B>) -> f64 {
     let card = machine.cards;
     for encoder in card.encoders {
-        machine
-            .driver
-            .pins_mut()
-            .set_param(encoder.scale, 1000.0)
-            .expect("a scale");
+        machine.set_param(encoder.scale, 1000.0);
     }
     for output in card.analog_out {
         machine.driver.pins_mut().set(output.enable, true);
@@ -185,11 +181,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
         let is_output = machine.param("gpio.041.is_output");
         let later_out = machine.output("gpio.041.out");
         let inputs = inputs(&machine);
-        machine
-            .driver
-            .pins_mut()
-            .set_param(is_output, true)
-            .expect("a switch");
+        machine.set_param(is_output, true);
         let command = |machine: &mut Machine<SimFpga>| {
             let pins = machine.driver.pins_mut();
             pins.set(analog.volts, 3.0);

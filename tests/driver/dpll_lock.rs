@@ -86,37 +86,17 @@ fn lateness(fpga: &mut SimFpga) -> i64 {
     if since < until { since } else { -until }
 }
 
+const fn host(ppm: i64, work: u64, jitter: u64) -> Host {
+    Host { ppm, work, jitter }
+}
+
 const HOSTS: [Host; 6] = [
-    Host {
-        ppm: 0,
-        work: 60_000,
-        jitter: 0,
-    },
-    Host {
-        ppm: 20,
-        work: 60_000,
-        jitter: 3_000,
-    },
-    Host {
-        ppm: -50,
-        work: 300_000,
-        jitter: 20_000,
-    },
-    Host {
-        ppm: 50,
-        work: 300_000,
-        jitter: 20_000,
-    },
-    Host {
-        ppm: 100,
-        work: 20_000,
-        jitter: 5_000,
-    },
-    Host {
-        ppm: -100,
-        work: 700_000,
-        jitter: 30_000,
-    },
+    host(0, 60_000, 0),
+    host(20, 60_000, 3_000),
+    host(-50, 300_000, 20_000),
+    host(50, 300_000, 20_000),
+    host(100, 20_000, 5_000),
+    host(-100, 700_000, 30_000),
 ];
 
 #[test]

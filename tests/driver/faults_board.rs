@@ -41,12 +41,7 @@ fn running() -> Machine {
 
 /// Re-arms until everything follows again.
 fn rearm_all<B: Embedded>(machine: &mut Machine<B>) {
-    machine.until(300, |machine| {
-        machine
-            .driver
-            .rearm()
-            .is_ok_and(|rearmed| rearmed.waiting == 0)
-    });
+    machine.rearm_all(300);
     switch_on(machine);
     machine.cycles(5);
     assert_eq!(are_outputs_on(machine), [true; 3]);
@@ -184,10 +179,7 @@ fn a_lost_read_takes_no_input_and_stops_nothing() {
     let Err(CycleError::Read { consecutive: 1, .. }) = machine.driver.read() else {
         panic!("the read was lost");
     };
-    let input = machine
-        .driver
-        .pins()
-        .read(machine.cards.field.inputs[9].pin);
+    let input = machine.field_input(9);
     assert_eq!(
         (input.value, input.valid, input.age.cycles),
         (false, true, 1)
@@ -195,10 +187,7 @@ fn a_lost_read_takes_no_input_and_stops_nothing() {
     machine.driver.write().unwrap();
     machine.pass(Duration::from_millis(1));
     machine.cycles(3);
-    let input = machine
-        .driver
-        .pins()
-        .read(machine.cards.field.inputs[9].pin);
+    let input = machine.field_input(9);
     assert_eq!(
         (input.value, input.valid, input.age.cycles),
         (true, true, 0)
@@ -259,12 +248,7 @@ fn a_bus_that_is_down_makes_everything_safe_and_stops_feeding_the_watchdog() {
         "until it is re-armed"
     );
     assert_eq!(are_outputs_on(&machine), [false; 3]);
-    machine.until(500, |machine| {
-        machine
-            .driver
-            .rearm()
-            .is_ok_and(|rearmed| rearmed.waiting == 0)
-    });
+    machine.rearm_all(500);
     switch_on(&mut machine);
     machine.cycles(5);
     assert_eq!(are_outputs_on(&machine), [true; 3]);
@@ -432,7 +416,10 @@ fn the_port_can_be_switched_off_and_on() {
         .output("hm2_7i92.0.sserial.port-0.run")
         .unwrap();
     machine.driver.pins_mut().set(run, false);
-    machine.cycles(3);
+    machine.cycles(2);
+    let off = "switched off, not left to their watchdogs";
+    assert_eq!(are_outputs_on(&machine), [false; 3], "{off}");
+    machine.cycles(2);
     assert!(
         ALL.iter()
             .all(|&c| !machine.is_running(c) && !machine.is_valid(c))

@@ -59,48 +59,37 @@ fn set_bits(machine: &mut Machine, channel: usize, faults: RemoteFaults, stuck: 
 
 impl Cause {
     fn begins(self, machine: &mut Machine, channel: usize) {
-        let now = machine.now();
         match self {
             Self::Bit(faults) => set_bits(machine, channel, faults, false),
             Self::Stuck(faults) => set_bits(machine, channel, faults, true),
-            Self::Short => machine
-                .device_mut(channel)
-                .set_over_current(3, true)
-                .unwrap(),
-            Self::Hot => machine
-                .device_mut(channel)
-                .set_over_temperature(3, true)
-                .unwrap(),
-            Self::FieldVolts(volts) => machine
-                .device_mut(channel)
-                .set_field_volts(now, volts)
-                .unwrap(),
+            _ => self.change(machine, channel, true),
         }
     }
 
     fn ends(self, machine: &mut Machine, channel: usize) {
-        let now = machine.now();
-        let none = RemoteFaults::empty();
         match self {
             Self::Bit(_) => {}
             // What START could not clear stays set; only its cause is gone.
             Self::Stuck(faults) => {
-                set_bits(machine, channel, none, false);
+                set_bits(machine, channel, RemoteFaults::empty(), false);
                 set_bits(machine, channel, faults, false);
             }
-            Self::Short => machine
-                .device_mut(channel)
-                .set_over_current(3, false)
-                .unwrap(),
-            Self::Hot => machine
-                .device_mut(channel)
-                .set_over_temperature(3, false)
-                .unwrap(),
-            Self::FieldVolts(_) => machine
-                .device_mut(channel)
-                .set_field_volts(now, 24.0)
-                .unwrap(),
+            _ => self.change(machine, channel, false),
         }
+    }
+
+    /// What the world does to the device.
+    fn change(self, machine: &mut Machine, channel: usize, begins: bool) {
+        let now = machine.now();
+        let device = machine.device_mut(channel);
+        let done = match self {
+            Self::Hot => device.set_over_temperature(3, begins),
+            Self::FieldVolts(volts) => {
+                device.set_field_volts(now, if begins { volts } else { 24.0 })
+            }
+            _ => device.set_over_current(3, begins),
+        };
+        done.unwrap();
     }
 }
 
@@ -312,6 +301,7 @@ fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_o
     let until = machine.now() + 70 * MS;
     pass(&mut machine, until, |_| {});
     let mut away = 0;
+    let mut seen = None;
     for _ in 0..300 {
         cycle(&mut machine, |machine| {
             for channel in [FIELD, ANALOG, OUTPUTS] {
@@ -319,7 +309,12 @@ fn remotes_whose_watchdogs_have_bitten_stay_off_until_re_armed_and_are_back_at_o
             }
         });
         away += usize::from(!machine.is_valid(FIELD));
+        if let Some(reason) = reason(&machine, FIELD) {
+            assert!(machine.bit("7i77.0.0.fault-watchdog"));
+            seen = Some(reason);
+        }
     }
+    assert_eq!(seen, Some(OfflineReason::Watchdog));
     assert!(away < 10, "{away} cycles");
     assert_eq!(machine.driver.rearm().unwrap().armed, 3);
     for _ in 0..4 {

@@ -3,8 +3,9 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal::driver::{Failure, OfflineReason, Presence, RemoteConfig, RemoteState, SerialConfig};
-use mesa_hal::sim::devices::{FieldIo, Outputs48};
+use mesa_hal::sim::devices::{Device, FieldIo, Outputs48};
 use mesa_hal::sim::remote::{Cable, Toward, WireFault};
+use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sslbp::RemoteFaults;
 
 /// Outputs on, volts on, inputs on.
@@ -81,10 +82,7 @@ fn one_wire_fault(
     let mut invalid_cycles = 0;
     for _ in 0..10 {
         others_go_on(&mut machine, channel, 1);
-        let input = machine
-            .driver
-            .pins()
-            .read(machine.cards.field.inputs[9].pin);
+        let input = machine.field_input(9);
         assert!(input.value, "{fault:?}: the last good value is kept");
         invalid_cycles += usize::from(!machine.is_valid(channel));
         assert!(
@@ -148,8 +146,8 @@ fn comes_back(
     let gone = machine.until(40, |machine| !machine.is_running(channel));
     assert!(!machine.is_valid(channel) && !machine.is_armed(channel));
     assert!(machine.bit(&format!("{}.running", prefix(&machine, ANALOG))));
-    // The others are served while nothing is tried.
-    others_go_on(&mut machine, channel, 60);
+    // The others are served while nothing is tried: 60 ms from a fault that it reports on.
+    others_go_on(&mut machine, channel, 50);
     assert!(gone <= 22, "offline after {gone} cycles");
     repair(&mut machine);
     machine.until(11_000, |machine| machine.is_running(channel));
@@ -204,170 +202,64 @@ fn a_remote_that_loses_power_comes_back_in_its_software_mode() {
     assert_eq!(machine.device(FIELD).mode(), 2);
 }
 
-#[test]
-fn an_unplugged_remote_switches_off_by_itself_and_says_so_when_it_is_back() {
-    let mut machine = busy_machine(0);
-    machine.cable(FIELD).unplug();
-    machine.cycles(60);
-    assert!(!are_outputs_on(&machine, FIELD), "its own watchdog, 50 ms");
-    assert!(
-        machine
-            .device(FIELD)
-            .faults()
-            .contains(mesa_hal::lbp::RemoteFaults::WATCHDOG)
-    );
-}
-
-/// The plug is out for shorter than it takes to go offline, and longer than the remote's
-/// watchdog allows: it answers again, with a bitten watchdog.
-#[test]
-fn a_bitten_watchdog_of_a_remote_is_seen_in_cs_and_cleared_by_a_restart() {
-    let mut machine = Machine::build(|s| s.watchdog = Some(std::time::Duration::from_millis(500)));
-    switch_on(&mut machine);
-    machine.cycles(5);
-    machine.sleep(70);
-    let mut seen = None;
-    machine.until(10, |machine| {
-        seen = match machine.status(FIELD).state {
-            RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
-                assert!(machine.bit("7i77.0.0.fault-watchdog"));
-                Some(reason)
-            }
-            _ => None,
-        };
-        seen.is_some()
-    });
-    assert_eq!(seen, Some(OfflineReason::Watchdog));
-    for channel in [FIELD, ANALOG, OUTPUTS] {
-        assert!(!machine.is_armed(channel) && !machine.is_valid(channel));
-    }
-    machine.until(20, |machine| {
-        [FIELD, ANALOG, OUTPUTS]
-            .iter()
-            .all(|&c| machine.is_running(c))
-    });
-    machine.cycles(4);
-    assert_eq!(machine.driver.rearm().unwrap().armed, 3);
-    switch_on(&mut machine);
-    machine.cycles(4);
-    assert!(are_outputs_on(&machine, FIELD) && are_outputs_on(&machine, ANALOG));
-}
-
-#[test]
-fn lost_field_power_makes_inputs_invalid_and_comes_back_when_power_does() {
-    let machine = comes_back(
-        busy_machine(0),
-        FIELD,
-        |machine| {
-            let now = machine.now();
-            machine.device_mut(FIELD).set_field_volts(now, 3.0).unwrap();
-            machine.cycles(3);
-            assert!(machine.bit("7i77.0.0.fault-low-voltage"));
-            let input = machine
-                .driver
-                .pins()
-                .read(machine.cards.field.inputs[9].pin);
-            assert!(!input.valid, "an input without power tells nothing");
-        },
-        |machine| {
-            let now = machine.now();
-            machine
-                .device_mut(FIELD)
-                .set_field_volts(now, 24.0)
-                .unwrap();
-        },
-    );
-    assert!(!machine.bit("7i77.0.0.fault-low-voltage"));
-}
-
 /// While it is talked to, its other outputs stay on (FACTS 1.5): so its inputs go, too.
 #[test]
-fn an_overloaded_output_sets_its_remote_aside_until_all_its_outputs_are_off() {
-    let mut machine = busy_machine(0);
-    machine.device_mut(FIELD).set_over_current(3, true).unwrap();
-    others_go_on(&mut machine, FIELD, 20);
-    assert!(machine.bit("7i77.0.0.fault-over-current"));
-    assert!(
-        machine
-            .status(FIELD)
-            .faults
-            .contains(RemoteFaults::OVER_CURRENT)
-    );
-    assert!(!machine.is_running(FIELD) && !machine.is_valid(FIELD));
-    assert!(!machine.is_armed(FIELD) && !are_outputs_on(&machine, FIELD));
-    machine
-        .device_mut(FIELD)
-        .set_over_current(3, false)
-        .unwrap();
-    others_go_on(&mut machine, FIELD, 30);
-    // START clears what has tripped, and the inputs are back; nothing is switched on.
-    machine.until(80, |machine| machine.is_valid(FIELD));
-    assert!(!machine.bit("7i77.0.0.fault-over-current"));
-    switch_on(&mut machine);
-    machine.cycles(200);
-    assert!(!machine.is_armed(FIELD), "nobody has asked for it yet");
-    assert!(!are_outputs_on(&machine, FIELD));
-    let rearmed = machine.driver.rearm().unwrap();
-    assert_eq!((rearmed.armed, rearmed.waiting), (1, 0));
-    machine.cycles(2);
-    assert!(!are_outputs_on(&machine, FIELD), "set before it was armed");
-    switch_on(&mut machine);
-    machine.cycles(4);
-    assert!(are_outputs_on(&machine, FIELD));
+fn a_remote_that_reports_a_fault_has_no_valid_input_until_its_cause_is_gone() {
+    let power: fn(&mut Machine, bool) = |machine, fails| {
+        let (now, volts) = (machine.now(), if fails { 3.0 } else { 24.0 });
+        let field = machine.device_mut(FIELD);
+        field.set_field_volts(now, volts).unwrap();
+    };
+    let short: fn(&mut Machine, bool) = |machine, fails| {
+        let field = machine.device_mut(FIELD);
+        field.set_over_current(3, fails).unwrap();
+    };
+    for (change, pin, fault) in [
+        (power, "low-voltage", RemoteFaults::LOW_VOLTAGE),
+        (short, "over-current", RemoteFaults::OVER_CURRENT),
+    ] {
+        let pin = format!("7i77.0.0.fault-{pin}");
+        let fail = |machine: &mut Machine| {
+            change(machine, true);
+            others_go_on(machine, FIELD, 3);
+            assert!(machine.bit(&pin) && machine.status(FIELD).faults.contains(fault));
+            assert!(!machine.field_input(9).valid, "{pin}");
+        };
+        let machine = comes_back(busy_machine(0), FIELD, fail, |machine| {
+            change(machine, false);
+        });
+        assert!(!machine.bit(&pin));
+    }
 }
 
+/// A card of another kind, and one of the same kind with another unit number.
 #[test]
 fn another_device_on_the_channel_is_not_taken_over() {
-    let mut machine = busy_machine(0);
-    let other = Outputs48::i7i72().unwrap();
-    let cable = Cable::new(Box::new(other), 9);
-    let right = machine
-        .driver
-        .bus_mut()
-        .plug(0, FIELD, Some(Box::new(cable)));
-    machine.until(2000, |machine| {
-        matches!(
-            machine.status(FIELD).state,
-            RemoteState::Offline {
-                reason: OfflineReason::AnotherDevice { .. },
-                ..
-            }
-        )
-    });
-    machine.cycles(100);
-    assert!(!machine.is_valid(FIELD));
-    let world = machine.device(FIELD).world();
-    assert!(
-        (0..48).all(|n| world.output(n) != Some(true)),
-        "it gets nothing"
-    );
-    machine.driver.bus_mut().plug(0, FIELD, right);
-    machine.until(11_000, |machine| machine.is_running(FIELD));
-}
-
-#[test]
-fn a_card_of_the_same_kind_with_another_unit_number_is_not_taken_over() {
-    let mut machine = busy_machine(0);
     let mut description = FieldIo::description().unwrap();
     description.unit = 0x1200_0002;
-    let other = mesa_hal::sim::devices::Device::remote(&description, FieldIo::new(false)).unwrap();
-    let cable = Cable::new(Box::new(other), 9);
-    machine
-        .driver
-        .bus_mut()
-        .plug(0, FIELD, Some(Box::new(cable)));
-    machine.cycles(2000);
-    let state = machine.status(FIELD).state;
-    assert!(
-        matches!(
-            state,
-            RemoteState::Offline {
-                reason: OfflineReason::AnotherDevice { unit_number, .. },
-                ..
-            } if unit_number == 0x1200_0002
-        ),
-        "{state:?}"
-    );
+    let twin = Device::remote(&description, FieldIo::new(false)).unwrap();
+    let others: [(Box<dyn RemoteEnd>, u32); 2] = [
+        (Box::new(Outputs48::i7i72().unwrap()), 0x7200_0001),
+        (Box::new(twin), description.unit),
+    ];
+    for (other, unit) in others {
+        let mut machine = busy_machine(0);
+        let cable: Box<dyn RemoteEnd> = Box::new(Cable::new(other, 9));
+        let right = machine.fpga().plug(0, FIELD, Some(cable));
+        machine.until(2000, |machine| {
+            let RemoteState::Offline { reason, .. } = machine.status(FIELD).state else {
+                return false;
+            };
+            matches!(reason, OfflineReason::AnotherDevice { unit_number, .. } if unit_number == unit)
+        });
+        machine.cycles(100);
+        assert!(!machine.is_valid(FIELD));
+        let world = machine.device(FIELD).world();
+        let is_off = (0..48).all(|n| world.output(n) != Some(true));
+        assert!(is_off, "it gets nothing");
+        machine.fpga().plug(0, FIELD, right);
+        machine.until(11_000, |machine| machine.is_running(FIELD));
+    }
 }
 
 #[test]

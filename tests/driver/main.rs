@@ -1,6 +1,5 @@
 //! The driver on simulated boards: set-up, the cycle, faults, resets, the pace, the end.
 
-mod arbitrary_calls;
 #[path = "../common/mod.rs"]
 mod common;
 mod cycle;

@@ -4,36 +4,18 @@
 use std::time::Duration;
 
 use crate::common::machine::{ANALOG, Cards, FIELD, Machine, OUTPUTS, World, fpga};
-use mesa_hal::boards::{AttachError, Finder, I7i72, I7i77Field, RemoteHandles, i7i72, i7i77};
+use crate::common::valves::{VALVES, Valves, valve_block};
+use mesa_hal::boards::{AttachError, I7i72, I7i77Field, i7i72, i7i77};
 use mesa_hal::discovery::{Contents, DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
-use mesa_hal::hal::{AnalogIn, DigitalIn, DigitalOut, Terminals};
 use mesa_hal::sim::SimFpga;
-use mesa_hal::sim::devices::{FieldIo, Outputs48, Plain};
+use mesa_hal::sim::devices::{FieldIo, Outputs48};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
 
-/// A valve block, as its maker's manual tells.
-const VALVES: RemoteTable = RemoteTable::new(
-    "valve block",
-    *b"VLV4",
-    &[
-        ElementTable::output("Valve", 4, DataType::Bits).at(&[Terminals::new(
-            "X2.",
-            0,
-            &["Y#"],
-            &[3, 4, 5, 6],
-        )]),
-        ElementTable::output("pad", 4, DataType::Pad),
-        ElementTable::input("Closed", 4, DataType::Bits),
-        ElementTable::input("pad", 4, DataType::Pad),
-        ElementTable::input("Supply", 8, DataType::Unsigned).range(0.0, 36.3, "V"),
-    ],
-);
-
-/// The same, with the place of the tables of the firmware that the machine was built with.
+/// The valve block, with the place of the tables of the firmware that the machine was built with.
 const VALVES_OF_FIRMWARE_1: RemoteTable = RemoteTable {
     contents: &[Contents {
         mode: 0,
@@ -43,41 +25,8 @@ const VALVES_OF_FIRMWARE_1: RemoteTable = RemoteTable {
     ..VALVES
 };
 
-/// The block itself, with so many more inputs in a later firmware.
-fn valve_block(more: &str) -> Box<dyn RemoteEnd> {
-    let text = format!(
-        "remote VLV4\nunit 0x00000055\nhardware 0 standard\nmode 0 standard\n\
-         data Valve 4 bits out\ndata PadOut 4 pad out\n\
-         data Closed 4 bits in\ndata PadIn 4 pad in\n\
-         data Supply 8 unsigned in 0 36.3 volts\n{more}\
-         parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50\n\
-         working WatchDogTime 16 NVWatchDogTimeout\nwatchdog WatchDogTime\n"
-    );
-    let device = Plain::from_description(&text).expect("a description");
-    Box::new(Cable::new(Box::new(device), 7))
-}
-
 fn outputs_48() -> Box<dyn RemoteEnd> {
     Box::new(Cable::new(Box::new(Outputs48::i7i72().expect("a 7I72")), 8))
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Valves {
-    outputs: [DigitalOut; 4],
-    closed: [DigitalIn; 4],
-    supply: AnalogIn,
-}
-
-impl RemoteHandles for Valves {
-    const TABLE: &'static RemoteTable = &VALVES;
-
-    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
-        Ok(Self {
-            outputs: pins.numbered("valve-", DigitalOut::find)?,
-            closed: pins.numbered("closed-", DigitalIn::find)?,
-            supply: pins.one("supply", AnalogIn::find)?,
-        })
-    }
 }
 
 impl Cards for Valves {

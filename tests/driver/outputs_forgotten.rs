@@ -12,8 +12,6 @@ use mesa_hal::hal::{HalType, Pins, Role};
 use mesa_hal::sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
 
-const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
-
 /// The remote is unplugged until it is offline, then comes back.
 fn away_and_back<B: World>(machine: &mut Machine<B>, channel: usize) {
     machine.cable(channel).unplug();
@@ -68,21 +66,6 @@ fn limits_that_cross_allow_nothing_but_the_safe_value() {
             );
         }
     }
-}
-
-#[test]
-fn remotes_of_a_port_that_is_switched_off_are_told_and_not_left_to_their_watchdogs() {
-    let mut machine = Machine::new();
-    let pins = machine.driver.pins_mut();
-    pins.set(machine.cards.outputs.outputs[7].pin, true);
-    let run = pins.output("hm2_7i92.0.sserial.port-0.run").unwrap();
-    machine.cycles(5);
-    assert_eq!(machine.device(OUTPUTS).world().output(7), Some(true));
-    machine.driver.pins_mut().set(run, false);
-    machine.cycles(2);
-    assert_eq!(machine.device(OUTPUTS).world().output(7), Some(false));
-    machine.cycles(2);
-    assert!(ALL.iter().all(|&channel| !machine.is_running(channel)));
 }
 
 #[test]

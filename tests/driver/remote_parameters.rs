@@ -152,15 +152,7 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
 }
 
 fn switch_on(machine: &mut Machine) {
-    let (field, outputs) = (machine.cards.field, machine.cards.outputs);
-    let pins = machine.driver.pins_mut();
-    for output in field.outputs {
-        pins.set(output.pin, true);
-    }
-    for output in outputs.outputs {
-        pins.set(output.pin, true);
-    }
-    pins.set(machine.cards.analog.analogena.pin, true);
+    machine.cards.set_all(machine.driver.pins_mut());
 }
 
 fn are_on(machine: &Machine) -> Vec<bool> {

@@ -1,14 +1,14 @@
-//! Everything that can happen to remotes and cables, by chance: each input is what the world was
-//! like at the time its age says, each output is off or a command given since it was armed, and
-//! remotes that nothing happens to notice nothing.
+//! Everything that can happen to remotes and cables, and calls in any order, by chance: each input is
+//! what the world was like at the time its age says, each output is off or a command given since it
+//! was armed, remotes that nothing happens to notice nothing, and no call takes longer than it may.
 
 use std::time::Duration;
 
 use crate::common::chance::Chance;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
 use mesa_hal::bus::{BusErrorKind, Clock};
-use mesa_hal::driver::{FaultPolicy, SerialConfig};
-use mesa_hal::hal::Reading;
+use mesa_hal::driver::{Driver, FaultPolicy, SerialConfig};
+use mesa_hal::hal::{Age, Reading};
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::remote::{Toward, WireFault};
 use mesa_hal::transport::{Fault, Faulty};
@@ -46,6 +46,8 @@ struct Run {
     driven: [u32; 3],
     /// When a reply was made late by about a period or more.
     last_late: u32,
+    /// Reads besides those of the cycles, since inputs were new.
+    extra_reads: u32,
     /// Steps since anything happened on purpose.
     log: Vec<(u32, String)>,
 }
@@ -75,6 +77,7 @@ impl Run {
             fresh: 0,
             driven: [0; 3],
             last_late: 0,
+            extra_reads: 0,
             log: Vec::new(),
         }
     }
@@ -91,15 +94,47 @@ impl Run {
 
     fn cycle(&mut self) {
         self.cycle += 1;
-        let _ = self.machine.driver.read();
+        let _ = self.within(100_000, |driver| driver.read().is_ok());
         self.check_inputs();
         self.set_everything();
         for (channel, armed) in self.armed.iter_mut().enumerate() {
             armed.push(self.machine.is_armed(channel));
         }
-        let _ = self.machine.driver.write();
+        self.besides();
+        let _ = self.within(100_000, |driver| driver.write().is_ok());
+        self.besides();
         self.machine.pass(Duration::from_millis(1));
         self.check_outputs();
+    }
+
+    /// A call, and the most nanoseconds that it may take.
+    fn within<T>(&mut self, limit: u64, call: impl FnOnce(&mut Driver<Faults>) -> T) -> T {
+        let begin = self.machine.now();
+        let result = call(&mut self.machine.driver);
+        let took = self.machine.now() - begin;
+        assert!(took <= limit, "{}: {took} ns", self.context());
+        result
+    }
+
+    /// Calls that no cycle needs, when the world is not any more what the inputs were read from.
+    fn besides(&mut self) {
+        match self.chance.below(100) {
+            0 | 1 => {
+                self.extra_reads += 1;
+                let _ = self.within(100_000, |driver| driver.read().is_ok());
+                self.check_age();
+            }
+            2 | 3 => {
+                let _ = self.within(100_000, |driver| driver.write().is_ok());
+            }
+            4 | 5 => {
+                let micros = self.chance.below(400);
+                let limit = Duration::from_micros(micros);
+                let waits = |driver: &mut Driver<Faults>| driver.wait_transfers(limit).is_ok();
+                let _ = self.within(micros * 1000 + 10_000, waits);
+            }
+            _ => {}
+        }
     }
 
     fn readings(&self) -> Vec<Reading<bool>> {
@@ -109,6 +144,26 @@ impl Run {
     }
 
     fn check_inputs(&mut self) {
+        let Some((stamp, age)) = self.check_age() else {
+            return;
+        };
+        let cycles = u32::try_from(age.cycles).expect("valid is young");
+        let oldest = self.cycle - 1 - cycles;
+        let possible = oldest..=(oldest + self.extra_reads).min(self.cycle - 1);
+        let context = self.context();
+        assert!(
+            possible.contains(&stamp),
+            "{context}: {stamp} of {cycles} cycles ago"
+        );
+        if cycles == 0 {
+            self.extra_reads = 0;
+            self.fresh += 1;
+        }
+    }
+
+    /// Valid inputs are what the world was like at the time their age says: the cycle in which it
+    /// became so, and their age.
+    fn check_age(&self) -> Option<(u32, Age)> {
         let readings = self.readings();
         let age = readings[0].age;
         let mut stamp = 0;
@@ -116,26 +171,20 @@ impl Run {
             assert_eq!(reading.age, age);
             stamp |= u32::from(reading.value) << n;
             if !reading.valid {
-                return;
+                return None;
             }
         }
-        let cycles = u32::try_from(age.cycles).expect("valid is young");
-        let context = self.context();
-        assert_eq!(
-            stamp,
-            self.cycle - 1 - cycles,
-            "{context}: of {cycles} cycles ago"
-        );
         let now = self.machine.driver.pins().now().as_nanos();
         let at = now - age.time.as_nanos() as u64;
         let truth = self.truths.iter().rev().find(|truth| truth.since <= at);
         assert_eq!(
             truth.map(|truth| truth.stamp),
             Some(stamp),
-            "{context}: of {:?} ago",
+            "{}: of {:?} ago",
+            self.context(),
             age.time
         );
-        self.fresh += u32::from(cycles == 0);
+        Some((stamp, age))
     }
 
     /// The world and the commands of this cycle carry its number.
@@ -208,7 +257,7 @@ impl Run {
         }
         let channel = self.chance.of(self.mishaps.victims);
         let now = self.machine.now();
-        let what = match self.chance.below(if self.mishaps.board { 14 } else { 10 }) {
+        let what = match self.chance.below(if self.mishaps.board { 15 } else { 10 }) {
             0 => {
                 self.machine.cable(channel).unplug();
                 "unplug"
@@ -277,6 +326,10 @@ impl Run {
                 bus.fail_at(next, fault);
                 "bus"
             }
+            13 => {
+                self.machine.driver.restart(0, channel as u8);
+                "restart"
+            }
             _ => {
                 self.machine.driver.bus_mut().inner.reload();
                 "reload"
@@ -319,7 +372,7 @@ fn run(seed: u64, cycles: u32, mishaps: Mishaps) -> Run {
         run.happen();
         run.cycle();
         if run.chance.one_in(30) {
-            let _ = run.machine.driver.rearm();
+            let _ = run.within(200_000, |driver| driver.rearm().is_ok());
         }
         for channel in ALL {
             if !mishaps.board && !mishaps.victims.contains(&channel) && run.cycle > 3 {

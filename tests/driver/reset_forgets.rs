@@ -1,11 +1,9 @@
 //! The board is reset, and nothing that stood before may look true: whatever its remotes do at
 //! that time.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, start};
-use mesa_hal::bus::Clock;
-use mesa_hal::driver::{BoardState, Driver, SerialConfig};
-use mesa_hal::hal::Input;
-use mesa_hal::sim::{MotorConfig, machines};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
+use mesa_hal::driver::{BoardState, SerialConfig};
+use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 
 #[test]
 fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
@@ -22,12 +20,7 @@ fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
     }
     machine.cycles(20);
     assert_eq!(machine.driver.board_state(), BoardState::Reset);
-    machine.until(6000, |machine| {
-        machine
-            .driver
-            .rearm()
-            .is_ok_and(|rearmed| rearmed.waiting == 0)
-    });
+    machine.rearm_all(6000);
 }
 
 #[test]
@@ -36,48 +29,25 @@ fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
     let no_remotes = SerialConfig {
         channels: [].into(),
     };
-    let mut driver = start(fpga, |s| s.serial_ports = [(0, no_remotes)].into()).unwrap();
-    let counts: Vec<Input<i32>> = (0..6)
-        .map(|n| {
-            driver
-                .pins()
-                .input(&format!("hm2_7i92.0.encoder.{n:02}.count"))
-        })
-        .collect::<Result<_, _>>()
-        .unwrap();
-    let step = |driver: &mut Driver<mesa_hal::sim::SimFpga>| {
-        let report = driver.read().unwrap();
-        driver.write().unwrap();
-        driver.bus_mut().wait(std::time::Duration::from_millis(1));
-        report
+    let mut machine = Machine::<_, ()>::on(fpga, |s| s.serial_ports = [(0, no_remotes)].into());
+    let counts = [0, 1, 2, 3, 4, 5].map(|n| machine.input::<i32>(&format!("encoder.{n:02}.count")));
+    let turn = |machine: &mut Machine<SimFpga, ()>, speed: f64, cycles| {
+        for axis in 0..6 {
+            machine.turn(axis, speed * (axis as f64 + 1.0));
+        }
+        machine.cycles(cycles);
     };
-    for _ in 0..3 {
-        let _ = step(&mut driver);
-    }
-    for axis in 0..6 {
-        let motor = driver.bus_mut().motor(axis).unwrap();
-        motor.turn_by_hand(Some(10.0 * (axis as f64 + 1.0)));
-    }
-    for _ in 0..1000 {
-        let _ = step(&mut driver);
-    }
-    for axis in 0..6 {
-        let motor = driver.bus_mut().motor(axis).unwrap();
-        motor.turn_by_hand(Some(0.0));
-    }
-    for _ in 0..3 {
-        let _ = step(&mut driver);
-    }
-    let before: Vec<_> = counts.iter().map(|&pin| driver.pins().read(pin)).collect();
+    machine.cycles(3);
+    turn(&mut machine, 10.0, 1000);
+    turn(&mut machine, 0.0, 3);
+    let before = counts.map(|pin| machine.driver.pins().read(pin));
     assert!(before.iter().all(|reading| reading.valid));
-    assert!(
-        before.iter().any(|reading| reading.value.abs() > 500),
-        "{before:?}"
-    );
-    driver.bus_mut().reload();
-    assert_eq!(step(&mut driver).board, BoardState::Reset);
-    for (&pin, before) in counts.iter().zip(&before) {
-        let now = driver.pins().read(pin);
+    let is_far = before.iter().any(|reading| reading.value.abs() > 500);
+    assert!(is_far, "{before:?}");
+    machine.fpga().reload();
+    assert_eq!(machine.cycle().board, BoardState::Reset);
+    for (pin, before) in counts.into_iter().zip(before) {
+        let now = machine.driver.pins().read(pin);
         assert_eq!((now.valid, now.value), (false, before.value));
     }
 }
@@ -101,12 +71,7 @@ fn a_board_that_lost_its_set_up_drives_no_pin_before_it_is_re_armed() {
             assert_eq!(directions, [0, 0], "bite: {bite}, cycle {n}");
             assert_ne!(machine.driver.board_state(), BoardState::Running);
         }
-        machine.until(100, |machine| {
-            machine
-                .driver
-                .rearm()
-                .is_ok_and(|rearmed| rearmed.waiting == 0)
-        });
+        machine.rearm_all(100);
         assert_eq!(machine.driver.board_state(), BoardState::Running);
     }
 }

@@ -14,8 +14,7 @@ fn running() -> Machine {
     machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
     let mut machine = Machine::with(Driver::start(fpga, Settings::default()).expect("complete"));
     for axis in 0..6 {
-        let motor = machine.driver.bus_mut().motor(axis).expect("axis");
-        motor.turn_by_hand(Some(2.0));
+        machine.turn(axis, 2.0);
     }
     for input in 0..32 {
         let device = machine.device_mut(crate::common::machine::FIELD);
@@ -23,8 +22,7 @@ fn running() -> Machine {
     }
     machine.cycles(200);
     for axis in 0..6 {
-        let motor = machine.driver.bus_mut().motor(axis).expect("axis");
-        motor.turn_by_hand(Some(0.0));
+        machine.turn(axis, 0.0);
     }
     machine.cycles(20);
     machine

@@ -31,6 +31,11 @@ fn with_motors(firmware: Firmware, cards: usize) -> SimFpga {
     fpga
 }
 
+fn encoders(driver: &Driver<SimFpga>) -> Vec<EncoderPins> {
+    let module = driver.modules::<Encoders>().next().expect("encoders");
+    module.pins().collect()
+}
+
 /// Turns each motor at a speed of its own, and gives what each encoder has counted, and the motors.
 fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, i64)> {
     let _ = driver.read().expect("the bus does not fail");
@@ -64,12 +69,7 @@ fn counted(driver: &mut Driver<SimFpga>, encoders: &[EncoderPins]) -> Vec<(i64, 
 fn all_twelve_encoders_of_two_cards_count_their_own_shafts() {
     let fpga = with_motors(machines::firmware_7i92_7i77x2(), 2);
     let mut driver = Driver::start(fpga, Settings::default()).expect("two cards");
-    let encoders = driver
-        .modules::<Encoders>()
-        .next()
-        .expect("encoders")
-        .pins()
-        .collect::<Vec<_>>();
+    let encoders = encoders(&driver);
     assert_eq!(encoders.len(), 12);
     for (n, (count, truth)) in counted(&mut driver, &encoders).into_iter().enumerate() {
         assert!((count - truth).abs() <= 1, "encoder {n}: {count}, {truth}");
@@ -123,15 +123,7 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
     ));
     assert!(error.to_string().contains("at most 6"), "{error}");
     let driver = build(3).expect("three of six");
-    assert_eq!(
-        driver
-            .modules::<Encoders>()
-            .next()
-            .expect("encoders")
-            .pins()
-            .len(),
-        3
-    );
+    assert_eq!(encoders(&driver).len(), 3);
 }
 
 #[test]
@@ -142,12 +134,7 @@ fn multiplexed_encoders_with_a_probe_are_known_and_latch_on_it() {
         module.version = version;
         let mut driver = Driver::start(with_motors(firmware, 0), Settings::default())
             .unwrap_or_else(|error| panic!("version {version:#x}: {error}"));
-        let encoders = driver
-            .modules::<Encoders>()
-            .next()
-            .expect("encoders")
-            .pins()
-            .collect::<Vec<_>>();
+        let encoders = encoders(&driver);
         let bank = driver.modules::<Encoders>().next().expect("encoders").bank;
         assert_eq!(bank.muxed_skew.is_some(), version == 0x84);
         let pins = driver.pins_mut();

@@ -10,14 +10,13 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use crate::common::chance::Chance;
-use crate::common::ethernet::{SimLink, WIRE, cut, good};
+use crate::common::ethernet::{SimLink, WIRE, cut, good, volts};
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{Driver, FaultPolicy, Pace};
 use mesa_hal::hal::{Input, Output, Param};
 use mesa_hal::hostmot2::Gtag;
-use mesa_hal::sim::devices::{Analog, Device, find_mut};
-use mesa_hal::sim::remote::Remote;
+use mesa_hal::sim::devices::find_mut;
 use mesa_hal::sim::{MotorConfig, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use truth::Truth;
@@ -85,6 +84,13 @@ fn driver(link: SimLink, deadline: Duration, period: Duration, pace: Pace) -> Et
         s.fault_policy = policy;
     })
     .expect("the machine is complete")
+}
+
+/// A good network, and the period: 1 ms.
+fn good_network() -> (EthernetDriver, Duration) {
+    let period = Duration::from_millis(1);
+    let driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    (driver, period)
 }
 
 fn field(driver: &EthernetDriver) -> I7i77Field {
@@ -231,8 +237,7 @@ fn paced_by_the_board_on_a_bad_network_every_mishap_is_counted_and_no_pin_is_wro
 
 #[test]
 fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back() {
-    let period = Duration::from_millis(1);
-    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let (mut driver, period) = good_network();
     let before = driver.bus().statistics();
     for _ in 0..1000 {
         assert!(driver.read().expect("a good network").lost_writes == 0);
@@ -254,8 +259,7 @@ fn on_a_good_network_nothing_is_lost_and_a_cycle_is_two_packets_out_and_one_back
 
 #[test]
 fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed() {
-    let period = Duration::from_millis(1);
-    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let (mut driver, period) = good_network();
     let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
     let drive: Output<f64> = analog.analog_out[0].volts;
     let cycle = |driver: &mut EthernetDriver, n: u32| {
@@ -269,44 +273,37 @@ fn when_the_cable_is_pulled_the_outputs_go_off_and_come_back_only_when_rearmed()
         }
         good
     };
-    let volts = |driver: &mut EthernetDriver| {
-        let fpga = driver.bus_mut().link().board.gateware_mut();
-        fpga.device::<Remote<Device<Analog>>>(0, 1)
-            .and_then(|remote| remote.application().world().volts(0))
-            .expect("an analog output")
-    };
     let _ = driver.rearm();
     cycle(&mut driver, 20);
     let _ = driver.rearm();
     assert_eq!(cycle(&mut driver, 20), 20);
     assert!(
-        (volts(&mut driver) - 5.0).abs() < 0.01,
+        (volts(driver.bus_mut()) - 5.0).abs() < 0.01,
         "{}",
-        volts(&mut driver)
+        volts(driver.bus_mut())
     );
 
     driver.bus_mut().link().to_board = cut();
     assert_eq!(cycle(&mut driver, 120), 0, "nothing comes back");
-    assert_eq!(volts(&mut driver), 0.0, "the remote's own watchdog");
+    assert_eq!(volts(driver.bus_mut()), 0.0, "the remote's own watchdog");
 
     driver.bus_mut().link().to_board = good();
     cycle(&mut driver, 200);
-    assert_eq!(volts(&mut driver), 0.0, "not before it is re-armed");
+    assert_eq!(volts(driver.bus_mut()), 0.0, "not before it is re-armed");
     for _ in 0..20 {
         let _ = driver.rearm();
         cycle(&mut driver, 50);
     }
     assert!(
-        (volts(&mut driver) - 5.0).abs() < 0.01,
+        (volts(driver.bus_mut()) - 5.0).abs() < 0.01,
         "{}",
-        volts(&mut driver)
+        volts(driver.bus_mut())
     );
 }
 
 #[test]
 fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
-    let period = Duration::from_millis(1);
-    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let (mut driver, period) = good_network();
     let unsure = driver.pins().input("hm2_7i92.0.encoder.02.count-unsure");
     let unsure: Input<bool> = unsure.expect("a pin");
     let reset = driver.pins().output("hm2_7i92.0.encoder.02.reset");
@@ -333,8 +330,7 @@ fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
 
 #[test]
 fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
-    let period = Duration::from_millis(1);
-    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let (mut driver, _) = good_network();
     let timeout = driver.pins().parameter("hm2_7i92.0.packet-read-timeout");
     let timeout = timeout.expect("a parameter");
     let mut waits = |set: Option<i32>| {
@@ -365,15 +361,8 @@ fn how_long_a_reply_is_waited_for_can_be_set_as_in_linuxcnc() {
 
 #[test]
 fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free() {
-    let period = Duration::from_millis(1);
-    let mut driver = driver(link(Pace::Host), period / 2, period, Pace::Host);
+    let (mut driver, period) = good_network();
     let analog: I7i77Analog = driver.attach(0, 1).expect("analog");
-    let volts = |driver: &mut EthernetDriver| {
-        let fpga = driver.bus_mut().link().board.gateware_mut();
-        fpga.device::<Remote<Device<Analog>>>(0, 1)
-            .and_then(|remote| remote.application().world().volts(0))
-            .expect("an analog output")
-    };
     let mut good = 0;
     for n in 0..400_u32 {
         good += u32::from(driver.read().expect("a good network").is_good());
@@ -394,7 +383,7 @@ fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free(
         }
         driver.bus_mut().wait(period);
         if n > 20 {
-            let volts = volts(&mut driver);
+            let volts = volts(driver.bus_mut());
             assert!((volts - 5.0).abs() < 0.01, "cycle {n}: {volts} V");
         }
     }

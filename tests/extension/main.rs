@@ -1,6 +1,8 @@
 //! A board, a module of its gateware and a remote card that this crate does not know, in one driver
 //! and without a change to the crate. The module is that of the example `own_module`.
 
+#[path = "../common/mod.rs"]
+mod common;
 #[path = "../../examples/own_module/gateware.rs"]
 #[allow(dead_code, reason = "the example begins with a board of its own")]
 mod gateware;
@@ -9,17 +11,15 @@ mod pulser;
 
 use std::time::Duration;
 
+use common::valves::{VALVES, Valves, valve_block};
 use gateware::{Gateware, PIN};
-use mesa_hal::boards::{
-    AttachError, BoardHandles, BoardTable, Finder, ModuleTerminals, PwmTable, RemoteHandles,
-};
+use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, ModuleTerminals, PwmTable};
 use mesa_hal::bus::Clock;
-use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
-use mesa_hal::hal::{AnalogIn, DigitalOut, Input, Output, Param, Pins, Terminals};
+use mesa_hal::hal::{Input, Output, Param, Pins, Terminals};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::encoder::TickRate;
-use mesa_hal::sim::devices::{Plain, SimDevice, find, find_mut};
+use mesa_hal::sim::devices::{SimDevice, find, find_mut};
 use mesa_hal::sim::{SimFpga, machines};
 use pulser::{GTAG, Pulser};
 
@@ -28,54 +28,6 @@ const PERIOD: Duration = Duration::from_millis(1);
 const RATE: u16 = 0xA000;
 /// The I/O pin of the board's lamp.
 const LAMP: u16 = 21;
-
-/// What the card says of itself.
-const DESCRIPTION: &str = "
-remote VLV4
-unit 0x55000001
-hardware 0 standard
-mode 0 valves
-  data Valve 4 bits out
-  data Supply 8 unsigned in 0 36.3 volts
-parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
-working WatchDogTime 16 NVWatchDogTimeout
-watchdog WatchDogTime
-";
-
-/// What is known of it beforehand.
-const VALVES: RemoteTable = RemoteTable::new(
-    "valve block",
-    *b"VLV4",
-    &[
-        ElementTable {
-            terminals: &[Terminals {
-                connector: "X1 pin ",
-                first: 0,
-                signals: &["V#"],
-                pins: &[1, 2, 3, 4],
-            }],
-            ..ElementTable::output("Valve", 4, DataType::Bits)
-        },
-        ElementTable::input("Supply", 8, DataType::Unsigned).range(0.0, 36.3, "V"),
-    ],
-);
-
-#[derive(Clone, Copy)]
-struct Valves {
-    valves: [DigitalOut; 4],
-    supply: AnalogIn,
-}
-
-impl RemoteHandles for Valves {
-    const TABLE: &'static RemoteTable = &VALVES;
-
-    fn find(pins: &Finder<'_>) -> Result<Self, AttachError> {
-        Ok(Self {
-            valves: pins.numbered("valve-", DigitalOut::find)?,
-            supply: pins.one("supply", AnalogIn::find)?,
-        })
-    }
-}
 
 /// The board.
 const BOARD: BoardTable = BoardTable {
@@ -110,8 +62,7 @@ fn fpga() -> SimFpga {
     let mut firmware = machines::firmware_7i92_7i77();
     firmware.board = *b"MESA9X99";
     let mut fpga = gateware::with_pulser(firmware);
-    let card = Plain::from_description(DESCRIPTION).expect("a sound description");
-    fpga.plug(0, 0, Some(Box::new(card)));
+    fpga.plug(0, 0, Some(valve_block("")));
     fpga
 }
 
@@ -183,7 +134,7 @@ impl Machine {
         let pins = self.driver.pins_mut();
         pins.set(self.pulses.frequency, hertz);
         pins.set(self.lamp.on, lamp);
-        self.valves.valves[2].set(pins, valve);
+        self.valves.outputs[2].set(pins, valve);
     }
 
     fn count(&self) -> Option<i32> {
@@ -229,7 +180,7 @@ impl Machine {
 fn board_module_and_card_from_outside_have_names_terminals_and_values_as_any_other() {
     let mut machine = Machine::new();
     assert_eq!(machine.terminal("gpio.021.out"), "X2 pin 7");
-    assert_eq!(machine.terminal("vlv4.0.0.valve-02"), "X1 pin 3");
+    assert_eq!(machine.terminal("vlv4.0.0.valve-02"), "X2.5");
     machine.set(5_000.0, true, true);
     let supply = find_mut(
         machine
@@ -339,10 +290,7 @@ fn what_is_not_there_or_there_already_is_told() {
         .expect_err("its I/O pin is taken");
     println!("{twice}");
     board.discover().expect("the card");
-    let absent = board
-        .attach::<Valves>(0, 1)
-        .err()
-        .expect("nothing is there");
+    let absent = board.attach::<Valves>(0, 1).expect_err("nothing is there");
     assert!(absent.to_string().contains("valve block"), "{absent}");
     let late = board.add(Pulser::register);
     let late = late.expect_err("after the discovery");
@@ -362,15 +310,6 @@ fn what_is_not_there_or_there_already_is_told() {
 fn the_module_takes_less_than_100_lines() {
     let module = include_str!("../../examples/own_module/pulser.rs");
     assert!(module.lines().count() < 100);
-}
-
-#[test]
-fn a_module_that_the_firmware_does_not_have_is_left_out() {
-    let fpga = machines::i7i92_7i77();
-    let mut board = Board::identify(fpga, Settings::default()).expect("a 7I92");
-    board.add(Pulser::register).expect("nothing to refuse");
-    let driver = board.start().expect("a set-up");
-    assert!(driver.modules::<Pulser>().next().is_none());
 }
 
 /// What a 7I97 would be with other rates, terminals and full scales.

@@ -381,16 +381,28 @@ pub struct Expected {
 }
 
 impl Expected {
-    pub fn pins(&mut self, kind: &str, direction: &str, names: impl IntoIterator<Item = String>) {
-        let entry = (kind.to_owned(), direction.to_owned());
-        self.pins
-            .extend(names.into_iter().map(|name| (name, entry.clone())));
-    }
-
-    pub fn params(&mut self, kind: &str, direction: &str, names: impl IntoIterator<Item = String>) {
-        let entry = (kind.to_owned(), direction.to_owned());
-        self.params
-            .extend(names.into_iter().map(|name| (name, entry.clone())));
+    /// Of tables: `pin` or `param`, type, direction, name, and how many there are; `{N}`, `{NN}` and
+    /// `{NNN}` stand for their number with one digit or more.
+    pub fn of(tables: &[&str]) -> Self {
+        let mut expected = Self::default();
+        for line in tables.iter().flat_map(|table| table.trim().lines()) {
+            let words: Vec<&str> = line.split(' ').collect();
+            let (&[what, kind, direction, name], count) = words.split_at(4) else {
+                panic!("not four words: {line}");
+            };
+            let list = match what {
+                "pin" => &mut expected.pins,
+                _ => &mut expected.params,
+            };
+            let count = count.first().map_or(1, |count| count.parse().expect(line));
+            for n in 0..count {
+                let name = name.replace("{NNN}", &format!("{n:03}"));
+                let name = name.replace("{NN}", &format!("{n:02}"));
+                let name = name.replace("{N}", &n.to_string());
+                list.insert(name, (kind.to_owned(), direction.to_owned()));
+            }
+        }
+        expected
     }
 
     /// What is not there, or not as expected.

@@ -22,73 +22,67 @@ use mesa_hal::sim::{MotorConfig, SimFpga, machines};
 /// For so long at least the rate of the cycle is watched.
 const LEAST: Duration = Duration::from_secs(10);
 
-fn numbered(count: usize, name: impl Fn(usize) -> String) -> impl Iterator<Item = String> {
-    (0..count).map(name)
-}
-
 /// Pins and parameters of a 7I77 on channels 0 and 1. FACTS 8.6.
-fn expect_7i77(expected: &mut Expected) {
-    let io = |name: &str| format!("7i77.0.0.{name}");
-    let analog = |name: &str| format!("7i77.0.1.{name}");
-    expected.pins("bit", "OUT", numbered(32, |n| io(&format!("input-{n:02}"))));
-    expected.pins(
-        "bit",
-        "OUT",
-        numbered(32, |n| io(&format!("input-{n:02}-not"))),
-    );
-    expected.pins("bit", "IN", numbered(16, |n| io(&format!("output-{n:02}"))));
-    expected.params(
-        "bit",
-        "RW",
-        numbered(16, |n| io(&format!("output-{n:02}-invert"))),
-    );
-    expected.pins(
-        "float",
-        "IN",
-        numbered(6, |n| analog(&format!("analogout{n}"))),
-    );
-    for limit in ["scalemax", "maxlim", "minlim"] {
-        let names = numbered(6, |n| analog(&format!("analogout{n}-{limit}")));
-        expected.params("float", "RW", names);
-    }
-    expected.pins("bit", "IN", ["analogena", "spinena"].map(analog));
-    let inverts = ["analogena-invert", "spinena-invert"].map(analog);
-    expected.params("bit", "RW", inverts);
-    let parameters = [
-        "nvencmode0",
-        "nvencmode1",
-        "nvunitnumber",
-        "nvwatchdogtimeout",
-        "nvbaudrate",
-    ];
-    expected.params("u32", "RW", parameters.map(io));
-    expected.params("u32", "RO", ["swrevision", "hwrevision"].map(io));
-}
+const I7I77: &str = "
+pin bit OUT 7i77.0.0.input-{NN} 32
+pin bit OUT 7i77.0.0.input-{NN}-not 32
+pin bit IN 7i77.0.0.output-{NN} 16
+param bit RW 7i77.0.0.output-{NN}-invert 16
+pin float IN 7i77.0.1.analogout{N} 6
+param float RW 7i77.0.1.analogout{N}-scalemax 6
+param float RW 7i77.0.1.analogout{N}-maxlim 6
+param float RW 7i77.0.1.analogout{N}-minlim 6
+pin bit IN 7i77.0.1.analogena
+pin bit IN 7i77.0.1.spinena
+param bit RW 7i77.0.1.analogena-invert
+param bit RW 7i77.0.1.spinena-invert
+param u32 RW 7i77.0.0.nvencmode{N} 2
+param u32 RW 7i77.0.0.nvunitnumber
+param u32 RW 7i77.0.0.nvwatchdogtimeout
+param u32 RW 7i77.0.0.nvbaudrate
+param u32 RO 7i77.0.0.swrevision
+param u32 RO 7i77.0.0.hwrevision
+";
 
 /// Pins and parameters of the board and its serial port. FACTS 8.6.
-fn expect_board(expected: &mut Expected) {
-    let encoder = |n: usize, name: &str| format!("encoder.{n:02}.{name}");
-    expected.pins("s32", "OUT", numbered(6, |n| encoder(n, "count")));
-    expected.pins("s32", "OUT", numbered(6, |n| encoder(n, "rawcounts")));
-    expected.pins("float", "OUT", numbered(6, |n| encoder(n, "position")));
-    expected.pins("float", "OUT", numbered(6, |n| encoder(n, "velocity")));
-    expected.pins("bit", "I/O", numbered(6, |n| encoder(n, "index-enable")));
-    expected.params("float", "RW", numbered(6, |n| encoder(n, "scale")));
-    let port = |name: &str| format!("sserial.port-0.{name}");
-    expected.pins("bit", "IN", [port("run")]);
-    let states = ["port_state", "port_state2", "port_state3"];
-    expected.pins("u32", "OUT", states.map(port));
-    expected.pins("u32", "OUT", [port("fault-count")]);
-    expected.params(
-        "u32",
-        "RW",
-        ["fault-inc", "fault-dec", "fault-lim"].map(port),
-    );
-    expected.pins("bit", "I/O", ["watchdog.has_bit".to_owned()]);
-    expected.params("u32", "RW", ["watchdog.timeout_ns".to_owned()]);
-    expected.params("bit", "RW", ["io_error".to_owned()]);
-    expected.pins("bit", "OUT", ["packet-error".to_owned()]);
-}
+const BOARD: &str = "
+pin s32 OUT encoder.{NN}.count 6
+pin s32 OUT encoder.{NN}.rawcounts 6
+pin float OUT encoder.{NN}.position 6
+pin float OUT encoder.{NN}.velocity 6
+pin bit I/O encoder.{NN}.index-enable 6
+param float RW encoder.{NN}.scale 6
+pin bit IN sserial.port-0.run
+pin u32 OUT sserial.port-0.port_state
+pin u32 OUT sserial.port-0.port_state2
+pin u32 OUT sserial.port-0.port_state3
+pin u32 OUT sserial.port-0.fault-count
+param u32 RW sserial.port-0.fault-inc
+param u32 RW sserial.port-0.fault-dec
+param u32 RW sserial.port-0.fault-lim
+pin bit I/O watchdog.has_bit
+param u32 RW watchdog.timeout_ns
+param bit RW io_error
+pin bit OUT packet-error
+";
+
+/// Pins and parameters of a 7I97 with a 7I72 on channel 2.
+const I7I97: &str = "
+pin bit IN 7i72.0.2.output-{NN} 48
+param bit RW 7i72.0.2.output-{NN}-invert 48
+pin bit OUT inmux.00.input-{NN} 16
+pin bit OUT inmux.00.input-{NN}-not 16
+pin s32 OUT inmux.00.enc{N}-count 4
+pin bit IN ssr.00.out-{NN} 6
+pin float IN pwmgen.{NN}.value 6
+pin bit IN pwmgen.{NN}.enable 6
+pin bit IN led.CR01
+pin bit IN led.CR02
+pin bit IN led.CR03
+pin bit IN led.CR04
+pin bit OUT gpio.{NNN}.in 51
+pin float OUT dpll.phase-error-us
+";
 
 /// Digital outputs, analog volts and booleans from HAL to the 7I77 and back.
 fn check_7i77(machine: &mut Machine) {
@@ -231,10 +225,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     }
     let _alone = alone();
     let remotes = "--remote 0=7i77-io --remote 1=7i77-analog --remote 2=7i72";
-    let mut expected = Expected::default();
-    expect_7i77(&mut expected);
-    expect_board(&mut expected);
-    expect_7i97(&mut expected);
+    let expected = Expected::of(&[I7I77, BOARD, I7I97]);
     let board = format!("--board 7i97 {remotes}");
     let mut machine = Machine::load("hm2_7i97.0", "7i97", &board, &expected);
     let ours = machines::six_axes_7i97(MotorConfig::default());
@@ -271,48 +262,6 @@ fn print_costs(machine: &mut Machine, board: &str) {
     let start = machine.board.show("network");
     let beside = cost::run_beside(board, || cycles(&start, &machine.board.show("network")));
     cost::print(&beside);
-}
-
-fn expect_7i97(expected: &mut Expected) {
-    expected.pins(
-        "bit",
-        "IN",
-        numbered(48, |n| format!("7i72.0.2.output-{n:02}")),
-    );
-    expected.params(
-        "bit",
-        "RW",
-        numbered(48, |n| format!("7i72.0.2.output-{n:02}-invert")),
-    );
-    expected.pins(
-        "bit",
-        "OUT",
-        numbered(16, |n| format!("inmux.00.input-{n:02}")),
-    );
-    expected.pins(
-        "bit",
-        "OUT",
-        numbered(16, |n| format!("inmux.00.input-{n:02}-not")),
-    );
-    expected.pins(
-        "s32",
-        "OUT",
-        numbered(4, |n| format!("inmux.00.enc{n}-count")),
-    );
-    expected.pins("bit", "IN", numbered(6, |n| format!("ssr.00.out-{n:02}")));
-    expected.pins(
-        "float",
-        "IN",
-        numbered(6, |n| format!("pwmgen.{n:02}.value")),
-    );
-    expected.pins(
-        "bit",
-        "IN",
-        numbered(6, |n| format!("pwmgen.{n:02}.enable")),
-    );
-    expected.pins("bit", "IN", numbered(4, |n| format!("led.CR{:02}", n + 1)));
-    expected.pins("bit", "OUT", numbered(51, |n| format!("gpio.{n:03}.in")));
-    expected.pins("float", "OUT", ["dpll.phase-error-us".to_owned()]);
 }
 
 fn check_7i72(machine: &mut Machine) {
@@ -404,9 +353,7 @@ fn a_7i92_with_a_7i77_runs_at_1_khz() {
         return;
     }
     let _alone = alone();
-    let mut expected = Expected::default();
-    expect_7i77(&mut expected);
-    expect_board(&mut expected);
+    let expected = Expected::of(&[I7I77, BOARD]);
     let board = "--board 7i92-7i77";
     let mut machine = Machine::load("hm2_7i92.0", "7i92-7i77", board, &expected);
     let mut ours = machines::i7i92_7i77();

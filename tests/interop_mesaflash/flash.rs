@@ -20,28 +20,19 @@ fn a_bitfile_is_written_verified_and_backed_up() {
     let (good, text) = board.try_mesaflash(&["--write", file.path()]);
     assert!(!good && text.contains("BootSector is invalid"), "{text}");
     let text = board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
-    assert!(text.contains("BootBlock installed"), "{text}");
-    assert!(
-        text.contains("FLASH memory sectors to write: 2, max sectors in area: 16"),
-        "{text}"
+    says(&text, "BootBlock installed");
+    says(
+        &text,
+        "FLASH memory sectors to write: 2, max sectors in area: 16",
     );
-    assert!(
-        text.contains("Board configuration updated successfully"),
-        "{text}"
-    );
-    assert!(
-        text.contains("Board FLASH memory verified successfully"),
-        "{text}"
-    );
+    says(&text, "Board configuration updated successfully");
+    says(&text, "Board FLASH memory verified successfully");
     let text = board.mesaflash(&["--verify", file.path()]);
-    assert!(text.contains("Boot sector OK"), "{text}");
-    assert!(
-        text.contains("Board FLASH memory verified successfully"),
-        "{text}"
-    );
+    says(&text, "Boot sector OK");
+    says(&text, "Board FLASH memory verified successfully");
 
     let text = board.mesaflash(&["--backup-flash", backup.path()]);
-    assert!(text.contains("created successfully"), "{text}");
+    says(&text, "created successfully");
     let flash = fs::read(&backup.0).unwrap();
     let _ = fs::remove_file(format!("{}.sha256", backup.path()));
     assert_eq!(flash.len(), 2 << 20);
@@ -105,10 +96,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     let ours = Bitfile::parse(&bytes).unwrap();
     flash.program(&ours, Area::User, |_, _| {}).unwrap();
     let text = board.mesaflash(&["--verify", file.path()]);
-    assert!(
-        text.contains("Board FLASH memory verified successfully"),
-        "{text}"
-    );
+    says(&text, "Board FLASH memory verified successfully");
 
     let mut board_itself = ethernet::EthernetBoard::new(&mut bus);
     let layout = FlashLayout::I7I97;
@@ -129,10 +117,7 @@ fn the_fallback_area_is_written_when_it_is_asked_for() {
     fs::write(&file.0, bitfile("6slx9tqg144", &made_up_data(3_000))).unwrap();
     let arguments = ["--fix-boot-block", "--fallback", "--write", file.path()];
     let text = board.mesaflash(&arguments);
-    assert!(text.contains("starting from 0x10000..."), "{text}");
+    says(&text, "starting from 0x10000...");
     let text = board.mesaflash(&["--fallback", "--verify", file.path()]);
-    assert!(
-        text.contains("Board FLASH memory verified successfully"),
-        "{text}"
-    );
+    says(&text, "Board FLASH memory verified successfully");
 }

@@ -80,6 +80,11 @@ impl Board {
     }
 }
 
+/// What mesaflash has printed has this in it.
+fn says(text: &str, expected: &str) {
+    assert!(text.contains(expected), "{expected}\n{text}");
+}
+
 /// `true` if the test can not run here.
 fn skipped() -> bool {
     let missing = !has_program("mesaflash");
@@ -143,7 +148,7 @@ fn readhmid_prints_the_firmware_of_a_7i97() {
         "Clock High frequency: 200.0000 MHz",
         "IDROM Type: 3",
     ] {
-        assert!(text.contains(line), "{line}\n{text}");
+        says(&text, line);
     }
     // FACTS 9.2.
     for expected in [
@@ -208,7 +213,7 @@ fn readhmid_knows_the_pins_of_a_7i77_behind_a_7i92() {
         });
         assert!(found, "pin {pin}: {function}\n{text}");
     }
-    assert!(text.contains("BoardName : MESA7I92"), "{text}");
+    says(&text, "BoardName : MESA7I92");
 }
 
 #[test]
@@ -218,7 +223,7 @@ fn print_pd_and_xml_list_all_51_pins() {
     }
     let board = Board::i7i97(&[]);
     let text = board.mesaflash(&["--print-pd"]);
-    assert!(text.contains("51 HM2 Pin Descriptors"), "{text}");
+    says(&text, "51 HM2 Pin Descriptors");
     assert_eq!(text.matches("Primary Tag: 0x03 (IOPort)").count(), 51);
     assert_eq!(text.matches("Secondary Tag: 0x06 (PWM)").count(), 9);
     assert_eq!(text.matches("Secondary Tag: 0x0C (MuxedQCount)").count(), 9);
@@ -253,7 +258,7 @@ fn verbose_information_of_all_spaces_is_right() {
         "board firmware version 16",
         "IP address jumpers at boot: fixed from EEPROM",
     ] {
-        assert!(text.contains(line), "{line}\n{text}");
+        says(&text, line);
     }
 }
 
@@ -281,21 +286,21 @@ fn sserial_lists_every_remote_with_its_parameters_and_modes() {
         "SOFTWARE MODE io_encoder_analog_fieldvoltage [index 03]",
         "SOFTWARE MODE analogout_enables [index 00]",
     ] {
-        assert!(text.contains(line), "{line}\n{text}");
+        says(&text, line);
     }
     board.board.console.run("unplug 1");
     let text = board.mesaflash(&["--sserial"]);
-    assert!(text.contains("channel 0: 7I77 GPIO"), "{text}");
+    says(&text, "channel 0: 7I77 GPIO");
     assert!(!text.contains("channel 1"), "{text}");
     board.board.console.run("plug 1");
     assert_eq!(board.board.console.show("1")["remote.1.plugged"], "1");
     let text = board.mesaflash(&["--sserial"]);
-    assert!(text.contains("channel 1: 7I77 ANALOG"), "{text}");
+    says(&text, "channel 1: 7I77 ANALOG");
 
     let board = Board::i7i97(&["--remote", "0=7i77-analog"]);
     let text = board.mesaflash(&["--sserial"]);
-    assert!(text.contains("SSLBP Channels: 1"), "{text}");
-    assert!(text.contains("channel 0: 7I77 ANALOG"), "{text}");
+    says(&text, "SSLBP Channels: 1");
+    says(&text, "channel 0: 7I77 ANALOG");
 }
 
 #[test]
@@ -319,13 +324,13 @@ fn an_ip_address_is_set_and_stays_in_the_state_file() {
     let state = Scratch::new("state");
     let board = Board::i7i97(&["--state", state.path()]);
     let text = board.mesaflash(&["--set", "ip=10.97.0.55"]);
-    assert!(text.contains("Board IP updated successfully"), "{text}");
+    says(&text, "Board IP updated successfully");
     let text = board.mesaflash(&["--verbose"]);
-    assert!(text.contains("    ip address: 10.97.0.55"), "{text}");
+    says(&text, "    ip address: 10.97.0.55");
     board.stop();
     let board = Board::i7i97(&["--state", state.path()]);
     let text = board.mesaflash(&["--verbose"]);
-    assert!(text.contains("    ip address: 10.97.0.55"), "{text}");
+    says(&text, "    ip address: 10.97.0.55");
     drop(board);
     // The state of a 7I97 is none of a 7I92: refused, with a reason.
     let output = Command::new(sim_board())

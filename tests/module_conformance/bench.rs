@@ -10,18 +10,32 @@ use crate::transcript::Level;
 ///
 /// `Err` says that the model has no such register, pin or input, which counts as a difference.
 pub trait Bench {
+    /// The FPGA, without what stands around it.
+    fn inner(&mut self) -> &mut FpgaBench;
+
     /// Lets time pass up to `to`.
-    fn advance(&mut self, to: Nanos);
+    fn advance(&mut self, to: Nanos) {
+        self.inner().fpga.advance_to(to);
+    }
 
     /// Writes a register, now.
-    fn write(&mut self, register: Register, value: u32) -> Result<(), String>;
+    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
+        let address = self.inner().address(register)?;
+        self.inner().fpga.write_register(address, value);
+        Ok(())
+    }
 
     /// Reads a register, now. The runner reads 1 ns before the time of the line: what a register
     /// shows at an edge is what was there before it.
-    fn read(&mut self, register: Register) -> Result<u32, String>;
+    fn read(&mut self, register: Register) -> Result<u32, String> {
+        let address = self.inner().address(register)?;
+        Ok(self.inner().fpga.read_register(address))
+    }
 
     /// The level of a pin, now.
-    fn pin(&mut self, pin: &str) -> Result<Level, String>;
+    fn pin(&mut self, pin: &str) -> Result<Level, String> {
+        self.inner().level(pin)
+    }
 
     /// Drives a pin from outside, or lets it go.
     fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {
@@ -60,29 +74,7 @@ impl FpgaBench {
         pin.ok_or_else(|| format!("the firmware has no pin {name}"))
     }
 
-    fn address(&self, register: Register) -> Result<u16, String> {
-        let address = register.address(self.fpga.firmware());
-        address.ok_or_else(|| format!("the firmware has no {register:?}"))
-    }
-}
-
-impl Bench for FpgaBench {
-    fn advance(&mut self, to: Nanos) {
-        self.fpga.advance_to(to);
-    }
-
-    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
-        let address = self.address(register)?;
-        self.fpga.write_register(address, value);
-        Ok(())
-    }
-
-    fn read(&mut self, register: Register) -> Result<u32, String> {
-        let address = self.address(register)?;
-        Ok(self.fpga.read_register(address))
-    }
-
-    fn pin(&mut self, pin: &str) -> Result<Level, String> {
+    fn level(&self, pin: &str) -> Result<Level, String> {
         let level = match pin.strip_prefix("LED") {
             Some(led) => Some(!self.fpga.leds().is_lit(3 - number(led)?.min(3))),
             None => self.fpga.driven_level(self.io_pin(pin)?),
@@ -92,6 +84,17 @@ impl Bench for FpgaBench {
             Some(false) => Level::Low,
             Some(true) => Level::High,
         })
+    }
+
+    fn address(&self, register: Register) -> Result<u16, String> {
+        let address = register.address(self.fpga.firmware());
+        address.ok_or_else(|| format!("the firmware has no {register:?}"))
+    }
+}
+
+impl Bench for FpgaBench {
+    fn inner(&mut self) -> &mut FpgaBench {
+        self
     }
 
     fn drive(&mut self, pin: &str, level: Level) -> Result<(), String> {

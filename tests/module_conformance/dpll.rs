@@ -9,7 +9,6 @@ use mesa_hal::sim::wire::Nanos;
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
 use crate::common::recording::Outcome;
-use crate::register::Register;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Event, Level, Transcript};
 
@@ -74,6 +73,10 @@ impl DpllBench {
 }
 
 impl Bench for DpllBench {
+    fn inner(&mut self) -> &mut FpgaBench {
+        &mut self.inner
+    }
+
     fn advance(&mut self, to: Nanos) {
         for output in 0..OUTPUTS.len() {
             // What a write has changed shows at the clock edge that takes it over.
@@ -91,14 +94,6 @@ impl Bench for DpllBench {
         }
         self.inner.advance(to);
         self.now = to;
-    }
-
-    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
-        self.inner.write(register, value)
-    }
-
-    fn read(&mut self, register: Register) -> Result<u32, String> {
-        self.inner.read(register)
     }
 
     fn pin(&mut self, pin: &str) -> Result<Level, String> {

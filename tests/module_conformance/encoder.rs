@@ -199,6 +199,10 @@ fn to_level(high: bool) -> Level {
 }
 
 impl Bench for EncoderBench {
+    fn inner(&mut self) -> &mut FpgaBench {
+        &mut self.inner
+    }
+
     fn advance(&mut self, to: Nanos) {
         // A write may have moved a pin at once.
         self.note_edges();
@@ -211,14 +215,6 @@ impl Bench for EncoderBench {
             self.note_edges();
         }
         self.inner.advance(to);
-    }
-
-    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
-        self.inner.write(register, value)
-    }
-
-    fn read(&mut self, register: Register) -> Result<u32, String> {
-        self.inner.read(register)
     }
 
     fn pin(&mut self, pin: &str) -> Result<Level, String> {

@@ -1,12 +1,10 @@
 //! The inputs: `InMux` and `InM`.
 
-use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sim::{gtag, machines};
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
 use crate::common::recording::Outcome;
-use crate::register::Register;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Event, Level, Transcript};
 
@@ -46,20 +44,8 @@ fn replay(transcript: &Transcript) -> Outcome {
 }
 
 impl Bench for InputsBench {
-    fn advance(&mut self, to: Nanos) {
-        self.inner.advance(to);
-    }
-
-    fn write(&mut self, register: Register, value: u32) -> Result<(), String> {
-        self.inner.write(register, value)
-    }
-
-    fn read(&mut self, register: Register) -> Result<u32, String> {
-        self.inner.read(register)
-    }
-
-    fn pin(&mut self, pin: &str) -> Result<Level, String> {
-        self.inner.pin(pin)
+    fn inner(&mut self) -> &mut FpgaBench {
+        &mut self.inner
     }
 
     /// A pin of `InM`, which is 1 while current flows.

@@ -52,31 +52,6 @@ fn sizes_are_those_of_the_manuals() {
 }
 
 #[test]
-fn inputs_and_outputs_are_two_streams_and_pads_take_room() {
-    use DataDirection::{Bidirectional, Input, Output};
-    let records = [
-        record("A", 7, DataType::Stream, Input, 0.0, 0.0),
-        record("B", 5, DataType::Stream, Output, 0.0, 0.0),
-        record("P", 3, DataType::Pad, Input, 0.0, 0.0),
-        record("C", 30, DataType::Stream, Bidirectional, 0.0, 0.0),
-        record("D", 1, DataType::Boolean, Output, 0.0, 0.0),
-    ];
-    let plan = plan_of(&records, THREE).unwrap();
-    let places: Vec<_> = plan.elements.iter().map(|e| (e.input, e.output)).collect();
-    assert_eq!(
-        places,
-        [
-            (Some(0), None),
-            (None, Some(0)),
-            (Some(7), None),
-            (Some(10), Some(5)),
-            (None, Some(35)),
-        ]
-    );
-    assert_eq!((plan.input_bits, plan.output_bits), (40, 36));
-}
-
-#[test]
 fn what_does_not_fit_is_refused_with_its_size() {
     let inputs = numbers(&[64, 32, 1], DataDirection::Input);
     let kind = |records: &[DataRecord], registers| plan_of(records, registers).unwrap_err().kind;
@@ -138,31 +113,6 @@ fn damaged_records_are_refused_by_place() {
         plan_of(&wide, THREE).is_ok(),
         "bits go up to the whole width"
     );
-}
-
-#[test]
-fn two_parts_of_a_count_are_one_element() {
-    let low = record(
-        "Enc",
-        16,
-        DataType::EncoderLow,
-        DataDirection::Input,
-        0.0,
-        1.0,
-    );
-    let high = record(
-        "Enc",
-        24,
-        DataType::EncoderHigh,
-        DataDirection::Input,
-        0.0,
-        1.0,
-    );
-    let plan = plan_of(&[low.clone(), high.clone()], THREE).unwrap();
-    assert_eq!(plan.elements.len(), 1);
-    assert_eq!((plan.elements[0].bits, plan.elements[0].high_bits), (40, 0));
-    let plan = plan_of(&[high, low], THREE).unwrap();
-    assert_eq!(plan.elements[0].high_bits, 24);
 }
 
 /// The bits of a list of values, one by one: what packing is.

@@ -313,10 +313,11 @@ fn parameters_are_kept_in_the_remote_and_setting_them_says_how_they_are_written(
 }
 
 #[test]
-fn a_bidirectional_element_is_in_both_streams() {
+fn a_bidirectional_element_is_in_both_streams_and_pads_take_room() {
     use DataDirection::{Bidirectional, Input, Output};
     let data = vec![
         record("In", 3, DataType::Unsigned, Input, 0.0, 7.0),
+        record("Gap", 2, DataType::Pad, Input, 0.0, 0.0),
         record("Both", 4, DataType::Bits, Bidirectional, 0.0, 0.0),
         record("Level", 8, DataType::Unsigned, Bidirectional, 0.0, 255.0),
         record("Pad", 5, DataType::Pad, Output, 0.0, 0.0),
@@ -328,7 +329,7 @@ fn a_bidirectional_element_is_in_both_streams() {
     let level = pins.inout::<f64>("hm2_7i92.0.test.0.0.level").unwrap();
     let out = pins.output::<bool>("hm2_7i92.0.test.0.0.out").unwrap();
     cycle(&mut pins);
-    remote.take_inputs(&mut pins, &[0xAB << 7 | 0b0100 << 3 | 5]);
+    remote.take_inputs(&mut pins, &[0xAB << 9 | 0b0100 << 5 | 5]);
     assert_eq!(pins.read(bit).ok(), Some(true));
     assert_eq!(pins.read(level).ok(), Some(171.0));
     pins.set(level, 85.0);

@@ -24,6 +24,25 @@ fn identified(bus: &mut Replay) -> Port {
     port
 }
 
+/// A recording whose remotes have these sizes of replies and requests, and its port, which is stopped.
+fn stopped(mut bus: Replay, sizes: &[(u8, u8)]) -> (Replay, Port) {
+    for (channel, &(rx, tx)) in (0..).zip(sizes) {
+        bus.set_sizes(channel, rx, tx);
+    }
+    let mut port = identified(&mut bus);
+    port.stop_all(&mut bus).unwrap();
+    (bus, port)
+}
+
+/// The same with its remotes started in software mode 0.
+fn running(bus: Replay, sizes: &[(u8, u8)]) -> (Replay, Port) {
+    let (mut bus, mut port) = stopped(bus, sizes);
+    let channels = Channel::ALL.into_iter().take(sizes.len());
+    let starts: Vec<_> = channels.map(|channel| (channel, 0)).collect();
+    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    (bus, port)
+}
+
 fn start_zero(mode: u8) -> [(Channel, u8); 1] {
     [(ZERO, mode)]
 }
@@ -87,11 +106,9 @@ fn firmware_that_is_not_known_is_refused_by_name() {
 /// Manual: 7I77, "NORMAL MODE OPERATION", steps 1 to 11 in the poll form; transcript t06.
 #[test]
 fn normal_mode_operation_step_by_step() {
-    let mut bus = Replay::of("t06_normal_mode1");
-    bus.set_sizes(0, 9, 2);
-    let mut port = identified(&mut bus);
     // 1: STOPALL
-    port.stop_all(&mut bus).unwrap();
+    let bus = Replay::of("t06_normal_mode1");
+    let (mut bus, mut port) = stopped(bus, &[(9, 2)]);
     // 2, 3, 4: START, wait, DATA
     let report = port
         .start(&mut bus, StartMode::Normal, &start_zero(1))
@@ -155,13 +172,11 @@ pub fn recorded_access(segment: &Segment) -> Option<RemoteAccess> {
 /// the driver makes, the lost reply included.
 #[test]
 fn every_recorded_pass_through_access_gives_the_recorded_value() {
-    let mut bus = Replay::of("t05_passthrough").without(|segment| {
+    // steps 1 to 4
+    let bus = Replay::of("t05_passthrough").without(|segment| {
         segment.command == 0x2000 || segment.command == 0x1001 && recorded_access(segment).is_none()
     });
-    bus.set_sizes(0, 5, 2);
-    let mut port = identified(&mut bus);
-    // steps 1 to 4
-    port.stop_all(&mut bus).unwrap();
+    let (mut bus, mut port) = stopped(bus, &[(5, 2)]);
     let report = port
         .start(&mut bus, StartMode::Setup, &start_zero(0))
         .unwrap();
@@ -259,12 +274,8 @@ fn one_channel_can_be_stopped_and_started_while_the_other_runs() {
 /// FACTS 5.3; transcript t11: a remote's fault shows in CS only.
 #[test]
 fn a_remote_fault_shows_although_data_is_clear() {
-    let mut bus = Replay::of("t11_fault");
-    bus.set_sizes(0, 5, 2);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
-    port.start(&mut bus, StartMode::Normal, &start_zero(0))
-        .unwrap();
+    let bus = Replay::of("t11_fault");
+    let (mut bus, mut port) = running(bus, &[(5, 2)]);
     let mut faults = Vec::new();
     for _ in 0..6 {
         let transfer = port
@@ -278,36 +289,11 @@ fn a_remote_fault_shows_although_data_is_clear() {
     assert_eq!(faults, expected);
 }
 
-/// FACTS 5.4; transcript t10: the DOITs up to the end of the bad CRC.
-#[test]
-fn lost_and_damaged_replies_are_marked_and_keep_the_last_good_data() {
-    let mut bus = Replay::of("t10_errors").without(|segment| segment.command & 0x2000 != 0);
-    bus.set_sizes(0, 5, 2);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
-    port.start(&mut bus, StartMode::Normal, &start_zero(0))
-        .unwrap();
-    let mut failed = Vec::new();
-    for word in [0, 0, 0x101, 0x202, 0x303, 0x101, 0x202, 0x303] {
-        let transfer = port
-            .transfer(&mut bus, ZERO.mask(), &outputs(&[word]))
-            .unwrap();
-        failed.push(!transfer.failed.is_empty());
-    }
-    // two good ones; a lost reply, two good ones; a bad CRC, two good ones
-    let expected = [false, false, true, false, false, true, false, false];
-    assert_eq!(failed, expected);
-    never_busy(&bus);
-}
-
 /// FACTS 4.4; transcript t12: a remote that is gone costs its own data, not its neighbour's.
 #[test]
 fn a_dead_remote_fails_alone() {
-    let mut bus = Replay::of("t12_toomany");
-    bus.set_sizes(0, 5, 2);
-    bus.set_sizes(1, 7, 6);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    let bus = Replay::of("t12_toomany");
+    let (mut bus, mut port) = stopped(bus, &[(5, 2), (7, 6)]);
     let starts = [0, 1].map(|n| (Channel::ALL[n], 0));
     port.start(&mut bus, StartMode::Normal, &starts).unwrap();
     let both = ChannelMask::from_bits(3);
@@ -328,10 +314,8 @@ fn a_dead_remote_fails_alone() {
 /// Transcript t26: a 7I64 has 8 bytes of data in its reply and no fault byte.
 #[test]
 fn a_7i64_starts_without_discovery() {
-    let mut bus = Replay::of("t26_7i64");
-    bus.set_sizes(0, 8, 4);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    let bus = Replay::of("t26_7i64");
+    let (mut bus, mut port) = stopped(bus, &[(8, 4)]);
     let report = port
         .start(&mut bus, StartMode::Normal, &start_zero(0))
         .unwrap();
@@ -348,9 +332,7 @@ fn a_7i64_starts_without_discovery() {
 fn a_baud_rate_is_written_and_read_back() {
     let mut bus = Replay::of("t18_baud");
     bus.local.extend((0x9A..).zip(2_500_000u32.to_le_bytes()));
-    bus.set_sizes(0, 5, 2);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    let (mut bus, mut port) = stopped(bus, &[(5, 2)]);
     let rate = |port: &mut Port, bus: &mut Replay| {
         let bytes = port.read_variable(bus, ZERO, ChannelVariable::BaudRate);
         bytes.map(u32::from_le_bytes)

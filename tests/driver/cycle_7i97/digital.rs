@@ -138,11 +138,7 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset(
         turn_mpg(&mut machine, 1, -500);
         machine.cycles(2);
         assert_eq!((count(&machine, 0), count(&machine, 1)), (0, -200));
-        machine
-            .driver
-            .pins_mut()
-            .set_param(inputs.mpg_4x[3], true)
-            .expect("a switch");
+        machine.set_param(inputs.mpg_4x[3], true);
         machine.cycles(1);
         turn_mpg(&mut machine, 3, 100);
         machine.cycles(2);
@@ -155,11 +151,7 @@ fn mpgs_count_beyond_their_8_bits_at_1x_and_4x_up_when_b_leads_and_can_be_reset(
         assert_eq!(count(&machine, 1), 0);
         machine.driver.pins_mut().set(inputs.mpg_resets[1], false);
         // A mode that is changed keeps the counts.
-        machine
-            .driver
-            .pins_mut()
-            .set_param(inputs.mpg_4x[3], false)
-            .expect("a switch");
+        machine.set_param(inputs.mpg_4x[3], false);
         turn_mpg(&mut machine, 1, 2);
         turn_mpg(&mut machine, 3, 2);
         machine.cycles(2);
@@ -247,19 +239,11 @@ fn expansion_pins_are_inputs_or_outputs_as_configured() {
     );
     assert!(machine.driver.pins().read(not).value);
     machine.fpga().drive_pin(39, None);
-    machine
-        .driver
-        .pins_mut()
-        .set_param(output, true)
-        .expect("a switch");
+    machine.set_param(output, true);
     machine.driver.pins_mut().set(out(5), false);
     machine.cycles(2);
     assert!(!machine.fpga().pin_level(39));
-    machine
-        .driver
-        .pins_mut()
-        .set_param(drain, true)
-        .expect("a switch");
+    machine.set_param(drain, true);
     machine.driver.pins_mut().set(out(5), true);
     machine.fpga().drive_pin(39, Some(false));
     machine.cycles(2);

@@ -21,8 +21,7 @@ fn what_all_encoders_have_in_common_can_be_set() {
         [fpga.read_register(0x3700) & 0xFFFF, rate, timer]
     };
     let turn = |machine: &mut Machine<SimFpga>, speed| {
-        let motor = machine.fpga().motor(0).expect("an axis");
-        motor.turn_by_hand(Some(speed));
+        machine.turn(0, speed);
         machine.cycles(20);
         let pins = machine.driver.pins();
         (
@@ -181,11 +180,7 @@ fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_ref
     let encoder = machine.cards.encoders[0];
     let probe = machine.output::<bool>("encoder.00.probe-enable");
     let latched = machine.input::<i32>("encoder.00.count-latched");
-    machine
-        .fpga()
-        .motor(0)
-        .expect("an axis")
-        .turn_by_hand(Some(1.0));
+    machine.turn(0, 1.0);
     machine.cycles(10);
     machine.driver.pins_mut().set(probe, true);
     machine.cycles(10);
@@ -195,11 +190,7 @@ fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_ref
     // The index still works.
     let pins = machine.driver.pins_mut();
     pins.set(encoder.index_enable, true);
-    machine
-        .fpga()
-        .motor(0)
-        .expect("an axis")
-        .turn_by_hand(Some(50.0));
+    machine.turn(0, 50.0);
     machine.cycles(200);
     assert!(!machine.driver.pins().read(encoder.index_enable).value);
 }
@@ -208,11 +199,7 @@ fn a_probe_that_the_firmware_does_not_have_latches_nothing_and_is_counted_as_ref
 fn a_scale_of_0_becomes_1_and_is_counted_as_refused() {
     let mut machine = board();
     let encoder = machine.cards.encoders[1];
-    machine
-        .fpga()
-        .motor(1)
-        .expect("an axis")
-        .turn_by_hand(Some(1.0));
+    machine.turn(1, 1.0);
     machine.cycles(10);
     let pins = machine.driver.pins_mut();
     pins.set_param(encoder.scale, 0.0).expect("a setting");
@@ -226,8 +213,7 @@ fn a_scale_of_0_becomes_1_and_is_counted_as_refused() {
 
 /// Axis 0 at a velocity in units a second, by hand, for so many cycles.
 fn turn(machine: &mut Machine<SimFpga>, velocity: f64, cycles: usize) {
-    let motor = machine.fpga().motor(0).expect("an axis");
-    motor.turn_by_hand(Some(velocity));
+    machine.turn(0, velocity);
     machine.cycles(cycles);
 }
 

@@ -7,21 +7,11 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::Input;
 use mesa_hal::modules::dpll::Dpll;
-use mesa_hal::sim::devices::{Analog, Device, find_cable, find_mut};
-use mesa_hal::sim::remote::Remote;
-use mesa_hal::transport::udp::UdpBus;
+use mesa_hal::sim::devices::{find_cable, find_mut};
 
 use super::{Machine, PERIOD, Pace, SimLink, WIRE, machine};
 use crate::common::chance::Chance;
-use crate::common::ethernet::good;
-
-/// Volts of the analog remote's first output.
-fn volts(bus: &mut UdpBus<SimLink>) -> f64 {
-    let fpga = bus.link().board.gateware_mut();
-    fpga.device::<Remote<Device<Analog>>>(0, 1)
-        .and_then(|remote| remote.application().world().volts(0))
-        .expect("an analog output")
-}
+use crate::common::ethernet::{good, volts};
 
 #[test]
 fn a_shutdown_switches_the_remotes_off_itself_wherever_in_the_cycle() {

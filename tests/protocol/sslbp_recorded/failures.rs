@@ -70,10 +70,8 @@ fn recorded_errors_during_start_end_as_recorded() {
 /// FACTS 4.3; transcript t04: one remote, seven absent.
 #[test]
 fn absent_channels_do_not_fail_the_others() {
-    let mut bus = Replay::of("t04_setup_absent8").without(|segment| segment.command == 0x1003);
-    bus.set_sizes(0, 5, 2);
-    let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    let bus = Replay::of("t04_setup_absent8").without(|segment| segment.command == 0x1003);
+    let (mut bus, mut port) = stopped(bus, &[(5, 2)]);
     let all = Channel::ALL.map(|channel| (channel, 0));
     let report = port.start(&mut bus, StartMode::Setup, &all).unwrap();
     assert_eq!(report.started().bits(), 0x01);
