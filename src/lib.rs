@@ -42,6 +42,7 @@
 //! | [`bus`] | whoever brings another bus, or adds a module |
 //! | [`transport`] | applications on Ethernet; wrappers of buses that record, and that fail on purpose |
 //! | [`ethernet`] | maintenance: identity, EEPROM, flash memory |
+//! | [`runner`] | applications on Linux: the thread of the cycle, and how it ends |
 //! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
 //! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
 //! | [`hostmot2`], [`sslbp`] | tools: what a firmware has, the ports of its remotes |
@@ -132,6 +133,8 @@ pub mod lbp;
 pub mod lbp16;
 pub mod modules;
 pub mod remote;
+#[cfg(feature = "std")]
+pub mod runner;
 #[cfg(feature = "std")]
 pub mod sim;
 pub mod sslbp;

@@ -8,7 +8,7 @@ use std::{
 use super::{
     Process,
     console::{Console, Values, values},
-    sim_board,
+    mesa,
 };
 
 /// A running board with its console.
@@ -22,13 +22,13 @@ impl Board {
     /// Starts it at an address that no other test uses, and waits until it listens. Arguments that
     /// come later win: `--port 0` is a free port.
     pub fn start(address: Ipv4Addr, arguments: &[&str]) -> Self {
-        let mut child = Command::new(sim_board())
-            .args(["--listen", &address.to_string()])
+        let mut child = Command::new(mesa())
+            .args(["sim", "--listen", &address.to_string()])
             .args(arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
-            .expect("sim_board starts");
+            .expect("mesa sim starts");
         let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         let console = Console::new(input, output);
         let line = console.wait_for("listening on ");

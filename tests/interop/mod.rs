@@ -1,8 +1,7 @@
 //! What the interop tests share: the simulated board as a program, commands and answers.
 //!
-//! The simulated board is the example `sim_board`. `cargo test` builds examples in the same
-//! profile as the tests, so it lies beside them; a run that leaves the examples out
-//! (`cargo test --test ...`) builds it here.
+//! The simulated board is `mesa sim`. `cargo test --all-features` builds it with the tests; a run
+//! without the feature `cli` builds it here.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -20,34 +19,58 @@ use std::{
     sync::OnceLock,
 };
 
-/// The example `sim_board` in the profile of this test, built if it is not there or is old.
-pub fn sim_board() -> &'static Path {
+/// The program `mesa` in the profile of this test, built if it is not there or is old.
+pub fn mesa() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
-    BUILT.get_or_init(|| example("sim_board"))
+    BUILT.get_or_init(|| match option_env!("CARGO_BIN_EXE_mesa") {
+        Some(built) if cfg!(feature = "cli") => PathBuf::from(built),
+        _ => {
+            let target = target();
+            let profile = profile();
+            build(&["--features", "cli", "--bin", "mesa"], profile, &target);
+            target.join(profile).join("mesa")
+        }
+    })
 }
 
 /// An example in the profile of this test, built if it is not there or is old.
 pub fn example(name: &str) -> PathBuf {
-    let test = std::env::current_exe().expect("a test knows where it is");
-    // target/PROFILE/deps/test-hash
-    let profile = test.ancestors().nth(2).expect("target/PROFILE");
-    let is_release = profile.ends_with("release");
-    example_in(if is_release { "release" } else { "debug" }, name)
+    example_in(profile(), name)
 }
 
 /// An example in a profile, built if it is not there or is old.
 pub fn example_in(profile: &str, name: &str) -> PathBuf {
+    let target = target();
+    build(&["--example", name], profile, &target);
+    target.join(profile).join("examples").join(name)
+}
+
+/// Where this test was built.
+fn target() -> PathBuf {
     let test = std::env::current_exe().expect("a test knows where it is");
-    let target = test.ancestors().nth(3).expect("target");
+    // target/PROFILE/deps/test-hash
+    test.ancestors().nth(3).expect("target").to_owned()
+}
+
+fn profile() -> &'static str {
+    let test = std::env::current_exe().expect("a test knows where it is");
+    let profile = test.ancestors().nth(2).expect("target/PROFILE");
+    if profile.ends_with("release") {
+        "release"
+    } else {
+        "debug"
+    }
+}
+
+fn build(what: &[&str], profile: &str, target: &Path) {
     let mut build = Command::new(env!("CARGO"));
-    build.args(["build", "--quiet", "--example", name]);
+    build.args(["build", "--quiet"]).args(what);
     if profile == "release" {
         build.arg("--release");
     }
     build.arg("--target-dir").arg(target);
     let status = build.current_dir(env!("CARGO_MANIFEST_DIR")).status();
-    assert!(status.expect("cargo runs").success(), "{name} builds");
-    target.join(profile).join("examples").join(name)
+    assert!(status.expect("cargo runs").success(), "{what:?} builds");
 }
 
 /// A program that does not outlive its test.

@@ -15,7 +15,7 @@ use std::{
 
 use crate::interop::{
     console::{Console, Values, values},
-    sim_board,
+    mesa,
     tools::{has_program, skip},
 };
 
@@ -101,24 +101,22 @@ impl Machine {
         });
         // Open for both, so that neither end waits for the other.
         let [to_board, from_board] = [&pipes[0], &pipes[1]].map(|path| both_ends(path));
-        let mut sandbox = Command::new(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/examples/sim_board/linuxcnc.sh"
-        ))
-        .args(board.split(' '))
-        .arg("--")
-        .arg(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/tests/interop_linuxcnc/session.sh"
-        ))
-        .env("SIM_BOARD", sim_board())
-        .env("BOARD_IN", &pipes[0])
-        .env("BOARD_OUT", &pipes[1])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the sandbox starts");
+        let mut sandbox =
+            Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/linuxcnc.sh"))
+                .args(board.split(' '))
+                .arg("--")
+                .arg(concat!(
+                    env!("CARGO_MANIFEST_DIR"),
+                    "/tests/interop_linuxcnc/session.sh"
+                ))
+                .env("MESA", mesa())
+                .env("BOARD_IN", &pipes[0])
+                .env("BOARD_OUT", &pipes[1])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::null())
+                .spawn()
+                .expect("the sandbox starts");
         let output = sandbox.stdout.take().unwrap();
         let (sender, lines) = channel();
         std::thread::spawn(move || {

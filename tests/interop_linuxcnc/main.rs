@@ -2,7 +2,7 @@
 //! one, at 1 kHz.
 //!
 //! Needs root, for a private network: the driver wants a board with a MAC address of its own. See
-//! `examples/sim_board/linuxcnc.sh`. What LinuxCNC created is kept under `target/interop/` (`NAME.pins`:
+//! `examples/linuxcnc.sh`. What LinuxCNC created is kept under `target/interop/` (`NAME.pins`:
 //! type, direction and name of each pin; `NAME.params`), to compare other lists with.
 
 mod cost;
@@ -384,7 +384,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         return;
     }
     let _alone = alone();
-    let script = "examples/sim_board/linuxcnc.sh";
+    let script = "examples/linuxcnc.sh";
     assert!(include_str!("../../README.md").contains(script));
     for (options, name) in [
         (&[][..], "hm2_7i97.0"),
@@ -393,7 +393,7 @@ fn the_script_that_the_readme_names_runs_linuxcnc_on_a_simulated_board() {
         let mut child =
             std::process::Command::new(format!("{}/{script}", env!("CARGO_MANIFEST_DIR")))
                 .args(options)
-                .env("SIM_BOARD", interop::sim_board())
+                .env("MESA", interop::mesa())
                 .stdin(std::process::Stdio::piped())
                 .stdout(std::process::Stdio::piped())
                 .stderr(std::process::Stdio::piped())

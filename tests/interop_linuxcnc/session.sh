@@ -1,6 +1,6 @@
 #!/bin/bash
 # Commands of halcmd on standard input, one a line; each is answered by its output, its messages with
-# `! ` in front, and a line `= STATUS`. The client of `examples/sim_board/linuxcnc.sh` in tests.
+# `! ` in front, and a line `= STATUS`. The client of `examples/linuxcnc.sh` in tests.
 #
 # What the realtime part says comes late, and from a process that stays: so through a file.
 session=$HOME/session

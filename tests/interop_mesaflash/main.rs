@@ -15,7 +15,7 @@ use std::{
 };
 
 use interop::tools::{has_program, skip};
-use interop::{Scratch, console::Values, sim_board};
+use interop::{Scratch, console::Values, mesa};
 
 /// A simulated board that mesaflash talks to.
 struct Board {
@@ -333,7 +333,8 @@ fn an_ip_address_is_set_and_stays_in_the_state_file() {
     says(&text, "    ip address: 10.97.0.55");
     drop(board);
     // The state of a 7I97 is none of a 7I92: refused, with a reason.
-    let output = Command::new(sim_board())
+    let output = Command::new(mesa())
+        .arg("sim")
         .args([
             "--board",
             "7i92-7i77",

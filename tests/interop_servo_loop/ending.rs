@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::interop::{Process, board::Board, console::Values, example};
+use crate::interop::{Process, board::Board, console::Values, example, mesa};
 
 /// How long anything may take on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -26,7 +26,11 @@ const I7I97: [&str; 6] = [
 const LONG: [&str; 4] = ["--seconds", "600", "--watchdog", "1000"];
 
 fn start(name: &str, address: Option<Ipv4Addr>, arguments: &[&str]) -> Process {
-    let mut command = Command::new(example(name));
+    let mut command = match name.strip_prefix("mesa ") {
+        Some(_) => Command::new(mesa()),
+        None => Command::new(example(name)),
+    };
+    command.args(name.strip_prefix("mesa "));
     if let Some(address) = address {
         command.args(["--addr", &address.to_string()]);
     }
@@ -158,7 +162,7 @@ fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found
     };
     let tools: [(&str, &[&str], &str, u64); 2] = [
         ("cycle_cost", &["--seconds", "600"], "CPU per cycle: ", 3000),
-        ("discover", &[], "HostMot2 firmware for MESA7I97", 1),
+        ("mesa info", &[], "HostMot2 firmware for MESA7I97", 1),
     ];
     for (name, arguments, said, packets) in tools {
         let before = received(&mut board);
@@ -183,15 +187,15 @@ fn nobody_who_reads_is_no_reason_to_panic_or_to_stop() {
     let on_board: [(&str, &[&str]); 3] = [
         ("servo_loop", &["--seconds", "0.5", "--watchdog", "1000"]),
         ("cycle_cost", &["--seconds", "1"]),
-        ("discover", &[]),
+        ("mesa info", &[]),
     ];
     let alone: [(&str, &[&str]); 6] = [
         ("servo_loop", &["--seconds", "0.5", "--pins"]),
         ("servo_loop", &["--help"]),
         ("cycle_cost", &["--help"]),
-        ("discover", &["--sim"]),
-        ("discover", &["--help"]),
-        ("sim_board", &["--help"]),
+        ("mesa info", &["--sim", "7i92-7i77"]),
+        ("mesa info", &["--help"]),
+        ("mesa sim", &["--help"]),
     ];
     let on_board = on_board.map(|(name, arguments)| (name, Some(address), arguments));
     let alone = alone.map(|(name, arguments)| (name, None, arguments));
@@ -278,7 +282,7 @@ fn a_board_that_somebody_drives_is_left_to_him() {
     wait_until_on(&mut board, &["board.enable0", "remote.0.output"]);
     let others = [
         ("servo_loop", &LONG[..]),
-        ("discover", &[]),
+        ("mesa info", &[]),
         ("cycle_cost", &[]),
     ];
     for (name, arguments) in others {

@@ -2,9 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
-mod discover;
 mod ending;
 #[path = "../interop/mod.rs"]
 mod interop;
 mod servo_loop;
-mod sim_board;

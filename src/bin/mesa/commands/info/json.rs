@@ -3,8 +3,8 @@
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use serde_json::{Value, json};
 
-use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
-use crate::terminals;
+use super::report::{ChannelReport, PortReport, RemoteReport, Report};
+use super::terminals;
 
 pub fn of(report: &Report) -> Value {
     let idrom = &report.firmware.idrom;

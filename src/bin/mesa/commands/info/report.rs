@@ -15,7 +15,7 @@ use mesa_hal::modules::watchdog::WatchdogRegisters;
 use mesa_hal::remote::ParameterValue;
 use mesa_hal::sslbp::{Channel, Layout, Port, PortParameters};
 
-use crate::support::Stop;
+use mesa_hal::runner::Stop;
 
 /// Everything that was found.
 pub struct Report {

@@ -13,7 +13,7 @@ use crate::interop::{
     Process, Scratch,
     board::Board,
     console::{Console, values},
-    sim_board,
+    mesa,
 };
 use mesa_hal::{
     bus::RegisterBus,
@@ -53,8 +53,9 @@ impl Client {
 }
 
 fn run(arguments: &[&str]) -> Output {
-    let mut command = Command::new(sim_board());
+    let mut command = Command::new(mesa());
     command
+        .arg("sim")
         .args(arguments)
         .stdin(Stdio::null())
         .output()
@@ -119,7 +120,7 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     }
     let output = run(&["--listen", "127.0.0.1"]);
     let error = String::from_utf8_lossy(&output.stderr);
-    assert!(error.contains("--board is missing"), "{error}");
+    assert!(error.contains("not provided:\n  --board"), "{error}");
 }
 
 /// Waits until a file is there and holds something else than `before`.
@@ -329,8 +330,16 @@ fn any_datagram_is_survived() {
 
 #[test]
 fn a_closed_standard_input_does_not_end_it() {
-    let mut child = Command::new(sim_board())
-        .args(["--board", "7i97", "--listen", "127.0.0.1", "--port", "0"])
+    let mut child = Command::new(mesa())
+        .args([
+            "sim",
+            "--board",
+            "7i97",
+            "--listen",
+            "127.0.0.1",
+            "--port",
+            "0",
+        ])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()

@@ -9,10 +9,9 @@ use mesa_hal::sim::{
     remote::Cable,
 };
 
-use crate::{
-    devices,
-    options::{Board, Options, RemoteOption},
-};
+use super::devices;
+pub use super::options::MachineOptions;
+use super::options::{Board, RemoteOption};
 
 /// Serial port that everything is plugged into.
 pub const PORT: usize = 0;
@@ -38,8 +37,8 @@ pub struct Plugged {
 }
 
 impl Machine {
-    /// Builds what the command line says.
-    pub fn new(options: &Options) -> Result<Self, Box<dyn Error>> {
+    /// Builds a board with everything that is plugged in.
+    pub fn new(options: &MachineOptions) -> Result<Self, Box<dyn Error>> {
         let wanted = with_own_remotes(options);
         let channels = wanted.iter().map(|remote| remote.channel + 1).max();
         let fpga = match options.board {
@@ -47,14 +46,14 @@ impl Machine {
             Board::I7i92With7i77 => machines::i7i92_7i77(),
         };
         let mut config = BoardConfig::new(name(options.board));
-        config.ip = *options.listen.ip();
+        config.ip = options.ip;
         let mut machine = Self {
             board: SimBoard::new(config, fpga),
             remotes: Vec::new(),
             kind: options.board,
         };
         for remote in &wanted {
-            let seed = options.mishaps.seed ^ u64::from(remote.channel) << 32;
+            let seed = options.seed ^ u64::from(remote.channel) << 32;
             let cable = devices::build(&remote.device, remote.mode, seed)?;
             machine.add(remote, cable);
         }
@@ -193,7 +192,7 @@ fn name(board: Board) -> &'static str {
 }
 
 /// The remotes asked for, and those that are part of the board unless others stand in their place.
-fn with_own_remotes(options: &Options) -> Vec<RemoteOption> {
+fn with_own_remotes(options: &MachineOptions) -> Vec<RemoteOption> {
     let mut wanted = options.remotes.clone();
     if options.board == Board::I7i92With7i77 {
         for (channel, device) in [(0, devices::FIELD_IO), (1, devices::ANALOG)] {

@@ -11,7 +11,7 @@ use std::{
 
 use mesa_hal::sim::{UdpCounters, UdpFace};
 
-use crate::{machine::Machine, remotes};
+use super::{machine::Machine, remotes};
 
 /// Longer lines are cut off.
 const MAX_LINE: usize = 1000;

@@ -5,8 +5,8 @@ use std::fmt::{self, Write};
 use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
 use mesa_hal::remote::Scaling;
 
-use crate::report::{ChannelReport, PortReport, RemoteReport, Report};
-use crate::terminals;
+use super::report::{ChannelReport, PortReport, RemoteReport, Report};
+use super::terminals;
 
 pub fn of(report: &Report) -> Result<String, fmt::Error> {
     let mut text = String::new();

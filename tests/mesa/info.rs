@@ -5,26 +5,30 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
-use crate::interop::{board::Board, example};
+use crate::interop::{board::Board, mesa};
 use serde_json::Value;
 
-fn discover(arguments: &[&str]) -> Output {
-    Command::new(example("discover"))
+fn info(arguments: &[&str]) -> Output {
+    Command::new(mesa())
+        .arg("info")
         .args(arguments)
         .output()
-        .expect("discover starts")
+        .expect("mesa starts")
 }
 
-/// What `discover --json` says.
+/// A 7I92 with a 7I77 and, on its expansion connector, a 7I72.
+const SIM: &str = "7i92-7i77,2=7i72";
+
+/// What `info --json` says.
 fn json(arguments: &[&str]) -> Value {
-    let output = discover(&[arguments, &["--json"]].concat());
+    let output = info(&[arguments, &["--json"]].concat());
     assert!(output.status.success(), "{output:?}");
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
 #[test]
 fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
-    let output = discover(&["--sim"]);
+    let output = info(&["--sim", SIM]);
     assert!(output.status.success(), "{output:?}");
     let text = String::from_utf8_lossy(&output.stdout);
     for line in [
@@ -63,7 +67,7 @@ fn an_ethernet_board_is_listed_for_programs() {
 
 #[test]
 fn where_nothing_answers_it_says_so_and_what_to_do() {
-    let output = discover(&["--addr", "127.93.0.2"]);
+    let output = info(&["--addr", "127.93.0.2"]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.contains("127.93.0.2:27181: nobody listens"), "{text}");
@@ -74,7 +78,7 @@ fn where_nothing_answers_it_says_so_and_what_to_do() {
 fn a_silent_address_is_said_to_be_silent() {
     let address = Ipv4Addr::new(127, 93, 0, 3);
     let _silent = std::net::UdpSocket::bind((address, mesa_hal::lbp16::PORT)).expect("free");
-    let output = discover(&["--addr", &address.to_string()]);
+    let output = info(&["--addr", &address.to_string()]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
     let said = "127.93.0.3:27181: no board answers, asked 10 times: ";
@@ -93,7 +97,7 @@ fn who_answers_and_is_no_board_is_said_to_be_there() {
             let _ = service.send_to(b"?", from);
         }
     });
-    let output = discover(&["--addr", &address.to_string()]);
+    let output = info(&["--addr", &address.to_string()]);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.contains("no board answers, but somebody"), "{text}");
@@ -107,26 +111,30 @@ fn who_answers_and_is_no_board_is_said_to_be_there() {
 fn arguments_that_make_no_sense_are_said_and_not_ignored() {
     for (arguments, code, said) in [
         (&["--addr", "somewhere"][..], 2, "is no IPv4 address"),
-        (&[], 2, "say which board"),
-        (&["--sim", "--addr", "127.93.0.2"], 2, "one board"),
-        (&["--sim", "--mode", "0.1"], 2, "PORT.CHANNEL=MODE"),
+        (&[], 2, "which board?"),
         (
-            &["--sim", "--mode", "0.7=1"],
+            &["--sim", SIM, "--addr", "127.93.0.2"],
+            2,
+            "cannot be used with",
+        ),
+        (&["--sim", SIM, "--mode", "0.1"], 2, "PORT.CHANNEL=MODE"),
+        (
+            &["--sim", SIM, "--mode", "0.7=1"],
             1,
             "no channel 7 on serial port 0, which has 3",
         ),
         (
-            &["--sim", "--mode", "0.0=77"],
+            &["--sim", SIM, "--mode", "0.0=77"],
             1,
             "port 0, channel 0: the 7I77 has no software mode 77; it has 0 (",
         ),
         (
-            &["--sim", "--mode", "2.0=1"],
+            &["--sim", SIM, "--mode", "2.0=1"],
             1,
             "no serial port 2, the firmware has 1",
         ),
     ] {
-        let output = discover(arguments);
+        let output = info(arguments);
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
         assert!(text.contains(said), "{arguments:?}: {text}");
@@ -135,13 +143,14 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
 
 #[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
-    for arguments in [&["--sim"][..], &["--sim", "--json"]] {
-        let mut child = Command::new(example("discover"))
+    for arguments in [&["--sim", SIM][..], &["--sim", SIM, "--json"]] {
+        let mut child = Command::new(mesa())
+            .arg("info")
             .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
-            .expect("discover starts");
+            .expect("mesa starts");
         drop(child.stdout.take());
         let output = child.wait_with_output().expect("it ends");
         let text = String::from_utf8_lossy(&output.stderr);

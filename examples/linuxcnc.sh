@@ -1,23 +1,23 @@
 #!/bin/bash
 # LinuxCNC with a simulated Ethernet board, on a private network that exists only for one run.
 #
-#   sudo examples/sim_board/linuxcnc.sh [BOARD OPTIONS] [-- CLIENT ARGS...]
+#   sudo examples/linuxcnc.sh [BOARD OPTIONS] [-- CLIENT ARGS...]
 #
-#   sudo examples/sim_board/linuxcnc.sh
+#   sudo examples/linuxcnc.sh
 #       a 7I97 with LinuxCNC's driver loaded and its cycle running, and halcmd to look around:
 #       `show pin hm2_7i97.0.encoder`, `setp hm2_7i97.0.ssr.00.out-02 true`, `exit`
-#   sudo examples/sim_board/linuxcnc.sh --board 7i92-7i77 --remote 2=7i72
-#       the same with another board; options as `sim_board --help` lists them
-#   sudo examples/sim_board/linuxcnc.sh -- halrun -f machine.hal
+#   sudo examples/linuxcnc.sh --board 7i92-7i77 --remote 2=7i72
+#       the same with another board; options as `mesa sim --help` lists them
+#   sudo examples/linuxcnc.sh -- halrun -f machine.hal
 #       with your own HAL file, or any other program; the board has the address 10.97.0.2
 #
 # Needs root (or CAP_SYS_ADMIN), and the packages that have halrun, ip, iptables, unshare and
 # nsenter (Debian: linuxcnc-uspace iproute2 iptables util-linux). Build the board first:
 #
-#   cargo build --release --example sim_board
+#   cargo build --release --features cli
 #
 # Environment:
-#   SIM_BOARD            the program (target/release/examples/sim_board)
+#   MESA                 the program (target/release/mesa)
 #   BOARD_IN, BOARD_OUT  the board's standard input and output, for example named pipes
 #                        (nothing; a file that is shown if the client fails)
 #
@@ -33,10 +33,10 @@ fail() {
   exit "$1"
 }
 
-top=$(cd "$(dirname "$0")/../.." && pwd)
-sim_board=${SIM_BOARD:-$top/target/release/examples/sim_board}
-[ -x "$sim_board" ] ||
-  fail 98 "no $sim_board; build it: cargo build --release --example sim_board"
+top=$(cd "$(dirname "$0")/.." && pwd)
+mesa=${MESA:-$top/target/release/mesa}
+[ -x "$mesa" ] ||
+  fail 98 "no $mesa; build it: cargo build --release --features cli"
 for program in halrun ip iptables unshare nsenter; do
   PATH=$PATH:/usr/sbin:/sbin command -v "$program" > /dev/null ||
     fail 98 "$program is missing; apt-get install linuxcnc-uspace iproute2 iptables util-linux"
@@ -71,7 +71,7 @@ mount -t tmpfs tmpfs /run/lock 2> /dev/null
 log=$home/board
 mkfifo "$home/network"
 unshare --net bash -c 'read -r _ < "$0"; exec "$@"' "$home/network" \
-  "$sim_board" "${options[@]}" --listen 10.97.0.2 \
+  "$mesa" sim "${options[@]}" --listen 10.97.0.2 \
   < "${BOARD_IN:-/dev/null}" > "${BOARD_OUT:-$log}" &
 board=$!
 for _ in $(seq 100); do

@@ -5,7 +5,7 @@ use mesa_hal::sim::{
     remote::{Cable, Toward, WireFault},
 };
 
-use crate::{
+use super::{
     console::{line, number, on_off, wrong},
     machine::Machine,
 };

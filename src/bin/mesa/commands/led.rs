@@ -1,0 +1,115 @@
+//! `mesa led`: what the board's user LEDs show.
+
+use std::fmt::{self, Display};
+
+use clap::{Args, ValueEnum};
+use mesa_hal::ethernet::{EthernetBoard, LedMode};
+use serde::Serialize;
+
+use crate::context::{Context, Ending, Failure};
+use crate::target::Target;
+
+const AFTER_HELP: &str = "\
+Without MODE it prints what they show, and changes nothing.
+
+Example:
+  mesa led hostmot2 --addr 10.10.10.10 --at-start";
+
+/// What the user LEDs of a board show, now and after a restart
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Led {
+    #[command(flatten)]
+    target: Target,
+    /// What they shall show from now on
+    #[arg(value_enum)]
+    mode: Option<Mode>,
+    /// After each restart as well: writes the EEPROM
+    #[arg(long, requires = "mode")]
+    at_start: bool,
+    /// Print what would be done, and do nothing
+    #[arg(long, requires = "mode")]
+    dry_run: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Mode {
+    #[value(
+        name = "hostmot2",
+        help = "the pins led.CR01 to led.CR04 of the driver"
+    )]
+    HostMot2,
+    #[value(help = "a variable of the network side, usually the number of packets received")]
+    Debug,
+}
+
+/// What they show.
+#[derive(Debug, Serialize)]
+struct Leds {
+    now: Mode,
+    at_start: Mode,
+}
+
+impl Led {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let mut board = EthernetBoard::new(&mut bus);
+        if let Some(mode) = self.mode {
+            let what = if self.at_start {
+                "sets what the user LEDs show, now and, in the EEPROM, after each restart"
+            } else {
+                "sets what the user LEDs show until the next restart"
+            };
+            if self.dry_run {
+                crate::output::say(format_args!("{}: {what}\n", found.address));
+                return Ok(Ending::Done);
+            }
+            context.consent(&format!("{}: {what}", found.address))?;
+            board.set_led_mode(mode.into())?;
+            if self.at_start {
+                board.set_eeprom_led_mode(mode.into())?;
+            }
+        }
+        context.print(&Leds {
+            now: board.led_mode()?.into(),
+            at_start: board.eeprom_led_mode()?.into(),
+        })?;
+        Ok(context.ending())
+    }
+}
+
+impl From<Mode> for LedMode {
+    fn from(mode: Mode) -> Self {
+        match mode {
+            Mode::HostMot2 => Self::HostMot2,
+            Mode::Debug => Self::Debug,
+        }
+    }
+}
+
+impl From<LedMode> for Mode {
+    fn from(mode: LedMode) -> Self {
+        match mode {
+            LedMode::HostMot2 => Self::HostMot2,
+            LedMode::Debug => Self::Debug,
+        }
+    }
+}
+
+impl Display for Leds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "now       {}", self.now)?;
+        writeln!(f, "at start  {}", self.at_start)
+    }
+}
+
+impl Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::HostMot2 => "hostmot2",
+            Self::Debug => "debug",
+        })
+    }
+}

@@ -1,0 +1,26 @@
+//! The commands, each in its own file: its arguments, what it does, what it prints.
+
+mod info;
+mod led;
+
+use clap::Subcommand;
+
+use crate::context::{Context, Ending, Failure};
+use crate::sim;
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    Info(info::Info),
+    Led(led::Led),
+    Sim(sim::Options),
+}
+
+impl Command {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        match self {
+            Self::Info(info) => info.run(context),
+            Self::Led(led) => led.run(context),
+            Self::Sim(options) => sim::run(options, context),
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! The command `mesa` as a person and a script run it: its output, its exit codes, bad input,
+//! signals.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod info;
+#[path = "../interop/mod.rs"]
+mod interop;
+mod led;
+mod run;
+mod sim;
