@@ -106,7 +106,7 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
         (&["--state", "/proc/state"], "could not be written"),
         (&["--state", "/dev/zero"], "no state of a simulated board"),
         (&["--state", "/dev/null"], "no state of a simulated board"),
-        (&["--state", ""], "no name of a file"),
+        (&["--state", ""], "a value is required"),
         (&["--remote", "0=7i99"], "7i77-analog"),
         (&["--remote", "0=/dev/zero"], "too long"),
     ];
