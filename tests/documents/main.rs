@@ -3,5 +3,6 @@
 mod citations;
 #[path = "../common/mod.rs"]
 mod common;
+mod dependencies;
 mod neighbours;
 mod readme;

@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 
 use clap::{Args, ValueEnum};
-use mesa_hal::ethernet::{EthernetBoard, LedMode};
+use mesa_hal::ethernet::{EthernetBoard, LedMode, LedTime};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
@@ -67,14 +67,14 @@ impl Led {
                 return Ok(Ending::Done);
             }
             context.consent(&format!("{}: {what}", found.address))?;
-            board.set_led_mode(mode.into())?;
+            board.set_led_mode(LedTime::Now, mode.into())?;
             if self.at_start {
-                board.set_eeprom_led_mode(mode.into())?;
+                board.set_led_mode(LedTime::AtStart, mode.into())?;
             }
         }
         context.print(&Leds {
-            now: board.led_mode()?.into(),
-            at_start: board.eeprom_led_mode()?.into(),
+            now: board.led_mode(LedTime::Now)?.into(),
+            at_start: board.led_mode(LedTime::AtStart)?.into(),
         })?;
         Ok(context.ending())
     }
