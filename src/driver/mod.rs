@@ -203,6 +203,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.pacer.period
     }
 
+    /// Who decides when a cycle begins.
+    pub fn pace(&self) -> Pace {
+        self.pacer.pace
+    }
+
     /// What the board's firmware says of itself.
     pub fn firmware(&self) -> &HostMot2 {
         &self.firmware

@@ -152,7 +152,7 @@ mod tests {
         };
         assert_eq!(operation.command, Command::read(Space::HostMot2, 5));
         assert_eq!(operation.address, Some(0x0400));
-        assert_eq!(operation.data, []);
+        assert_eq!(operation.data, [0_u8; 0]);
     }
 
     #[test]

@@ -1,7 +1,221 @@
-//! The thread of a cycle: how it ends, and what it needs of the operating system.
+//! The thread of a cycle: its pace, its end, and what it needs of the operating system.
+//!
+//! A [`Runner`] calls the application once in each period, between a read and a write:
+//!
+//! ```
+//! use std::ops::ControlFlow;
+//! use mesa_hal::{Driver, Settings, runner::Runner, sim::machines};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let board = machines::six_axes_7i92(Default::default());
+//! let driver = Driver::start(board, Settings::default())?;
+//! let ended = Runner::new(driver).run(|cycle| match cycle.number {
+//!     0..1000 => ControlFlow::Continue(()),
+//!     _ => ControlFlow::Break(()),
+//! })?;
+//! assert_eq!(ended.statistics.failed_reads, 0);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Real time
+//! The runner itself does not allocate, log, or panic, and waits only for the next period. What it is
+//! worth depends on the thread: with the feature `realtime` one that is scheduled before all others,
+//! with its memory locked, on a CPU of its own (`Realtime`).
 
+#[cfg(all(feature = "realtime", target_os = "linux"))]
+mod realtime;
 #[cfg(feature = "realtime")]
 mod stop;
+#[cfg(test)]
+mod tests;
 
+#[cfg(all(feature = "realtime", target_os = "linux"))]
+pub use realtime::{Realtime, RealtimeError};
 #[cfg(feature = "realtime")]
 pub use stop::{Signal, Stop};
+
+use core::ops::ControlFlow;
+use core::time::Duration;
+
+use crate::bus::{Clock, Instant, RegisterBus};
+use crate::driver::{CycleError, CycleReport, Driver, Pace, ShutdownError};
+use crate::hal::Pins;
+
+/// Runs the cycle of a driver until the application, or a signal, ends it.
+///
+/// Dropping it stops the driver, as dropping the driver does.
+#[derive(Debug)]
+pub struct Runner<B: RegisterBus + Clock> {
+    driver: Driver<B>,
+    statistics: RunStatistics,
+    #[cfg(feature = "realtime")]
+    stop: Option<Stop>,
+}
+
+/// One cycle, after its read: what an application does its own work on.
+#[derive(Debug)]
+pub struct Cycle<'a, B: RegisterBus + Clock> {
+    /// Cycles before this one.
+    pub number: u64,
+    /// What the read brought, or why it brought nothing: inputs are not valid then.
+    pub read: Result<CycleReport, CycleError<B::Error>>,
+    /// Why the write of the cycle before failed, if it did.
+    pub write: Result<(), CycleError<B::Error>>,
+    /// How much later than planned it began. Zero where the [board paces](Pace::Board).
+    pub late: Duration,
+    /// The driver, to re-arm it or to look at it. The runner reads, writes, and ends it.
+    pub driver: &'a mut Driver<B>,
+}
+
+impl<B: RegisterBus + Clock> Cycle<'_, B> {
+    /// All pins and parameters.
+    pub fn pins(&self) -> &Pins {
+        self.driver.pins()
+    }
+
+    /// All pins and parameters, to set them.
+    pub fn pins_mut(&mut self) -> &mut Pins {
+        self.driver.pins_mut()
+    }
+}
+
+/// What a runner counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
+pub struct RunStatistics {
+    /// Cycles that were run.
+    pub cycles: u64,
+    /// Reads that brought nothing.
+    pub failed_reads: u64,
+    /// Writes that failed.
+    pub failed_writes: u64,
+    /// Periods without a cycle, because the one before took too long or the thread was not run. Only
+    /// where the [host paces](Pace::Host); else see
+    /// [`DriverStatistics::missed_periods`](crate::driver::DriverStatistics::missed_periods).
+    pub skipped_periods: u64,
+    /// How much later than planned a cycle began at most.
+    pub latest: Duration,
+    /// What a cycle took at most, from the begin of its read to the end of its write.
+    pub longest: Duration,
+}
+
+/// A run that is over: all outputs are safe, all ports are stopped.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct Ended<B> {
+    /// The bus.
+    pub bus: B,
+    /// What was counted.
+    pub statistics: RunStatistics,
+    /// The signal that ended it; `None`: the application did.
+    #[cfg(feature = "realtime")]
+    pub signal: Option<Signal>,
+}
+
+impl<B: RegisterBus + Clock> Runner<B> {
+    /// Of a driver that was started. Its settings say the period, and who paces.
+    pub fn new(driver: Driver<B>) -> Self {
+        Self {
+            driver,
+            statistics: RunStatistics::default(),
+            #[cfg(feature = "realtime")]
+            stop: None,
+        }
+    }
+
+    /// Ends when a signal has come.
+    #[cfg(feature = "realtime")]
+    #[must_use]
+    pub fn stop_on(mut self, stop: Stop) -> Self {
+        self.stop = Some(stop);
+        self
+    }
+
+    /// Runs cycles in the calling thread: read, `work`, write, and the wait for the next period, until
+    /// `work` breaks or a signal comes; then shuts the driver down.
+    ///
+    /// The first cycle begins at once. At the host's pace each of the others begins a whole number of
+    /// periods after it, however long those before took: a late one does not delay the next, and a
+    /// period that is over is skipped and counted.
+    ///
+    /// A read or a write that fails ends nothing: the driver makes everything safe when too many do,
+    /// and `work` decides.
+    ///
+    /// # Errors
+    /// What went wrong in the [shutdown](Driver::shutdown).
+    pub fn run(
+        mut self,
+        mut work: impl FnMut(&mut Cycle<'_, B>) -> ControlFlow<()>,
+    ) -> Result<Ended<B>, ShutdownError<B>> {
+        let period = self.driver.period();
+        let mut planned = self.driver.bus_mut().now();
+        let mut write = Ok(());
+        #[cfg(feature = "realtime")]
+        let mut signal = None;
+        loop {
+            #[cfg(feature = "realtime")]
+            if let Some(came) = self.stop.as_ref().and_then(Stop::signal) {
+                signal = Some(came);
+                break;
+            }
+            let begun = self.wait_until(planned);
+            let late = begun.since(planned);
+            let read = self.driver.read();
+            self.statistics.failed_reads += u64::from(read.is_err());
+            let flow = work(&mut Cycle {
+                number: self.statistics.cycles,
+                read,
+                write: core::mem::replace(&mut write, Ok(())),
+                late,
+                driver: &mut self.driver,
+            });
+            if flow.is_break() {
+                break;
+            }
+            write = self.driver.write();
+            self.statistics.failed_writes += u64::from(write.is_err());
+            let ended = self.driver.bus_mut().now();
+            self.count(late, ended.since(begun));
+            planned = self.next(planned, ended, period);
+        }
+        Ok(Ended {
+            statistics: self.statistics,
+            bus: self.driver.shutdown()?,
+            #[cfg(feature = "realtime")]
+            signal,
+        })
+    }
+
+    /// Returns when it is, or was, that time: the board's own clock is not waited for here.
+    fn wait_until(&mut self, planned: Instant) -> Instant {
+        let bus = self.driver.bus_mut();
+        let now = bus.now();
+        let rest = planned.since(now);
+        if rest.is_zero() {
+            return now;
+        }
+        bus.wait(rest);
+        bus.now()
+    }
+
+    fn count(&mut self, late: Duration, took: Duration) {
+        let statistics = &mut self.statistics;
+        statistics.cycles += 1;
+        statistics.latest = statistics.latest.max(late);
+        statistics.longest = statistics.longest.max(took);
+    }
+
+    /// When the next cycle begins.
+    fn next(&mut self, planned: Instant, now: Instant, period: Duration) -> Instant {
+        if self.driver.pace() == Pace::Board {
+            return now;
+        }
+        let behind = now.since(planned).as_nanos() / period.as_nanos().max(1);
+        let skipped = u64::try_from(behind).unwrap_or(u64::MAX);
+        self.statistics.skipped_periods += skipped;
+        let periods = u32::try_from(skipped.saturating_add(1)).unwrap_or(u32::MAX);
+        planned.after(period.saturating_mul(periods))
+    }
+}

@@ -99,7 +99,7 @@ fn four_gpio_ports_are_written() {
     };
     let words: Vec<_> = operation.elements().collect();
     assert_eq!(words, [0xAAAA_AAAA, 0xBBBB_BBBB, 0xCCCC_CCCC, 0xDDDD_DDDD]);
-    assert_eq!(Board::new().answers(&request), []);
+    assert_eq!(Board::new().answers(&request), [0_u8; 0]);
 }
 
 /// "SPACE 1: ETHERNET CHIP ACCESS": read Ethernet chip CIDER register.
@@ -126,7 +126,7 @@ fn the_ip_address_is_written() {
         let built = Host::default().enable(2);
         let built = built.command(write, 0x20, &hex(address));
         assert_eq!(built.0, hex(request));
-        assert_eq!(board.answers(&hex(request)), []);
+        assert_eq!(board.answers(&hex(request)), [0_u8; 0]);
         // "ELBPCOM": read EEPROM IP address at 0x0020.
         let read = Command::read(Space::Eeprom, 2);
         assert_eq!(Host::default().command(read, 0x20, &[]).0, hex("82492000"));

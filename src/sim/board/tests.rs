@@ -74,7 +74,7 @@ fn the_sample_run_of_the_manual_works() {
     let mut board = board();
     assert_eq!(run(&mut board, &hex("01420001")), hex("fecaaa55"));
     let set = hex("01D91A00025A 82C920000100a8C0");
-    assert_eq!(run(&mut board, &set), []);
+    assert_eq!(run(&mut board, &set), [0_u8; 0]);
     assert_eq!(run(&mut board, &hex("82492000")), hex("0100a8c0"));
 }
 
@@ -392,10 +392,10 @@ fn what_does_not_fit_into_a_packet_is_not_sent() {
     for _ in 0..3 {
         request.extend(hex("FF420000"));
     }
-    assert_eq!(run(&mut board, &request), []);
+    assert_eq!(run(&mut board, &request), [0_u8; 0]);
     assert_eq!(board.status(0x12), 1);
     assert_eq!(board.status(0), ErrorRegister::TRANSMIT.bits());
-    assert_eq!(run(&mut board, &[0; 1473]), []);
+    assert_eq!(run(&mut board, &[0; 1473]), [0_u8; 0]);
     assert_eq!(board.status(0x0C), 1);
 }
 

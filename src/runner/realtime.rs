@@ -1,0 +1,190 @@
+use alloc::vec::Vec;
+use std::io;
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::thread::{CpuSet, sched_setaffinity};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
+
+/// What the thread of a cycle asks of Linux; each on its own, nothing by default.
+///
+/// What is refused is an error with the reason, never silence: a cycle without its rights misses
+/// periods under load.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Realtime {
+    /// The priority of `SCHED_FIFO`, 1 to 99: the thread runs before all that have less. Interrupt
+    /// threads of a kernel with `PREEMPT_RT` have 50; a cycle over Ethernet must stay below that of
+    /// its network card.
+    pub priority: Option<u8>,
+    /// All memory of the process stays in RAM, also what it asks for later: no page is waited for.
+    pub lock_memory: bool,
+    /// The CPUs that the thread may run on, by number; empty: any. One that the kernel keeps free of
+    /// others (`isolcpus`) is best.
+    pub cpus: Vec<usize>,
+}
+
+/// What Linux refuses to the thread of a cycle.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RealtimeError {
+    /// The priority.
+    #[error(
+        "SCHED_FIFO with priority {priority}: {source}; give the user `rtprio {priority}` in \
+         /etc/security/limits.d and log in again, or give the program CAP_SYS_NICE"
+    )]
+    Priority {
+        /// What was asked for.
+        priority: u8,
+        /// Why not.
+        source: io::Error,
+    },
+    /// It is no priority.
+    #[error("priority {priority}: SCHED_FIFO has priorities from 1 to 99")]
+    NoPriority {
+        /// What was asked for.
+        priority: u8,
+    },
+    /// The memory.
+    #[error(
+        "locking the memory: {source}; give the user `memlock unlimited` in /etc/security/limits.d \
+         and log in again, or give the program CAP_IPC_LOCK"
+    )]
+    Memory {
+        /// Why not.
+        source: io::Error,
+    },
+    /// The CPUs.
+    #[error("running on the CPUs {cpus:?}: {source}; `nproc --all` tells how many there are")]
+    Cpus {
+        /// What was asked for.
+        cpus: Vec<usize>,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+impl Realtime {
+    /// Asks for it, for the calling thread; locked memory is that of the whole process.
+    ///
+    /// # Errors
+    /// [`RealtimeError`]: the first that is refused. What was granted before stays.
+    ///
+    /// # Real time
+    /// Before the cycle.
+    pub fn apply(&self) -> Result<(), RealtimeError> {
+        if let Some(priority) = self.priority {
+            self::set_priority(priority)?;
+        }
+        if self.lock_memory {
+            let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;
+            mlockall(all).map_err(|error| RealtimeError::Memory {
+                source: error.into(),
+            })?;
+        }
+        self.set_cpus()
+    }
+
+    fn set_cpus(&self) -> Result<(), RealtimeError> {
+        if self.cpus.is_empty() {
+            return Ok(());
+        }
+        let refused = |source| RealtimeError::Cpus {
+            cpus: self.cpus.clone(),
+            source,
+        };
+        let mut set = CpuSet::new();
+        for &cpu in &self.cpus {
+            if cpu >= CpuSet::MAX_CPU {
+                return Err(refused(io::ErrorKind::InvalidInput.into()));
+            }
+            set.set(cpu);
+        }
+        sched_setaffinity(None, &set).map_err(|error| refused(error.into()))
+    }
+}
+
+fn set_priority(priority: u8) -> Result<(), RealtimeError> {
+    let value = match priority {
+        1..=99 => priority.try_into().ok(),
+        _ => None,
+    };
+    let value = value.ok_or(RealtimeError::NoPriority { priority })?;
+    let fifo = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let asked = ThreadPriority::Crossplatform(value);
+    set_thread_priority_and_policy(thread_native_id(), asked, fifo).map_err(|error| {
+        let source = match error {
+            thread_priority::Error::OS(code) => io::Error::from_raw_os_error(code),
+            other => io::Error::other(std::format!("{other}")),
+        };
+        RealtimeError::Priority { priority, source }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In a thread of its own: what is granted stays with the thread.
+    fn in_a_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+        std::thread::scope(|scope| scope.spawn(work).join().expect("no panic"))
+    }
+
+    #[test]
+    fn a_cpu_that_is_granted_is_the_only_one() {
+        in_a_thread(|| {
+            let before = rustix::thread::sched_getaffinity(None).expect("readable");
+            let cpu = (0..CpuSet::MAX_CPU).find(|&cpu| before.is_set(cpu));
+            let cpus = std::vec![cpu.expect("one")];
+            let asked = Realtime {
+                cpus,
+                ..Realtime::default()
+            };
+            asked.apply().expect("it is allowed already");
+            let after = rustix::thread::sched_getaffinity(None).expect("readable");
+            assert_eq!(after.count(), 1);
+            assert!(after.is_set(asked.cpus[0]));
+        });
+    }
+
+    #[test]
+    fn what_can_not_be_granted_is_refused_with_the_reason() {
+        in_a_thread(|| {
+            for priority in [0, 100] {
+                let asked = Realtime {
+                    priority: Some(priority),
+                    ..Realtime::default()
+                };
+                let error = asked.apply().expect_err("no priority").to_string();
+                assert!(error.contains("from 1 to 99"), "{error}");
+            }
+            for cpu in [CpuSet::MAX_CPU - 1, CpuSet::MAX_CPU] {
+                let asked = Realtime {
+                    cpus: std::vec![cpu],
+                    ..Realtime::default()
+                };
+                let error = asked.apply().expect_err("no such CPU").to_string();
+                assert!(error.contains("nproc"), "{error}");
+            }
+        });
+    }
+
+    #[test]
+    fn a_priority_is_granted_or_refused_and_never_ignored() {
+        in_a_thread(|| {
+            let asked = Realtime {
+                priority: Some(1),
+                ..Realtime::default()
+            };
+            match asked.apply() {
+                Ok(()) => {
+                    let is = thread_priority::thread_schedule_policy().expect("readable");
+                    let fifo = RealtimeThreadSchedulePolicy::Fifo;
+                    assert_eq!(is, ThreadSchedulePolicy::Realtime(fifo));
+                }
+                Err(error) => assert!(error.to_string().contains("rtprio 1"), "{error}"),
+            }
+        });
+    }
+}

@@ -1,0 +1,96 @@
+//! The runner on simulated boards, in virtual time.
+
+use core::ops::ControlFlow;
+use core::time::Duration;
+
+use super::{Cycle, Runner};
+use crate::bus::{Clock, Instant};
+use crate::driver::{Driver, Settings};
+use crate::sim::{MotorConfig, SimFpga, machines};
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+fn runner() -> Runner<SimFpga> {
+    let board = machines::six_axes_7i92(MotorConfig::default());
+    Runner::new(Driver::start(board, Settings::default()).expect("it starts"))
+}
+
+/// The times at which cycles begin, while `work` makes some of them longer.
+fn begins(
+    cycles: u64,
+    mut work: impl FnMut(u64) -> Duration,
+) -> (Vec<Instant>, super::RunStatistics) {
+    let mut begins = Vec::new();
+    let run = |cycle: &mut Cycle<'_, SimFpga>| {
+        // Reading takes time on this bus, the same in each cycle.
+        begins.push(cycle.pins().now());
+        if cycle.number == cycles {
+            return ControlFlow::Break(());
+        }
+        let took = work(cycle.number);
+        cycle.driver.bus_mut().wait(took);
+        ControlFlow::Continue(())
+    };
+    let ended = runner().run(run).expect("it stops");
+    (begins, ended.statistics)
+}
+
+#[test]
+fn cycles_begin_a_whole_number_of_periods_apart_however_long_they_take() {
+    let (begins, statistics) = begins(50, |number| Duration::from_micros(number * 13));
+    let first = begins[0];
+    for (number, begin) in (0..).zip(&begins) {
+        assert_eq!(begin.since(first), PERIOD * number, "cycle {number}");
+    }
+    assert_eq!(statistics.cycles, 50);
+    assert_eq!(statistics.skipped_periods, 0);
+}
+
+#[test]
+fn a_cycle_that_takes_too_long_costs_its_periods_and_delays_no_other() {
+    let long = Duration::from_micros(2500);
+    let (begins, statistics) = begins(10, |number| if number == 4 { long } else { Duration::ZERO });
+    let periods: Vec<u128> = begins
+        .iter()
+        .map(|begin| begin.since(begins[0]).as_micros() / 1000)
+        .collect();
+    assert_eq!(periods, [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12]);
+    assert_eq!(statistics.skipped_periods, 2);
+    assert!(statistics.longest >= long, "{statistics:?}");
+}
+
+#[test]
+fn outputs_are_off_when_it_has_ended() {
+    let output = |driver: &Driver<SimFpga>| {
+        let name = "hm2_7i92.0.7i77.0.0.output-00";
+        driver.pins().output::<bool>(name).expect("a pin")
+    };
+    let runner = runner();
+    let output = output(&runner.driver);
+    let mut was_on = false;
+    let ended = runner
+        .run(|cycle| {
+            cycle.pins_mut().set(output, true);
+            let device = cycle.driver.bus().remote(0, 0);
+            let device = device.and_then(crate::sim::devices::find).expect("a 7I77");
+            was_on |= is_on(device);
+            if cycle.number == 20 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        })
+        .expect("it stops");
+    assert!(was_on);
+    let device = ended.bus.remote(0, 0).and_then(crate::sim::devices::find);
+    assert!(!is_on(device.expect("a 7I77")));
+}
+
+fn is_on(device: &dyn crate::sim::devices::SimDevice) -> bool {
+    let outputs = device.outputs().into_iter();
+    let mut outputs = outputs.filter(|(name, _)| name == "output-00");
+    matches!(
+        outputs.next(),
+        Some((_, crate::sim::devices::SignalValue::Bool(true)))
+    )
+}
