@@ -12,7 +12,8 @@
 //! let ended = Runner::new(driver).run(|cycle| match cycle.number {
 //!     0..1000 => ControlFlow::Continue(()),
 //!     _ => ControlFlow::Break(()),
-//! })?;
+//! });
+//! ended.stopped?; // outputs off, ports stopped
 //! assert_eq!(ended.statistics.failed_reads, 0);
 //! # Ok(())
 //! # }
@@ -39,8 +40,9 @@ use core::ops::ControlFlow;
 use core::time::Duration;
 
 use crate::bus::{Clock, Instant, RegisterBus};
-use crate::driver::{CycleError, CycleReport, Driver, Pace, ShutdownError};
+use crate::driver::{CycleError, CycleReport, Driver, Pace};
 use crate::hal::Pins;
+use crate::sslbp::PortError;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
@@ -101,12 +103,16 @@ pub struct RunStatistics {
     pub longest: Duration,
 }
 
-/// A run that is over: all outputs are safe, all ports are stopped.
+/// A run that is over, and the driver shut down.
 #[derive(Debug)]
 #[non_exhaustive]
-pub struct Ended<B> {
+#[must_use = "outputs may not be off: see `stopped`"]
+pub struct Ended<B: RegisterBus> {
     /// The bus.
     pub bus: B,
+    /// All outputs are safe and all ports stopped, or the first error of
+    /// [`Driver::shutdown`].
+    pub stopped: Result<(), PortError<B::Error>>,
     /// What was counted.
     pub statistics: RunStatistics,
     /// The signal that ended it; `None`: the application did.
@@ -142,13 +148,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
     ///
     /// A read or a write that fails ends nothing: the driver makes everything safe when too many do,
     /// and `work` decides.
-    ///
-    /// # Errors
-    /// What went wrong in the [shutdown](Driver::shutdown).
-    pub fn run(
-        mut self,
-        mut work: impl FnMut(&mut Cycle<'_, B>) -> ControlFlow<()>,
-    ) -> Result<Ended<B>, ShutdownError<B>> {
+    pub fn run(mut self, mut work: impl FnMut(&mut Cycle<'_, B>) -> ControlFlow<()>) -> Ended<B> {
         let period = self.driver.period();
         let mut planned = self.driver.bus_mut().now();
         let mut write = Ok(());
@@ -180,12 +180,14 @@ impl<B: RegisterBus + Clock> Runner<B> {
             self.count(late, ended.since(begun));
             planned = self.next(planned, ended, period);
         }
-        Ok(Ended {
+        let (bus, stopped) = self.driver.shutdown();
+        Ended {
+            bus,
+            stopped,
             statistics: self.statistics,
-            bus: self.driver.shutdown()?,
             #[cfg(feature = "realtime")]
             signal,
-        })
+        }
     }
 
     /// Returns when it is, or was, that time: the board's own clock is not waited for here.
