@@ -46,7 +46,7 @@ fn periods(begins: &[Instant]) -> Vec<u64> {
 #[test]
 fn cycles_begin_a_whole_number_of_periods_apart_however_long_they_take() {
     let (begins, statistics) = begins(50, |number| Duration::from_micros(number * 13));
-    assert_eq!(periods(&begins), Vec::from_iter(0..=50));
+    assert_eq!(periods(&begins), (0..=50).collect::<Vec<_>>());
     assert_eq!(statistics.cycles, 50);
     assert_eq!(statistics.skipped_periods, 0);
 }
