@@ -7,5 +7,6 @@ mod info;
 #[path = "../interop/mod.rs"]
 mod interop;
 mod led;
+mod manual;
 mod run;
 mod sim;

@@ -2,6 +2,7 @@
 
 mod info;
 mod led;
+mod manual;
 
 use clap::Subcommand;
 
@@ -12,6 +13,8 @@ use crate::sim;
 pub enum Command {
     Info(info::Info),
     Led(led::Led),
+    Completions(manual::Completions),
+    Man(manual::Man),
     Sim(sim::Options),
 }
 
@@ -20,6 +23,8 @@ impl Command {
         match self {
             Self::Info(info) => info.run(context),
             Self::Led(led) => led.run(context),
+            Self::Completions(completions) => completions.run(context),
+            Self::Man(man) => man.run(context),
             Self::Sim(options) => sim::run(options, context),
         }
     }

@@ -1,0 +1,56 @@
+//! `mesa completions` and `mesa man`: what a shell and a manual reader want to know of the commands.
+
+use std::io;
+use std::path::PathBuf;
+
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+
+use crate::Cli;
+use crate::context::{Context, Ending, Failure};
+use crate::output::say;
+
+/// Completions of a shell, on standard output
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mesa completions bash > ~/.local/share/bash-completion/completions/mesa")]
+pub struct Completions {
+    /// Which shell
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+impl Completions {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Cli::command(), "mesa", &mut script);
+        say(String::from_utf8_lossy(&script));
+        Ok(context.ending())
+    }
+}
+
+/// Manual pages: one for `mesa`, one for each command
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  mesa man ~/.local/share/man/man1 && man mesa-info")]
+pub struct Man {
+    /// An existing directory that they are written to
+    #[arg(value_name = "DIRECTORY")]
+    directory: PathBuf,
+}
+
+impl Man {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        clap_mangen::generate_to(Cli::command(), &self.directory).map_err(|error| {
+            let directory = self.directory.display();
+            let how = match error.kind() {
+                io::ErrorKind::NotFound => "; make it first, or name another",
+                _ => "",
+            };
+            Failure::refused(format_args!("{directory}: {error}{how}"))
+        })?;
+        Ok(context.ending())
+    }
+}

@@ -1,0 +1,62 @@
+//! What `mesa` says of itself: help, completions, manual pages.
+
+use std::fs;
+use std::path::PathBuf;
+
+use crate::run::{done, run};
+
+/// The names of all commands, as the help lists them.
+fn commands() -> Vec<String> {
+    let help = done(&["--help"]);
+    let (_, rest) = help.split_once("Commands:\n").expect("a list");
+    let (list, _) = rest.split_once("\n\n").expect("its end");
+    let lines = list.lines().filter(|line| line.starts_with("  "));
+    let names = lines.filter_map(|line| line.split_whitespace().next());
+    let names = names.filter(|name| *name != "help");
+    names.map(str::to_owned).collect()
+}
+
+#[test]
+fn every_command_has_help_with_an_example() {
+    let commands = commands();
+    assert!(commands.len() >= 4, "{commands:?}");
+    for command in commands {
+        let help = done(&[&command, "--help"]);
+        let example = format!("mesa {command}");
+        let (_, after) = help
+            .split_once("Example")
+            .unwrap_or_else(|| panic!("{command}: {help}"));
+        assert!(after.contains(&example), "{command}: {help}");
+    }
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let script = done(&["completions", "bash"]);
+    let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("man");
+    fs::create_dir_all(&directory).expect("a directory");
+    done(&["man", directory.to_str().expect("UTF-8")]);
+    for command in commands() {
+        assert!(script.contains(&command), "{command}");
+        let page = directory.join(format!("mesa-{command}.1"));
+        let page = fs::read_to_string(page).expect("a page");
+        assert!(page.contains("SYNOPSIS"), "{command}: {page}");
+    }
+}
+
+#[test]
+fn a_directory_that_is_not_there_is_said() {
+    let run = run(&["man", "/nowhere/at/all"]);
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert!(run.err.contains("make it first"), "{run:?}");
+}
+
+#[test]
+fn bad_usage_ends_with_2_and_nothing_on_standard_output() {
+    for arguments in [&["nonsense"][..], &[], &["led", "--nonsense"]] {
+        let run = run(arguments);
+        assert_eq!(run.code, Some(2), "{arguments:?}: {run:?}");
+        assert_eq!(run.out, "", "{arguments:?}");
+        assert!(run.err.contains("Usage"), "{arguments:?}: {run:?}");
+    }
+}
