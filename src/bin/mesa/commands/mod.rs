@@ -23,7 +23,7 @@ impl Command {
         match self {
             Self::Info(info) => info.run(context),
             Self::Led(led) => led.run(context),
-            Self::Completions(completions) => completions.run(context),
+            Self::Completions(completions) => Ok(completions.run(context)),
             Self::Man(man) => man.run(context),
             Self::Sim(options) => sim::run(options, context),
         }
