@@ -38,6 +38,19 @@ pub enum EthernetError<E> {
         /// What is there.
         found: u16,
     },
+    /// There is no such register, or it can not be written.
+    #[error(
+        "0x{address:04X} of space {space:?}: {reason}; the manual of the board has the registers of \
+         each space"
+    )]
+    NoRegister {
+        /// The space.
+        space: Space,
+        /// Address of the first.
+        address: u16,
+        /// Why not.
+        reason: &'static str,
+    },
     /// The file is not for this board.
     #[error(transparent)]
     Bitfile(#[from] BitfileError),

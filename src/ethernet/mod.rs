@@ -8,6 +8,7 @@ mod bitfile;
 mod error;
 mod flash;
 mod info;
+mod memory;
 mod packets;
 
 pub use crate::boards::FlashLayout;

@@ -3,11 +3,12 @@
 //! A packet is a row of commands, executed in order; everything that it reads comes back in one
 //! reply, in the same order and without any framing. Both roles are here: a host builds requests
 //! with a [`RequestBuilder`], which says where in the reply each read is, a board walks through a
-//! request with [`Operations`]. Everything on the wire is little endian, every address is a byte
+//! request with [`Operations`], and who looks at both sees each command [`Answered`]. Everything on the wire is little endian, every address is a byte
 //! address.
 //!
 //! Source: manual 7I97, "LBP16" to "SPACE 7: LBP READ ONLY AREA", and FACTS 10.
 
+mod answered;
 mod builder;
 mod command;
 mod error;
@@ -15,6 +16,7 @@ mod info;
 mod parser;
 pub mod registers;
 
+pub use answered::Answered;
 pub use builder::RequestBuilder;
 pub use command::{Command, ElementSize, MAX_COUNT, Space};
 pub use error::Lbp16Error;

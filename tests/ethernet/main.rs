@@ -4,3 +4,4 @@ mod bad_network;
 mod board;
 #[path = "../common/mod.rs"]
 mod common;
+mod registers;

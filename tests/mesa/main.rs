@@ -8,5 +8,7 @@ mod info;
 mod interop;
 mod led;
 mod manual;
+mod raw;
+mod registers;
 mod run;
 mod sim;

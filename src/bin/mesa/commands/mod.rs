@@ -3,6 +3,8 @@
 mod info;
 mod led;
 mod manual;
+mod raw;
+mod registers;
 
 use clap::Subcommand;
 
@@ -15,6 +17,9 @@ pub enum Command {
     Led(led::Led),
     Completions(manual::Completions),
     Man(manual::Man),
+    Raw(raw::Raw),
+    Peek(registers::Peek),
+    Poke(registers::Poke),
     Sim(sim::Options),
 }
 
@@ -25,6 +30,9 @@ impl Command {
             Self::Led(led) => led.run(context),
             Self::Completions(completions) => Ok(completions.run(context)),
             Self::Man(man) => man.run(context),
+            Self::Raw(raw) => raw.run(context),
+            Self::Peek(peek) => peek.run(context),
+            Self::Poke(poke) => poke.run(context),
             Self::Sim(options) => sim::run(options, context),
         }
     }

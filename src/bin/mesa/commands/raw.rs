@@ -1,0 +1,266 @@
+//! `mesa raw`: LBP16 by hand.
+
+use std::fmt::{self, Display, Write};
+use std::time::Duration;
+
+use clap::Args;
+use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations, Space};
+use mesa_hal::transport::udp::{Link, UdpLink};
+use serde::Serialize;
+
+use crate::context::{Context, Ending, Failure};
+use crate::target::Target;
+
+const AFTER_HELP: &str = "\
+HEX is one packet, at most 1472 bytes: commands, addresses and data as the board's manual has them,
+low byte first. It is sent once, and not again if no reply comes. What writes needs consent.
+
+Example (the cookie of HostMot2, then the IP address in the EEPROM):
+  mesa raw 01420001 82492000 --addr 10.10.10.10";
+
+/// Longer than a sector of the flash memory takes to be erased.
+const LONGEST: f64 = 10.0;
+
+/// Room to see that a datagram is longer than a packet.
+const ROOM: usize = 2048;
+
+/// Sends LBP16 commands by hand and takes the reply apart (what the manual's ELBPCOM does)
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Raw {
+    #[command(flatten)]
+    target: Target,
+    /// The packet: pairs of hexadecimal digits, with blanks anywhere between them
+    #[arg(required = true, value_name = "HEX")]
+    hex: Vec<String>,
+    /// How long to wait for the reply, in seconds, 0.001 to 10. Erasing a sector of the flash memory
+    /// takes up to 3
+    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = parse_seconds)]
+    timeout: Duration,
+    /// Print the commands, and send nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// A packet and its reply.
+#[derive(Debug, Serialize)]
+struct Dialogue {
+    /// The request, hexadecimal.
+    sent: String,
+    /// The reply, hexadecimal; none if nothing was read, or sent.
+    received: Option<String>,
+    commands: Vec<Line>,
+}
+
+/// One command.
+#[derive(Debug, Serialize)]
+struct Line {
+    command: &'static str,
+    space: u8,
+    space_name: &'static str,
+    /// The info area of the space, not the space itself.
+    info: bool,
+    /// None: where the space's pointer stands.
+    address: Option<u16>,
+    bits: usize,
+    count: u8,
+    /// The pointer moves on behind each element.
+    increment: bool,
+    /// What was written or read; fewer than `count` if there was no reply, or it was too short.
+    values: Vec<u64>,
+}
+
+impl Raw {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let request = self.request()?;
+        let mistake = |error| Failure::usage(format_args!("HEX: {error}"));
+        let expected = Operations::new(&request).reply_len().map_err(mistake)?;
+        if expected > MAX_PACKET {
+            return Err(Failure::usage(format_args!(
+                "HEX: the reply would have {expected} bytes, more than the {MAX_PACKET} of a packet; \
+                 send several"
+            )));
+        }
+        let lines = |reply: &[u8]| -> Result<Vec<Line>, Failure> {
+            let commands = Operations::new(&request).with_reply(reply);
+            let lines = commands.map(|command| command.map(|command| Line::of(&command)));
+            lines.collect::<Result<_, _>>().map_err(mistake)
+        };
+        if self.dry_run {
+            return print(context, &request, None, lines(&[])?);
+        }
+        let found = self.target.find()?;
+        let writes = lines(&[])?
+            .into_iter()
+            .filter(|line| line.command == "write");
+        let writes: Vec<String> = writes.map(|line| line.place()).collect();
+        // Whether somebody else drives the board is looked at before anybody is asked.
+        drop(found.open()?);
+        if !writes.is_empty() {
+            context.consent(&format!("{}: writes {}", found.address, writes.join(", ")))?;
+        }
+        let mut link = UdpLink::connect(found.address)?;
+        let mut buffer = [0; ROOM];
+        link.send(&request)?;
+        if expected == 0 {
+            return print(context, &request, None, lines(&[])?);
+        }
+        let deadline = link.now().after(self.timeout);
+        let Some(len) = receive(context, &mut link, &mut buffer, deadline)? else {
+            if context.stop.signal().is_some() {
+                return Ok(context.ending());
+            }
+            return Err(Failure::refused(format_args!(
+                "{}: no reply within {:?}; the packet was lost, or the board restarts; what it writes \
+                 may have been executed, so read it back before you send it again",
+                found.address, self.timeout
+            )));
+        };
+        let reply = &buffer[..len];
+        let ending = print(context, &request, Some(reply), lines(reply)?)?;
+        if len != expected {
+            return Err(Failure::refused(format_args!(
+                "the reply has {len} bytes, expected {expected}; `mesa info` shows the errors that \
+                 the board has counted"
+            )));
+        }
+        Ok(ending)
+    }
+
+    /// The bytes of the packet.
+    fn request(&self) -> Result<Vec<u8>, Failure> {
+        let all = self.hex.concat();
+        let digits = all.chars().filter(|digit| !digit.is_whitespace());
+        let digits = digits.map(|digit| {
+            let value = digit
+                .to_digit(16)
+                .and_then(|value| u8::try_from(value).ok());
+            value.ok_or_else(|| {
+                Failure::usage(format_args!("HEX: `{digit}` is no hexadecimal digit"))
+            })
+        });
+        let digits = digits.collect::<Result<Vec<u8>, Failure>>()?;
+        let (bytes, half) = digits.as_chunks::<2>();
+        if !half.is_empty() {
+            return Err(Failure::usage(
+                "HEX: an odd number of digits; a byte has two",
+            ));
+        }
+        if bytes.is_empty() || bytes.len() > MAX_PACKET {
+            return Err(Failure::usage(format_args!(
+                "HEX: {} bytes; a packet has 1 to {MAX_PACKET}",
+                bytes.len()
+            )));
+        }
+        Ok(bytes.iter().map(|[high, low]| high << 4 | low).collect())
+    }
+}
+
+fn print(
+    context: &Context,
+    request: &[u8],
+    reply: Option<&[u8]>,
+    commands: Vec<Line>,
+) -> Result<Ending, Failure> {
+    context.print(&Dialogue {
+        sent: hex(request),
+        received: reply.map(hex),
+        commands,
+    })?;
+    Ok(context.ending())
+}
+
+/// Waits for a datagram; none if the time is over, or a signal came.
+fn receive(
+    context: &Context,
+    link: &mut UdpLink,
+    buffer: &mut [u8],
+    deadline: mesa_hal::bus::Instant,
+) -> Result<Option<usize>, Failure> {
+    const LOOK: Duration = Duration::from_millis(50);
+    loop {
+        let now = link.now();
+        let left = deadline.since(now);
+        let received = link.receive(buffer, now.after(left.min(LOOK)))?;
+        if received.is_some() || left.is_zero() || context.stop.signal().is_some() {
+            return Ok(received);
+        }
+    }
+}
+
+impl Line {
+    fn of(answered: &Answered<'_>) -> Self {
+        let command = answered.operation.command;
+        Self {
+            command: if command.write { "write" } else { "read" },
+            space: command.space as u8,
+            space_name: space_name(command.space),
+            info: command.info,
+            address: answered.operation.address,
+            bits: 8 * command.size.bytes(),
+            count: command.count,
+            increment: command.increment,
+            values: answered.elements().collect(),
+        }
+    }
+
+    fn place(&self) -> String {
+        let info = if self.info { "info area of " } else { "" };
+        let address = match self.address {
+            Some(address) => format!("0x{address:04X}"),
+            None => "its pointer".to_owned(),
+        };
+        let stands = if self.increment { "" } else { " (one place)" };
+        format!(
+            "{} x {} bits, {info}space {} ({}) at {address}{stands}",
+            self.count, self.bits, self.space, self.space_name
+        )
+    }
+}
+
+impl Display for Dialogue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "sent      {}", self.sent)?;
+        match &self.received {
+            Some(received) => writeln!(f, "received  {received}")?,
+            None => writeln!(f, "received  nothing")?,
+        }
+        for line in &self.commands {
+            write!(f, "{:<5} {}", line.command, line.place())?;
+            for (index, value) in line.values.iter().enumerate() {
+                let before = if index == 0 { ":" } else { "" };
+                write!(f, "{before} 0x{value:0width$X}", width = line.bits / 4)?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}
+
+/// A space as people call it.
+pub fn space_name(space: Space) -> &'static str {
+    match space {
+        Space::HostMot2 => "HostMot2",
+        Space::EthernetChip => "Ethernet chip",
+        Space::Eeprom => "EEPROM",
+        Space::Flash => "flash",
+        Space::Timer => "timer",
+        Space::Unused => "unused",
+        Space::Control => "control",
+        Space::ReadOnly => "read only",
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+fn parse_seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok();
+    let seconds = seconds.filter(|seconds| (0.001..=LONGEST).contains(seconds));
+    let seconds = seconds.ok_or_else(|| format!("`{text}` is no number from 0.001 to {LONGEST}"));
+    seconds.map(Duration::from_secs_f64)
+}

@@ -1,0 +1,149 @@
+//! Registers of any space, by hand.
+
+use alloc::{vec, vec::Vec};
+
+use super::packets::QUICK;
+use super::{EthernetBoard, EthernetError, Lbp16Board};
+use crate::lbp16::registers::{control, eeprom, timer};
+use crate::lbp16::{ElementSize, MAX_COUNT, Space};
+
+/// Error counters of the board, which are read in front of an access and behind it.
+const COUNTERS: u8 = 3;
+/// Their bytes.
+const COUNTED: usize = 2 * COUNTERS as usize;
+
+/// By hand.
+impl<B: Lbp16Board> EthernetBoard<'_, B> {
+    /// Reads `count` neighbouring registers of a space, 1 or more, each of the space's
+    /// [own size](Space::element).
+    ///
+    /// Reading has effects in some places: the data port of the flash memory moves its address on,
+    /// and registers of the timer space wait.
+    ///
+    /// # Errors
+    /// [`EthernetError::NoRegister`] if they are not inside of the 64 KB that an address reaches, or
+    /// if the board counts an error meanwhile, and those of the bus.
+    pub fn peek(
+        &mut self,
+        space: Space,
+        address: u16,
+        count: u16,
+    ) -> Result<Vec<u32>, EthernetError<B::Error>> {
+        check(space, address, usize::from(count))?;
+        let mut values = Vec::with_capacity(usize::from(count));
+        while values.len() < usize::from(count) {
+            let part = (usize::from(count) - values.len()).min(usize::from(MAX_COUNT)) as u8;
+            let at = address.wrapping_add((values.len() * space.element().bytes()) as u16);
+            values.extend(self.access(space, at, part, None)?);
+        }
+        Ok(values)
+    }
+
+    /// Writes neighbouring registers of a space, 1 to 127, in one packet, and reads them back. Of
+    /// 16-bit registers the low half of each value counts.
+    ///
+    /// What is written to the EEPROM is enabled first. A packet whose reply is lost is sent again: for
+    /// what must not happen twice, and for `HostMot2`'s registers, there is
+    /// [`RegisterBus`](crate::bus::RegisterBus).
+    ///
+    /// # Errors
+    /// [`EthernetError::NoRegister`] as for [`peek`](Self::peek), and for what can not be written:
+    /// the spaces 5 and 7, the first 0x20 bytes of the EEPROM, the scratch registers of the timer
+    /// space, in which buses number their packets (FACTS 10.1), and the flash memory, which is
+    /// written through [`Flash`](super::Flash); and those of the bus.
+    pub fn poke(
+        &mut self,
+        space: Space,
+        address: u16,
+        values: &[u32],
+    ) -> Result<Vec<u32>, EthernetError<B::Error>> {
+        check(space, address, values.len())?;
+        let reason = match space {
+            Space::ReadOnly | Space::Unused => Some("its space can not be written"),
+            Space::Flash => Some("the flash memory is written by its own commands"),
+            Space::Timer
+                if usize::from(address) + 2 * values.len() > usize::from(timer::SCRATCH) =>
+            {
+                Some("the bus numbers its packets there")
+            }
+            Space::Eeprom if address < eeprom::FIRST_WRITABLE => {
+                Some("the EEPROM can be written from 0x20 on")
+            }
+            _ => None,
+        };
+        if let Some(reason) = reason {
+            return Err(EthernetError::NoRegister {
+                space,
+                address,
+                reason,
+            });
+        }
+        let count = u8::try_from(values.len()).unwrap_or(u8::MAX);
+        self.access(space, address, count, Some(values))
+    }
+
+    /// One packet: the counters of errors, the write, the read, the counters again.
+    fn access(
+        &mut self,
+        space: Space,
+        address: u16,
+        count: u8,
+        values: Option<&[u32]>,
+    ) -> Result<Vec<u32>, EthernetError<B::Error>> {
+        let size = space.element().bytes();
+        let len = usize::from(count) * size;
+        let mut reply = vec![0; COUNTED + len + COUNTED];
+        self.run(&mut reply, QUICK, |request| {
+            request.read(Space::Control, control::PARSE_ERRORS, COUNTERS)?;
+            if let Some(values) = values {
+                if space == Space::Eeprom {
+                    let enable = control::ENABLE_EEPROM.to_le_bytes();
+                    request.write(Space::Control, control::WRITE_ENABLE, &enable)?;
+                }
+                let bytes = values.iter().map(|value| value.to_le_bytes());
+                let bytes = bytes.flat_map(|bytes| bytes.into_iter().take(size));
+                request.write(space, address, &bytes.collect::<Vec<u8>>())?;
+            }
+            request.read(space, address, count)?;
+            request.read(Space::Control, control::PARSE_ERRORS, COUNTERS)
+        })?;
+        let (before, rest) = reply.split_at_checked(COUNTED).unwrap_or_default();
+        let (read, after) = rest.split_at_checked(len).unwrap_or_default();
+        // The counters themselves may be what is written.
+        if before != after && space != Space::Control {
+            return Err(EthernetError::NoRegister {
+                space,
+                address,
+                reason: "the board counts an error",
+            });
+        }
+        let registers = read.chunks_exact(size).map(|bytes| {
+            let bytes = bytes.iter().rev();
+            bytes.fold(0, |value, &byte| value << 8 | u32::from(byte))
+        });
+        Ok(registers.collect())
+    }
+}
+
+/// Whether there can be so many registers from an address on.
+fn check<E>(space: Space, address: u16, count: usize) -> Result<(), EthernetError<E>> {
+    let size = space.element().bytes();
+    let end = usize::from(address) + count * size;
+    let reason = if !usize::from(address).is_multiple_of(size) {
+        match space.element() {
+            ElementSize::Double => "addresses of this space are multiples of 4",
+            _ => "addresses of this space are multiples of 2",
+        }
+    } else if count == 0 {
+        "one register is the least"
+    } else if end > 0x1_0000 {
+        "a space ends at 0x10000"
+    } else {
+        return Ok(());
+    };
+    Err(EthernetError::NoRegister {
+        space,
+        address,
+        reason,
+    })
+}

@@ -1,0 +1,107 @@
+//! `mesa peek` and `mesa poke`.
+
+use std::net::Ipv4Addr;
+
+use crate::interop::{Process, board::Board};
+use crate::run::{Run, command, done, json, run};
+
+#[test]
+fn registers_of_each_space_are_read_in_their_own_size() {
+    let text = done(&["peek", "0:0x100", "--sim", "7i97"]);
+    assert_eq!(text, "0:0x0100  0x55AACAFE  1437256446\n");
+    // Manual: 7I97, "SPACE 7: LBP READ ONLY AREA": the card's name, and the version of the firmware.
+    let text = done(&["peek", "7:0", "2", "--sim", "7i97"]);
+    assert_eq!(text, "7:0x0000  0x4937  18743\n7:0x0002  0x3739  14137\n");
+    let value = json(&["peek", "7:0x12", "--sim", "7i97"]);
+    assert_eq!(
+        (&value["bits"], &value["registers"][0]["value"]),
+        (&16.into(), &16.into())
+    );
+    // More than one command, and more than one packet.
+    let value = json(&["peek", "0:0", "300", "--sim", "7i97"]);
+    let registers = value["registers"].as_array().expect("registers");
+    assert_eq!(
+        (registers.len(), &registers[64]["value"]),
+        (300, &0x55AA_CAFE_u32.into())
+    );
+}
+
+#[test]
+fn what_is_written_needs_consent_is_read_back_and_is_there() {
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    // What the LEDs show, and a register for anything.
+    let poke = ["poke", "6:0x16", "0x0E", "0x1234", "--addr", &address];
+    let refused = run(&poke);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("--yes"), "{refused:?}");
+    let text = done(&[&poke[..], &["--dry-run"]].concat());
+    assert!(
+        text.contains("writes 0xE 0x1234 to 0x0016 of space 6 (control)"),
+        "{text}"
+    );
+    let kept = || done(&["peek", "6:0x16", "2", "--addr", &address]);
+    assert_eq!(kept(), "6:0x0016  0x0008  8\n6:0x0018  0x0000  0\n");
+    let text = done(&[&poke[..], &["--yes"]].concat());
+    assert_eq!(text, "6:0x0016  0x000E  14\n6:0x0018  0x1234  4660\n");
+    assert_eq!(kept(), text);
+
+    // An output pin of the FPGA: DDR of port 2, then its data; FACTS 9.2: I/O pin 50 is the last of
+    // that port, bit 16.
+    assert_eq!(
+        board.console.show("board")["board.pin-050"],
+        "1",
+        "a pull-up"
+    );
+    let value = json(&["poke", "0:0x1108", "0x10000", "--addr", &address, "--yes"]);
+    assert_eq!(value["registers"][0]["written"], 0x1_0000);
+    done(&["poke", "0:0x1008", "0", "--addr", &address, "--yes"]);
+    assert_eq!(board.console.show("board")["board.pin-050"], "0");
+
+    // The EEPROM is enabled for the write, and keeps it.
+    done(&["poke", "2:0x40", "0xBEEF", "--addr", &address, "--yes"]);
+    assert_eq!(
+        done(&["peek", "2:0x40", "--addr", &address]),
+        "2:0x0040  0xBEEF  48879\n"
+    );
+}
+
+#[test]
+fn what_is_no_register_or_no_value_of_one_is_said() {
+    for (arguments, code, said) in [
+        (&["peek", "0"][..], 2, "no SPACE:ADDRESS"),
+        (&["peek", "8:0"], 2, "`8` is no space"),
+        (&["peek", "5:0"], 2, "space 5 is not used"),
+        (&["peek", "0:0x102"], 2, "multiples of 4"),
+        (&["peek", "2:1"], 2, "multiples of 2"),
+        (&["peek", "0:65536"], 2, "is no address, 0 to 0xFFFF"),
+        (&["peek", "0:0", "0"], 2, "1..=16384"),
+        (&["peek", "0:0xFFFC", "2"], 1, "a space ends at 0x10000"),
+        (&["peek", "2:0x200"], 1, "the board counts an error"),
+        (&["poke", "6:0x18"], 2, "<VALUES>"),
+        (&["poke", "6:0x18", "65536", "--yes"], 2, "no 16-bit number"),
+        (&["poke", "6:0x18", "-1", "--yes"], 2, "-1"),
+        (
+            &["poke", "0:0", "0x100000000", "--yes"],
+            2,
+            "no number of 32 bits",
+        ),
+        (&["poke", "7:0x12", "1", "--yes"], 1, "can not be written"),
+        (&["poke", "2:0x02", "1", "--yes"], 1, "from 0x20 on"),
+        (&["poke", "4:0x1C", "1", "--yes"], 1, "numbers its packets"),
+        (&["poke", "3:0x0C", "0", "--yes"], 1, "its own commands"),
+    ] {
+        let run = run(&[arguments, &["--sim", "7i97"]].concat());
+        assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
+        assert!(run.err.contains(said), "{arguments:?}: {run:?}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_error() {
+    let child = command(&["peek", "0:0", "16384", "--sim", "7i97"]).spawn();
+    let mut process = Process::new(child.expect("mesa starts"));
+    process.stop_reading();
+    let run = Run::from(process.output());
+    assert_eq!((run.code, run.err.as_str()), (Some(0), ""));
+}
