@@ -16,8 +16,8 @@ pub const DEFAULT_BAUD_RATE: u32 = 2_500_000;
 /// Time that a remote takes to answer, as recorded with well-behaved ones.
 pub const USUAL_REMOTE_LATENCY: Duration = Duration::from_micros(10);
 
-/// The clock that the gateware was recorded at, in hertz. FACTS 3.
-const RECORDED_CLOCK: u32 = 100_000_000;
+/// The longest latency that counts: the timeout of an exchange is shorter.
+const LONGEST_LATENCY: Duration = Duration::from_secs(1);
 
 /// What a timeout adds to the duration of the last chatter exchange. FACTS 5.2.
 const TIMEOUT_MARGIN: Duration = Duration::from_micros(40);
@@ -40,35 +40,6 @@ pub struct DoitTime {
     pub with_timeout: Duration,
     /// The most for the first DOIT after START, which waits for a running chatter frame.
     pub first: Duration,
-}
-
-/// The processor that runs a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Processor {
-    /// Channels of the build, used or not: the firmware looks at all of them.
-    pub channels: u8,
-    /// Its clock in hertz.
-    pub clock_hz: u32,
-}
-
-impl Processor {
-    /// One of `channels` channels at 100 MHz.
-    pub const fn usual(channels: u8) -> Self {
-        Self {
-            channels,
-            clock_hz: RECORDED_CLOCK,
-        }
-    }
-
-    fn cycles(self, time: Duration) -> u64 {
-        let cycles = time.as_nanos() * u128::from(self.clock_hz) / 1_000_000_000;
-        u64::try_from(cycles).unwrap_or(u64::MAX)
-    }
-
-    fn time(self, cycles: u64) -> Duration {
-        let nanos = u128::from(cycles) * 1_000_000_000 / u128::from(self.clock_hz.max(1));
-        Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
-    }
 }
 
 /// What one channel does in a DOIT.
@@ -94,40 +65,54 @@ impl Exchange {
             latency: USUAL_REMOTE_LATENCY,
         }
     }
-
-    /// Characters of a request (BD, data, CRC), and of a reply (data, CRC).
-    fn characters(&self) -> (u64, u64) {
-        (u64::from(self.sizes.tx) + 2, u64::from(self.sizes.rx) + 1)
-    }
 }
 
 impl DoitTime {
-    /// The time that `exchanges`, all in one DOIT, take on `processor`. All channels run at the
-    /// same time, so the slowest one decides. A second exchange of the same channel replaces the
-    /// first.
+    /// The time that `exchanges`, all in one DOIT, take on a port whose processor has a clock of
+    /// `clock_hz`, and whose build has `channels` channels, used or not: the firmware looks at all of
+    /// them. All channels run at the same time, so the slowest one decides. A second exchange of the
+    /// same channel replaces the first.
     ///
     /// # Real time
     /// Bounded by the number of channels; allocates nothing.
-    pub fn expected(processor: Processor, exchanges: impl IntoIterator<Item = Exchange>) -> Self {
-        let mut walk = Walk::new(processor);
+    pub fn expected(
+        channels: u8,
+        clock_hz: u32,
+        exchanges: impl IntoIterator<Item = Exchange>,
+    ) -> Self {
+        let mut walk = Walk {
+            channels: channels.min(MAX_CHANNELS).into(),
+            stations: [None; MAX_CHANNELS as usize],
+        };
         for exchange in exchanges {
-            walk.add(&exchange);
+            let slot = walk.stations.get_mut(usize::from(exchange.channel.index()));
+            if let Some(slot) = slot {
+                *slot = Some(Station::new(&exchange, clock_hz));
+            }
         }
-        let running = walk.running();
-        if running == 0 {
+        let others = walk.running().count().saturating_sub(1);
+        let Some(longest) = walk.running().map(|station| station.receive).max() else {
             return Self::default();
-        }
-        let wait = walk.idle_pass();
-        let chatter = processor.time(walk.chatter_pass());
-        let pass = processor.time(walk.pass());
-        let margin = ASIDE + walk.another_reply();
-        let usual = processor.time(wait.saturating_add(walk.duration()).saturating_add(margin));
-        let noticed = TIMER_GRAIN + chatter + pass;
-        let with_timeout = usual.saturating_add(TIMEOUT_MARGIN + noticed);
+        };
+        let time = |cycles: u64| {
+            let nanos = u128::from(cycles) * 1_000_000_000 / u128::from(clock_hz.max(1));
+            Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+        };
+        // When replies come decides in which pass they are taken.
+        let durations = LATER.map(|later| walk.duration(later));
+        let duration = durations.into_iter().max().unwrap_or(0);
+        // One reply more in the last pass than the walk has there: others came a little sooner.
+        let another = if others > 0 { longest } else { 0 };
+        // The command comes in a pass in which there is nothing to do.
+        let usual = time(walk.pass_with(|_| DONE) + duration + OTHERS + another);
+        // In chatter every channel gets its reply or sends its next frame.
+        let chatter =
+            time(walk.pass_with(|station| FOUND + station.receive.max(RECEIVE.0 + station.send)));
+        let pass = time(walk.pass_with(|_| LOOK));
         Self {
             usual,
-            with_timeout,
-            first: usual.saturating_add(usual).saturating_add(chatter + pass),
+            with_timeout: usual + TIMEOUT_MARGIN + TIMER_GRAIN + chatter + pass,
+            first: usual * 2 + chatter + pass,
         }
     }
 }
@@ -140,220 +125,122 @@ const PASS_HEAD: u64 = 29;
 const PASS_TAIL: u64 = 32;
 /// After the last channel of the last pass, until COMMAND reads 0.
 const COMPLETE: u64 = 17;
-/// The turn of a channel that does nothing.
-const TURN: (u64, u64) = (10, 20);
-/// A channel that runs: to the routine of its state and back, at least.
-const DISPATCH: (u64, u64) = (6, 1);
-/// A channel that runs and has nothing to do.
-const NOTHING_TO_DO: u64 = 5;
-/// Sending: until the first start bit, and from there on without the data.
-const SEND: (u64, u64) = (34, 13);
-/// Sending each byte of data.
-const SEND_BYTE: u64 = 8;
+/// The turn of a channel that takes no part.
+const ASIDE: u64 = 30;
+/// The turn of one that takes part and has nothing to do.
+const DONE: u64 = 42;
+/// The turn of one that looks for its reply and finds none.
+const LOOK: u64 = 68;
+/// The turn of one that finds its reply, which it then takes.
+const FOUND: u64 = 48;
+/// Taking a reply with its data to the interface registers: in all, and for each byte.
+const RECEIVE: (u64, u64) = (71, 11);
+/// The turn of one that sends: in all, and for each byte of data.
+const SEND: (u64, u64) = (84, 8);
+/// How much later in a turn the first start bit comes than a look for a reply.
+const SEND_AFTER_LOOK: u64 = 23;
 /// Between two characters of a request.
 const CHARACTER_GAP: u64 = 3;
 /// From the middle of a reply's last stop bit until its character counts.
 const RECEIVER: u64 = 6;
-/// Looking for a reply: until the look, and after it if there is none.
-const LOOK: (u64, u64) = (11, 20);
-/// Taking a reply with its data to the interface registers, without the bytes.
-const RECEIVE: u64 = 71;
-/// Taking each byte of a reply.
-const RECEIVE_BYTE: u64 = 11;
 
-/// How much later than they should replies may come, as far as that is not told.
+/// How much later than they should replies may come, as far as that is not known.
 const LATER: [u64; 3] = [0, 10, 20];
 
 /// What channels that run without being asked may make of a pass.
-const ASIDE: u64 = 75;
+const OTHERS: u64 = 75;
 
-/// Where a channel is.
-#[derive(Clone, Copy, Debug)]
-enum Stage {
-    /// It has no part in the DOIT.
-    Aside,
-    /// Its frame is about to be sent.
-    Send,
-    /// Its reply counts from this cycle on.
-    Wait(u64),
-    /// It is done.
-    Done,
-}
-
-/// What the walk has to know of a channel, in cycles.
+/// A channel that takes part, in cycles.
 #[derive(Clone, Copy, Debug)]
 struct Station {
-    stage: Stage,
-    /// From the first start bit to the last character that counts.
+    /// From its turn to send until a look finds its reply.
     line: u64,
+    /// Sending its data, and taking its reply.
     send: u64,
     receive: u64,
+    /// It waits for a reply that a look finds from this cycle on.
+    due: Option<u64>,
+}
+
+impl Station {
+    fn new(exchange: &Exchange, clock_hz: u32) -> Self {
+        let clock = u64::from(clock_hz);
+        let bits = |bits: u64| (bits * clock).div_ceil(u64::from(exchange.baud_rate.max(1)));
+        let latency = exchange.latency.min(LONGEST_LATENCY).as_nanos() as u64;
+        let ProcessDataSizes { rx, tx } = exchange.sizes;
+        let (tx, rx) = (u64::from(tx), u64::from(rx));
+        // BD, data and CRC; data and CRC. The last half bit of the reply is not waited for.
+        let (request, reply) = (tx + 2, rx + 1);
+        let line = bits(10 * (request + reply)).saturating_sub(bits(1) / 2);
+        let gaps = CHARACTER_GAP * (request - 1) + RECEIVER + SEND_AFTER_LOOK;
+        Self {
+            line: line + gaps + latency * clock / 1_000_000_000,
+            send: SEND.1 * tx,
+            receive: RECEIVE.0 + RECEIVE.1 * rx,
+            due: None,
+        }
+    }
+
+    /// What its turn at `now` costs.
+    fn turn(&mut self, now: u64) -> u64 {
+        match self.due {
+            None => DONE,
+            Some(due) if due > now => LOOK,
+            Some(_) => {
+                self.due = None;
+                FOUND + self.receive
+            }
+        }
+    }
 }
 
 /// The firmware's passes of one DOIT.
 #[derive(Clone, Copy, Debug)]
 struct Walk {
-    processor: Processor,
-    stations: [Station; MAX_CHANNELS as usize],
-    now: u64,
+    /// By channel; `None` for one that takes no part.
+    stations: [Option<Station>; MAX_CHANNELS as usize],
+    /// Channels of the build.
+    channels: usize,
 }
 
 impl Walk {
-    fn new(processor: Processor) -> Self {
-        let aside = Station {
-            stage: Stage::Aside,
-            line: 0,
-            send: 0,
-            receive: 0,
-        };
-        Self {
-            processor,
-            stations: [aside; MAX_CHANNELS as usize],
-            now: 0,
-        }
+    fn running(&self) -> impl Iterator<Item = &Station> + Clone {
+        self.stations.iter().take(self.channels).flatten()
     }
 
-    fn add(&mut self, exchange: &Exchange) {
-        let (request, reply) = exchange.characters();
-        let bits = |bits: u64| {
-            let clock = u64::from(self.processor.clock_hz);
-            (bits * clock).div_ceil(u64::from(exchange.baud_rate.max(1)))
-        };
-        // The last half bit of the reply is not waited for.
-        let line = bits(10 * (request + reply)).saturating_sub(bits(1) / 2)
-            + CHARACTER_GAP * (request - 1)
-            + RECEIVER;
-        let station = Station {
-            stage: Stage::Send,
-            line: line.saturating_add(self.processor.cycles(exchange.latency)),
-            send: SEND_BYTE * u64::from(exchange.sizes.tx),
-            receive: RECEIVE_BYTE * u64::from(exchange.sizes.rx),
-        };
-        let slot = self.stations.get_mut(usize::from(exchange.channel.index()));
-        if let Some(slot) = slot {
-            *slot = station;
-        }
+    /// A pass in which each channel that takes part has a turn of this cost.
+    fn pass_with(&self, turn: impl Fn(&Station) -> u64) -> u64 {
+        let turns = self.running().map(|station| turn(station) - ASIDE);
+        PASS_HEAD + ASIDE * self.channels as u64 + turns.sum::<u64>() + PASS_TAIL
     }
 
-    /// Channels that take part.
-    fn running(&self) -> u64 {
-        let run = |station: &&Station| !matches!(station.stage, Stage::Aside);
-        self.stations.iter().filter(run).count() as u64
-    }
-
-    /// A pass in which every channel that takes part costs `each` more than one that does not.
-    fn pass_with(&self, each: u64) -> u64 {
-        let turns = (TURN.0 + TURN.1) * u64::from(self.processor.channels);
-        PASS_HEAD + turns + (DISPATCH.0 + DISPATCH.1 + each) * self.running() + PASS_TAIL
-    }
-
-    /// A pass while all are waiting for their replies.
-    fn pass(&self) -> u64 {
-        self.pass_with(LOOK.0 + LOOK.1)
-    }
-
-    /// A pass while there is nothing to do: so long a command can wait until it is looked at.
-    fn idle_pass(&self) -> u64 {
-        self.pass_with(NOTHING_TO_DO)
-    }
-
-    /// One reply more in the last pass than the walk has there: others came a little sooner.
-    fn another_reply(&self) -> u64 {
-        if self.running() < 2 {
-            return 0;
-        }
-        let replies = self.stations.iter().map(|station| station.receive);
-        RECEIVE + replies.max().unwrap_or(0)
-    }
-
-    /// A pass of chatter in which every channel gets its reply or sends its next frame.
-    fn chatter_pass(&self) -> u64 {
-        let costs = self.stations.iter();
-        let costs = costs.map(|station| station.send.max(station.receive));
-        self.pass_with(LOOK.0 + RECEIVE) + costs.sum::<u64>()
-    }
-
-    /// From the look at COMMAND until COMMAND reads 0: the longest for replies that come when they
-    /// should or a little later, which decides in which pass they are taken.
-    fn duration(&self) -> u64 {
-        let durations = LATER.map(|later| self.duration_with(later));
-        durations.into_iter().max().unwrap_or(0)
-    }
-
-    /// The same, where all replies come that much later.
-    fn duration_with(mut self, later: u64) -> u64 {
-        for station in &mut self.stations {
-            station.line = station.line.saturating_add(later);
-        }
-        self.now = TAKE_DOIT;
-        // A pass to send; then each reply ends a wait, and is taken in the second pass at the
+    /// From the look at COMMAND until COMMAND reads 0, where all replies come `later` than they
+    /// should.
+    fn duration(mut self, later: u64) -> u64 {
+        let mut now = TAKE_DOIT;
+        // A pass to send; then each reply ends a wait, and is taken in the third pass at the
         // latest.
-        for _ in 0..=3 * MAX_CHANNELS {
-            self.skip_waiting();
-            self.walk_pass();
-            let done = |station: &Station| matches!(station.stage, Stage::Aside | Stage::Done);
-            if self.stations.iter().all(done) {
-                return self.now.saturating_add(COMPLETE);
+        for pass in 0..=3 * MAX_CHANNELS {
+            now += PASS_HEAD;
+            for station in self.stations.iter_mut().take(self.channels) {
+                now += match station {
+                    None => ASIDE,
+                    Some(station) if pass == 0 => {
+                        station.due = Some(now + station.line + later);
+                        SEND.0 + station.send
+                    }
+                    Some(station) => station.turn(now),
+                };
             }
-            self.now = self.now.saturating_add(PASS_TAIL);
+            let Some(earliest) = self.running().filter_map(|station| station.due).min() else {
+                break;
+            };
+            now += PASS_TAIL;
+            // Leaves out the passes in which nothing can happen.
+            let pass = self.pass_with(|station| station.due.map_or(DONE, |_| LOOK));
+            now += (earliest.saturating_sub(now) / pass).saturating_sub(1) * pass;
         }
-        self.now
-    }
-
-    fn walk_pass(&mut self) {
-        let mut now = self.now.saturating_add(PASS_HEAD);
-        let channels = usize::from(self.processor.channels);
-        for station in self.stations.iter_mut().take(channels) {
-            now = station
-                .turn(now.saturating_add(TURN.0))
-                .saturating_add(TURN.1);
-        }
-        self.now = now;
-    }
-
-    /// Leaves out the passes in which nothing can happen.
-    fn skip_waiting(&mut self) {
-        let mut earliest = u64::MAX;
-        let mut pass = self.pass_with(0);
-        for station in &self.stations {
-            match station.stage {
-                Stage::Send => return,
-                Stage::Wait(due) => {
-                    earliest = earliest.min(due);
-                    pass += LOOK.0 + LOOK.1;
-                }
-                Stage::Done => pass += NOTHING_TO_DO,
-                Stage::Aside => {}
-            }
-        }
-        let passes = earliest.saturating_sub(self.now) / pass;
-        self.now += passes.saturating_sub(1) * pass;
-    }
-}
-
-impl Station {
-    /// What the channel does in its turn at `now`; when that is done.
-    fn turn(&mut self, now: u64) -> u64 {
-        let now = now.saturating_add(DISPATCH.0);
-        let end = match self.stage {
-            Stage::Aside => return now - DISPATCH.0,
-            Stage::Send => {
-                let start = now.saturating_add(SEND.0);
-                self.stage = Stage::Wait(start.saturating_add(self.line));
-                start.saturating_add(SEND.1 + self.send)
-            }
-            Stage::Wait(due) => {
-                let look = now.saturating_add(LOOK.0);
-                if due > look {
-                    look.saturating_add(LOOK.1)
-                } else {
-                    self.stage = Stage::Done;
-                    look.saturating_add(RECEIVE + self.receive)
-                }
-            }
-            Stage::Done => now.saturating_add(NOTHING_TO_DO),
-        };
-        end.saturating_add(DISPATCH.1)
+        now + COMPLETE
     }
 }
 
@@ -366,7 +253,8 @@ mod tests {
         let sizes = ProcessDataSizes { rx, tx };
         let exchanges = Channel::ALL.into_iter().take(channels);
         DoitTime::expected(
-            Processor::usual(8),
+            8,
+            100_000_000,
             exchanges.map(|channel| Exchange::usual(channel, sizes)),
         )
     }
@@ -402,11 +290,7 @@ mod tests {
     fn a_slower_processor_makes_what_it_does_longer_and_not_the_line() {
         let sizes = ProcessDataSizes { rx: 5, tx: 2 };
         let [fast, slow] = [99_000_000, 33_000_000].map(|clock_hz| {
-            let processor = Processor {
-                channels: 3,
-                clock_hz,
-            };
-            DoitTime::expected(processor, [Exchange::usual(Channel::ALL[0], sizes)])
+            DoitTime::expected(3, clock_hz, [Exchange::usual(Channel::ALL[0], sizes)])
         });
         // Ten characters of 4 us, and the remote.
         let line = Duration::from_micros(50);
@@ -446,7 +330,7 @@ mod tests {
                 baud_rate,
                 latency,
             });
-            let times = DoitTime::expected(Processor { channels, clock_hz }, exchanges);
+            let times = DoitTime::expected(channels, clock_hz, exchanges);
             prop_assert!(times.usual <= times.with_timeout && times.usual <= times.first);
         }
     }

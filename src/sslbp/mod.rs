@@ -15,7 +15,7 @@ mod status;
 
 pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess, RemoteFaults};
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS, PerChannel};
-pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange, Processor};
+pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange};
 pub use error::PortError;
 pub use layout::{ChannelRegisters, Layout, MAX_INTERFACE_REGISTERS};
 pub use machine::{

@@ -5,7 +5,7 @@ use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
         ChannelMask, CsStatus, DoitTime, Exchange, MAX_INTERFACE_REGISTERS, Operation, PerChannel,
-        PortState, Processor, StartMode, Verdict,
+        PortState, StartMode, Verdict,
     },
 };
 use alloc::vec::Vec;
@@ -63,11 +63,9 @@ impl Port {
     /// How long a transfer of these channels takes, with the sizes that START told. The processor
     /// counts as one of 100 MHz until the parameters have been read.
     pub(crate) fn doit_time(&self, mask: ChannelMask) -> DoitTime {
-        let mut processor = Processor::usual(self.layout.channels);
-        if let Some(parameters) = &self.parameters {
-            processor.clock_hz = parameters.clock_hz;
-        }
+        let clock_hz = self.parameters.map_or(100_000_000, |known| known.clock_hz);
         let exchange = |channel| Exchange::usual(channel, self.machine.link(channel).sizes);
-        DoitTime::expected(processor, mask.iter().map(exchange))
+        let exchanges = mask.iter().map(exchange);
+        DoitTime::expected(self.layout.channels, clock_hz, exchanges)
     }
 }
