@@ -27,7 +27,7 @@ fn located(fpga: &mut SimFpga) -> Port {
 }
 
 fn discovered(fpga: &mut SimFpga, port: &mut Port, channels: &[(Channel, u8)]) -> Vec<Discovered> {
-    port.reset(fpga).expect("reset");
+    port.on(fpga).reset().expect("reset");
     let found = discover_port(port, fpga, channels, &DiscoveryOptions::default());
     found.expect("discovery").into_iter().flatten().collect()
 }

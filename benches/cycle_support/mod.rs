@@ -208,7 +208,7 @@ pub fn process_data_words<B: RegisterBus + Clock>(driver: &Driver<B>) -> usize {
         .flat_map(mesa_hal::driver::SerialPort::remotes);
     remotes
         .map(|remote| {
-            let bytes = [remote.started.input_bytes(), remote.started.output_bytes()];
+            let bytes = [remote.started.input_bytes(), remote.started.sizes.tx];
             let words = bytes.map(|bytes| usize::from(bytes.div_ceil(4)));
             words.iter().sum::<usize>()
         })

@@ -42,10 +42,10 @@ impl<B: RegisterBus + Clock> RemoteMemory for PortMemory<'_, B> {
         memory: Option<NonvolatileMemory>,
         access: RemoteAccess,
     ) -> Result<u64, Self::Error> {
-        let Self { port, bus, channel } = self;
+        let mut port = self.port.on(self.bus);
         match memory {
-            None => port.access(*bus, *channel, access),
-            Some(memory) => port.nonvolatile_access(*bus, *channel, memory, access),
+            None => port.access(self.channel, access),
+            Some(memory) => port.nonvolatile_access(self.channel, memory, access),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Which element of process data is where in the interface registers.
 
 use super::{DataRecord, DataType, Problem, ProblemKind, RemoteDescriptor, Table};
-use crate::sslbp::{ProcessDataSizes, ReplyFormat};
+use crate::sslbp::ProcessDataSizes;
 use alloc::vec::Vec;
 
 /// Where the process data of a remote is in the interface registers of its channel, computed once.
@@ -113,15 +113,11 @@ impl PackingPlan {
         Ok(())
     }
 
-    /// What a remote with this plan tells of its sizes.
-    pub(crate) fn sizes(&self, format: ReplyFormat) -> ProcessDataSizes {
-        let fault_byte = match format {
-            ReplyFormat::FaultByteFirst => 1,
-            ReplyFormat::DataOnly => 0,
-        };
+    /// What a remote with this plan, with or without a fault byte, tells of its sizes.
+    pub(crate) fn sizes(&self, has_fault_byte: bool) -> ProcessDataSizes {
         // At most 28 bytes, those of seven registers.
         ProcessDataSizes {
-            rx: self.input_bytes() as u8 + fault_byte,
+            rx: self.input_bytes() as u8 + u8::from(has_fault_byte),
             tx: self.output_bytes() as u8,
         }
     }

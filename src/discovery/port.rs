@@ -28,11 +28,8 @@ pub fn discover_port<B: RegisterBus + Clock>(
     channels: &[(Channel, u8)],
     options: &DiscoveryOptions<'_>,
 ) -> PortResult<Vec<Result<Discovered, StartFailure>>, B> {
-    port.stop_all(bus)?;
-    let report = port.start(bus, StartMode::Setup, channels)?;
-    let outcomes = channels
-        .iter()
-        .filter_map(|&(channel, _)| report.outcome(channel));
+    port.on(bus).stop_all()?;
+    let outcomes = port.on(bus).start(StartMode::Setup, channels)?.into_iter();
     Ok(outcomes
         .map(|outcome| outcome.map(|started| discover_remote(port, bus, &started, options)))
         .collect())

@@ -85,11 +85,11 @@ impl Discovered {
         let is_untold = (started.name, started.ptoc) == (StartedRemote::NAME_7I64, 0)
             && started.sizes == ProcessDataSizes::default();
         if is_untold {
-            started.sizes = plan.sizes(started.reply_format());
+            started.sizes = plan.sizes(started.has_fault_byte());
         }
         // What a remote transfers must be what its tables describe. Tables that can not be where the
         // remote says they are read as zeros.
-        let (rx, tx) = (started.input_bytes(), started.output_bytes());
+        let (rx, tx) = (started.input_bytes(), started.sizes.tx);
         let (plan_rx, plan_tx) = (plan.input_bytes(), plan.output_bytes());
         if (u32::from(rx), u32::from(tx)) == (plan_rx, plan_tx) {
             self.plan = Ok(plan);

@@ -219,7 +219,7 @@ impl<B: RegisterBus + Clock> Board<B> {
     fn stopped(&mut self, error: DriverError<B::Error>) -> DriverError<B::Error> {
         for stage in &mut self.stages {
             // The error counts; whatever can still be stopped is stopped.
-            let _ = stage.port.stop_all(&mut *self.bus);
+            let _ = stage.port.on(&mut *self.bus).stop_all();
         }
         error
     }

@@ -72,9 +72,10 @@ impl<'a> Parameter<'a> {
         (record, value): (&DataRecord, AnyValue),
     ) -> Result<(), DriverError<B::Error>> {
         let channel = is.channel;
-        port.stop_all(bus)?;
-        let report = port.start(bus, StartMode::Setup, &[(channel, is.software_mode)])?;
-        let Some(outcome) = report.outcome(channel) else {
+        let mut on_bus = port.on(bus);
+        on_bus.stop_all()?;
+        let outcomes = on_bus.start(StartMode::Setup, &[(channel, is.software_mode)])?;
+        let Some(outcome) = outcomes.into_iter().next() else {
             return Err(DriverError::no_remote(self.place));
         };
         let missing = |kind| DriverError::Missing(Remark::new(self.place, kind));
@@ -209,7 +210,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             return Err(DriverError::no_remote(parameter.place));
         };
         let result = parameter.start_and_write(bus, &mut serial.port, started, (record, value));
-        let stopped = serial.port.stop_all(bus);
+        let stopped = serial.port.on(bus).stop_all();
         serial.taken_over(&mut self.pins, bus.now());
         result?;
         serial.parameter_written(&mut self.pins, started.channel, parameter.name, raw);

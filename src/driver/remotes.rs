@@ -159,7 +159,7 @@ impl Plan {
         bus: &mut B,
         stage: &mut PortStage,
     ) -> Result<(), DriverError<B::Error>> {
-        stage.port.reset(bus)?;
+        stage.port.on(bus).reset()?;
         let start = |channel| Some((channel, stage.config(channel)?.mode));
         let starts: Vec<_> = Channel::ALL.into_iter().filter_map(start).collect();
         let options = DiscoveryOptions {
@@ -271,7 +271,7 @@ impl Plan {
             sizes: ProcessDataSizes::default(),
             cs: CsStatus::default(),
         };
-        expected.sizes = plan.sizes(expected.reply_format());
+        expected.sizes = plan.sizes(expected.has_fault_byte());
         let (at, of) = ((stage.number(), channel.index()), Some(table));
         let pins = RemotePins::new(&mut self.pins, &self.name, at, &descriptor, &plan, of);
         Ok(FoundRemote {
@@ -310,18 +310,25 @@ impl Plan {
         bus: &mut B,
         stage: &mut PortStage,
     ) -> Result<SerialPort, DriverError<B::Error>> {
-        stage.port.stop_all(bus)?;
+        let mut port = stage.port.on(bus);
+        port.stop_all()?;
         let there = stage.remotes.iter().filter(|remote| !remote.is_absent);
         let starts: Vec<_> = there
             .map(|remote| &remote.started)
             .map(|is| (is.channel, is.software_mode))
             .collect();
-        let report = stage.port.start(bus, StartMode::Normal, &starts)?;
+        let mut outcomes = port.start(StartMode::Normal, &starts)?.into_iter();
+        let parameters = port.known_parameters()?;
         let mut remotes = Vec::new();
         for mut remote in core::mem::take(&mut stage.remotes) {
             let is = remote.started;
             // One that is absent has no outcome.
-            let outcome = report.outcome(is.channel).unwrap_or(Ok(is));
+            let outcome = if remote.is_absent {
+                None
+            } else {
+                outcomes.next()
+            };
+            let outcome = outcome.unwrap_or(Ok(is));
             match remark::is_same(&is, outcome) {
                 Ok(found) => {
                     remote.started = found;
@@ -330,7 +337,6 @@ impl Plan {
                 Err(kind) => self.miss(stage, is.channel, kind)?,
             }
         }
-        let parameters = stage.port.known_parameters()?;
         let (now, status) = (bus.now(), self.status);
         let port = (stage.port.clone(), parameters);
         let port = self.register(bus, status, |r| SerialPort::register(r, port, remotes, now))?;

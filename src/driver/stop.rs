@@ -42,7 +42,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             }
         }
         for port in &mut self.parts.ports {
-            let stopped = port.port.stop_all(&mut *self.bus);
+            let stopped = port.port.on(&mut *self.bus).stop_all();
             first = first.and(stopped);
         }
         let released = self.bus.release().map_err(PortError::Bus);

@@ -118,26 +118,17 @@ impl LocalLocation {
     }
 }
 
-/// The memory that survives a power cycle of the remote.
+/// The memory that survives a power cycle of the remote, with what selects it at
+/// [`LocalLocation::NONVOLATILE`], where 0 deselects it.
 ///
 /// FACTS 1.3.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum NonvolatileMemory {
     /// Parameters are here.
     #[default]
-    Eeprom,
+    Eeprom = 1,
     /// Its firmware is here: see [`flash`](super::flash).
-    Flash,
-}
-
-impl NonvolatileMemory {
-    /// What selects it at [`LocalLocation::NONVOLATILE`]; 0 deselects it.
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::Eeprom => 1,
-            Self::Flash => 2,
-        }
-    }
+    Flash = 2,
 }
 
 /// One access to a remote in setup mode.

@@ -27,41 +27,21 @@ pub enum PortError<E: BusError> {
         /// What to do.
         hint: &'static str,
     },
-    /// The local parameters of the port are not those of a firmware that is known.
+    /// What the port has, or what was asked of it, is not as it must be: a firmware that is not
+    /// known; a channel or an address that the port does not have; memory of the port, or
+    /// non-volatile memory of a remote, that did not keep what was written.
     #[error("SSLBP port {port}: {what} is {found}, expected {expected}: {hint}")]
-    Firmware {
+    Unexpected {
         /// The port.
         port: u8,
         /// What differs.
-        what: &'static str,
+        what: String,
         /// What it is.
         found: String,
         /// What it should be.
         expected: String,
         /// What to do.
         hint: &'static str,
-    },
-    /// The port does not have these channels.
-    #[error(
-        "SSLBP port {port} has only {channels} channels; it has no channel {missing}; leave it out"
-    )]
-    NoSuchChannel {
-        /// The port.
-        port: u8,
-        /// Those that were asked for and do not exist.
-        missing: ChannelMask,
-        /// Number of channels.
-        channels: u8,
-    },
-    /// The port's own memory does not have this address.
-    #[error("SSLBP port {port} has no local address {address:#X}; the last is {last:#X}")]
-    NoSuchAddress {
-        /// The port.
-        port: u8,
-        /// What was asked for.
-        address: u16,
-        /// The highest that there is.
-        last: u16,
     },
     /// The operation needs another state of the port.
     #[error(
@@ -88,22 +68,6 @@ pub enum PortError<E: BusError> {
         failed: String,
         /// Its CS afterwards.
         cs: CsStatus,
-        /// What to do.
-        hint: &'static str,
-    },
-    /// Memory of the port, or non-volatile memory of a remote, did not keep what was written.
-    #[error(
-        "SSLBP port {port}: {place} reads {read:#04X} after {written:#04X} was written: {hint}"
-    )]
-    NotKept {
-        /// The port.
-        port: u8,
-        /// Which memory, and where.
-        place: String,
-        /// What was written.
-        written: u64,
-        /// What was read last.
-        read: u64,
         /// What to do.
         hint: &'static str,
     },

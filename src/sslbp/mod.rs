@@ -23,11 +23,8 @@ pub use machine::{
 };
 pub use operation::{COMMAND_IGNORED, Operation, StartMode, Times, software_mode_word};
 pub use parameters::{ChannelVariable, PortParameters};
-pub use port::{Port, PortResult, PortWords, Transfer};
-pub use started::{
-    ProcessDataSizes, RemoteName, ReplyFormat, StartFailure, StartFailureReason, StartReport,
-    StartedRemote,
-};
+pub use port::{Port, PortResult, SetupPort};
+pub use started::{ProcessDataSizes, RemoteName, StartFailure, StartFailureReason, StartedRemote};
 pub use status::{ComState, CsStatus, LinkStatus, LocalFaults};
 
 pub(crate) use layout::MAX_PORTS;

@@ -1,7 +1,6 @@
 //! What START found out about each channel.
 
-use super::{Channel, ChannelMask, ComState, CsStatus, LocalFaults, RemoteFaults};
-use alloc::vec::Vec;
+use super::{Channel, ComState, CsStatus, LocalFaults, RemoteFaults};
 use core::fmt;
 use thiserror::Error;
 
@@ -30,16 +29,6 @@ impl ProcessDataSizes {
     pub const fn fit(self, limit: Self) -> bool {
         self.rx <= limit.rx && self.tx <= limit.tx
     }
-}
-
-/// What the first byte of a reply is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum ReplyFormat {
-    /// The fault byte; CS byte 3 shows it.
-    #[default]
-    FaultByteFirst,
-    /// Data: the 7I64 has no fault byte. Gateware transcript t26.
-    DataOnly,
 }
 
 /// The four characters a remote calls itself by, for example `7I77`.
@@ -122,26 +111,15 @@ impl StartedRemote {
         }
     }
 
-    /// Where its process data begins in a reply.
-    pub fn reply_format(&self) -> ReplyFormat {
-        if self.name == Self::NAME_7I64 {
-            ReplyFormat::DataOnly
-        } else {
-            ReplyFormat::FaultByteFirst
-        }
+    /// Whether the first byte of its replies is the fault byte, which CS byte 3 shows. The 7I64 has
+    /// none: its first byte is data. Gateware transcript t26.
+    pub fn has_fault_byte(&self) -> bool {
+        self.name != Self::NAME_7I64
     }
 
     /// Bytes of input process data.
     pub fn input_bytes(&self) -> u8 {
-        match self.reply_format() {
-            ReplyFormat::FaultByteFirst => self.sizes.rx.saturating_sub(1),
-            ReplyFormat::DataOnly => self.sizes.rx,
-        }
-    }
-
-    /// Bytes of output process data.
-    pub const fn output_bytes(&self) -> u8 {
-        self.sizes.tx
+        self.sizes.rx.saturating_sub(self.has_fault_byte().into())
     }
 }
 
@@ -155,7 +133,7 @@ impl fmt::Display for StartedRemote {
             self.unit_number,
             self.software_mode,
             self.input_bytes(),
-            self.output_bytes()
+            self.sizes.tx
         )
     }
 }
@@ -256,7 +234,7 @@ impl StartFailureReason {
         let is_identified = told != (0, [0; 4], 0, 0);
         match cs.state() {
             _ if local.contains(LocalFaults::SERIAL_BREAK) => Self::LineLow,
-            ComState::CheckFaults | ComState::FaultsTried => {
+            ComState::CheckFaults => {
                 if remote.contains(RemoteFaults::ILLEGAL_MODE) {
                     Self::IllegalMode(found.software_mode)
                 } else {
@@ -279,43 +257,6 @@ impl StartFailureReason {
             _ if is_identified => Self::StoppedAnswering,
             _ => Self::NoReply,
         }
-    }
-}
-
-/// What START did on the channels that were asked for, each by channel.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct StartReport {
-    /// The remotes that run now.
-    pub remotes: Vec<StartedRemote>,
-    /// The channels that did not start.
-    pub failures: Vec<StartFailure>,
-}
-
-impl StartReport {
-    /// What became of a channel; `None` if it was not asked for.
-    pub fn outcome(&self, channel: Channel) -> Option<Result<StartedRemote, StartFailure>> {
-        let mut failures = self.failures.iter();
-        if let Some(failure) = failures.find(|failure| failure.channel == channel) {
-            return Some(Err(*failure));
-        }
-        let mut remotes = self.remotes.iter();
-        remotes
-            .find(|remote| remote.channel == channel)
-            .copied()
-            .map(Ok)
-    }
-
-    /// The channels that run now.
-    pub fn started(&self) -> ChannelMask {
-        self.remotes.iter().map(|remote| remote.channel).collect()
-    }
-
-    /// The channels that did not start.
-    pub fn failed(&self) -> ChannelMask {
-        self.failures
-            .iter()
-            .map(|failure| failure.channel)
-            .collect()
     }
 }
 

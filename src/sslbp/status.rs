@@ -85,98 +85,59 @@ impl fmt::Display for LinkStatus {
 
 /// Where a channel is in its conversation with the remote: CS byte 2.
 ///
-/// Each step has one code for preparing and one or more for waiting; the code itself is at
-/// [`CsStatus::state_code`]. The manual calls it "debug only", yet it tells how far a START came.
+/// The code itself is at [`CsStatus::state_code`]. The manual calls it "debug only", yet it tells how
+/// far a START came.
 ///
 /// Source: FACTS 4.6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ComState {
-    /// 00: stopped.
+    /// Stopped.
     Stopped,
-    /// 01, 02: waits before the first request.
-    Wait,
-    /// 03, 04: asks for the cookie.
-    Cookie,
-    /// 05, 06: sets the remote's frame timeout.
-    FrameTimeout,
-    /// 07, 08: clears the remote's LBP status.
-    ClearStatus,
-    /// 09 to 0B: checks that the LBP status is clear.
-    CheckStatus,
-    /// 0C, 0D: asks for the unit number.
+    /// START identifies the remote and prepares it, in steps that have no name of their own here.
+    Starting,
+    /// Asks for the unit number.
     UnitNumber,
-    /// 0E to 15: asks for the name.
-    Name,
-    /// 16, 17: compares the name with those that need special treatment.
-    Identity,
-    /// 18, 19: clears the faults of a 7I64.
-    Clear7i64,
-    /// 1A, 1B: sets the software mode.
-    SoftwareMode,
-    /// 1C, 1D: asks for sizes and tables.
+    /// Asks for sizes and tables.
     Sizes,
-    /// 1E, 1F: sends the first process data, all zeros.
+    /// Sends the first process data, all zeros.
     ClearOutputs,
-    /// 20, 21: tells the remote to clear its faults.
-    ClearFaults,
-    /// 22, 23: waits until the remote has tried.
-    FaultsTried,
-    /// 24 to 26: checks that no fault is left.
+    /// Waits until the remote has tried to clear its faults, and checks that none is left.
     CheckFaults,
-    /// 3A, 3B: sends zeros until the first DOIT.
+    /// Sends zeros until the first DOIT.
     Chatter,
-    /// 3E, 3F: process data of a 7I64.
-    ProcessData7i64,
-    /// 40, 41: setup mode, one access for each DOIT.
+    /// Setup mode, one access for each DOIT.
     PassThrough,
-    /// 42, 43: process data for each DOIT.
+    /// Process data for each DOIT.
     ProcessData,
     /// A code that is not known.
     Unknown,
 }
 
-/// First and last code of each state, and what the channel does there.
-const STATES: [(u8, u8, ComState, &str); 20] = [
-    (0x00, 0x00, ComState::Stopped, "stopped"),
-    (0x01, 0x02, ComState::Wait, "waits before the first request"),
-    (
-        0x03,
-        0x04,
-        ComState::Cookie,
-        "asks whether a remote is there",
-    ),
-    (0x05, 0x06, ComState::FrameTimeout, "sets the frame timeout"),
-    (0x07, 0x08, ComState::ClearStatus, "clears the LBP status"),
-    (0x09, 0x0B, ComState::CheckStatus, "checks the LBP status"),
-    (0x0C, 0x0D, ComState::UnitNumber, "asks for the unit number"),
-    (0x0E, 0x15, ComState::Name, "asks for the name"),
-    (0x16, 0x17, ComState::Identity, "recognises the name"),
-    (
-        0x18,
-        0x19,
-        ComState::Clear7i64,
-        "clears the faults of a 7I64",
-    ),
-    (0x1A, 0x1B, ComState::SoftwareMode, "sets the software mode"),
-    (0x1C, 0x1D, ComState::Sizes, "asks for sizes and tables"),
-    (0x1E, 0x1F, ComState::ClearOutputs, "sets the outputs off"),
-    (0x20, 0x21, ComState::ClearFaults, "clears the faults"),
-    (
-        0x22,
-        0x23,
-        ComState::FaultsTried,
-        "waits for the faults to be cleared",
-    ),
-    (
-        0x24,
-        0x26,
-        ComState::CheckFaults,
-        "checks that no fault is left",
-    ),
-    (0x3A, 0x3B, ComState::Chatter, "running, no DOIT yet"),
-    (0x3E, 0x3F, ComState::ProcessData7i64, "running (7I64)"),
-    (0x40, 0x41, ComState::PassThrough, "setup mode"),
-    (0x42, 0x43, ComState::ProcessData, "running"),
+use ComState as S;
+
+/// First and last code of each step, one to prepare it and one or more to wait, and what the channel
+/// does there.
+const STEPS: [(u8, u8, ComState, &str); 20] = [
+    (0x00, 0x00, S::Stopped, "stopped"),
+    (0x01, 0x02, S::Starting, "waits before the first request"),
+    (0x03, 0x04, S::Starting, "asks whether a remote is there"),
+    (0x05, 0x06, S::Starting, "sets the frame timeout"),
+    (0x07, 0x08, S::Starting, "clears the LBP status"),
+    (0x09, 0x0B, S::Starting, "checks the LBP status"),
+    (0x0C, 0x0D, S::UnitNumber, "asks for the unit number"),
+    (0x0E, 0x15, S::Starting, "asks for the name"),
+    (0x16, 0x17, S::Starting, "recognises the name"),
+    (0x18, 0x19, S::Starting, "clears the faults of a 7I64"),
+    (0x1A, 0x1B, S::Starting, "sets the software mode"),
+    (0x1C, 0x1D, S::Sizes, "asks for sizes and tables"),
+    (0x1E, 0x1F, S::ClearOutputs, "sets the outputs off"),
+    (0x20, 0x21, S::Starting, "clears the faults"),
+    (0x22, 0x23, S::CheckFaults, "waits for the faults to clear"),
+    (0x24, 0x26, S::CheckFaults, "checks that no fault is left"),
+    (0x3A, 0x3B, S::Chatter, "running, no DOIT yet"),
+    (0x3E, 0x3F, S::ProcessData, "running (7I64)"),
+    (0x40, 0x41, S::PassThrough, "setup mode"),
+    (0x42, 0x43, S::ProcessData, "running"),
 ];
 
 /// What CS of a channel reads.
@@ -198,14 +159,16 @@ impl CsStatus {
 
     /// How far the channel is.
     pub fn state(self) -> ComState {
-        self.known_state()
-            .map_or(ComState::Unknown, |(state, _)| state)
+        self.step().0
     }
 
-    fn known_state(self) -> Option<(ComState, &'static str)> {
+    fn step(self) -> (ComState, &'static str) {
         let code = self.state_code();
-        let row = STATES.iter().find(|row| (row.0..=row.1).contains(&code))?;
-        Some((row.2, row.3))
+        let mut steps = STEPS.iter();
+        let step = steps.find(|step| (step.0..=step.1).contains(&code));
+        step.map_or((S::Unknown, "in a state that is not known"), |step| {
+            (step.2, step.3)
+        })
     }
 
     /// The code of [`state`](Self::state).
@@ -236,27 +199,22 @@ impl CsStatus {
     /// Whether a channel that was stopped before has come through this START. DATA does not count:
     /// of a START that the network delivered twice it says FF (FACTS 3.3).
     pub(crate) fn has_started(self, mode: StartMode) -> bool {
-        use ComState::{Chatter, PassThrough, ProcessData7i64};
-        let has_arrived = match mode {
-            StartMode::Normal => matches!(self.state(), Chatter | ProcessData7i64),
-            StartMode::Setup => self.state() == PassThrough,
+        let arrived = match mode {
+            StartMode::Normal => S::Chatter,
+            StartMode::Setup => S::PassThrough,
         };
-        has_arrived && self.is_ready()
+        self.state() == arrived && self.is_ready()
     }
 
     /// Whether the channel is in one of the states that exchange process data with DOIT.
     pub(super) fn transfers_data(self) -> bool {
-        use ComState::{ProcessData, ProcessData7i64};
-        matches!(self.state(), ProcessData | ProcessData7i64) && self.is_ready()
+        self.state() == S::ProcessData && self.is_ready()
     }
 }
 
 impl fmt::Display for CsStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.known_state() {
-            Some((_, words)) => f.write_str(words)?,
-            None => write!(f, "state {:02X}", self.state_code())?,
-        }
+        f.write_str(self.step().1)?;
         if !self.is_stopped() {
             if !self.link().is_empty() {
                 write!(f, "; {}", self.link())?;

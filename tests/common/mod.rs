@@ -14,5 +14,6 @@ pub mod image;
 pub mod machine;
 pub mod recording;
 pub mod replay;
+pub mod transfer;
 pub mod valves;
 pub mod watch;

@@ -7,7 +7,7 @@
 use mesa_hal::hostmot2::{Gtag, ModuleDescriptor};
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sslbp::{Channel, ChannelMask, Layout, PortWords};
+use mesa_hal::sslbp::{Channel, ChannelMask, Layout};
 use std::collections::{BTreeMap, HashMap};
 
 use super::bus::{FakeBus, Registers};
@@ -26,15 +26,6 @@ pub const MODULE: ModuleDescriptor = ModuleDescriptor {
     multiple_registers: 0x3C,
     instances: 1,
 };
-
-/// Output process data: the first words of these channels.
-pub fn port_words<const N: usize>(words: [(Channel, &[u32]); N]) -> PortWords {
-    let mut all = PortWords::default();
-    for (channel, words) in words {
-        all[channel][..words.len()].copy_from_slice(words);
-    }
-    all
-}
 
 /// A recording of the project.
 pub fn recording(name: &str) -> Transcript {

@@ -2,7 +2,7 @@
 //! letter: byte by byte, by a program that shares nothing with the driver's.
 
 use crate::common::fpga::set_up_pins;
-use crate::common::replay::port_words;
+use crate::common::transfer::{doit, port_words};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::discovery::{
     DataDirection, DataType, Discovered, DiscoveryOptions, ProblemKind, RemoteDescriptor,
@@ -33,7 +33,7 @@ fn machine() -> (SimFpga, Port) {
     set_up_pins(&mut fpga);
     let hostmot2 = HostMot2::identify(&mut fpga).unwrap();
     let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
-    port.reset(&mut fpga).unwrap();
+    port.on(&mut fpga).reset().unwrap();
     (fpga, port)
 }
 
@@ -132,8 +132,8 @@ fn remotes_that_were_left_with_their_nonvolatile_memory_selected_are_found_as_ev
     let before = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
     for memory in [NonvolatileMemory::Eeprom, NonvolatileMemory::Flash] {
         for channel in Channel::ALL.into_iter().take(3) {
-            let select = RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, memory.code());
-            port.access(&mut fpga, channel, select).unwrap();
+            let select = RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, memory as u8);
+            port.on(&mut fpga).access(channel, select).unwrap();
         }
         let after = found(&mut port, &mut fpga, &[0, 0, 0, 0]);
         assert_eq!(after, before, "{memory:?}");
@@ -150,17 +150,20 @@ fn the_inputs_of_a_7i64_are_where_its_table_says() {
     let records = &found[3].descriptor.process_data;
     let names = ["output", "pad", "input", "pad", "analog0", "analog1"];
     assert!(records.iter().map(|record| record.name.as_str()).eq(names));
-    port.stop_all(&mut fpga).unwrap();
+    port.on(&mut fpga).stop_all().unwrap();
     let starts = [(channel, 0)];
-    let report = port.start(&mut fpga, StartMode::Normal, &starts).unwrap();
-    let sizes = report.remotes[0].sizes;
+    let report = port
+        .on(&mut fpga)
+        .start(StartMode::Normal, &starts)
+        .unwrap();
+    let sizes = report[0].unwrap().sizes;
     assert_eq!(sizes, ProcessDataSizes { rx: 8, tx: 4 });
     let device = find_mut(fpga.remote_mut(0, 3).unwrap()).unwrap();
     device.set_input(0, true).unwrap();
     device.set_input(23, true).unwrap();
     device.set_input_volts(1, 3.3).unwrap();
     let outputs = port_words([(channel, &[0x00C0_FFEE])]);
-    let transfer = port.transfer(&mut fpga, channel.mask(), &outputs).unwrap();
+    let transfer = doit(&mut port, &mut fpga, channel.mask(), &outputs);
     assert_eq!(transfer.inputs[channel][..3], [0x0080_0001, 0xFFFF_0000, 0]);
     let device: &Remote<Device<Plain>> = fpga.device(0, 3).unwrap();
     let world = device.application().world();
@@ -196,7 +199,8 @@ impl ByTheManual<'_> {
         let channel = Channel::ALL[0];
         let value = self
             .port
-            .access(self.fpga, channel, RemoteAccess::Read { address, size });
+            .on(self.fpga)
+            .access(channel, RemoteAccess::Read { address, size });
         value.unwrap() as u32
     }
 
@@ -298,10 +302,13 @@ fn the_manuals_steps_find_the_same_with_many_more_accesses() {
     for mode in 0..4 {
         let ours = &found(&mut port, &mut fpga, &[mode])[0];
         // 1 to 4
-        port.stop_all(&mut fpga).unwrap();
+        port.on(&mut fpga).stop_all().unwrap();
         let start = (Channel::ALL[0], mode);
-        let report = port.start(&mut fpga, StartMode::Setup, &[start]).unwrap();
-        let remote = report.remotes[0];
+        let report = port
+            .on(&mut fpga)
+            .start(StartMode::Setup, &[start])
+            .unwrap();
+        let remote = report[0].unwrap();
         let mut manual = ByTheManual {
             port: &mut port,
             fpga: &mut fpga,

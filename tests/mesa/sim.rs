@@ -143,7 +143,7 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
         bus.write(register, 0x1_8000).unwrap();
     }
     let mut port = Port::new(Layout::locate(&hostmot2, 0).unwrap());
-    port.reset(&mut bus).unwrap();
+    port.on(&mut bus).reset().unwrap();
     let [first, ..] = Channel::ALL;
     let start = [(first, 0)];
     let options = DiscoveryOptions::default();

@@ -5,8 +5,7 @@ use crate::common::chance::Chance;
 use crate::common::replay::{MODULE, Replay};
 use mesa_hal::discovery::{DiscoveryOptions, discover_port};
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelMask, ChannelVariable, Layout, NonvolatileMemory, Port, PortWords,
-    RemoteAccess, StartMode,
+    AccessSize, Channel, ChannelVariable, Layout, NonvolatileMemory, Port, RemoteAccess, StartMode,
 };
 use proptest::prelude::*;
 
@@ -56,22 +55,21 @@ proptest! {
         let bus = &mut bus;
         let mut port = Port::new(Layout::new(&MODULE, 0, 8).unwrap());
         if is_identified {
-            port.identify(&mut Replay::new(Vec::new())).unwrap();
+            port.on(&mut Replay::new(Vec::new())).identify().unwrap();
         }
         let zero = Channel::ALL[0];
         let starts = Channel::ALL.map(|channel| (channel, 0));
-        let _ = port.reset(bus);
-        let _ = port.stop_all(bus);
-        let _ = port.start(bus, StartMode::Normal, &starts);
-        let _ = port.transfer(bus, ChannelMask::first(8), &PortWords::default());
-        let _ = port.stop(bus, zero.mask());
+        let _ = port.on(bus).reset();
+        let _ = port.on(bus).stop_all();
+        let _ = port.on(bus).start(StartMode::Normal, &starts);
+        let _ = port.on(bus).stop(zero.mask());
         let options = DiscoveryOptions { accesses: 64, ..DiscoveryOptions::default() };
         let _ = discover_port(&mut port, bus, &starts, &options);
-        let _ = port.access(bus, zero, RemoteAccess::Read { address: 0x100, size: AccessSize::Double });
+        let _ = port.on(bus).access(zero, RemoteAccess::Read { address: 0x100, size: AccessSize::Double });
         let memory = NonvolatileMemory::Eeprom;
-        let _ = port.nonvolatile_access(bus, zero, memory, RemoteAccess::Write { address: 0x24, size: AccessSize::Word, value: 50 });
-        let _ = port.set_baud_rate(bus, zero, 115_200);
-        let _ = port.read_variable::<_, 7>(bus, zero, ChannelVariable::ErrorCounters);
+        let _ = port.on(bus).nonvolatile_access(zero, memory, RemoteAccess::Write { address: 0x24, size: AccessSize::Word, value: 50 });
+        let _ = port.on(bus).set_baud_rate(zero, 115_200);
+        let _ = port.on(bus).read_variable::<7>(zero, ChannelVariable::ErrorCounters);
         // 20,000 polls end each wait; there are at most some dozens of them.
         prop_assert!(bus.exchanges < 2_000_000, "{} exchanges", bus.exchanges);
     }

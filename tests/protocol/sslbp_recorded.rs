@@ -3,13 +3,13 @@
 
 mod failures;
 
-use crate::common::replay::{MODULE, Replay, Segment, port_words, recording, size_replies};
+use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
+use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, ComState, Layout, LocalFaults,
     LocalLocation, NonvolatileMemory, Operation, Port, PortError, PortParameters, PortState,
-    PortWords, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason, StartMode,
-    StartReport,
+    ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason, StartMode,
 };
 
 const ZERO: Channel = Channel::ALL[0];
@@ -20,7 +20,7 @@ fn port() -> Port {
 
 fn identified(bus: &mut Replay) -> Port {
     let mut port = port();
-    port.identify(bus).unwrap();
+    port.on(bus).identify().unwrap();
     port
 }
 
@@ -30,7 +30,7 @@ fn stopped(mut bus: Replay, sizes: &[(u8, u8)]) -> (Replay, Port) {
         bus.set_sizes(channel, rx, tx);
     }
     let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    port.on(&mut bus).stop_all().unwrap();
     (bus, port)
 }
 
@@ -39,7 +39,7 @@ fn running(bus: Replay, sizes: &[(u8, u8)]) -> (Replay, Port) {
     let (mut bus, mut port) = stopped(bus, sizes);
     let channels = Channel::ALL.into_iter().take(sizes.len());
     let starts: Vec<_> = channels.map(|channel| (channel, 0)).collect();
-    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    port.on(&mut bus).start(StartMode::Normal, &starts).unwrap();
     (bus, port)
 }
 
@@ -63,7 +63,7 @@ fn never_busy(bus: &Replay) {
 fn reset_waits_for_the_initialisation_and_reads_the_parameters() {
     let mut bus = Replay::of("t01_reset_local");
     let mut port = port();
-    let parameters = port.reset(&mut bus).unwrap();
+    let parameters = port.on(&mut bus).reset().unwrap();
     assert_eq!(
         parameters,
         PortParameters {
@@ -84,20 +84,20 @@ fn firmware_that_is_not_known_is_refused_by_name() {
     let identify = |parameter: u16, value: u8| {
         let mut bus = Replay::new(Vec::new());
         bus.local.insert(parameter, value);
-        port().identify(&mut bus)
+        port().on(&mut bus).identify()
     };
     let refused = [
         (0, 0x13, "the interface type is 0x13, expected 0x12"),
-        (1, 16, "the width of DATA is 16 bits, expected 8"),
+        (1, 16, "the width of DATA is 0x10, expected 0x08"),
         (2, 2, "the SSLBP version is 2.43, expected 1.29"),
         (3, 28, "the SSLBP version is 1.28, expected 1.29"),
         (5, 0x20, "the channel variables is 0x70 with stride 0x20"),
         (6, 0xD9, "the interface processor is 0xD9, expected 0xD8"),
-        (7, 3, "the number of channels is 3, expected 8"),
+        (7, 3, "the number of channels is 0x03, expected 0x08"),
     ];
     for (parameter, value, text) in refused {
         let error = identify(parameter, value).unwrap_err();
-        assert!(matches!(error, PortError::Firmware { port: 0, .. }));
+        assert!(matches!(error, PortError::Unexpected { port: 0, .. }));
         assert!(error.to_string().contains(text), "{error}");
     }
     assert_eq!(identify(3, 44).map(|found| found.minor), Ok(44));
@@ -111,10 +111,11 @@ fn normal_mode_operation_step_by_step() {
     let (mut bus, mut port) = stopped(bus, &[(9, 2)]);
     // 2, 3, 4: START, wait, DATA
     let report = port
-        .start(&mut bus, StartMode::Normal, &start_zero(1))
+        .on(&mut bus)
+        .start(StartMode::Normal, &start_zero(1))
         .unwrap();
     // 5: unit number
-    let remote = report.remotes[0];
+    let remote = report[0].unwrap();
     assert_eq!(remote.unit_number, 0x77AA);
     assert_eq!(remote.name.to_string(), "7I77");
     assert_eq!((remote.ptoc, remote.gtoc), (0x5C0, 0x5D2));
@@ -122,16 +123,12 @@ fn normal_mode_operation_step_by_step() {
     assert_eq!(remote.cs.state(), ComState::Chatter);
     // 6 to 10, and the data of this DOIT
     let words = [0xFFFF_1234];
-    let transfer = port
-        .transfer(&mut bus, ZERO.mask(), &outputs(&words))
-        .unwrap();
+    let transfer = doit(&mut port, &mut bus, ZERO.mask(), &outputs(&words));
     assert_eq!(transfer.failed, ChannelMask::NONE);
     assert_eq!(transfer.inputs[ZERO][..3], [0x4433_2211, 0xA3A2_A1A0, 0]);
     assert_eq!(transfer.cs[ZERO].0, 0x0042_0000);
     for word in [0x100, 0x101, 0x102] {
-        let transfer = port
-            .transfer(&mut bus, ZERO.mask(), &outputs(&[word]))
-            .unwrap();
+        let transfer = doit(&mut port, &mut bus, ZERO.mask(), &outputs(&[word]));
         assert_eq!(transfer.inputs[ZERO][0], 0x4433_2211);
     }
     never_busy(&bus);
@@ -178,14 +175,15 @@ fn every_recorded_pass_through_access_gives_the_recorded_value() {
     });
     let (mut bus, mut port) = stopped(bus, &[(5, 2)]);
     let report = port
-        .start(&mut bus, StartMode::Setup, &start_zero(0))
+        .on(&mut bus)
+        .start(StartMode::Setup, &start_zero(0))
         .unwrap();
-    assert_eq!(report.started(), ZERO.mask());
+    assert_eq!(started(&report), ZERO.mask());
     let mut compared = 0;
     while let Some(segment) = bus.upcoming().cloned() {
         // steps 5 to 9
         let access = recorded_access(&segment).unwrap();
-        let value = port.access(&mut bus, ZERO, access).unwrap();
+        let value = port.on(&mut bus).access(ZERO, access).unwrap();
         if access.written().is_none() {
             let lost = segment.last(Register::Data) != Some(0);
             let words = [0, 1].map(|n| segment.last(Register::Interface(0, n)).unwrap());
@@ -215,8 +213,9 @@ fn nonvolatile_access_is_confirmed_and_switched_off_again() {
     });
     bus.set_sizes(0, 5, 2);
     let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
-    port.start(&mut bus, StartMode::Setup, &start_zero(0))
+    port.on(&mut bus).stop_all().unwrap();
+    port.on(&mut bus)
+        .start(StartMode::Setup, &start_zero(0))
         .unwrap();
     let (memory, size) = (NonvolatileMemory::Eeprom, AccessSize::Word);
     let write = RemoteAccess::Write {
@@ -224,13 +223,14 @@ fn nonvolatile_access_is_confirmed_and_switched_off_again() {
         size,
         value: 0x64,
     };
-    port.nonvolatile_access(&mut bus, ZERO, memory, write)
+    port.on(&mut bus)
+        .nonvolatile_access(ZERO, memory, write)
         .unwrap();
     let read = RemoteAccess::Read {
         address: 0x24,
         size,
     };
-    assert_eq!(port.access(&mut bus, ZERO, read), Ok(0x32));
+    assert_eq!(port.on(&mut bus).access(ZERO, read), Ok(0x32));
     assert!(bus.upcoming().is_none(), "the whole sequence was played");
     never_busy(&bus);
 }
@@ -248,24 +248,20 @@ fn one_channel_can_be_stopped_and_started_while_the_other_runs() {
     bus.set_sizes(0, 5, 2);
     bus.set_sizes(1, 7, 6);
     let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    port.on(&mut bus).stop_all().unwrap();
     let starts = [(ZERO, 0), (one, 0)];
-    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    port.on(&mut bus).start(StartMode::Normal, &starts).unwrap();
     let none = PortWords::default();
     for _ in 0..2 {
-        port.transfer(&mut bus, both, &none).unwrap();
+        doit(&mut port, &mut bus, both, &none);
     }
-    port.stop(&mut bus, one.mask()).unwrap();
+    port.on(&mut bus).stop(one.mask()).unwrap();
     assert_eq!(port.running(), ZERO.mask());
-    port.transfer(&mut bus, ZERO.mask(), &none).unwrap();
-    // A stopped channel is never put into the mask (FACTS 5.5).
-    assert!(matches!(
-        port.transfer(&mut bus, both, &none),
-        Err(PortError::WrongState { .. })
-    ));
-    port.start(&mut bus, StartMode::Normal, &starts[1..])
+    doit(&mut port, &mut bus, ZERO.mask(), &none);
+    port.on(&mut bus)
+        .start(StartMode::Normal, &starts[1..])
         .unwrap();
-    let transfer = port.transfer(&mut bus, both, &none).unwrap();
+    let transfer = doit(&mut port, &mut bus, both, &none);
     assert_eq!(transfer.failed, ChannelMask::NONE);
     assert_eq!(transfer.inputs[one][..2], [0x4433_2211, 0x6655]);
     never_busy(&bus);
@@ -278,9 +274,7 @@ fn a_remote_fault_shows_although_data_is_clear() {
     let (mut bus, mut port) = running(bus, &[(5, 2)]);
     let mut faults = Vec::new();
     for _ in 0..6 {
-        let transfer = port
-            .transfer(&mut bus, ZERO.mask(), &PortWords::default())
-            .unwrap();
+        let transfer = doit(&mut port, &mut bus, ZERO.mask(), &PortWords::default());
         assert_eq!(transfer.failed, ChannelMask::NONE);
         faults.push(transfer.cs[ZERO].remote_faults());
     }
@@ -295,12 +289,9 @@ fn a_dead_remote_fails_alone() {
     let bus = Replay::of("t12_toomany");
     let (mut bus, mut port) = stopped(bus, &[(5, 2), (7, 6)]);
     let starts = [0, 1].map(|n| (Channel::ALL[n], 0));
-    port.start(&mut bus, StartMode::Normal, &starts).unwrap();
+    port.on(&mut bus).start(StartMode::Normal, &starts).unwrap();
     let both = ChannelMask::from_bits(3);
-    let mut transfer = || {
-        port.transfer(&mut bus, both, &PortWords::default())
-            .unwrap()
-    };
+    let mut transfer = || doit(&mut port, &mut bus, both, &PortWords::default());
     for _ in 0..2 {
         assert_eq!(transfer().failed, ChannelMask::NONE);
     }
@@ -317,13 +308,12 @@ fn a_7i64_starts_without_discovery() {
     let bus = Replay::of("t26_7i64");
     let (mut bus, mut port) = stopped(bus, &[(8, 4)]);
     let report = port
-        .start(&mut bus, StartMode::Normal, &start_zero(0))
+        .on(&mut bus)
+        .start(StartMode::Normal, &start_zero(0))
         .unwrap();
-    let remote = report.remotes[0];
+    let remote = report[0].unwrap();
     assert_eq!((remote.ptoc, remote.input_bytes()), (0, 8));
-    let transfer = port
-        .transfer(&mut bus, ZERO.mask(), &outputs(&[0x00C0_FFEE]))
-        .unwrap();
+    let transfer = doit(&mut port, &mut bus, ZERO.mask(), &outputs(&[0x00C0_FFEE]));
     assert_eq!(transfer.inputs[ZERO][..2], [0x0002_0100, 0xA3A2_A1A0]);
 }
 
@@ -334,11 +324,11 @@ fn a_baud_rate_is_written_and_read_back() {
     bus.local.extend((0x9A..).zip(2_500_000u32.to_le_bytes()));
     let (mut bus, mut port) = stopped(bus, &[(5, 2)]);
     let rate = |port: &mut Port, bus: &mut Replay| {
-        let bytes = port.read_variable(bus, ZERO, ChannelVariable::BaudRate);
+        let bytes = port.on(bus).read_variable(ZERO, ChannelVariable::BaudRate);
         bytes.map(u32::from_le_bytes)
     };
     assert_eq!(rate(&mut port, &mut bus), Ok(2_500_000));
-    port.set_baud_rate(&mut bus, ZERO, 0x0001_C200).unwrap();
+    port.on(&mut bus).set_baud_rate(ZERO, 0x0001_C200).unwrap();
     assert_eq!(rate(&mut port, &mut bus), Ok(115_200));
 }
 
@@ -347,20 +337,20 @@ fn operations_in_the_wrong_state_write_nothing() {
     let mut bus = Replay::new(Vec::new());
     let mut port = identified(&mut bus);
     let commands = bus.commands.len();
-    let none = PortWords::default();
-    assert!(port.transfer(&mut bus, ZERO.mask(), &none).is_err());
     let read = RemoteAccess::Read {
         address: 0,
         size: AccessSize::Word,
     };
-    assert!(port.access(&mut bus, ZERO, read).is_err());
+    assert!(port.on(&mut bus).access(ZERO, read).is_err());
     let memory = NonvolatileMemory::Eeprom;
     assert!(
-        port.nonvolatile_access(&mut bus, ZERO, memory, read)
+        port.on(&mut bus)
+            .nonvolatile_access(ZERO, memory, read)
             .is_err()
     );
     assert!(
-        port.start(&mut bus, StartMode::Normal, &start_zero(0))
+        port.on(&mut bus)
+            .start(StartMode::Normal, &start_zero(0))
             .is_err()
     );
     assert_eq!(bus.commands.len(), commands);

@@ -12,7 +12,7 @@ use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, DoitTime, Layout, MAX_CHANNELS, Observed, Operation,
-    PerChannel, Port, PortParameters, ReplyFormat,
+    PerChannel, Port, PortParameters,
 };
 
 /// A serial port in the cycle.
@@ -76,9 +76,7 @@ impl SerialPort {
             let remote = Served::register(r, remote, registers)?;
             let mut health = Health::new(started, remote.watchdog(), &policy);
             if is_absent {
-                let data_only = started.reply_format() == ReplyFormat::DataOnly;
-                let machine = &mut port.machine;
-                machine.set_sizes(channel, started.sizes, data_only);
+                port.machine.set_sizes(&started);
                 health = health.absent(now, &policy);
             }
             healths.push(health);

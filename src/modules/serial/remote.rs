@@ -61,7 +61,7 @@ impl Served {
     ) -> Result<Self, RegisterError> {
         let FoundRemote { started, pins, .. } = found;
         let inputs = registers.interfaces_for(started.input_bytes());
-        let outputs = registers.interfaces_for(started.output_bytes());
+        let outputs = registers.interfaces_for(started.sizes.tx);
         if found.is_absent {
             r.pins.fault(pins.group);
         }

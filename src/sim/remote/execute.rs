@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// What EC is while accesses reach the flash.
-const FLASH: u8 = NonvolatileMemory::Flash.code();
+const FLASH: u8 = NonvolatileMemory::Flash as u8;
 
 /// What the line can reach: working memory, EEPROM, flash or the RPC table.
 struct Reach<'a, A> {

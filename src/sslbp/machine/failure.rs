@@ -65,18 +65,6 @@ pub struct FailureCounts {
 }
 
 impl FailureCounts {
-    pub(super) const fn new() -> Self {
-        Self {
-            counts: [0; Failure::ALL.len()],
-            total: 0,
-        }
-    }
-
-    /// How often this one happened.
-    pub fn of(&self, failure: Failure) -> u64 {
-        self.counts.get(failure as usize).copied().unwrap_or(0)
-    }
-
     /// All failures together, without the transfers discarded after them.
     pub const fn total(&self) -> u64 {
         self.total

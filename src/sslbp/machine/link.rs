@@ -31,8 +31,8 @@ pub struct Link {
     pub transfers: u64,
     /// Failures so far.
     pub failures: FailureCounts,
-    /// The first byte of its replies is data and no fault byte.
-    pub(super) data_only: bool,
+    /// The first byte of its replies is the fault byte.
+    pub(super) has_fault_byte: bool,
     /// Sticky bits as they were before the last transfer.
     known_faults: LocalFaults,
     last_failure: Option<Failure>,
@@ -45,10 +45,10 @@ pub struct Link {
 const DISCARD_AFTER_DOUBT: u8 = 1;
 
 impl Link {
-    pub(super) const fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
-            sizes: ProcessDataSizes { rx: 0, tx: 0 },
-            data_only: false,
+            sizes: ProcessDataSizes::default(),
+            has_fault_byte: true,
             told: [0; 3],
             verdict: Verdict::Failed(Failure::NotRunning),
             cs: CsStatus(0),
@@ -57,7 +57,7 @@ impl Link {
             discard: 0,
             good: 0,
             transfers: 0,
-            failures: FailureCounts::new(),
+            failures: FailureCounts::default(),
         }
     }
 
@@ -135,7 +135,7 @@ impl Link {
     /// The faults that CS shows, where the reply has a fault byte.
     fn reported(&self) -> Option<Verdict> {
         let faults = self.cs.remote_faults();
-        (!self.data_only && !faults.is_empty()).then_some(Verdict::Faulty(faults))
+        (self.has_fault_byte && !faults.is_empty()).then_some(Verdict::Faulty(faults))
     }
 
     fn kind_of_failure(&self, cs: CsStatus, new_faults: LocalFaults) -> Failure {

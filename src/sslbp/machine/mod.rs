@@ -13,11 +13,11 @@ pub use failure::{Failure, FailureCounts};
 pub use link::{Link, Verdict};
 
 use super::{
-    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, MAX_CHANNELS, Operation, PerChannel,
-    ProcessDataSizes, StartMode, Times,
+    COMMAND_IGNORED, Channel, ChannelMask, CsStatus, Operation, PerChannel, StartMode,
+    StartedRemote, Times,
 };
 use crate::bus::Instant;
-use core::fmt;
+use core::{array, fmt};
 
 /// What the channels of a port that run are in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -142,12 +142,12 @@ const MIN_BUSY_READS: u32 = 3;
 
 impl Machine {
     /// A port with these channels, in an unknown state.
-    pub const fn new(channels: ChannelMask) -> Self {
+    pub fn new(channels: ChannelMask) -> Self {
         Self {
             channels,
             state: PortState::Unknown,
             running: ChannelMask::NONE,
-            links: PerChannel([const { Link::new() }; MAX_CHANNELS as usize]),
+            links: PerChannel(array::from_fn(|_| Link::new())),
             idle: false,
             in_flight: None,
             begun: None,
@@ -339,11 +339,11 @@ impl Machine {
         }
     }
 
-    /// How much the remote on `channel` exchanges, and whether the first byte of its replies is
-    /// data and no fault byte.
-    pub fn set_sizes(&mut self, channel: Channel, sizes: ProcessDataSizes, data_only: bool) {
-        self.links[channel].sizes = sizes;
-        self.links[channel].data_only = data_only;
+    /// How much this remote exchanges, and whether its replies have a fault byte.
+    pub fn set_sizes(&mut self, remote: &StartedRemote) {
+        let link = &mut self.links[remote.channel];
+        link.sizes = remote.sizes;
+        link.has_fault_byte = remote.has_fault_byte();
     }
 
     /// Nothing runs for certain any more.

@@ -1,6 +1,6 @@
 //! Pass-through accesses to remotes in setup mode.
 
-use super::{Port, PortResult};
+use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
@@ -23,7 +23,7 @@ const KEEP_FIRST: Duration = Duration::from_millis(10);
 const KEEP_PAUSE: Duration = Duration::from_millis(20);
 const KEEP_ATTEMPTS: u8 = 6;
 
-impl Port {
+impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads or writes the remote on `channel`, and gives what was read. Tried again when the reply
     /// is lost: all accesses are such that doing them twice is doing them once.
     ///
@@ -32,29 +32,29 @@ impl Port {
     /// # Errors
     /// [`PortError::Channel`] if there is no good reply; [`PortError::WrongState`] if the channel
     /// does not run in setup mode.
-    pub fn access<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        channel: Channel,
-        access: RemoteAccess,
-    ) -> PortResult<u64, B> {
-        self.require_running(PortState::Started(StartMode::Setup), channel.mask())?;
-        let registers = self.registers(channel)?;
+    pub fn access(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
+        let machine = &self.port.machine;
+        let is_ready = machine.state == PortState::Started(StartMode::Setup)
+            && machine.running.contains(channel);
+        let registers = self.port.layout.channel(channel).filter(|_| is_ready);
+        let Some(registers) = registers else {
+            return Err(self.wrong_state(format!("channel {channel} started in setup mode")));
+        };
         let data = access.data_words().into_iter().flatten();
         let mut writes: Vec<_> = registers.interfaces().zip(data).collect();
         writes.push((registers.cs, access.cs_word()));
         let mut cs = CsStatus::default();
         for _ in 0..ATTEMPTS {
             let operation = Operation::Access(channel, access);
-            let (complete, snapshot) = self.run(bus, operation, &writes)?;
+            let (complete, snapshot) = self.run(operation, &writes)?;
             if complete.good.contains(channel) {
                 return Ok(access.value(snapshot.interface(channel)));
             }
             cs = snapshot.status(channel);
-            bus.wait(QUIET);
+            self.bus.wait(QUIET);
         }
         Err(PortError::Channel {
-            port: self.layout.instance,
+            port: self.port.layout.instance,
             channel,
             failed: format!("{access}: no good reply in {ATTEMPTS} attempts"),
             cs,
@@ -69,20 +69,18 @@ impl Port {
     /// reply to the selection may have been lost after it was done. FACTS 6.3.
     ///
     /// # Errors
-    /// As [`access`](Self::access), and [`PortError::NotKept`].
-    pub fn nonvolatile_access<B: RegisterBus + Clock>(
+    /// As [`access`](Self::access), and [`PortError::Unexpected`] for a value that is not kept.
+    pub fn nonvolatile_access(
         &mut self,
-        bus: &mut B,
         channel: Channel,
         memory: NonvolatileMemory,
         access: RemoteAccess,
     ) -> PortResult<u64, B> {
-        self.require_running(PortState::Started(StartMode::Setup), channel.mask())?;
         let select = |code| RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, code);
         let result = self
-            .access(bus, channel, select(memory.code()))
-            .and_then(|_| self.access_selected(bus, channel, access));
-        match self.access(bus, channel, select(0)) {
+            .access(channel, select(memory as u8))
+            .and_then(|_| self.access_selected(channel, access));
+        match self.access(channel, select(0)) {
             Ok(_) => result,
             Err(PortError::Channel { port, cs, .. }) => Err(PortError::Channel {
                 port,
@@ -95,32 +93,23 @@ impl Port {
         }
     }
 
-    fn access_selected<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        channel: Channel,
-        access: RemoteAccess,
-    ) -> PortResult<u64, B> {
-        let mut read = self.access(bus, channel, access.read_back())?;
+    fn access_selected(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
+        let mut read = self.access(channel, access.read_back())?;
         let Some(written) = access.written().filter(|&value| value != read) else {
             return Ok(read);
         };
-        self.access(bus, channel, access)?;
+        self.access(channel, access)?;
         let mut pause = KEEP_FIRST;
         for _ in 0..=KEEP_ATTEMPTS {
-            bus.wait(pause);
-            read = self.access(bus, channel, access.read_back())?;
+            self.bus.wait(pause);
+            read = self.access(channel, access.read_back())?;
             if read == written {
                 return Ok(read);
             }
             pause = KEEP_PAUSE;
         }
-        Err(PortError::NotKept {
-            port: self.layout.instance,
-            place: format!("channel {channel}: non-volatile memory ({access})"),
-            written,
-            read,
-            hint: "it may be write-protected (see the card's jumpers) or worn out",
-        })
+        let what = format!("non-volatile memory of channel {channel} ({access})");
+        let hint = "it may be write-protected (see the card's jumpers) or worn out";
+        Err(self.not_kept(what, read, written, hint))
     }
 }

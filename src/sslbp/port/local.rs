@@ -1,11 +1,11 @@
 //! The port's own memory: parameters and channel variables.
 
-use super::{Port, PortResult};
+use super::{PortResult, SetupPort};
 use crate::{
-    bus::{BusError, Clock, RegisterBus},
+    bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelVariable, MAX_CHANNELS, Observed, Operation, PortError, PortParameters,
-        ProcessDataSizes, operation::LAST_LOCAL,
+        Channel, ChannelVariable, MAX_CHANNELS, Observed, Operation, PortParameters,
+        operation::LAST_LOCAL,
     },
 };
 use alloc::format;
@@ -19,42 +19,35 @@ const OLDEST_MINOR: u8 = 29;
 const LAST_VARIABLE: u16 = 0x30;
 
 const NOT_KNOWN: &str = "this firmware is not known";
+const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
+const INCONSISTENT: &str =
+    "the pin descriptors have other channels than the port, use another firmware image";
 
-impl Port {
+impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads a byte of the port's memory. Manual: 7I77, "LOCAL READ OPERATIONS".
     ///
     /// # Errors
     /// There is no such address; the bus fails, or the port does not answer.
-    pub fn local_read<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        address: u16,
-    ) -> PortResult<u8, B> {
+    pub fn local_read(&mut self, address: u16) -> PortResult<u8, B> {
         self.require_local(address)?;
-        let (_, snapshot) = self.run(bus, Operation::ReadLocal(address), &[])?;
+        let (_, snapshot) = self.run(Operation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
     }
 
-    const fn require_local<E: BusError>(&self, address: u16) -> Result<(), PortError<E>> {
+    fn require_local(&self, address: u16) -> PortResult<(), B> {
         if address <= LAST_LOCAL {
             return Ok(());
         }
-        Err(PortError::NoSuchAddress {
-            port: self.layout.instance,
-            address,
-            last: LAST_LOCAL,
-        })
+        let (found, expected) = (format!("{address:#X}"), format!("{LAST_LOCAL:#X} at most"));
+        let hint = "the port's memory ends there";
+        Err(self.unexpected("the local address".into(), found, expected, hint))
     }
 
     /// Reads neighbouring bytes of the port's memory.
-    fn local_bytes<B: RegisterBus + Clock, const N: usize>(
-        &mut self,
-        bus: &mut B,
-        first: u16,
-    ) -> PortResult<[u8; N], B> {
+    fn local_bytes<const N: usize>(&mut self, first: u16) -> PortResult<[u8; N], B> {
         let mut bytes = [0; N];
         for (address, byte) in (first..).zip(&mut bytes) {
-            *byte = self.local_read(bus, address)?;
+            *byte = self.local_read(address)?;
         }
         Ok(bytes)
     }
@@ -63,27 +56,17 @@ impl Port {
     /// OPERATIONS".
     ///
     /// # Errors
-    /// [`PortError::NotKept`]; there is no such address; the bus fails, or the port does not answer.
-    pub fn local_write<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        address: u16,
-        value: u8,
-    ) -> PortResult<(), B> {
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if it is not kept; there is no such address; the bus fails, or the port does not answer.
+    pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
-        let data = [(self.layout.data(), u32::from(value))];
-        self.run(bus, Operation::WriteLocal(address), &data)?;
-        let read = self.local_read(bus, address)?;
+        let data = [(self.port.layout.data(), u32::from(value))];
+        self.run(Operation::WriteLocal(address), &data)?;
+        let read = self.local_read(address)?;
         if read == value {
             return Ok(());
         }
-        Err(PortError::NotKept {
-            port: self.layout.instance,
-            place: format!("local address {address:#05X}"),
-            written: value.into(),
-            read: read.into(),
-            hint: "reset the port",
-        })
+        let what = format!("local address {address:#05X}");
+        Err(self.not_kept(what, read.into(), value.into(), "reset the port"))
     }
 
     /// Reads the local parameters and checks that this crate can work with the firmware.
@@ -91,13 +74,10 @@ impl Port {
     /// FACTS 2.3.
     ///
     /// # Errors
-    /// [`PortError::Firmware`]; the bus fails, or the port does not answer.
-    pub fn identify<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-    ) -> PortResult<PortParameters, B> {
-        let parameters = self.local_bytes(bus, 0)?;
-        let clock = self.local_bytes(bus, PortParameters::CLOCK)?;
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port does not answer.
+    pub fn identify(&mut self) -> PortResult<PortParameters, B> {
+        let parameters = self.local_bytes(0)?;
+        let clock = self.local_bytes(PortParameters::CLOCK)?;
         let [
             kind,
             width,
@@ -112,62 +92,30 @@ impl Port {
         let is_room =
             u16::from(stride) > LAST_VARIABLE && last + LAST_VARIABLE < PortParameters::CLOCK;
         let is_known = major == 1 && minor >= OLDEST_MINOR;
-        let all = self.layout.channels;
-        let checks = [
-            (
-                kind == 0x12,
-                "the interface type",
-                format!("{kind:#04X}"),
-                "0x12 (SSLBP)".into(),
-                "this firmware has another serial protocol on that port",
-            ),
-            (
-                width == 8,
-                "the width of DATA",
-                format!("{width} bits"),
-                "8 bits".into(),
-                NOT_KNOWN,
-            ),
-            (
-                processor == 0xD8,
-                "the interface processor",
-                format!("{processor:#04X}"),
-                "0xD8 (Dumb8)".into(),
-                NOT_KNOWN,
-            ),
-            (
-                is_known,
-                "the SSLBP version",
-                format!("{major}.{minor}"),
-                format!("1.{OLDEST_MINOR} or a newer 1.x"),
-                "flash a newer firmware",
-            ),
-            (
-                is_room,
-                "the place of the channel variables",
-                format!("{start:#04X} with stride {stride:#04X}"),
-                "room for those of version 1.43".into(),
-                NOT_KNOWN,
-            ),
-            (
-                channels == all,
-                "the number of channels",
-                format!("{channels}"),
-                format!("{all} as in the pin descriptors"),
-                "the firmware image is inconsistent, use another",
-            ),
+        let all = self.port.layout.channels;
+        let bytes = [
+            (kind, 0x12, "the interface type", OTHER_PROTOCOL),
+            (width, 8, "the width of DATA", NOT_KNOWN),
+            (processor, 0xD8, "the interface processor", NOT_KNOWN),
+            (channels, all, "the number of channels", INCONSISTENT),
         ];
-        for (is_right, what, found, expected, hint) in checks {
-            if !is_right {
-                let port = self.layout.instance;
-                return Err(PortError::Firmware {
-                    port,
-                    what,
-                    found,
-                    expected,
-                    hint,
-                });
+        for (found, expected, what, hint) in bytes {
+            if found != expected {
+                let [found, expected] = [found, expected].map(|byte| format!("{byte:#04X}"));
+                return Err(self.unexpected(what.into(), found, expected, hint));
             }
+        }
+        if !is_known {
+            let found = format!("{major}.{minor}");
+            let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
+            let hint = "flash a newer firmware";
+            return Err(self.unexpected("the SSLBP version".into(), found, expected, hint));
+        }
+        if !is_room {
+            let what = "the place of the channel variables".into();
+            let found = format!("{start:#04X} with stride {stride:#04X}");
+            let expected = "room for those of version 1.43".into();
+            return Err(self.unexpected(what, found, expected, NOT_KNOWN));
         }
         let parameters = PortParameters {
             major,
@@ -176,7 +124,7 @@ impl Port {
             variables_stride: stride,
             clock_hz: u32::from_le_bytes(clock),
         };
-        self.parameters = Some(parameters);
+        self.port.parameters = Some(parameters);
         Ok(parameters)
     }
 
@@ -185,25 +133,18 @@ impl Port {
     /// # Errors
     /// There is no such channel, or the parameters are not known; the bus fails, or the port does not
     /// answer.
-    pub fn read_variable<B: RegisterBus + Clock, const N: usize>(
+    pub fn read_variable<const N: usize>(
         &mut self,
-        bus: &mut B,
         channel: Channel,
         variable: ChannelVariable,
     ) -> PortResult<[u8; N], B> {
-        self.require_existing(channel.mask())?;
-        let first = self.known_parameters()?.variable(channel, variable);
-        self.local_bytes(bus, first)
+        let first = self.variable(channel, variable)?;
+        self.local_bytes(first)
     }
 
-    /// RXSize and TXSize of the remote on `channel`, as START has asked for them.
-    pub(super) fn process_data_sizes<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        channel: Channel,
-    ) -> PortResult<ProcessDataSizes, B> {
-        let [rx, tx] = self.read_variable(bus, channel, ChannelVariable::RxSize)?;
-        Ok(ProcessDataSizes { rx, tx })
+    fn variable(&self, channel: Channel, variable: ChannelVariable) -> PortResult<u16, B> {
+        self.require_existing(channel.mask())?;
+        Ok(self.known_parameters()?.variable(channel, variable))
     }
 
     /// Sets the baud rate of `channel`; [`stop_all`](Self::stop_all) makes it effective, and
@@ -213,17 +154,10 @@ impl Port {
     ///
     /// # Errors
     /// As [`read_variable`](Self::read_variable) and [`local_write`](Self::local_write).
-    pub fn set_baud_rate<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        channel: Channel,
-        baud_rate: u32,
-    ) -> PortResult<(), B> {
-        self.require_existing(channel.mask())?;
-        let parameters = self.known_parameters()?;
-        let first = parameters.variable(channel, ChannelVariable::BaudRate);
+    pub fn set_baud_rate(&mut self, channel: Channel, baud_rate: u32) -> PortResult<(), B> {
+        let first = self.variable(channel, ChannelVariable::BaudRate)?;
         for (address, byte) in (first..).zip(baud_rate.to_le_bytes()) {
-            self.local_write(bus, address, byte)?;
+            self.local_write(address, byte)?;
         }
         Ok(())
     }

@@ -1,43 +1,36 @@
-//! The handle of one port, for the time of initialisation: it waits, within bounds.
+//! One port for the time of initialisation: on its bus it waits, within bounds.
 
 mod access;
 mod local;
 mod run;
 mod start;
 mod stop;
-mod transfer;
-
-pub use transfer::{PortWords, Transfer};
 
 use super::{
-    Channel, ChannelMask, ChannelRegisters, Layout, Machine, PortError, PortParameters, PortState,
+    ChannelMask, DoitTime, Exchange, Layout, Machine, PortError, PortParameters, PortState,
 };
-use crate::bus::{BusError, RegisterBus};
+use crate::bus::RegisterBus;
 use alloc::format;
 use alloc::string::String;
 
 /// The result of an operation on a port over the bus `B`.
 pub type PortResult<T, B> = Result<T, PortError<<B as RegisterBus>::Error>>;
 
+/// The clock of a processor whose parameters have not been read, in hertz.
+const USUAL_CLOCK: u32 = 100_000_000;
+
 /// One SSLBP port.
-///
-/// The usual order: [`reset`](Self::reset) (or [`identify`](Self::identify) and
-/// [`stop_all`](Self::stop_all)), [`start`](Self::start), then
-/// [`transfer`](Self::transfer) in normal mode or [`access`](Self::access) in setup mode.
-///
-/// # Real time
-/// Not for the cycle: every operation waits for the hardware, within bounds. The cycle steps a
-/// [`Machine`].
 #[derive(Clone, Debug)]
 pub struct Port {
     layout: Layout,
     parameters: Option<PortParameters>,
-    pub(crate) machine: Machine,
+    /// What it does; the cycle steps it without a [`SetupPort`].
+    pub machine: Machine,
 }
 
 impl Port {
     /// A port at `layout`, in an unknown state.
-    pub const fn new(layout: Layout) -> Self {
+    pub fn new(layout: Layout) -> Self {
         Self {
             layout,
             parameters: None,
@@ -60,58 +53,91 @@ impl Port {
         self.machine.running
     }
 
-    pub(crate) fn known_parameters<E: BusError>(&self) -> Result<PortParameters, PortError<E>> {
+    /// The port on its bus.
+    pub const fn on<'a, B>(&'a mut self, bus: &'a mut B) -> SetupPort<'a, B> {
+        SetupPort { port: self, bus }
+    }
+
+    /// How long a transfer of these channels takes, with the sizes that START told. The processor
+    /// counts as one of 100 MHz until the parameters have been read.
+    pub(crate) fn doit_time(&self, mask: ChannelMask) -> DoitTime {
+        let clock_hz = self.parameters.map_or(USUAL_CLOCK, |known| known.clock_hz);
+        let exchange = |channel| Exchange::usual(channel, self.machine.link(channel).sizes);
+        DoitTime::expected(self.layout.channels, clock_hz, mask.iter().map(exchange))
+    }
+}
+
+/// A port on its bus, while nothing cycles.
+///
+/// The usual order: [`reset`](Self::reset) (or [`identify`](Self::identify) and
+/// [`stop_all`](Self::stop_all)), [`start`](Self::start), then [`access`](Self::access) in setup
+/// mode; in normal mode the cycle steps [`Port::machine`].
+///
+/// # Real time
+/// Not for the cycle: every operation waits for the hardware, within bounds.
+#[derive(Debug)]
+pub struct SetupPort<'a, B> {
+    /// The port.
+    pub port: &'a mut Port,
+    /// Its bus.
+    pub bus: &'a mut B,
+}
+
+impl<B: RegisterBus> SetupPort<'_, B> {
+    pub(crate) fn known_parameters(&self) -> PortResult<PortParameters, B> {
         let needed = "its parameters (call reset or identify first)";
-        self.parameters
-            .ok_or_else(|| self.wrong_state(needed.into()))
+        let known = self.port.parameters;
+        known.ok_or_else(|| self.wrong_state(needed.into()))
     }
 
-    fn registers<E: BusError>(&self, channel: Channel) -> Result<ChannelRegisters, PortError<E>> {
-        self.layout
-            .channel(channel)
-            .ok_or_else(|| self.no_such_channel(channel.mask()))
-    }
-
-    fn require_existing<E: BusError>(&self, mask: ChannelMask) -> Result<(), PortError<E>> {
-        let missing = mask.difference(self.layout.mask());
+    fn require_existing(&self, mask: ChannelMask) -> PortResult<(), B> {
+        let missing = mask.difference(self.port.layout.mask());
         if missing.is_empty() {
-            Ok(())
-        } else {
-            Err(self.no_such_channel(missing))
+            return Ok(());
         }
+        let last = self.port.layout.channels - 1;
+        let (found, expected) = (format!("{missing}"), format!("0 to {last}"));
+        Err(self.unexpected(
+            "a channel that was asked for".into(),
+            found,
+            expected,
+            "leave it out",
+        ))
     }
 
-    const fn no_such_channel<E: BusError>(&self, missing: ChannelMask) -> PortError<E> {
-        PortError::NoSuchChannel {
-            port: self.layout.instance,
-            missing,
-            channels: self.layout.channels,
-        }
-    }
-
-    /// `needed` names the mode.
-    fn require_running<E: BusError>(
-        &self,
-        state: PortState,
-        mask: ChannelMask,
-    ) -> Result<(), PortError<E>> {
-        self.require_existing(mask)?;
-        let missing = mask.difference(self.running());
-        if self.state() != state {
-            Err(self.wrong_state(format!("a START that leaves it {state}")))
-        } else if missing.is_empty() {
-            Ok(())
-        } else {
-            Err(self.wrong_state(format!("a START that succeeded of channels {missing}")))
-        }
-    }
-
-    fn wrong_state<E: BusError>(&self, needed: String) -> PortError<E> {
+    fn wrong_state(&self, needed: String) -> PortError<B::Error> {
         PortError::WrongState {
-            port: self.layout.instance,
+            port: self.port.layout.instance,
             needed,
-            state: self.state(),
-            running: self.running(),
+            state: self.port.state(),
+            running: self.port.running(),
+        }
+    }
+
+    fn not_kept(
+        &self,
+        what: String,
+        read: u64,
+        written: u64,
+        hint: &'static str,
+    ) -> PortError<B::Error> {
+        let expected = format!("{written:#04X}, which was written");
+        self.unexpected(what, format!("{read:#04X}"), expected, hint)
+    }
+
+    const fn unexpected(
+        &self,
+        what: String,
+        found: String,
+        expected: String,
+        hint: &'static str,
+    ) -> PortError<B::Error> {
+        PortError::Unexpected {
+            port: self.port.layout.instance,
+            what,
+            found,
+            expected,
+            hint,
         }
     }
 }

@@ -1,12 +1,9 @@
 //! Running an operation of the machine to its end: the only place that waits.
 
-use super::{Port, PortResult};
+use super::{PortResult, SetupPort};
 use crate::{
     bus::{Access, Clock, RegisterBus},
-    sslbp::{
-        Channel, Complete, CsStatus, Event, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, Observed,
-        Operation, PortError,
-    },
+    sslbp::{Channel, Complete, CsStatus, Event, MAX_CHANNELS, Observed, Operation, PortError},
 };
 use alloc::{format, string::ToString, vec::Vec};
 use core::fmt::{self, Write};
@@ -22,8 +19,8 @@ const LONGEST_POLL: Duration = Duration::from_micros(250);
 /// Ends a wait even on a bus whose clock stands still.
 const MOST_POLLS: u32 = 20_000;
 
-/// CS and interface registers of a channel.
-const PER_CHANNEL: usize = 1 + MAX_INTERFACE_REGISTERS as usize;
+/// CS and interface registers 0 to 2 of a channel.
+const PER_CHANNEL: usize = 1 + 3;
 const WORDS: usize = 2 + MAX_CHANNELS as usize * PER_CHANNEL;
 
 /// The registers of a port that an operation changes, as the last read brought them: COMMAND, DATA,
@@ -35,7 +32,7 @@ pub(super) struct Snapshot {
 }
 
 impl Snapshot {
-    fn new(port: &Port, operation: &Operation) -> Self {
+    fn new(port: &super::Port, operation: &Operation) -> Self {
         let mut accesses = Vec::new();
         let mut read = |address, place| accesses.push(Access::read(address, place as u16, 1));
         read(port.layout.command, 0);
@@ -43,7 +40,6 @@ impl Snapshot {
         let interfaces = match operation {
             Operation::Start(..) => 3,
             Operation::Access(..) => 2,
-            Operation::Transfer(_) => usize::from(port.layout.interface_registers),
             _ => 0,
         };
         for channel in operation.channels().iter() {
@@ -99,33 +95,28 @@ impl Observed for Snapshot {
     }
 }
 
-impl Port {
+impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Runs `operation`: waits until the port is idle, writes `writes` and then COMMAND, and waits
     /// until the operation is complete.
-    pub(super) fn run<B: RegisterBus + Clock>(
+    pub(super) fn run(
         &mut self,
-        bus: &mut B,
         operation: Operation,
         writes: &[(u16, u32)],
     ) -> PortResult<(Complete, Snapshot), B> {
-        if !operation.interrupts() && !self.machine.is_idle() {
-            let in_flight = self.machine.in_flight();
+        if !operation.interrupts() && !self.port.machine.is_idle() {
+            let in_flight = self.port.machine.in_flight();
             let before = in_flight.map_or(Operation::Foreign, |(operation, _)| operation);
-            let mut snapshot = Snapshot::new(self, &before);
+            let mut snapshot = Snapshot::new(self.port, &before);
             let waiting_for = format_args!("COMMAND to be 0 before {operation}");
-            self.poll(bus, &mut snapshot, before, waiting_for, |port, _| {
-                port.machine.is_idle().then_some(())
+            self.poll(&mut snapshot, before, waiting_for, |port, _| {
+                port.port.machine.is_idle().then_some(())
             })?;
         }
-        self.issue(bus, operation, writes)?;
-        let mut snapshot = Snapshot::new(self, &operation);
-        bus.wait(match operation {
-            Operation::Transfer(mask) => self.doit_time(mask).usual,
-            other => other.times().usual,
-        });
+        self.issue(operation, writes)?;
+        let mut snapshot = Snapshot::new(self.port, &operation);
+        self.bus.wait(operation.times().usual);
         let waiting_for = format_args!("COMMAND to be 0 after {operation}");
         let complete = self.poll(
-            bus,
             &mut snapshot,
             operation,
             waiting_for,
@@ -139,77 +130,78 @@ impl Port {
 
     /// Writes `writes` and then the command of `operation`, which must be allowed now, in one
     /// exchange.
-    pub(super) fn issue<B: RegisterBus + Clock>(
+    pub(super) fn issue(
         &mut self,
-        bus: &mut B,
         operation: Operation,
         writes: &[(u16, u32)],
     ) -> PortResult<(), B> {
-        bus.wait(SETTLE);
-        let command = (self.layout.command, self.machine.begin(operation));
+        self.bus.wait(SETTLE);
+        let command = (self.port.layout.command, self.port.machine.begin(operation));
         let all = || writes.iter().chain([&command]);
         let mut words: Vec<u32> = all().map(|&(_, word)| word).collect();
         let accesses: Vec<Access> = (0u16..)
             .zip(all())
             .map(|(n, &(address, _))| Access::write(address, n, 1))
             .collect();
-        let result = bus.exchange(&accesses, &mut words);
-        self.machine.written(bus.now(), result.is_ok());
+        let result = self.bus.exchange(&accesses, &mut words);
+        self.port.machine.written(self.bus.now(), result.is_ok());
         Ok(result?)
     }
 
     /// Reads `snapshot` until what the machine says of it is the end, or that the port is stuck.
-    fn poll<B: RegisterBus + Clock, T>(
+    fn poll<T>(
         &mut self,
-        bus: &mut B,
         snapshot: &mut Snapshot,
         operation: Operation,
         waiting_for: fmt::Arguments<'_>,
         end: impl Fn(&Self, Event) -> Option<T>,
     ) -> PortResult<T, B> {
-        let begin = bus.now();
+        let begin = self.bus.now();
         let mut pause = FIRST_POLL;
         for _ in 0..MOST_POLLS {
-            bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
-            let now = bus.now();
-            let event = self.machine.observe(now, snapshot, true);
+            self.bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
+            let now = self.bus.now();
+            let event = self.port.machine.observe(now, snapshot, true);
             if let Some(end) = end(self, event) {
                 return Ok(end);
             }
-            if self.machine.is_stuck(now) {
+            if self.port.machine.is_stuck(now) {
                 break;
             }
             if let Event::Settling(until) = event {
-                bus.wait(until.since(now));
+                self.bus.wait(until.since(now));
             } else {
-                bus.wait(pause);
+                self.bus.wait(pause);
                 pause = (pause * 2).min(LONGEST_POLL);
             }
         }
-        let since = self.machine.in_flight().map_or(begin, |(_, issued)| issued);
-        let waited = bus.now().since(since);
+        let since = self
+            .port
+            .machine
+            .in_flight()
+            .map_or(begin, |(_, issued)| issued);
+        let waited = self.bus.now().since(since);
         let can_stop = !operation.interrupts();
-        Err(self.timeout(bus, waited, waiting_for, can_stop)?)
+        Err(self.timeout(waited, waiting_for, can_stop)?)
     }
 
     /// The error of a wait that has ended, with the registers as they are now.
-    pub(super) fn timeout<B: RegisterBus + Clock>(
-        &self,
-        bus: &mut B,
+    pub(super) fn timeout(
+        &mut self,
         waited: Duration,
         waiting_for: fmt::Arguments<'_>,
         can_stop: bool,
     ) -> PortResult<PortError<B::Error>, B> {
-        let mut snapshot = Snapshot::new(self, &Operation::StopAll);
-        bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
+        let mut snapshot = Snapshot::new(self.port, &Operation::StopAll);
+        self.bus.exchange(&snapshot.accesses, &mut snapshot.words)?;
         let (command, data) = (snapshot.command(), snapshot.data() as u8);
         let mut registers = format!("COMMAND {command:04X}, DATA {data:02X}, CS");
-        for channel in self.layout.mask().iter() {
+        for channel in self.port.layout.mask().iter() {
             // A string can be written to.
             let _ = write!(registers, " {:08X}", snapshot.cs(channel));
         }
         Ok(PortError::Timeout {
-            port: self.layout.instance,
+            port: self.port.layout.instance,
             waiting_for: waiting_for.to_string(),
             waited,
             registers,

@@ -1,77 +1,73 @@
 //! Normal and setup START.
 
-use super::{Port, PortResult};
+use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{
-        Channel, ChannelMask, Operation, PortState, ProcessDataSizes, ReplyFormat, StartFailure,
-        StartFailureReason, StartMode, StartReport, StartedRemote, software_mode_word,
+        Channel, ChannelMask, ChannelVariable, Operation, PortState, ProcessDataSizes,
+        StartFailure, StartFailureReason, StartMode, StartedRemote, software_mode_word,
     },
 };
 use alloc::vec::Vec;
 
-impl Port {
-    /// Starts `channels`, each in its software mode, and reports what became of each of them. Any
-    /// byte is a software mode: the remote decides.
+impl<B: RegisterBus + Clock> SetupPort<'_, B> {
+    /// Starts `channels`, each in its software mode, and tells what became of each of them, in their
+    /// order. Any byte is a software mode: the remote decides.
     ///
-    /// A channel that fails does not fail the others: it is in the report, with the reason.
-    /// The channels must be stopped: START ignores those that run (FACTS 3.5), and normal and
-    /// setup mode do not go together (FACTS 3.6).
+    /// A channel that fails does not fail the others: its place has the reason. The channels must
+    /// be stopped: START ignores those that run (FACTS 3.5), and normal and setup mode do not go
+    /// together (FACTS 3.6).
     ///
     /// # Errors
     /// The port is not identified, has no such channel, or they are not stopped; the bus fails, or
     /// START does not end.
-    pub fn start<B: RegisterBus + Clock>(
+    pub fn start(
         &mut self,
-        bus: &mut B,
         mode: StartMode,
         channels: &[(Channel, u8)],
-    ) -> PortResult<StartReport, B> {
+    ) -> PortResult<Vec<Result<StartedRemote, StartFailure>>, B> {
         let mask = channels.iter().map(|&(channel, _)| channel).collect();
-        self.require_startable::<B>(mode, mask)?;
-        let mut report = StartReport::default();
+        self.require_startable(mode, mask)?;
+        let mut outcomes = Vec::new();
         if mask.is_empty() {
-            return Ok(report);
+            return Ok(outcomes);
         }
-        let mut writes = Vec::new();
-        for &(channel, software_mode) in channels {
-            let cs = self.registers(channel)?.cs;
-            writes.push((cs, software_mode_word(software_mode)));
-        }
-        let (complete, snapshot) = self.run(bus, Operation::Start(mode, mask), &writes)?;
-        let limit = ProcessDataSizes::largest(self.layout.interface_registers);
+        let cs = |&(channel, software_mode): &(Channel, u8)| {
+            let registers = self.port.layout.channel(channel)?;
+            Some((registers.cs, software_mode_word(software_mode)))
+        };
+        let writes: Vec<_> = channels.iter().filter_map(cs).collect();
+        let (complete, snapshot) = self.run(Operation::Start(mode, mask), &writes)?;
+        let limit = ProcessDataSizes::largest(self.port.layout.interface_registers);
+        let mut unusable = ChannelMask::NONE;
         for &start in channels {
             let (channel, _) = start;
             let (told, cs) = (snapshot.interface(channel), snapshot.status(channel));
-            let sizes = self.process_data_sizes(bus, channel)?;
-            let remote = StartedRemote::new(start, told, sizes, cs);
-            let too_large = mode == StartMode::Normal && !sizes.fit(limit);
-            if complete.good.contains(channel) && !too_large {
-                let data_only = remote.reply_format() == ReplyFormat::DataOnly;
-                self.machine.set_sizes(channel, sizes, data_only);
-                report.remotes.push(remote);
+            let [rx, tx] = self.read_variable(channel, ChannelVariable::RxSize)?;
+            let remote = StartedRemote::new(start, told, ProcessDataSizes { rx, tx }, cs);
+            let too_large = mode == StartMode::Normal && !remote.sizes.fit(limit);
+            outcomes.push(if complete.good.contains(channel) && !too_large {
+                self.port.machine.set_sizes(&remote);
+                Ok(remote)
             } else {
+                unusable = unusable.union(channel.mask());
                 let reason = StartFailureReason::of(&remote, limit);
-                report.failures.push(StartFailure {
+                Err(StartFailure {
                     channel,
                     reason,
                     cs,
-                });
-            }
+                })
+            });
         }
         // A remote whose process data is too large runs all the same, and would keep its line busy.
-        self.stop(bus, report.failed().intersection(self.running()))?;
-        Ok(report)
+        self.stop(unusable.intersection(self.port.running()))?;
+        Ok(outcomes)
     }
 
-    fn require_startable<B: RegisterBus + Clock>(
-        &self,
-        mode: StartMode,
-        mask: ChannelMask,
-    ) -> PortResult<(), B> {
+    fn require_startable(&self, mode: StartMode, mask: ChannelMask) -> PortResult<(), B> {
         self.known_parameters()?;
         self.require_existing(mask)?;
-        let (state, running) = (self.state(), self.running());
+        let (state, running) = (self.port.state(), self.port.running());
         let same_mode = state == PortState::Stopped
             || running.is_empty() && state != PortState::Unknown
             || state == PortState::Started(mode);

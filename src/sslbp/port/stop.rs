@@ -1,6 +1,6 @@
 //! Reset and stop.
 
-use super::{Port, PortResult};
+use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
     sslbp::{ChannelMask, Operation, PortError, PortParameters},
@@ -16,49 +16,49 @@ const INITIALISE: Duration = Duration::from_micros(500);
 const INITIALISE_LIMIT: Duration = Duration::from_millis(20);
 const INITIALISE_ATTEMPTS: u8 = 20;
 
-impl Port {
+impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Resets the port's processor, waits until it is initialised and reads its parameters.
     ///
     /// COMMAND is written whatever it is at that time: a reset is for a port that does not listen.
     /// All channels are stopped then, with the default baud rate.
     ///
     /// FACTS 2.5.
-    pub fn reset<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<PortParameters, B> {
-        self.parameters = None;
-        self.issue(bus, Operation::Reset, &[])?;
-        bus.wait(Operation::Reset.times().usual);
-        self.run(bus, Operation::Release, &[])?;
-        self.await_initialised(bus)?;
-        self.identify(bus)
+    pub fn reset(&mut self) -> PortResult<PortParameters, B> {
+        self.port.parameters = None;
+        self.issue(Operation::Reset, &[])?;
+        self.bus.wait(Operation::Reset.times().usual);
+        self.run(Operation::Release, &[])?;
+        self.await_initialised()?;
+        self.identify()
     }
 
     /// Reads local parameter 3 until it is one: DATA reads AA as long as reads are lost.
-    fn await_initialised<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
-        let begin = bus.now();
+    fn await_initialised(&mut self) -> PortResult<(), B> {
+        let begin = self.bus.now();
         for _ in 0..INITIALISE_ATTEMPTS {
-            match self.local_read(bus, PortParameters::MINOR) {
+            match self.local_read(PortParameters::MINOR) {
                 Ok(INITIALISED) => {}
                 Ok(_) => return Ok(()),
                 // A read that fell into the first microseconds never completes.
-                Err(PortError::Timeout { .. }) => self.free(bus)?,
+                Err(PortError::Timeout { .. }) => self.free()?,
                 Err(other) => return Err(other),
             }
-            if bus.now().since(begin) >= INITIALISE_LIMIT {
+            if self.bus.now().since(begin) >= INITIALISE_LIMIT {
                 break;
             }
-            bus.wait(INITIALISE);
+            self.bus.wait(INITIALISE);
         }
-        let waited = bus.now().since(begin);
+        let waited = self.bus.now().since(begin);
         let waiting_for = format_args!("the processor to initialise after a reset");
-        Err(self.timeout(bus, waited, waiting_for, false)?)
+        Err(self.timeout(waited, waiting_for, false)?)
     }
 
     /// Frees a port whose COMMAND never clears: the one write that is allowed while it is busy.
     ///
     /// What kept it busy must be over: the way out ends the waiting and not the transfer (FACTS
     /// 3.2), and the STOPALL that follows would stick again.
-    fn free<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
-        self.run(bus, Operation::Free, &[])?;
+    fn free(&mut self) -> PortResult<(), B> {
+        self.run(Operation::Free, &[])?;
         Ok(())
     }
 
@@ -68,13 +68,13 @@ impl Port {
     /// 08FF, wait, 0800 (FACTS 3.1). Then checks that every channel is stopped.
     ///
     /// Manual: 7I77, "STOP ALL".
-    pub fn stop_all<B: RegisterBus + Clock>(&mut self, bus: &mut B) -> PortResult<(), B> {
+    pub fn stop_all(&mut self) -> PortResult<(), B> {
         // Another host may write COMMAND as well, and a network may do it late.
-        self.machine.not_observed();
-        match self.stop_with(bus, Operation::StopAll) {
+        self.port.machine.not_observed();
+        match self.stop_with(Operation::StopAll) {
             Err(PortError::Timeout { .. }) => {
-                self.free(bus)?;
-                self.stop_with(bus, Operation::StopAll)
+                self.free()?;
+                self.stop_with(Operation::StopAll)
             }
             result => result,
         }
@@ -85,29 +85,21 @@ impl Port {
     /// For recovery of single channels; does nothing if `mask` is empty.
     ///
     /// Manual: 7I77, "STOP INDIVIDUAL CHANNELS".
-    pub fn stop<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        mask: ChannelMask,
-    ) -> PortResult<(), B> {
+    pub fn stop(&mut self, mask: ChannelMask) -> PortResult<(), B> {
         self.require_existing(mask)?;
         if mask.is_empty() {
             return Ok(());
         }
-        self.stop_with(bus, Operation::Stop(mask))
+        self.stop_with(Operation::Stop(mask))
     }
 
-    fn stop_with<B: RegisterBus + Clock>(
-        &mut self,
-        bus: &mut B,
-        operation: Operation,
-    ) -> PortResult<(), B> {
-        let (complete, snapshot) = self.run(bus, operation, &[])?;
+    fn stop_with(&mut self, operation: Operation) -> PortResult<(), B> {
+        let (complete, snapshot) = self.run(operation, &[])?;
         let Some(channel) = complete.bad.iter().next() else {
             return Ok(());
         };
         Err(PortError::Channel {
-            port: self.layout.instance,
+            port: self.port.layout.instance,
             channel,
             failed: "not stopped by a stop".into(),
             cs: snapshot.status(channel),

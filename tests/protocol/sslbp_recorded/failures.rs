@@ -1,21 +1,23 @@
 //! What failed when it was recorded fails as it did.
 
 use super::*;
+use mesa_hal::sslbp::{StartFailure, StartedRemote};
 
 fn reason_of(name: &str, mode: StartMode, software_mode: u8) -> StartFailureReason {
     let mut bus = Replay::of(name);
     let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    port.on(&mut bus).stop_all().unwrap();
     if let Some(&(rx, tx)) = size_replies(&recording(name)).first() {
         bus.set_sizes(0, rx, tx);
     }
     let report = port
-        .start(&mut bus, mode, &start_zero(software_mode))
+        .on(&mut bus)
+        .start(mode, &start_zero(software_mode))
         .unwrap();
-    assert_eq!(report.started(), ChannelMask::NONE);
+    assert_eq!(started(&report), ChannelMask::NONE);
     assert_eq!(port.running(), ChannelMask::NONE);
     never_busy(&bus);
-    report.failures[0].reason
+    report[0].unwrap_err().reason
 }
 
 /// FACTS 4.5, 5.6; transcripts t06d, t15d, t15f, t20.
@@ -47,19 +49,19 @@ fn recorded_errors_during_start_end_as_recorded() {
     let mut bus = Replay::of("t16_start_errors");
     let mut port = identified(&mut bus);
     let mut run = |mode| {
-        port.stop_all(&mut bus).unwrap();
-        port.start(&mut bus, mode, &start_zero(0)).unwrap()
+        port.on(&mut bus).stop_all().unwrap();
+        port.on(&mut bus).start(mode, &start_zero(0)).unwrap()
     };
-    let reason = |report: &StartReport| report.failures[0].reason;
+    let reason = |report: &[Result<StartedRemote, StartFailure>]| report[0].unwrap_err().reason;
 
     let wrong_cookie = run(StartMode::Setup);
     assert_eq!(reason(&wrong_cookie), StartFailureReason::WrongCookie);
     let bad_crc = run(StartMode::Setup);
-    assert_eq!(bad_crc.remotes[0].unit_number, 0x77AA);
+    assert_eq!(bad_crc[0].unwrap().unit_number, 0x77AA);
     let no_unit = run(StartMode::Setup);
-    assert_eq!(no_unit.remotes[0].unit_number, 0);
+    assert_eq!(no_unit[0].unwrap().unit_number, 0);
     let no_sizes = run(StartMode::Setup);
-    assert_eq!(no_sizes.remotes[0].ptoc, 0);
+    assert_eq!(no_sizes[0].unwrap().ptoc, 0);
     let no_sizes = run(StartMode::Normal);
     assert_eq!(reason(&no_sizes), StartFailureReason::NoSizes);
     let no_unit = run(StartMode::Normal);
@@ -73,18 +75,15 @@ fn absent_channels_do_not_fail_the_others() {
     let bus = Replay::of("t04_setup_absent8").without(|segment| segment.command == 0x1003);
     let (mut bus, mut port) = stopped(bus, &[(5, 2)]);
     let all = Channel::ALL.map(|channel| (channel, 0));
-    let report = port.start(&mut bus, StartMode::Setup, &all).unwrap();
-    assert_eq!(report.started().bits(), 0x01);
-    assert_eq!(report.failed().bits(), 0xFE);
-    assert!(
-        report
-            .failures
-            .iter()
-            .all(|failure| failure.reason == StartFailureReason::NoReply)
-    );
+    let report = port.on(&mut bus).start(StartMode::Setup, &all).unwrap();
+    assert_eq!(started(&report).bits(), 0x01);
+    for outcome in &report[1..] {
+        assert_eq!(outcome.unwrap_err().reason, StartFailureReason::NoReply);
+    }
     // the counters at B6..BC, as the transcript reads them
     let counters: [u8; 7] = port
-        .read_variable(&mut bus, Channel::ALL[1], ChannelVariable::ErrorCounters)
+        .on(&mut bus)
+        .read_variable(Channel::ALL[1], ChannelVariable::ErrorCounters)
         .unwrap();
     assert_eq!(counters, [0, 0, 0, 20, 0, 0, 0], "time-outs");
     never_busy(&bus);
@@ -97,7 +96,7 @@ fn a_port_that_is_stuck_is_freed_and_then_stopped() {
         .without(|segment| segment.command == 0x1001 || segment.command == 0x0901);
     bus.begin_inside();
     let mut port = port();
-    port.stop_all(&mut bus).unwrap();
+    port.on(&mut bus).stop_all().unwrap();
     assert_eq!(bus.commands, [(0x08FF, true), (0x0800, false)]);
     assert_eq!(port.state(), PortState::Stopped);
 }
@@ -116,9 +115,10 @@ fn a_command_that_never_completes_is_an_error_with_the_registers() {
     };
     let mut bus = Replay::new(vec![stop, stuck]);
     let mut port = identified(&mut bus);
-    port.stop_all(&mut bus).unwrap();
+    port.on(&mut bus).stop_all().unwrap();
     let error = port
-        .start(&mut bus, StartMode::Normal, &start_zero(0))
+        .on(&mut bus)
+        .start(StartMode::Normal, &start_zero(0))
         .unwrap_err();
     let PortError::Timeout { waited, .. } = error else {
         panic!("expected a wait that ended, got {error}");

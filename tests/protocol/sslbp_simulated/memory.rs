@@ -55,11 +55,12 @@ fn what_is_absent_or_broken_does_not_hide_the_others() {
 #[test]
 fn lost_replies_during_discovery_are_asked_for_again() {
     let (mut fpga, mut port) = machine();
-    port.stop_all(&mut fpga).unwrap();
+    port.on(&mut fpga).stop_all().unwrap();
     let report = port
-        .start(&mut fpga, StartMode::Setup, &[start(ZERO, 1)])
+        .on(&mut fpga)
+        .start(StartMode::Setup, &[start(ZERO, 1)])
         .unwrap();
-    let started = report.remotes[0];
+    let started = report[0].unwrap();
     let options = DiscoveryOptions::default();
     for fault in ["drop=1", "badcrc=1", "extra=1", "short=1"] {
         remote(&mut fpga).apply(fault).unwrap();
@@ -118,12 +119,12 @@ fn a_nonvolatile_parameter_survives_a_power_cycle() {
 #[test]
 fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
     let (mut fpga, mut port) = machine();
-    port.start(&mut fpga, StartMode::Setup, &[start(ZERO, 0)])
+    port.on(&mut fpga)
+        .start(StartMode::Setup, &[start(ZERO, 0)])
         .unwrap();
     remote(&mut fpga).apply("drop=100000").unwrap();
     let memory = NonvolatileMemory::Eeprom;
-    let result = port.nonvolatile_access(
-        &mut fpga,
+    let result = port.on(&mut fpga).nonvolatile_access(
         ZERO,
         memory,
         RemoteAccess::Read {

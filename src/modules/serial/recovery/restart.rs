@@ -128,10 +128,7 @@ impl Recovery {
             let problem = if complete.bad.contains(channel) {
                 remote.has_failed = true;
                 // What the last step of START read of the remote's faults is in CS (FACTS 4.1).
-                if matches!(
-                    link.cs.state(),
-                    ComState::CheckFaults | ComState::FaultsTried
-                ) {
+                if link.cs.state() == ComState::CheckFaults {
                     remote.faults = link.cs.remote_faults();
                 }
                 Some(OfflineReason::DidNotStart(link.cs))

@@ -225,7 +225,7 @@ where
     let mut port = Port::new(Layout::new(module, number, channels)?);
     let taken = take_remotes(bus, &mut port, modes);
     // Also when that has failed: nothing is left running.
-    let stopped = port.stop_all(bus);
+    let stopped = port.on(bus).stop_all();
     let report = taken?;
     stopped?;
     Ok(report)
@@ -240,7 +240,7 @@ where
     B::Error: Send + Sync,
 {
     let (number, channels) = (port.layout().instance, port.layout().channels);
-    let parameters = port.reset(bus)?;
+    let parameters = port.on(bus).reset()?;
     let starts: Vec<(Channel, u8)> = (0..channels)
         .filter_map(Channel::new)
         .map(|channel| {

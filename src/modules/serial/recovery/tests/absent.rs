@@ -19,7 +19,7 @@ impl Rig {
         rig.recovery.remotes.push(remote);
         rig.recovery.known = ChannelMask::first(3);
         rig.recovery.update();
-        rig.machine.set_sizes(TWO, SIZES, false);
+        rig.machine.set_sizes(&kind);
         rig.seen.cs[2] = STOPPED;
         rig.seen.start[2] = [0x1200_0000 | unit_number, name, tables];
         rig
