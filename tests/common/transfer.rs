@@ -29,7 +29,7 @@ pub struct Registers {
 }
 
 impl Registers {
-    pub fn read<B: RegisterBus>(bus: &mut B, layout: &Layout) -> Self {
+    pub fn read<B: RegisterBus>(bus: &mut B, layout: Layout) -> Self {
         let mut addresses = vec![layout.command, layout.data()];
         for channel in layout.mask().iter() {
             let registers = layout.channel(channel).unwrap();
@@ -117,7 +117,7 @@ pub fn doit<B: RegisterBus + Clock>(
     machine.written(bus.now(), true);
     for _ in 0..100 {
         bus.wait(Duration::from_micros(50));
-        let registers = Registers::read(bus, &layout);
+        let registers = Registers::read(bus, layout);
         if let Event::Complete(_) = machine.observe(bus.now(), &registers, true) {
             let has_failed =
                 |channel: &Channel| matches!(machine.link(*channel).verdict, Verdict::Failed(_));
