@@ -2,7 +2,7 @@
 
 use super::{Channel, ChannelMask, CsStatus, PortState};
 use crate::bus::BusError;
-use alloc::string::String;
+use alloc::{boxed::Box, string::String};
 use core::time::Duration;
 use thiserror::Error;
 
@@ -35,7 +35,7 @@ pub enum PortError<E: BusError> {
         /// The port.
         port: u8,
         /// What differs.
-        what: String,
+        what: Box<str>,
         /// What it is.
         found: String,
         /// What it should be.

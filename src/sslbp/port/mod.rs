@@ -125,7 +125,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
         self.unexpected(what, format!("{read:#04X}"), expected, hint)
     }
 
-    const fn unexpected(
+    fn unexpected(
         &self,
         what: String,
         found: String,
@@ -134,7 +134,7 @@ impl<B: RegisterBus> SetupPort<'_, B> {
     ) -> PortError<B::Error> {
         PortError::Unexpected {
             port: self.port.layout.instance,
-            what,
+            what: what.into(),
             found,
             expected,
             hint,
