@@ -161,7 +161,7 @@ impl<'a> Finder<'a> {
     /// Whether there is a pin or parameter of that name.
     pub fn has(&self, name: &str) -> bool {
         let name = format!("{}.{name}", self.prefix);
-        !matches!(self.pins.input::<bool>(&name), Err(PinError::NotFound))
+        self.pins.id(&name).is_ok()
     }
 
     /// Handles whose names end in two digits, from 00 on.

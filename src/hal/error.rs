@@ -30,16 +30,37 @@ pub enum PinError {
     )]
     TooMany,
     /// There is no pin or parameter of that name.
-    #[error("no pin or parameter of that name (list them with `Pins::infos`)")]
-    NotFound,
+    #[error("no pin or parameter `{name}`{}", Hint(.nearest.as_deref()))]
+    NotFound {
+        /// The name.
+        name: String,
+        /// The one that it may be meant for.
+        nearest: Option<String>,
+    },
     /// There is one, but of another type or role.
-    #[error("it is {actual}, and {expected} was asked for; take the handle of that kind")]
+    #[error("`{name}` is {actual}, and {expected} was asked for; take the handle of that kind")]
     WrongKind {
+        /// The name.
+        name: String,
         /// What was asked for.
         expected: &'static str,
         /// What it is.
         actual: &'static str,
     },
+    /// The value has another type than the pin.
+    #[error("it takes a value of type {expected}, and this one is {actual}")]
+    WrongType {
+        /// The pin's type.
+        expected: &'static str,
+        /// The value's.
+        actual: &'static str,
+    },
+    /// The pin is one that the machine sets.
+    #[error("it is an input: the machine sets it, and the application reads it")]
+    NotSettable,
+    /// Nothing inverts the output.
+    #[error("nothing inverts this output: set the opposite instead")]
+    NothingInverts,
     /// The handle is one of another store.
     #[error(
         "the handle belongs to another driver's pins, or to none; ask this driver for it by name"
@@ -67,4 +88,16 @@ pub enum PinError {
         "the group does not run (its last transfer failed): it can be armed when its inputs are valid again"
     )]
     NotRunning,
+}
+
+/// The end of a message about a name that does not exist.
+struct Hint<'a>(Option<&'a str>);
+
+impl core::fmt::Display for Hint<'_> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            Some(nearest) => write!(f, "; the nearest is `{nearest}`"),
+            None => f.write_str(" (list them with `Pins::infos`)"),
+        }
+    }
 }

@@ -122,7 +122,7 @@ impl DigitalOut {
     /// Says whether it goes out inverted, also while it is safe: that is how it is wired.
     ///
     /// # Errors
-    /// [`PinError::NotFound`] if nothing inverts it; [`PinError::ForeignHandle`].
+    /// [`PinError::NothingInverts`]; [`PinError::ForeignHandle`].
     pub fn set_inverted(self, pins: &mut Pins, inverted: bool) -> Result<(), PinError> {
         match self.invert {
             Some(Invert::Setting(param)) => pins.set_param(param, inverted),
@@ -130,7 +130,7 @@ impl DigitalOut {
                 pins.set(pin, inverted);
                 Ok(())
             }
-            None => Err(PinError::NotFound),
+            None => Err(PinError::NothingInverts),
         }
     }
 }

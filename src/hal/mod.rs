@@ -26,11 +26,13 @@
 //! # }
 //! ```
 
+mod any;
 mod error;
 mod handle;
 mod info;
 mod io;
 mod maker;
+mod nearest;
 mod pins;
 mod reading;
 mod rule;
@@ -38,6 +40,7 @@ mod store;
 mod terminals;
 mod value;
 
+pub use any::PinId;
 pub use error::PinError;
 pub use handle::{GroupId, Handle, InOut, Input, Output, Param, kind};
 pub use info::{MAX_NAME, MAX_PINS, PinInfo, Role};

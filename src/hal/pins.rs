@@ -7,6 +7,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::kind::{Readable, Settable};
+use super::nearest::nearest;
 use super::rule::{Rule, Slot};
 use super::{
     Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
@@ -261,7 +262,20 @@ impl Pins {
         self.foreign.load(Ordering::Relaxed)
     }
 
+    /// The values as they are kept, in the order of [`infos`](Self::infos), and whether each was
+    /// refused or withheld.
+    #[cfg(feature = "std")]
+    pub(crate) fn kept(&self) -> impl Iterator<Item = (u64, bool)> + '_ {
+        self.slots.iter().map(|slot| (slot.bits, slot.bad))
+    }
+
     /// The input of that name.
+    ///
+    /// # Errors
+    /// [`PinError::NotFound`] with the nearest name; [`PinError::WrongKind`]. So have the other three.
+    ///
+    /// # Real time
+    /// Set-up only: an error allocates, and compares names.
     pub fn input<T: Value>(&self, name: &str) -> Result<Input<T>, PinError> {
         self.find(name, Role::Input)
     }
@@ -282,9 +296,17 @@ impl Pins {
     }
 
     fn find<K, T: Value>(&self, name: &str, role: Role) -> Result<Handle<K, T>, PinError> {
-        let index = *self.by_name.get(name).ok_or(PinError::NotFound)?;
-        let info = self.infos.get(index as usize).ok_or(PinError::NotFound)?;
-        let wrong = |expected, actual| Err(PinError::WrongKind { expected, actual });
+        let found = self.by_name.get(name);
+        let found = found.and_then(|&index| Some((index, self.infos.get(index as usize)?)));
+        let (index, info) = found.ok_or_else(|| self.not_found(name))?;
+        let wrong = |expected, actual| {
+            let name = name.into();
+            Err(PinError::WrongKind {
+                name,
+                expected,
+                actual,
+            })
+        };
         if info.role != role && !(role.is_param() && info.role.is_param()) {
             return wrong(role.as_str(), info.role.as_str());
         }
@@ -292,6 +314,14 @@ impl Pins {
             return wrong(T::TYPE.as_str(), info.hal_type.as_str());
         }
         Ok(Handle::new(self.key(index)))
+    }
+
+    /// Allocates.
+    pub(super) fn not_found(&self, name: &str) -> PinError {
+        PinError::NotFound {
+            name: name.into(),
+            nearest: nearest(&self.infos, name),
+        }
     }
 }
 

@@ -19,20 +19,60 @@
 //! # }
 //! ```
 //!
+//! A GUI, a logger or a scope in another thread takes [snapshots](SnapshotReader) of all pins and
+//! [sends commands](CommandSender); neither delays the cycle:
+//!
+//! ```
+//! # use std::ops::ControlFlow;
+//! # use mesa_hal::{Driver, Settings, runner::Runner, sim::machines};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let board = machines::six_axes_7i92(Default::default());
+//! # let driver = Driver::start(board, Settings::default())?;
+//! let lamp = driver.pins().output::<bool>("hm2_7i92.0.7i77.0.0.output-00")?;
+//! let mut runner = Runner::new(driver);
+//! let (snapshots, commands) = (runner.snapshot(), runner.commands(64));
+//! let gui = std::thread::spawn(move || {
+//!     commands.set(lamp, true).expect("the queue is empty");
+//!     while !snapshots.has_ended() {
+//!         if let Ok(seen) = snapshots.read() {
+//!             println!("cycle {}: lamp {}", seen.cycle(), seen.read(lamp).value);
+//!         }
+//!         std::thread::sleep(std::time::Duration::from_millis(20));
+//!     }
+//! });
+//! # let mut rest = 1_000_000;
+//! let ended = runner.run(|cycle| {
+//! #   rest -= 1;
+//!     let is_lit = cycle.pins().commanded(lamp);
+//!     if is_lit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+//! });
+//! # ended.stopped?;
+//! # gui.join().unwrap();
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Real time
 //! The runner itself does not allocate, log, or panic, and waits only for the next period. What it is
 //! worth depends on the thread: with the feature `realtime` one that is scheduled before all others,
 //! with its memory locked, on a CPU of its own (`Realtime`).
 
+mod commands;
+mod packed;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 mod realtime;
+mod snapshot;
 #[cfg(feature = "realtime")]
 mod stop;
 #[cfg(test)]
 mod tests;
 
+pub use commands::{
+    COMMANDS_IN_A_CYCLE, CommandError, CommandQueue, CommandSender, CommandStatistics,
+};
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
+pub use snapshot::{RemoteSnapshot, Snapshot, SnapshotError, SnapshotReader, SnapshotWriter};
 #[cfg(feature = "realtime")]
 pub use stop::{Signal, Stop};
 
@@ -51,6 +91,8 @@ use crate::sslbp::PortError;
 pub struct Runner<B: RegisterBus + Clock> {
     driver: Driver<B>,
     statistics: RunStatistics,
+    snapshot: Option<SnapshotWriter>,
+    commands: Option<CommandQueue>,
     #[cfg(feature = "realtime")]
     stop: Option<Stop>,
 }
@@ -101,6 +143,10 @@ pub struct RunStatistics {
     pub latest: Duration,
     /// What a cycle took at most, from the begin of its read to the end of its write.
     pub longest: Duration,
+    /// How much later than planned the last cycle began.
+    pub last_late: Duration,
+    /// What the last cycle took.
+    pub last_took: Duration,
 }
 
 /// A run that is over, and the driver shut down.
@@ -126,9 +172,33 @@ impl<B: RegisterBus + Clock> Runner<B> {
         Self {
             driver,
             statistics: RunStatistics::default(),
+            snapshot: None,
+            commands: None,
             #[cfg(feature = "realtime")]
             stop: None,
         }
+    }
+
+    /// Shows all pins, states and statistics to other threads after the write of each cycle. Who does
+    /// not ask for it pays nothing.
+    ///
+    /// # Real time
+    /// Set-up: allocates. For the cycle see [`SnapshotWriter`].
+    pub fn snapshot(&mut self) -> SnapshotReader {
+        let writer = self.snapshot.take();
+        let writer = writer.unwrap_or_else(|| SnapshotWriter::new(&self.driver));
+        self.snapshot.insert(writer).reader()
+    }
+
+    /// Takes commands of other threads in each cycle, after the read and before the application's own
+    /// work. The queue holds `capacity` of them, 1 to 65,536; asked for again, it stays as it is.
+    ///
+    /// # Real time
+    /// Set-up: allocates. For the cycle see [`CommandQueue`].
+    pub fn commands(&mut self, capacity: usize) -> CommandSender {
+        let queue = self.commands.take();
+        let queue = queue.unwrap_or_else(|| CommandQueue::new(&self.driver, capacity));
+        self.commands.insert(queue).sender()
     }
 
     /// Ends when a signal has come.
@@ -164,6 +234,9 @@ impl<B: RegisterBus + Clock> Runner<B> {
             let late = begun.since(planned);
             let read = self.driver.read();
             self.statistics.failed_reads += u64::from(read.is_err());
+            if let Some(commands) = &mut self.commands {
+                commands.take(&mut self.driver);
+            }
             let flow = work(&mut Cycle {
                 number: self.statistics.cycles,
                 read,
@@ -178,8 +251,14 @@ impl<B: RegisterBus + Clock> Runner<B> {
             self.statistics.failed_writes += u64::from(write.is_err());
             let ended = self.driver.bus_mut().now();
             self.count(late, ended.since(begun));
+            if let Some(snapshot) = &mut self.snapshot {
+                // It is of this driver, which is what it could refuse.
+                let _ = snapshot.publish_run(&self.driver, &self.statistics);
+            }
             planned = self.next(planned, ended, period);
         }
+        // Nothing is taken any more.
+        drop(self.commands.take());
         let (bus, stopped) = self.driver.shutdown();
         Ended {
             bus,
@@ -207,6 +286,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
         statistics.cycles += 1;
         statistics.latest = statistics.latest.max(late);
         statistics.longest = statistics.longest.max(took);
+        (statistics.last_late, statistics.last_took) = (late, took);
     }
 
     /// When the next cycle begins.

@@ -5,6 +5,7 @@ use allocation_counter::{AllocationInfo, measure};
 use mesa_hal::Settings;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
 use mesa_hal::driver::{Driver, RemoteState};
+use mesa_hal::runner::{CommandQueue, CommandSender, SnapshotWriter};
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::remote::{Toward, WireFault};
 use mesa_hal::transport::{Fault, Faulty};
@@ -39,6 +40,9 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
     let mut machine = Machine::with(driver);
     let mut count = Count::default();
+    let mut snapshot = SnapshotWriter::new(&machine.driver);
+    let mut commands = CommandQueue::new(&machine.driver, 64);
+    let (reader, sender) = (snapshot.reader(), commands.sender());
     for n in 0..CYCLES {
         if n % 10 == 0 {
             disturb(&mut machine, n / 10);
@@ -52,6 +56,10 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
         count.of(|| {
             let _ = std::hint::black_box(machine.driver.read());
         });
+        ask(&machine, &sender, n);
+        count.of(|| {
+            std::hint::black_box(commands.take(&mut machine.driver));
+        });
         if n % 16 == 0 {
             count.of(|| {
                 let _ = std::hint::black_box(machine.driver.rearm());
@@ -59,6 +67,9 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
         }
         count.of(|| {
             let _ = std::hint::black_box(machine.driver.write());
+        });
+        count.of(|| {
+            let _ = std::hint::black_box(snapshot.publish(&machine.driver));
         });
         if n % 8 == 0 {
             let limit = std::time::Duration::from_micros(200);
@@ -68,9 +79,29 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
         }
         machine.pass(machine.period);
     }
-    assert!(count.calls > 200_000);
+    assert!(count.calls > 400_000);
     assert_eq!(count.allocations, 0, "in {} calls", count.calls);
+    let seen = reader.read().expect("published");
+    assert_eq!(seen.driver_statistics(), machine.driver.statistics());
+    let asked = sender.statistics();
+    assert_eq!(asked.taken, asked.sent, "{asked:?}");
+    assert!(asked.sent > 90_000 && asked.refused > 100, "{asked:?}");
     assert_has_lived(&machine);
+}
+
+/// A command in each cycle, some of which are refused.
+fn ask(machine: &Machine<Faulty<SimFpga>>, commands: &CommandSender, n: u32) {
+    let output = machine.cards.analog.analog_out[2];
+    let limit = output.max_limit.expect("a 7I77");
+    let sent = match n % 1000 {
+        0 => commands.rearm(),
+        1 => commands.restart(0, ANALOG as u8),
+        2..10 => commands.rearm_group(machine.driver.group()),
+        10..20 => commands.set_param(limit, f64::NAN),
+        20..500 => commands.set_param(limit, 9.0),
+        _ => commands.set(output.volts, value(n)),
+    };
+    sent.expect("there is room");
 }
 
 /// Everything the cycle must survive, one thing after the other.

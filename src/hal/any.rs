@@ -1,0 +1,261 @@
+//! Pins whose type is known at run time only: for tools, recorders and remote control.
+
+use super::handle::Key;
+use super::{AnyValue, GroupId, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, Value};
+
+/// A pin or parameter of any kind and type. The default is one of no store.
+///
+/// ```
+/// use mesa_hal::hal::{AnyValue, PinError, PinMaker, PinStore};
+/// # fn main() -> Result<(), PinError> {
+/// let mut store = PinStore::default();
+/// let group = store.add_group();
+/// let mut make = PinMaker::new(&mut store, group, "card.");
+/// make.output::<bool>("lamp", false)?;
+/// let lamp = store.id("card.lamp")?;
+/// store.set_any(lamp, AnyValue::from(true))?;
+/// assert_eq!(store.read_any(lamp).value.to_string(), "true");
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct PinId(Key);
+
+impl PinId {
+    /// Which of [`Pins::infos`] it is.
+    pub const fn index(self) -> usize {
+        self.0.index as usize
+    }
+
+    /// For a queue: the store and the index.
+    #[cfg(feature = "std")]
+    pub(crate) const fn to_word(self) -> u64 {
+        (self.0.store as u64) << 32 | self.0.index as u64
+    }
+
+    /// What [`to_word`](Self::to_word) made.
+    #[cfg(feature = "std")]
+    pub(crate) const fn from_word(word: u64) -> Self {
+        Self(Key {
+            store: (word >> 32) as u32,
+            index: word as u32,
+        })
+    }
+
+    /// Whether both are of one store.
+    #[cfg(feature = "std")]
+    pub(crate) const fn is_beside(self, other: Self) -> bool {
+        self.0.store == other.0.store
+    }
+
+    /// Another one of the same store.
+    #[cfg(feature = "std")]
+    pub(crate) const fn beside(self, index: u32) -> Self {
+        Self(Key {
+            store: self.0.store,
+            index,
+        })
+    }
+}
+
+#[cfg(feature = "std")]
+impl GroupId {
+    /// For a queue: the store and the index.
+    pub(crate) const fn to_word(self) -> u64 {
+        PinId(self.0).to_word()
+    }
+
+    /// What [`to_word`](Self::to_word) made.
+    pub(crate) const fn from_word(word: u64) -> Self {
+        Self(PinId::from_word(word).0)
+    }
+}
+
+/// The pin or parameter of a handle, without its kind and type.
+impl<K, T> From<Handle<K, T>> for PinId {
+    fn from(handle: Handle<K, T>) -> Self {
+        Self(handle.key)
+    }
+}
+
+/// Pins whose type is known at run time only.
+impl Pins {
+    /// The pin or parameter of that name.
+    ///
+    /// # Errors
+    /// [`PinError::NotFound`], with the nearest name.
+    ///
+    /// # Real time
+    /// Set-up only: an error allocates.
+    pub fn id(&self, name: &str) -> Result<PinId, PinError> {
+        let index = self.by_name.get(name);
+        let index = index.ok_or_else(|| self.not_found(name))?;
+        Ok(PinId(self.key(*index)))
+    }
+
+    /// All of them, in the order of [`infos`](Self::infos).
+    pub fn ids(&self) -> impl Iterator<Item = PinId> + '_ {
+        (0..self.infos.len() as u32).map(|index| PinId(self.key(index)))
+    }
+
+    /// What is known of a pin; `None` for one of another store.
+    pub fn info_of(&self, pin: PinId) -> Option<&PinInfo> {
+        self.infos.get(self.index(pin.0)?)
+    }
+
+    /// Reads a pin, or what the application has set an output to. A parameter, whose value does not
+    /// depend on transfers, is always valid.
+    ///
+    /// One of another store gives a bit that is off, not valid, and is counted in
+    /// [`foreign_handles`](Self::foreign_handles).
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn read_any(&self, pin: PinId) -> Reading<AnyValue> {
+        // A handle for the check only: all values are kept as the same 64 bits.
+        let reading: Reading<u64> = self.read(super::Input::new(pin.0));
+        let info = self.info_of(pin);
+        let is_param = info.is_some_and(|info| info.role.is_param());
+        Reading {
+            value: AnyValue {
+                hal_type: info.map_or(HalType::Bit, |info| info.hal_type),
+                bits: reading.value,
+            },
+            valid: reading.valid || is_param,
+            age: reading.age,
+        }
+    }
+
+    /// Sets an output, a pin that both sides set, or a parameter: as [`set`](Self::set) and
+    /// [`set_param`](Self::set_param) do.
+    ///
+    /// # Errors
+    /// [`PinError::NotSettable`] for an input, [`PinError::WrongType`], [`PinError::ForeignHandle`];
+    /// those of [`set_param`](Self::set_param). Nothing is set then.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn set_any(&mut self, pin: PinId, value: AnyValue) -> Result<(), PinError> {
+        let Some(info) = self.info_of(pin) else {
+            self.count_foreign();
+            return Err(PinError::ForeignHandle);
+        };
+        info.check_settable(value)?;
+        let role = info.role;
+        match value.hal_type {
+            HalType::Bit => self.set_as::<bool>(pin, role, value),
+            HalType::Float => self.set_as::<f64>(pin, role, value),
+            HalType::S32 => self.set_as::<i32>(pin, role, value),
+            HalType::U32 => self.set_as::<u32>(pin, role, value),
+            HalType::S64 => self.set_as::<i64>(pin, role, value),
+            HalType::U64 => self.set_as::<u64>(pin, role, value),
+        }
+    }
+
+    fn set_as<T: Value>(
+        &mut self,
+        pin: PinId,
+        role: Role,
+        value: AnyValue,
+    ) -> Result<(), PinError> {
+        let value = T::from_bits(value.bits);
+        if role.is_param() {
+            return self.set_param(super::Param::new(pin.0), value);
+        }
+        self.set(super::Output::new(pin.0), value);
+        Ok(())
+    }
+}
+
+impl PinInfo {
+    /// Whether an application may set it to a value of this type.
+    ///
+    /// # Errors
+    /// [`PinError::NotSettable`], [`PinError::ReadOnly`], [`PinError::InRemote`],
+    /// [`PinError::WrongType`].
+    pub fn check_settable(&self, value: AnyValue) -> Result<(), PinError> {
+        match self.role {
+            Role::Output | Role::InOut | Role::Setting => {}
+            Role::Input => return Err(PinError::NotSettable),
+            Role::Property => return Err(PinError::ReadOnly),
+            Role::InRemote => return Err(PinError::InRemote),
+        }
+        if self.hal_type == value.hal_type {
+            return Ok(());
+        }
+        Err(PinError::WrongType {
+            expected: self.hal_type.as_str(),
+            actual: value.hal_type.as_str(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{PinMaker, PinStore, Spec};
+    use super::*;
+
+    /// An input, an output, a setting from 0 to 10, and a property.
+    fn store() -> PinStore {
+        let mut store = PinStore::default();
+        let group = store.add_group();
+        let mut make = PinMaker::new(&mut store, group, "card.");
+        make.input::<i32>("in").expect("made");
+        make.output::<f64>("out", 0.0).expect("made");
+        let setting = Spec {
+            limits: Some((0.0, 10.0)),
+            ..Spec::from("setting")
+        };
+        make.setting(setting, 5.0).expect("made");
+        make.property("property", true).expect("made");
+        store.group_good(group);
+        store
+    }
+
+    #[test]
+    fn what_is_set_by_its_number_is_read_by_its_handle_and_the_other_way_round() {
+        let mut pins = store();
+        let out = pins.output::<f64>("card.out").expect("there");
+        assert_eq!(PinId::from(out), pins.id("card.out").expect("there"));
+        pins.set_any(out.into(), AnyValue::from(1.5))
+            .expect("an output");
+        assert_eq!(pins.commanded(out), 1.5);
+        let setting = pins.id("card.setting").expect("there");
+        pins.set_any(setting, AnyValue::from(7.0))
+            .expect("a setting");
+        let handle = pins.parameter::<f64>("card.setting").expect("there");
+        assert_eq!(pins.param(handle), 7.0);
+        let reading = pins.read_any(setting);
+        assert_eq!((reading.value, reading.valid), (AnyValue::from(7.0), true));
+        let input = pins.input::<i32>("card.in").expect("there");
+        pins.publish(input, -3);
+        assert_eq!(pins.read_any(input.into()).value, AnyValue::from(-3));
+    }
+
+    #[test]
+    fn what_can_not_be_set_stays_and_says_why() {
+        let mut pins = store();
+        let before: Vec<_> = pins.values().collect();
+        let id = |pins: &PinStore, name| pins.id(name).expect("there");
+        for (name, value, why) in [
+            ("card.in", AnyValue::from(1), PinError::NotSettable),
+            ("card.property", AnyValue::from(true), PinError::ReadOnly),
+            ("card.setting", AnyValue::from(11.0), PinError::BadValue),
+            ("card.setting", AnyValue::from(f64::NAN), PinError::BadValue),
+        ] {
+            let pin = id(&pins, name);
+            assert_eq!(pins.set_any(pin, value), Err(why), "{name}");
+        }
+        let out = id(&pins, "card.out");
+        let wrong = pins
+            .set_any(out, AnyValue::from(1))
+            .expect_err("an integer");
+        assert!(wrong.to_string().contains("float"), "{wrong}");
+        let foreign = id(&store(), "card.out");
+        let refused = pins.set_any(foreign, AnyValue::from(1.0));
+        assert_eq!(refused, Err(PinError::ForeignHandle));
+        assert!(!pins.read_any(foreign).valid);
+        assert_eq!(pins.foreign_handles(), 2);
+        assert_eq!(pins.values().collect::<Vec<_>>(), before);
+    }
+}

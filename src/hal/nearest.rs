@@ -1,0 +1,126 @@
+//! The name that somebody may have meant.
+
+use alloc::string::String;
+
+use super::{MAX_NAME, PinInfo};
+
+/// More names than this are not compared.
+const MOST_NAMES: usize = 10_000;
+
+/// The name that comes nearest to one that does not exist: that of which it is the end, behind a
+/// point, or else the one that is the fewest changes of a character away, if that is not more than a
+/// third of them.
+///
+/// Bounded by 10,000 names of 47 characters. Allocates: for set-up.
+pub(super) fn nearest(infos: &[PinInfo], wanted: &str) -> Option<String> {
+    let names = infos.iter().take(MOST_NAMES).map(|info| &*info.name);
+    let is_end = |name: &&str| {
+        let stem = name.strip_suffix(wanted);
+        !wanted.is_empty() && stem.is_some_and(|stem| stem.ends_with('.'))
+    };
+    if let Some(name) = names.clone().find(is_end) {
+        return Some(name.into());
+    }
+    let most = wanted.len().min(MAX_NAME) / 3;
+    let near = names
+        .filter(|name| name.len().abs_diff(wanted.len()) <= most)
+        .map(|name| (changes(name.as_bytes(), wanted.as_bytes()), name))
+        .min_by_key(|(changes, _)| *changes);
+    near.filter(|(changes, _)| *changes <= most)
+        .map(|(_, name)| name.into())
+}
+
+/// How many characters of `one` have to be changed, added or left out to make it `other`
+/// (Levenshtein's distance). `one` is a name: longer ones are very far away.
+fn changes(one: &[u8], other: &[u8]) -> usize {
+    // For each beginning of `one`: its distance to the part of `other` so far.
+    let mut row = [0_usize; MAX_NAME + 1];
+    let Some(row) = row.get_mut(..=one.len()) else {
+        return usize::MAX;
+    };
+    for (index, slot) in row.iter_mut().enumerate() {
+        *slot = index;
+    }
+    for (count, letter) in (1..).zip(other) {
+        let (mut left, mut corner) = (count, count - 1);
+        for (slot, own) in row
+            .iter_mut()
+            .zip(core::iter::once(None).chain(one.iter().map(Some)))
+        {
+            let above = *slot;
+            if let Some(own) = own {
+                let replaced = corner + usize::from(own != letter);
+                left = replaced.min(above + 1).min(left + 1);
+                corner = above;
+            }
+            *slot = left;
+        }
+    }
+    row.last().copied().unwrap_or(usize::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::{PinMaker, PinStore};
+    use super::*;
+
+    fn nearest_of(names: &[&str], wanted: &str) -> Option<String> {
+        let mut store = PinStore::default();
+        let group = store.add_group();
+        let mut make = PinMaker::new(&mut store, group, "");
+        for &name in names {
+            make.input::<bool>(name).expect("made");
+        }
+        nearest(store.infos(), wanted)
+    }
+
+    #[test]
+    fn a_slip_of_the_pen_finds_what_was_meant() {
+        let names = [
+            "hm2_7i92.0.7i77.0.0.input-07",
+            "hm2_7i92.0.7i77.0.0.output-07",
+        ];
+        for (wanted, meant) in [
+            ("hm2_7i92.0.7i77.0.0.inptu-07", Some(names[0])),
+            ("hm2_7i92.0.7i77.0.0.output_07", Some(names[1])),
+            ("hm2_7i97.0.7i77.0.0.output-7", Some(names[1])),
+            ("output-07", Some(names[1])),
+            ("7i77.0.0.input-07", Some(names[0])),
+            ("put-07", None),
+            ("", None),
+            ("spindle", None),
+        ] {
+            assert_eq!(nearest_of(&names, wanted).as_deref(), meant, "{wanted}");
+        }
+    }
+
+    /// By its definition, for short words.
+    fn slowly(one: &[u8], other: &[u8]) -> usize {
+        let (Some((a, one_rest)), Some((b, other_rest))) = (one.split_first(), other.split_first())
+        else {
+            return one.len() + other.len();
+        };
+        if a == b {
+            return slowly(one_rest, other_rest);
+        }
+        let replaced = slowly(one_rest, other_rest);
+        1 + replaced
+            .min(slowly(one, other_rest))
+            .min(slowly(one_rest, other))
+    }
+
+    proptest! {
+        #[test]
+        fn changes_are_counted_as_they_are_defined(one in "[ab-]{0,6}", other in "[ab-]{0,6}") {
+            let (one, other) = (one.as_bytes(), other.as_bytes());
+            prop_assert_eq!(changes(one, other), slowly(one, other));
+        }
+
+        #[test]
+        fn no_text_is_too_much(wanted in ".{0,200}") {
+            let _ = nearest_of(&["card.pin"], &wanted);
+        }
+    }
+}

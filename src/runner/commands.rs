@@ -1,0 +1,475 @@
+//! What other threads ask of the thread of a cycle.
+
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use crate::bus::{Clock, RegisterBus};
+use crate::driver::Driver;
+use crate::hal::kind::Settable;
+use crate::hal::{AnyValue, GroupId, HalType, Handle, Param, PinError, PinId, PinInfo, Value};
+
+/// The most commands that one cycle takes.
+pub const COMMANDS_IN_A_CYCLE: u32 = 16;
+
+/// The largest queue.
+const LARGEST: usize = 1 << 16;
+
+/// Commands of other threads, for the thread of the cycle, which takes a bounded number in each.
+///
+/// A [`Runner`](super::Runner) has one when [`Runner::commands`](super::Runner::commands) was asked
+/// for, and takes commands after the read of a cycle, before the application's own work, which has the
+/// last word. Who has a loop of his own calls [`take`](Self::take) there.
+///
+/// ```
+/// use mesa_hal::{Driver, Settings, runner::CommandQueue, sim::machines};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let board = machines::six_axes_7i92(Default::default());
+/// let mut driver = Driver::start(board, Settings::default())?;
+/// let lamp = driver.pins().output::<bool>("hm2_7i92.0.7i77.0.0.output-00")?;
+/// let mut queue = CommandQueue::new(&driver, 64);
+/// let sender = queue.sender(); // `Clone`, and goes to any thread
+/// std::thread::spawn(move || sender.set(lamp, true)).join().unwrap()?;
+/// let _ = driver.read()?;
+/// queue.take(&mut driver);
+/// assert!(driver.pins().commanded(lamp));
+/// driver.write()?;
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Real time
+/// [`take`](Self::take) waits for nobody: senders wait for each other only. Nothing allocates but
+/// [`new`](Self::new).
+#[derive(Debug)]
+pub struct CommandQueue {
+    shared: Arc<Shared>,
+}
+
+/// Asks the thread of the cycle to do something; in any other thread.
+///
+/// # Errors
+/// Each function: [`CommandError`]. Nothing is asked then.
+///
+/// # Real time
+/// For other threads than that of the cycle: it may wait for another sender, not for the cycle. What
+/// was sent is done in the next cycle, or, where more than 16 commands wait, in one that soon follows.
+#[derive(Clone, Debug)]
+pub struct CommandSender {
+    shared: Arc<Shared>,
+}
+
+/// Why a command was not sent.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CommandError {
+    /// As many commands wait as the queue holds.
+    #[error(
+        "{capacity} commands wait already, as many as the queue holds: does the cycle run? Each takes \
+         up to {COMMANDS_IN_A_CYCLE}"
+    )]
+    Full {
+        /// As many as it holds.
+        capacity: usize,
+    },
+    /// The queue is gone.
+    #[error("the cycle has ended: nobody takes commands any more")]
+    Ended,
+    /// The pin can not be set to that.
+    #[error(transparent)]
+    Pin(#[from] PinError),
+    /// There is no remote to restart.
+    #[error("no remote takes part on port {port}, channel {channel}")]
+    NoRemote {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+    },
+}
+
+/// What became of commands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
+pub struct CommandStatistics {
+    /// Sent.
+    pub sent: u64,
+    /// Taken by the cycle.
+    pub taken: u64,
+    /// Of those, commands that the driver refused: a value outside the limits of a parameter, or a
+    /// group that does not run and can not be armed.
+    pub refused: u64,
+}
+
+/// What the cycle is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Command {
+    Set(PinId, AnyValue),
+    Rearm,
+    RearmGroup(GroupId),
+    Restart(u8, u8),
+}
+
+/// A ring: senders write behind a lock of their own, the cycle reads without one.
+#[derive(Debug)]
+struct Shared {
+    slots: Box<[[AtomicU64; 3]]>,
+    /// Commands that were sent, and of them those that were taken.
+    sent: AtomicU64,
+    taken: AtomicU64,
+    refused: AtomicU64,
+    /// Held by senders only.
+    sending: Mutex<()>,
+    has_ended: AtomicBool,
+    infos: Vec<PinInfo>,
+    /// Any pin, to tell whose pins they are.
+    pin: PinId,
+    /// The remotes, by port and channel.
+    remotes: Vec<(u8, u8)>,
+}
+
+impl CommandQueue {
+    /// For a driver. It holds `capacity` commands: 1 to 65,536, or else the nearest of these.
+    pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>, capacity: usize) -> Self {
+        let slots = (0..capacity.clamp(1, LARGEST)).map(|_| <[AtomicU64; 3]>::default());
+        let pins = driver.pins();
+        let remotes = driver.ports().iter().flat_map(|port| {
+            let number = port.layout().instance;
+            port.remotes()
+                .map(move |remote| (number, remote.started.channel.index()))
+        });
+        Self {
+            shared: Arc::new(Shared {
+                slots: slots.collect(),
+                sent: AtomicU64::new(0),
+                taken: AtomicU64::new(0),
+                refused: AtomicU64::new(0),
+                sending: Mutex::new(()),
+                has_ended: AtomicBool::new(false),
+                infos: pins.infos().to_vec(),
+                pin: pins.ids().next().unwrap_or_default(),
+                remotes: remotes.collect(),
+            }),
+        }
+    }
+
+    /// A sender for another thread. Allocates nothing.
+    pub fn sender(&self) -> CommandSender {
+        CommandSender {
+            shared: Arc::clone(&self.shared),
+        }
+    }
+
+    /// Does what was asked for, between the read and the write of a cycle: at most 16 commands, and
+    /// none after one that re-arms everything. How many it were.
+    ///
+    /// # Real time
+    /// Bounded, no allocation. Re-arming a board that has lost its set-up takes the time of
+    /// [`Driver::rearm`].
+    pub fn take<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) -> u32 {
+        let mut count = 0;
+        while count < COMMANDS_IN_A_CYCLE
+            && let Some(command) = self.shared.next()
+        {
+            count += 1;
+            let is_done = match command {
+                Command::Set(pin, value) => driver.pins_mut().set_any(pin, value).is_ok(),
+                Command::Rearm => driver.rearm().is_ok(),
+                Command::RearmGroup(group) => driver.pins_mut().rearm(group).is_ok(),
+                Command::Restart(port, channel) => {
+                    driver.restart(port, channel);
+                    true
+                }
+            };
+            if !is_done {
+                self.shared.refused.fetch_add(1, Ordering::Relaxed);
+            }
+            if command == Command::Rearm {
+                break;
+            }
+        }
+        count
+    }
+}
+
+/// Senders learn that nobody takes anything any more.
+impl Drop for CommandQueue {
+    fn drop(&mut self) {
+        self.shared.has_ended.store(true, Ordering::Release);
+    }
+}
+
+impl CommandSender {
+    /// Sets an output, or a pin that both sides set. A value out of range is limited and counted, as
+    /// always.
+    pub fn set<K: Settable, T: Value>(
+        &self,
+        pin: Handle<K, T>,
+        value: T,
+    ) -> Result<(), CommandError> {
+        self.set_any(pin.into(), value.into())
+    }
+
+    /// Changes a setting. One outside its limits is refused by the cycle, and counted there.
+    pub fn set_param<T: Value>(&self, param: Param<T>, value: T) -> Result<(), CommandError> {
+        self.set_any(param.into(), value.into())
+    }
+
+    /// Sets a pin or a setting of any type.
+    pub fn set_any(&self, pin: PinId, value: AnyValue) -> Result<(), CommandError> {
+        let shared = &*self.shared;
+        let info = shared.infos.get(pin.index());
+        let info = info.filter(|_| pin.is_beside(shared.pin));
+        info.ok_or(PinError::ForeignHandle)?.check_settable(value)?;
+        self.send(Command::Set(pin, value))
+    }
+
+    /// Re-arms everything: [`Driver::rearm`].
+    pub fn rearm(&self) -> Result<(), CommandError> {
+        self.send(Command::Rearm)
+    }
+
+    /// Re-arms one group: [`Pins::rearm`](crate::hal::Pins::rearm).
+    pub fn rearm_group(&self, group: GroupId) -> Result<(), CommandError> {
+        if !PinId::from_word(group.to_word()).is_beside(self.shared.pin) {
+            return Err(PinError::ForeignHandle.into());
+        }
+        self.send(Command::RearmGroup(group))
+    }
+
+    /// Restarts the remote on `channel` (0 to 7) of `port`: [`Driver::restart`].
+    pub fn restart(&self, port: u8, channel: u8) -> Result<(), CommandError> {
+        if !self.shared.remotes.contains(&(port, channel)) {
+            return Err(CommandError::NoRemote { port, channel });
+        }
+        self.send(Command::Restart(port, channel))
+    }
+
+    /// What became of the commands of all senders so far.
+    pub fn statistics(&self) -> CommandStatistics {
+        let shared = &*self.shared;
+        // In this order, so that never more are taken than sent.
+        let refused = shared.refused.load(Ordering::Acquire);
+        let taken = shared.taken.load(Ordering::Acquire);
+        CommandStatistics {
+            sent: shared.sent.load(Ordering::Acquire),
+            taken,
+            refused,
+        }
+    }
+
+    fn send(&self, command: Command) -> Result<(), CommandError> {
+        let shared = &*self.shared;
+        // What it guards is whole at every moment.
+        let _one_at_a_time = shared
+            .sending
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if shared.has_ended.load(Ordering::Acquire) {
+            return Err(CommandError::Ended);
+        }
+        let sent = shared.sent.load(Ordering::Relaxed);
+        let waiting = sent.saturating_sub(shared.taken.load(Ordering::Acquire));
+        let slot = shared.slot(sent);
+        let Some(slot) = slot.filter(|_| waiting < shared.slots.len() as u64) else {
+            let capacity = shared.slots.len();
+            return Err(CommandError::Full { capacity });
+        };
+        for (slot, word) in slot.iter().zip(command.to_words()) {
+            slot.store(word, Ordering::Relaxed);
+        }
+        // After it the words are the cycle's, ...
+        shared.sent.store(sent + 1, Ordering::Release);
+        Ok(())
+    }
+}
+
+impl Shared {
+    /// Takes a command. Called in one thread only.
+    fn next(&self) -> Option<Command> {
+        let taken = self.taken.load(Ordering::Relaxed);
+        if taken == self.sent.load(Ordering::Acquire) {
+            return None;
+        }
+        let words = self.slot(taken)?.each_ref();
+        let words = words.map(|word| word.load(Ordering::Relaxed));
+        // ... and after this the senders' again.
+        self.taken.store(taken + 1, Ordering::Release);
+        Some(Command::from_words(words))
+    }
+
+    fn slot(&self, number: u64) -> Option<&[AtomicU64; 3]> {
+        let index = number.checked_rem(self.slots.len() as u64)?;
+        self.slots.get(index as usize)
+    }
+}
+
+const TYPES: [HalType; 6] = [
+    HalType::Bit,
+    HalType::Float,
+    HalType::S32,
+    HalType::U32,
+    HalType::S64,
+    HalType::U64,
+];
+
+impl Command {
+    fn to_words(self) -> [u64; 3] {
+        match self {
+            Self::Rearm => [0, 0, 0],
+            Self::RearmGroup(group) => [1, group.to_word(), 0],
+            Self::Restart(port, channel) => [2, port.into(), channel.into()],
+            Self::Set(pin, value) => {
+                let number = TYPES.iter().position(|&other| other == value.hal_type);
+                let number = number.unwrap_or_default() as u64;
+                [3 + number, pin.to_word(), value.bits]
+            }
+        }
+    }
+
+    fn from_words([kind, one, other]: [u64; 3]) -> Self {
+        match kind {
+            0 => Self::Rearm,
+            1 => Self::RearmGroup(GroupId::from_word(one)),
+            2 => Self::Restart(one as u8, other as u8),
+            _ => {
+                let hal_type = TYPES.get((kind - 3) as usize);
+                let value = AnyValue {
+                    hal_type: hal_type.copied().unwrap_or(HalType::Bit),
+                    bits: other,
+                };
+                Self::Set(PinId::from_word(one), value)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::driver::{BoardState, RemoteState, Settings};
+    use crate::sim::{MotorConfig, SimFpga, machines};
+
+    fn driver() -> Driver<SimFpga> {
+        let board = machines::six_axes_7i92(MotorConfig::default());
+        Driver::start(board, Settings::default()).expect("it starts")
+    }
+
+    fn cycle(driver: &mut Driver<SimFpga>, queue: &mut CommandQueue) -> u32 {
+        let _ = driver.read().expect("the bus does not fail");
+        let count = queue.take(driver);
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(core::time::Duration::from_millis(1));
+        count
+    }
+
+    #[test]
+    fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
+        let mut driver = driver();
+        let mut queue = CommandQueue::new(&driver, 20);
+        let sender = queue.sender();
+        let output = "hm2_7i92.0.7i77.0.0.output-00";
+        let output = driver.pins().output::<bool>(output).expect("there");
+        for _ in 0..20 {
+            sender.set(output, true).expect("there is room");
+        }
+        let full = sender.set(output, false).expect_err("there is none");
+        assert_eq!(full, CommandError::Full { capacity: 20 });
+        assert!(full.to_string().contains("does the cycle run?"), "{full}");
+        assert_eq!(cycle(&mut driver, &mut queue), 16);
+        assert_eq!(cycle(&mut driver, &mut queue), 4);
+        assert_eq!(cycle(&mut driver, &mut queue), 0);
+        // The ring goes round.
+        for n in 0..50_u32 {
+            sender.set(output, n % 2 == 0).expect("there is room");
+            assert_eq!(cycle(&mut driver, &mut queue), 1);
+            assert_eq!(driver.pins().commanded(output), n % 2 == 0);
+        }
+        let statistics = sender.statistics();
+        assert_eq!((statistics.sent, statistics.taken), (70, 70));
+        assert_eq!(statistics.refused, 0);
+        drop(queue);
+        assert_eq!(sender.rearm(), Err(CommandError::Ended));
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_where_it_is_sent() {
+        let driver = driver();
+        let sender = CommandQueue::new(&driver, 4).sender();
+        let other = self::driver();
+        let pins = other.pins();
+        let output = "hm2_7i92.0.7i77.0.0.output-00";
+        let foreign = pins.output::<bool>(output).expect("there");
+        let own = |name| driver.pins().id(name).expect("there");
+        let float = AnyValue::from(1.0);
+        for (sent, why) in [
+            (sender.set(foreign, true), PinError::ForeignHandle),
+            (sender.rearm_group(other.group()), PinError::ForeignHandle),
+            (
+                sender.set_any(own("hm2_7i92.0.7i77.0.0.input-00"), true.into()),
+                PinError::NotSettable,
+            ),
+            (
+                sender.set_any(own(output), float),
+                PinError::WrongType {
+                    expected: "bit",
+                    actual: "float",
+                },
+            ),
+        ] {
+            assert_eq!(sent, Err(CommandError::Pin(why)));
+        }
+        let (port, channel) = (0, 7);
+        let nothing = sender.restart(port, channel);
+        assert_eq!(nothing, Err(CommandError::NoRemote { port, channel }));
+        assert_eq!(sender.statistics(), CommandStatistics::default());
+    }
+
+    #[test]
+    fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
+        let mut driver = driver();
+        let mut queue = CommandQueue::new(&driver, 8);
+        let sender = queue.sender();
+        cycle(&mut driver, &mut queue);
+        let limit = driver
+            .pins()
+            .parameter::<f64>("hm2_7i92.0.7i77.0.1.analogout0-maxlim")
+            .expect("there");
+        sender.set_param(limit, 2.5).expect("sent");
+        sender
+            .set_param(limit, f64::NAN)
+            .expect("the cycle refuses it");
+        sender.restart(0, 0).expect("sent");
+        cycle(&mut driver, &mut queue);
+        assert_eq!(driver.pins().param(limit), 2.5);
+        assert_eq!(sender.statistics().refused, 1);
+        let remote = driver.remote(0, 0).expect("there");
+        assert_ne!(remote.state, RemoteState::Running);
+        let group = remote.pins.group;
+        for _ in 0..200 {
+            cycle(&mut driver, &mut queue);
+        }
+        let armed = |driver: &Driver<SimFpga>| {
+            let state = driver.pins().group_state(group);
+            state.expect("a group").armed
+        };
+        assert!(!armed(&driver), "it waits for that");
+        sender.rearm_group(group).expect("sent");
+        cycle(&mut driver, &mut queue);
+        assert!(armed(&driver));
+
+        driver.bus_mut().wait(core::time::Duration::from_secs(1));
+        for _ in 0..3 {
+            let _ = driver.read();
+            let _ = driver.write();
+        }
+        assert_eq!(driver.board_state(), BoardState::WatchdogBitten);
+        sender.rearm().expect("sent");
+        cycle(&mut driver, &mut queue);
+        assert_eq!(driver.board_state(), BoardState::Running);
+    }
+}

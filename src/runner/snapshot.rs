@@ -1,0 +1,596 @@
+//! What the thread of a cycle shows to other threads.
+
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::slice;
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
+
+use super::RunStatistics;
+use super::packed::{Packed, Sink};
+use crate::bus::{BusStatistics, Clock, Instant, RegisterBus};
+use crate::driver::{
+    BoardState, Driver, DriverStatistics, OfflineReason, RemoteState, RemoteStatus, SerialPort,
+};
+use crate::hal::{
+    Age, AnyValue, GroupId, GroupState, HalType, Handle, PinError, PinId, PinInfo, Pins, Reading,
+    Value,
+};
+use crate::sslbp::{RemoteFaults, RemoteName};
+
+/// How often a reader tries to get a whole set.
+const TRIES: u32 = 100;
+
+/// Shows, once in each cycle, everything that a driver knows to other threads: for a GUI, a logger or
+/// a scope.
+///
+/// A [`Runner`](super::Runner) has one when [`Runner::snapshot`](super::Runner::snapshot) was asked
+/// for; who has a loop of his own calls [`publish`](Self::publish) at the end of each cycle.
+///
+/// ```
+/// use mesa_hal::{Driver, Settings, runner::SnapshotWriter, sim::machines};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let board = machines::six_axes_7i92(Default::default());
+/// let mut driver = Driver::start(board, Settings::default())?;
+/// let limit = driver.pins().input::<bool>("hm2_7i92.0.7i77.0.0.input-02")?;
+/// let mut writer = SnapshotWriter::new(&driver);
+/// let reader = writer.reader(); // `Clone`, and goes to any thread
+/// let _ = driver.read()?;
+/// driver.write()?;
+/// writer.publish(&driver)?;
+/// let seen = std::thread::spawn(move || reader.read()).join().unwrap()?;
+/// assert_eq!(seen.cycle(), 1);
+/// assert!(!seen.read(limit).value);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Real time
+/// [`publish`](Self::publish) stores one word for each pin and a few for each remote, and waits for
+/// nobody: readers neither lock nor delay it. It does not allocate. [`new`](Self::new) does.
+#[derive(Debug)]
+pub struct SnapshotWriter {
+    shared: Arc<Shared>,
+    sequence: u64,
+    since: Since,
+}
+
+/// Since when things are as they are.
+#[derive(Debug)]
+struct Since {
+    board: (BoardState, Instant),
+    /// Whether it runs, by remote.
+    remotes: Vec<(bool, Instant)>,
+}
+
+/// Takes snapshots, in any thread.
+#[derive(Clone, Debug)]
+pub struct SnapshotReader {
+    shared: Arc<Shared>,
+}
+
+/// Why there is no snapshot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SnapshotError {
+    /// Nothing was published yet.
+    #[error("no cycle has ended yet; try again in a period")]
+    NotYet,
+    /// Each copy was disturbed by a new cycle.
+    #[error(
+        "no whole set of values in {tries} tries: each copy took longer than the cycle leaves \
+         between two; try again later"
+    )]
+    Torn {
+        /// How often it was tried.
+        tries: u32,
+    },
+}
+
+/// What writer and readers have in common.
+///
+/// A sequence lock: the number is odd while words are written, and another one afterwards. A reader
+/// that finds the same even number before and after has a whole set.
+#[derive(Debug)]
+struct Shared {
+    sequence: AtomicU64,
+    words: Box<[AtomicU64]>,
+    has_ended: AtomicBool,
+    layout: Layout,
+}
+
+/// What does not change, and where the words are that do.
+#[derive(Debug)]
+struct Layout {
+    infos: Vec<PinInfo>,
+    /// Any pin, to tell whose pins they are.
+    pin: PinId,
+    groups: Vec<GroupId>,
+    /// The number of each pin's group.
+    group_of: Vec<u32>,
+    places: Vec<(u8, u8, RemoteName, GroupId)>,
+    /// The first words of ...
+    groups_at: usize,
+    remotes_at: usize,
+    values_at: usize,
+    flags_at: usize,
+}
+
+struct Words<'a>(slice::Iter<'a, AtomicU64>);
+
+impl Sink for Words<'_> {
+    fn put(&mut self, value: u64) {
+        if let Some(word) = self.0.next() {
+            word.store(value, Ordering::Relaxed);
+        }
+    }
+}
+
+impl SnapshotWriter {
+    /// For a driver. Nothing is published yet.
+    pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
+        let now = driver.pins().now();
+        let remotes = driver.ports().iter().flat_map(|port| {
+            let number = port.layout().instance;
+            port.remotes().map(move |remote| {
+                let started = remote.started;
+                (
+                    number,
+                    started.channel.index(),
+                    started.name,
+                    remote.pins.group,
+                )
+            })
+        });
+        let places: Vec<_> = remotes.collect();
+        let since = Since {
+            board: (driver.board_state(), now),
+            remotes: places.iter().map(|_| (true, now)).collect(),
+        };
+        let (layout, words) = Layout::new(driver, places, &since);
+        let words = (0..words).map(|_| AtomicU64::new(0)).collect();
+        Self {
+            shared: Arc::new(Shared {
+                sequence: AtomicU64::new(0),
+                words,
+                has_ended: AtomicBool::new(false),
+                layout,
+            }),
+            sequence: 0,
+            since,
+        }
+    }
+
+    /// A reader for another thread. Allocates nothing.
+    pub fn reader(&self) -> SnapshotReader {
+        SnapshotReader {
+            shared: Arc::clone(&self.shared),
+        }
+    }
+
+    /// Shows what is known after a cycle. The statistics of a run are those of a
+    /// [`Runner`](super::Runner) only, here all zero.
+    ///
+    /// # Errors
+    /// [`PinError::ForeignHandle`] if it was made for another driver; nothing is published then.
+    ///
+    /// # Real time
+    /// In proportion to the number of pins; waits for nobody, no allocation.
+    pub fn publish<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) -> Result<(), PinError> {
+        self.publish_run(driver, &RunStatistics::default())
+    }
+
+    /// The same with the statistics of a run.
+    ///
+    /// # Errors
+    /// As [`publish`](Self::publish).
+    ///
+    /// # Real time
+    /// As [`publish`](Self::publish).
+    pub fn publish_run<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &Driver<B>,
+        run: &RunStatistics,
+    ) -> Result<(), PinError> {
+        if !self.shared.layout.is_of(driver.pins()) {
+            return Err(PinError::ForeignHandle);
+        }
+        self.since.look(driver);
+        let Shared {
+            sequence, words, ..
+        } = &*self.shared;
+        sequence.store(self.sequence.wrapping_add(1), Ordering::Relaxed);
+        // Nobody sees a new word before the odd number.
+        fence(Ordering::Release);
+        record(driver, run, &self.since, &mut Words(words.iter()));
+        self.sequence = self.sequence.wrapping_add(2);
+        sequence.store(self.sequence, Ordering::Release);
+        Ok(())
+    }
+}
+
+/// Readers learn that nothing comes any more.
+impl Drop for SnapshotWriter {
+    fn drop(&mut self) {
+        self.shared.has_ended.store(true, Ordering::Release);
+    }
+}
+
+impl Since {
+    fn look<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
+        let now = driver.pins().now();
+        if self.board.0 != driver.board_state() {
+            self.board = (driver.board_state(), now);
+        }
+        for (since, remote) in self.remotes.iter_mut().zip(remotes(driver)) {
+            let runs = remote.state == RemoteState::Running;
+            if since.0 != runs {
+                *since = (runs, now);
+            }
+        }
+    }
+}
+
+fn remotes<B: RegisterBus + Clock>(driver: &Driver<B>) -> impl Iterator<Item = RemoteStatus<'_>> {
+    let ports = driver.ports().iter();
+    ports.flat_map(SerialPort::remotes)
+}
+
+/// All words of a cycle, in the order of the [`Layout`].
+fn record<B: RegisterBus + Clock>(
+    driver: &Driver<B>,
+    run: &RunStatistics,
+    since: &Since,
+    to: &mut impl Sink,
+) {
+    record_head(driver, run, since, to);
+    record_groups(driver.pins(), to);
+    record_remotes(driver, since, to);
+    record_values(driver.pins(), to);
+    record_flags(driver.pins(), to);
+}
+
+fn record_head<B: RegisterBus + Clock>(
+    driver: &Driver<B>,
+    run: &RunStatistics,
+    since: &Since,
+    to: &mut impl Sink,
+) {
+    driver.pins().cycle().pack(to);
+    driver.pins().now().pack(to);
+    since.board.0.pack(to);
+    since.board.1.pack(to);
+    run.pack(to);
+    driver.statistics().pack(to);
+    driver.bus().statistics().pack(to);
+}
+
+fn record_groups(pins: &Pins, to: &mut impl Sink) {
+    for state in pins.groups().filter_map(|group| pins.group_state(group)) {
+        state.pack(to);
+    }
+}
+
+fn record_remotes<B: RegisterBus + Clock>(driver: &Driver<B>, since: &Since, to: &mut impl Sink) {
+    for (remote, &(_, since)) in remotes(driver).zip(&since.remotes) {
+        since.pack(to);
+        remote.state.pack(to);
+        remote.first_fault.pack(to);
+        remote.faults.pack(to);
+        for count in [remote.transfers, remote.failures.total(), remote.restarts] {
+            to.put(count);
+        }
+    }
+}
+
+fn record_values(pins: &Pins, to: &mut impl Sink) {
+    pins.kept().for_each(|(bits, _)| to.put(bits));
+}
+
+/// One bit for each pin: its last value was refused or withheld.
+fn record_flags(pins: &Pins, to: &mut impl Sink) {
+    let (mut flags, mut count) = (0, 0);
+    for (_, is_bad) in pins.kept() {
+        flags |= u64::from(is_bad) << count;
+        count += 1;
+        if count == u64::BITS {
+            to.put(flags);
+            (flags, count) = (0, 0);
+        }
+    }
+    to.put(flags);
+}
+
+impl Layout {
+    /// And how many words there are.
+    fn new<B: RegisterBus + Clock>(
+        driver: &Driver<B>,
+        places: Vec<(u8, u8, RemoteName, GroupId)>,
+        since: &Since,
+    ) -> (Self, usize) {
+        let pins = driver.pins();
+        let groups: Vec<_> = pins.groups().collect();
+        let group_of = pins.infos().iter().map(|info| {
+            let group = groups.iter().position(|&group| group == info.group);
+            group.unwrap_or_default() as u32
+        });
+        let mut words = 0;
+        record_head(driver, &RunStatistics::default(), since, &mut words);
+        let groups_at = words;
+        record_groups(pins, &mut words);
+        let remotes_at = words;
+        record_remotes(driver, since, &mut words);
+        let values_at = words;
+        record_values(pins, &mut words);
+        let flags_at = words;
+        record_flags(pins, &mut words);
+        let layout = Self {
+            infos: pins.infos().to_vec(),
+            pin: pins.ids().next().unwrap_or_default(),
+            group_of: group_of.collect(),
+            groups,
+            places,
+            groups_at,
+            remotes_at,
+            values_at,
+            flags_at,
+        };
+        (layout, words)
+    }
+
+    fn is_of(&self, pins: &Pins) -> bool {
+        let pin = pins.ids().next().unwrap_or_default();
+        pin == self.pin && pins.infos().len() == self.infos.len()
+    }
+}
+
+impl SnapshotReader {
+    /// The pins and parameters, in the order of their values: as [`Pins::infos`].
+    pub fn infos(&self) -> &[PinInfo] {
+        &self.shared.layout.infos
+    }
+
+    /// What the cycle showed last.
+    ///
+    /// # Errors
+    /// [`SnapshotError`].
+    ///
+    /// # Real time
+    /// For other threads than that of the cycle: allocates, tries at most 100 times, and gives its
+    /// CPU away between two.
+    pub fn read(&self) -> Result<Snapshot, SnapshotError> {
+        let mut snapshot = Snapshot {
+            shared: Arc::clone(&self.shared),
+            words: Vec::new(),
+        };
+        self.read_into(&mut snapshot)?;
+        Ok(snapshot)
+    }
+
+    /// The same into one that was read before, without allocation. After an error its values are of
+    /// no cycle.
+    ///
+    /// # Errors
+    /// [`SnapshotError`].
+    pub fn read_into(&self, snapshot: &mut Snapshot) -> Result<(), SnapshotError> {
+        let shared = &*self.shared;
+        if !Arc::ptr_eq(&self.shared, &snapshot.shared) {
+            snapshot.shared = Arc::clone(&self.shared);
+        }
+        snapshot.words.resize(shared.words.len(), 0);
+        for _ in 0..TRIES {
+            let before = shared.sequence.load(Ordering::Acquire);
+            if before == 0 {
+                return Err(SnapshotError::NotYet);
+            }
+            if before.is_multiple_of(2) {
+                for (copy, word) in snapshot.words.iter_mut().zip(&shared.words) {
+                    *copy = word.load(Ordering::Relaxed);
+                }
+                // No word is loaded after the number.
+                fence(Ordering::Acquire);
+                if shared.sequence.load(Ordering::Relaxed) == before {
+                    return Ok(());
+                }
+            }
+            std::thread::yield_now();
+        }
+        Err(SnapshotError::Torn { tries: TRIES })
+    }
+
+    /// Whether the writer is gone: what was shown last was the last.
+    pub fn has_ended(&self) -> bool {
+        self.shared.has_ended.load(Ordering::Acquire)
+    }
+}
+
+/// What the cycle showed, all of one moment: after the write of a cycle.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    shared: Arc<Shared>,
+    words: Vec<u64>,
+}
+
+/// A remote, as a [`Snapshot`] shows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct RemoteSnapshot {
+    /// The port.
+    pub port: u8,
+    /// Its channel, 0 to 7.
+    pub channel: u8,
+    /// Its name at the start.
+    pub name: RemoteName,
+    /// The group of its pins.
+    pub group: GroupId,
+    /// Since when it runs, or does not, as far as it was looked at.
+    pub since: Instant,
+    /// What it is doing.
+    pub state: RemoteState,
+    /// Why it went offline first since it was re-armed last.
+    pub first_fault: Option<OfflineReason>,
+    /// What it reported with its last reply.
+    pub faults: RemoteFaults,
+    /// Transfers of its own so far, failed ones included.
+    pub transfers: u64,
+    /// Its failures so far.
+    pub failures: u64,
+    /// How often it was restarted.
+    pub restarts: u64,
+}
+
+/// What is in front of the pins.
+struct Head {
+    cycle: u64,
+    time: Instant,
+    board: (BoardState, Instant),
+    run: RunStatistics,
+    driver: DriverStatistics,
+    bus: BusStatistics,
+}
+
+impl Snapshot {
+    /// The pins and parameters: as [`Pins::infos`].
+    pub fn infos(&self) -> &[PinInfo] {
+        &self.shared.layout.infos
+    }
+
+    /// The number of the cycle, from 1 on.
+    pub fn cycle(&self) -> u64 {
+        self.head().cycle
+    }
+
+    /// When the cycle began, on the clock of the bus.
+    pub fn time(&self) -> Instant {
+        self.head().time
+    }
+
+    /// The state of the board, and since when.
+    pub fn board(&self) -> (BoardState, Instant) {
+        self.head().board
+    }
+
+    /// What the runner counted.
+    pub fn run_statistics(&self) -> RunStatistics {
+        self.head().run
+    }
+
+    /// What the driver counted.
+    pub fn driver_statistics(&self) -> DriverStatistics {
+        self.head().driver
+    }
+
+    /// What the bus counted.
+    pub fn bus_statistics(&self) -> BusStatistics {
+        self.head().bus
+    }
+
+    /// A pin by its handle: an input as it was read, an output as it was commanded, a parameter. One
+    /// of another driver gives zero, not valid.
+    pub fn read<K: Copy, T: Value>(&self, pin: Handle<K, T>) -> Reading<T> {
+        let found = self.reading(pin.into());
+        let Reading { value, valid, age } = found.unwrap_or(Reading {
+            value: (HalType::Bit, 0),
+            valid: false,
+            age: Age::NEVER,
+        });
+        Reading {
+            value: T::from_bits(value.1),
+            valid,
+            age,
+        }
+    }
+
+    /// A pin or parameter of any type; `None` for one of another driver.
+    pub fn read_any(&self, pin: PinId) -> Option<Reading<AnyValue>> {
+        let Reading { value, valid, age } = self.reading(pin)?;
+        let (hal_type, bits) = value;
+        Some(Reading {
+            value: AnyValue { hal_type, bits },
+            valid,
+            age,
+        })
+    }
+
+    /// All of them, in the order of [`infos`](Self::infos). A parameter is always valid.
+    pub fn pins(&self) -> impl Iterator<Item = (&PinInfo, Reading<AnyValue>)> + '_ {
+        let layout = &self.shared.layout;
+        let all = layout.infos.iter().enumerate();
+        all.filter_map(|(index, info)| {
+            let pin = layout.pin.beside(index as u32);
+            Some((info, self.read_any(pin)?))
+        })
+    }
+
+    /// The state of a group; `None` for one of another driver.
+    pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
+        let mut groups = self.shared.layout.groups.iter();
+        let number = groups.position(|&other| other == group)?;
+        Some(self.group(number))
+    }
+
+    /// The remotes, by port and channel.
+    pub fn remotes(&self) -> impl Iterator<Item = RemoteSnapshot> + '_ {
+        let mut words = self.from(self.shared.layout.remotes_at);
+        let places = self.shared.layout.places.iter();
+        places.map(move |&(port, channel, name, group)| RemoteSnapshot {
+            port,
+            channel,
+            name,
+            group,
+            since: Packed::unpack(&mut words),
+            state: Packed::unpack(&mut words),
+            first_fault: Packed::unpack(&mut words),
+            faults: Packed::unpack(&mut words),
+            transfers: Packed::unpack(&mut words),
+            failures: Packed::unpack(&mut words),
+            restarts: Packed::unpack(&mut words),
+        })
+    }
+
+    fn from(&self, at: usize) -> impl Iterator<Item = u64> + '_ {
+        self.words.iter().skip(at).copied()
+    }
+
+    fn head(&self) -> Head {
+        let mut words = self.from(0);
+        let words = &mut words;
+        Head {
+            cycle: Packed::unpack(words),
+            time: Packed::unpack(words),
+            board: (Packed::unpack(words), Packed::unpack(words)),
+            run: Packed::unpack(words),
+            driver: Packed::unpack(words),
+            bus: Packed::unpack(words),
+        }
+    }
+
+    fn group(&self, number: usize) -> GroupState {
+        let layout = &self.shared.layout;
+        let words = layout.remotes_at - layout.groups_at;
+        let each = words / layout.groups.len().max(1);
+        GroupState::unpack(&mut self.from(layout.groups_at + number * each))
+    }
+
+    fn reading(&self, pin: PinId) -> Option<Reading<(HalType, u64)>> {
+        let layout = &self.shared.layout;
+        let index = pin.index();
+        let info = layout
+            .infos
+            .get(index)
+            .filter(|_| pin.is_beside(layout.pin))?;
+        let value = self.words.get(layout.values_at + index)?;
+        let flags = self.words.get(layout.flags_at + index / 64)?;
+        let is_bad = flags >> (index % 64) & 1 != 0;
+        let group = self.group(*layout.group_of.get(index)? as usize);
+        Some(Reading {
+            value: (info.hal_type, *value),
+            valid: info.role.is_param() || group.valid && !is_bad,
+            age: group.age,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
