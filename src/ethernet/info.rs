@@ -1,47 +1,10 @@
-//! Who a board is, what it counted, what it shows, and its EEPROM.
+//! What a board counted, what it shows, and its EEPROM.
 
-use alloc::borrow::ToOwned;
-use alloc::string::String;
-use core::{fmt, net::Ipv4Addr, time::Duration};
+use core::{net::Ipv4Addr, time::Duration};
 
 use super::{EthernetBoard, EthernetError, Lbp16Board};
 use crate::lbp16::registers::{control, eeprom, read_only};
-use crate::lbp16::{Command, ErrorRegister, InfoArea, Space, text};
-
-/// The address of a network interface. `Display` writes it as usual: `00:60:0e:1b:00:97`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct MacAddress(pub [u8; 6]);
-
-impl fmt::Display for MacAddress {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (n, byte) in self.0.iter().enumerate() {
-            let colon = if n == 0 { "" } else { ":" };
-            write!(f, "{colon}{byte:02x}")?;
-        }
-        Ok(())
-    }
-}
-
-/// What a board says about itself.
-///
-/// Source: manual 7I97, "SPACE 7: LBP READ ONLY AREA" and "ETHERNET EEPROM LAYOUT".
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Identity {
-    /// The card's name without what pads it, for example `7I97`; `?` if it is no text.
-    pub card: String,
-    /// Version of the protocol.
-    pub lbp_version: u16,
-    /// Version of the firmware that answers.
-    pub firmware_version: u16,
-    /// The jumpers, as the board reads them. Which bit is which jumper is not documented.
-    pub jumpers: u16,
-    /// The MAC address in the EEPROM.
-    pub mac: MacAddress,
-    /// The IP address in the EEPROM, which the board uses if its jumpers say so.
-    pub eeprom_ip: Ipv4Addr,
-    /// The netmask in the EEPROM; firmware 16 and later have one.
-    pub eeprom_netmask: Option<Ipv4Addr>,
-}
+use crate::lbp16::{Command, ErrorRegister, InfoArea, Space};
 
 /// What a board counted since it was reset; 16 bits, they wrap around.
 ///
@@ -118,30 +81,6 @@ impl LedTime {
 
 /// What the board says.
 impl<B: Lbp16Board> EthernetBoard<'_, B> {
-    /// Who it is. Checks first that it is an LBP16 board at all.
-    ///
-    /// # Errors
-    /// [`Lbp16Error::Cookie`](crate::lbp16::Lbp16Error::Cookie), and those of the bus.
-    pub fn identity(&mut self) -> Result<Identity, EthernetError<B::Error>> {
-        self.space_info(Space::ReadOnly)?;
-        let words: [u16; 11] = self.words(Space::ReadOnly, read_only::CARD_NAME)?;
-        let [name @ .., lbp_version, firmware_version, jumpers] = words;
-        let mut mac = self.words(Space::Eeprom, eeprom::MAC)?;
-        mac.reverse();
-        let [[m0, m1], [m2, m3], [m4, m5]] = mac.map(u16::to_be_bytes);
-        let has_netmask = firmware_version >= eeprom::NETMASK_FIRMWARE;
-        let netmask = has_netmask.then(|| self.eeprom_address(eeprom::NETMASK));
-        Ok(Identity {
-            card: text(name.map(u16::to_le_bytes).as_flattened()).to_owned(),
-            lbp_version,
-            firmware_version,
-            jumpers,
-            mac: MacAddress([m0, m1, m2, m3, m4, m5]),
-            eeprom_netmask: netmask.transpose()?,
-            eeprom_ip: self.eeprom_address(eeprom::IP_ADDRESS)?,
-        })
-    }
-
     /// What a memory space says about itself.
     ///
     /// # Errors
@@ -208,11 +147,6 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
             0 => LedMode::HostMot2,
             _ => LedMode::Debug,
         })
-    }
-
-    fn eeprom_address(&mut self, address: u16) -> Result<Ipv4Addr, EthernetError<B::Error>> {
-        let [low, high] = self.words(Space::Eeprom, address)?;
-        Ok(Ipv4Addr::from_bits(u32::from(high) << 16 | u32::from(low)))
     }
 }
 

@@ -7,6 +7,7 @@
 mod bitfile;
 mod error;
 mod flash;
+mod identity;
 mod info;
 mod memory;
 mod packets;
@@ -15,5 +16,6 @@ pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
 pub use flash::{Area, Flash, FlashStep};
-pub use info::{Counters, Identity, LedMode, LedTime, MacAddress, Timestamps};
+pub use identity::{AddressSource, Identity, MacAddress};
+pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

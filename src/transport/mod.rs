@@ -1,7 +1,10 @@
-//! Buses: LBP16 over UDP, recording and fault-injecting wrappers.
+//! Buses: LBP16 over UDP, recording and fault-injecting wrappers. Beside them: where boards are, and
+//! the way to them.
 
 mod faulty;
+pub mod network;
 mod recording;
+pub mod search;
 #[cfg(test)]
 mod tests;
 pub mod udp;

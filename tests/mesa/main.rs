@@ -7,6 +7,7 @@ mod info;
 #[path = "../interop/mod.rs"]
 mod interop;
 mod led;
+mod list;
 mod manual;
 mod raw;
 mod registers;

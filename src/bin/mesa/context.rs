@@ -47,6 +47,8 @@ impl Context {
 pub enum Ending {
     /// As asked for.
     Done,
+    /// The board or the machine says no, and it was printed.
+    Refused,
     /// By a signal, with everything safe.
     Stopped(Signal),
 }

@@ -57,6 +57,7 @@ fn main() -> ExitCode {
     };
     match cli.command.run(&context) {
         Ok(Ending::Done) => ExitCode::SUCCESS,
+        Ok(Ending::Refused) => ExitCode::FAILURE,
         Ok(Ending::Stopped(signal)) => signal.exit_code(),
         Err(failure) => {
             output::complain(format_args!("mesa: {failure}"));

@@ -2,6 +2,7 @@
 
 mod info;
 mod led;
+mod list;
 mod manual;
 mod raw;
 mod registers;
@@ -20,6 +21,7 @@ pub enum Command {
     Raw(raw::Raw),
     Peek(registers::Peek),
     Poke(registers::Poke),
+    List(list::List),
     Sim(sim::Options),
 }
 
@@ -33,6 +35,7 @@ impl Command {
             Self::Raw(raw) => raw.run(context),
             Self::Peek(peek) => peek.run(context),
             Self::Poke(poke) => poke.run(context),
+            Self::List(list) => list.run(context),
             Self::Sim(options) => sim::run(options, context),
         }
     }

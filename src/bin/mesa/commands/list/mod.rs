@@ -1,0 +1,183 @@
+//! `mesa list`: which boards are on the network.
+
+mod range;
+mod why;
+
+use std::fmt::{self, Display};
+use std::net::{Ipv4Addr, SocketAddrV4};
+use std::time::Duration;
+
+use clap::Args;
+use mesa_hal::ethernet::{AddressSource, Identity};
+use mesa_hal::lbp16;
+use mesa_hal::transport::network::Network;
+use mesa_hal::transport::search::{self, Asked};
+use serde::Serialize;
+
+use crate::context::{Context, Ending, Failure};
+use crate::output::complain;
+use range::{MOST, Range};
+use why::Why;
+
+/// How long an address may take to answer.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+const AFTER_HELP: &str = "\
+It asks the two addresses that boards come with, 192.168.1.121 and 10.10.10.10, and each RANGE:
+1 to 1024 addresses in all, 128 at a time, each for 200 ms. It writes nothing to a board: one that
+is running is not disturbed. Where none answers, it says why, and what to type on this computer.
+
+Exits with 0 if there is a board, with 1 if there is none.
+
+Example:
+  mesa list 10.10.10.0/24 192.168.1.100-192.168.1.130";
+
+/// Which boards are on the network
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct List {
+    /// More addresses: one, a network, or from one to another
+    #[arg(value_name = "IP|IP/BITS|IP-IP")]
+    ranges: Vec<Range>,
+    /// UDP port of the boards
+    #[arg(long, default_value_t = lbp16::PORT, value_parser = clap::value_parser!(u16).range(1..))]
+    port: u16,
+}
+
+/// What was found.
+#[derive(Debug, Serialize)]
+struct Boards {
+    boards: Vec<Board>,
+    silent: Vec<Silent>,
+}
+
+/// A board that answers.
+#[derive(Debug, Serialize)]
+struct Board {
+    address: Ipv4Addr,
+    #[serde(flatten)]
+    identity: Identity,
+}
+
+/// Addresses where none does, for the same reason.
+#[derive(Debug, Serialize)]
+struct Silent {
+    addresses: Vec<Ipv4Addr>,
+    reason: String,
+    advice: String,
+}
+
+impl List {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let addresses = self.addresses()?;
+        let network = Network::here()?;
+        let mut found = Boards {
+            boards: Vec::new(),
+            silent: Vec::new(),
+        };
+        for batch in addresses.chunks(search::AT_ONCE) {
+            if context.stop.signal().is_some() {
+                complain("mesa: ended by a signal; not all addresses were asked");
+                break;
+            }
+            for asked in search::ask(batch, PATIENCE)? {
+                found.add(asked, &network);
+            }
+        }
+        context.print(&found)?;
+        Ok(match context.ending() {
+            Ending::Done if found.boards.is_empty() => Ending::Refused,
+            ending => ending,
+        })
+    }
+
+    /// Those that boards come with, then those that were given, each once.
+    fn addresses(&self) -> Result<Vec<SocketAddrV4>, Failure> {
+        let factory = [AddressSource::FIXED, AddressSource::FACTORY_EEPROM].map(Range::from);
+        let given: u32 = self.ranges.iter().map(|range| range.count()).sum();
+        if given > MOST {
+            return Err(Failure::usage(format_args!(
+                "these are {given} addresses; at most {MOST} are asked"
+            )));
+        }
+        let mut addresses: Vec<SocketAddrV4> = Vec::new();
+        for ip in factory
+            .iter()
+            .chain(&self.ranges)
+            .flat_map(|range| range.addresses())
+        {
+            let address = SocketAddrV4::new(ip, self.port);
+            if !addresses.contains(&address) {
+                addresses.push(address);
+            }
+        }
+        Ok(addresses)
+    }
+}
+
+impl Boards {
+    fn add(&mut self, asked: Asked, network: &Network) {
+        let address = *asked.address.ip();
+        let silence = match asked.found {
+            Ok(identity) => return self.boards.push(Board { address, identity }),
+            Err(silence) => silence,
+        };
+        let Why { reason, advice } = why::of(network, address, silence);
+        // The factory addresses have advice of their own.
+        let mut known = self.silent.iter_mut();
+        match known.find(|silent| (&silent.reason, &silent.advice) == (&reason, &advice)) {
+            Some(silent) => silent.addresses.push(address),
+            None => self.silent.push(Silent {
+                addresses: vec![address],
+                reason,
+                advice,
+            }),
+        }
+    }
+}
+
+impl Display for Boards {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Board { address, identity } in &self.boards {
+            writeln!(
+                f,
+                "{:<15}  {:<8}  MAC {}  firmware {}, LBP {}  IP address {}",
+                address.to_string(),
+                identity.card,
+                identity.mac,
+                identity.firmware_version,
+                identity.lbp_version,
+                identity.address_from,
+            )?;
+        }
+        if self.boards.is_empty() {
+            writeln!(f, "no board answers")?;
+        }
+        for silent in &self.silent {
+            writeln!(f, "{:<15}  {}", list(&silent.addresses), silent.reason)?;
+            writeln!(f, "{:<15}  -> {}", "", silent.advice)?;
+        }
+        Ok(())
+    }
+}
+
+/// Addresses, those that follow each other as a range.
+fn list(addresses: &[Ipv4Addr]) -> String {
+    let mut ranges: Vec<(Ipv4Addr, Ipv4Addr)> = Vec::new();
+    for &address in addresses {
+        match ranges.last_mut() {
+            Some((_, last)) if address.to_bits().checked_sub(1) == Some(last.to_bits()) => {
+                *last = address;
+            }
+            _ => ranges.push((address, address)),
+        }
+    }
+    let texts: Vec<String> = ranges
+        .into_iter()
+        .map(|(first, last)| match first == last {
+            true => first.to_string(),
+            false => format!("{first}-{last}"),
+        })
+        .collect();
+    texts.join(", ")
+}

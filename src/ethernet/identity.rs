@@ -1,0 +1,254 @@
+//! Who a board is: one packet that writes nothing, and its answer.
+
+use alloc::borrow::ToOwned;
+use alloc::string::String;
+use alloc::vec::Vec;
+use core::fmt;
+use core::net::Ipv4Addr;
+
+use super::packets::QUICK;
+use super::{EthernetBoard, EthernetError, Lbp16Board};
+use crate::lbp16::registers::{eeprom, read_only};
+use crate::lbp16::{Command, InfoArea, Lbp16Error, RequestBuilder, Space, text};
+
+/// The address of a network interface. `Display` writes it as usual: `00:60:0e:1b:00:97`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MacAddress(pub [u8; 6]);
+
+impl fmt::Display for MacAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (n, byte) in self.0.iter().enumerate() {
+            let colon = if n == 0 { "" } else { ":" };
+            write!(f, "{colon}{byte:02x}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(feature = "serde")]
+impl serde::Serialize for MacAddress {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// Where a board takes its IP address from when it starts: its address jumpers, which a 7I97 calls
+/// W16 and W17. `Display` says it in words.
+///
+/// Source: manual 7I97, "IP ADDRESS SELECTION"; which bits of the word they are is mesaflash's
+/// reading, not confirmed by a manual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum AddressSource {
+    /// Both down: 192.168.1.121.
+    Fixed,
+    /// W16 down, W17 up: the address in the EEPROM; boards come with 10.10.10.10.
+    Eeprom,
+    /// W16 up, W17 down: a BOOTP or DHCP server.
+    BootP,
+    /// Both up, which the manual calls invalid.
+    Invalid,
+}
+
+impl AddressSource {
+    /// The address of a board whose jumpers say [`Fixed`](Self::Fixed).
+    pub const FIXED: Ipv4Addr = Ipv4Addr::new(192, 168, 1, 121);
+    /// The address that boards come with in their EEPROM.
+    pub const FACTORY_EEPROM: Ipv4Addr = Ipv4Addr::new(10, 10, 10, 10);
+
+    /// From the word of the jumpers.
+    pub const fn from_jumpers(word: u16) -> Self {
+        match word & 3 {
+            0 => Self::Fixed,
+            1 => Self::Eeprom,
+            2 => Self::BootP,
+            _ => Self::Invalid,
+        }
+    }
+}
+
+impl fmt::Display for AddressSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Fixed => "fixed 192.168.1.121 (W16 down, W17 down)",
+            Self::Eeprom => "from EEPROM (W16 down, W17 up)",
+            Self::BootP => "from BOOTP (W16 up, W17 down)",
+            Self::Invalid => "invalid (W16 up, W17 up)",
+        })
+    }
+}
+
+/// What a board says about itself.
+///
+/// Source: manual 7I97, "SPACE 7: LBP READ ONLY AREA" and "ETHERNET EEPROM LAYOUT".
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Identity {
+    /// The card's name without what pads it, for example `7I97`; `?` if it is no text.
+    pub card: String,
+    /// The MAC address in the EEPROM.
+    pub mac: MacAddress,
+    /// Version of the protocol.
+    pub lbp_version: u16,
+    /// Version of the firmware that answers.
+    pub firmware_version: u16,
+    /// The jumpers, as the board reads them.
+    pub jumpers: u16,
+    /// What they say of the IP address.
+    pub address_from: AddressSource,
+    /// The IP address in the EEPROM, which the board uses if its jumpers say so.
+    pub eeprom_ip: Ipv4Addr,
+    /// The netmask in the EEPROM; firmware 16 and later have one.
+    pub eeprom_netmask: Option<Ipv4Addr>,
+}
+
+/// Words of the answer: an info area, name to jumpers, MAC address, IP address, netmask.
+const WORDS: usize = InfoArea::WORDS + 11 + 3 + 2 + 2;
+
+impl Identity {
+    /// Bytes of the answer to the [`question`](Self::question).
+    pub const ANSWER: usize = 2 * WORDS;
+
+    /// The packet that asks a board who it is. It writes nothing, so that it disturbs neither a board
+    /// that another program drives nor anything else that gets it.
+    pub fn question() -> Vec<u8> {
+        let mut request = RequestBuilder::default();
+        let reads = [
+            (
+                Command::read_info(Space::ReadOnly, InfoArea::WORDS as u8),
+                0,
+            ),
+            (Command::read(Space::ReadOnly, 11), read_only::CARD_NAME),
+            (Command::read(Space::Eeprom, 3), eeprom::MAC),
+            (Command::read(Space::Eeprom, 2), eeprom::IP_ADDRESS),
+            (Command::read(Space::Eeprom, 2), eeprom::NETMASK),
+        ];
+        for (read, address) in reads {
+            request.push(read, address, &[]);
+        }
+        debug_assert_eq!(request.reply_len, Self::ANSWER);
+        request.bytes
+    }
+
+    /// Who answers.
+    ///
+    /// # Errors
+    /// [`Lbp16Error::Cookie`]: what answers is no LBP16 board.
+    pub fn parse(answer: &[u8; Self::ANSWER]) -> Result<Self, Lbp16Error> {
+        let mut words = [0; WORDS];
+        for (word, bytes) in words.iter_mut().zip(answer.as_chunks().0) {
+            *word = u16::from_le_bytes(*bytes);
+        }
+        let [i0, i1, i2, i3, i4, i5, i6, i7, words @ ..] = words;
+        InfoArea::parse(Space::ReadOnly, [i0, i1, i2, i3, i4, i5, i6, i7])?;
+        let [n0, n1, n2, n3, n4, n5, n6, n7, words @ ..] = words;
+        let name = [n0, n1, n2, n3, n4, n5, n6, n7].map(u16::to_le_bytes);
+        let [lbp_version, firmware_version, jumpers, words @ ..] = words;
+        // The low word of each comes first.
+        let [
+            mac_low,
+            mac_middle,
+            mac_high,
+            ip_low,
+            ip_high,
+            mask_low,
+            mask_high,
+        ] = words;
+        let [[m0, m1], [m2, m3], [m4, m5]] = [mac_high, mac_middle, mac_low].map(u16::to_be_bytes);
+        let address = |low, high| Ipv4Addr::from_bits(u32::from(high) << 16 | u32::from(low));
+        let has_netmask = firmware_version >= eeprom::NETMASK_FIRMWARE;
+        Ok(Self {
+            card: text(name.as_flattened()).to_owned(),
+            mac: MacAddress([m0, m1, m2, m3, m4, m5]),
+            lbp_version,
+            firmware_version,
+            jumpers,
+            address_from: AddressSource::from_jumpers(jumpers),
+            eeprom_ip: address(ip_low, ip_high),
+            eeprom_netmask: has_netmask.then(|| address(mask_low, mask_high)),
+        })
+    }
+}
+
+impl<B: Lbp16Board> EthernetBoard<'_, B> {
+    /// Who it is, if it is an LBP16 board at all. Writes nothing.
+    ///
+    /// # Errors
+    /// [`Lbp16Error::Cookie`], and those of the bus.
+    pub fn identity(&mut self) -> Result<Identity, EthernetError<B::Error>> {
+        let mut answer = [0; Identity::ANSWER];
+        let question = Identity::question();
+        let ran = self.bus.run_commands(&question, &mut answer, QUICK);
+        ran.map_err(EthernetError::Bus)?;
+        Ok(Identity::parse(&answer)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lbp16::Operations;
+    use alloc::string::ToString;
+    use proptest::prelude::*;
+
+    /// Manual: 7I97, "ETHERNET EEPROM LAYOUT", "MEMORY SPACE 7 LAYOUT".
+    fn answer(firmware: u16, jumpers: u16) -> [u8; Identity::ANSWER] {
+        let mut words = [0_u16; WORDS];
+        words[0] = 0x5A07;
+        words[8..10].copy_from_slice(&[*b"7I", *b"97"].map(u16::from_le_bytes));
+        words[16..19].copy_from_slice(&[3, firmware, jumpers]);
+        words[19..22].copy_from_slice(&[0x0097, 0x0E1B, 0x0060]);
+        words[22..26].copy_from_slice(&[0x0A0A, 0x0A0A, 0xFF00, 0xFFFF]);
+        let mut answer = [0; Identity::ANSWER];
+        for (bytes, word) in answer.chunks_mut(2).zip(words) {
+            bytes.copy_from_slice(&word.to_le_bytes());
+        }
+        answer
+    }
+
+    #[test]
+    fn an_answer_is_read_field_by_field() {
+        let identity = Identity::parse(&answer(16, 0)).unwrap();
+        assert_eq!(identity.card, "7I97");
+        assert_eq!(identity.mac.to_string(), "00:60:0e:1b:00:97");
+        assert_eq!((identity.lbp_version, identity.firmware_version), (3, 16));
+        assert_eq!(identity.address_from, AddressSource::Fixed);
+        assert_eq!(identity.eeprom_ip, AddressSource::FACTORY_EEPROM);
+        let netmask = Ipv4Addr::new(255, 255, 255, 0);
+        assert_eq!(identity.eeprom_netmask, Some(netmask));
+        let old = Identity::parse(&answer(15, 2)).unwrap();
+        let found = (old.eeprom_netmask, old.address_from);
+        assert_eq!(found, (None, AddressSource::BootP));
+    }
+
+    #[test]
+    fn jumpers_are_said_as_the_manual_says_them() {
+        let words = [0, 1, 2, 3].map(|word| AddressSource::from_jumpers(word).to_string());
+        assert_eq!(words[0], "fixed 192.168.1.121 (W16 down, W17 down)");
+        assert_eq!(words[1], "from EEPROM (W16 down, W17 up)");
+        assert_eq!(words[2], "from BOOTP (W16 up, W17 down)");
+        assert_eq!(words[3], "invalid (W16 up, W17 up)");
+    }
+
+    #[test]
+    fn the_question_writes_nothing() {
+        let question = Identity::question();
+        let operations = Operations::new(&question).map(Result::unwrap);
+        let read = operations.map(|operation| {
+            assert!(!operation.command.write);
+            operation.command.data_len()
+        });
+        assert_eq!(read.sum::<usize>(), Identity::ANSWER);
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_answers_never_panic(bytes in prop::collection::vec(any::<u8>(), Identity::ANSWER)) {
+            let mut bytes: [u8; Identity::ANSWER] = bytes.try_into().unwrap();
+            prop_assert_eq!(Identity::parse(&bytes).is_ok(), bytes[..2] == [0x07, 0x5A]);
+            bytes[..2].copy_from_slice(&[0x07, 0x5A]);
+            prop_assert!(Identity::parse(&bytes).is_ok());
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! The way that packets of this computer take to an address, as Linux tells.
+
+use std::fs;
+use std::io;
+use std::net::Ipv4Addr;
+use std::path::Path;
+
+/// The network interfaces of this computer and its routes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Network {
+    /// In the order of their names.
+    pub interfaces: Vec<Interface>,
+    /// As the kernel lists them.
+    pub routes: Vec<Route>,
+}
+
+/// A network interface. Source: `/sys/class/net`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
+pub struct Interface {
+    /// Its name: `eth0`.
+    pub name: String,
+    /// It carries Ethernet frames; a loopback does not.
+    pub is_ethernet: bool,
+    /// There is a device behind it, and no program or kernel module alone.
+    pub is_device: bool,
+    /// It has an antenna.
+    pub is_wireless: bool,
+    /// It is switched on.
+    pub is_up: bool,
+    /// Its cable leads to something that is switched on.
+    pub has_link: bool,
+}
+
+/// A route of the main table. Source: `/proc/net/route`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Route {
+    /// The interface that it leads through.
+    pub interface: String,
+    /// The network that it leads to.
+    pub network: Ipv4Addr,
+    /// Its netmask.
+    pub mask: Ipv4Addr,
+    /// Who forwards the packets; unspecified where nobody has to.
+    pub gateway: Ipv4Addr,
+    /// Of two equal routes, that with the smaller number is taken.
+    pub metric: u32,
+}
+
+/// The way to an address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way<'a> {
+    /// It is this computer.
+    Here,
+    /// Through an interface that is in the same network: the only way that boards are meant for.
+    Direct(&'a Route),
+    /// Through a gateway.
+    Gateway(&'a Route),
+    /// There is none.
+    None,
+}
+
+impl Network {
+    /// That of this computer, now.
+    ///
+    /// # Errors
+    /// `/proc/net/route` or `/sys/class/net` can not be read: this is not Linux.
+    pub fn here() -> io::Result<Self> {
+        let mut interfaces = fs::read_dir("/sys/class/net")?
+            .filter_map(Result::ok)
+            .filter_map(|entry| Interface::read(&entry.path()))
+            .collect::<Vec<_>>();
+        interfaces.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(Self {
+            interfaces,
+            routes: Route::parse(&fs::read_to_string("/proc/net/route")?),
+        })
+    }
+
+    /// The interface of that name.
+    pub fn interface(&self, name: &str) -> Option<&Interface> {
+        self.interfaces.iter().find(|one| one.name == name)
+    }
+
+    /// The way to an address: the narrowest route counts, of equal ones that with the lowest metric.
+    pub fn way_to(&self, address: Ipv4Addr) -> Way<'_> {
+        if address.is_loopback() {
+            return Way::Here;
+        }
+        let routes = self.routes.iter().filter(|route| route.leads_to(address));
+        let best = routes.max_by_key(|route| (route.mask.to_bits(), u32::MAX - route.metric));
+        match best {
+            None => Way::None,
+            Some(route) if route.gateway.is_unspecified() => Way::Direct(route),
+            Some(route) => Way::Gateway(route),
+        }
+    }
+
+    /// The interface that a board is most likely plugged into, or would be: a wired one, rather with
+    /// a link, rather without the way to the rest of the world.
+    pub fn likely(&self) -> Option<&Interface> {
+        let wired = self.interfaces.iter().filter(|one| one.is_ethernet);
+        wired.max_by_key(|one| {
+            let mut routes = self.routes.iter();
+            let is_default = routes.any(|route| route.interface == one.name && route.is_default());
+            let rank = [
+                one.is_device,
+                !one.is_wireless,
+                one.has_link,
+                !is_default,
+                one.is_up,
+            ];
+            // Of equal ones the first.
+            (rank, core::cmp::Reverse(&one.name))
+        })
+    }
+}
+
+impl Interface {
+    fn read(directory: &Path) -> Option<Self> {
+        let text = |name: &str| fs::read_to_string(directory.join(name)).ok();
+        let number = |name: &str| {
+            let text = text(name)?;
+            let text = text.trim();
+            match text.strip_prefix("0x") {
+                Some(hex) => u32::from_str_radix(hex, 16).ok(),
+                None => text.parse().ok(),
+            }
+        };
+        /// `ARPHRD_ETHER` and `IFF_UP` of the kernel.
+        const ETHERNET: u32 = 1;
+        const UP: u32 = 1;
+        Some(Self {
+            name: directory.file_name()?.to_str()?.to_owned(),
+            is_ethernet: number("type") == Some(ETHERNET),
+            is_device: directory.join("device").exists(),
+            is_wireless: directory.join("wireless").exists(),
+            is_up: number("flags").is_some_and(|flags| flags & UP != 0),
+            // Can not be read while it is down.
+            has_link: number("carrier") == Some(1),
+        })
+    }
+}
+
+impl Route {
+    /// The routes of a text like `/proc/net/route`, without what can not be read.
+    pub fn parse(text: &str) -> Vec<Self> {
+        text.lines().skip(1).filter_map(Self::parse_line).collect()
+    }
+
+    fn parse_line(line: &str) -> Option<Self> {
+        let mut words = line.split_whitespace();
+        let interface = words.next()?.to_owned();
+        // As the host's memory has them.
+        let address = |word: &str| {
+            let bits = u32::from_str_radix(word, 16).ok()?;
+            Some(Ipv4Addr::from(bits.to_ne_bytes()))
+        };
+        let network = address(words.next()?)?;
+        let gateway = address(words.next()?)?;
+        // Flags, reference count, use.
+        let metric = words.nth(3)?.parse().ok()?;
+        let mask = address(words.next()?)?;
+        Some(Self {
+            interface,
+            network,
+            mask,
+            gateway,
+            metric,
+        })
+    }
+
+    /// Whether it leads to an address.
+    pub fn leads_to(&self, address: Ipv4Addr) -> bool {
+        address & self.mask == self.network
+    }
+
+    /// Whether it leads to everything.
+    pub fn is_default(&self) -> bool {
+        self.mask.is_unspecified()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROUTES: &str = "\
+Iface\tDestination\tGateway \tFlags\tRefCnt\tUse\tMetric\tMask\t\tMTU\tWindow\tIRTT
+eth0\t00000000\t010200C0\t0003\t0\t0\t100\t00000000\t0\t0\t0
+eth0\t000200C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0
+eth1\t000A0A0A\t00000000\t0001\t0\t0\t50\t00FFFFFF\t0\t0\t0
+eth2\t000A0A0A\t00000000\t0001\t0\t0\t20\t00FFFFFF\t0\t0\t0
+nonsense
+";
+
+    fn interface(name: &str, is_up: bool) -> Interface {
+        Interface {
+            name: name.to_owned(),
+            is_ethernet: name != "lo",
+            is_device: name != "lo",
+            is_wireless: name.starts_with('w'),
+            is_up,
+            has_link: is_up,
+        }
+    }
+
+    fn network() -> Network {
+        Network {
+            interfaces: vec![
+                interface("eth0", true),
+                interface("eth1", true),
+                interface("eth2", false),
+                interface("lo", true),
+                interface("wlan0", true),
+            ],
+            routes: Route::parse(if cfg!(target_endian = "little") {
+                ROUTES
+            } else {
+                ""
+            }),
+        }
+    }
+
+    #[test]
+    fn the_narrowest_route_counts_and_then_the_metric() {
+        let network = network();
+        assert_eq!(network.routes.len(), 4);
+        let way = |a, b, c, d| network.way_to(Ipv4Addr::new(a, b, c, d));
+        assert_eq!(way(127, 1, 2, 3), Way::Here);
+        let Way::Gateway(route) = way(192, 168, 1, 121) else {
+            panic!("through the gateway");
+        };
+        assert_eq!(route.gateway, Ipv4Addr::new(192, 0, 2, 1));
+        assert!(matches!(way(192, 0, 2, 9), Way::Direct(route) if route.interface == "eth0"));
+        assert!(matches!(way(10, 10, 10, 10), Way::Direct(route) if route.interface == "eth2"));
+        assert_eq!(
+            Network::default().way_to(Ipv4Addr::new(10, 0, 0, 1)),
+            Way::None
+        );
+    }
+
+    #[test]
+    fn the_likely_interface_is_wired_and_has_a_link_and_nothing_better_to_do() {
+        let mut network = network();
+        let name = |network: &Network| network.likely().map(|one| one.name.clone());
+        assert_eq!(name(&network).as_deref(), Some("eth1"));
+        network.interfaces.remove(1);
+        assert_eq!(name(&network).as_deref(), Some("eth0"));
+        network.interfaces.retain(|one| one.name == "lo");
+        assert_eq!(name(&network), None);
+    }
+
+    #[test]
+    fn this_computer_has_a_loopback() {
+        let network = Network::here().unwrap();
+        let loopback = network.interface("lo").expect("a loopback");
+        assert!(!loopback.is_ethernet && !loopback.is_wireless);
+    }
+}

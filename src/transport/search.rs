@@ -1,0 +1,204 @@
+//! Asks many addresses at the same time whether a board is there.
+
+use core::time::Duration;
+use std::io::{self, ErrorKind};
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::time::Instant;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::ethernet::Identity;
+
+/// How many addresses are asked at the same time.
+pub const AT_ONCE: usize = 128;
+
+/// How often each is asked: the first packet may be lost while its neighbour's MAC address is
+/// found out.
+const TRIES: u32 = 2;
+
+/// What became of asking an address.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Asked {
+    /// The address.
+    pub address: SocketAddrV4,
+    /// The board there, or what there is instead.
+    pub found: Result<Identity, Silence>,
+}
+
+/// Why no board is known to be at an address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
+#[non_exhaustive]
+pub enum Silence {
+    /// Nothing came back in time.
+    #[error("no answer")]
+    Nothing,
+    /// A host is there, and nobody listens at the port.
+    #[error("a host is there, and nobody listens at this port")]
+    Refused,
+    /// Something came back that no board sends.
+    #[error("something else than a board answers")]
+    Foreign,
+    /// The operating system can not send there.
+    #[error("the operating system can not send there: {0}")]
+    Unreachable(ErrorKind),
+}
+
+/// Asks each address whether a board is there, twice within `patience`, [`AT_ONCE`] of them at a
+/// time, in their order. Writes nothing to the boards.
+///
+/// It takes `patience` for each [`AT_ONCE`] addresses, or less where all have answered.
+///
+/// # Errors
+/// The operating system gives no sockets.
+pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Asked>> {
+    let question = Identity::question();
+    let mut all = Vec::with_capacity(addresses.len());
+    for batch in addresses.chunks(AT_ONCE) {
+        let mut asking = batch
+            .iter()
+            .map(|&address| Asking::new(address))
+            .collect::<io::Result<Vec<_>>>()?;
+        for _ in 0..TRIES {
+            asking.iter_mut().for_each(|one| one.send(&question));
+            receive(&mut asking, patience / TRIES)?;
+        }
+        all.extend(asking.into_iter().map(Asking::result));
+    }
+    Ok(all)
+}
+
+/// An address that is being asked.
+struct Asking {
+    address: SocketAddrV4,
+    socket: UdpSocket,
+    found: Option<Result<Identity, Silence>>,
+}
+
+impl Asking {
+    fn new(address: SocketAddrV4) -> io::Result<Self> {
+        let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+        socket.set_nonblocking(true)?;
+        // Connected: the kernel keeps other senders away, and reports a refusal.
+        let found = socket.connect(address).err().map(failed);
+        Ok(Self {
+            address,
+            socket,
+            found,
+        })
+    }
+
+    fn send(&mut self, question: &[u8]) {
+        // Who refuses a second time gets no third question, and the first answer counts.
+        if self.found.is_none() {
+            self.found = self.socket.send(question).err().and_then(lasting);
+        }
+    }
+
+    /// Takes what has come.
+    fn receive(&mut self) {
+        // One more than an answer, so that a longer datagram shows.
+        let mut buffer = [0; Identity::ANSWER + 1];
+        match self.socket.recv(&mut buffer) {
+            Ok(length) => {
+                let answer = buffer.first_chunk().filter(|_| length == Identity::ANSWER);
+                let identity = answer.and_then(|answer| Identity::parse(answer).ok());
+                self.found = Some(identity.ok_or(Silence::Foreign));
+            }
+            Err(error) => self.found = lasting(error),
+        }
+    }
+
+    fn result(self) -> Asked {
+        Asked {
+            address: self.address,
+            found: self.found.unwrap_or(Err(Silence::Nothing)),
+        }
+    }
+}
+
+/// Why nothing can be sent or received, unless that may pass.
+fn lasting(error: io::Error) -> Option<Result<Identity, Silence>> {
+    match error.kind() {
+        ErrorKind::WouldBlock | ErrorKind::Interrupted => None,
+        _ => Some(failed(error)),
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "for `map`")]
+fn failed(error: io::Error) -> Result<Identity, Silence> {
+    Err(match error.kind() {
+        ErrorKind::ConnectionRefused => Silence::Refused,
+        kind => Silence::Unreachable(kind),
+    })
+}
+
+/// Receives until all have answered or `patience` is over.
+fn receive(asking: &mut [Asking], patience: Duration) -> io::Result<()> {
+    let start = Instant::now();
+    loop {
+        let left = patience.saturating_sub(start.elapsed());
+        let mut waiting: Vec<_> = asking
+            .iter_mut()
+            .filter(|one| one.found.is_none())
+            .collect();
+        if waiting.is_empty() || left.is_zero() {
+            return Ok(());
+        }
+        let polled = waiting
+            .iter()
+            .map(|one| PollFd::new(&one.socket, PollFlags::IN));
+        let mut polled: Vec<_> = polled.collect();
+        let timeout = Timespec {
+            tv_sec: left.as_secs() as _,
+            tv_nsec: left.subsec_nanos() as _,
+        };
+        match poll(&mut polled, Some(&timeout)) {
+            Ok(_) | Err(rustix::io::Errno::INTR) => {}
+            Err(errno) => return Err(errno.into()),
+        }
+        let came: Vec<bool> = polled.iter().map(|fd| !fd.revents().is_empty()).collect();
+        drop(polled);
+        let came = waiting.iter_mut().zip(came).filter(|(_, came)| *came);
+        came.for_each(|(one, _)| one.receive());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Duration = Duration::from_millis(200);
+
+    fn address(socket: &UdpSocket) -> SocketAddrV4 {
+        let port = socket.local_addr().unwrap().port();
+        SocketAddrV4::new(Ipv4Addr::LOCALHOST, port)
+    }
+
+    #[test]
+    fn who_is_silent_refuses_or_is_no_board_is_told_apart() {
+        let bind = || UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let (silent, foreign, gone) = (bind(), bind(), bind());
+        let addresses = [&silent, &foreign, &gone].map(address);
+        drop(gone);
+        let answering = std::thread::spawn(move || {
+            let mut buffer = [0; 64];
+            let (_, from) = foreign.recv_from(&mut buffer).unwrap();
+            foreign.send_to(b"?", from).unwrap();
+        });
+        let asked = ask(&addresses, PATIENCE).unwrap();
+        answering.join().unwrap();
+        let found: Vec<_> = asked.into_iter().map(|asked| asked.found).collect();
+        let expected = [Silence::Nothing, Silence::Foreign, Silence::Refused].map(Err);
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn more_addresses_than_are_asked_at_once_come_back_in_their_order() {
+        let port = 9; // nobody listens there
+        let hosts = (1..=200).map(|n| SocketAddrV4::new(Ipv4Addr::new(127, 92, 0, n), port));
+        let hosts: Vec<_> = hosts.collect();
+        let asked = ask(&hosts, PATIENCE).unwrap();
+        let addresses: Vec<_> = asked.iter().map(|asked| asked.address).collect();
+        assert_eq!(addresses, hosts);
+    }
+}
