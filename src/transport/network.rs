@@ -116,6 +116,10 @@ impl Network {
     }
 }
 
+/// `ARPHRD_ETHER` and `IFF_UP` of the kernel.
+const ETHERNET: u32 = 1;
+const UP: u32 = 1;
+
 impl Interface {
     fn read(directory: &Path) -> Option<Self> {
         let text = |name: &str| fs::read_to_string(directory.join(name)).ok();
@@ -127,9 +131,6 @@ impl Interface {
                 None => text.parse().ok(),
             }
         };
-        /// `ARPHRD_ETHER` and `IFF_UP` of the kernel.
-        const ETHERNET: u32 = 1;
-        const UP: u32 = 1;
         Some(Self {
             name: directory.file_name()?.to_str()?.to_owned(),
             is_ethernet: number("type") == Some(ETHERNET),

@@ -59,7 +59,9 @@ pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Ask
             .map(|&address| Asking::new(address))
             .collect::<io::Result<Vec<_>>>()?;
         for _ in 0..TRIES {
-            asking.iter_mut().for_each(|one| one.send(&question));
+            for one in &mut asking {
+                one.send(&question);
+            }
             receive(&mut asking, patience / TRIES)?;
         }
         all.extend(asking.into_iter().map(Asking::result));
@@ -158,8 +160,9 @@ fn receive(asking: &mut [Asking], patience: Duration) -> io::Result<()> {
         }
         let came: Vec<bool> = polled.iter().map(|fd| !fd.revents().is_empty()).collect();
         drop(polled);
-        let came = waiting.iter_mut().zip(came).filter(|(_, came)| *came);
-        came.for_each(|(one, _)| one.receive());
+        for (one, _) in waiting.iter_mut().zip(came).filter(|(_, came)| *came) {
+            one.receive();
+        }
     }
 }
 

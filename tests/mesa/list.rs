@@ -14,7 +14,7 @@ fn silent(found: &serde_json::Value) -> Vec<String> {
     let groups = found["silent"].as_array().expect("groups");
     let addresses = groups
         .iter()
-        .flat_map(|group| group["addresses"].as_array());
+        .filter_map(|group| group["addresses"].as_array());
     let addresses = addresses.flatten().filter_map(|address| address.as_str());
     addresses.map(str::to_owned).collect()
 }
