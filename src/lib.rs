@@ -45,6 +45,7 @@
 //! | [`runner`] | applications on Linux: the thread of the cycle, and how it ends |
 //! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
 //! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
+//! | [`setup`] | tools: remotes in setup mode, over a serial port too; updates of their firmware |
 //! | [`hostmot2`], [`sslbp`] | tools: what a firmware has, the ports of its remotes |
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
 //! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
@@ -135,6 +136,7 @@ pub mod modules;
 pub mod remote;
 #[cfg(feature = "std")]
 pub mod runner;
+pub mod setup;
 #[cfg(feature = "std")]
 pub mod sim;
 pub mod sslbp;

@@ -1,7 +1,10 @@
 //! How discovery and parameters reach a remote's memory.
 
+use core::time::Duration;
+
 use crate::{
     bus::{Clock, RegisterBus},
+    lbp::RemoteLink,
     sslbp::{Channel, NonvolatileMemory, Port, PortError, RemoteAccess},
 };
 
@@ -47,5 +50,17 @@ impl<B: RegisterBus + Clock> RemoteMemory for PortMemory<'_, B> {
             None => port.access(self.channel, access),
             Some(memory) => port.nonvolatile_access(self.channel, memory, access),
         }
+    }
+}
+
+impl<B: RegisterBus + Clock> RemoteLink for PortMemory<'_, B> {
+    type Error = PortError<B::Error>;
+
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error> {
+        self.port.on(self.bus).access(self.channel, access)
+    }
+
+    fn wait(&mut self, time: Duration) {
+        self.bus.wait(time);
     }
 }

@@ -53,6 +53,7 @@ mod recovery;
 mod remark;
 mod remotes;
 mod report;
+mod setup_line;
 mod stop;
 
 pub use crate::modules::encoder::EncoderSetup;

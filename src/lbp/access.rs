@@ -169,6 +169,24 @@ impl RemoteAccess {
         }
     }
 
+    /// What it writes, right-justified; `None` if it reads.
+    pub const fn written(self) -> Option<u64> {
+        match self {
+            Self::Write { size, value, .. } => Some(value & size.mask()),
+            Self::WriteLocal(_, value) => Some(value as u64),
+            Self::Read { .. } | Self::ReadLocal(_) => None,
+        }
+    }
+
+    /// A read of the same place.
+    pub const fn read_back(self) -> Self {
+        match self {
+            Self::Write { address, size, .. } => Self::Read { address, size },
+            Self::WriteLocal(location, _) => Self::ReadLocal(location),
+            read => read,
+        }
+    }
+
     /// Characters on the line, both ways, without the remote's own time.
     pub const fn characters(self) -> u32 {
         match self {

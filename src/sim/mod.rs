@@ -27,6 +27,7 @@ mod fpga;
 pub mod machines;
 mod modules;
 pub mod remote;
+mod serial_face;
 pub mod sslbp;
 pub mod wire;
 mod world;
@@ -43,4 +44,5 @@ pub use fpga::{
 pub use modules::{
     Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
 };
+pub use serial_face::SerialFace;
 pub use world::{Motor, MotorConfig, Segment};

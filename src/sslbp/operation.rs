@@ -200,15 +200,6 @@ impl RemoteAccess {
         (self.command() as u32) << 24 | address as u32
     }
 
-    /// What it writes, right-justified; `None` if it reads.
-    pub const fn written(self) -> Option<u64> {
-        match self {
-            Self::Write { size, value, .. } => Some(value & size.mask()),
-            Self::WriteLocal(_, value) => Some(value as u64),
-            Self::Read { .. } | Self::ReadLocal(_) => None,
-        }
-    }
-
     /// The words for interface registers 0 and 1, if it writes.
     pub fn data_words(self) -> Option<[u32; 2]> {
         let value = self.written()?;
@@ -221,15 +212,6 @@ impl RemoteAccess {
         match self {
             Self::Read { size, .. } | Self::Write { size, .. } => value & size.mask(),
             Self::ReadLocal(_) | Self::WriteLocal(..) => value & 0xFF,
-        }
-    }
-
-    /// A read of the same place.
-    pub(super) const fn read_back(self) -> Self {
-        match self {
-            Self::Write { address, size, .. } => Self::Read { address, size },
-            Self::WriteLocal(location, _) => Self::ReadLocal(location),
-            read => read,
         }
     }
 

@@ -7,7 +7,7 @@ use crate::{
     lbp::RemoteFaults,
     sim::{
         remote::{Application, Memory, Remote, ReplyFaults},
-        wire::{Nanos, RemoteEnd},
+        wire::{BIT_2M5, Nanos, RemoteEnd},
     },
 };
 
@@ -260,6 +260,15 @@ pub trait SimDevice: RemoteEnd {
     /// Chooses the software mode it powers up in; says whether it has that mode.
     fn set_initial_mode(&mut self, now: Nanos, mode: u8) -> bool;
 
+    /// Puts its jumper into the setup position, or back, and switches it off and on at `now`.
+    fn set_setup_jumper(&mut self, now: Nanos, setup: bool);
+
+    /// Whether its program is missing or was cut off, so that only its bootloader answers.
+    fn is_in_bootloader(&self) -> bool;
+
+    /// D5: the revision of the program that runs; 0 in the bootloader.
+    fn revision(&self) -> u8;
+
     /// Its fault byte.
     fn faults(&self) -> RemoteFaults;
 
@@ -351,6 +360,23 @@ impl<W: World> SimDevice for Remote<Device<W>> {
             Self::set_power(self, now, true);
         }
         true
+    }
+
+    fn set_setup_jumper(&mut self, now: Nanos, setup: bool) {
+        self.configure(|config| config.setup_jumper = setup);
+        Self::set_power(self, now, false);
+        if !setup && self.config().baud_address.is_none() {
+            self.configure(|config| config.bit = BIT_2M5);
+        }
+        Self::set_power(self, now, true);
+    }
+
+    fn is_in_bootloader(&self) -> bool {
+        Self::is_in_bootloader(self)
+    }
+
+    fn revision(&self) -> u8 {
+        Self::revision(self)
     }
 
     fn faults(&self) -> RemoteFaults {

@@ -83,6 +83,9 @@ pub struct RemoteConfig {
     /// Where in memory the index of the baud rate is, if it is a parameter: it sets `bit` at
     /// power-up. Manual: 7I77, "OPERATE MODE BAUD RATE".
     pub baud_address: Option<u16>,
+    /// Its jumper is in the setup position: from the next power-up on it has 115200 baud, and the
+    /// longest frame timeout.
+    pub setup_jumper: bool,
     /// Frame timeout after power-up, in bit times.
     pub frame_timeout: u8,
     /// The fault byte after power-up.
@@ -130,6 +133,7 @@ impl Default for RemoteConfig {
             watchdog_address: None,
             bit: BIT_2M5,
             baud_address: None,
+            setup_jumper: false,
             frame_timeout: super::parser::DEFAULT_TIMEOUT,
             initial_faults: RemoteFaults::WATCHDOG,
             stuck_faults: RemoteFaults::empty(),

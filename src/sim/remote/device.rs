@@ -6,12 +6,18 @@ use super::{
     config::{WorkingCopy, bit_of_index},
     line,
     parser::{Parsed, Parser, ReceivedRequest},
+    program,
     rpc::RpcTable,
 };
 use crate::{
     lbp::{Capabilities, DISCOVERY, LbpStatus, PROCESS_DATA, RemoteFaults, UNIT_NUMBER, crc8},
     sim::wire::{Burst, Nanos, RemoteEnd},
 };
+
+/// A bit in the setup position of the jumper: 115200 baud, whatever the baud rate's parameter is; and
+/// the frame timeout, in bit times. Manual: 7I77, "SETUP/OPERATE MODE", "FRAMING".
+const SETUP_BIT: Nanos = 8_681;
+const SETUP_FRAME_TIMEOUT: u8 = 255;
 
 /// A simulated remote on its serial line.
 ///
@@ -53,6 +59,10 @@ pub(super) struct State {
     pub(super) frame_timeout: u8,
     pub(super) busy_until: Nanos,
     pub(super) reset: bool,
+    /// Its program is missing or damaged.
+    pub(super) in_bootloader: bool,
+    /// D5: of the program that runs.
+    pub(super) revision: u8,
 }
 
 impl State {
@@ -72,6 +82,8 @@ impl State {
             frame_timeout: config.frame_timeout,
             busy_until: 0,
             reset: false,
+            in_bootloader: false,
+            revision: config.software_revision,
         }
     }
 }
@@ -97,7 +109,7 @@ impl<A: Application> Remote<A> {
         let flash = config
             .capabilities
             .contains(Capabilities::FLASH)
-            .then(|| Flash::new(0x2_0000, 12, 8));
+            .then(|| program::factory(config.name, config.software_revision));
         let mut remote = Self {
             state: State::power_up(&config),
             parser: Parser::new(config.bit),
@@ -124,6 +136,9 @@ impl<A: Application> Remote<A> {
         self.advance(now);
         if self.powered && !on {
             self.eeprom.power_off();
+            if let Some(flash) = &mut self.flash {
+                flash.power_off(self.now);
+            }
             self.queue = Queue::default();
             self.watchdog.deadline = None;
             self.application.outputs_off(&mut self.memory);
@@ -145,8 +160,17 @@ impl<A: Application> Remote<A> {
             self.config.bit = bit_of_index(self.memory.byte(address));
         }
         self.state = State::power_up(&self.config);
+        if self.config.setup_jumper {
+            self.config.bit = SETUP_BIT;
+            self.state.frame_timeout = SETUP_FRAME_TIMEOUT;
+        }
+        if let Some(flash) = &self.flash {
+            let revision = program::revision(flash, self.config.name);
+            self.state.in_bootloader = revision.is_none();
+            self.state.revision = revision.unwrap_or_default();
+        }
         self.parser = Parser::new(self.config.bit);
-        self.parser.timeout_bits = self.config.frame_timeout;
+        self.parser.timeout_bits = self.state.frame_timeout;
         self.watchdog.deadline = None;
         self.application.power_up(&mut self.memory);
     }
@@ -206,6 +230,26 @@ impl<A: Application> Remote<A> {
     /// The program flash, if it can be updated.
     pub const fn flash(&self) -> Option<&Flash> {
         self.flash.as_ref()
+    }
+
+    /// The program flash, to prepare it and to spoil it.
+    pub const fn flash_mut(&mut self) -> Option<&mut Flash> {
+        self.flash.as_mut()
+    }
+
+    /// Takes the program flash away: from now on it is a remote that can not be updated.
+    pub fn take_flash(&mut self) -> Option<Flash> {
+        self.flash.take()
+    }
+
+    /// Whether its program is missing or damaged, so that only the bootloader answers.
+    pub const fn is_in_bootloader(&self) -> bool {
+        self.state.in_bootloader
+    }
+
+    /// D5: the revision of the program that runs; 0 in the bootloader.
+    pub const fn revision(&self) -> u8 {
+        self.state.revision
     }
 
     /// The current software mode.

@@ -27,6 +27,8 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
     fn read(&mut self, address: u16) -> Result<u8, LbpStatus> {
         let remote = &*self.remote;
         match (remote.state.nonvolatile, &remote.flash) {
+            // Its tables are those of its program.
+            (0, _) if remote.state.in_bootloader => Ok(0),
             (0, _) => Ok(remote.memory.byte(address)),
             (FLASH, Some(flash)) => flash.read(address),
             _ => Ok(remote.eeprom.cells().byte(address)),
@@ -37,7 +39,7 @@ impl<A: Application> RpcMemory for Reach<'_, A> {
         let remote = &mut *self.remote;
         let busy = match (remote.state.nonvolatile, &mut remote.flash) {
             (0, _) => return remote.memory.write_from_line(address, value),
-            (FLASH, Some(flash)) => self.at + flash.write(address, value)?,
+            (FLASH, Some(flash)) => self.at + flash.write(self.at, address, value)?,
             _ => remote.eeprom.write(self.at, address, value),
         };
         remote.state.busy_until = remote.state.busy_until.max(busy);
@@ -50,6 +52,8 @@ impl<A: Application> Remote<A> {
     pub(super) fn execute(&mut self, at: Nanos, request: &ReceivedRequest) -> Option<Reply> {
         let location = LocalLocation::new(request.command & 0x1F);
         match (request.command, location) {
+            // A bootloader knows no remote procedures.
+            (0x80..=0xBF, _) if self.state.in_bootloader => None,
             (DISCOVERY, _) => (!self.config.no_discovery)
                 .then(|| Reply::new(&self.config.sizes(self.state.mode).to_bytes())),
             (UNIT_NUMBER, _) => {
@@ -179,7 +183,7 @@ impl<A: Application> Remote<A> {
             LocalLocation::FRAME_TIMEOUT => self.state.frame_timeout,
             LocalLocation::NONVOLATILE => self.state.nonvolatile,
             LocalLocation::CAPABILITIES => self.config.capabilities.bits(),
-            LocalLocation::SOFTWARE_REVISION => self.config.software_revision,
+            LocalLocation::SOFTWARE_REVISION => self.state.revision,
             LocalLocation::HARDWARE_MODE => self.config.hardware_mode,
             LocalLocation::FAULTS => self.state.faults.bits(),
             LocalLocation::ADDRESS_LOW => address_low,

@@ -4,7 +4,7 @@ use crate::sim::wire::{Burst, Nanos};
 
 /// Gives `take` each character of `burst` that a receiver with bits of `bit` ns sees, and when:
 /// in the middle of its stop bit.
-pub(super) fn receive(burst: &Burst, bit: Nanos, mut take: impl FnMut(Nanos, u8)) {
+pub(in crate::sim) fn receive(burst: &Burst, bit: Nanos, mut take: impl FnMut(Nanos, u8)) {
     if burst.is_break || burst.bit == 0 || bit == 0 {
         return;
     }

@@ -163,6 +163,12 @@ pub struct Flash {
     offset: u32,
     log2_erase: u8,
     log2_write: u8,
+    /// The block as it was before what is being done to it, and where it is.
+    before: Box<[u8]>,
+    under_way: Option<Range<usize>>,
+    busy_until: Nanos,
+    is_hidden: bool,
+    stuck: Option<usize>,
 }
 
 /// How long an erase of a flash block takes.
@@ -179,7 +185,40 @@ impl Flash {
             offset: 0,
             log2_erase: log2_erase.min(24),
             log2_write: log2_write.min(15),
+            before: vec![0xFF; 1 << log2_erase.min(24).max(log2_write.min(15))].into_boxed_slice(),
+            under_way: None,
+            busy_until: 0,
+            is_hidden: false,
+            stuck: None,
         }
+    }
+
+    /// Whether reads of the line show nothing of it: whether those of real remotes do is not known.
+    pub const fn hide(&mut self, hidden: bool) {
+        self.is_hidden = hidden;
+    }
+
+    /// From now on the cell at `offset` is worn out, and keeps what it has.
+    pub const fn stick(&mut self, offset: usize) {
+        self.stuck = Some(offset);
+    }
+
+    /// Sets its cells from offset 0 on, as the factory does.
+    pub fn load(&mut self, data: &[u8]) {
+        for (cell, &byte) in self.cells.iter_mut().zip(data) {
+            *cell = byte;
+        }
+    }
+
+    /// Power fails at `now`: an erase or a write that is not over is done to half of its cells.
+    pub fn power_off(&mut self, now: Nanos) {
+        let under_way = self.under_way.take().filter(|_| now < self.busy_until);
+        if let Some(block) = under_way.and_then(|range| self.cells.get_mut(range)) {
+            let half = block.len() / 2;
+            let cells = block.iter_mut().zip(&self.before).skip(half);
+            cells.for_each(|(cell, before)| *cell = *before);
+        }
+        self.offset = 0;
     }
 
     /// Its cells.
@@ -195,6 +234,9 @@ impl Flash {
             flash::LOG2_WRITE_SIZE => Ok(self.log2_write),
             flash::COMMIT => Ok(0),
             0..flash::OFFSET => {
+                if self.is_hidden {
+                    return Ok(0);
+                }
                 let at = self.offset as usize + usize::from(address);
                 self.cells.get(at).copied().ok_or(error)
             }
@@ -205,15 +247,15 @@ impl Flash {
         }
     }
 
-    /// Writes one byte as accesses do. Returns how long the remote is busy with it.
-    pub fn write(&mut self, address: u16, value: u8) -> Result<Nanos, LbpStatus> {
+    /// Writes one byte as accesses do, at `now`. Returns how long the remote is busy with it.
+    pub fn write(&mut self, now: Nanos, address: u16, value: u8) -> Result<Nanos, LbpStatus> {
         let error = LbpStatus::INVALID_ADDRESS;
         match address {
             0..flash::OFFSET => {
                 *self.page.get_mut(usize::from(address)).ok_or(error)? = value;
                 Ok(0)
             }
-            flash::COMMIT => self.commit(value).ok_or(error),
+            flash::COMMIT => self.commit(now, value).ok_or(error),
             _ => {
                 let mut offset = self.offset.to_le_bytes();
                 let byte = offset.get_mut(usize::from(address - flash::OFFSET));
@@ -224,20 +266,33 @@ impl Flash {
         }
     }
 
-    fn commit(&mut self, value: u8) -> Option<Nanos> {
+    fn commit(&mut self, now: Nanos, value: u8) -> Option<Nanos> {
         let (log2, time) = match value {
             flash::COMMIT_ERASE => (self.log2_erase, ERASE_TIME),
             flash::COMMIT_WRITE => (self.log2_write, PROGRAM_TIME),
             _ => return None,
         };
         let start = (self.offset as usize >> log2) << log2;
-        let block = self.cells.get_mut(start..start + (1 << log2))?;
+        let range = start..start + (1 << log2);
+        let block = self.cells.get_mut(range.clone())?;
+        for (before, cell) in self.before.iter_mut().zip(block.iter()) {
+            *before = *cell;
+        }
+        self.under_way = Some(range.clone());
+        self.busy_until = now + time;
+        let stuck = self.stuck.and_then(|at| Some((at, *self.cells.get(at)?)));
+        let block = self.cells.get_mut(range)?;
         if value == flash::COMMIT_ERASE {
             block.fill(0xFF);
         } else {
             for (cell, byte) in block.iter_mut().zip(&self.page) {
                 *cell &= byte;
             }
+        }
+        if let Some((at, value)) = stuck
+            && let Some(cell) = self.cells.get_mut(at)
+        {
+            *cell = value;
         }
         Some(time)
     }
@@ -265,22 +320,37 @@ mod tests {
         let mut flash = Flash::new(0x1_0000, 12, 8);
         let set = |flash: &mut Flash, offset: u32| {
             for (at, byte) in (flash::OFFSET..).zip(offset.to_le_bytes()) {
-                flash.write(at, byte).unwrap();
+                flash.write(0, at, byte).unwrap();
             }
         };
         set(&mut flash, 0x2100);
-        flash.write(3, 0x12).unwrap();
-        assert!(flash.write(flash::COMMIT, flash::COMMIT_WRITE).unwrap() > 0);
+        flash.write(0, 3, 0x12).unwrap();
+        assert!(flash.write(0, flash::COMMIT, flash::COMMIT_WRITE).unwrap() > 0);
         assert_eq!(flash.read(3), Ok(0x12));
         assert_eq!(flash.cells()[0x2103], 0x12);
         // without an erase, bits only go from 1 to 0
-        flash.write(3, 0x21).unwrap();
-        flash.write(flash::COMMIT, flash::COMMIT_WRITE).unwrap();
+        flash.write(0, 3, 0x21).unwrap();
+        flash.write(0, flash::COMMIT, flash::COMMIT_WRITE).unwrap();
         assert_eq!(flash.cells()[0x2103], 0x00);
-        flash.write(flash::COMMIT, flash::COMMIT_ERASE).unwrap();
+        flash.write(0, flash::COMMIT, flash::COMMIT_ERASE).unwrap();
         assert_eq!(flash.cells()[0x2103], 0xFF);
-        assert!(flash.write(flash::COMMIT, 0x55).is_err());
+        assert!(flash.write(0, flash::COMMIT, 0x55).is_err());
         set(&mut flash, 0x10_0000);
-        assert!(flash.write(flash::COMMIT, flash::COMMIT_ERASE).is_err());
+        assert!(flash.write(0, flash::COMMIT, flash::COMMIT_ERASE).is_err());
+    }
+
+    #[test]
+    fn a_power_cut_in_an_erase_leaves_half_of_the_block() {
+        let mut flash = Flash::new(0x1000, 8, 4);
+        flash.load(&[0; 0x1000]);
+        let busy = flash
+            .write(1_000, flash::COMMIT, flash::COMMIT_ERASE)
+            .unwrap();
+        flash.power_off(1_000 + busy - 1);
+        assert_eq!(flash.cells()[..0x80], [0xFF; 0x80]);
+        assert_eq!(flash.cells()[0x80..0x100], [0; 0x80]);
+        let busy = flash.write(0, flash::COMMIT, flash::COMMIT_ERASE).unwrap();
+        flash.power_off(busy);
+        assert_eq!(flash.cells()[..0x100], [0xFF; 0x100]);
     }
 }

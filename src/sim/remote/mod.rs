@@ -13,6 +13,7 @@ mod line;
 mod memory;
 mod model;
 mod parser;
+mod program;
 mod rpc;
 
 pub use application::{Application, FixedData};
@@ -22,3 +23,6 @@ pub use device::Remote;
 pub use faults::{Cable, CableCounts, Toward, WireFault};
 pub use memory::{Eeprom, Flash, Memory};
 pub use model::ModelError;
+pub use program::firmware_file;
+
+pub(super) use line::receive as sample;

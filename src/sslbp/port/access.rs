@@ -3,9 +3,10 @@
 use super::{PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
+    lbp::{NonvolatileError, RemoteLink, nonvolatile_access},
     sslbp::{
-        Channel, CsStatus, LocalLocation, NonvolatileMemory, Operation, PortError, PortState,
-        RemoteAccess, StartMode,
+        Channel, CsStatus, NonvolatileMemory, Operation, PortError, PortState, RemoteAccess,
+        StartMode,
     },
 };
 use alloc::{format, vec::Vec};
@@ -17,11 +18,6 @@ const ATTEMPTS: u8 = 3;
 /// After a failed access: longer than its timer, so that neither the timer nor a late reply is
 /// taken for the next access (FACTS 5.4).
 const QUIET: Duration = Duration::from_millis(60);
-
-/// How long non-volatile memory may take to keep a value.
-const KEEP_FIRST: Duration = Duration::from_millis(10);
-const KEEP_PAUSE: Duration = Duration::from_millis(20);
-const KEEP_ATTEMPTS: u8 = 6;
 
 impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// Reads or writes the remote on `channel`, and gives what was read. Tried again when the reply
@@ -62,11 +58,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         })
     }
 
-    /// Reads or writes non-volatile memory of the remote on `channel`, and gives what is there then.
-    ///
-    /// What is written is read back until it has been kept. A value that is there already is not
-    /// written: such memory wears out. Access to it is switched off again, whatever happens: the
-    /// reply to the selection may have been lost after it was done. FACTS 6.3.
+    /// Reads or writes non-volatile memory of the remote on `channel`, and gives what is there then:
+    /// see [`nonvolatile_access`].
     ///
     /// # Errors
     /// As [`access`](Self::access), and [`PortError::Unexpected`] for a value that is not kept.
@@ -76,40 +69,48 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         memory: NonvolatileMemory,
         access: RemoteAccess,
     ) -> PortResult<u64, B> {
-        let select = |code| RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, code);
-        let result = self
-            .access(channel, select(memory as u8))
-            .and_then(|_| self.access_selected(channel, access));
-        match self.access(channel, select(0)) {
-            Ok(_) => result,
-            Err(PortError::Channel { port, cs, .. }) => Err(PortError::Channel {
-                port,
-                channel,
-                failed: "access to non-volatile memory could not be switched off".into(),
-                cs,
-                hint: "power the remote off and on before anything else is written to it",
-            }),
-            Err(other) => Err(other),
+        let (port, bus) = (&mut *self.port, &mut *self.bus);
+        let mut line = ChannelLine {
+            port: SetupPort { port, bus },
+            channel,
+        };
+        match nonvolatile_access(&mut line, memory, access) {
+            Ok(value) => Ok(value),
+            Err(NonvolatileError::StillSelected(PortError::Channel { port, cs, .. })) => {
+                Err(PortError::Channel {
+                    port,
+                    channel,
+                    failed: "access to non-volatile memory could not be switched off".into(),
+                    cs,
+                    hint: "power the remote off and on before anything else is written to it",
+                })
+            }
+            Err(NonvolatileError::Link(error) | NonvolatileError::StillSelected(error)) => {
+                Err(error)
+            }
+            Err(NonvolatileError::NotKept { written, read }) => {
+                let what = format!("non-volatile memory of channel {channel} ({access})");
+                let hint = "it may be write-protected (see the card's jumpers) or worn out";
+                Err(self.not_kept(what, read, written, hint))
+            }
         }
     }
+}
 
-    fn access_selected(&mut self, channel: Channel, access: RemoteAccess) -> PortResult<u64, B> {
-        let mut read = self.access(channel, access.read_back())?;
-        let Some(written) = access.written().filter(|&value| value != read) else {
-            return Ok(read);
-        };
-        self.access(channel, access)?;
-        let mut pause = KEEP_FIRST;
-        for _ in 0..=KEEP_ATTEMPTS {
-            self.bus.wait(pause);
-            read = self.access(channel, access.read_back())?;
-            if read == written {
-                return Ok(read);
-            }
-            pause = KEEP_PAUSE;
-        }
-        let what = format!("non-volatile memory of channel {channel} ({access})");
-        let hint = "it may be write-protected (see the card's jumpers) or worn out";
-        Err(self.not_kept(what, read, written, hint))
+/// A line to the remote on one channel of a port.
+struct ChannelLine<'a, B> {
+    port: SetupPort<'a, B>,
+    channel: Channel,
+}
+
+impl<B: RegisterBus + Clock> RemoteLink for ChannelLine<'_, B> {
+    type Error = PortError<B::Error>;
+
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error> {
+        self.port.access(self.channel, access)
+    }
+
+    fn wait(&mut self, time: Duration) {
+        self.port.bus.wait(time);
     }
 }

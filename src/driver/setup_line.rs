@@ -1,0 +1,71 @@
+//! One remote in setup mode at a baud rate of its own: for maintenance while a board is configured.
+
+use super::remark::{Remark, RemarkKind};
+use super::{Board, DriverError};
+use crate::bus::{Clock, RegisterBus};
+use crate::discovery::PortMemory;
+use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, StartMode, StartedRemote};
+
+impl<B: RegisterBus + Clock> Board<B> {
+    /// Stops a serial port and starts the remote on `channel` (0 to 7) of it alone, in setup mode, at
+    /// this baud rate: 115200 for a card whose jumper is in the setup position. Gives the line to it,
+    /// and what it tells; a remote of which only the bootloader answers tells neither unit number nor
+    /// tables.
+    ///
+    /// After [`discover`](Self::discover), with the channel configured. The remotes that were
+    /// discovered on the port are stopped from here on; [`end_setup_at`](Self::end_setup_at) gives the
+    /// channel its usual baud rate back.
+    ///
+    /// # Errors
+    /// [`DriverError::Missing`]: the remote does not start, with the reason. [`DriverError::Attach`]:
+    /// there is no such port or channel.
+    pub fn setup_at(
+        &mut self,
+        port: u8,
+        channel: u8,
+        baud_rate: u32,
+    ) -> Result<(PortMemory<'_, B>, StartedRemote), DriverError<B::Error>> {
+        let place = (port, channel);
+        let none = DriverError::no_remote(place);
+        let Self { bus, stages, .. } = self;
+        let bus = &mut **bus;
+        let stage = stages.get_mut(usize::from(port));
+        let (Some(stage), Some(channel)) = (stage, Channel::new(channel)) else {
+            return Err(none);
+        };
+        let port = &mut stage.port;
+        if !port.layout().mask().contains(channel) {
+            return Err(none);
+        }
+        let mut on_bus = port.on(bus);
+        on_bus.stop_all()?;
+        on_bus.set_baud_rate(channel, baud_rate)?;
+        on_bus.stop_all()?;
+        let outcomes = on_bus.start(StartMode::Setup, &[(channel, 0)])?;
+        match outcomes.into_iter().next() {
+            Some(Ok(started)) => Ok((PortMemory { port, bus, channel }, started)),
+            Some(Err(failure)) => {
+                let kind = RemarkKind::DidNotStart(failure);
+                Err(DriverError::Missing(Remark::new(place, kind)))
+            }
+            None => Err(none),
+        }
+    }
+
+    /// Stops a serial port, and gives a channel of it the baud rate that a reset gives.
+    ///
+    /// # Errors
+    /// The port does not do it, or is not there.
+    pub fn end_setup_at(&mut self, port: u8, channel: u8) -> Result<(), DriverError<B::Error>> {
+        let none = DriverError::no_remote((port, channel));
+        let Self { bus, stages, .. } = self;
+        let stage = stages.get_mut(usize::from(port));
+        let (Some(stage), Some(channel)) = (stage, Channel::new(channel)) else {
+            return Err(none);
+        };
+        let mut port = stage.port.on(&mut **bus);
+        port.stop_all()?;
+        port.set_baud_rate(channel, DEFAULT_BAUD_RATE)?;
+        Ok(port.stop_all()?)
+    }
+}

@@ -1,0 +1,25 @@
+//! Remotes in setup mode, where their parameters and their firmware are: over a serial port of the
+//! host, with the card's jumper in its setup position, or through the FPGA.
+//!
+//! A [`SerialHost`] is LBP as host on any serial port; a channel of the FPGA is a
+//! [`PortMemory`](crate::discovery::PortMemory). Both are a [`RemoteLink`] and a
+//! [`RemoteMemory`](crate::discovery::RemoteMemory), so that discovery, parameters
+//! ([`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter)) and a
+//! [firmware update](update) are the same over either.
+//!
+//! # Real time
+//! Nothing here is for the cycle. Everything is bounded.
+
+mod firmware;
+#[cfg(feature = "std")]
+mod serial;
+#[cfg(feature = "std")]
+mod serial_error;
+pub mod update;
+
+pub use crate::lbp::RemoteLink;
+pub use firmware::{Firmware, FirmwareError};
+#[cfg(feature = "std")]
+pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
+#[cfg(feature = "std")]
+pub use serial_error::{Asked, SerialError};
