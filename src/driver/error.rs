@@ -139,7 +139,7 @@ impl<E: BusError> DriverError<E> {
         })
     }
 
-    pub(super) fn no_remote((port, channel): (u8, u8)) -> Self {
+    pub(crate) fn no_remote((port, channel): (u8, u8)) -> Self {
         Self::Attach(AttachError::NoRemote {
             port,
             channel,

@@ -162,7 +162,7 @@ impl DataRecord {
     }
 
     /// What the bits of the parameter are as LinuxCNC has it: without its scale.
-    fn typed(&self, raw: u64) -> AnyValue {
+    pub fn typed(&self, raw: u64) -> AnyValue {
         let hal_type = self.parameter_type();
         let bits = match hal_type {
             HalType::Bit => u64::from(raw != 0),

@@ -10,16 +10,25 @@
 //! # Real time
 //! Nothing here is for the cycle. Everything is bounded.
 
+mod cabinet;
 mod firmware;
 #[cfg(feature = "std")]
 mod serial;
+#[cfg(feature = "std")]
+mod serial_cabinet;
 #[cfg(feature = "std")]
 mod serial_error;
 pub mod update;
 
 pub use crate::lbp::RemoteLink;
+pub use cabinet::{
+    Cabinet, Comparison, Difference, Match, RemotePlace, RestoreError, SavedCabinet, SavedRemote,
+    SavedValue, parse_value,
+};
 pub use firmware::{Firmware, FirmwareError};
 #[cfg(feature = "std")]
 pub use serial::{SETUP_BAUD_RATE, SerialHost, SerialRemote};
+#[cfg(feature = "std")]
+pub use serial_cabinet::{SerialCabinet, SerialCabinetError};
 #[cfg(feature = "std")]
 pub use serial_error::{Asked, SerialError};
