@@ -487,7 +487,7 @@ mod tests {
         let mut board = board();
         let saved = SavedCabinet::take(&mut board).unwrap();
         for (name, value) in [
-            ("NVBaudRate", SavedValue::Whole(12)),
+            ("NVBaudRate", SavedValue::Whole(65_536)),
             ("NVWatchDogTimeout", SavedValue::Whole(-1)),
             ("NVWatchDogTimeout", SavedValue::Real(0.5)),
             ("NVNothing", SavedValue::Whole(1)),

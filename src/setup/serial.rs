@@ -17,7 +17,7 @@ use crate::sslbp::{
 
 /// Baud rate of a card whose jumper is in the setup position, whatever its `NVBaudRate` is.
 ///
-/// Manual: 7I77, 7I72, "SETUP/OPERATE MODE".
+/// Manual: 7I77, "SETUP/OPERATE MODE".
 pub const SETUP_BAUD_RATE: u32 = 115_200;
 
 /// What a remote behind a serial port has as its channel.
@@ -63,7 +63,7 @@ const LOOK: Duration = Duration::from_micros(500);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// Manual: 7I77, "RPD, WPD, AND UFLBP", "LBP"; FACTS 1.
+/// Manual: 7I77, "RPD, WPD, AND UFLBP"; FACTS 1.
 #[derive(Debug)]
 pub struct SerialHost<P> {
     port: P,

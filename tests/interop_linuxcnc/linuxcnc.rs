@@ -59,15 +59,22 @@ impl Machine {
     /// Loads LinuxCNC's driver for a board, or tries again. A packet that comes late during
     /// discovery makes it fail, or go on without a parameter, or without a remote.
     pub fn load(prefix: &'static str, name: &str, board: &str, expected: &Expected) -> Self {
+        Self::load_with(prefix, name, board, expected, "loadrt hostmot2")
+    }
+
+    /// The same, with this command that loads the part that is the same for all boards.
+    pub fn load_with(
+        prefix: &'static str,
+        name: &str,
+        board: &str,
+        expected: &Expected,
+        hostmot2: &str,
+    ) -> Self {
         let mut missing = Vec::new();
         for attempt in 1..=LOADS {
             let mut machine = Self::start(prefix, board);
             let driver = "loadrt hm2_eth board_ip=10.97.0.2 config=sserial_port_0=000xxxxx";
-            let mut load = || {
-                machine
-                    .try_hal("loadrt hostmot2")
-                    .and(machine.try_hal(driver))
-            };
+            let mut load = || machine.try_hal(hostmot2).and(machine.try_hal(driver));
             missing = match load() {
                 Ok(_) => {
                     let (pins, params) = (machine.list("pin"), machine.list("param"));
@@ -166,6 +173,12 @@ impl Machine {
             Ok(answer) => answer,
             Err(answer) => panic!("halcmd {command}: {answer:?}"),
         }
+    }
+
+    /// All that a command says, whether or not it is done.
+    pub fn said(&mut self, command: &str) -> String {
+        let (Ok(answer) | Err(answer)) = self.try_hal(command);
+        answer.join("\n")
     }
 
     pub fn set(&mut self, name: &str, value: &str) {

@@ -10,6 +10,7 @@ mod cost;
 mod interop;
 mod linuxcnc;
 mod names;
+mod setsserial;
 
 use std::time::{Duration, Instant};
 

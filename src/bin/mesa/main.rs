@@ -2,6 +2,7 @@
 //!
 //! What it does is calls of the library; here are arguments, words and screens.
 
+mod cabinet;
 mod commands;
 mod consent;
 mod context;

@@ -266,6 +266,9 @@ pub trait SimDevice: RemoteEnd {
     /// Whether its program is missing or was cut off, so that only its bootloader answers.
     fn is_in_bootloader(&self) -> bool;
 
+    /// Whether its flash memory holds a whole program, which its bootloader would start.
+    fn is_program_whole(&self) -> bool;
+
     /// D5: the revision of the program that runs; 0 in the bootloader.
     fn revision(&self) -> u8;
 
@@ -373,6 +376,10 @@ impl<W: World> SimDevice for Remote<Device<W>> {
 
     fn is_in_bootloader(&self) -> bool {
         Self::is_in_bootloader(self)
+    }
+
+    fn is_program_whole(&self) -> bool {
+        Self::is_program_whole(self)
     }
 
     fn revision(&self) -> u8 {

@@ -247,6 +247,12 @@ impl<A: Application> Remote<A> {
         self.state.in_bootloader
     }
 
+    /// Whether its flash memory holds a whole program for this card; so does one without flash memory.
+    pub fn is_program_whole(&self) -> bool {
+        let flash = self.flash.as_ref();
+        flash.is_none_or(|flash| program::revision(flash, self.config.name).is_some())
+    }
+
     /// D5: the revision of the program that runs; 0 in the bootloader.
     pub const fn revision(&self) -> u8 {
         self.state.revision

@@ -4,8 +4,10 @@ mod info;
 mod led;
 mod list;
 mod manual;
+mod param;
 mod raw;
 mod registers;
+mod update;
 
 use clap::Subcommand;
 
@@ -22,7 +24,9 @@ pub enum Command {
     Peek(registers::Peek),
     Poke(registers::Poke),
     List(list::List),
+    Param(param::Param),
     Sim(sim::Options),
+    Update(update::Update),
 }
 
 impl Command {
@@ -36,7 +40,9 @@ impl Command {
             Self::Peek(peek) => peek.run(context),
             Self::Poke(poke) => poke.run(context),
             Self::List(list) => list.run(context),
+            Self::Param(param) => param.run(context),
             Self::Sim(options) => sim::run(options, context),
+            Self::Update(update) => update.run(context),
         }
     }
 }

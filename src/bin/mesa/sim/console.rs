@@ -31,6 +31,8 @@ input CH N on|off          digital input of the remote on channel CH
 volts CH N VOLTS           voltage on an input of a remote
 field CH VOLTS             field power of a remote (0 drops it)
 power CH on|off            supply of a remote
+jumper CH setup|operate    put a remote's jumper there, and switch it off and on
+firmware CH REVISION FILE  write a firmware file for a remote, to update it with
 shorted CH N on|off        short the load of an output
 hot CH N on|off            overheat the driver of an output
 unplug CH, plug CH         pull a remote's connector, put it back

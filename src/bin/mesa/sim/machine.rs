@@ -56,6 +56,11 @@ impl Machine {
             let seed = options.seed ^ u64::from(remote.channel) << 32;
             let cable = devices::build(&remote.device, remote.mode, seed)?;
             machine.add(remote, cable);
+            if remote.setup {
+                let now = machine.board.time();
+                let device = machine.device(usize::from(remote.channel))?;
+                device.set_setup_jumper(now, true);
+            }
         }
         machine.wire_motors();
         Ok(machine)
@@ -201,6 +206,7 @@ fn with_own_remotes(options: &MachineOptions) -> Vec<RemoteOption> {
                     channel,
                     device: device.to_owned(),
                     mode: None,
+                    setup: false,
                 });
             }
         }

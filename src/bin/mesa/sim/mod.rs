@@ -5,7 +5,7 @@ mod devices;
 pub mod machine;
 mod options;
 mod remotes;
-mod store;
+pub mod store;
 
 use std::error::Error;
 use std::time::Duration;

@@ -32,8 +32,9 @@ pub struct Options {
     #[arg(long, default_value_t = lbp16::PORT)]
     port: u16,
     /// Plug a remote into a serial channel; repeat for more. DEVICE: 7i77-io, 7i77-analog, 7i72,
-    /// 7i64, or a description file. MODE: number of the software mode it powers up in
-    #[arg(long = "remote", value_name = "CH=DEVICE[:MODE]")]
+    /// 7i64, or a description file. MODE: number of the software mode it powers up in; setup: its
+    /// jumper is in the setup position (115200 baud)
+    #[arg(long = "remote", value_name = "CH=DEVICE[:MODE][:setup]")]
     pub remotes: Vec<RemoteOption>,
     /// Keep EEPROM, flash and the remotes' non-volatile memory in FILE
     #[arg(long, value_name = "FILE")]
@@ -88,12 +89,14 @@ pub enum Board {
     I7i92With7i77,
 }
 
-/// What is plugged into a channel: `CH=DEVICE[:MODE]`.
+/// What is plugged into a channel: `CH=DEVICE[:MODE][:setup]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RemoteOption {
     pub channel: u8,
     pub device: String,
     pub mode: Option<u8>,
+    /// Its jumper is in the setup position.
+    pub setup: bool,
 }
 
 impl FromStr for RemoteOption {
@@ -103,6 +106,10 @@ impl FromStr for RemoteOption {
         let form = || format!("`{text}`: expected CH=DEVICE[:MODE], for example 0=7i72");
         let (channel, device) = text.split_once('=').ok_or_else(form)?;
         let channel = channel.parse().map_err(|_| form())?;
+        let (device, setup) = match device.strip_suffix(":setup") {
+            Some(device) => (device, true),
+            None => (device, false),
+        };
         let (device, mode) = match device.rsplit_once(':') {
             Some((device, mode)) => (device, Some(mode.parse().map_err(|_| form())?)),
             None => (device, None),
@@ -114,6 +121,7 @@ impl FromStr for RemoteOption {
             channel,
             device: device.to_owned(),
             mode,
+            setup,
         })
     }
 }

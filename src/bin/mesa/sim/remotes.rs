@@ -1,8 +1,10 @@
 //! Commands for the remotes, and what is shown of them.
 
+use std::fs;
+
 use mesa_hal::sim::{
     devices::{SignalValue, WorldError},
-    remote::{Cable, Toward, WireFault},
+    remote::{Cable, Toward, WireFault, firmware_file},
 };
 
 use super::{
@@ -36,6 +38,12 @@ pub fn command(
             world(machine.device(channel)?.set_field_volts(now, volts))?;
         }
         ("power", [state]) => machine.device(channel)?.set_power(now, on_off(state)?),
+        ("jumper", ["setup"]) => machine.device(channel)?.set_setup_jumper(now, true),
+        ("jumper", ["operate"]) => machine.device(channel)?.set_setup_jumper(now, false),
+        ("firmware", [revision, file]) => {
+            let image = firmware_file(machine.device(channel)?.card(), number(revision)?, 6000);
+            fs::write(file, image).map_err(|error| format!("{file}: {error}"))?;
+        }
         ("shorted", [n, state]) => {
             let (n, on) = (number(n)?, on_off(state)?);
             world(machine.device(channel)?.set_over_current(n, on))?;
@@ -106,6 +114,12 @@ pub fn show(text: &mut String, machine: &mut Machine, channel: usize) {
     };
     line(text, &name("powered"), u8::from(device.is_powered()));
     line(text, &name("mode"), device.mode());
+    line(text, &name("revision"), device.revision());
+    line(
+        text,
+        &name("bootloader"),
+        u8::from(device.is_in_bootloader()),
+    );
     line(
         text,
         &name("faults"),

@@ -120,7 +120,8 @@ fn write_all(receiver: &Receiver<Vec<u8>>, path: &Path) {
     }
 }
 
-fn write(path: &Path, state: &[u8]) -> io::Result<()> {
+/// Writes all of a file, or nothing: what was there stays until the new one is complete.
+pub fn write(path: &Path, state: &[u8]) -> io::Result<()> {
     let beside = beside(path)?;
     let mut file = File::create(&beside)?;
     file.write_all(state)?;

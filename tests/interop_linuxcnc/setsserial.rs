@@ -1,0 +1,62 @@
+//! LinuxCNC's `setsserial` writes parameters and firmware of a simulated remote: what it does there is
+//! what `mesa param` and `mesa update` do (FACTS 1.6).
+
+use std::path::Path;
+
+use crate::interop::Scratch;
+use crate::linuxcnc::{Expected, Machine, alone, skipped};
+
+/// It is only looked for what is needed.
+const I7I72: &str = "param u32 RW 7i72.0.0.nvwatchdogtimeout";
+
+/// The name of a file as LinuxCNC looks for firmware: below /lib/firmware.
+fn below_firmware(path: &str) -> String {
+    let firmware = Path::new("/lib/firmware").canonicalize();
+    let depth = firmware.map_or(2, |path| path.components().count() - 1);
+    format!("{}{}", "../".repeat(depth), path.trim_start_matches('/'))
+}
+
+#[test]
+fn what_setsserial_writes_is_a_whole_program_and_a_parameter_of_the_simulated_remote() {
+    if skipped() {
+        return;
+    }
+    if !Path::new("/usr/lib/linuxcnc/modules/setsserial.so").exists() {
+        crate::interop::tools::skip("LinuxCNC has no `setsserial`");
+        return;
+    }
+    if !Path::new("/lib/firmware").exists() {
+        crate::interop::tools::skip("there is no /lib/firmware, where LinuxCNC looks for firmware");
+        return;
+    }
+    let _alone = alone();
+    let expected = Expected::of(&[I7I72]);
+    let board = "--board 7i97 --remote 0=7i72:setup";
+    // The rate of the jumper's setup position.
+    let hostmot2 = "loadrt hostmot2 sserial_baudrate=115200";
+    let mut machine = Machine::load_with("hm2_7i97.0", "setsserial", board, &expected, hostmot2);
+    let file = Scratch::new("7I72-60.BIN");
+    machine.board.run(&format!("firmware 0 60 {}", file.path()));
+
+    let set = "loadrt setsserial cmd=\"set hm2_7i97.0.7i72.0.0.nvwatchdogtimeout 75\"";
+    let said = machine.said(set);
+    assert!(said.contains("setting success"), "{said}");
+    // It writes without waiting until it is kept.
+    machine.expect_board("0", "remote.0.parameter.nvwatchdogtimeout", |time| {
+        time == 75.0
+    });
+    machine.said("unloadrt setsserial");
+
+    assert_eq!(machine.board.show("0")["remote.0.revision"], "14");
+    let flash = format!(
+        "loadrt setsserial cmd=\"flash hm2_7i97.0.7i72.0.0 {}\"",
+        below_firmware(file.path())
+    );
+    let said = machine.said(&flash);
+    assert!(said.contains("Flash Success"), "{said}");
+    machine.board.run("jumper 0 operate");
+    let shown = machine.board.show("0");
+    assert_eq!(shown["remote.0.bootloader"], "0", "{said}");
+    assert_eq!(shown["remote.0.revision"], "60", "{said}");
+    machine.stop();
+}

@@ -1,0 +1,114 @@
+//! A simulated card on a serial port: a pseudoterminal with the card at its other end.
+
+use std::fs::{File, OpenOptions};
+use std::os::fd::OwnedFd;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use mesa_hal::sim::SerialFace;
+use mesa_hal::sim::devices::SimDevice;
+use rustix::fs::{OFlags, fcntl_setfl};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+/// How often the card looks whether it shall end.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// A card with its jumper in the setup position, in real time, until it is dropped.
+pub struct Card {
+    /// What a host opens.
+    pub path: String,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    // As long as somebody has it open, its settings and what was sent stay.
+    _slave: File,
+}
+
+struct Shared {
+    device: Mutex<(Box<dyn SimDevice>, u64)>,
+    stop: AtomicBool,
+}
+
+impl Card {
+    pub fn start(mut device: impl SimDevice) -> Self {
+        device.set_setup_jumper(0, true);
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudoterminal");
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        fcntl_setfl(&master, OFlags::NONBLOCK).unwrap();
+        let path = ptsname(&master, Vec::new()).unwrap();
+        let path = path.into_string().unwrap();
+        let slave = OpenOptions::new().read(true).write(true).open(&path);
+        let slave = slave.unwrap();
+        let mut settings = tcgetattr(&slave).unwrap();
+        settings.make_raw();
+        tcsetattr(&slave, OptionalActions::Now, &settings).unwrap();
+        let shared = Arc::new(Shared {
+            device: Mutex::new((Box::new(device), 0)),
+            stop: AtomicBool::new(false),
+        });
+        let thread = std::thread::spawn({
+            let (shared, slave) = (Arc::clone(&shared), slave.try_clone().unwrap());
+            move || serve(&shared, &slave, master)
+        });
+        Self {
+            path,
+            shared,
+            thread: Some(thread),
+            _slave: slave,
+        }
+    }
+
+    /// The device and its time, to look at it and to change the world.
+    pub fn with<T>(&self, look: impl FnOnce(&mut dyn SimDevice, u64) -> T) -> T {
+        let mut device = self.shared.device();
+        let (device, now) = &mut *device;
+        look(&mut **device, *now)
+    }
+
+    /// What the card itself has.
+    pub fn parameter(&self, name: &str) -> u64 {
+        let found = self.with(|device, _| device.parameters());
+        let found = found.into_iter().find(|(found, _)| found == name);
+        found.expect("it has this parameter").1
+    }
+
+    pub fn power_cycle(&self) {
+        self.with(|device, now| {
+            device.set_power(now, false);
+            device.set_power(now, true);
+        });
+    }
+}
+
+impl Shared {
+    fn device(&self) -> MutexGuard<'_, (Box<dyn SimDevice>, u64)> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn serve(shared: &Shared, slave: &File, master: OwnedFd) {
+    let mut face = SerialFace::new(File::from(master));
+    while !shared.stop.load(Ordering::Relaxed) {
+        // The line has the rate that the host has set, whatever the card's is.
+        face.set_baud_rate(tcgetattr(slave).unwrap().input_speed());
+        {
+            let mut device = shared.device();
+            face.step(&mut *device.0, LOOK).expect("the port works");
+            device.1 = face.now();
+        }
+        // Who waits for the device gets it.
+        std::thread::yield_now();
+    }
+}
+
+impl Drop for Card {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
