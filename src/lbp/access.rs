@@ -179,6 +179,7 @@ impl RemoteAccess {
     }
 
     /// A read of the same place.
+    #[must_use]
     pub const fn read_back(self) -> Self {
         match self {
             Self::Write { address, size, .. } => Self::Read { address, size },

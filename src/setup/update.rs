@@ -294,7 +294,11 @@ impl Plan {
                 return Ok(());
             }
         }
-        let (offset, written, read) = wrong.unwrap_or_default();
+        let Mismatch {
+            offset,
+            written,
+            read,
+        } = wrong.unwrap_or_default();
         Err(UpdateError::NotKept {
             offset,
             written,
@@ -325,20 +329,24 @@ impl Plan {
         Ok(())
     }
 
-    /// The first difference between a block and the file: where, what should be there, what is.
+    /// The first difference between a block and the file.
     fn difference<L: RemoteLink>(
         &self,
         link: &mut L,
         firmware: &Firmware,
         block: u32,
-    ) -> Result<Option<(u32, u64, u64)>, UpdateError<L::Error>> {
+    ) -> Result<Option<Mismatch>, UpdateError<L::Error>> {
         for page in self.pages() {
             set_offset(link, block + page)?;
-            for (address, expected) in firmware.doubles(block + page, self.write_size) {
+            for (address, written) in firmware.doubles(block + page, self.write_size) {
                 let read = read_double(link, address)?;
-                if read != expected {
+                if read != written {
                     let offset = block + page + u32::from(address);
-                    return Ok(Some((offset, expected, read)));
+                    return Ok(Some(Mismatch {
+                        offset,
+                        written,
+                        read,
+                    }));
                 }
             }
         }
@@ -365,6 +373,14 @@ impl Plan {
         }
         Ok(false)
     }
+}
+
+/// Eight bytes that are not those of the file.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mismatch {
+    offset: u32,
+    written: u64,
+    read: u64,
 }
 
 /// Told before each page; fails if it shall stop.

@@ -185,6 +185,12 @@ fn what_is_not_for_this_card_is_refused_before_anything_is_erased() {
         assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
         assert!(run.err.contains(said), "{arguments:?}: {run:?}");
     }
+    let at = ["--sim", "7i97,0=7i77-io:setup", "--at", "0.0", "--dry-run"];
+    let plan = json(&[&["update", "7i77", own.path()], &at[..]].concat());
+    assert_eq!(
+        (&plan["blocks"], &plan["dry_run"]),
+        (&1.into(), &true.into())
+    );
     let nowhere = run(&["update", "7i77", own.path(), "--sim", "7i97"]);
     assert_eq!(nowhere.code, Some(2), "it needs a place: {nowhere:?}");
     card.with(|device, _| assert!(device.is_program_whole()));

@@ -209,9 +209,10 @@ impl Update {
             return Err(UpdateError::<L::Error>::NotReadable.into());
         }
         bar.clear();
-        let what = match was_cut_off {
-            true => "finishes a firmware update that was cut off:".to_owned(),
-            false => format!("a {}, unit number {unit_number:#010X}:", kind(&started)),
+        let what = if was_cut_off {
+            "finishes a firmware update that was cut off:".to_owned()
+        } else {
+            format!("a {}, unit number {unit_number:#010X}:", kind(&started))
         };
         context.consent(&format!(
             "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}). Until it is \

@@ -18,6 +18,7 @@ const MOST_BYTES: u64 = 4 << 20;
 
 /// Saves what all remotes keep in non-volatile memory
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param save cabinet.toml --addr 10.10.10.10")]
 pub struct Save {
     /// The file: TOML if its name ends so, else JSON
     file: PathBuf,
@@ -27,6 +28,7 @@ pub struct Save {
 
 /// Puts back what a file has: refuses one for other cards, writes what differs, reads it back
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param restore cabinet.toml --dry-run --addr 10.10.10.10")]
 pub struct Restore {
     /// A file of `mesa param save`
     file: PathBuf,

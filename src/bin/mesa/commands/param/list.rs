@@ -13,6 +13,7 @@ use crate::context::{Context, Ending, Failure};
 
 /// All parameters of all remotes
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param list --sim 7i92-7i77")]
 pub struct List {
     #[command(flatten)]
     at: Where,

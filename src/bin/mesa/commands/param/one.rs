@@ -14,6 +14,7 @@ use crate::context::{Context, Ending, Failure};
 
 /// One parameter
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param get 0.0.NVWatchDogTimeout --sim 7i92-7i77")]
 pub struct Get {
     /// Which, with PORT.CHANNEL in front where several remotes have it
     #[arg(value_name = "[PORT.CHANNEL.]NAME")]
@@ -24,6 +25,7 @@ pub struct Get {
 
 /// Writes one parameter, and reads it back
 #[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa param set NVWatchDogTimeout 100 --serial /dev/ttyUSB0")]
 pub struct Set {
     /// Which, with PORT.CHANNEL in front where several remotes have it
     #[arg(value_name = "[PORT.CHANNEL.]NAME")]
@@ -87,15 +89,15 @@ impl Set {
         let before = SavedValue::from(record.typed(raw));
         if raw != wanted {
             let after = SavedValue::from(record.typed(wanted));
-            let kept = match record.data_type.is_nonvolatile() {
-                true => "in non-volatile memory; it is used from the next power-up on",
-                false => "until it is switched off",
+            let kept = if record.data_type.is_nonvolatile() {
+                "in non-volatile memory; it is used from the next power-up on"
+            } else {
+                "until it is switched off"
             };
-            let warning = match name.eq_ignore_ascii_case("nvbaudrate") {
-                true => {
-                    ". At another baud rate an FPGA reaches it only in setup mode, or not at all"
-                }
-                false => "",
+            let warning = if name.eq_ignore_ascii_case("nvbaudrate") {
+                ". At another baud rate an FPGA reaches it only in setup mode, or not at all"
+            } else {
+                ""
             };
             context.consent(&format!(
                 "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
