@@ -88,4 +88,8 @@ impl<B: Clock> Clock for Timed<B> {
     fn wait(&mut self, duration: Duration) {
         self.measured(|bus| bus.wait(duration));
     }
+
+    fn sleep(&mut self, duration: Duration) {
+        self.measured(|bus| bus.sleep(duration));
+    }
 }

@@ -53,4 +53,8 @@ impl Clock for HostClock {
     fn wait(&mut self, duration: Duration) {
         self.sleep_until(self.read().after(duration));
     }
+
+    fn sleep(&mut self, duration: Duration) {
+        std::thread::sleep(duration);
+    }
 }

@@ -212,6 +212,12 @@ pub trait Clock {
 
     /// Lets `duration` pass.
     fn wait(&mut self, duration: Duration);
+
+    /// Lets at least `duration` pass, without using a CPU meanwhile: cheaper than [`wait`](Self::wait),
+    /// and less exact. The same where nothing is cheaper.
+    fn sleep(&mut self, duration: Duration) {
+        self.wait(duration);
+    }
 }
 
 impl<C: Clock + ?Sized> Clock for &mut C {
@@ -221,6 +227,10 @@ impl<C: Clock + ?Sized> Clock for &mut C {
 
     fn wait(&mut self, duration: Duration) {
         (**self).wait(duration);
+    }
+
+    fn sleep(&mut self, duration: Duration) {
+        (**self).sleep(duration);
     }
 }
 

@@ -58,6 +58,8 @@
 //! with its memory locked, on a CPU of its own (`Realtime`).
 
 mod commands;
+mod histogram;
+mod latency;
 mod packed;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 mod realtime;
@@ -70,6 +72,8 @@ mod tests;
 pub use commands::{
     COMMANDS_IN_A_CYCLE, CommandError, CommandQueue, CommandSender, CommandStatistics,
 };
+pub use histogram::{Distribution, Histogram};
+pub use latency::{Judgement, Latency, Verdict};
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
 pub use snapshot::{RemoteSnapshot, Snapshot, SnapshotError, SnapshotReader, SnapshotWriter};
@@ -93,6 +97,7 @@ pub struct Runner<B: RegisterBus + Clock> {
     statistics: RunStatistics,
     snapshot: Option<SnapshotWriter>,
     commands: Option<CommandQueue>,
+    is_sleeping: bool,
     #[cfg(feature = "realtime")]
     stop: Option<Stop>,
 }
@@ -106,8 +111,15 @@ pub struct Cycle<'a, B: RegisterBus + Clock> {
     pub read: Result<CycleReport, CycleError<B::Error>>,
     /// Why the write of the cycle before failed, if it did.
     pub write: Result<(), CycleError<B::Error>>,
+    /// When it began, before its read.
+    pub begun: Instant,
     /// How much later than planned it began. Zero where the [board paces](Pace::Board).
     pub late: Duration,
+    /// What the cycle before took, from the begin of its read to the end of its write; zero in the
+    /// first.
+    pub took: Duration,
+    /// What was counted in the cycles before.
+    pub statistics: RunStatistics,
     /// The driver, to re-arm it or to look at it. The runner reads, writes, and ends it.
     pub driver: &'a mut Driver<B>,
 }
@@ -174,6 +186,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
             statistics: RunStatistics::default(),
             snapshot: None,
             commands: None,
+            is_sleeping: false,
             #[cfg(feature = "realtime")]
             stop: None,
         }
@@ -201,6 +214,17 @@ impl<B: RegisterBus + Clock> Runner<B> {
         self.commands.insert(queue).sender()
     }
 
+    /// Waits without using the CPU: cycles begin later by what the kernel needs to wake a thread.
+    ///
+    /// Otherwise it is the bus that [waits](Clock::wait), and the host's clock looks again and again in
+    /// the last 20 us. A thread with realtime priority, which is woken in time, pays up to that much
+    /// CPU in each cycle for it; one without is woken later than that, and pays nothing.
+    #[must_use]
+    pub fn sleeping(mut self) -> Self {
+        self.is_sleeping = true;
+        self
+    }
+
     /// Ends when a signal has come.
     #[cfg(feature = "realtime")]
     #[must_use]
@@ -222,6 +246,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
         let period = self.driver.period();
         let mut planned = self.driver.bus_mut().now();
         let mut write = Ok(());
+        let mut took = Duration::ZERO;
         #[cfg(feature = "realtime")]
         let mut signal = None;
         loop {
@@ -241,7 +266,10 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 number: self.statistics.cycles,
                 read,
                 write: core::mem::replace(&mut write, Ok(())),
+                begun,
                 late,
+                took,
+                statistics: self.statistics,
                 driver: &mut self.driver,
             });
             if flow.is_break() {
@@ -250,7 +278,8 @@ impl<B: RegisterBus + Clock> Runner<B> {
             write = self.driver.write();
             self.statistics.failed_writes += u64::from(write.is_err());
             let ended = self.driver.bus_mut().now();
-            self.count(late, ended.since(begun));
+            took = ended.since(begun);
+            self.count(late, took);
             if let Some(snapshot) = &mut self.snapshot {
                 // It is of this driver, which is what it could refuse.
                 let _ = snapshot.publish_run(&self.driver, &self.statistics);
@@ -277,7 +306,11 @@ impl<B: RegisterBus + Clock> Runner<B> {
         if rest.is_zero() {
             return now;
         }
-        bus.wait(rest);
+        if self.is_sleeping {
+            bus.sleep(rest);
+        } else {
+            bus.wait(rest);
+        }
         bus.now()
     }
 

@@ -262,6 +262,10 @@ impl<B: Clock> Clock for Faulty<B> {
     fn wait(&mut self, duration: Duration) {
         self.inner.wait(duration);
     }
+
+    fn sleep(&mut self, duration: Duration) {
+        self.inner.sleep(duration);
+    }
 }
 
 fn reads(accesses: &[Access]) -> bool {

@@ -183,4 +183,8 @@ impl<B: Clock> Clock for Recording<B> {
     fn wait(&mut self, duration: Duration) {
         self.inner.wait(duration);
     }
+
+    fn sleep(&mut self, duration: Duration) {
+        self.inner.sleep(duration);
+    }
 }

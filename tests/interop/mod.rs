@@ -24,23 +24,20 @@ pub fn mesa() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| match option_env!("CARGO_BIN_EXE_mesa") {
         Some(built) if cfg!(feature = "cli") => PathBuf::from(built),
-        _ => {
-            let target = target();
-            let profile = profile();
-            build(&["--features", "cli", "--bin", "mesa"], profile, &target);
-            target.join(profile).join("mesa")
-        }
+        _ => mesa_in(profile()),
     })
+}
+
+/// The program `mesa` in a profile, built if it is not there or is old.
+pub fn mesa_in(profile: &str) -> PathBuf {
+    let target = target();
+    build(&["--features", "cli", "--bin", "mesa"], profile, &target);
+    target.join(profile).join("mesa")
 }
 
 /// An example in the profile of this test, built if it is not there or is old.
 pub fn example(name: &str) -> PathBuf {
-    example_in(profile(), name)
-}
-
-/// An example in a profile, built if it is not there or is old.
-pub fn example_in(profile: &str, name: &str) -> PathBuf {
-    let target = target();
+    let (target, profile) = (target(), profile());
     build(&["--example", name], profile, &target);
     target.join(profile).join("examples").join(name)
 }

@@ -1,8 +1,8 @@
 //! What a cycle costs LinuxCNC and this crate on the same kind of board, at the same time.
 
-use std::{fs, net::Ipv4Addr, path::PathBuf, process::Command, time::Duration};
+use std::{fs, net::Ipv4Addr, path::Path, process::Command, time::Duration};
 
-use crate::interop::{board::Board, example_in};
+use crate::interop::{board::Board, mesa_in};
 
 /// What LinuxCNC's realtime process has had of the CPUs so far.
 fn linuxcnc_cpu() -> Duration {
@@ -36,12 +36,12 @@ pub struct Beside {
     bytes: String,
 }
 
-/// Runs the example `cycle_cost` on boards of its own, while LinuxCNC is in its cycle, alternately at
+/// Runs `mesa latency` on boards of its own, while LinuxCNC is in its cycle, alternately at
 /// the board's pace and at the host's. It is built for speed, as LinuxCNC is.
 ///
 /// `cycles` says how many cycles LinuxCNC's board has seen so far.
 pub fn run_beside(board: &str, mut cycles: impl FnMut() -> f64) -> [Beside; PACES.len()] {
-    let program = example_in("release", "cycle_cost");
+    let program = mesa_in("release");
     let mut all = [const { Vec::new() }; PACES.len()].map(|pairs| Beside {
         pairs,
         ..Beside::default()
@@ -65,15 +65,16 @@ pub fn run_beside(board: &str, mut cycles: impl FnMut() -> f64) -> [Beside; PACE
 fn value<'a>(text: &'a str, what: &str) -> &'a str {
     let mut lines = text.lines();
     let value = lines.find_map(|line| line.strip_prefix(what));
-    value.expect("cycle_cost prints it").trim()
+    value.expect("mesa latency prints it").trim()
 }
 
-fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
+fn run(board: &str, host: u8, pace: &str, program: &Path) -> String {
     let address = Ipv4Addr::new(127, 97, 0, host);
     let arguments: Vec<&str> = board.split(' ').collect();
     let board = Board::start(address, &arguments);
     let output = Command::new(program)
         .args([
+            "latency",
             "--addr",
             &address.to_string(),
             "--pace",
@@ -82,9 +83,9 @@ fn run(board: &str, host: u8, pace: &str, program: &PathBuf) -> String {
             SECONDS,
         ])
         .output()
-        .expect("cycle_cost starts");
+        .expect("mesa starts");
     drop(board);
-    assert!(output.status.success(), "cycle_cost: {}", output.status);
+    assert!(output.status.success(), "mesa latency: {}", output.status);
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 

@@ -161,7 +161,12 @@ fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found
         values["network.received.packets"].parse::<u64>().unwrap()
     };
     let tools: [(&str, &[&str], &str, u64); 2] = [
-        ("cycle_cost", &["--seconds", "600"], "CPU per cycle: ", 3000),
+        (
+            "mesa latency",
+            &["--seconds", "600"],
+            "CPU per cycle: ",
+            3000,
+        ),
         ("mesa info", &[], "HostMot2 firmware for MESA7I97", 1),
     ];
     for (name, arguments, said, packets) in tools {
@@ -184,15 +189,14 @@ fn a_signal_ends_the_other_tools_with_the_ports_stopped_and_what_they_have_found
 fn nobody_who_reads_is_no_reason_to_panic_or_to_stop() {
     let address = Ipv4Addr::new(127, 94, 0, 12);
     let _board = Board::start(address, &I7I97);
-    let on_board: [(&str, &[&str]); 3] = [
+    let on_board: [(&str, &[&str]); 2] = [
         ("servo_loop", &["--seconds", "0.5", "--watchdog", "1000"]),
-        ("cycle_cost", &["--seconds", "1"]),
         ("mesa info", &[]),
     ];
     let alone: [(&str, &[&str]); 6] = [
         ("servo_loop", &["--seconds", "0.5", "--pins"]),
         ("servo_loop", &["--help"]),
-        ("cycle_cost", &["--help"]),
+        ("mesa latency", &["--help"]),
         ("mesa info", &["--sim", "7i92-7i77"]),
         ("mesa info", &["--help"]),
         ("mesa sim", &["--help"]),
@@ -283,7 +287,7 @@ fn a_board_that_somebody_drives_is_left_to_him() {
     let others = [
         ("servo_loop", &LONG[..]),
         ("mesa info", &[]),
-        ("cycle_cost", &[]),
+        ("mesa latency", &[]),
     ];
     for (name, arguments) in others {
         let output = start(name, Some(address), arguments).output();

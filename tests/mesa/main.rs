@@ -6,6 +6,7 @@ mod common;
 mod info;
 #[path = "../interop/mod.rs"]
 mod interop;
+mod latency;
 mod led;
 mod list;
 mod manual;

@@ -7,6 +7,7 @@ mod commands;
 mod consent;
 mod context;
 mod output;
+mod running;
 mod sim;
 mod target;
 

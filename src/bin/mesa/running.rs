@@ -24,7 +24,11 @@ fn found(driver: &Driver<UdpBus>) -> String {
         for channel in 0..layout.channels {
             let mut remotes = port.remotes();
             let remote = remotes.find(|remote| remote.started.channel.index() == channel);
-            let place = format_args!("{}: port {}, channel {channel}", driver.name(), layout.instance);
+            let place = format_args!(
+                "{}: port {}, channel {channel}",
+                driver.name(),
+                layout.instance
+            );
             let _ = match remote {
                 Some(remote) => writeln!(text, "{place}: {}", remote.descriptor.name),
                 None => writeln!(text, "{place}: no remote takes part"),

@@ -10,7 +10,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::sockopt::{Ipv4PathMtuDiscovery, set_ip_mtu_discover};
 use socket2::{Domain, Protocol, Socket, Type};
 
-use crate::bus::{HostClock, Instant, SPIN};
+use crate::bus::{Clock, HostClock, Instant, SPIN};
 
 /// Carries datagrams to one board and back, and keeps the time.
 ///
@@ -30,6 +30,12 @@ pub trait Link {
 
     /// Waits until `deadline`.
     fn sleep_until(&mut self, deadline: Instant);
+
+    /// Waits for at least `duration`, without using a CPU meanwhile: [`Clock::sleep`](crate::Clock::sleep).
+    fn sleep(&mut self, duration: Duration) {
+        let deadline = self.now().after(duration);
+        self.sleep_until(deadline);
+    }
 }
 
 /// A UDP socket that talks to one board only.
@@ -133,6 +139,10 @@ impl Link for UdpLink {
 
     fn sleep_until(&mut self, deadline: Instant) {
         self.clock.sleep_until(deadline);
+    }
+
+    fn sleep(&mut self, duration: Duration) {
+        Clock::sleep(&mut self.clock, duration);
     }
 }
 

@@ -296,6 +296,10 @@ impl<L: Link> Clock for UdpBus<L> {
         let until = self.link.now().after(duration);
         self.link.sleep_until(until);
     }
+
+    fn sleep(&mut self, duration: Duration) {
+        self.link.sleep(duration);
+    }
 }
 
 impl<L: Link> RegisterBus for UdpBus<L> {

@@ -1,6 +1,7 @@
 //! The commands, each in its own file: its arguments, what it does, what it prints.
 
 mod info;
+mod latency;
 mod led;
 mod list;
 mod manual;
@@ -17,6 +18,7 @@ use crate::sim;
 #[derive(Debug, Subcommand)]
 pub enum Command {
     Info(info::Info),
+    Latency(latency::Latency),
     Led(led::Led),
     Completions(manual::Completions),
     Man(manual::Man),
@@ -33,6 +35,7 @@ impl Command {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         match self {
             Self::Info(info) => info.run(context),
+            Self::Latency(latency) => latency.run(context),
             Self::Led(led) => led.run(context),
             Self::Completions(completions) => Ok(completions.run(context)),
             Self::Man(man) => man.run(context),

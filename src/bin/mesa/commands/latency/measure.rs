@@ -1,0 +1,130 @@
+//! The run that is measured.
+
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+use mesa_hal::Settings;
+use mesa_hal::bus::{BusStatistics, RegisterBus};
+use mesa_hal::driver::{DriverStatistics, Pace};
+use mesa_hal::runner::{Cycle, Latency as Recorder, RunStatistics, Runner};
+use mesa_hal::transport::udp::UdpBus;
+
+use super::{Latency, without};
+use crate::context::{Context, Failure};
+use crate::running;
+
+/// Cycles that are not counted: code and data come into the caches, and the board's DPLL into phase.
+const WARM_UP: u64 = 100;
+
+/// What was measured at one pace.
+pub struct Measured {
+    /// Name of the board.
+    pub board: String,
+    pub recorder: Recorder,
+    /// Cycles that were counted.
+    pub cycles: u64,
+    pub begin: Mark,
+    pub end: Mark,
+    /// Socket options that this host does not allow.
+    pub refused: Vec<&'static str>,
+    /// The error with which it ended.
+    pub stopped: Result<(), String>,
+}
+
+/// What is counted elsewhere, at a moment.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mark {
+    pub cycle: u64,
+    pub cpu: Duration,
+    pub bus: BusStatistics,
+    pub driver: DriverStatistics,
+    pub run: RunStatistics,
+}
+
+impl Mark {
+    fn take(cycle: &Cycle<'_, UdpBus>) -> Self {
+        Self {
+            cycle: cycle.number,
+            cpu: cpu_time(),
+            bus: cycle.driver.bus().statistics(),
+            driver: cycle.driver.statistics(),
+            run: cycle.statistics,
+        }
+    }
+}
+
+/// Measures at each pace, one after the other, in the calling thread.
+pub fn each(asked: &Latency, bus: UdpBus, context: &Context) -> Result<Vec<Measured>, Failure> {
+    asked.realtime().apply()?;
+    let mut all: Vec<Measured> = Vec::new();
+    let mut bus = Some(bus);
+    for &pace in asked.pace.each() {
+        let Some(own) = bus.take().filter(|_| context.stop.signal().is_none()) else {
+            break;
+        };
+        match one(asked, pace, own, context) {
+            Ok((measured, same)) => {
+                bus = measured.stopped.is_ok().then_some(same);
+                all.push(measured);
+            }
+            Err(error) if all.is_empty() => return Err(error),
+            Err(error) => without(pace, &error),
+        }
+    }
+    Ok(all)
+}
+
+fn one(
+    asked: &Latency,
+    pace: Pace,
+    bus: UdpBus,
+    context: &Context,
+) -> Result<(Measured, UdpBus), Failure> {
+    let period = Duration::from_secs(1) / asked.rate;
+    let settings = Settings {
+        period,
+        pace,
+        // What is measured is how late the host is: that shall not end it.
+        watchdog: Some((5 * period).max(Duration::from_millis(100))),
+        ..Settings::default()
+    };
+    let driver = running::start(bus, settings)?;
+    let board = driver.name().to_owned();
+    let mut recorder = Recorder::of(&driver);
+    let mut runner = Runner::new(driver);
+    if !asked.spin {
+        runner = runner.sleeping();
+    }
+    let (mut begin, mut end) = (Mark::default(), Mark::default());
+    let last = WARM_UP + asked.cycles();
+    let mut ended = runner.run(|cycle| {
+        if cycle.number >= WARM_UP {
+            recorder.record(cycle);
+        }
+        if cycle.number == WARM_UP {
+            begin = Mark::take(cycle);
+        }
+        if cycle.number < last && context.stop.signal().is_none() {
+            return ControlFlow::Continue(());
+        }
+        end = Mark::take(cycle);
+        ControlFlow::Break(())
+    });
+    let measured = Measured {
+        board,
+        recorder,
+        cycles: end.cycle.saturating_sub(WARM_UP),
+        begin,
+        end,
+        refused: ended.bus.link().refused.clone(),
+        stopped: ended.stopped.map_err(|error| error.to_string()),
+    };
+    Ok((measured, ended.bus))
+}
+
+/// What this thread has had of the CPUs so far.
+fn cpu_time() -> Duration {
+    let statistics = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanos = statistics.split(' ').next().and_then(|n| n.parse().ok());
+    Duration::from_nanos(nanos.unwrap_or(0))
+}

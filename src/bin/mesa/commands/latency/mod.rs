@@ -1,0 +1,171 @@
+//! `mesa latency`: how late cycles are on this host with this board, what they cost, and which rate
+//! that allows.
+
+mod measure;
+mod plot;
+mod report;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use mesa_hal::driver::Pace;
+use mesa_hal::runner::Realtime;
+
+use crate::context::{Context, Ending, Failure};
+use crate::output::complain;
+use crate::target::Target;
+use measure::Measured;
+use report::Report;
+
+const AFTER_HELP: &str = "\
+Runs the cycle of the board with everything on it; all outputs stay off. Let the host do meanwhile
+what it will have to do: a quiet one says little.
+
+Late is how much later than planned a cycle begins; at the board's pace, how much more than a period
+after the one before. Used is how long after its planned begin a cycle is over; at the board's pace,
+the period without what the board has waited for its end. A rate can be kept if that, and then the
+transfers to the remotes, fit into its period.
+
+SIGINT (Ctrl-C) and SIGTERM end it early, with the ports stopped, and what was measured is printed.
+
+Examples:
+  mesa latency --sim 7i97 --seconds 5
+  sudo mesa latency --addr 10.10.10.10 --seconds 60 --realtime 40 --cpu 3 --lock-memory --plot late.svg";
+
+/// Measures how late cycles are and what they cost: percentiles, histogram, CPU, packets, verdict
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Latency {
+    #[command(flatten)]
+    target: Target,
+    /// How long at each pace, 0.1 to 86400
+    #[arg(long, value_name = "N", default_value = "10", value_parser = seconds)]
+    seconds: f64,
+    /// Cycles per second, 10 to 10000
+    #[arg(long, value_name = "HZ", default_value_t = 1000,
+          value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    rate: u32,
+    /// Who begins a cycle; `board` needs a firmware with a DPLL, as that of a 7I97
+    #[arg(long, value_enum, default_value = "host")]
+    pace: Paces,
+    /// Also draw the histograms into this file, as SVG
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Run the cycle with SCHED_FIFO and this priority, 1 to 99
+    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
+    realtime: Option<u8>,
+    /// Run the cycle on this CPU only, counted from 0; repeat for more
+    #[arg(long, value_name = "N")]
+    cpu: Vec<usize>,
+    /// Keep all memory of the process in RAM
+    #[arg(long)]
+    lock_memory: bool,
+    /// Look at the clock again and again in the last 20 us before a cycle, instead of sleeping: cycles
+    /// begin earlier, and cost more CPU
+    #[arg(long)]
+    spin: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Paces {
+    #[value(help = "this host's clock")]
+    Host,
+    #[value(help = "the board's clock")]
+    Board,
+    #[value(help = "one after the other")]
+    Both,
+}
+
+impl Paces {
+    const fn each(self) -> &'static [Pace] {
+        match self {
+            Self::Host => &[Pace::Host],
+            Self::Board => &[Pace::Board],
+            Self::Both => &[Pace::Host, Pace::Board],
+        }
+    }
+}
+
+impl Latency {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        if let Some(file) = &self.plot {
+            plot::check(file)?;
+        }
+        let found = self.target.find()?;
+        let bus = found.open()?;
+        let measured = self.watched(|| measure::each(self, bus, context))?;
+        let report = Report::of(self.rate, &measured);
+        if let Some(file) = &self.plot {
+            plot::draw(file, self.rate, &measured)?;
+        }
+        context.print(&report)?;
+        for run in measured {
+            run.stopped.map_err(Failure::refused)?;
+        }
+        Ok(context.ending())
+    }
+
+    /// Measures in a thread of its own, which alone gets what is asked of the operating system, and
+    /// shows on a terminal how far it is.
+    fn watched(
+        &self,
+        measure: impl FnOnce() -> Result<Vec<Measured>, Failure> + Send,
+    ) -> Result<Vec<Measured>, Failure> {
+        let bar = self.progress_bar();
+        std::thread::scope(|scope| {
+            let thread = scope.spawn(measure);
+            while !thread.is_finished() {
+                std::thread::sleep(Duration::from_millis(20));
+                bar.set_position(bar.elapsed().as_millis() as u64);
+            }
+            bar.finish_and_clear();
+            let ended = thread.join();
+            ended.unwrap_or_else(|_| Err(Failure::refused("the thread of the cycle has panicked")))
+        })
+    }
+
+    /// Hidden by itself where standard error is no terminal.
+    fn progress_bar(&self) -> ProgressBar {
+        let seconds = self.seconds * self.pace.each().len() as f64;
+        let bar = ProgressBar::new((seconds * 1000.0) as u64);
+        if let Ok(style) = ProgressStyle::with_template("{bar:40} {elapsed} of {msg}") {
+            bar.set_style(style);
+        }
+        bar.set_message(format!("{seconds} s"));
+        bar
+    }
+
+    fn realtime(&self) -> Realtime {
+        Realtime {
+            priority: self.realtime,
+            lock_memory: self.lock_memory,
+            cpus: self.cpu.clone(),
+        }
+    }
+
+    fn cycles(&self) -> u64 {
+        (self.seconds * f64::from(self.rate)).round() as u64
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.1..=86400.0).contains(&seconds) => Ok(seconds),
+        _ => Err(String::from("it must be 0.1 to 86400")),
+    }
+}
+
+/// What can not be measured at one pace does not take away what was measured at another.
+fn without(pace: Pace, why: &Failure) {
+    complain(format_args!("mesa: paced by the {}: {why}", name(pace)));
+}
+
+/// As it is said on the command line.
+const fn name(pace: Pace) -> &'static str {
+    match pace {
+        Pace::Host => "host",
+        Pace::Board => "board",
+    }
+}

@@ -1,0 +1,139 @@
+//! The histograms as a picture.
+
+use std::fs::{self, OpenOptions};
+use std::path::Path;
+use std::time::Duration;
+
+use mesa_hal::runner::{Histogram, Latency as Recorder};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use super::measure::Measured;
+use super::name;
+use crate::context::Failure;
+
+/// Of one pace, in pixels.
+const SIZE: (u32, u32) = (800, 320);
+/// Columns of each doubling of the time.
+const COLUMNS: f64 = 4.0;
+/// Room above the highest column, for the words.
+const HEADROOM: f64 = 30.0;
+/// The least and the most that is shown, in microseconds.
+const SHOWN: [f64; 2] = [0.5, 4e6];
+
+const LATE: RGBColor = RGBColor(31, 119, 180);
+const USED: RGBColor = RGBColor(230, 126, 34);
+const PERIOD: RGBColor = RGBColor(192, 57, 43);
+
+/// Whether the file can be written: before the measurement, not after it.
+pub fn check(file: &Path) -> Result<(), Failure> {
+    let mut options = OpenOptions::new();
+    let opened = options.create(true).append(true).open(file);
+    opened.map(drop).map_err(|error| failure(file, &error))
+}
+
+/// Draws the histograms of each pace, one below the other.
+pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
+    let mut text = String::new();
+    let size = (SIZE.0, SIZE.1 * all.len().max(1) as u32);
+    {
+        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        area.fill(&WHITE)?;
+        for (area, one) in area.split_evenly((all.len().max(1), 1)).iter().zip(all) {
+            let title = format!(
+                "{}, {} cycles at {rate} Hz, paced by the {}",
+                one.board,
+                one.cycles,
+                name(one.recorder.pace())
+            );
+            chart(area, &title, rate, &one.recorder).map_err(|error| failure(file, &error))?;
+        }
+        area.present()?;
+    }
+    fs::write(file, text).map_err(|error| failure(file, &error))
+}
+
+fn chart(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    title: &str,
+    rate: u32,
+    recorder: &Recorder,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let period = 1e6 / f64::from(rate);
+    let (late, used) = (columns(recorder.late()), columns(recorder.used()));
+    let shown = || late.iter().chain(&used);
+    let least = shown().map(|column| column.from).fold(period, f64::min);
+    let longest = shown().map(|column| column.to).fold(period, f64::max);
+    let most = shown().map(|column| column.count).fold(1.0, f64::max);
+    let mut chart = ChartBuilder::on(area)
+        .caption(title, ("sans-serif", 18))
+        .margin(10)
+        .x_label_area_size(40)
+        .y_label_area_size(60)
+        .build_cartesian_2d(
+            (least * 0.8..longest * 1.25).log_scale(),
+            (0.7..most * HEADROOM).log_scale(),
+        )?;
+    chart
+        .configure_mesh()
+        .x_desc("time in us")
+        .y_desc("cycles")
+        .x_label_formatter(&|time| format!("{time}"))
+        .y_label_formatter(&|cycles| format!("{cycles:.0}"))
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(BLACK.mix(0.15))
+        .draw()?;
+    for (columns, colour, label) in [
+        (&late, LATE, "late: how late a cycle begins"),
+        (
+            &used,
+            USED,
+            "used: how long after its planned begin it is over",
+        ),
+    ] {
+        let bars = columns.iter().map(|column| {
+            let corners = [(column.from, 0.7), (column.to, column.count)];
+            Rectangle::new(corners, colour.mix(0.5).filled())
+        });
+        let square = move |(x, y)| Rectangle::new([(x, y - 5), (x + 10, y + 5)], colour.filled());
+        chart.draw_series(bars)?.label(label).legend(square);
+    }
+    let line = [(period, 0.7), (period, most * HEADROOM)];
+    let end = chart.draw_series([PathElement::new(line, PERIOD.stroke_width(2))])?;
+    end.label("the period")
+        .legend(|(x, y)| PathElement::new([(x, y), (x + 10, y)], PERIOD.stroke_width(2)));
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
+        .background_style(WHITE.mix(0.8))
+        .border_style(BLACK.mix(0.3))
+        .draw()?;
+    Ok(())
+}
+
+/// A bar of the picture, in microseconds.
+struct Column {
+    from: f64,
+    to: f64,
+    count: f64,
+}
+
+/// Those that have anything in them.
+fn columns(histogram: &Histogram) -> Vec<Column> {
+    let [least, most] = SHOWN;
+    let count = ((most / least).log2() * COLUMNS) as u32;
+    let begin = |n: u32| least * (f64::from(n) / COLUMNS).exp2();
+    let edges = (0..count).map(|n| Duration::from_secs_f64(begin(n) * 1e-6));
+    let edges: Vec<Duration> = edges.collect();
+    let all = (0..count).zip(histogram.between(&edges));
+    let columns = all.map(|(n, count)| Column {
+        from: begin(n),
+        to: begin(n + 1),
+        count: count as f64,
+    });
+    columns.filter(|column| column.count > 0.0).collect()
+}
+
+fn failure(file: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::refused(format_args!("{}: {error}", file.display()))
+}

@@ -1,0 +1,270 @@
+//! What was measured, for people and for programs.
+
+use std::fmt::{self, Display};
+use std::time::Duration;
+
+use mesa_hal::driver::Pace;
+use mesa_hal::runner::{Distribution, Histogram, Judgement};
+use serde::Serialize;
+
+use super::measure::{Mark, Measured};
+use super::name;
+
+/// The rates that are judged, in Hz.
+const RATES: [u32; 3] = [1000, 2000, 4000];
+/// Where the rows of the histograms begin, in microseconds.
+const ROWS: [u64; 19] = [
+    0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000,
+    200_000, 500_000,
+];
+/// Characters of the longest bar.
+const WIDTH: f64 = 30.0;
+
+/// What was measured.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    board: String,
+    rate_hz: u32,
+    runs: Vec<Run>,
+    /// Socket options that shorten or steady the round trip.
+    socket_options_refused: Vec<&'static str>,
+}
+
+/// At one pace.
+#[derive(Debug, Serialize)]
+struct Run {
+    pace: &'static str,
+    cycles: u64,
+    failed_reads: u64,
+    /// At the host's pace those it has skipped, at the board's those without inputs.
+    missed_periods: u64,
+    late_us: Option<Times>,
+    round_trip_us: Option<Times>,
+    used_us: Option<Times>,
+    transfer_us: f64,
+    cpu_us_per_cycle: f64,
+    packets_out_per_cycle: f64,
+    bytes_out_per_cycle: f64,
+    bytes_back_per_cycle: f64,
+    verdicts: Vec<Judged>,
+    histogram: Vec<Row>,
+}
+
+#[derive(Debug, Serialize)]
+struct Times {
+    min: f64,
+    median: f64,
+    p99: f64,
+    p99_99: f64,
+    max: f64,
+    mean: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Judged {
+    rate_hz: u32,
+    holds: Judgement,
+    reason: String,
+}
+
+/// Cycles with a time from here to where the next row begins.
+#[derive(Debug, Serialize)]
+struct Row {
+    from_us: u64,
+    late: u64,
+    used: u64,
+}
+
+impl Report {
+    pub fn of(rate: u32, all: &[Measured]) -> Self {
+        let first = all.first();
+        Self {
+            board: first.map(|one| one.board.clone()).unwrap_or_default(),
+            rate_hz: rate,
+            runs: all.iter().map(|one| Run::of(rate, one)).collect(),
+            socket_options_refused: first.map(|one| one.refused.clone()).unwrap_or_default(),
+        }
+    }
+}
+
+impl Run {
+    fn of(rate: u32, measured: &Measured) -> Self {
+        let (recorder, begin, end) = (&measured.recorder, &measured.begin, &measured.end);
+        let per_cycle = |total: u64| total as f64 / measured.cycles.max(1) as f64;
+        let missed = |mark: &Mark| match recorder.pace() {
+            Pace::Host => mark.run.skipped_periods,
+            Pace::Board => mark.driver.missed_periods,
+        };
+        let mut rates = RATES.to_vec();
+        if !rates.contains(&rate) {
+            rates.push(rate);
+        }
+        let cpu = end.cpu.saturating_sub(begin.cpu);
+        let counted = |of: fn(&mesa_hal::bus::BusStatistics) -> u64| {
+            per_cycle(of(&end.bus).saturating_sub(of(&begin.bus)))
+        };
+        Self {
+            pace: name(recorder.pace()),
+            cycles: measured.cycles,
+            failed_reads: recorder.failed(),
+            missed_periods: missed(end).saturating_sub(missed(begin)),
+            late_us: Times::of(recorder.late()),
+            round_trip_us: Times::of(recorder.round_trip()),
+            used_us: Times::of(recorder.used()),
+            transfer_us: micros(recorder.transfer()),
+            cpu_us_per_cycle: per_cycle(cpu.as_nanos() as u64) / 1000.0,
+            packets_out_per_cycle: counted(|bus| bus.exchanges),
+            bytes_out_per_cycle: counted(|bus| bus.bytes_sent),
+            bytes_back_per_cycle: counted(|bus| bus.bytes_received),
+            verdicts: rates
+                .iter()
+                .map(|&rate| Judged::of(rate, measured))
+                .collect(),
+            histogram: rows(recorder.late(), recorder.used()),
+        }
+    }
+}
+
+impl Times {
+    fn of(histogram: &Histogram) -> Option<Self> {
+        let all: Distribution = histogram.distribution();
+        (all.count > 0).then(|| Self {
+            min: micros(all.min),
+            median: micros(all.median),
+            p99: micros(all.p99),
+            p99_99: micros(all.p99_99),
+            max: micros(all.max),
+            mean: micros(all.mean),
+        })
+    }
+}
+
+impl Judged {
+    fn of(rate: u32, measured: &Measured) -> Self {
+        let verdict = measured.recorder.verdict(rate);
+        Self {
+            rate_hz: rate,
+            holds: verdict.judgement,
+            reason: verdict.to_string(),
+        }
+    }
+}
+
+/// The rows from the first to the last that have anything in them.
+fn rows(late: &Histogram, used: &Histogram) -> Vec<Row> {
+    let edges = ROWS.map(Duration::from_micros);
+    let counts = late.between(&edges).zip(used.between(&edges));
+    let all = ROWS.into_iter().zip(counts);
+    let mut rows: Vec<Row> = all
+        .map(|(from_us, (late, used))| Row {
+            from_us,
+            late,
+            used,
+        })
+        .collect();
+    let is_empty = |row: &Row| row.late == 0 && row.used == 0;
+    while rows.pop_if(|row| is_empty(row)).is_some() {}
+    let first = rows.iter().position(|row| !is_empty(row));
+    rows.split_off(first.unwrap_or(0))
+}
+
+fn micros(time: Duration) -> f64 {
+    time.as_nanos() as f64 / 1000.0
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for run in &self.runs {
+            let (board, rate, pace) = (&self.board, self.rate_hz, run.pace);
+            writeln!(
+                f,
+                "{board}: {} cycles at {rate} Hz, paced by the {pace}",
+                run.cycles
+            )?;
+            writeln!(f, "{run}")?;
+        }
+        for option in &self.socket_options_refused {
+            writeln!(f, "this host does not allow {option}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for Run {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let titles = ["min", "median", "99 %", "99.99 %", "max"];
+        write!(f, "{:<14}", "us")?;
+        titles
+            .iter()
+            .try_for_each(|title| write!(f, "{title:>10}"))?;
+        writeln!(f)?;
+        let rows = [
+            ("late", &self.late_us),
+            ("round trip", &self.round_trip_us),
+            ("used", &self.used_us),
+        ];
+        for (title, times) in rows {
+            if let Some(times) = times {
+                writeln!(f, "{title:<14}{times}")?;
+            }
+        }
+        self.bars(f)?;
+        let (failed, missed) = (self.failed_reads, self.missed_periods);
+        writeln!(
+            f,
+            "reads that failed: {failed}; periods without a cycle: {missed}"
+        )?;
+        writeln!(
+            f,
+            "packets out per cycle: {:.3}",
+            self.packets_out_per_cycle
+        )?;
+        let (out, back) = (self.bytes_out_per_cycle, self.bytes_back_per_cycle);
+        writeln!(f, "bytes per cycle: {out:.1} out, {back:.1} back")?;
+        writeln!(f, "CPU per cycle: {:.1} us", self.cpu_us_per_cycle)?;
+        for verdict in &self.verdicts {
+            let Judged {
+                rate_hz,
+                holds,
+                reason,
+            } = verdict;
+            writeln!(f, "{rate_hz} Hz: {holds}: {reason}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Run {
+    fn bars(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let counts = self.histogram.iter().flat_map(|row| [row.late, row.used]);
+        let Some(most) = counts.max() else {
+            return Ok(());
+        };
+        // One cycle is to be seen beside a million: the bars are logarithms.
+        let height = |count: u64| (count as f64).ln_1p();
+        let bar = |count: u64| "#".repeat((height(count) / height(most) * WIDTH).ceil() as usize);
+        let width = WIDTH as usize + 10;
+        writeln!(
+            f,
+            "\nfrom (us)  {:<width$}  used (log scale)",
+            "late (log scale)"
+        )?;
+        for row in &self.histogram {
+            let cell = |count| match count {
+                0 => String::new(),
+                _ => format!("{} {count}", bar(count)),
+            };
+            let (late, used) = (cell(row.late), cell(row.used));
+            let line = format!("{:>9}  {late:<width$}  {used}", row.from_us);
+            writeln!(f, "{}", line.trim_end())?;
+        }
+        writeln!(f)
+    }
+}
+
+impl Display for Times {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let all = [self.min, self.median, self.p99, self.p99_99, self.max];
+        all.iter().try_for_each(|time| write!(f, "{time:>10.1}"))
+    }
+}

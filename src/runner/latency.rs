@@ -1,0 +1,353 @@
+//! How late cycles are, what they need of their period, and which rate that allows.
+
+use core::fmt::{self, Display};
+use core::time::Duration;
+
+use super::{Cycle, Histogram};
+use crate::bus::{Clock, Instant, RegisterBus};
+use crate::driver::{Driver, Pace};
+
+/// Measures the cycles of a [`Runner`](super::Runner).
+///
+/// ```
+/// use std::ops::ControlFlow;
+/// use mesa_hal::{Driver, Settings, runner::{Judgement, Latency, Runner}, sim::machines};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let driver = Driver::start(machines::six_axes_7i92(Default::default()), Settings::default())?;
+/// let mut latency = Latency::of(&driver);
+/// let ended = Runner::new(driver).run(|cycle| {
+///     latency.record(cycle);
+///     match cycle.number {
+///         0..1000 => ControlFlow::Continue(()),
+///         _ => ControlFlow::Break(()),
+///     }
+/// });
+/// ended.stopped?;
+/// assert_eq!(latency.used().count(), 1000);
+/// assert_eq!(latency.verdict(1000).judgement, Judgement::Yes);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+pub struct Latency {
+    pace: Pace,
+    period: Duration,
+    transfer: Duration,
+    late: Histogram,
+    round_trip: Histogram,
+    used: Histogram,
+    failed: u64,
+    /// The cycle that has begun and whose end is not known yet, at the host's pace.
+    begun: Option<Begun>,
+    /// When the last inputs came, at the board's pace.
+    arrived: Option<Instant>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Begun {
+    late: Duration,
+    round_trip: Option<Duration>,
+}
+
+/// Whether a rate can be kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Judgement {
+    /// All cycles would have been over in time.
+    Yes,
+    /// All but one of 10,000, or fewer.
+    Almost,
+    /// No.
+    No,
+}
+
+/// Whether a rate can be kept, and why. `Display` is one line, without the rate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Verdict {
+    /// Cycles per second.
+    pub rate: u32,
+    /// Whether it can be kept.
+    pub judgement: Judgement,
+    /// Cycles that were measured.
+    pub cycles: u64,
+    /// Of these, those that would not have been over in time.
+    pub late: u64,
+    /// Reads that brought nothing.
+    pub failed: u64,
+    /// The most that a cycle has needed, with the transfers to the remotes.
+    pub needs: Duration,
+    /// What of that the transfers to the remotes need.
+    pub transfer: Duration,
+    /// Half of the cycles have needed no more.
+    pub usually: Duration,
+}
+
+/// One cycle of so many may be late where a rate can almost be kept.
+const ALMOST: u64 = 10_000;
+
+impl Latency {
+    /// Nothing measured yet. Allocates; nothing else does.
+    pub fn of<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
+        let ports = driver.ports().iter();
+        let transfers = ports.map(|port| port.expected_time.usual);
+        Self {
+            pace: driver.pace(),
+            period: driver.period(),
+            transfer: transfers.max().unwrap_or_default(),
+            late: Histogram::new(),
+            round_trip: Histogram::new(),
+            used: Histogram::new(),
+            failed: 0,
+            begun: None,
+            arrived: None,
+        }
+    }
+
+    /// Takes what a cycle tells; call it in each, first of all.
+    ///
+    /// The first tells nothing, and each of the others of the one before.
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn record<B: RegisterBus + Clock>(&mut self, cycle: &Cycle<'_, B>) {
+        match self.pace {
+            Pace::Host => self.at_the_hosts_pace(cycle),
+            Pace::Board => self.at_the_boards_pace(cycle),
+        }
+    }
+
+    fn at_the_hosts_pace<B: RegisterBus + Clock>(&mut self, cycle: &Cycle<'_, B>) {
+        let round_trip = cycle.pins().now().since(cycle.begun);
+        let begun = Begun {
+            late: cycle.late,
+            round_trip: cycle.read.is_ok().then_some(round_trip),
+        };
+        let Some(before) = self.begun.replace(begun) else {
+            return;
+        };
+        self.late.record(before.late);
+        self.used.record(before.late.saturating_add(cycle.took));
+        match before.round_trip {
+            Some(time) => self.round_trip.record(time),
+            None => self.failed += 1,
+        }
+    }
+
+    fn at_the_boards_pace<B: RegisterBus + Clock>(&mut self, cycle: &Cycle<'_, B>) {
+        let Ok(report) = &cycle.read else {
+            self.failed += u64::from(self.arrived.is_some());
+            return;
+        };
+        let now = cycle.pins().now();
+        let Some(before) = self.arrived.replace(now) else {
+            return;
+        };
+        self.late
+            .record(now.since(before).saturating_sub(self.period));
+        if let Some(slack) = report.slack {
+            let missed = u32::try_from(report.missed_periods).unwrap_or(u32::MAX);
+            let had = self.period.saturating_mul(missed.saturating_add(1));
+            self.used.record(had.saturating_sub(slack));
+        }
+    }
+
+    /// Who paced.
+    pub const fn pace(&self) -> Pace {
+        self.pace
+    }
+
+    /// How late cycles have begun. At the host's pace: later than planned. At the board's: more than a
+    /// period after the inputs before.
+    pub const fn late(&self) -> &Histogram {
+        &self.late
+    }
+
+    /// From the request for inputs to these, at the host's pace.
+    pub const fn round_trip(&self) -> &Histogram {
+        &self.round_trip
+    }
+
+    /// What cycles have needed of their period. At the host's pace: how long after its planned begin
+    /// each was over, its write sent. At the board's: the period, without what the board has waited
+    /// for its end.
+    pub const fn used(&self) -> &Histogram {
+        &self.used
+    }
+
+    /// Reads that brought nothing.
+    pub const fn failed(&self) -> u64 {
+        self.failed
+    }
+
+    /// The longest time that the transfers between a port and its remotes take, which begin with the
+    /// write and must be over at the next read.
+    pub const fn transfer(&self) -> Duration {
+        self.transfer
+    }
+
+    /// Whether as many cycles per second can be kept as `rate` says, by what was measured at whatever
+    /// rate.
+    pub fn verdict(&self, rate: u32) -> Verdict {
+        let period = Duration::from_secs(1) / rate.max(1);
+        let cycles = self.used.count();
+        let late = match period.checked_sub(self.transfer) {
+            Some(room) => self.used.longer_than(room),
+            None => cycles,
+        };
+        let judgement = match late.saturating_add(self.failed) {
+            _ if cycles == 0 => Judgement::No,
+            0 => Judgement::Yes,
+            bad if bad.saturating_mul(ALMOST) <= cycles => Judgement::Almost,
+            _ => Judgement::No,
+        };
+        let usually = self.used.quantile(0.5).unwrap_or_default();
+        Verdict {
+            rate,
+            judgement,
+            cycles,
+            late,
+            failed: self.failed,
+            needs: self.used.max().saturating_add(self.transfer),
+            transfer: self.transfer,
+            usually: usually.saturating_add(self.transfer),
+        }
+    }
+}
+
+impl Display for Judgement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Yes => "yes",
+            Self::Almost => "almost",
+            Self::No => "NO",
+        })
+    }
+}
+
+impl Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let micros = |time: Duration| time.as_nanos().div_ceil(1000);
+        let period = Duration::from_secs(1) / self.rate.max(1);
+        let (period_us, needs) = (micros(period), micros(self.needs));
+        if self.cycles == 0 {
+            return write!(f, "no cycle was measured: {} reads failed", self.failed);
+        }
+        if self.transfer >= period {
+            let transfer = micros(self.transfer);
+            return write!(f, "the transfers to the remotes alone take {transfer} us");
+        }
+        if self.late == 0 {
+            write!(f, "no cycle needs more than {needs} us of {period_us}")?;
+        } else if self.usually > period {
+            let usually = micros(self.usually);
+            write!(
+                f,
+                "half of all cycles need more than {usually} us of {period_us}: "
+            )?;
+            f.write_str("this host, or the network, is too slow")?;
+        } else {
+            let (late, cycles) = (self.late, self.cycles);
+            write!(
+                f,
+                "{late} of {cycles} cycles need more than {period_us} us, "
+            )?;
+            write!(f, "the longest {needs}: the thread is not run in time; ")?;
+            f.write_str("see docs/realtime.md")?;
+        }
+        if self.failed > 0 {
+            write!(f, "; {} reads failed: no reply came in time", self.failed)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString;
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::driver::Settings;
+    use crate::sim::{MotorConfig, machines};
+
+    fn micros(micros: u64) -> Duration {
+        Duration::from_micros(micros)
+    }
+
+    /// Whose cycles have needed that.
+    fn measured(times: impl IntoIterator<Item = u64>) -> Latency {
+        let board = machines::i7i97(1);
+        let driver = Driver::start(board, Settings::default()).expect("it starts");
+        let mut latency = Latency::of(&driver);
+        latency.transfer = micros(100);
+        times
+            .into_iter()
+            .for_each(|time| latency.used.record(micros(time)));
+        latency
+    }
+
+    fn judgements(latency: &Latency) -> Vec<Judgement> {
+        let rates = [1000, 2000, 4000];
+        rates.map(|rate| latency.verdict(rate).judgement).into()
+    }
+
+    #[test]
+    fn a_rate_is_kept_if_the_longest_cycle_and_the_transfers_fit() {
+        use Judgement::{No, Yes};
+        for (longest, kept) in [
+            (150, [Yes, Yes, Yes]),
+            (151, [Yes, Yes, No]),
+            (400, [Yes, Yes, No]),
+            (401, [Yes, No, No]),
+            (901, [No, No, No]),
+        ] {
+            assert_eq!(judgements(&measured([50, longest])), kept, "{longest} us");
+        }
+    }
+
+    #[test]
+    fn one_late_cycle_in_ten_thousand_is_almost() {
+        use Judgement::{Almost, No};
+        let times = |count: usize| core::iter::repeat_n(50, count - 1).chain([5000]);
+        assert_eq!(judgements(&measured(times(10_000))), [Almost; 3]);
+        assert_eq!(judgements(&measured(times(9_999))), [No; 3]);
+        let said = measured(times(10_000)).verdict(1000).to_string();
+        let wanted = "1 of 10000 cycles need more than 1000 us, the longest 5100: the thread is not \
+                      run in time; see docs/realtime.md";
+        assert_eq!(said, wanted);
+    }
+
+    #[test]
+    fn the_reason_names_what_is_too_slow() {
+        let mut slow = measured([300; 10]);
+        let says = |latency: &Latency, rate, what: &str| {
+            let said = latency.verdict(rate).to_string();
+            assert!(said.contains(what), "{said}");
+        };
+        says(&slow, 1000, "no cycle needs more than 400 us of 1000");
+        says(&slow, 4000, "half of all cycles need more than");
+        slow.failed = 2;
+        says(&slow, 1000, "2 reads failed");
+        assert_eq!(slow.verdict(1000).judgement, Judgement::No);
+        slow.transfer = micros(260);
+        says(
+            &slow,
+            4000,
+            "the transfers to the remotes alone take 260 us",
+        );
+        says(&measured([]), 1000, "no cycle was measured");
+        assert_eq!(measured([]).verdict(1000).judgement, Judgement::No);
+    }
+
+    #[test]
+    fn the_remotes_transfers_are_those_of_the_slowest_port() {
+        let board = machines::six_axes_7i92(MotorConfig::default());
+        let driver = Driver::start(board, Settings::default()).expect("it starts");
+        let expected = driver.ports()[0].expected_time.usual;
+        assert_eq!(Latency::of(&driver).transfer(), expected);
+        assert!(expected > micros(50), "{expected:?}");
+    }
+}

@@ -1,0 +1,176 @@
+//! `mesa latency`.
+
+use std::net::Ipv4Addr;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::interop::board::Board;
+use crate::interop::{Process, Scratch};
+use crate::run::{Run, command, done, json, run};
+
+/// How long anything may take on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn number(value: &Value) -> f64 {
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn both_paces_are_measured_and_judged_for_programs() {
+    let measured = json(&[
+        "latency",
+        "--sim",
+        "7i97",
+        "--seconds",
+        "0.5",
+        "--pace",
+        "both",
+    ]);
+    assert_eq!(measured["board"], "hm2_7i97.0");
+    let runs = measured["runs"].as_array().expect("runs");
+    let paces: Vec<_> = runs.iter().map(|run| &run["pace"]).collect();
+    assert_eq!(paces, ["host", "board"]);
+    for run in runs {
+        assert_eq!(run["cycles"], 500);
+        assert!(number(&run["cpu_us_per_cycle"]) > 1.0, "{run}");
+        for bytes in ["bytes_out_per_cycle", "bytes_back_per_cycle"] {
+            assert!((50.0..300.0).contains(&number(&run[bytes])), "{run}");
+        }
+        for times in ["late_us", "used_us"] {
+            let ordered = ["min", "median", "p99", "p99_99", "max"];
+            let ordered = ordered.map(|name| number(&run[times][name]));
+            assert!(ordered.is_sorted(), "{times}: {ordered:?}");
+        }
+        let verdicts = run["verdicts"].as_array().expect("verdicts");
+        let rates: Vec<_> = verdicts.iter().map(|verdict| &verdict["rate_hz"]).collect();
+        assert_eq!(rates, [1000, 2000, 4000]);
+    }
+    let [host, board] = &runs[..] else {
+        panic!("two runs")
+    };
+    let packets = [host, board].map(|run| number(&run["packets_out_per_cycle"]));
+    assert!(
+        (packets[0] - 2.0).abs() < 0.1 && packets[1] < 1.9,
+        "{packets:?}"
+    );
+    let rows = host["histogram"].as_array().expect("rows");
+    let late: f64 = rows.iter().map(|row| number(&row["late"])).sum();
+    assert_eq!(late, 500.0, "each cycle is in one row");
+    assert!(number(&host["round_trip_us"]["min"]) > 1.0, "{host}");
+    assert!(board["round_trip_us"].is_null(), "{board}");
+}
+
+#[test]
+fn the_percentiles_the_bars_and_the_picture_are_for_people() {
+    let picture = Scratch::new("latency.svg");
+    let base = [
+        "latency",
+        "--sim",
+        "7i92-7i77",
+        "--seconds",
+        "0.3",
+        "--rate",
+        "500",
+    ];
+    let text = done(&[&base[..], &["--plot", picture.path()]].concat());
+    for line in [
+        "hm2_7i92.0: 150 cycles at 500 Hz, paced by the host",
+        "us                   min    median      99 %   99.99 %       max",
+        "used (log scale)",
+        "packets out per cycle: 2.0",
+        "CPU per cycle: ",
+        "4000 Hz: ",
+        "\n500 Hz: ",
+    ] {
+        assert!(text.contains(line), "{line}:\n{text}");
+    }
+    assert!(text.contains("##"), "bars: {text}");
+    let picture = std::fs::read_to_string(picture.path()).expect("a picture");
+    assert!(picture.starts_with("<svg") && picture.trim_end().ends_with("</svg>"));
+    for words in [
+        "150 cycles at 500 Hz",
+        "how late a cycle begins",
+        "the period",
+    ] {
+        assert!(picture.contains(words), "{words}");
+    }
+    assert!(picture.matches("<rect").count() > 4, "bars");
+}
+
+#[test]
+fn it_ends_on_a_signal_with_what_was_measured_and_never_drives_anything() {
+    let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i77-analog"];
+    let arguments = [&["--board", "7i97", "--port", "0"][..], &remotes].concat();
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+    let address = board.address.to_string();
+    let endless = ["latency", "--addr", &address, "--seconds", "3600"];
+    let mut child = Process::new(command(&endless).spawn().expect("mesa starts"));
+    let end = Instant::now() + PATIENCE;
+    let (mut looked, mut outputs) = (0, 0);
+    while looked < 20 {
+        assert!(Instant::now() < end, "it does not run");
+        let all = board.console.show("all");
+        let received = &all["network.received.packets"];
+        let is_running = received.parse::<u64>().is_ok_and(|packets| packets > 1000);
+        looked += u32::from(is_running);
+        for (name, value) in all {
+            let what = name.rsplit('.').next().unwrap_or_default();
+            let is_output = ["output", "analogout", "enable", "analogena", "spinena"];
+            if is_output.iter().any(|kind| what.starts_with(kind)) {
+                let value: f64 = value.parse().unwrap_or(0.0);
+                assert!(value.abs() < 0.01, "{name} is {value}");
+                outputs += 1;
+            }
+        }
+    }
+    assert!(outputs > 20 * 20, "{outputs} outputs looked at");
+    child.signal("INT");
+    let Run { code, out, err } = child.output().into();
+    assert_eq!(code, Some(130), "{out}{err}");
+    assert!(out.contains("CPU per cycle: "), "{out}{err}");
+    assert!(
+        err.contains("port 0, channel 0: 7I77"),
+        "what was found: {err}"
+    );
+}
+
+#[test]
+fn what_can_not_be_had_is_refused_with_the_reason() {
+    let sim = ["latency", "--sim", "7i92-7i77"];
+    for (arguments, code, said) in [
+        (&["--seconds", "0"][..], 2, "0.1 to 86400"),
+        (&["--seconds", "nan"], 2, "0.1 to 86400"),
+        (&["--rate", "9"], 2, "10..=10000"),
+        (&["--realtime", "100"], 2, "1..=99"),
+        (&["--cpu", "4000"], 1, "nproc"),
+        (&["--pace", "board"], 1, "can not pace the cycle"),
+        (
+            &["--plot", "/nowhere/at/all.svg"],
+            1,
+            "/nowhere/at/all.svg: ",
+        ),
+    ] {
+        let run = run(&[&sim[..], arguments].concat());
+        assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
+        assert!(run.err.contains(said), "{arguments:?}: {run:?}");
+        assert_eq!(run.out, "", "{arguments:?}");
+    }
+    // What the host's pace has told is not lost with it.
+    let both = run(&[&sim[..], &["--pace", "both", "--seconds", "0.1"]].concat());
+    assert_eq!(both.code, Some(0), "{both:?}");
+    assert!(both.out.contains("paced by the host"), "{both:?}");
+    assert!(both.err.contains("paced by the board: "), "{both:?}");
+}
+
+#[test]
+fn nobody_who_reads_is_no_reason_to_stop() {
+    let short = ["latency", "--sim", "7i97", "--seconds", "0.1"];
+    let mut child = Process::new(command(&short).spawn().expect("mesa starts"));
+    child.stop_reading();
+    let run: Run = child.output().into();
+    assert_eq!(run.code, Some(0), "{run:?}");
+    assert!(!run.err.contains("panicked"), "{run:?}");
+}
