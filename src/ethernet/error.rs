@@ -38,6 +38,17 @@ pub enum EthernetError<E> {
         /// What is there.
         found: u16,
     },
+    /// It goes on as before.
+    #[error(
+        "the board has not restarted: it counted {before} packets before and {after} now; the command \
+         was lost on its way: try again"
+    )]
+    NotRestarted {
+        /// UDP packets before the command.
+        before: u16,
+        /// Now.
+        after: u16,
+    },
     /// There is no such register, or it can not be written.
     #[error(
         "0x{address:04X} of space {space:?}: {reason}; the manual of the board has the registers of \

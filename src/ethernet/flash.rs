@@ -4,6 +4,10 @@ use alloc::format;
 use core::ops::Range;
 use core::time::Duration;
 
+mod backup;
+
+pub use backup::Difference;
+
 use super::packets::QUICK;
 use super::{Bitfile, EthernetBoard, EthernetError, Lbp16Board};
 use crate::boards::FlashLayout;
@@ -107,6 +111,11 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         })
     }
 
+    /// Where things are in it.
+    pub fn layout(&self) -> &FlashLayout {
+        &self.layout
+    }
+
     /// Reads from anywhere.
     ///
     /// # Errors
@@ -151,6 +160,20 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         area: Area,
         progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
+        self.check_program(bitfile, area)?;
+        let range = self.layout.addresses(area);
+        self.write(area, range.start, bitfile.configuration, progress)
+    }
+
+    /// What [`program`](Self::program) checks before it erases anything.
+    ///
+    /// # Errors
+    /// Those of `program`, and of the bus.
+    pub fn check_program(
+        &mut self,
+        bitfile: &Bitfile<'_>,
+        area: Area,
+    ) -> Result<(), EthernetError<B::Error>> {
         if !matches!(area, Area::User | Area::Fallback) {
             return Err(EthernetError::NotForConfigurations { area });
         }
@@ -164,15 +187,20 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
             return Err(EthernetError::NoBootBlock { address });
         }
         if area == Area::Fallback {
-            // That a configuration begins is enough: `write` writes its beginning last.
-            let (address, _) = self.layout.user;
-            let mut head = [0; Bitfile::SYNC_WITHIN];
-            self.read(address, &mut head)?;
-            if !Bitfile::has_sync(&head) {
-                return Err(EthernetError::NoUserConfiguration { address });
-            }
+            self.need_user_configuration()?;
         }
-        self.write(area, range.start, bitfile.configuration, progress)
+        Ok(())
+    }
+
+    fn need_user_configuration(&mut self) -> Result<(), EthernetError<B::Error>> {
+        // That a configuration begins is enough: `write` writes its beginning last.
+        let (address, _) = self.layout.user;
+        let mut head = [0; Bitfile::SYNC_WITHIN];
+        self.read(address, &mut head)?;
+        if !Bitfile::has_sync(&head) {
+            return Err(EthernetError::NoUserConfiguration { address });
+        }
+        Ok(())
     }
 
     /// Compares an area with a configuration.
@@ -208,6 +236,16 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
         self.check(area, address, data.len(), true)?;
+        self.put(address, data, &mut progress)
+    }
+
+    /// Erases, writes and verifies what is known to be allowed.
+    fn put(
+        &mut self,
+        address: u32,
+        data: &[u8],
+        progress: &mut impl FnMut(FlashStep, usize),
+    ) -> Result<(), EthernetError<B::Error>> {
         let end = address + data.len() as u32;
         for sector in (address..end).step_by(SECTOR) {
             let erase = Command::write(Space::Flash, 1);
@@ -229,7 +267,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
             written += chunk.len();
             progress(FlashStep::Write, written);
         }
-        self.compare(address, data, &mut progress)
+        self.compare(address, data, progress)
     }
 
     /// Erases or writes at `address`, and waits until it is done.

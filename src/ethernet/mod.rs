@@ -11,11 +11,12 @@ mod identity;
 mod info;
 mod memory;
 mod packets;
+mod restart;
 
 pub use crate::boards::FlashLayout;
 pub use bitfile::{Bitfile, BitfileError};
 pub use error::EthernetError;
-pub use flash::{Area, Flash, FlashStep};
+pub use flash::{Area, Difference, Flash, FlashStep};
 pub use identity::{AddressSource, Identity, MacAddress};
 pub use info::{Counters, LedMode, LedTime, Timestamps};
 pub use packets::{EthernetBoard, Lbp16Board};

@@ -3,9 +3,11 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod flash;
 mod info;
 #[path = "../interop/mod.rs"]
 mod interop;
+mod ip;
 mod latency;
 mod led;
 mod list;
@@ -14,6 +16,7 @@ mod param;
 mod pty;
 mod raw;
 mod registers;
+mod restart;
 mod run;
 mod sim;
 mod update;

@@ -6,6 +6,7 @@ mod cabinet;
 mod commands;
 mod consent;
 mod context;
+mod files;
 mod output;
 mod running;
 mod sim;

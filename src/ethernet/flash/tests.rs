@@ -1,3 +1,5 @@
+mod backup;
+
 use super::super::BitfileError;
 use super::*;
 use crate::bus::{Clock, Instant};

@@ -1,6 +1,8 @@
 //! The commands, each in its own file: its arguments, what it does, what it prints.
 
+mod flash;
 mod info;
+mod ip;
 mod latency;
 mod led;
 mod list;
@@ -8,6 +10,7 @@ mod manual;
 mod param;
 mod raw;
 mod registers;
+mod restart;
 mod update;
 
 use clap::Subcommand;
@@ -20,6 +23,10 @@ pub enum Command {
     Info(info::Info),
     Latency(latency::Latency),
     Led(led::Led),
+    Ip(ip::Ip),
+    Flash(flash::Flash),
+    Reload(restart::Reload),
+    Reset(restart::Reset),
     Completions(manual::Completions),
     Man(manual::Man),
     Raw(raw::Raw),
@@ -37,6 +44,10 @@ impl Command {
             Self::Info(info) => info.run(context),
             Self::Latency(latency) => latency.run(context),
             Self::Led(led) => led.run(context),
+            Self::Ip(ip) => ip.run(context),
+            Self::Flash(flash) => flash.run(context),
+            Self::Reload(reload) => reload.run(context),
+            Self::Reset(reset) => reset.run(context),
             Self::Completions(completions) => Ok(completions.run(context)),
             Self::Man(man) => man.run(context),
             Self::Raw(raw) => raw.run(context),

@@ -24,7 +24,9 @@ const LONGEST: f64 = 10.0;
 /// Room to see that a datagram is longer than a packet.
 const ROOM: usize = 2048;
 
-/// Sends LBP16 commands by hand and takes the reply apart (what the manual's ELBPCOM does)
+/// Sends LBP16 commands by hand and takes the reply apart
+///
+/// What the manual's ELBPCOM does, and more.
 #[derive(Debug, Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct Raw {

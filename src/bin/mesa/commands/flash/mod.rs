@@ -1,0 +1,253 @@
+//! `mesa flash`: the memory that the FPGA's configuration is loaded from.
+
+mod progress;
+mod report;
+mod restore;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use mesa_hal::ethernet::{Area, Bitfile, EthernetBoard, Flash as Chip, FlashLayout};
+use mesa_hal::lbp16::registers::flash::SECTOR;
+use mesa_hal::transport::udp::UdpBus;
+
+use crate::context::{Context, Ending, Failure};
+use crate::files;
+use crate::output::complain;
+use crate::target::{Found, Target};
+use progress::{Bar, Progress};
+use report::{About, Report, Written};
+use restore::Restore;
+
+const AFTER_HELP: &str = "\
+The FPGA goes on with the configuration that it has loaded; `mesa reload` makes it load that in
+the flash memory, and so does switching the board on. Where the user configuration is damaged or
+missing, the fallback is loaded. Files and memory are those of mesaflash.
+
+Example:
+  mesa flash backup before.bin --addr 10.10.10.10
+  mesa flash write 7i97_7i77.bit --addr 10.10.10.10";
+
+/// More than any bitfile or backup has.
+const LONGEST: u64 = 32 << 20;
+
+/// The FPGA's configurations in the flash memory of a board
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Flash {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Backup(Backup),
+    Write(Write),
+    Verify(Verify),
+    Restore(Restore),
+}
+
+/// Reads the whole memory into a file
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa flash backup before.bin --addr 10.10.10.10")]
+struct Backup {
+    #[command(flatten)]
+    target: Target,
+    /// The file: as many bytes as the memory has
+    file: PathBuf,
+    /// Replace the file if there is one
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// Writes a configuration, and verifies it
+///
+/// Refused before anything is erased: a file for another board or FPGA, as far as its header tells, a
+/// file that is damaged, and a memory without a boot block. Ctrl-C does not end it in the middle.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa flash write 7i97_7i77.bit --addr 10.10.10.10 --dry-run")]
+struct Write {
+    #[command(flatten)]
+    target: Target,
+    /// The bitfile (.bit) of the board's firmware
+    file: PathBuf,
+    /// Write the fallback, which the FPGA loads where the user configuration is damaged, and not the
+    /// user configuration
+    #[arg(long)]
+    fallback: bool,
+    /// Check everything, print what would be done, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Compares the memory with a bitfile, or with a backup of the whole
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa flash verify 7i97_7i77.bit --addr 10.10.10.10")]
+struct Verify {
+    #[command(flatten)]
+    target: Target,
+    /// A bitfile, or a backup
+    file: PathBuf,
+    /// Compare the bitfile with the fallback, and not with the user configuration
+    #[arg(long)]
+    fallback: bool,
+}
+
+impl Flash {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        match &self.command {
+            Command::Backup(backup) => backup.run(context),
+            Command::Write(write) => write.run(context),
+            Command::Verify(verify) => verify.run(context),
+            Command::Restore(restore) => restore.run(context),
+        }
+    }
+}
+
+impl Backup {
+    fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let path = &self.file;
+        if path.exists() && !self.overwrite {
+            return Err(Failure::usage(format_args!(
+                "{}: is there already; give --overwrite, or another name",
+                path.display()
+            )));
+        }
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let mut flash = open(&mut bus, &found)?;
+        let layout = *flash.layout();
+        let progress = Bar::new("read", u64::from(layout.size));
+        let bytes = flash.backup(|done| {
+            progress.at(done as u64);
+            context.stop.signal().is_none()
+        })?;
+        progress.end();
+        let Some(bytes) = bytes else {
+            complain("mesa: ended by a signal; no file was written, and the board is as it was");
+            return Ok(context.ending());
+        };
+        files::write(path, &bytes)?;
+        context.print(&Report {
+            whole: true,
+            ..Report::new("backup", &layout, path)
+        })?;
+        Ok(context.ending())
+    }
+}
+
+impl Write {
+    fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let bytes = files::read(&self.file, LONGEST)?;
+        let bitfile = parse(&self.file, &bytes)?;
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let mut flash = open(&mut bus, &found)?;
+        let layout = *flash.layout();
+        let area = area(self.fallback);
+        flash.check_program(&bitfile, area)?;
+        let written = written(&layout, area, &bitfile);
+        let report = Report {
+            bitfile: Some(About::of(&bitfile)),
+            areas: vec![written],
+            dry_run: self.dry_run,
+            ..Report::new("write", &layout, &self.file)
+        };
+        if !self.dry_run {
+            context.consent(&format!(
+                "{}: erases and writes {written} of the flash memory: {}",
+                found.address,
+                About::of(&bitfile)
+            ))?;
+            let mut progress = Progress::of_write(context, written);
+            let done = flash.program(&bitfile, area, |step, bytes| progress.step(step, bytes));
+            progress.ended(done)?;
+        }
+        context.print(&report)?;
+        Ok(context.ending())
+    }
+}
+
+impl Verify {
+    fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let bytes = files::read(&self.file, LONGEST)?;
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let mut flash = open(&mut bus, &found)?;
+        let layout = *flash.layout();
+        let report = if bytes.len() == layout.size as usize && !self.fallback {
+            let progress = Bar::new("verify", u64::from(layout.size));
+            let differences = flash.differences(&bytes, |done| {
+                progress.at(done as u64);
+                context.stop.signal().is_none()
+            })?;
+            progress.end();
+            let Some(differences) = differences else {
+                complain("mesa: ended by a signal, before all was compared");
+                return Ok(context.ending());
+            };
+            if !differences.is_empty() {
+                let places: Vec<String> = differences
+                    .iter()
+                    .map(|one| Written::of(one).to_string())
+                    .collect();
+                return Err(Failure::refused(format_args!(
+                    "the memory differs from {}: {}; `mesa flash restore` writes it back",
+                    self.file.display(),
+                    places.join(", ")
+                )));
+            }
+            Report {
+                whole: true,
+                ..Report::new("verify", &layout, &self.file)
+            }
+        } else {
+            let bitfile = parse(&self.file, &bytes)?;
+            let area = area(self.fallback);
+            let progress = Bar::new("verify", bitfile.configuration.len() as u64);
+            flash.verify(&bitfile, area, |_, done| progress.at(done as u64))?;
+            progress.end();
+            Report {
+                bitfile: Some(About::of(&bitfile)),
+                areas: vec![written(&layout, area, &bitfile)],
+                ..Report::new("verify", &layout, &self.file)
+            }
+        };
+        context.print(&report)?;
+        Ok(context.ending())
+    }
+}
+
+/// The flash memory of a board whose layout is known.
+fn open<'a>(bus: &'a mut UdpBus, found: &Found) -> Result<Chip<'a, UdpBus>, Failure> {
+    let mut board = EthernetBoard::new(bus);
+    let card = board.identity()?.card;
+    let layout = FlashLayout::for_card(&card).ok_or_else(|| {
+        Failure::refused(format_args!(
+            "{}: this is a {card}; where things are in its flash memory is not known here, so that \
+             nothing is read or written: use mesaflash",
+            found.address
+        ))
+    })?;
+    Ok(board.into_flash(*layout)?)
+}
+
+fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Result<Bitfile<'a>, Failure> {
+    Bitfile::parse(bytes)
+        .map_err(|error| Failure::refused(format_args!("{}: {error}", path.display())))
+}
+
+fn area(fallback: bool) -> Area {
+    if fallback { Area::Fallback } else { Area::User }
+}
+
+/// What a bitfile takes of an area, in whole sectors.
+fn written(layout: &FlashLayout, area: Area, bitfile: &Bitfile<'_>) -> Written {
+    let start = layout.addresses(area).start;
+    let sectors = bitfile.configuration.len().div_ceil(SECTOR) * SECTOR;
+    Written {
+        area: Some(area.into()),
+        start,
+        end: start + sectors as u32,
+    }
+}

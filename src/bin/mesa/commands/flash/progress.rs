@@ -1,0 +1,106 @@
+//! How far it is, for a person who watches; and what is said when it ends before the end.
+
+use std::fmt::Display;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use mesa_hal::ethernet::FlashStep;
+
+use super::report::{Name, Written};
+use crate::context::{Context, Failure};
+use crate::output::complain;
+
+/// A bar on standard error; nothing where that is no terminal.
+pub struct Bar(ProgressBar);
+
+/// How often it is drawn again while nothing comes: a sector takes up to 3 s to be erased.
+const TICK: Duration = Duration::from_millis(200);
+
+impl Bar {
+    pub fn new(what: &'static str, bytes: u64) -> Self {
+        let bar = ProgressBar::new(bytes);
+        let template = "{msg:7} {bar:40} {bytes:>10} of {total_bytes}  {elapsed} (left {eta})";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        bar.enable_steady_tick(TICK);
+        Self(bar)
+    }
+
+    pub fn at(&self, bytes: u64) {
+        self.0.set_position(bytes);
+    }
+
+    pub fn end(&self) {
+        self.0.finish_and_clear();
+    }
+}
+
+/// A write of an area, which goes on when a signal comes.
+pub struct Progress<'a> {
+    context: &'a Context,
+    bar: Bar,
+    written: Written,
+    step: Option<FlashStep>,
+    is_told: bool,
+}
+
+impl<'a> Progress<'a> {
+    pub fn of_write(context: &'a Context, written: Written) -> Self {
+        Self {
+            context,
+            bar: Bar::new("erase", written.len()),
+            written,
+            step: None,
+            is_told: false,
+        }
+    }
+
+    /// So many bytes of a step are done.
+    pub fn step(&mut self, step: FlashStep, bytes: usize) {
+        if self.step.replace(step) != Some(step) {
+            self.bar.0.set_message(match step {
+                FlashStep::Erase => "erase",
+                FlashStep::Write => "write",
+                FlashStep::Verify => "verify",
+            });
+        }
+        self.bar.at(bytes as u64);
+        if let Some(signal) = self.context.stop.signal().filter(|_| !self.is_told) {
+            self.is_told = true;
+            self.bar.0.suspend(|| {
+                complain(format_args!(
+                    "mesa: {signal}: {} is finished first, because half of it is worth nothing; \
+                     leave the board switched on",
+                    self.written
+                ));
+            });
+        }
+    }
+
+    /// It has ended; if by an error, what the memory holds now is said with it.
+    pub fn ended<E: Display>(&self, done: Result<(), E>) -> Result<(), Failure> {
+        self.bar.end();
+        done.map_err(|error| {
+            let state = match (self.step, self.written.area) {
+                (None, _) => "if anything was erased, it was the first sector",
+                (_, Some(Name::BootBlock)) => {
+                    "the boot block is not whole: the FPGA would not start from this memory"
+                }
+                (_, Some(Name::User)) => {
+                    "the user configuration is not whole: at its next start the FPGA loads the fallback"
+                }
+                (_, Some(Name::Fallback)) => {
+                    "the fallback is not whole: the FPGA starts from the user configuration only"
+                }
+                _ => "these sectors are not whole; no configuration is in them",
+            };
+            Failure::refused(format_args!(
+                "{error}; {} was cut off: {state}. The FPGA goes on with what it has loaded: leave the \
+                 board switched on, and write this again",
+                self.written
+            ))
+        })
+    }
+}

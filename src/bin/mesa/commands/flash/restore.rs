@@ -1,0 +1,120 @@
+//! `mesa flash restore`: a backup of the whole memory, written back where it differs.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::progress::{Bar, Progress};
+use super::report::{Name, Report, Written};
+use super::{LONGEST, open};
+use crate::context::{Context, Ending, Failure};
+use crate::files;
+use crate::output::complain;
+use crate::target::Target;
+
+/// Writes a backup of the whole memory back, where it differs
+///
+/// The user area is written first, the boot block last. Ctrl-C ends it between two areas. A backup has
+/// no header: whether it is one of this kind of board can not be seen.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  mesa flash restore before.bin --addr 10.10.10.10 --dry-run")]
+pub struct Restore {
+    #[command(flatten)]
+    target: Target,
+    /// The backup: as many bytes as the memory has
+    file: PathBuf,
+    /// Write the fallback too, where it differs
+    #[arg(long)]
+    fallback: bool,
+    /// Write the boot block too, where it differs. If that is cut off, only a JTAG programmer helps
+    #[arg(long)]
+    boot_block: bool,
+    /// Compare, print what would be written, and write nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+impl Restore {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let backup = files::read(&self.file, LONGEST)?;
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let mut flash = open(&mut bus, &found)?;
+        let layout = *flash.layout();
+        flash.check_backup(&backup).map_err(|error| {
+            Failure::refused(format_args!(
+                "{}: no backup to start from: {error}",
+                self.file.display()
+            ))
+        })?;
+        let progress = Bar::new("compare", u64::from(layout.size));
+        let differences = flash.differences(&backup, |done| {
+            progress.at(done as u64);
+            context.stop.signal().is_none()
+        })?;
+        progress.end();
+        let Some(differences) = differences else {
+            complain("mesa: ended by a signal; nothing was written");
+            return Ok(context.ending());
+        };
+        let areas: Vec<Written> = differences.iter().map(Written::of).collect();
+        self.check_flags(&areas)?;
+        let mut report = Report {
+            dry_run: self.dry_run,
+            areas,
+            ..Report::new("restore", &layout, &self.file)
+        };
+        if !self.dry_run && !differences.is_empty() {
+            let places: Vec<String> = report.areas.iter().map(Written::to_string).collect();
+            let what = format!(
+                "erases and writes {} of the flash memory",
+                places.join(", ")
+            );
+            context.consent(&format!("{}: {what}", found.address))?;
+            let mut done = 0;
+            for (difference, &written) in differences.iter().zip(&report.areas) {
+                if let Some(signal) = context.stop.signal() {
+                    let left: Vec<String> = report
+                        .areas
+                        .iter()
+                        .skip(done)
+                        .map(Written::to_string)
+                        .collect();
+                    complain(format_args!(
+                        "mesa: {signal}: ended; still as before: {}. Run it again for the rest",
+                        left.join(", ")
+                    ));
+                    break;
+                }
+                let mut progress = Progress::of_write(context, written);
+                let restored = flash.restore(&backup, difference, |step, bytes| {
+                    progress.step(step, bytes);
+                });
+                progress.ended(restored)?;
+                done += 1;
+            }
+            report.areas.truncate(done);
+        }
+        context.print(&report)?;
+        Ok(context.ending())
+    }
+
+    /// What a board may need to start is written only if it was named.
+    fn check_flags(&self, areas: &[Written]) -> Result<(), Failure> {
+        let flags = [
+            (Name::Fallback, self.fallback, "--fallback"),
+            (Name::BootBlock, self.boot_block, "--boot-block"),
+        ];
+        for (name, is_given, flag) in flags {
+            let differs = areas.iter().find(|written| written.area == Some(name));
+            if let Some(written) = differs.filter(|_| !is_given) {
+                return Err(Failure::refused(format_args!(
+                    "{written} differs from {}; the board may need it to start: give {flag} if it \
+                     shall be written too; nothing was written",
+                    self.file.display()
+                )));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,197 @@
+//! `mesa ip`: the addresses in a board's EEPROM.
+
+use std::fmt::{self, Display};
+use std::net::Ipv4Addr;
+
+use clap::Args;
+use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
+use serde::Serialize;
+
+use crate::context::{Context, Ending, Failure};
+use crate::target::Target;
+
+const AFTER_HELP: &str = "\
+Without IP and --netmask it prints what is there, and changes nothing. The board uses the address
+of its EEPROM from its next start on, if its address jumpers say so.
+
+Example:
+  mesa ip 10.10.10.11 --netmask 255.255.255.0 --addr 10.10.10.10";
+
+/// The IP address and the netmask in a board's EEPROM
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Ip {
+    #[command(flatten)]
+    target: Target,
+    /// The new address: one that a single host can have
+    #[arg(value_name = "IP")]
+    address: Option<Ipv4Addr>,
+    /// The new netmask, 255.0.0.0 to 255.255.255.252. Needs firmware 16 or later
+    #[arg(long, value_parser = parse_netmask)]
+    netmask: Option<Ipv4Addr>,
+    /// Print what would be done, and do nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// What is in the EEPROM, or would be.
+#[derive(Debug, Serialize)]
+struct Addresses {
+    board: String,
+    /// Where it takes its address from when it starts.
+    address_from: AddressSource,
+    eeprom_ip: Ipv4Addr,
+    /// None: its firmware has none.
+    eeprom_netmask: Option<Ipv4Addr>,
+    /// Something was written.
+    changed: bool,
+    dry_run: bool,
+    /// What is left to do.
+    next: Vec<String>,
+}
+
+impl Ip {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let found = self.target.find()?;
+        let mut bus = found.open()?;
+        let mut board = EthernetBoard::new(&mut bus);
+        let before = board.identity()?;
+        let netmask = self
+            .netmask
+            .filter(|&mask| before.eeprom_netmask != Some(mask));
+        let ip = self.address.filter(|&ip| before.eeprom_ip != ip);
+        let after = Identity {
+            eeprom_ip: ip.unwrap_or(before.eeprom_ip),
+            eeprom_netmask: netmask.or(before.eeprom_netmask),
+            ..before.clone()
+        };
+        if let Some(ip) = self.address {
+            check(ip, after.eeprom_netmask).map_err(Failure::usage)?;
+        }
+        let is_change = ip.is_some() || netmask.is_some();
+        if self.netmask.is_some() && before.eeprom_netmask.is_none() {
+            return Err(Failure::refused(format_args!(
+                "{}: firmware {} has no netmask, 16 and later have; leave --netmask out",
+                found.address, before.firmware_version
+            )));
+        }
+        if is_change && !self.dry_run {
+            context.consent(&format!(
+                "{}: writes {} into the EEPROM, which holds {}",
+                found.address,
+                pair(&after),
+                pair(&before)
+            ))?;
+            // The address last: until it is written, the board is found where it was.
+            if let Some(netmask) = netmask {
+                board.set_eeprom_netmask(netmask)?;
+            }
+            if let Some(ip) = ip {
+                board.set_eeprom_ip(ip)?;
+            }
+        }
+        let shown = if self.dry_run {
+            after
+        } else {
+            board.identity()?
+        };
+        context.print(&Addresses {
+            next: next(&shown, *found.address.ip(), is_change),
+            board: shown.card,
+            address_from: shown.address_from,
+            eeprom_ip: shown.eeprom_ip,
+            eeprom_netmask: shown.eeprom_netmask,
+            changed: is_change && !self.dry_run,
+            dry_run: self.dry_run,
+        })?;
+        Ok(context.ending())
+    }
+}
+
+/// What a person has to do so that the board has the address of its EEPROM.
+fn next(board: &Identity, now: Ipv4Addr, is_change: bool) -> Vec<String> {
+    let mut next = Vec::new();
+    if board.address_from != AddressSource::Eeprom {
+        next.push(format!(
+            "its address is {}: set the address jumpers to \"from EEPROM\" (7I97: W16 down, W17 up; \
+             others: see the manual), or the EEPROM's is not used",
+            board.address_from
+        ));
+    }
+    if board.eeprom_ip == now && !is_change {
+        return next;
+    }
+    next.push(format!(
+        "restart it: `mesa reset --addr {now}`, or switch it off and on; then it is at --addr {}",
+        board.eeprom_ip
+    ));
+    let mask = board
+        .eeprom_netmask
+        .unwrap_or(Ipv4Addr::new(255, 255, 255, 0));
+    let network = board.eeprom_ip & mask;
+    let host = [1, 2].map(|host| Ipv4Addr::from_bits(network.to_bits() | host));
+    let [first, second] = host;
+    let host = if first == board.eeprom_ip {
+        second
+    } else {
+        first
+    };
+    next.push(format!(
+        "the computer needs an address in the same network: `sudo ip addr add {host}/{} dev INTERFACE`",
+        mask.to_bits().count_ones()
+    ));
+    next
+}
+
+fn pair(board: &Identity) -> String {
+    match board.eeprom_netmask {
+        Some(netmask) => format!("{} with netmask {netmask}", board.eeprom_ip),
+        None => board.eeprom_ip.to_string(),
+    }
+}
+
+/// Whether a board can have an address.
+fn check(ip: Ipv4Addr, netmask: Option<Ipv4Addr>) -> Result<(), String> {
+    if ip.is_unspecified() || ip.is_broadcast() || ip.is_multicast() || ip.is_loopback() {
+        return Err(format!("{ip} is no address of a single host on a network"));
+    }
+    let Some(netmask) = netmask else {
+        return Ok(());
+    };
+    let host = ip.to_bits() & !netmask.to_bits();
+    if host == 0 || host == !netmask.to_bits() {
+        return Err(format!(
+            "{ip} is the network itself, or its broadcast address, with netmask {netmask}; give --netmask \
+             too, or another address"
+        ));
+    }
+    Ok(())
+}
+
+fn parse_netmask(text: &str) -> Result<Ipv4Addr, String> {
+    let mask = text.parse::<Ipv4Addr>().ok();
+    let is_sound = |mask: &Ipv4Addr| {
+        let bits = mask.to_bits();
+        bits.leading_ones() + bits.trailing_zeros() == 32 && (8..=30).contains(&bits.leading_ones())
+    };
+    mask.filter(is_sound)
+        .ok_or_else(|| format!("`{text}` is no netmask from 255.0.0.0 to 255.255.255.252"))
+}
+
+impl Display for Addresses {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.dry_run {
+            writeln!(f, "Would be so; nothing was done:")?;
+        }
+        writeln!(f, "jumpers   {}", self.address_from)?;
+        writeln!(f, "EEPROM    {}", self.eeprom_ip)?;
+        match self.eeprom_netmask {
+            Some(netmask) => writeln!(f, "netmask   {netmask}")?,
+            None => writeln!(f, "netmask   none before firmware 16")?,
+        }
+        for next in &self.next {
+            writeln!(f, "- {next}")?;
+        }
+        Ok(())
+    }
+}

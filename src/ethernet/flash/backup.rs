@@ -1,0 +1,180 @@
+//! Backups of a whole chip, and their way back.
+
+use alloc::vec::Vec;
+
+use super::{Area, Flash, PACKET};
+use crate::ethernet::{Bitfile, EthernetError, FlashStep, Lbp16Board};
+use crate::lbp16::registers::flash::{PAGE, SECTOR};
+
+/// Sectors in which a chip differs from a backup, as they are written together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The area; none for what no configuration uses.
+    pub area: Option<Area>,
+    /// Where it begins.
+    pub start: u32,
+    /// Where it ends: the address behind.
+    pub end: u32,
+}
+
+/// What has a name, in the order in which it is written back. A chip that can start from its user
+/// configuration may lose the others.
+const AREAS: [Area; 4] = [
+    Area::User,
+    Area::Application,
+    Area::Fallback,
+    Area::BootBlock,
+];
+
+impl<B: Lbp16Board> Flash<'_, B> {
+    /// Reads the whole chip. `progress` gets how many bytes were read, and ends it by `false`: then
+    /// there is no backup.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn backup(
+        &mut self,
+        mut progress: impl FnMut(usize) -> bool,
+    ) -> Result<Option<Vec<u8>>, EthernetError<B::Error>> {
+        let size = self.layout.size as usize;
+        let mut bytes = Vec::with_capacity(size);
+        let mut part = [0; PACKET];
+        while bytes.len() < size {
+            self.read(bytes.len() as u32, &mut part)?;
+            bytes.extend_from_slice(&part);
+            if !progress(bytes.len()) {
+                return Ok(None);
+            }
+        }
+        Ok(Some(bytes))
+    }
+
+    /// Whether a file can be a backup of this chip, from which the board would start.
+    ///
+    /// A backup has no header: whether it is one of this board can not be seen.
+    ///
+    /// # Errors
+    /// [`EthernetError::OutsideArea`] if it has another size, [`EthernetError::NoBootBlock`], and
+    /// [`EthernetError::NoUserConfiguration`] if it has none and no fallback either.
+    pub fn check_backup(&self, backup: &[u8]) -> Result<(), EthernetError<B::Error>> {
+        self.check(Area::Whole, 0, backup.len(), true)?;
+        let (address, _) = self.layout.boot_block;
+        let head = self.of(Area::BootBlock, backup).get(..PAGE);
+        if head.is_none_or(|head| head.iter().all(|&byte| byte == 0xFF)) {
+            return Err(EthernetError::NoBootBlock { address });
+        }
+        let begins = |area| {
+            let head = self.of(area, backup).get(..Bitfile::SYNC_WITHIN);
+            head.is_some_and(Bitfile::has_sync)
+        };
+        if !begins(Area::User) && !begins(Area::Fallback) {
+            let (address, _) = self.layout.user;
+            return Err(EthernetError::NoUserConfiguration { address });
+        }
+        Ok(())
+    }
+
+    /// Whether the user configuration or the fallback begins in the chip: without either the FPGA has
+    /// nothing to load.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn has_configuration(&mut self) -> Result<bool, EthernetError<B::Error>> {
+        for area in [Area::User, Area::Fallback] {
+            let mut head = [0; Bitfile::SYNC_WITHIN];
+            self.read(self.layout.addresses(area).start, &mut head)?;
+            if Bitfile::has_sync(&head) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Where the chip differs from a backup, in the order in which it should be
+    /// [written back](Self::restore): the user area first, the boot block last.
+    ///
+    /// A difference in an area begins with the area, so that a configuration that is not whole has no
+    /// beginning, and ends with the last sector that differs. `progress` gets how many bytes were
+    /// compared, and ends it by `false`: then nothing is known.
+    ///
+    /// # Errors
+    /// [`EthernetError::OutsideArea`] if the backup has another size, and those of the bus.
+    pub fn differences(
+        &mut self,
+        backup: &[u8],
+        progress: impl FnMut(usize) -> bool,
+    ) -> Result<Option<Vec<Difference>>, EthernetError<B::Error>> {
+        self.check(Area::Whole, 0, backup.len(), true)?;
+        let Some(found) = self.backup(progress)? else {
+            return Ok(None);
+        };
+        let sectors = || backup.chunks(SECTOR).zip(found.chunks(SECTOR));
+        let differs: Vec<u32> = (0..)
+            .step_by(SECTOR)
+            .zip(sectors())
+            .filter_map(|(start, (wanted, found))| (wanted != found).then_some(start))
+            .collect();
+        let mut differences = Vec::new();
+        for area in AREAS {
+            let range = self.layout.addresses(area);
+            let last = differs.iter().rev().find(|start| range.contains(start));
+            differences.extend(last.map(|last| Difference {
+                area: Some(area),
+                start: range.start,
+                end: last + SECTOR as u32,
+            }));
+        }
+        let named = |start: &u32| {
+            AREAS
+                .iter()
+                .any(|&area| self.layout.addresses(area).contains(start))
+        };
+        let others = differs.iter().filter(|start| !named(start));
+        let others = others.map(|&start| Difference {
+            area: None,
+            start,
+            end: start + SECTOR as u32,
+        });
+        // Behind the user area, before what the board may need to start.
+        let at = differences
+            .partition_point(|one| matches!(one.area, Some(Area::User | Area::Application)));
+        differences.splice(at..at, others);
+        Ok(Some(differences))
+    }
+
+    /// Writes one of the [differences](Self::differences) back, and verifies it.
+    ///
+    /// # Errors
+    /// Those of [`check_backup`](Self::check_backup), [`EthernetError::NoUserConfiguration`] for the
+    /// fallback or the boot block while the chip has no user configuration that the backup has too,
+    /// and those of [`write`](Self::write).
+    pub fn restore(
+        &mut self,
+        backup: &[u8],
+        part: &Difference,
+        mut progress: impl FnMut(FlashStep, usize),
+    ) -> Result<(), EthernetError<B::Error>> {
+        self.check_backup(backup)?;
+        if matches!(part.area, Some(Area::Fallback | Area::BootBlock)) {
+            self.need_user_configuration()?;
+        }
+        let bytes = part.start as usize..part.end as usize;
+        let expected = || alloc::format!("whole sectors up to 0x{:06X}", self.layout.size);
+        let data = backup
+            .get(bytes)
+            .ok_or_else(|| EthernetError::OutsideArea {
+                address: part.start,
+                bytes: part.end.saturating_sub(part.start) as usize,
+                area: Area::Whole,
+                expected: expected(),
+            })?;
+        self.put(part.start, data, &mut progress)
+    }
+
+    /// The bytes of an area in a backup.
+    fn of<'b>(&self, area: Area, backup: &'b [u8]) -> &'b [u8] {
+        let range = self.layout.addresses(area);
+        let bytes = backup.get(range.start as usize..range.end as usize);
+        bytes.unwrap_or_default()
+    }
+}

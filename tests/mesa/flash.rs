@@ -1,0 +1,414 @@
+//! `mesa flash`.
+
+use std::fs;
+use std::net::Ipv4Addr;
+use std::process::Command;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::{Duration, Instant};
+
+use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+use crate::interop::tools::{has_program, skip};
+use crate::interop::{Process, Scratch, board::Board};
+use crate::run::{Run, command, done, json, run};
+
+const USER: usize = 0x10_0000;
+const FALLBACK: usize = 0x1_0000;
+const PART: &str = "6slx9tqg144";
+
+/// A 7I97 on its own address, because mesaflash always talks to port 27181.
+fn board() -> (Board, String) {
+    static NEXT: AtomicU8 = AtomicU8::new(1);
+    let [_, _, high, low] = std::process::id().to_be_bytes();
+    let last = NEXT.fetch_add(1, Ordering::Relaxed);
+    let address = Ipv4Addr::new(127, 1 + (high & 0x7F), low, last);
+    (
+        Board::start(address, &["--board", "7i97"]),
+        address.to_string(),
+    )
+}
+
+/// Made-up data with the synchronisation word that a configuration has.
+fn configuration(len: u32) -> Vec<u8> {
+    let mut data: Vec<u8> = (0..len)
+        .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)
+        .collect();
+    data[16..20].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
+    data
+}
+
+/// A Xilinx bitfile: header fields a to d, then the data.
+fn bitfile(design: &str, part: &str, data: &[u8]) -> Vec<u8> {
+    let mut file = vec![0x00, 0x09];
+    file.extend([
+        0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
+    ]);
+    let fields = [
+        (b'a', design),
+        (b'b', part),
+        (b'c', "2026/01/02"),
+        (b'd', "03:04:05"),
+    ];
+    for (key, text) in fields {
+        file.push(key);
+        file.extend((text.len() as u16 + 1).to_be_bytes());
+        file.extend(text.bytes());
+        file.push(0);
+    }
+    file.push(b'e');
+    file.extend((data.len() as u32).to_be_bytes());
+    file.extend(data);
+    file
+}
+
+fn file(name: &str, bytes: &[u8]) -> Scratch {
+    let file = Scratch::new(name);
+    fs::write(&file.0, bytes).expect("a scratch file");
+    file
+}
+
+/// Something in the boot block, as boards come: without it nothing is written.
+fn give_boot_block(board: &Board) {
+    let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
+    let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
+    let written = flash
+        .expect("a 7I97")
+        .write(Area::BootBlock, 0, &configuration(300), |_, _| {});
+    written.expect("the boot block");
+}
+
+fn backup(address: &str, name: &str) -> (Scratch, Vec<u8>) {
+    let file = Scratch::new(name);
+    done(&["flash", "backup", file.path(), "--addr", address]);
+    let bytes = fs::read(&file.0).expect("a backup");
+    (file, bytes)
+}
+
+#[test]
+fn a_configuration_is_written_verified_backed_up_and_restored() {
+    let (board, address) = board();
+    let data = configuration(70_000);
+    let (good, other) = (
+        file("flash-good.bit", &bitfile("7i97_made_up.ncd", PART, &data)),
+        file(
+            "flash-other.bit",
+            &bitfile("7i97_made_up.ncd", PART, &configuration(70_001)),
+        ),
+    );
+    let write = ["flash", "write", good.path(), "--addr", &address];
+    let refused = run(&[&write[..], &["--yes"]].concat());
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(
+        refused.err.contains("the boot block at 0x000000 is erased"),
+        "{refused:?}"
+    );
+    give_boot_block(&board);
+
+    let refused = run(&write);
+    assert_eq!(refused.code, Some(2), "nobody can be asked: {refused:?}");
+    let text = done(&[&write[..], &["--dry-run"]].concat());
+    assert!(
+        text.contains("would erase and write the user area (0x100000 to 0x120000)"),
+        "{text}"
+    );
+    let (_, blank) = backup(&address, "flash-blank.bin");
+    assert!(
+        blank[USER..].iter().all(|&byte| byte == 0xFF),
+        "nothing was done"
+    );
+
+    let written = json(&[&write[..], &["--yes"]].concat());
+    assert_eq!(
+        (&written["action"], &written["areas"][0]["area"]),
+        (&"write".into(), &"user".into())
+    );
+    assert_eq!(written["bitfile"]["design"], "7i97_made_up.ncd");
+    let text = done(&["flash", "verify", good.path(), "--addr", &address]);
+    assert!(
+        text.contains("the user area (0x100000 to 0x120000) holds this"),
+        "{text}"
+    );
+    let differs = run(&["flash", "verify", other.path(), "--addr", &address]);
+    assert_eq!(differs.code, Some(1), "{differs:?}");
+    assert!(differs.err.contains("at 0x111170 is 0xFF"), "{differs:?}");
+
+    let (kept, bytes) = backup(&address, "flash-kept.bin");
+    assert!(bytes.len() == 2 << 20 && bytes[USER..USER + data.len()] == data);
+    let again = run(&["flash", "backup", kept.path(), "--addr", &address]);
+    assert_eq!(again.code, Some(2), "{again:?}");
+    json(&[
+        "flash",
+        "backup",
+        kept.path(),
+        "--addr",
+        &address,
+        "--overwrite",
+    ]);
+}
+
+#[test]
+fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
+    let (board, address) = board();
+    give_boot_block(&board);
+    let (good, other) = (
+        file(
+            "flash-first.bit",
+            &bitfile("7i97.ncd", PART, &configuration(3_000)),
+        ),
+        file(
+            "flash-second.bit",
+            &bitfile("7i97.ncd", PART, &configuration(3_001)),
+        ),
+    );
+    done(&["flash", "write", good.path(), "--addr", &address, "--yes"]);
+    let (kept, bytes) = backup(&address, "flash-restored.bin");
+
+    done(&[
+        "flash",
+        "write",
+        good.path(),
+        "--fallback",
+        "--addr",
+        &address,
+        "--yes",
+    ]);
+    done(&[
+        "flash",
+        "verify",
+        good.path(),
+        "--fallback",
+        "--addr",
+        &address,
+    ]);
+    done(&["flash", "write", other.path(), "--addr", &address, "--yes"]);
+    let differs = run(&["flash", "verify", kept.path(), "--addr", &address]);
+    assert_eq!(differs.code, Some(1), "{differs:?}");
+    assert!(
+        differs.err.contains("the user area") && differs.err.contains("the fallback area"),
+        "{differs:?}"
+    );
+    let restore = ["flash", "restore", kept.path(), "--addr", &address];
+    let refused = run(&[&restore[..], &["--yes"]].concat());
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(refused.err.contains("give --fallback"), "{refused:?}");
+    let planned = json(&[&restore[..], &["--fallback", "--dry-run"]].concat());
+    let areas = planned["areas"].as_array().expect("areas");
+    let names: Vec<_> = areas
+        .iter()
+        .filter_map(|one| one["area"].as_str())
+        .collect();
+    assert_eq!(names, ["user", "fallback"]);
+    let text = done(&[&restore[..], &["--fallback", "--yes"]].concat());
+    assert!(text.contains("written and verified"), "{text}");
+    let text = done(&["flash", "verify", kept.path(), "--addr", &address]);
+    assert!(text.contains("all 2097152 bytes"), "{text}");
+    let (_, now) = backup(&address, "flash-now.bin");
+    assert!(now == bytes && now[FALLBACK..USER].iter().all(|&byte| byte == 0xFF));
+    let text = done(&[&restore[..], &["--yes"]].concat());
+    assert!(
+        text.contains("as ") && text.contains("already; nothing is written"),
+        "{text}"
+    );
+}
+
+#[test]
+fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
+    let (board, address) = board();
+    give_boot_block(&board);
+    let (_, before) = backup(&address, "flash-before.bin");
+    let data = configuration(3000);
+    let whole = bitfile("7i97.ncd", PART, &data);
+    let mut no_start = before.clone();
+    no_start[..256].fill(0xFF);
+    for (action, bytes, said) in [
+        (
+            "write",
+            bitfile("seveni92.ncd", PART, &data),
+            "is for a 7i92",
+        ),
+        (
+            "write",
+            bitfile("7i97.ncd", "6slx16ftg256", &data),
+            "is for a 6slx16ftg256",
+        ),
+        (
+            "write",
+            bitfile("7i97.ncd", PART, &[0xFF; 999]),
+            "no synchronisation word",
+        ),
+        (
+            "write",
+            bitfile("7i97.ncd", PART, &configuration(0x6_0001)),
+            "its place in the flash",
+        ),
+        ("write", whole[..2000].to_vec(), "is cut off"),
+        ("write", b"#!/bin/sh\n".to_vec(), "not a bitfile"),
+        ("restore", whole.clone(), "all of its 2097152 bytes"),
+        ("restore", no_start, "the boot block at 0x000000 is erased"),
+        ("restore", before.clone(), "there is no user configuration"),
+        ("verify", b"#!/bin/sh\n".to_vec(), "not a bitfile"),
+    ] {
+        let file = file("flash-refused", &bytes);
+        let run = run(&["flash", action, file.path(), "--addr", &address, "--yes"]);
+        assert_eq!(run.code, Some(1), "{action}, {said}: {run:?}");
+        assert!(run.err.contains(said), "{action}, {said}: {run:?}");
+    }
+    let fallback = file("flash-fallback.bit", &whole);
+    let only = run(&[
+        "flash",
+        "write",
+        fallback.path(),
+        "--fallback",
+        "--addr",
+        &address,
+        "--yes",
+    ]);
+    assert_eq!(only.code, Some(1), "{only:?}");
+    assert!(
+        only.err.contains("there is no user configuration"),
+        "{only:?}"
+    );
+    let gone = run(&[
+        "flash",
+        "write",
+        "/nowhere/file.bit",
+        "--addr",
+        &address,
+        "--yes",
+    ]);
+    assert!(
+        gone.code == Some(1) && gone.err.contains("/nowhere/file.bit"),
+        "{gone:?}"
+    );
+    let no_place = run(&["flash", "backup", "/nowhere/file.bin", "--addr", &address]);
+    assert!(
+        no_place.code == Some(1) && no_place.err.contains("/nowhere/file.bin"),
+        "{no_place:?}"
+    );
+    let (_, after) = backup(&address, "flash-after.bin");
+    assert!(before == after);
+}
+
+/// Waits until a write has begun to erase: the user area is not what it was.
+fn wait_until_erasing(process: &mut Process) {
+    // An erase takes 600 ms for each of two sectors; the process needs far less to get there.
+    std::thread::sleep(Duration::from_millis(700));
+    let running = process.child().try_wait().expect("a child");
+    assert!(running.is_none(), "it still writes");
+}
+
+#[test]
+fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
+    let (board, address) = board();
+    give_boot_block(&board);
+    let good = file(
+        "flash-ctrl-c.bit",
+        &bitfile("7i97.ncd", PART, &configuration(200_000)),
+    );
+    let write = ["flash", "write", good.path(), "--addr", &address, "--yes"];
+    let mut process = Process::new(command(&write).spawn().expect("mesa starts"));
+    wait_until_erasing(&mut process);
+    process.signal("INT");
+    let ended = Run::from(process.output());
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert!(ended.err.contains("is finished first"), "{ended:?}");
+    done(&["flash", "verify", good.path(), "--addr", &address]);
+}
+
+#[test]
+fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_half_file() {
+    let (mut board, address) = board();
+    give_boot_block(&board);
+    let good = file(
+        "flash-cut.bit",
+        &bitfile("7i97.ncd", PART, &configuration(200_000)),
+    );
+    let write = ["flash", "write", good.path(), "--addr", &address, "--yes"];
+    let mut process = Process::new(command(&write).spawn().expect("mesa starts"));
+    wait_until_erasing(&mut process);
+    board.kill();
+    let ended = Run::from(process.output());
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    for said in [
+        "was cut off",
+        "the FPGA loads the fallback",
+        "leave the board switched on",
+    ] {
+        assert!(ended.err.contains(said), "{said}: {ended:?}");
+    }
+
+    // A network that loses so much that a backup takes longer than it takes to press Ctrl-C.
+    let bad = &["--board", "7i97", "--port", "0", "--loss", "0.2"];
+    let board = Board::start(Ipv4Addr::LOCALHOST, bad);
+    let (half, address) = (Scratch::new("flash-half.bin"), board.address.to_string());
+    let backup = ["flash", "backup", half.path(), "--addr", &address];
+    let mut process = Process::new(command(&backup).spawn().expect("mesa starts"));
+    std::thread::sleep(Duration::from_secs(1));
+    process.signal("INT");
+    let begun = Instant::now();
+    let ended = Run::from(process.output());
+    assert_eq!(
+        ended.code,
+        Some(130),
+        "{ended:?} after {:?}",
+        begun.elapsed()
+    );
+    assert!(ended.err.contains("no file was written"), "{ended:?}");
+    assert!(!half.0.exists());
+}
+
+#[test]
+fn what_mesaflash_writes_mesa_verifies_and_the_other_way_round() {
+    if !has_program("mesaflash") {
+        return skip("mesaflash is not installed");
+    }
+    let (_board, address) = board();
+    let mesaflash = |arguments: &[&str]| {
+        let mut last = String::new();
+        // Its first question is given up after 2 ms.
+        for _ in 0..20 {
+            let mut command = Command::new("mesaflash");
+            let output = command
+                .args(["--device", "7i97", "--addr", &address])
+                .args(arguments);
+            let output = output.output().expect("mesaflash runs");
+            last = String::from_utf8_lossy(&output.stdout).into_owned();
+            if output.status.success() && !last.contains("No 7I9") {
+                return last;
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        panic!("mesaflash {arguments:?} fails:\n{last}");
+    };
+    // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
+    let theirs = file(
+        "flash-theirs.bit",
+        &bitfile("made_up.ncd", PART, &configuration(300 * 256)),
+    );
+    mesaflash(&["--fix-boot-block", "--write", theirs.path()]);
+    done(&["flash", "verify", theirs.path(), "--addr", &address]);
+    let kept = Scratch::new("flash-kept-by-mesaflash.bin");
+    mesaflash(&["--backup-flash", kept.path()]);
+    let _ = fs::remove_file(format!("{}.sha256", kept.path()));
+    done(&["flash", "verify", kept.path(), "--addr", &address]);
+
+    let ours = file(
+        "flash-ours.bit",
+        &bitfile("made_up.ncd", PART, &configuration(508 * 256)),
+    );
+    done(&["flash", "write", ours.path(), "--addr", &address, "--yes"]);
+    let text = mesaflash(&["--verify", ours.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+    done(&["flash", "restore", kept.path(), "--addr", &address, "--yes"]);
+    let text = mesaflash(&["--verify", theirs.path()]);
+    assert!(
+        text.contains("Board FLASH memory verified successfully"),
+        "{text}"
+    );
+    let (_, ours) = backup(&address, "flash-kept-by-mesa.bin");
+    assert!(ours == fs::read(&kept.0).expect("its backup"));
+}

@@ -1,0 +1,131 @@
+//! `mesa reset` and `mesa reload`.
+
+use std::net::{Ipv4Addr, UdpSocket};
+use std::time::Duration;
+
+use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+
+use crate::interop::{Process, board::Board};
+use crate::run::{Run, command, done, json, run};
+
+fn board() -> (Board, String) {
+    let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    (board, address)
+}
+
+#[test]
+fn a_reset_needs_consent_and_is_waited_for() {
+    let (board, address) = board();
+    let reset = ["reset", "--addr", &address];
+    let refused = run(&reset);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("--yes"), "{refused:?}");
+    let text = done(&[&reset[..], &["--dry-run"]].concat());
+    assert!(text.contains("restarts the network side"), "{text}");
+    let value = json(&[&reset[..], &["--yes"]].concat());
+    assert_eq!(value["board"], "7I97");
+    done(&["led", "--addr", &address]);
+    assert_eq!(board.stop("TERM")["board.resets"], "1");
+}
+
+#[test]
+fn a_reload_needs_something_to_load_and_takes_the_outputs() {
+    let (mut board, address) = board();
+    let reload = ["reload", "--addr", &address, "--yes"];
+    let refused = run(&reload);
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(
+        refused.err.contains("no configuration in the flash memory"),
+        "{refused:?}"
+    );
+
+    let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
+    let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
+    let mut flash = flash.expect("a 7I97");
+    let data = [
+        [0xFF; 16],
+        [0xAA, 0x99, 0x55, 0x66, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+    ]
+    .concat();
+    let start = FlashLayout::I7I97.user.0;
+    flash
+        .write(Area::User, start, &data, |_, _| {})
+        .expect("the user area");
+    drop(bus);
+    // An output pin, as in `mesa poke`.
+    done(&["poke", "0:0x1108", "0x10000", "--addr", &address, "--yes"]);
+    done(&["poke", "0:0x1008", "0", "--addr", &address, "--yes"]);
+    assert_eq!(board.console.show("board")["board.pin-050"], "0");
+    let text = done(&reload);
+    assert!(
+        text.contains("reload done, it answers again after"),
+        "{text}"
+    );
+    assert_eq!(board.console.show("board")["board.pin-050"], "1");
+    assert_eq!(board.stop("TERM")["board.reloads"], "1");
+}
+
+/// Forwards to a simulated board, but for packets that begin with `lost`, after which it forwards
+/// nothing more if `is_last`.
+fn between(board: &Board, lost: &'static [u8], is_last: bool) -> String {
+    let face = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    let address = face.local_addr().expect("an address").to_string();
+    let behind = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
+    behind.connect(board.address).expect("the board");
+    let patience = Some(Duration::from_millis(50));
+    behind.set_read_timeout(patience).expect("a timeout");
+    std::thread::spawn(move || {
+        let (mut buffer, mut is_over) = ([0; 2048], false);
+        while let Ok((len, from)) = face.recv_from(&mut buffer) {
+            let is_lost = buffer[..len].starts_with(lost);
+            is_over |= is_lost && is_last;
+            if is_lost || is_over {
+                continue;
+            }
+            let _ = behind.send(&buffer[..len]);
+            if let Ok(len) = behind.recv(&mut buffer) {
+                let _ = face.send_to(&buffer[..len], from);
+            }
+        }
+    });
+    address
+}
+
+/// A write of one word to LBPReset. Manual: 7I97, "MEMORY SPACE 6 LAYOUT".
+const RESET: &[u8] = &[0x01, 0xD9, 0x1C, 0x00];
+
+#[test]
+fn a_reset_that_was_lost_on_its_way_is_noticed() {
+    let (board, _) = board();
+    let address = between(&board, RESET, false);
+    let lost = run(&["reset", "--addr", &address, "--yes"]);
+    assert_eq!(lost.code, Some(1), "{lost:?}");
+    assert!(lost.err.contains("has not restarted"), "{lost:?}");
+}
+
+#[test]
+fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
+    let (board, _) = board();
+    let address = between(&board, RESET, true);
+    let gone = run(&["reset", "--addr", &address, "--yes", "--wait", "1"]);
+    assert_eq!(gone.code, Some(1), "{gone:?}");
+    for said in [
+        "does not answer again",
+        "127.0.0.1 (from the EEPROM)",
+        "192.168.1.121",
+    ] {
+        assert!(gone.err.contains(said), "{said}: {gone:?}");
+    }
+    let address = between(&board, RESET, true);
+    let waiting = command(&["reset", "--addr", &address, "--yes", "--wait", "60"]).spawn();
+    let mut waiting = Process::new(waiting.expect("mesa starts"));
+    std::thread::sleep(Duration::from_millis(1500));
+    waiting.signal("INT");
+    let ended = Run::from(waiting.output());
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert!(ended.err.contains("can not be taken back"), "{ended:?}");
+    let run = run(&["reset", "--addr", &address, "--wait", "61"]);
+    assert!(run.code == Some(2) && run.err.contains("1..=60"), "{run:?}");
+}
