@@ -10,7 +10,9 @@ fn commands() -> Vec<String> {
     let help = done(&["--help"]);
     let (_, rest) = help.split_once("Commands:\n").expect("a list");
     let (list, _) = rest.split_once("\n\n").expect("its end");
-    let lines = list.lines().filter(|line| line.starts_with("  "));
+    // What does not fit goes on in the next line, further in.
+    let is_name = |line: &&str| line.starts_with("  ") && !line.starts_with("   ");
+    let lines = list.lines().filter(is_name);
     let names = lines.filter_map(|line| line.split_whitespace().next());
     let names = names.filter(|name| *name != "help");
     names.map(str::to_owned).collect()
