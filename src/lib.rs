@@ -46,6 +46,7 @@
 //! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
 //! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
 //! | [`setup`] | tools: remotes in setup mode, over a serial port too; updates of their firmware |
+//! | [`inventory`] | tools: what a board is and what is plugged into it, as plain data |
 //! | [`hostmot2`], [`sslbp`] | tools: what a firmware has, the ports of its remotes |
 //! | [`lbp`], [`lbp16`] | tools: the wire formats, as bytes |
 //! | [`gateware`] | readers: facts that the manuals do not have, which the code cites by number |
@@ -130,6 +131,7 @@ pub mod driver;
 pub mod ethernet;
 pub mod hal;
 pub mod hostmot2;
+pub mod inventory;
 pub mod lbp;
 pub mod lbp16;
 pub mod modules;

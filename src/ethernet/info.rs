@@ -10,8 +10,10 @@ use crate::lbp16::{Command, ErrorRegister, InfoArea, Space};
 ///
 /// Source: manual 7I97, "SPACE 6 LBP STATUS/CONTROL AREA".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Counters {
     /// Which errors there were.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "error_names"))]
     pub errors: ErrorRegister,
     /// Commands that could not be parsed.
     pub parse_errors: u16,
@@ -31,6 +33,16 @@ pub struct Counters {
     pub sent_udp: u16,
     /// Packets that could not be sent.
     pub sent_bad: u16,
+}
+
+/// The errors by their names.
+#[cfg(feature = "serde")]
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn error_names<S: serde::Serializer>(
+    errors: &ErrorRegister,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(errors.iter_names().map(|(name, _)| name))
 }
 
 /// When the board received this packet and sent the one before, in microseconds of its own
@@ -54,6 +66,8 @@ pub struct Timestamps {
 /// Source: manual 7I97, "MEMORY SPACE 6 LAYOUT", LEDMode, and "ETHERNET EEPROM LAYOUT", DEBUG LED
 /// Mode: only the lowest bit counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum LedMode {
     /// What `HostMot2` says: the pins `led.CR01` to `led.CR04`.
     HostMot2 = 0,

@@ -1,7 +1,9 @@
 //! Pins whose type is known at run time only: for tools, recorders and remote control.
 
+#[cfg(feature = "std")]
+use super::GroupId;
 use super::handle::Key;
-use super::{AnyValue, GroupId, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, Value};
+use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, Value};
 
 /// A pin or parameter of any kind and type. The default is one of no store.
 ///

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 /// Says that a test is skipped, and why. In CI nothing may be missing: there it fails.
 pub fn skip(what: &str) {
-    let why = format!("{what}; needed for this test: apt-get install mesaflash linuxcnc-uspace");
+    let why =
+        format!("{what}; needed for this test: apt-get install mesaflash linuxcnc-uspace tmux");
     assert!(
         std::env::var_os("CI").is_none_or(|ci| ci != "true"),
         "missing in CI: {why}"

@@ -6,6 +6,7 @@ use std::{
 };
 
 use crate::interop::{board::Board, mesa};
+use crate::run::hold_against_schema;
 use serde_json::Value;
 
 fn info(arguments: &[&str]) -> Output {
@@ -23,7 +24,9 @@ const SIM: &str = "7i92-7i77,2=7i72";
 fn json(arguments: &[&str]) -> Value {
     let output = info(&[arguments, &["--json"]].concat());
     assert!(output.status.success(), "{output:?}");
-    serde_json::from_slice(&output.stdout).expect("JSON")
+    let value = serde_json::from_slice(&output.stdout).expect("JSON");
+    hold_against_schema("info", &value);
+    value
 }
 
 #[test]
@@ -51,6 +54,10 @@ fn an_ethernet_board_is_listed_for_programs() {
 
     assert_eq!(inventory["ethernet"]["card"], "7I97");
     assert_eq!(inventory["ethernet"]["mac"], "00:60:0e:1b:00:97");
+    assert_eq!(inventory["ethernet"]["address_from"], "eeprom");
+    assert_eq!(inventory["ethernet"]["leds"], "debug");
+    assert_eq!(inventory["ethernet"]["counters"]["parse_errors"], 0);
+    assert_eq!(inventory["findings"].as_array().map(Vec::len), Some(0));
     let pins = inventory["firmware"]["pins"].as_array().expect("pins");
     assert_eq!(pins.len(), 51);
     assert_eq!(pins[0]["terminals"], "TB3 pin 4 AOUT0");
@@ -63,6 +70,51 @@ fn an_ethernet_board_is_listed_for_programs() {
         .collect();
     assert_eq!(names.last(), Some(&"FieldVoltage"), "{names:?}");
     assert_eq!(remote["problems"].as_array().map(Vec::len), Some(0));
+}
+
+#[test]
+fn what_a_person_should_look_at_is_on_top() {
+    let arguments = ["--board", "7i97", "--remote", "0=7i77-io", "--port", "0"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+    let address = board.address.to_string();
+    let text = |arguments: &[&str]| {
+        let output = info(arguments);
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let good = text(&["--addr", &address]);
+    assert!(
+        good.starts_with("in order: MESA7I97, 1 remote\n\n"),
+        "{good}"
+    );
+    for line in [
+        "  IP address   from EEPROM (W16 down, W17 up)\n",
+        "  LEDs         count packets (debug); after a restart count packets (debug)\n",
+        "  Errors       0 parse, 0 memory, 0 write\n",
+        "  Space 2      EtherEEP, 128 bytes\n",
+        "    faults: ",
+    ] {
+        assert!(good.contains(line), "{line}:\n{good}");
+    }
+    board.console.run("field 0 4");
+    // A command that is none.
+    let socket = std::net::UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("free");
+    socket.send_to(&[1], board.address).expect("sent");
+    let bad = text(&["--addr", &address]);
+    assert!(
+        bad.starts_with("2 things to look at: MESA7I97, 1 remote\n"),
+        "{bad}"
+    );
+    assert!(
+        bad.contains("\n  the board counted commands that it could not parse: 1\n"),
+        "{bad}"
+    );
+    assert!(
+        bad.contains("\n  port 0, channel 0, 7I77: field voltage too low or missing\n"),
+        "{bad}"
+    );
+    let found = json(&["--addr", &address]);
+    assert_eq!(found["findings"].as_array().map(Vec::len), Some(2));
 }
 
 #[test]

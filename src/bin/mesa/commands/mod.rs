@@ -8,10 +8,12 @@ mod led;
 mod list;
 mod manual;
 mod param;
+mod pins;
 mod raw;
 mod registers;
 mod restart;
 mod update;
+mod watch;
 
 use clap::Subcommand;
 
@@ -34,6 +36,8 @@ pub enum Command {
     Poke(registers::Poke),
     List(list::List),
     Param(param::Param),
+    Pins(pins::Pins),
+    Watch(watch::Watch),
     Sim(sim::Options),
     Update(update::Update),
 }
@@ -55,6 +59,8 @@ impl Command {
             Self::Poke(poke) => poke.run(context),
             Self::List(list) => list.run(context),
             Self::Param(param) => param.run(context),
+            Self::Pins(pins) => pins.run(context),
+            Self::Watch(watch) => watch.run(context),
             Self::Sim(options) => sim::run(options, context),
             Self::Update(update) => update.run(context),
         }

@@ -1,16 +1,18 @@
-//! `mesa info`: identity, firmware, modules, pins, serial ports, and their remotes with modes,
-//! process data and parameters.
+//! `mesa info`: identity, counters, memory, firmware, modules, pins, serial ports, and their remotes
+//! with modes, process data and parameters.
 
-mod json;
-mod report;
-mod terminals;
 mod text;
+
+use std::collections::BTreeMap;
 
 use clap::Args;
 use mesa_hal::ethernet::EthernetBoard;
+use mesa_hal::inventory::{self, Ethernet, Inventory};
+use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
-use crate::output::{complain, say};
+use crate::modes::Modes;
+use crate::output::complain;
 use crate::target::Target;
 
 const AFTER_HELP: &str = "\
@@ -27,44 +29,65 @@ Example:
 pub struct Info {
     #[command(flatten)]
     target: Target,
-    /// Start the remote on this serial port and channel in a software mode other than 0; repeat
-    /// for more
-    #[arg(long = "mode", value_name = "PORT.CHANNEL=MODE", value_parser = parse_mode)]
-    modes: Vec<(u8, u8, u8)>,
+    #[command(flatten)]
+    modes: Modes,
 }
+
+/// What was found.
+#[derive(Debug, Serialize)]
+#[serde(transparent)]
+struct Found(Inventory);
 
 impl Info {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
         let mut bus = found.open()?;
-        let identity = EthernetBoard::new(&mut bus).identity()?;
-        let report = report::take(&mut bus, Some(identity), &self.modes, &context.stop)
-            .map_err(|error| Failure::refused(format_args!("{}: {error}", found.address)))?;
-        say(if context.json {
-            format!("{:#}\n", json::of(&report))
-        } else {
-            text::of(&report)?
-        });
+        let at = |error: &dyn std::error::Error| {
+            Failure::refused(format_args!("{}: {error}", found.address))
+        };
+        let ethernet = Ethernet::read(&mut EthernetBoard::new(&mut bus)).map_err(|e| at(&e))?;
+        let modes = self.modes.by_channel();
+        let goes_on = || context.stop.signal().is_none();
+        let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);
+        let inventory = Found(inventory.map_err(|e| at(&e))?);
+        context.print(&inventory)?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!(
                 "mesa: ended by {signal}; the inventory is not complete"
             ));
         } else {
-            report.check_modes(&self.modes).map_err(Failure::refused)?;
+            inventory.check_modes(&modes).map_err(Failure::refused)?;
         }
         Ok(context.ending())
     }
 }
 
-fn parse_mode(text: &str) -> Result<(u8, u8, u8), String> {
-    let parse = || {
-        let (place, mode) = text.split_once('=')?;
-        let (port, channel) = place.split_once('.')?;
-        Some((
-            port.parse().ok()?,
-            channel.parse().ok()?,
-            mode.parse().ok()?,
-        ))
-    };
-    parse().ok_or_else(|| format!("`{text}` is no PORT.CHANNEL=MODE, for example 0.1=2"))
+impl Found {
+    /// Whether every remote that was to be started in a mode runs in it, and has it.
+    fn check_modes(&self, modes: &BTreeMap<(u8, u8), u8>) -> Result<(), String> {
+        for (&(port, channel), &mode) in modes {
+            let place = format!("port {port}, channel {channel}");
+            let mut remotes = self.0.remotes();
+            let found = remotes.find(|found| (found.0, found.1) == (port, channel));
+            let Some((_, _, remote)) = found else {
+                return Err(format!("{place}: nothing started in software mode {mode}"));
+            };
+            let known = remote
+                .modes
+                .iter()
+                .filter(|known| known.set_by == "software");
+            let known: Vec<_> = known.collect();
+            if !known.is_empty() && !known.iter().any(|known| known.index == mode) {
+                let texts = known
+                    .iter()
+                    .map(|known| format!("{} ({})", known.index, known.name));
+                return Err(format!(
+                    "{place}: the {} has no software mode {mode}; it has {}; ask for one of these",
+                    remote.name,
+                    texts.collect::<Vec<_>>().join(", ")
+                ));
+            }
+        }
+        Ok(())
+    }
 }

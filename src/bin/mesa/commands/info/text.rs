@@ -1,214 +1,241 @@
 //! The inventory for people.
 
-use std::fmt::{self, Write};
+use std::fmt::{self, Display, Formatter};
 
-use mesa_hal::discovery::{DataDirection, DataRecord, ModeType};
+use mesa_hal::ethernet::LedMode;
+use mesa_hal::inventory::{
+    Channel, Data, Element, Ethernet, Firmware, Found as OnChannel, PinDirection, Remote,
+    SerialPort,
+};
 use mesa_hal::remote::Scaling;
 
-use super::report::{ChannelReport, PortReport, RemoteReport, Report};
-use super::terminals;
+use super::Found;
 
-pub fn of(report: &Report) -> Result<String, fmt::Error> {
-    let mut text = String::new();
-    print_report(&mut text, report)?;
-    Ok(text)
-}
-
-fn print_report(out: &mut String, report: &Report) -> fmt::Result {
-    if let Some(identity) = &report.identity {
-        writeln!(out, "Ethernet board {}", identity.card)?;
-        writeln!(out, "  MAC          {}", identity.mac)?;
-        writeln!(out, "  EEPROM IP    {}", identity.eeprom_ip)?;
-        if let Some(netmask) = identity.eeprom_netmask {
-            writeln!(out, "  EEPROM mask  {netmask}")?;
+impl Display for Found {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let inventory = &self.0;
+        writeln!(f, "{}", inventory.judgement())?;
+        for finding in &inventory.findings {
+            writeln!(f, "  {finding}")?;
         }
-        writeln!(out, "  LBP version  {}", identity.lbp_version)?;
-        writeln!(out, "  Firmware     {}", identity.firmware_version)?;
-        writeln!(out, "  Jumpers      0x{:04X}", identity.jumpers)?;
-        writeln!(out)?;
+        writeln!(f)?;
+        if let Some(ethernet) = &inventory.ethernet {
+            print_ethernet(f, ethernet)?;
+        }
+        print_firmware(f, &inventory.firmware)?;
+        inventory
+            .serial_ports
+            .iter()
+            .try_for_each(|port| print_port(f, port))
     }
-    print_firmware(out, report)?;
-    for port in &report.ports {
-        print_port(out, port)?;
-    }
-    Ok(())
 }
 
-fn print_firmware(out: &mut String, report: &Report) -> fmt::Result {
-    let idrom = &report.firmware.idrom;
-    writeln!(
-        out,
-        "HostMot2 firmware for {}: {} I/O pins on {} connectors, ClockLow {:.3} MHz, ClockHigh {:.3} MHz",
-        idrom.board_name,
-        idrom.io_width,
-        idrom.io_ports,
-        f64::from(idrom.clock_low_hz) / 1e6,
-        f64::from(idrom.clock_high_hz) / 1e6,
-    )?;
-    for warning in &report.firmware.warnings {
-        writeln!(out, "  Warning: {warning}")?;
+fn print_ethernet(f: &mut Formatter<'_>, ethernet: &Ethernet) -> fmt::Result {
+    let (identity, counters) = (&ethernet.identity, &ethernet.counters);
+    writeln!(f, "Ethernet board {}", identity.card)?;
+    writeln!(f, "  MAC          {}", identity.mac)?;
+    writeln!(f, "  IP address   {}", identity.address_from)?;
+    writeln!(f, "  EEPROM IP    {}", identity.eeprom_ip)?;
+    if let Some(netmask) = identity.eeprom_netmask {
+        writeln!(f, "  EEPROM mask  {netmask}")?;
     }
-    writeln!(out, "\nModules")?;
+    writeln!(f, "  LBP version  {}", identity.lbp_version)?;
+    writeln!(f, "  Firmware     {}", identity.firmware_version)?;
+    writeln!(f, "  Jumpers      0x{:04X}", identity.jumpers)?;
+    let (now, later) = (leds(ethernet.leds), leds(ethernet.leds_at_start));
+    writeln!(f, "  LEDs         {now}; after a restart {later}")?;
     writeln!(
-        out,
+        f,
+        "  Packets      {} received, {} of them damaged; {} sent, {} failed",
+        counters.received, counters.received_bad, counters.sent, counters.sent_bad
+    )?;
+    writeln!(
+        f,
+        "  Errors       {} parse, {} memory, {} write",
+        counters.parse_errors, counters.memory_errors, counters.write_errors
+    )?;
+    for memory in &ethernet.memory {
+        let access = if memory.writable { "" } else { ", read only" };
+        writeln!(
+            f,
+            "  Space {}      {}, {} bytes{access}",
+            memory.space, memory.name, memory.bytes
+        )?;
+    }
+    writeln!(f)
+}
+
+fn leds(mode: LedMode) -> &'static str {
+    match mode {
+        LedMode::HostMot2 => "show HostMot2's LED pins",
+        LedMode::Debug => "count packets (debug)",
+    }
+}
+
+fn print_firmware(f: &mut Formatter<'_>, firmware: &Firmware) -> fmt::Result {
+    let mhz = |hz: u32| f64::from(hz) / 1e6;
+    writeln!(
+        f,
+        "HostMot2 firmware for {}: {} I/O pins on {} connectors, ClockLow {:.3} MHz, ClockHigh {:.3} MHz",
+        firmware.board,
+        firmware.io_pins,
+        firmware.connectors,
+        mhz(firmware.clock_low_hz),
+        mhz(firmware.clock_high_hz),
+    )?;
+    writeln!(f, "\nModules")?;
+    writeln!(
+        f,
         "  {:<28} {:>7} {:>9}   base    clock",
         "", "version", "instances"
     )?;
-    for module in &report.firmware.modules {
+    for module in &firmware.modules {
         writeln!(
-            out,
+            f,
             "  {:<28} {:>7} {:>9}   0x{:04X}  {:.3} MHz",
-            module.gtag.to_string(),
+            module.module,
             module.version,
             module.instances,
             module.base,
-            f64::from(module.clock_hz) / 1e6,
+            mhz(module.clock_hz),
         )?;
     }
-    writeln!(out, "\nI/O pins")?;
-    let width = idrom.port_width.max(1) as usize;
-    for (number, pin) in report.firmware.pins.iter().enumerate() {
-        let way = match (pin.has_module(), pin.is_output()) {
-            (true, true) => "out",
-            (true, false) => "in",
-            (false, _) => "in/out",
+    writeln!(f, "\nI/O pins")?;
+    let width = (firmware.io_pins / firmware.connectors.max(1)).max(1);
+    for pin in &firmware.pins {
+        let way = match pin.direction {
+            PinDirection::Out => "out",
+            PinDirection::In => "in",
+            PinDirection::Either => "in/out",
         };
+        let number = u32::from(pin.number);
         writeln!(
-            out,
+            f,
             "  {number:>3}  connector {} pin {:>2}  {way:<6}  {:<24} {}",
             number / width,
             number % width,
-            pin.to_string(),
-            terminals::of(&report.firmware, number, *pin),
+            pin.function,
+            pin.terminals,
         )?;
     }
     Ok(())
 }
 
-fn print_port(out: &mut String, port: &PortReport) -> fmt::Result {
+fn print_port(f: &mut Formatter<'_>, port: &SerialPort) -> fmt::Result {
     writeln!(
-        out,
-        "\nSmart serial port {}: SSLBP {}.{}, {} channels, clock {:.3} MHz",
-        port.number,
-        port.parameters.major,
-        port.parameters.minor,
+        f,
+        "\nSmart serial port {}: SSLBP {}, {} channels, clock {:.3} MHz",
+        port.port,
+        port.sslbp,
         port.channels.len(),
-        f64::from(port.parameters.clock_hz) / 1e6,
+        f64::from(port.clock_hz) / 1e6,
     )?;
-    for channel in &port.channels {
-        print_channel(out, channel)?;
-    }
-    Ok(())
+    port.channels
+        .iter()
+        .try_for_each(|channel| print_channel(f, channel))
 }
 
-fn print_channel(out: &mut String, channel: &ChannelReport) -> fmt::Result {
-    match &channel.remote {
-        Ok(remote) => print_remote(out, channel.number, remote),
-        Err(reason) => writeln!(
-            out,
-            "\n  Channel {}: nothing started: {reason}",
-            channel.number
-        ),
+fn print_channel(f: &mut Formatter<'_>, channel: &Channel) -> fmt::Result {
+    let number = channel.channel;
+    match &channel.found {
+        OnChannel::Remote(remote) => print_remote(f, number, remote),
+        OnChannel::NotStarted(reason) => {
+            writeln!(f, "\n  Channel {number}: nothing started: {reason}")
+        }
     }
 }
 
-fn print_remote(out: &mut String, channel: u8, remote: &RemoteReport) -> fmt::Result {
-    let descriptor = &remote.descriptor;
+fn print_remote(f: &mut Formatter<'_>, channel: u8, remote: &Remote) -> fmt::Result {
     let title = remote
-        .table
-        .map(|table| format!(" ({})", table.title))
+        .known_as
+        .map(|title| format!(" ({title})"))
         .unwrap_or_default();
     writeln!(
-        out,
+        f,
         "\n  Channel {channel}: {}{title}, unit number 0x{:08X}, software mode {}, RX {} TX {} bytes",
-        descriptor.name,
-        descriptor.unit_number,
-        descriptor.software_mode,
-        remote.sizes.0,
-        remote.sizes.1,
+        remote.name, remote.unit_number, remote.software_mode, remote.rx_size, remote.tx_size,
     )?;
-    if remote.built_in {
+    if remote.built_in_table {
         writeln!(
-            out,
+            f,
             "    has no discovery of its own; this is the built-in table"
         )?;
-    }
-    for mode in remote.modes() {
-        let (kind, current) = match mode.mode_type {
-            ModeType::Hardware => ("hardware", ""),
-            ModeType::Software if mode.index == descriptor.software_mode => {
-                ("software", " (current)")
-            }
-            _ => ("software", ""),
+    } else {
+        let faults = if remote.faults.is_empty() {
+            "none".to_owned()
+        } else {
+            remote.faults.join(", ")
         };
+        writeln!(f, "    faults: {faults}")?;
+    }
+    for mode in &remote.modes {
+        let is_current = mode.set_by == "software" && mode.index == remote.software_mode;
+        let current = if is_current { " (current)" } else { "" };
         writeln!(
-            out,
-            "    {kind} mode {}: {}{current}",
-            mode.index, mode.name
+            f,
+            "    {} mode {}: {}{current}",
+            mode.set_by, mode.index, mode.name
         )?;
     }
-    writeln!(out, "    Process data")?;
-    for record in &descriptor.process_data {
-        writeln!(out, "      {}", describe(record).trim_end())?;
-        print_terminals(out, remote, record)?;
+    writeln!(f, "    Process data")?;
+    for element in &remote.process_data {
+        print_element(f, element)?;
     }
     if !remote.parameters.is_empty() {
-        writeln!(out, "    Parameters")?;
+        writeln!(f, "    Parameters")?;
     }
-    for (record, value) in &remote.parameters {
-        match value {
-            Ok(value) => writeln!(
-                out,
-                "      {:<44} = {} (raw 0x{:X})",
-                describe(record),
-                value.value,
-                value.raw
-            ),
-            Err(error) => writeln!(out, "      {:<44}   {error}", describe(record)),
+    for parameter in &remote.parameters {
+        let what = describe(&parameter.data);
+        match (parameter.value, parameter.raw, &parameter.error) {
+            (Some(value), Some(raw), _) => {
+                writeln!(f, "      {what:<44} = {value} (raw 0x{raw:X})")
+            }
+            (_, _, error) => {
+                let error = error.as_deref().unwrap_or("not read");
+                writeln!(f, "      {what:<44}   {error}")
+            }
         }?;
     }
     for difference in &remote.differences {
-        writeln!(out, "    Differs from the table: {difference}")?;
+        writeln!(f, "    Differs from the table: {difference}")?;
     }
     for problem in &remote.problems {
-        writeln!(out, "    Problem: {problem}")?;
+        writeln!(f, "    Problem: {problem}")?;
     }
     Ok(())
 }
 
-/// Where the bits of an element are on the card, several to a line.
-fn print_terminals(out: &mut String, remote: &RemoteReport, record: &DataRecord) -> fmt::Result {
-    let element = remote
-        .table
-        .and_then(|table| table.element(&record.name, record.direction));
-    let places = element.iter().flat_map(|element| element.places(None));
-    let places: Vec<String> = places
-        .map(|at| format!("{} {}", at.terminal, at.signal))
+/// An element and where its bits are on the card, several to a line.
+fn print_element(f: &mut Formatter<'_>, element: &Element) -> fmt::Result {
+    writeln!(f, "      {}", describe(&element.data).trim_end())?;
+    let places = element.terminals.iter();
+    let places: Vec<_> = places
+        .map(|at| format!("{} {}", at.place, at.signal))
         .collect();
     for line in places.chunks(4) {
-        writeln!(out, "          {}", line.join(", "))?;
+        writeln!(f, "          {}", line.join(", "))?;
     }
     Ok(())
 }
 
-fn describe(record: &DataRecord) -> String {
-    let way = match record.direction {
-        DataDirection::Input => "in",
-        DataDirection::Output => "out",
-        DataDirection::Bidirectional => "in/out",
+fn describe(data: &Data) -> String {
+    let way = match data.direction {
+        "input" => "in",
+        "output" => "out",
+        _ => "in/out",
     };
-    let (min, max) = (f64::from(record.min), f64::from(record.max));
+    let (min, max) = (f64::from(data.min), f64::from(data.max));
     let limits_are_its_bits = [false, true]
-        .map(|signed| Scaling::new(record.bits, signed, min, max))
+        .map(|signed| Scaling::new(data.bits, signed, min, max))
         .into_iter()
         .any(Scaling::is_whole);
-    let range = if record.min < record.max && !limits_are_its_bits {
-        format!(" {}..{}", record.min, record.max)
+    let range = if data.min < data.max && !limits_are_its_bits {
+        format!(" {}..{}", data.min, data.max)
     } else {
         String::new()
     };
     format!(
-        "{:<20} {way:<6} {:>3} bits {:?}{range} {}",
-        record.name, record.bits, record.data_type, record.unit
+        "{:<20} {way:<6} {:>3} bits {}{range} {}",
+        data.name, data.bits, data.data_type, data.unit
     )
 }

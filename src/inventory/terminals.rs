@@ -1,8 +1,12 @@
 //! Where the FPGA's I/O pins come out of the board.
 
-use mesa_hal::boards::BoardTable;
-use mesa_hal::hal::{Place, Terminals};
-use mesa_hal::hostmot2::{Gtag, HostMot2, PinDescriptor};
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use crate::boards::BoardTable;
+use crate::hal::{Place, Terminals};
+use crate::hostmot2::{Gtag, HostMot2, PinDescriptor};
 
 /// DB25 pins of a connector of 17 I/O pins, in their order (manuals 7I77 and 7I97).
 const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];

@@ -1,0 +1,152 @@
+//! `mesa watch`: the pins of a machine on a full screen, live.
+
+mod screen;
+mod view;
+
+use std::io::{self, IsTerminal};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::Args;
+use mesa_hal::driver::BoardState;
+use mesa_hal::runner::{Runner, SnapshotReader};
+use mesa_hal::{Driver, Settings, UdpBus};
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event, KeyEventKind};
+
+use crate::context::{Context, Ending, Failure};
+use crate::modes::Modes;
+use crate::output::complain;
+use crate::running;
+use crate::target::Target;
+use screen::{Screen, Wish};
+
+/// Between two pictures, and two samples of the trend lines.
+const PICTURE: Duration = Duration::from_millis(100);
+/// How long a board that lost its set-up is left alone before it is set up again. Nothing is driven
+/// by that: every output is off.
+const AGAIN: Duration = Duration::from_secs(1);
+/// The board's watchdog, which turns nothing off here: no output is on.
+const WATCHDOG: Duration = Duration::from_millis(800);
+
+const AFTER_HELP: &str = "\
+It starts the machine with all outputs off and drives nothing. A board that another program drives
+is left alone. Keys: / filter while typing, Enter done; arrows, PgUp, PgDn, Home, End scroll; q, Esc
+or Ctrl-C end it, with outputs off and ports stopped.
+
+Example:
+  mesa watch --sim 7i92-7i77
+  mesa watch 'TB8' --addr 10.10.10.10 --period 2";
+
+/// The pins of a machine on a full screen, live; drives nothing
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Watch {
+    #[command(flatten)]
+    target: Target,
+    #[command(flatten)]
+    modes: Modes,
+    /// Filter to begin with: a part of a pin's name, terminal or signal, or a pattern with * or ?
+    #[arg(default_value = "", hide_default_value = true)]
+    pattern: String,
+    /// Period of the cycle in milliseconds, 1 to 20
+    #[arg(long, value_name = "MS", default_value_t = 5)]
+    #[arg(value_parser = clap::value_parser!(u64).range(1..=20))]
+    period: u64,
+}
+
+impl Watch {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        if context.json {
+            return Err(Failure::usage(
+                "a screen is no JSON; `mesa pins --json` has the pins",
+            ));
+        }
+        if !(io::stdout().is_terminal() && io::stdin().is_terminal()) {
+            let how = "this needs a terminal; `mesa pins` prints the pins once";
+            return Err(Failure::usage(how));
+        }
+        let found = self.target.find()?;
+        let mut settings = Settings {
+            period: Duration::from_millis(self.period),
+            watchdog: Some(WATCHDOG),
+            ..Settings::default()
+        };
+        self.modes.put(&mut settings);
+        let driver = running::start(found.open()?, settings)?;
+        let screen = Screen::new(driver.name(), driver.period(), self.pattern.clone());
+        let mut runner = Runner::new(driver).stop_on(context.stop.clone());
+        let reader = runner.snapshot();
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = Arc::clone(&is_over);
+        let cycle = std::thread::spawn(move || runner.run(cycle_until(over)));
+        let shown = show(context, screen, &reader);
+        is_over.store(true, Ordering::Relaxed);
+        let ended = cycle
+            .join()
+            .map_err(|_| Failure::refused("the cycle's thread panicked"))?;
+        ended.stopped?;
+        shown?;
+        complain("mesa: outputs were never on; the ports are stopped");
+        Ok(context.ending())
+    }
+}
+
+/// What the thread of the cycle does in each: nothing, but set a board up again that lost its set-up.
+fn cycle_until(
+    is_over: Arc<AtomicBool>,
+) -> impl FnMut(&mut mesa_hal::runner::Cycle<'_, UdpBus>) -> ControlFlow<()> {
+    let mut failed = Duration::ZERO;
+    move |cycle| {
+        if is_over.load(Ordering::Relaxed) {
+            return ControlFlow::Break(());
+        }
+        let driver: &mut Driver<UdpBus> = cycle.driver;
+        failed = match driver.board_state() {
+            BoardState::Running => Duration::ZERO,
+            _ => failed + driver.period(),
+        };
+        if failed >= AGAIN {
+            failed = Duration::ZERO;
+            // If it fails, the state stays as it is shown, and it is tried again.
+            let _ = driver.rearm();
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+/// Shows pictures until a key or a signal ends it; the terminal is as before then.
+fn show(context: &Context, screen: Screen, reader: &SnapshotReader) -> io::Result<()> {
+    let mut terminal = ratatui::try_init()?;
+    let shown = pictures(context, screen, reader, &mut terminal);
+    ratatui::try_restore()?;
+    shown
+}
+
+fn pictures(
+    context: &Context,
+    mut screen: Screen,
+    reader: &SnapshotReader,
+    terminal: &mut DefaultTerminal,
+) -> io::Result<()> {
+    while context.stop.signal().is_none() && !reader.has_ended() {
+        if let Ok(snapshot) = reader.read() {
+            screen.take(&snapshot);
+        }
+        terminal.draw(|frame| screen.draw(frame))?;
+        // What was typed meanwhile is taken at once, and a picture follows.
+        let mut wait = PICTURE;
+        while event::poll(wait)? {
+            wait = Duration::ZERO;
+            if let Event::Key(key) = event::read()?
+                && key.kind != KeyEventKind::Release
+                && screen.key(key) == Wish::End
+            {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,207 @@
+//! What the screen shows, as text: remotes, and pins in groups.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use mesa_hal::driver::RemoteState;
+use mesa_hal::hal::{Age, AnyValue, HalType, PinInfo, Reading};
+use mesa_hal::runner::{RemoteSnapshot, Snapshot};
+
+use crate::pattern::Pattern;
+
+/// Samples of a trend line.
+pub const SAMPLES: usize = 24;
+
+/// The samples of a pin.
+pub type Trend = VecDeque<f64>;
+
+/// A line of the list of pins.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Line {
+    /// A terminal block, or a part of the machine that is at none.
+    Heading(String),
+    /// A pin or parameter, by its number in the snapshot.
+    Pin(usize),
+}
+
+/// The pins that fit a pattern, grouped by terminal block, in the order of the machine.
+pub fn lines(snapshot: &Snapshot, pattern: &Pattern, board: &str) -> Vec<Line> {
+    let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
+    let remotes: Vec<_> = snapshot.remotes().collect();
+    for (number, info) in snapshot.infos().iter().enumerate() {
+        if !pattern.fits(info) {
+            continue;
+        }
+        let heading = heading(info, &remotes, board);
+        match groups.iter_mut().find(|(known, _)| *known == heading) {
+            Some((_, pins)) => pins.push(number),
+            None => groups.push((heading, vec![number])),
+        }
+    }
+    let lines = groups.into_iter().flat_map(|(heading, pins)| {
+        let pins = pins.into_iter().map(Line::Pin);
+        std::iter::once(Line::Heading(heading)).chain(pins)
+    });
+    lines.collect()
+}
+
+/// The terminal block of a pin, with the remote whose block it is; without one, the part of the
+/// machine that the pin belongs to.
+fn heading(info: &PinInfo, remotes: &[RemoteSnapshot], board: &str) -> String {
+    let rest = short(&info.name, board);
+    let part = rest.rsplit_once('.').map_or(board, |(part, _)| part);
+    let Some((block, _)) = info.place.terminal.split_once(" pin ") else {
+        return part.to_owned();
+    };
+    if remotes.iter().any(|remote| remote.group == info.group) {
+        format!("{block} of {part}")
+    } else {
+        block.to_owned()
+    }
+}
+
+/// The name of a pin without that of the board.
+pub fn short<'a>(name: &'a str, board: &str) -> &'a str {
+    let rest = name.strip_prefix(board);
+    rest.and_then(|rest| rest.strip_prefix('.')).unwrap_or(name)
+}
+
+/// A value in a column of numbers.
+pub fn number(value: AnyValue, unit: &str) -> String {
+    let text = match value.hal_type {
+        HalType::Bit => if value.bits == 0 { "off" } else { "ON" }.to_owned(),
+        HalType::Float => format!("{:.4}", f64::from_bits(value.bits)),
+        _ => value.to_string(),
+    };
+    format!("{text} {unit}").trim_end().to_owned()
+}
+
+/// A value as a number, for its trend.
+pub fn sample(value: AnyValue) -> f64 {
+    match value.hal_type {
+        HalType::Bit => f64::from(u8::from(value.bits != 0)),
+        HalType::Float => f64::from_bits(value.bits),
+        HalType::S32 | HalType::S64 => value.bits as i64 as f64,
+        HalType::U32 | HalType::U64 => value.bits as f64,
+    }
+}
+
+/// Whether a reading is to be trusted, in a word.
+pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
+    if info.role.is_param() || reading.valid {
+        return String::new();
+    }
+    match reading.age {
+        Age::NEVER => "never read".to_owned(),
+        age => format!("old {}", time(age.time)),
+    }
+}
+
+/// A time as short as it is understood.
+pub fn time(time: Duration) -> String {
+    match time.as_secs() {
+        0 => format!("{} ms", time.as_millis()),
+        seconds @ 1..60 => format!("{seconds} s"),
+        seconds @ 60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
+        seconds => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+/// The samples as a line of eight heights between the least and the largest; flat where nothing
+/// changes.
+pub fn trend(samples: &Trend) -> String {
+    const HEIGHTS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+    let finite = samples.iter().copied().filter(|sample| sample.is_finite());
+    let (least, largest) = finite.fold((f64::MAX, f64::MIN), |(least, largest), sample| {
+        (least.min(sample), largest.max(sample))
+    });
+    let range = largest - least;
+    let height = |sample: f64| {
+        if range > 0.0 {
+            (((sample - least) / range * 7.0).round() as usize).min(7)
+        } else {
+            0
+        }
+    };
+    samples
+        .iter()
+        .map(|&sample| HEIGHTS[height(sample)])
+        .collect()
+}
+
+/// What a remote is doing, why, and since when.
+pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 5] {
+    let since = time(snapshot.time().since(remote.since));
+    let (state, reason) = match remote.state {
+        RemoteState::Running => ("running", remote.first_fault),
+        RemoteState::Offline { reason, .. } => ("OFFLINE", Some(reason)),
+        RemoteState::Restarting { reason } => ("RESTARTING", Some(reason)),
+        _ => ("?", None),
+    };
+    let counts = format!("{} transfers, {} failed", remote.transfers, remote.failures);
+    [
+        format!("{}.{} {}", remote.port, remote.channel, remote.name),
+        state.to_owned(),
+        since,
+        counts,
+        reason.map(|reason| reason.to_string()).unwrap_or_default(),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::watch::screen::tests::snapshot;
+
+    fn listed(pattern: &str) -> Vec<String> {
+        let snapshot = snapshot();
+        let lines = lines(&snapshot, &pattern.parse().unwrap(), "hm2_7i92.0");
+        lines
+            .into_iter()
+            .map(|line| match line {
+                Line::Heading(heading) => format!("# {heading}"),
+                Line::Pin(number) => short(&snapshot.infos()[number].name, "hm2_7i92.0").to_owned(),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn pins_are_grouped_by_terminal_block_and_filtered() {
+        let field = listed("7i77.0.0.input-");
+        assert_eq!(field[0], "# TB8 of 7i77.0.0");
+        assert_eq!(field[1], "7i77.0.0.input-00");
+        let second = field.iter().position(|line| line == "# TB7 of 7i77.0.0");
+        assert_eq!(second, Some(1 + 2 * 16), "{field:?}");
+        assert_eq!(field.len(), 2 + 2 * 32);
+        assert_eq!(listed("watchdog.has_bit")[0], "# watchdog");
+        assert_eq!(listed("/QA3")[0], "# TB4");
+        assert_eq!(listed("nothing such"), [""; 0]);
+        let headings = listed("");
+        let mut headings: Vec<_> = headings
+            .iter()
+            .filter(|line| line.starts_with('#'))
+            .collect();
+        let all = headings.len();
+        headings.sort();
+        headings.dedup();
+        assert_eq!(headings.len(), all, "each block is there once");
+    }
+
+    #[test]
+    fn a_trend_goes_from_the_least_to_the_largest() {
+        let line = |samples: &[f64]| trend(&samples.iter().copied().collect());
+        assert_eq!(line(&[0.0, 1.0, 0.0]), "▁█▁");
+        assert_eq!(line(&[-7.0, -3.5, 0.0]), "▁▅█");
+        assert_eq!(line(&[5.0, 5.0]), "▁▁");
+        assert_eq!(line(&[f64::NAN, f64::INFINITY, 1.0]).chars().count(), 3);
+        assert_eq!(line(&[]), "");
+    }
+
+    #[test]
+    fn times_are_short() {
+        let seconds = |s| time(Duration::from_secs(s));
+        assert_eq!(time(Duration::from_micros(1999)), "1 ms");
+        let times = [1, 59, 61, 3661].map(seconds);
+        assert_eq!(times, ["1 s", "59 s", "1 min 1 s", "1 h 1 min"]);
+    }
+}

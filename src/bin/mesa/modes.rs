@@ -1,0 +1,40 @@
+//! The software modes that remotes are started in.
+
+use std::collections::BTreeMap;
+
+use clap::Args;
+use mesa_hal::Settings;
+
+/// The software modes that remotes are started in.
+#[derive(Clone, Debug, Args)]
+pub struct Modes {
+    /// Start the remote on this serial port (0 to 3) and channel (0 to 7) in a software mode
+    /// other than 0 (1 to 255); repeat for more
+    #[arg(long = "mode", value_name = "PORT.CHANNEL=MODE", value_parser = parse)]
+    modes: Vec<((u8, u8), u8)>,
+}
+
+impl Modes {
+    /// By port and channel. Of two for the same channel the last one counts.
+    pub fn by_channel(&self) -> BTreeMap<(u8, u8), u8> {
+        self.modes.iter().copied().collect()
+    }
+
+    /// Puts them into the settings of a driver.
+    pub fn put(&self, settings: &mut Settings) {
+        for (&(port, channel), &mode) in &self.by_channel() {
+            let port = settings.serial_ports.entry(port).or_default();
+            port.channels.entry(channel).or_default().mode = mode;
+        }
+    }
+}
+
+fn parse(text: &str) -> Result<((u8, u8), u8), String> {
+    let parts = || {
+        let (place, mode) = text.split_once('=')?;
+        let (port, channel) = place.split_once('.')?;
+        let place = (port.parse().ok()?, channel.parse().ok()?);
+        Some((place, mode.parse().ok()?))
+    };
+    parts().ok_or_else(|| format!("`{text}` is no PORT.CHANNEL=MODE, for example 0.1=2"))
+}

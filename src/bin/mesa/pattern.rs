@@ -1,0 +1,89 @@
+//! Which pins a person means: a part of a name, or a pattern of the whole.
+
+use std::convert::Infallible;
+use std::str::FromStr;
+
+use mesa_hal::hal::PinInfo;
+
+/// A part of a pin's name, terminal or signal; with `*` or `?` in it a pattern of the whole of one of
+/// them. Upper and lower case are the same. An empty one means all.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Pattern(String);
+
+impl FromStr for Pattern {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self(text.to_lowercase()))
+    }
+}
+
+impl Pattern {
+    /// Whether a pin is meant.
+    pub fn fits(&self, info: &PinInfo) -> bool {
+        let texts = [&info.name, &info.place.terminal, &info.place.signal];
+        texts.into_iter().any(|text| self.fits_text(text))
+    }
+
+    fn fits_text(&self, text: &str) -> bool {
+        let text = text.to_lowercase();
+        if self.0.contains(['*', '?']) {
+            is_match(self.0.as_bytes(), text.as_bytes())
+        } else {
+            text.contains(&self.0)
+        }
+    }
+}
+
+/// Whether all of a text is what a pattern says. Takes at most the product of their lengths.
+fn is_match(pattern: &[u8], text: &[u8]) -> bool {
+    let (mut p, mut t) = (0, 0);
+    // Behind the last `*`, and where what it stands for ends so far.
+    let mut star = None;
+    while let Some(byte) = text.get(t) {
+        match pattern.get(p) {
+            Some(b'*') => {
+                star = Some((p + 1, t));
+                p += 1;
+            }
+            Some(wanted) if wanted == byte || *wanted == b'?' => {
+                p += 1;
+                t += 1;
+            }
+            _ => {
+                let Some((behind, end)) = star else {
+                    return false;
+                };
+                star = Some((behind, end + 1));
+                (p, t) = (behind, end + 1);
+            }
+        }
+    }
+    pattern.iter().skip(p).all(|&byte| byte == b'*')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_fits_anywhere_and_a_pattern_the_whole() {
+        for (pattern, text, fits) in [
+            ("", "anything", true),
+            ("input-0", "hm2_7i92.0.7i77.0.0.input-07", true),
+            ("INPUT2", "input2", true),
+            ("input-1", "input-0", false),
+            ("*.input-0?", "hm2_7i92.0.7i77.0.0.input-07", true),
+            ("*.input-0?", "hm2_7i92.0.7i77.0.0.input-07-not", false),
+            ("input-*", "hm2.input-01", false),
+            ("*a*b*c", "xxaxxbbxxc", true),
+            ("*a*b*c", "xxaxxbbxx", false),
+            ("*", "", true),
+            ("?", "", false),
+            ("a**", "a", true),
+        ] {
+            let found = pattern.parse::<Pattern>().unwrap().fits_text(text);
+            assert_eq!(found, fits, "{pattern} {text}");
+        }
+    }
+}

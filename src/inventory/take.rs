@@ -1,0 +1,335 @@
+//! Taking the inventory: identification, then discovery port by port.
+
+use alloc::boxed::Box;
+use alloc::collections::BTreeMap;
+use alloc::format;
+use alloc::string::{String, ToString};
+use alloc::vec::Vec;
+use core::time::Duration;
+
+use super::{
+    Channel, Data, Element, Ethernet, Firmware, Found, Inventory, InventoryError, Mode, Module,
+    Parameter, Pin, PinDirection, Remote, SerialPort, Terminal, terminals,
+};
+use crate::boards::REMOTES;
+use crate::bus::{Clock, RegisterBus};
+use crate::discovery::{
+    DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, PortMemory, RemoteMemory,
+    RemoteTable, discover_port,
+};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts};
+use crate::lbp::RemoteFaults;
+use crate::modules::watchdog::WatchdogRegisters;
+use crate::sslbp::{Channel as Line, Layout, LocalLocation, Port, RemoteAccess};
+
+/// Longer than the inventory of a port takes, however bad its wires are.
+const AT_MOST: Duration = Duration::from_secs(40);
+
+type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
+
+/// Takes the inventory of a board.
+///
+/// `modes` are the software modes to start remotes in, by port and channel; 0 for the others.
+/// `goes_on` is asked before each port: once it says no, the ports that are left are left out.
+///
+/// It stops the serial ports and leaves all pins as inputs: not for a machine that is running.
+///
+/// # Errors
+/// [`InventoryError`].
+///
+/// # Real time
+/// Not for the cycle. Bounded; up to some seconds with many remotes.
+pub fn take<B: RegisterBus + Clock>(
+    bus: &mut B,
+    ethernet: Option<Ethernet>,
+    modes: &BTreeMap<(u8, u8), u8>,
+    mut goes_on: impl FnMut() -> bool,
+) -> Taken<Inventory, B> {
+    let firmware = HostMot2::identify(bus)?;
+    check_modes::<B>(&firmware, modes)?;
+    let mut ports = Vec::new();
+    for (gtag, number) in serial_ports(&firmware) {
+        if !goes_on() {
+            break;
+        }
+        ports.push(take_port(bus, &firmware, gtag, number, modes)?);
+    }
+    let mut inventory = Inventory {
+        findings: Vec::new(),
+        ethernet,
+        firmware: of_firmware(&firmware),
+        serial_ports: ports,
+    };
+    inventory.judge();
+    Ok(inventory)
+}
+
+/// A mode for a channel that does not exist is a slip of the pen.
+fn check_modes<B: RegisterBus>(
+    firmware: &HostMot2,
+    modes: &BTreeMap<(u8, u8), u8>,
+) -> Taken<(), B> {
+    for &(port, channel) in modes.keys() {
+        let same = serial_ports(firmware).filter(|&(_, number)| number == port);
+        let channels = same.map(|(gtag, _)| firmware.sserial_channels(gtag, port));
+        match channels.max() {
+            None => {
+                let ports = serial_ports(firmware).count() as u8;
+                return Err(InventoryError::NoSuchPort { port, ports });
+            }
+            Some(channels) if channel >= channels => {
+                return Err(InventoryError::NoSuchChannel {
+                    port,
+                    channel,
+                    channels,
+                });
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+/// The serial ports of the firmware, by module and number.
+fn serial_ports(firmware: &HostMot2) -> impl Iterator<Item = (Gtag, u8)> {
+    let gtags = [Gtag::SSERIAL, Gtag::SSERIAL_B].into_iter();
+    gtags.flat_map(|gtag| {
+        let instances = firmware.find(gtag).map_or(0, |module| module.instances);
+        (0..instances).map(move |number| (gtag, number))
+    })
+}
+
+fn of_firmware(firmware: &HostMot2) -> Firmware {
+    let idrom = &firmware.idrom;
+    let modules = firmware.modules.iter().map(|module| Module {
+        module: module.gtag.to_string(),
+        gtag: module.gtag.0,
+        version: module.version,
+        instances: module.instances,
+        base: module.base,
+        clock_hz: module.clock_hz,
+    });
+    let pins = (0..).zip(&firmware.pins).map(|(number, pin)| Pin {
+        number,
+        terminals: terminals::of(firmware, usize::from(number), *pin),
+        function: pin.to_string(),
+        direction: match (pin.has_module(), pin.is_output()) {
+            (true, true) => PinDirection::Out,
+            (true, false) => PinDirection::In,
+            (false, _) => PinDirection::Either,
+        },
+        driven_by_module: pin.is_output(),
+    });
+    Firmware {
+        board: idrom.board_name.clone(),
+        io_pins: idrom.io_width,
+        connectors: idrom.io_ports,
+        clock_low_hz: idrom.clock_low_hz,
+        clock_high_hz: idrom.clock_high_hz,
+        warnings: firmware.warnings.clone(),
+        modules: modules.collect(),
+        pins: pins.collect(),
+    }
+}
+
+fn take_port<B: RegisterBus + Clock>(
+    bus: &mut B,
+    firmware: &HostMot2,
+    gtag: Gtag,
+    number: u8,
+    modes: &BTreeMap<(u8, u8), u8>,
+) -> Taken<SerialPort, B> {
+    let bus_failed = InventoryError::Bus;
+    let mut io_ports = IoPorts::locate(firmware)?;
+    let inputs = io_ports.clone();
+    let watchdog = WatchdogRegisters::locate(firmware)?;
+    // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
+    // is left to do that, it shall.
+    for (address, word) in [
+        (watchdog.time, watchdog.time_for(AT_MOST)),
+        (watchdog.reset, WatchdogRegisters::PET),
+        (watchdog.status, 0),
+    ] {
+        bus.write(address, word).map_err(bus_failed)?;
+    }
+    io_ports.use_module(firmware, gtag, number, |_| true)?;
+    io_ports.apply(bus).map_err(bus_failed)?;
+    let taken = take_channels(bus, firmware, gtag, number, modes);
+    // Also when that has failed; what it failed of is worth more than what this may fail of.
+    let restored = inputs.apply(bus);
+    let port = taken?;
+    restored.map_err(bus_failed)?;
+    let disabled = bus.write(watchdog.time, WatchdogRegisters::DISABLED);
+    disabled.map_err(bus_failed)?;
+    Ok(port)
+}
+
+fn take_channels<B: RegisterBus + Clock>(
+    bus: &mut B,
+    firmware: &HostMot2,
+    gtag: Gtag,
+    number: u8,
+    modes: &BTreeMap<(u8, u8), u8>,
+) -> Taken<SerialPort, B> {
+    let channels = firmware.sserial_channels(gtag, number);
+    let module = firmware.require(gtag)?;
+    let mut port = Port::new(Layout::new(module, number, channels)?);
+    let taken = take_remotes(bus, &mut port, modes);
+    // Also when that has failed: nothing is left running.
+    let stopped = port.on(bus).stop_all();
+    let report = taken?;
+    stopped?;
+    Ok(report)
+}
+
+fn take_remotes<B: RegisterBus + Clock>(
+    bus: &mut B,
+    port: &mut Port,
+    modes: &BTreeMap<(u8, u8), u8>,
+) -> Taken<SerialPort, B> {
+    let (number, channels) = (port.layout().instance, port.layout().channels);
+    let parameters = port.on(bus).reset()?;
+    let lines = (0..channels).filter_map(Line::new);
+    let mode = |line: Line| modes.get(&(number, line.index())).copied();
+    let starts: Vec<_> = lines.map(|line| (line, mode(line).unwrap_or(0))).collect();
+    let options = DiscoveryOptions {
+        tables: &REMOTES,
+        ..DiscoveryOptions::default()
+    };
+    let outcomes = discover_port(port, bus, &starts, &options)?;
+    let mut channels = Vec::new();
+    for (&(line, _), outcome) in starts.iter().zip(outcomes) {
+        channels.push(Channel {
+            channel: line.index(),
+            found: match outcome {
+                Ok(found) => Found::Remote(Box::new(take_remote(bus, port, found))),
+                Err(failure) => Found::NotStarted(failure.reason.to_string()),
+            },
+        });
+    }
+    Ok(SerialPort {
+        port: number,
+        sslbp: format!("{}.{}", parameters.major, parameters.minor),
+        clock_hz: parameters.clock_hz,
+        channels,
+    })
+}
+
+/// What was found, and what its parameters are.
+fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Discovered) -> Remote {
+    let descriptor = found.descriptor;
+    let channel = found.started.channel;
+    let mut memory = PortMemory { port, bus, channel };
+    let table = REMOTES.into_iter().find(|table| table.matches(&descriptor));
+    let mut problems: Vec<String> = found.problems.iter().map(ToString::to_string).collect();
+    problems.extend(found.read_error);
+    let faults = if found.started.ptoc == 0 {
+        // Remotes older than discovery have no such location.
+        RemoteFaults::empty()
+    } else {
+        present_faults(&mut memory).map_or_else(
+            |error| {
+                problems.push(error.to_string());
+                RemoteFaults::empty()
+            },
+            RemoteFaults::from_bits_retain,
+        )
+    };
+    let parameters = descriptor.parameters.iter();
+    let parameters = parameters
+        .map(|record| parameter(record, &mut memory))
+        .collect();
+    let modes = descriptor.modes.iter().map(|mode| Mode {
+        index: mode.index,
+        set_by: match mode.mode_type {
+            ModeType::Hardware => "hardware",
+            ModeType::Software => "software",
+            ModeType::Other(_) => "other",
+        },
+        name: mode.name.clone(),
+    });
+    let process_data = descriptor.process_data.iter();
+    let differences = table.map(|table| table.differences(&descriptor));
+    Remote {
+        name: descriptor.name.to_string(),
+        known_as: table.map(|table| table.title),
+        unit_number: descriptor.unit_number,
+        software_mode: descriptor.software_mode,
+        rx_size: found.started.sizes.rx,
+        tx_size: found.started.sizes.tx,
+        built_in_table: found.started.ptoc == 0,
+        faults: words(faults),
+        modes: modes.collect(),
+        process_data: process_data.map(|record| element(record, table)).collect(),
+        parameters,
+        differences: differences
+            .iter()
+            .flatten()
+            .map(ToString::to_string)
+            .collect(),
+        problems,
+        memory_accesses: found.accesses,
+    }
+}
+
+/// What it reports after what it reported before was cleared: faults stay until then.
+fn present_faults<M: RemoteMemory>(memory: &mut M) -> Result<u8, M::Error> {
+    let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
+    memory.access(None, clear)?;
+    let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
+    memory.access(None, read).map(|byte| byte as u8)
+}
+
+/// Each fault in words.
+fn words(faults: RemoteFaults) -> Vec<String> {
+    let bits = (0..8)
+        .map(|bit| 1 << bit)
+        .filter(|bit| faults.bits() & bit != 0);
+    bits.map(|bit| RemoteFaults::from_bits_retain(bit).to_string())
+        .collect()
+}
+
+fn parameter<M: RemoteMemory>(record: &DataRecord, memory: &mut M) -> Parameter {
+    let read = record.read_parameter(memory);
+    let value = read.as_ref().ok();
+    Parameter {
+        data: record.into(),
+        value: value.map(|value| value.value),
+        raw: value.map(|value| value.raw),
+        error: read.as_ref().err().map(ToString::to_string),
+    }
+}
+
+fn element(record: &DataRecord, table: Option<&RemoteTable>) -> Element {
+    let known = table.and_then(|table| table.element(&record.name, record.direction));
+    let places = known.iter().flat_map(|known| known.places(None));
+    Element {
+        data: record.into(),
+        terminals: places
+            .map(|at| Terminal {
+                place: at.terminal,
+                signal: at.signal,
+            })
+            .collect(),
+    }
+}
+
+impl From<&DataRecord> for Data {
+    fn from(record: &DataRecord) -> Self {
+        Self {
+            name: record.name.clone(),
+            bits: record.bits,
+            data_type: format!("{:?}", record.data_type),
+            nonvolatile: record.data_type.is_nonvolatile(),
+            direction: match record.direction {
+                DataDirection::Input => "input",
+                DataDirection::Output => "output",
+                DataDirection::Bidirectional => "bidirectional",
+            },
+            min: record.min,
+            max: record.max,
+            unit: record.unit.clone(),
+            address: record.address,
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! `mesa pins`.
+
+use std::io::{BufRead, BufReader, Read};
+use std::net::Ipv4Addr;
+
+use serde_json::Value;
+
+use crate::interop::Process;
+use crate::interop::board::Board;
+use crate::run::{Run, command, json, run};
+
+fn by_name<'a>(pins: &'a Value, name: &str) -> &'a Value {
+    let pins = pins.as_array().expect("pins");
+    let found = pins.iter().find(|pin| pin["name"] == name);
+    found.unwrap_or_else(|| panic!("no {name}"))
+}
+
+#[test]
+fn inputs_are_as_they_are_on_the_board() {
+    let mut board = Board::start(
+        Ipv4Addr::LOCALHOST,
+        &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io:2"],
+    );
+    for command in ["input board 3 on", "input 0 7 on", "field 0 12.5"] {
+        board.console.run(command);
+    }
+    let pins = json(&[
+        "pins",
+        "--addr",
+        &board.address.to_string(),
+        "--mode",
+        "0.0=2",
+    ]);
+    for (name, value, place) in [
+        ("hm2_7i97.0.inmux.00.input-03", true, ["TB4 pin 5", "IN3"]),
+        ("hm2_7i97.0.inmux.00.input-04", false, ["TB4 pin 7", "IN4"]),
+        (
+            "hm2_7i97.0.7i77.0.0.input-07",
+            true,
+            ["TB8 pin 8", "INPUT7"],
+        ),
+        (
+            "hm2_7i97.0.7i77.0.0.input-07-not",
+            false,
+            ["TB8 pin 8", "INPUT7"],
+        ),
+    ] {
+        let pin = by_name(&pins, name);
+        assert_eq!(pin["value"], value, "{pin}");
+        assert_eq!(pin["valid"], true, "{pin}");
+        assert_eq!([&pin["terminal"], &pin["signal"]], place, "{pin}");
+        assert_eq!([&pin["type"], &pin["direction"]], ["bit", "OUT"], "{pin}");
+        assert!(pin["age_us"].is_u64(), "{pin}");
+    }
+    let volts = by_name(&pins, "hm2_7i97.0.7i77.0.0.fieldvoltage");
+    let error = volts["value"].as_f64().expect("a number") - 12.5;
+    assert!(error.abs() < 0.2 && volts["unit"] == "volts", "{volts}");
+    let scale = by_name(&pins, "hm2_7i97.0.pwmgen.00.scale");
+    assert_eq!(scale["direction"], "RW");
+    assert_eq!(scale["age_us"], Value::Null);
+    let count = by_name(&pins, "hm2_7i97.0.encoder.00.count");
+    assert!(
+        count["signal"]
+            .as_str()
+            .expect("text")
+            .starts_with("QA0, /QA0"),
+        "{count}"
+    );
+
+    // Nothing is left running, and nothing was driven.
+    let truth = board.console.show("all");
+    assert_eq!(truth["board.watchdog-bitten"], "1");
+    for output in 0..6 {
+        assert_eq!(truth[&format!("board.output-{output:02}")], "0");
+        assert_eq!(truth[&format!("board.enable{output}")], "0");
+    }
+}
+
+#[test]
+fn a_pattern_chooses_by_name_terminal_or_signal() {
+    let lines = |pattern: &str| {
+        let run = run(&["pins", pattern, "--sim", "7i92-7i77"]);
+        assert_eq!(run.code, Some(0), "{run:?}");
+        run.out.lines().map(str::to_owned).collect::<Vec<_>>()
+    };
+    let some = lines("*.7i77.0.0.input-0?");
+    assert_eq!(some.len(), 10, "{some:?}");
+    assert!(
+        some[2].starts_with("hm2_7i92.0.7i77.0.0.input-02  bit   OUT  false"),
+        "{some:?}"
+    );
+    assert!(some[2].ends_with("TB8 pin 3 INPUT2"), "{some:?}");
+    let encoder = lines("/QA3");
+    assert!(
+        encoder.iter().all(|line| line.contains(".encoder.03.")),
+        "{encoder:?}"
+    );
+    let block = lines("tb5 pin");
+    assert!(
+        block.iter().any(|line| line.contains("analogout0")),
+        "{block:?}"
+    );
+
+    let none = run(&["pins", "nonsense", "--sim", "7i92-7i77"]);
+    assert_eq!(none.code, Some(1), "{none:?}");
+    assert!(none.err.contains("no pin fits"), "{none:?}");
+    assert_eq!(none.out, "");
+}
+
+#[test]
+fn a_signal_ends_it_with_the_board_stopped() {
+    let mut board = Board::start(
+        Ipv4Addr::LOCALHOST,
+        &["--board", "7i92-7i77", "--port", "0"],
+    );
+    let address = board.address.to_string();
+    let started = command(&["pins", "--addr", &address, "--seconds", "60"]).spawn();
+    let mut started = started.expect("mesa starts");
+    let mut said = BufReader::new(started.stderr.take().expect("piped"));
+    let mut line = String::new();
+    said.read_line(&mut line).expect("what was found");
+    assert!(
+        line.starts_with("hm2_7i92.0: port 0, channel 0: 7I77"),
+        "{line}"
+    );
+    let mut process = Process::new(started);
+    process.signal("TERM");
+    let run = Run::from(process.output());
+    said.read_to_string(&mut line).expect("the end");
+    assert_eq!((run.code, &*run.out), (Some(143), ""), "{line}");
+    assert!(
+        line.contains("ended by SIGTERM; outputs were never on"),
+        "{line}"
+    );
+    let truth = board.console.show("0");
+    assert_eq!(truth["remote.0.output-00"], "0", "{truth:?}");
+}
