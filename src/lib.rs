@@ -56,6 +56,10 @@
 //! simulator shares wire formats and register addresses with the driver and nothing else, so that the
 //! two can not agree on the same mistake.
 //!
+//! Pages with code that runs: [faults and re-arm](driver::faults),
+//! [parameters of remotes](guides::parameters), [your own module](guides::own_module),
+//! [your own card](guides::own_card), [LinuxCNC and the simulated board](guides::linuxcnc).
+//!
 //! # Words
 //! | word | means |
 //! |---|---|
@@ -106,7 +110,8 @@
 //!
 //! # Features
 //! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
-//! - `log` (default): messages at set-up, never in the cycle.
+//! - `log` (default): messages at set-up, never in the cycle; and events, when they are asked for.
+//! - `serde`: events, statistics, states and settings can be sent, and kept in files.
 //!
 //! # Safety
 //! These boards move heavy machines. Never depend on software to disable a motor when somebody
@@ -129,6 +134,8 @@ pub mod bus;
 pub mod discovery;
 pub mod driver;
 pub mod ethernet;
+#[cfg(feature = "std")]
+pub mod guides;
 pub mod hal;
 pub mod hostmot2;
 pub mod inventory;
@@ -138,6 +145,8 @@ pub mod modules;
 pub mod remote;
 #[cfg(feature = "std")]
 pub mod runner;
+#[cfg(feature = "serde")]
+mod serial_form;
 pub mod setup;
 #[cfg(feature = "std")]
 pub mod sim;

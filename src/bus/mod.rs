@@ -20,6 +20,7 @@ pub(crate) use image::{Ask, Image};
 pub use image::{
     CycleLists, ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, Words, WriteSlot,
 };
+pub(crate) use image::{Exchanged, Way};
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
@@ -28,6 +29,8 @@ use core::time::Duration;
 
 /// A point on the clock of a bus: nanoseconds since an origin of the bus's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(transparent))]
 pub struct Instant(u64);
 
 impl Instant {
@@ -168,6 +171,7 @@ pub type AccessList = Box<[Access]>;
 /// What a bus counted since it was made. Buses that can not lose anything leave all at zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BusStatistics {
     /// Exchanges tried.
     pub exchanges: u64,

@@ -9,7 +9,7 @@ use super::pace::Pacer;
 use super::remotes::PortStage;
 use super::{
     BoardState, Driver, DriverError, DriverStatistics, FaultPolicy, Pace, Part, Parts, Remark,
-    Settings,
+    Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
@@ -18,6 +18,7 @@ use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
+use crate::modules::events::Sink;
 use crate::modules::gpio::Gpio;
 use crate::modules::in_mux::InMux;
 use crate::modules::led::Leds;
@@ -55,6 +56,8 @@ pub(super) struct Plan {
     pub image: ImagePlan,
     pub missing: Vec<Remark>,
     pub remarks: Vec<Remark>,
+    /// Where what happens is told.
+    pub events: Sink,
     /// Kinds of remotes: those that were added, then those that are built in.
     pub tables: Vec<&'static RemoteTable>,
 }
@@ -228,6 +231,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         let plan = self.plan;
         let Settings { pace, period, .. } = plan.settings;
         let dpll = self.parts.of::<Dpll>().next();
+        let of = (plan.name.as_str(), &plan.firmware);
+        let trace = plan.settings.trace;
+        let trace = trace.map(|settings| Box::new(Trace::new(settings, &image, of, &plan.events)));
         let driver = Driver {
             bus: self.bus,
             firmware: plan.firmware,
@@ -243,6 +249,8 @@ impl<B: RegisterBus + Clock> Board<B> {
             state: BoardState::Running,
             shown: None,
             statistics: DriverStatistics::default(),
+            events: plan.events,
+            trace,
             pacer: Pacer::new(pace, period),
             read_failures: 0,
             write_failures: 0,
@@ -283,6 +291,7 @@ impl Plan {
             pins,
             io,
             image: ImagePlan::default(),
+            events: Sink::new(&name, settings.event_room),
             name,
             settings,
             firmware,
@@ -314,6 +323,7 @@ impl Plan {
             group,
             status: self.status,
             pins: &mut self.pins,
+            events: &self.events,
             io: &mut self.io,
             image: &mut self.image,
             bus: &mut peek,

@@ -3,8 +3,8 @@
 use core::time::Duration;
 
 use super::pace::Answer;
-use super::{BoardState, CycleError, CycleReport, Driver, Pace, SerialPort};
-use crate::bus::{Clock, Instant, RegisterBus, Reply, Words};
+use super::{BoardState, CycleError, CycleReport, Driver, EventKind, Pace, SerialPort};
+use crate::bus::{BusError, BusErrorKind, Clock, Instant, RegisterBus, Reply, Words};
 use crate::modules::{Module, ReadCycle, WriteCycle};
 
 /// Between two polls of COMMAND.
@@ -24,23 +24,37 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// next period, at most for five quarters of one besides the deadline of the bus. No
     /// allocation.
     pub fn read(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
+        let result = self.read_board();
+        if self.trace.is_some() {
+            let failed = result.as_ref().err().map(CycleError::kind);
+            self.trace_read(failed);
+        }
+        result
+    }
+
+    fn read_board(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
         self.statistics.reads += 1;
+        self.events.begin_cycle(self.statistics.reads);
         let asked = self.wants_closer_look();
         let Answer { extra, at, result } = self.pacer.read(&mut *self.bus, &mut self.image, asked);
         let now = self.bus.now();
         self.pins.begin_cycle(now);
         if let Err(source) = result {
-            let consecutive = self.read_failed();
+            let why = source.kind();
+            let consecutive = self.read_failed(now, EventKind::ReadFailed { why });
             return Err(CycleError::Read {
                 source,
                 consecutive,
             });
         }
         if let Err(found) = self.connection.check(&self.image.words) {
-            let consecutive = self.read_failed();
+            let consecutive = self.read_failed(now, EventKind::NotThere { found });
             return Err(CycleError::NotThere { found, consecutive });
         }
-        self.read_failures = 0;
+        if self.read_failures > 0 {
+            let failed = core::mem::take(&mut self.read_failures);
+            self.events.tell(now, EventKind::ReadsAgain { failed });
+        }
         self.connection.count_exchange(&mut self.pins, false);
         Ok(self.take(at, extra))
     }
@@ -65,6 +79,14 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.statistics.lost_writes += report.lost_writes;
         self.statistics.missed_periods += beat.missed;
         self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
+        if report.lost_writes > 0 {
+            let count = lost_writes;
+            self.events.tell(now, EventKind::LostWrites { count });
+        }
+        if beat.missed > 0 {
+            let count = u32::try_from(beat.missed).unwrap_or(u32::MAX);
+            self.events.tell(now, EventKind::MissedPeriods { count });
+        }
         let was_running = self.is_running();
         let words = &self.image.words;
         let finding = self.parts.watchdog.examine(words, closely, now, certain);
@@ -125,6 +147,15 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// setting that drives pins, as the direction or the open drain of an I/O pin, three exchanges
     /// more: the evidence that the board is set up is read before and after they are written.
     pub fn write(&mut self) -> Result<(), CycleError<B::Error>> {
+        let result = self.write_board();
+        if self.trace.is_some() {
+            let failed = result.as_ref().err().map(CycleError::kind);
+            self.trace_written(failed);
+        }
+        result
+    }
+
+    fn write_board(&mut self) -> Result<(), CycleError<B::Error>> {
         let mut now = self.bus.now();
         self.statistics.writes += 1;
         if self.wants_restore() && self.write_set_up().is_ok() {
@@ -159,6 +190,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
             Err(source) => {
                 self.statistics.write_errors += 1;
                 self.look_closely = true;
+                if self.write_failures == 0 {
+                    let why = source.kind();
+                    self.events.tell(done, EventKind::WriteFailed { why });
+                }
                 self.write_failures = self.write_failures.saturating_add(1);
                 let consecutive = self.write_failures;
                 if self.connection.count_exchange(&mut self.pins, true) {
@@ -171,6 +206,22 @@ impl<B: RegisterBus + Clock> Driver<B> {
                     consecutive,
                 })
             }
+        }
+    }
+
+    #[cold]
+    fn trace_read(&mut self, failed: Option<BusErrorKind>) {
+        let now = (self.statistics.reads, self.bus.now());
+        if let Some(trace) = &mut self.trace {
+            trace.read(now, failed, &self.image.words);
+        }
+    }
+
+    #[cold]
+    fn trace_written(&mut self, failed: Option<BusErrorKind>) {
+        let now = self.bus.now();
+        if let Some(trace) = &mut self.trace {
+            trace.written(now, failed, &self.image.words);
         }
     }
 

@@ -7,7 +7,7 @@ use core::time::Duration;
 
 use super::{BoardState, Remark};
 use crate::boards::AttachError;
-use crate::bus::BusError;
+use crate::bus::{BusError, BusErrorKind};
 use crate::hostmot2::IdentifyError;
 use crate::modules::RegisterError;
 use crate::modules::serial::WATCHDOG_PARAMETER;
@@ -188,4 +188,14 @@ pub enum CycleError<E: BusError> {
         /// How many reads in a row have failed, this one included.
         consecutive: u32,
     },
+}
+
+impl<E: BusError> CycleError<E> {
+    /// What the bus says; of a board that is not there, that it is the device's error.
+    pub fn kind(&self) -> BusErrorKind {
+        match self {
+            Self::Read { source, .. } | Self::Write { source, .. } => source.kind(),
+            Self::NotThere { .. } => BusErrorKind::Device,
+        }
+    }
 }

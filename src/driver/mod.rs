@@ -55,6 +55,7 @@ mod remotes;
 mod report;
 mod setup_line;
 mod stop;
+mod trace;
 
 pub use crate::modules::encoder::EncoderSetup;
 pub use crate::modules::gpio::GpioConfig;
@@ -63,11 +64,15 @@ pub use crate::modules::serial::{
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::{BoardState, CycleReport};
-pub use crate::modules::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};
+pub use crate::modules::{Event, EventKind, EventMask, Events};
+pub use crate::modules::{
+    Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings, TraceSettings,
+};
 pub use configure::Board;
 pub use error::{CycleError, DriverError};
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
+pub use trace::{Cause, Trace};
 
 use alloc::{boxed::Box, string::String, vec::Vec};
 use core::any::Any;
@@ -77,6 +82,7 @@ use crate::bus::{Clock, CycleLists, Image, RegisterBus};
 use crate::hal::{GroupId, Input, PinStore, Pins};
 use crate::hostmot2::HostMot2;
 use crate::modules::Module;
+use crate::modules::events::Sink;
 use crate::modules::watchdog::Watchdog;
 use connection::Connection;
 use held::Held;
@@ -104,6 +110,8 @@ pub struct Driver<B: RegisterBus + Clock> {
     /// The state that the pins show.
     shown: Option<BoardState>,
     statistics: DriverStatistics,
+    events: Sink,
+    trace: Option<Box<Trace>>,
     pacer: Pacer,
     read_failures: u32,
     write_failures: u32,
@@ -238,6 +246,70 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// What was counted so far.
     pub fn statistics(&self) -> DriverStatistics {
         self.statistics
+    }
+
+    /// What happened, event by event: for this thread between two cycles, or for another one.
+    ///
+    /// ```
+    /// # use mesa_hal::{Driver, Settings, sim::machines};
+    /// # let bus = machines::six_axes_7i92(Default::default());
+    /// let mut driver = Driver::start(bus, Settings::default())?;
+    /// let mut events = driver.events();
+    /// let logger = std::thread::spawn(move || {
+    ///     for event in &mut events {
+    ///         println!("{event}"); // cycle 5021, 5.020113 s: port 0, channel 1: ...
+    ///     }
+    ///     events.log(); // or all that came since to the `log`
+    /// });
+    /// # logger.join().expect("it ends");
+    /// # Ok::<(), mesa_hal::DriverError<std::convert::Infallible>>(())
+    /// ```
+    ///
+    /// # Real time
+    /// Constant time. No allocation.
+    pub fn events(&self) -> Events {
+        self.events.events()
+    }
+
+    /// The words of the last cycles, where [`Settings::trace`] asks for them.
+    pub fn trace(&self) -> Option<&Trace> {
+        self.trace.as_deref()
+    }
+
+    /// Stops keeping words, so that those of the last cycles can be looked at.
+    ///
+    /// # Real time
+    /// Constant time. No allocation.
+    pub fn freeze_trace(&mut self) {
+        if let Some(trace) = &mut self.trace {
+            trace.freeze();
+        }
+    }
+
+    /// Gives the trace away, for example to a thread that writes it to a file. Nothing is kept then,
+    /// until it is [given back](Self::record).
+    ///
+    /// # Real time
+    /// Constant time. No allocation.
+    pub fn take_trace(&mut self) -> Option<Box<Trace>> {
+        self.trace.take()
+    }
+
+    /// Keeps the words of the cycles from now on in this trace, which was
+    /// [taken](Self::take_trace) from this driver; what it held is forgotten.
+    ///
+    /// # Errors
+    /// The trace, if another driver made it.
+    ///
+    /// # Real time
+    /// Constant time. No allocation.
+    pub fn record(&mut self, mut trace: Box<Trace>) -> Result<(), Box<Trace>> {
+        if !trace.is_of(&self.events) {
+            return Err(trace);
+        }
+        trace.resume();
+        self.trace = Some(trace);
+        Ok(())
     }
 
     /// What a cycle exchanges, for people who want to see it.

@@ -1,7 +1,7 @@
 //! How everything becomes safe, and comes back.
 
-use super::{BoardState, CycleError, Driver, Rearmed};
-use crate::bus::{Clock, RegisterBus};
+use super::{BoardState, CycleError, Driver, EventKind, Rearmed};
+use crate::bus::{Clock, Instant, RegisterBus};
 use crate::modules::Module;
 use crate::modules::watchdog::Finding;
 use crate::sslbp::Channel;
@@ -38,6 +38,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
             .filter_map(|group| self.pins.group_state(group))
             .filter(|state| !state.armed)
             .count();
+        if armed > 0 {
+            let [armed, waiting] =
+                [armed, waiting].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
+            let now = self.bus.now();
+            self.events.tell(now, EventKind::Rearmed { armed, waiting });
+        }
         Ok(Rearmed { armed, waiting })
     }
 
@@ -93,6 +99,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             part.restored(&mut self.pins, now);
         }
         self.state = BoardState::Running;
+        self.events.tell(now, EventKind::BoardSetUp);
         self.connection.level = 0;
         self.read_failures = 0;
         self.write_failures = 0;
@@ -150,8 +157,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
     }
 
-    /// A read failed as a whole; how many in a row.
-    pub(super) fn read_failed(&mut self) -> u32 {
+    /// A read failed as a whole, at `now`; how many in a row.
+    pub(super) fn read_failed(&mut self, now: Instant, what: EventKind) -> u32 {
+        if self.read_failures == 0 {
+            self.events.tell(now, what);
+        }
         self.statistics.read_errors += 1;
         self.read_failures = self.read_failures.saturating_add(1);
         self.look_closely = true;
@@ -173,12 +183,19 @@ impl<B: RegisterBus + Clock> Driver<B> {
     pub(super) fn fail(&mut self, state: BoardState) {
         if self.is_running() {
             self.state = state;
-            let count = match state {
-                BoardState::WatchdogBitten => &mut self.statistics.watchdog_bites,
-                BoardState::Reset => &mut self.statistics.resets,
-                BoardState::BusDown | BoardState::Running => &mut self.statistics.bus_down,
+            let statistics = &mut self.statistics;
+            let (count, kind) = match state {
+                BoardState::WatchdogBitten => {
+                    (&mut statistics.watchdog_bites, EventKind::WatchdogBitten)
+                }
+                BoardState::Reset => (&mut statistics.resets, EventKind::BoardReset),
+                BoardState::BusDown | BoardState::Running => {
+                    (&mut statistics.bus_down, EventKind::BusDown)
+                }
             };
             *count += 1;
+            let now = self.bus.now();
+            self.events.tell(now, kind);
         }
         self.make_safe();
     }

@@ -3,6 +3,7 @@
 /// What a driver counted since it was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DriverStatistics {
     /// Calls of `read`.
     pub reads: u64,
@@ -29,6 +30,7 @@ pub struct DriverStatistics {
 /// What [`Driver::rearm`](super::Driver::rearm) achieved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[must_use = "some outputs may still be safe"]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Rearmed {
     /// Groups whose outputs follow the application again.
     pub armed: usize,

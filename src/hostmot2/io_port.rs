@@ -60,6 +60,8 @@ impl PinPlace {
 
 /// How an I/O pin that no module uses begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct GpioConfig {
     /// It drives; else it is an input.
     pub output: bool,

@@ -4,6 +4,7 @@
 ///
 /// Source: FACTS 13.4.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TickRate(pub u32);
 
 impl TickRate {

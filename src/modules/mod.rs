@@ -8,6 +8,7 @@
 pub mod dpll;
 pub mod encoder;
 mod error;
+pub(crate) mod events;
 pub mod gpio;
 pub mod in_mux;
 pub mod led;
@@ -20,9 +21,12 @@ mod settings;
 pub mod watchdog;
 
 pub use error::RegisterError;
+pub use events::{Event, EventKind, EventMask, Events};
 pub use registrar::Registrar;
 pub use report::{BoardState, CycleReport};
-pub use settings::{Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings};
+pub use settings::{
+    Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings, TraceSettings,
+};
 
 use core::any::Any;
 use core::fmt;

@@ -4,6 +4,7 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::fmt;
 
+use super::events::Sink;
 use super::{RegisterError, Settings};
 
 use crate::bus::ImagePlan;
@@ -32,6 +33,8 @@ pub struct Registrar<'a> {
     /// Where pins are made.
     pub pins: &'a mut PinStore,
     pub(crate) io: &'a mut IoPorts,
+    /// Where what happened is told.
+    pub(crate) events: &'a Sink,
     /// Where registers are registered.
     pub image: &'a mut ImagePlan,
     /// Reads a register.

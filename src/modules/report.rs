@@ -6,6 +6,7 @@ use core::time::Duration;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 #[must_use = "a read can fail in part"]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CycleReport {
     /// State of the board itself.
     pub board: BoardState,
@@ -28,6 +29,7 @@ pub struct CycleReport {
     pub unpaced: bool,
     /// What the host had left of the period when its packets were with the board, where the
     /// [board paces](crate::driver::Pace::Board).
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::some_seconds"))]
     pub slack: Option<Duration>,
     /// The cycle and the clock of the board's DPLL run together, and have for the last 120 reads,
     /// so that the DPLL's timers sample as far before the read as they are set to. The timers'
@@ -58,6 +60,8 @@ impl CycleReport {
 /// State of the board itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum BoardState {
     /// All is well.
     #[default]

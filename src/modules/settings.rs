@@ -7,6 +7,7 @@ use core::str::FromStr;
 use core::time::Duration;
 
 use super::encoder::EncoderSetup;
+use super::events::EventMask;
 use super::gpio::GpioConfig;
 use super::serial::FaultPolicy;
 use super::watchdog::WatchdogRegisters;
@@ -16,6 +17,10 @@ use crate::hostmot2::board_table::BoardTable;
 use crate::sslbp::MAX_CHANNELS;
 
 /// What a driver is to be.
+///
+/// With the feature `serde` they can be kept in a file: times in seconds, kinds of remotes by the titles
+/// of their tables, and what is left out is as by default. Tables of the application's own are no part
+/// of it.
 ///
 /// Everything has a default that fits a board on the bench: all ports with all their channels in
 /// mode 0, all encoders, 1 ms.
@@ -31,6 +36,8 @@ use crate::sslbp::MAX_CHANNELS;
 /// # Ok::<(), mesa_hal::driver::ParseError>(())
 /// ```
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Settings {
     /// The number of the board in pin names, for several boards of a kind; 0 by default.
     pub board_number: u8,
@@ -39,6 +46,7 @@ pub struct Settings {
     ///
     /// What is not set otherwise follows it: the board's [`watchdog`](Self::watchdog), and the
     /// deadline of a reply, which is 80 % of it.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub period: Duration,
     /// Who decides when a cycle begins; the host by default.
     pub pace: Pace,
@@ -46,6 +54,7 @@ pub struct Settings {
     /// periods, and at least 5 ms. It runs from the first write on.
     ///
     /// Less than two periods are refused, because one write that is lost must not let it bite.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::some_seconds"))]
     pub watchdog: Option<Duration>,
     /// Which channels of serial ports are used, and how, by the number of the port.
     ///
@@ -71,10 +80,18 @@ pub struct Settings {
     /// `packet-error-increment` (2), a read that succeeds takes `packet-error-decrement` (1) off, and
     /// `packet-error-limit` is set to this number of increments: 10.
     pub bus_error_limit: u32,
+    /// How many [events](crate::driver::Driver::events) are kept until somebody takes them, or some
+    /// more; 255 by default. Each takes 28 bytes.
+    pub event_room: u16,
+    /// Keeps the words of the last cycles, to see afterwards what led to a fault. `None`, the default:
+    /// nothing is kept, and nothing is paid for.
+    pub trace: Option<TraceSettings>,
     /// Kinds of boards that this crate does not know. They count before those that are built in.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub boards: Vec<&'static BoardTable>,
     /// Kinds of remotes that this crate does not know: they name terminals, units and safe values.
     /// They count before those that are built in.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub remotes: Vec<&'static RemoteTable>,
 }
 
@@ -92,6 +109,8 @@ impl Default for Settings {
             gpio: Vec::new(),
             no_dpll: false,
             bus_error_limit: 5,
+            event_room: 255,
+            trace: None,
             boards: Vec::new(),
             remotes: Vec::new(),
         }
@@ -107,8 +126,36 @@ impl Settings {
     }
 }
 
+/// What a [`Trace`](crate::driver::Trace) keeps, and when it stops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+pub struct TraceSettings {
+    /// How many cycles are kept, at least 1. Each takes 40 bytes and 4 for each register.
+    pub cycles: u16,
+    /// How many cycles follow the one in which it was frozen by an event; less than `cycles`.
+    pub after: u16,
+    /// The events that freeze it. It can be frozen by
+    /// [call](crate::driver::Driver::freeze_trace) as well.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))]
+    pub freeze_on: EventMask,
+}
+
+impl Default for TraceSettings {
+    /// 64 cycles, 8 of them after the one in which outputs became safe.
+    fn default() -> Self {
+        Self {
+            cycles: 64,
+            after: 8,
+            freeze_on: EventMask::OUTPUTS_SAFE,
+        }
+    }
+}
+
 /// Who decides when a cycle begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Pace {
     /// The application: it waits for its own period, then calls [`Driver::read`]. A DPLL on the board
     /// follows these reads; when it does, [`CycleReport::locked`] says so.
@@ -172,6 +219,8 @@ pub enum Pace {
 /// # Ok::<(), mesa_hal::driver::ParseError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct SerialConfig {
     /// The channels that are used, 0 to 7. Other numbers are refused at the start.
     pub channels: BTreeMap<u8, RemoteConfig>,
@@ -190,6 +239,8 @@ impl Default for SerialConfig {
 /// What is expected of the remote on a channel. By default anything may be there, or nothing; it
 /// is started in software mode 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct RemoteConfig {
     /// The software mode it is started in.
     pub mode: u8,
@@ -198,6 +249,10 @@ pub struct RemoteConfig {
     /// What it must be: name and part of the card, which tells parts of a card apart that share a
     /// name, as a 7I77's field I/O and analog part do. Swapped channels are then an error that says
     /// so. `None`: anything.
+    #[cfg_attr(
+        feature = "serde",
+        serde(deserialize_with = "crate::serial_form::kind::deserialize")
+    )]
     pub kind: Option<&'static RemoteTable>,
     /// The unit number it must have: printed on the card's label.
     pub unit_number: Option<u32>,
@@ -205,6 +260,8 @@ pub struct RemoteConfig {
 
 /// What happens if a remote is absent at the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Presence {
     /// The rest runs, and it is reported as missing.
     #[default]

@@ -1,5 +1,6 @@
 //! What the built-in modules register on the firmwares of FACTS 9.2 and 9.3.
 
+use super::events::Sink;
 use alloc::{string::ToString, vec::Vec};
 
 use super::dpll::Dpll;
@@ -54,6 +55,7 @@ impl Bench {
             group: self.group,
             status: self.group,
             pins: &mut self.pins,
+            events: &Sink::new("", 1),
             io: &mut self.io,
             image: &mut self.plan,
             bus: &mut peek,

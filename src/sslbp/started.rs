@@ -8,6 +8,7 @@ use thiserror::Error;
 ///
 /// FACTS 1.2, 2.4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ProcessDataSizes {
     /// RXSize: bytes of a reply without its CRC, the fault byte included.
     pub rx: u8,
@@ -61,6 +62,24 @@ impl fmt::Display for RemoteName {
 impl fmt::Debug for RemoteName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "RemoteName({self})")
+    }
+}
+
+/// As four characters; those that can not be printed as `_`.
+#[cfg(feature = "serde")]
+impl serde::Serialize for RemoteName {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> serde::Deserialize<'de> for RemoteName {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <alloc::string::String as serde::Deserialize>::deserialize(deserializer)?;
+        let name = text.as_bytes().try_into();
+        let refuse = |_| serde::de::Error::custom("a remote's name has four ASCII characters");
+        name.map(Self).map_err(refuse)
     }
 }
 

@@ -144,6 +144,8 @@ const STEPS: [(u8, u8, ComState, &str); 20] = [
 ///
 /// Manual: 7I77, "CS REGISTER AFTER START", "CS REGISTER AFTER DOIT".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(transparent))]
 pub struct CsStatus(pub u32);
 
 impl CsStatus {

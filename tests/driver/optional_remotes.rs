@@ -35,7 +35,7 @@ impl Cards for Valves {
     }
 }
 
-type Shop = Machine<SimFpga, Valves>;
+pub(super) type Shop = Machine<SimFpga, Valves>;
 
 /// Settings for a remote of this kind in this mode, on this channel, that may be absent.
 fn optional(channel: usize, mode: u8, kind: &'static RemoteTable) -> Settings {
@@ -72,6 +72,11 @@ fn shop() -> Shop {
     assert_eq!(shop.cards, absent);
     assert_eq!(shop.driver.missing(), []);
     shop
+}
+
+/// The same, and the valve block that belongs to it.
+pub(super) fn shop_and_its_valves() -> (Shop, Box<dyn RemoteEnd>) {
+    (shop(), valve_block(""))
 }
 
 fn plug(shop: &mut Shop, end: Option<Box<dyn RemoteEnd>>) {

@@ -43,6 +43,8 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let mut snapshot = SnapshotWriter::new(&machine.driver);
     let mut commands = CommandQueue::new(&machine.driver, 64);
     let (reader, sender) = (snapshot.reader(), commands.sender());
+    let mut events = machine.driver.events();
+    let mut told = 0;
     for n in 0..CYCLES {
         if n % 10 == 0 {
             disturb(&mut machine, n / 10);
@@ -77,6 +79,9 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
                 let _ = std::hint::black_box(machine.driver.wait_transfers(limit));
             });
         }
+        if n % 64 == 0 {
+            count.of(|| told += events.by_ref().count());
+        }
         machine.pass(machine.period);
     }
     assert!(count.calls > 400_000);
@@ -86,6 +91,7 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let asked = sender.statistics();
     assert_eq!(asked.taken, asked.sent, "{asked:?}");
     assert!(asked.sent > 90_000 && asked.refused > 100, "{asked:?}");
+    assert!(told > 1000, "{told} events");
     assert_has_lived(&machine);
 }
 

@@ -73,6 +73,50 @@ pub struct CycleLists<'a, L> {
     pub paced: Option<&'a L>,
 }
 
+/// A register of the cycle, and where its word is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Exchanged {
+    pub way: Way,
+    pub address: u16,
+    pub(super) place: u16,
+}
+
+/// Which way a word of the cycle goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// It is read.
+    Read,
+    /// It is written in every cycle.
+    Write,
+    /// It is written where it has changed, and with the set-up.
+    Setting,
+}
+
+impl<B: RegisterBus> Image<B> {
+    /// The registers of a cycle with all that it may hold: those that are read, then those that are
+    /// written, then settings. Belongs to set-up: it allocates.
+    pub(crate) fn exchanged(&self) -> Vec<Exchanged> {
+        let Lists { read, write, .. } = &self.lists;
+        let [_, read] = read;
+        let of = |way| {
+            move |access: &Access| {
+                let (address, first) = (access.address, access.first);
+                (0..access.count).map(move |n| Exchanged {
+                    way,
+                    address: address.wrapping_add(4 * n),
+                    place: first + n,
+                })
+            }
+        };
+        let settings = self.parts.settings.iter().map(|(_, access)| access);
+        let read = read.as_ref().iter().flat_map(of(Way::Read));
+        let write = write.as_ref().iter().flat_map(of(Way::Write));
+        read.chain(write)
+            .chain(settings.flat_map(of(Way::Setting)))
+            .collect()
+    }
+}
+
 /// Exchanges. On an error, no word that is read has changed.
 impl<B: RegisterBus> Image<B> {
     /// The lists of a usual cycle.

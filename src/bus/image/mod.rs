@@ -20,6 +20,7 @@ mod plan;
 mod words;
 
 pub use exchange::{Ask, CycleLists, Image};
+pub(crate) use exchange::{Exchanged, Way};
 pub use plan::{ImageError, ImagePlan, Phase, ReadSlot, Setting, Stage, WriteSlot};
 pub use words::Words;
 

@@ -2,7 +2,7 @@
 
 use alloc::{boxed::Box, vec::Vec};
 
-use super::{ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
+use super::{Exchanged, ImagePlan, ReadSlot, Setting, Stage, WriteSlot};
 
 /// What is read and what is written, one word for each register.
 ///
@@ -110,6 +110,12 @@ impl Words {
         let place = self.reads.get(usize::from(slot.0));
         let word = place.and_then(|&place| self.content.get(usize::from(place)));
         debug_assert!(word.is_some(), "a slot of another image");
+        word.copied().unwrap_or(0)
+    }
+
+    /// The word of a register of the cycle, as it was read or is to be written.
+    pub(crate) fn at(&self, register: Exchanged) -> u32 {
+        let word = self.content.get(usize::from(register.place));
         word.copied().unwrap_or(0)
     }
 

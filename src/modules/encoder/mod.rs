@@ -24,6 +24,8 @@ use state::{EncoderReading, EncoderSample, EncoderState};
 
 /// How encoders are set up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct EncoderSetup {
     /// How many are used; `None` for all that the firmware has. More than it has are refused.
     pub count: Option<u8>,

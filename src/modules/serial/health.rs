@@ -4,8 +4,8 @@ use core::time::Duration;
 
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::sslbp::RemoteName;
-use crate::sslbp::{Channel, RemoteFaults, StartedRemote};
+use crate::modules::events::{EventKind, Sink};
+use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
 
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY: u64 = 1000;
@@ -18,6 +18,8 @@ const HEALTHY: u64 = 1000;
 /// START that succeeds it gets safe values until it is re-armed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "state", rename_all = "kebab-case"))]
 pub enum RemoteState {
     /// It transfers process data.
     Running,
@@ -70,6 +72,8 @@ pub(crate) struct Health {
     pub is_asked_for: bool,
     /// The last attempt failed, so that the next one is likely to take long.
     pub has_failed: bool,
+    /// Where what happens to it is told, and its port.
+    pub told: Option<(Sink, u8)>,
 }
 
 impl Health {
@@ -91,6 +95,7 @@ impl Health {
             silent_until: Instant::default(),
             is_asked_for: false,
             has_failed: false,
+            told: None,
         }
     }
 
@@ -134,7 +139,7 @@ impl Health {
         self.pause = self.pause.saturating_mul(2).min(policy.longest_backoff);
         let next_attempt =
             (policy.automatic || self.is_asked_for).then(|| now.after(wait).max(self.silent_until));
-        self.show(reason, next_attempt);
+        self.show(now, reason, next_attempt);
     }
 
     /// The application asks for a restart at once: of one that runs without a fault now, of
@@ -146,18 +151,37 @@ impl Health {
             self.silent_until = now;
         }
         if !matches!(self.state, RemoteState::Restarting { .. }) {
-            self.show(OfflineReason::Requested, Some(now.max(self.silent_until)));
+            let next_attempt = now.max(self.silent_until);
+            self.show(now, OfflineReason::Requested, Some(next_attempt));
         }
     }
 
     /// The application has switched its port off; it is tried when it is on again.
-    pub fn stop_for_good(&mut self) {
+    pub fn stop_for_good(&mut self, now: Instant) {
         self.is_asked_for = true;
-        self.show(OfflineReason::Stopped, Some(self.silent_until));
+        self.show(now, OfflineReason::Stopped, Some(self.silent_until));
     }
 
-    fn show(&mut self, reason: OfflineReason, next_attempt: Option<Instant>) {
-        self.cause = Some(reason);
+    fn show(&mut self, now: Instant, reason: OfflineReason, next_attempt: Option<Instant>) {
+        let (was_running, before) = (self.is_running(), self.cause.replace(reason));
+        let is_still_absent = before == Some(OfflineReason::Absent)
+            && matches!(reason, OfflineReason::DidNotStart(_));
+        let (port, channel) = self.place();
+        if was_running {
+            let kind = EventKind::RemoteOffline {
+                port,
+                channel,
+                reason,
+            };
+            self.tell(now, kind);
+        } else if before != Some(reason) && !reason.is_asked_for() && !is_still_absent {
+            let kind = EventKind::RemoteStaysOffline {
+                port,
+                channel,
+                reason,
+            };
+            self.tell(now, kind);
+        }
         let first = *self.first_fault.get_or_insert(reason);
         let reason = if reason.is_about_identity() {
             reason
@@ -200,23 +224,47 @@ impl Health {
     }
 
     /// It runs again. From now on it is this one, and no other of its kind.
-    pub fn restarted(&mut self, [unit_number, _, tables]: [u32; 3]) {
+    pub fn restarted(&mut self, now: Instant, [unit_number, _, tables]: [u32; 3]) {
         self.started.unit_number = unit_number;
         self.started.ptoc = tables as u16;
         self.started.gtoc = (tables >> 16) as u16;
         self.state = RemoteState::Running;
         self.has_failed = false;
         self.is_asked_for = false;
-        self.has_run = true;
+        let has_run = core::mem::replace(&mut self.has_run, true);
         self.restarts += 1;
         self.fault_count = 0;
         self.faults = RemoteFaults::empty();
         self.has_just_failed = false;
+        let (port, channel) = self.place();
+        let kind = if has_run {
+            EventKind::RemoteBack { port, channel }
+        } else {
+            EventKind::RemoteUp { port, channel }
+        };
+        self.tell(now, kind);
+    }
+
+    /// Its outputs follow the application (again): what was before is history.
+    pub fn armed(&mut self, now: Instant) {
+        if self.first_fault.take().is_some() {
+            let (port, channel) = self.place();
+            self.tell(now, EventKind::RemoteRearmed { port, channel });
+        }
     }
 
     /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
     /// data. After another failure the idle interval between them is one as well.
-    pub fn count_fault(&mut self, increment: u32) {
+    pub fn count_fault(&mut self, now: Instant, failure: Failure, increment: u32) {
+        if !self.is_troubled() {
+            let (port, channel) = self.place();
+            let kind = EventKind::TransferFailed {
+                port,
+                channel,
+                failure,
+            };
+            self.tell(now, kind);
+        }
         let cycles = 1 + u32::from(core::mem::replace(&mut self.has_just_failed, true));
         let more = increment.saturating_mul(cycles);
         self.fault_count = self.fault_count.saturating_add(more);
@@ -239,5 +287,17 @@ impl Health {
 
     pub const fn channel(&self) -> Channel {
         self.started.channel
+    }
+
+    /// Its port and channel.
+    fn place(&self) -> (u8, u8) {
+        let port = self.told.as_ref().map_or(0, |(_, port)| *port);
+        (port, self.channel().index())
+    }
+
+    fn tell(&self, now: Instant, kind: EventKind) {
+        if let Some((sink, _)) = &self.told {
+            sink.tell(now, kind);
+        }
     }
 }

@@ -7,6 +7,8 @@ use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults};
 /// Why a remote is offline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum OfflineReason {
     /// It was not there when the driver was started.
     #[error("it was absent at the start; plug it in")]
@@ -25,10 +27,14 @@ pub enum OfflineReason {
     IllegalMode,
     /// Its field power is missing, too low or too high.
     #[error("{0}: check its field power")]
-    FieldPower(RemoteFaults),
+    FieldPower(
+        #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
+    ),
     /// It reported another fault: over-temperature, over-current, no enable, communication.
     #[error("it reported {0}; check its loads and its supply, then re-arm it")]
-    Reported(RemoteFaults),
+    Reported(
+        #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::flags"))] RemoteFaults,
+    ),
     /// START did not succeed; CS says how far it came.
     #[error("it did not start: {0}")]
     DidNotStart(CsStatus),
@@ -100,6 +106,11 @@ impl OfflineReason {
     /// Whether it is a fault that a START clears.
     pub(super) const fn is_cleared_by_start(&self) -> bool {
         matches!(self, Self::Watchdog | Self::IllegalMode | Self::Reported(_))
+    }
+
+    /// Whether the application wants it, so that nothing is wrong.
+    pub(super) const fn is_asked_for(&self) -> bool {
+        matches!(self, Self::Stopped | Self::Requested)
     }
 
     /// Whether what answers is not what was expected: more important than why it went.

@@ -30,6 +30,8 @@ use core::time::Duration;
 ///
 /// The counters are LinuxCNC's `fault-inc`, `fault-dec` and `fault-lim`, kept for each remote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct FaultPolicy {
     /// What a failed transfer adds to the remote's `fault-count`.
     pub fault_inc: u32,
@@ -41,14 +43,17 @@ pub struct FaultPolicy {
     pub automatic: bool,
     /// Time before the first attempt. The first one after a fault that START may clear (watchdog,
     /// mode, over-current, over-temperature …) follows when the silence is over.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub first_backoff: Duration,
     /// The time between attempts doubles up to this. It also says how often attempts may disturb
     /// the other remotes in the long run: once in this time.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub longest_backoff: Duration,
     /// How long a channel is left out of transfers after a failed one, at least
     /// [`SHORTEST_REST`](Self::SHORTEST_REST). In this time a late reply shows itself as late; one
     /// that comes even later can not be distinguished from the reply to the next request. It is
     /// three quarters of the period if that is longer.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub rest: Duration,
     /// Cycles without a new transfer after which inputs are no longer valid.
     pub stale_after: u32,

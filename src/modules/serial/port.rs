@@ -79,6 +79,7 @@ impl SerialPort {
                 port.machine.set_sizes(&started);
                 health = health.absent(now, &policy);
             }
+            health.told = Some((r.events.clone(), layout.instance));
             healths.push(health);
             served.push(remote);
         }
@@ -111,7 +112,7 @@ impl SerialPort {
     }
 
     /// What was before the outputs of a remote follow the application (again) is history.
-    fn note_armed(&mut self, pins: &PinStore) {
+    fn note_armed(&mut self, pins: &PinStore, now: Instant) {
         let marked = self.recovery.marked;
         if marked.is_empty() {
             return;
@@ -119,7 +120,7 @@ impl SerialPort {
         for (served, health) in self.remotes.iter().zip(&mut self.recovery.remotes) {
             let state = pins.group_state(served.pins.group);
             if marked.contains(served.channel) && state.is_some_and(|state| state.armed) {
-                health.first_fault = None;
+                health.armed(now);
             }
         }
         self.recovery.update();
@@ -162,7 +163,7 @@ impl SerialPort {
 
 impl Module for SerialPort {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
-        self.note_armed(cycle.pins);
+        self.note_armed(cycle.pins, cycle.now);
         let (machine, seen) = (&mut self.port.machine, (cycle.words, &self.slots));
         let outcome = self
             .recovery
@@ -204,7 +205,7 @@ impl Module for SerialPort {
 
     fn write(&mut self, cycle: &mut WriteCycle<'_>) {
         self.pins.fetch(cycle.pins, &mut self.recovery);
-        self.note_armed(cycle.pins);
+        self.note_armed(cycle.pins, cycle.now);
         if !self.recovery.run {
             self.make_safe(cycle.pins);
         }

@@ -5,6 +5,7 @@ use core::time::Duration;
 /// What a port did since the driver was built.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct PortStatistics {
     /// Transfers that are complete, of all channels together.
     pub transfers: u64,
@@ -82,6 +83,23 @@ impl TimeHistogram {
         let time = bucket.map_or(max, |micros| Duration::from_micros(micros as u64));
         // A bucket begins at whole microseconds, which may be below the shortest time.
         Some(time.clamp(min, max))
+    }
+}
+
+/// What people ask of it: the count, and times in seconds, `null` where none was counted.
+#[cfg(feature = "serde")]
+impl serde::Serialize for TimeHistogram {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        use serde::ser::SerializeStruct;
+        let seconds = |time: Option<Duration>| time.map(|time| time.as_secs_f64());
+        let range = self.range;
+        let mut fields = serializer.serialize_struct("TimeHistogram", 5)?;
+        fields.serialize_field("count", &self.count)?;
+        fields.serialize_field("shortest", &seconds(range.map(|(min, _)| min)))?;
+        fields.serialize_field("median", &seconds(self.percentile(50)))?;
+        fields.serialize_field("percentile_99", &seconds(self.percentile(99)))?;
+        fields.serialize_field("longest", &seconds(range.map(|(_, max)| max)))?;
+        fields.end()
     }
 }
 

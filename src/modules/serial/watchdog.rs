@@ -7,10 +7,12 @@ use core::time::Duration;
 /// Source: manual 7I77, "WATCHDOG TIMEOUT", "ANALOG SECTION WATCHDOG"; FACTS 1.5.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum RemoteWatchdog {
     /// Its parameter `NVWatchDogTimeout` says this time. The remote uses it from its next power-up
     /// on, so one that was changed since is not in use yet.
-    Known(Duration),
+    Known(#[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))] Duration),
     /// It has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
     Assumed,
     /// Its parameter is 0: it never bites. Nothing switches its outputs off when it can not be

@@ -5,6 +5,8 @@ use core::fmt;
 /// Why the data of a transfer can not be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Failure {
     /// No reply in time, or too short a one.
     NoReply,
@@ -62,6 +64,14 @@ impl fmt::Display for Failure {
 pub struct FailureCounts {
     counts: [u64; Failure::ALL.len()],
     total: u64,
+}
+
+/// A map from each failure to its count.
+#[cfg(feature = "serde")]
+impl serde::Serialize for FailureCounts {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.iter())
+    }
 }
 
 impl FailureCounts {

@@ -254,7 +254,7 @@ impl Recovery {
                 Verdict::Failed(failure) => {
                     outcome.failed = outcome.failed.union(mask);
                     remote.rest_until = now.after(policy.rest);
-                    remote.count_fault(policy.fault_inc);
+                    remote.count_fault(now, failure, policy.fault_inc);
                     (remote.fault_count >= policy.fault_lim)
                         .then_some(OfflineReason::TooManyFailures(failure))
                 }
@@ -309,7 +309,7 @@ impl Recovery {
             if !running.is_empty() && !core::mem::replace(&mut self.is_safe_sent, true) {
                 return transfer(running);
             }
-            return self.stop_for_good(running);
+            return self.stop_for_good(running, now);
         }
         self.is_safe_sent = false;
         if hold {

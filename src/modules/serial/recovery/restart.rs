@@ -140,7 +140,7 @@ impl Recovery {
             if let Some(reason) = problem {
                 remote.go_offline(now, reason, link.good, &self.policy);
             } else if remote.has_run {
-                remote.restarted(link.told);
+                remote.restarted(now, link.told);
             } else {
                 mask = mask.union(channel.mask());
             }
@@ -167,7 +167,7 @@ impl Recovery {
             let found = ProcessDataSizes { rx, tx: size };
             let expected = remote.started.sizes;
             if found == expected {
-                remote.restarted(link.told);
+                remote.restarted(now, link.told);
             } else {
                 let reason = OfflineReason::OtherSizes { found, expected };
                 remote.go_offline(now, reason, link.good, &policy);
@@ -178,9 +178,13 @@ impl Recovery {
     }
 
     /// The application has switched the port off.
-    pub(super) fn stop_for_good(&mut self, running: ChannelMask) -> Option<Operation> {
+    pub(super) fn stop_for_good(
+        &mut self,
+        running: ChannelMask,
+        now: Instant,
+    ) -> Option<Operation> {
         for remote in &mut self.remotes {
-            remote.stop_for_good();
+            remote.stop_for_good(now);
         }
         self.update();
         (!running.is_empty()).then_some(Operation::Stop(running))

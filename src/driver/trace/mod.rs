@@ -1,0 +1,250 @@
+//! The words of the last cycles: what was written and what was read, kept until somebody looks.
+
+mod names;
+mod text;
+
+use alloc::boxed::Box;
+use alloc::string::String;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::fmt;
+
+use super::{Event, TraceSettings};
+use crate::bus::{BusErrorKind, Image, Instant, RegisterBus, Words};
+use crate::bus::{Exchanged, Way};
+use crate::hostmot2::HostMot2;
+use crate::modules::events::Sink;
+
+/// What was written and read in the last cycles: see [`Settings::trace`](super::Settings::trace).
+///
+/// `Display` says it for people, word by word where it has changed; [`csv`](Self::csv) is for
+/// programs, a line for each cycle.
+#[derive(Debug)]
+pub struct Trace {
+    /// What the names of the board's pins begin with.
+    board: String,
+    settings: TraceSettings,
+    /// The registers, in the order of the words of a cycle.
+    columns: Vec<Column>,
+    /// How many of them are read; they come first.
+    read: usize,
+    /// A ring: [`next`](Self::next) is the oldest if it is full.
+    rows: Box<[Row]>,
+    words: Box<[u32]>,
+    next: usize,
+    is_full: bool,
+    state: State,
+    sink: Sink,
+}
+
+/// A register of the cycle.
+#[derive(Clone, Debug)]
+struct Column {
+    exchanged: Exchanged,
+    name: Box<str>,
+}
+
+/// What became of a cycle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Row {
+    cycle: u64,
+    read_at: Instant,
+    read: Outcome,
+    written_at: Instant,
+    write: Outcome,
+}
+
+/// What became of an exchange.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Outcome {
+    #[default]
+    NotTried,
+    Done,
+    Failed(BusErrorKind),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Recording,
+    /// So many cycles more.
+    Ending(u16, Cause),
+    Frozen(Cause),
+}
+
+/// Why a trace was frozen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The application asked for it.
+    Asked,
+    /// This happened.
+    Event(Event),
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Asked => f.write_str("the application asked for it"),
+            Self::Event(event) => event.fmt(f),
+        }
+    }
+}
+
+impl Trace {
+    /// Room for the cycles of this image.
+    pub(super) fn new<B: RegisterBus>(
+        settings: TraceSettings,
+        image: &Image<B>,
+        (board, firmware): (&str, &HostMot2),
+        sink: &Sink,
+    ) -> Self {
+        let column = |exchanged: Exchanged| Column {
+            name: names::name(firmware, exchanged.address).into(),
+            exchanged,
+        };
+        let columns: Vec<_> = image.exchanged().into_iter().map(column).collect();
+        let is_read = |column: &&Column| column.exchanged.way == Way::Read;
+        let cycles = usize::from(settings.cycles.max(1));
+        let trace = Self {
+            board: board.into(),
+            settings,
+            read: columns.iter().take_while(is_read).count(),
+            words: vec![0; cycles * columns.len()].into(),
+            columns,
+            rows: vec![Row::default(); cycles].into(),
+            next: 0,
+            is_full: false,
+            state: State::Recording,
+            sink: sink.clone(),
+        };
+        sink.watch(settings.freeze_on);
+        trace
+    }
+
+    /// A read of a cycle has ended.
+    pub(super) fn read(
+        &mut self,
+        (cycle, at): (u64, Instant),
+        failed: Option<BusErrorKind>,
+        words: &Words,
+    ) {
+        if matches!(self.state, State::Frozen(_)) {
+            return;
+        }
+        if let Some(row) = self.rows.get_mut(self.next) {
+            *row = Row {
+                cycle,
+                read_at: at,
+                read: failed.into(),
+                ..Row::default()
+            };
+        }
+        self.copy(Way::Read, words);
+        self.notice();
+    }
+
+    /// A write has ended, and with it the cycle.
+    pub(super) fn written(&mut self, at: Instant, failed: Option<BusErrorKind>, words: &Words) {
+        if matches!(self.state, State::Frozen(_)) {
+            return;
+        }
+        if let Some(row) = self.rows.get_mut(self.next) {
+            (row.written_at, row.write) = (at, failed.into());
+        }
+        self.copy(Way::Write, words);
+        self.notice();
+        self.next += 1;
+        if self.next >= self.rows.len() {
+            (self.next, self.is_full) = (0, true);
+        }
+        self.state = match self.state {
+            State::Ending(0, cause) => State::Frozen(cause),
+            State::Ending(left, cause) => State::Ending(left - 1, cause),
+            other => other,
+        };
+    }
+
+    fn copy(&mut self, way: Way, words: &Words) {
+        let width = self.columns.len();
+        let range = match way {
+            Way::Read => 0..self.read,
+            _ => self.read..width,
+        };
+        let first = self.next * width;
+        let places = self.columns.get(range.clone()).unwrap_or_default();
+        let row = self.words.get_mut(first + range.start..first + range.end);
+        for (word, column) in row.unwrap_or_default().iter_mut().zip(places) {
+            *word = words.at(column.exchanged);
+        }
+    }
+
+    /// Looks whether what is waited for has happened.
+    fn notice(&mut self) {
+        if self.state == State::Recording
+            && let Some(event) = self.sink.caught()
+        {
+            self.state = State::Ending(self.after(), Cause::Event(event));
+        }
+    }
+
+    /// How many cycles follow the one with the cause: that one stays in the ring.
+    fn after(&self) -> u16 {
+        self.settings
+            .after
+            .min(self.settings.cycles.saturating_sub(1))
+    }
+
+    pub(super) fn freeze(&mut self) {
+        if self.state == State::Recording {
+            self.state = State::Frozen(Cause::Asked);
+        }
+    }
+
+    /// Forgets everything and records again.
+    pub(super) fn resume(&mut self) {
+        (self.next, self.is_full, self.state) = (0, false, State::Recording);
+        self.sink.watch(self.settings.freeze_on);
+    }
+
+    /// Why it is frozen; `None` while it records.
+    pub fn cause(&self) -> Option<Cause> {
+        match self.state {
+            State::Frozen(cause) => Some(cause),
+            _ => None,
+        }
+    }
+
+    /// How many cycles it holds.
+    pub fn cycles(&self) -> usize {
+        if self.is_full {
+            self.rows.len()
+        } else {
+            self.next
+        }
+    }
+
+    /// A line of names, then a line for each cycle, oldest first. Times are in nanoseconds on the
+    /// clock of the bus, words in hexadecimal.
+    pub fn csv(&self) -> impl fmt::Display + '_ {
+        text::Csv(self)
+    }
+
+    /// The cycles with their words, oldest first.
+    fn in_order(&self) -> impl Iterator<Item = (&Row, &[u32])> {
+        let width = self.columns.len().max(1);
+        let all = self.rows.iter().zip(self.words.chunks(width));
+        let first = if self.is_full { self.next } else { 0 };
+        let count = self.cycles();
+        all.clone().skip(first).chain(all.take(first)).take(count)
+    }
+
+    /// Whether it was made by the driver with this sink.
+    pub(super) fn is_of(&self, sink: &Sink) -> bool {
+        self.sink.is_same(sink)
+    }
+}
+
+impl From<Option<BusErrorKind>> for Outcome {
+    fn from(failed: Option<BusErrorKind>) -> Self {
+        failed.map_or(Self::Done, Self::Failed)
+    }
+}

@@ -1,0 +1,113 @@
+//! A trace as text.
+
+use core::fmt;
+
+use super::{Outcome, State, Trace};
+use crate::bus::{Instant, Way};
+use crate::sslbp::CsStatus;
+
+impl fmt::Display for Trace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: the last {} cycles, ", self.board, self.cycles())?;
+        match self.state {
+            State::Frozen(cause) => writeln!(f, "frozen: {cause}")?,
+            State::Ending(..) | State::Recording => f.write_str("still recording\n")?,
+        }
+        let mut before: Option<&[u32]> = None;
+        for (row, words) in self.in_order() {
+            writeln!(f, "cycle {}", row.cycle)?;
+            for (way, heading) in [
+                (Way::Read, Exchange("read", row.read, row.read_at)),
+                (Way::Write, Exchange("write", row.write, row.written_at)),
+            ] {
+                writeln!(f, "  {heading}")?;
+                let is_known = way == Way::Write || row.read == Outcome::Done;
+                if is_known {
+                    self.words(f, way, words, before)?;
+                }
+            }
+            before = Some(words);
+        }
+        Ok(())
+    }
+}
+
+impl Trace {
+    /// The words of one way, where they differ from those of the cycle before.
+    fn words(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        way: Way,
+        words: &[u32],
+        before: Option<&[u32]>,
+    ) -> fmt::Result {
+        for (n, (column, word)) in self.columns.iter().zip(words).enumerate() {
+            let old = before.and_then(|before| before.get(n));
+            let is_asked = (column.exchanged.way == Way::Read) == (way == Way::Read);
+            if !is_asked || old == Some(word) {
+                continue;
+            }
+            let (address, name) = (column.exchanged.address, &column.name);
+            write!(f, "    {address:#06X} {word:#010X} {name}")?;
+            if way == Way::Read && name.ends_with(" CS") {
+                write!(f, ": {}", CsStatus(*word))?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}
+
+/// What became of an exchange, for people.
+struct Exchange(&'static str, Outcome, Instant);
+
+impl fmt::Display for Exchange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(what, outcome, at) = self;
+        let micros = at.as_nanos() / 1000;
+        let (seconds, micros) = (micros / 1_000_000, micros % 1_000_000);
+        match outcome {
+            Outcome::NotTried => write!(f, "{what}: not tried"),
+            Outcome::Done => write!(f, "{what} at {seconds}.{micros:06} s"),
+            Outcome::Failed(why) => write!(f, "{what} at {seconds}.{micros:06} s failed: {why}"),
+        }
+    }
+}
+
+/// A trace as a table.
+pub(super) struct Csv<'a>(pub &'a Trace);
+
+impl fmt::Display for Csv<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("cycle,read,read_at_ns,write,written_at_ns")?;
+        for column in &self.0.columns {
+            let way = match column.exchanged.way {
+                Way::Read => "read",
+                Way::Write => "write",
+                Way::Setting => "setting",
+            };
+            let (address, name) = (column.exchanged.address, &column.name);
+            write!(f, ",{way} {address:#06X} {name}")?;
+        }
+        writeln!(f)?;
+        for (row, words) in self.0.in_order() {
+            let (read, write) = (word(row.read), word(row.write));
+            let (read_at, written_at) = (row.read_at.as_nanos(), row.written_at.as_nanos());
+            write!(f, "{},{read},{read_at},{write},{written_at}", row.cycle)?;
+            for word in words {
+                write!(f, ",{word:#010X}")?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}
+
+/// What became of an exchange, for programs.
+fn word(outcome: Outcome) -> &'static str {
+    match outcome {
+        Outcome::NotTried => "not tried",
+        Outcome::Done => "done",
+        Outcome::Failed(_) => "failed",
+    }
+}

@@ -1,0 +1,269 @@
+//! The kinds of events.
+
+use core::fmt;
+
+use bitflags::bitflags;
+
+use crate::bus::BusErrorKind;
+use crate::modules::serial::OfflineReason;
+use crate::sslbp::Failure;
+
+/// What happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "event", rename_all = "kebab-case"))]
+pub enum EventKind {
+    /// A transfer of a remote failed. Not told again before good transfers have made up for it: with
+    /// the [default policy](crate::driver::FaultPolicy) ten for each that failed.
+    TransferFailed {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+        /// Why.
+        failure: Failure,
+    },
+    /// A remote went offline: its outputs are safe until it is re-armed.
+    RemoteOffline {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+        /// Why, this time. The first reason since it was re-armed last stays in
+        /// [`RemoteStatus::first_fault`](crate::driver::RemoteStatus::first_fault).
+        reason: OfflineReason,
+    },
+    /// A remote that is offline was tried again, and stays offline for another reason than before.
+    RemoteStaysOffline {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+        /// Why.
+        reason: OfflineReason,
+    },
+    /// A remote that was offline transfers again, with safe outputs until it is re-armed.
+    RemoteBack {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+    },
+    /// An optional remote that was absent at the start came up. It waits to be armed.
+    RemoteUp {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+    },
+    /// A remote that had been offline follows the application again; why it went offline is forgotten.
+    RemoteRearmed {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+    },
+    /// The board's watchdog was found to have bitten. Everything is safe.
+    WatchdogBitten,
+    /// The board was found to have been reset, or to have lost power. Everything is safe.
+    BoardReset,
+    /// The bus failed too often in too short a time. Everything is safe.
+    BusDown,
+    /// The board got back the set-up that it had lost.
+    BoardSetUp,
+    /// [`Driver::rearm`](crate::driver::Driver::rearm) let outputs follow the application again.
+    Rearmed {
+        /// Groups that were armed.
+        armed: u32,
+        /// Groups that do not run yet.
+        waiting: u32,
+    },
+    /// A read failed; the first of a row.
+    ReadFailed {
+        /// What the bus said.
+        why: BusErrorKind,
+    },
+    /// A read found no HostMot2 board; the first of a row.
+    NotThere {
+        /// What stands where its cookie is to be.
+        found: u32,
+    },
+    /// A read was answered again.
+    ReadsAgain {
+        /// How many in a row had failed.
+        failed: u32,
+    },
+    /// A write failed; the first of a row.
+    WriteFailed {
+        /// What the bus said.
+        why: BusErrorKind,
+    },
+    /// Writes are known to be lost.
+    LostWrites {
+        /// How many.
+        count: u32,
+    },
+    /// Periods went by without a good read, where the [board paces](crate::driver::Pace::Board).
+    MissedPeriods {
+        /// How many.
+        count: u32,
+    },
+    /// The queue was full, and newer events were dropped.
+    Dropped {
+        /// How many.
+        count: u32,
+    },
+}
+
+bitflags! {
+    /// Kinds of events, as [what freezes a trace](crate::driver::TraceSettings::freeze_on).
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct EventMask: u32 {
+        /// [`EventKind::TransferFailed`].
+        const TRANSFER_FAILED = 1 << 0;
+        /// [`EventKind::RemoteOffline`].
+        const REMOTE_OFFLINE = 1 << 1;
+        /// [`EventKind::RemoteStaysOffline`].
+        const REMOTE_STAYS_OFFLINE = 1 << 2;
+        /// [`EventKind::RemoteBack`].
+        const REMOTE_BACK = 1 << 3;
+        /// [`EventKind::RemoteUp`].
+        const REMOTE_UP = 1 << 4;
+        /// [`EventKind::RemoteRearmed`].
+        const REMOTE_REARMED = 1 << 5;
+        /// [`EventKind::WatchdogBitten`].
+        const WATCHDOG_BITTEN = 1 << 6;
+        /// [`EventKind::BoardReset`].
+        const BOARD_RESET = 1 << 7;
+        /// [`EventKind::BusDown`].
+        const BUS_DOWN = 1 << 8;
+        /// [`EventKind::BoardSetUp`].
+        const BOARD_SET_UP = 1 << 9;
+        /// [`EventKind::Rearmed`].
+        const REARMED = 1 << 10;
+        /// [`EventKind::ReadFailed`].
+        const READ_FAILED = 1 << 11;
+        /// [`EventKind::NotThere`].
+        const NOT_THERE = 1 << 12;
+        /// [`EventKind::ReadsAgain`].
+        const READS_AGAIN = 1 << 13;
+        /// [`EventKind::WriteFailed`].
+        const WRITE_FAILED = 1 << 14;
+        /// [`EventKind::LostWrites`].
+        const LOST_WRITES = 1 << 15;
+        /// [`EventKind::MissedPeriods`].
+        const MISSED_PERIODS = 1 << 16;
+        /// [`EventKind::Dropped`].
+        const DROPPED = 1 << 17;
+        /// Everything after which outputs are safe until they are re-armed.
+        const OUTPUTS_SAFE = Self::REMOTE_OFFLINE.bits()
+            | Self::WATCHDOG_BITTEN.bits()
+            | Self::BOARD_RESET.bits()
+            | Self::BUS_DOWN.bits();
+    }
+}
+
+impl EventKind {
+    /// Its bit.
+    pub const fn mask(&self) -> EventMask {
+        match self {
+            Self::TransferFailed { .. } => EventMask::TRANSFER_FAILED,
+            Self::RemoteOffline { .. } => EventMask::REMOTE_OFFLINE,
+            Self::RemoteStaysOffline { .. } => EventMask::REMOTE_STAYS_OFFLINE,
+            Self::RemoteBack { .. } => EventMask::REMOTE_BACK,
+            Self::RemoteUp { .. } => EventMask::REMOTE_UP,
+            Self::RemoteRearmed { .. } => EventMask::REMOTE_REARMED,
+            Self::WatchdogBitten => EventMask::WATCHDOG_BITTEN,
+            Self::BoardReset => EventMask::BOARD_RESET,
+            Self::BusDown => EventMask::BUS_DOWN,
+            Self::BoardSetUp => EventMask::BOARD_SET_UP,
+            Self::Rearmed { .. } => EventMask::REARMED,
+            Self::ReadFailed { .. } => EventMask::READ_FAILED,
+            Self::NotThere { .. } => EventMask::NOT_THERE,
+            Self::ReadsAgain { .. } => EventMask::READS_AGAIN,
+            Self::WriteFailed { .. } => EventMask::WRITE_FAILED,
+            Self::LostWrites { .. } => EventMask::LOST_WRITES,
+            Self::MissedPeriods { .. } => EventMask::MISSED_PERIODS,
+            Self::Dropped { .. } => EventMask::DROPPED,
+        }
+    }
+
+    /// Whether something is wrong, or was lost. The others tell that something is well again.
+    pub const fn is_fault(&self) -> bool {
+        let well = EventMask::REMOTE_BACK
+            .union(EventMask::REMOTE_UP)
+            .union(EventMask::REMOTE_REARMED)
+            .union(EventMask::BOARD_SET_UP)
+            .union(EventMask::REARMED)
+            .union(EventMask::READS_AGAIN);
+        !well.contains(self.mask())
+    }
+
+    /// Port and channel of the remote it is about.
+    pub const fn remote(&self) -> Option<(u8, u8)> {
+        match *self {
+            Self::TransferFailed { port, channel, .. }
+            | Self::RemoteOffline { port, channel, .. }
+            | Self::RemoteStaysOffline { port, channel, .. }
+            | Self::RemoteBack { port, channel }
+            | Self::RemoteUp { port, channel }
+            | Self::RemoteRearmed { port, channel } => Some((port, channel)),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for EventKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some((port, channel)) = self.remote() {
+            write!(f, "port {port}, channel {channel}: ")?;
+        }
+        match self {
+            Self::TransferFailed { failure, .. } => write!(f, "a transfer failed: {failure}"),
+            Self::RemoteOffline { reason, .. } => {
+                write!(f, "offline, its outputs are safe: {reason}")
+            }
+            Self::RemoteStaysOffline { reason, .. } => {
+                write!(f, "tried again, and still offline: {reason}")
+            }
+            Self::RemoteBack { .. } => f.write_str("back; its outputs are safe until re-armed"),
+            Self::RemoteUp { .. } => {
+                f.write_str("plugged in, and running; its outputs are safe until re-armed")
+            }
+            Self::RemoteRearmed { .. } => f.write_str("re-armed, its outputs follow again"),
+            Self::WatchdogBitten => f.write_str(
+                "the board's watchdog has bitten: everything is safe until re-armed; find out why \
+                 the host was late",
+            ),
+            Self::BoardReset => f.write_str(
+                "the board was reset or lost power: everything is safe until re-armed",
+            ),
+            Self::BusDown => f.write_str(
+                "the bus failed too often: everything is safe until re-armed; check cable and power",
+            ),
+            Self::BoardSetUp => f.write_str("the board has its set-up again"),
+            Self::Rearmed { armed, waiting: 0 } => {
+                write!(f, "re-armed: {armed} groups follow again")
+            }
+            Self::Rearmed { armed, waiting } => write!(
+                f,
+                "re-armed: {armed} groups follow again, {waiting} do not run yet"
+            ),
+            Self::ReadFailed { why } => write!(f, "a read failed: {why}"),
+            Self::NotThere { found } => write!(
+                f,
+                "no HostMot2 board: address 0x0100 reads {found:#010X}, expected 0x55AACAFE"
+            ),
+            Self::ReadsAgain { failed } => {
+                write!(f, "read again, after {failed} in a row that failed")
+            }
+            Self::WriteFailed { why } => write!(f, "a write failed: {why}"),
+            Self::LostWrites { count } => write!(f, "{count} writes were lost"),
+            Self::MissedPeriods { count } => write!(f, "{count} periods without a good read"),
+            Self::Dropped { count } => {
+                write!(f, "{count} events were dropped: nobody took them in time")
+            }
+        }
+    }
+}

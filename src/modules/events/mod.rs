@@ -1,0 +1,49 @@
+//! What happened: events, and the queue from which the application takes them.
+
+mod kind;
+mod queue;
+mod words;
+
+pub use kind::{EventKind, EventMask};
+pub use queue::Events;
+
+pub(crate) use queue::Sink;
+
+use core::fmt;
+
+use crate::bus::Instant;
+
+/// Something that happened in the cycle, and when.
+///
+/// `Display` says it as a sentence: `cycle 5021, 5.020113 s: port 0, channel 1: offline: ...`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Event {
+    /// When it was noticed, on the clock of the bus.
+    pub at: Instant,
+    /// The cycle in which it was noticed: the number of the call of
+    /// [`Driver::read`](crate::driver::Driver::read), from 1 on. 0 is before the first.
+    pub cycle: u64,
+    /// What it is.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub kind: EventKind,
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { at, cycle, kind } = self;
+        let micros = at.as_nanos() / 1000;
+        let (seconds, micros) = (micros / 1_000_000, micros % 1_000_000);
+        write!(f, "cycle {cycle}, {seconds}.{micros:06} s: {kind}")
+    }
+}
+
+#[cfg(all(test, feature = "serde"))]
+pub(crate) mod tests {
+    use super::{Event, EventKind, Instant};
+
+    pub fn event(at: Instant, cycle: u64, kind: EventKind) -> Event {
+        Event { at, cycle, kind }
+    }
+}

@@ -1,0 +1,352 @@
+//! The queue: the cycle puts events in, any thread takes them out.
+
+use alloc::boxed::Box;
+use alloc::sync::Arc;
+use core::fmt;
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
+
+use super::words::WORDS;
+use super::{Event, EventKind, EventMask};
+use crate::bus::Instant;
+
+/// The words of an event.
+type Slot = [AtomicU32; WORDS];
+
+/// A ring of events: one thread at a time puts in, any number take out.
+///
+/// The side of the cycle neither waits nor tries again: when the ring is full, the newest events are
+/// dropped and counted, because the first ones tell how it began. The last free place is kept for the
+/// event that says so.
+struct Queue {
+    /// What the names of the board's pins begin with.
+    board: Box<str>,
+    /// As many as a power of two.
+    slots: Box<[Slot]>,
+    /// The number of the next event to be taken out, ...
+    head: AtomicUsize,
+    /// ... and to be put in.
+    tail: AtomicUsize,
+    dropped: AtomicU32,
+    /// The number of the cycle: its low and its high half.
+    cycle: [AtomicU32; 2],
+    /// The kinds of events of which the first is caught.
+    watched: AtomicU32,
+    has_caught: AtomicBool,
+    caught: Slot,
+}
+
+impl Queue {
+    fn cycle(&self) -> u64 {
+        let [low, high] = &self.cycle;
+        let [low, high] = [low, high].map(|half| u64::from(half.load(Ordering::Relaxed)));
+        low | high << 32
+    }
+
+    fn slot(&self, number: usize) -> Option<&Slot> {
+        self.slots.get(number & self.slots.len().wrapping_sub(1))
+    }
+
+    fn push(&self, event: Event) {
+        self.watch(event);
+        let tail = self.tail.load(Ordering::Relaxed);
+        // What was taken out before is not read any more.
+        let used = tail.wrapping_sub(self.head.load(Ordering::Acquire));
+        let free = self.slots.len().saturating_sub(used);
+        let kind = match free {
+            0 | 1 => EventKind::Dropped { count: 0 },
+            _ => event.kind,
+        };
+        if free <= 1 {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        if free == 0 {
+            return;
+        }
+        if let Some(slot) = self.slot(tail) {
+            put(slot, Event { kind, ..event });
+            self.tail.store(tail.wrapping_add(1), Ordering::Release);
+        }
+    }
+
+    /// Keeps the first event that is watched.
+    fn watch(&self, event: Event) {
+        let watched = EventMask::from_bits_retain(self.watched.load(Ordering::Relaxed));
+        if watched.contains(event.kind.mask()) && !self.has_caught.load(Ordering::Relaxed) {
+            put(&self.caught, event);
+            self.has_caught.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn pop(&self) -> Option<Event> {
+        loop {
+            let head = self.head.load(Ordering::Acquire);
+            if head == self.tail.load(Ordering::Acquire) {
+                return None;
+            }
+            let event = take(self.slot(head)?);
+            let next = head.wrapping_add(1);
+            let taken = self
+                .head
+                .compare_exchange(head, next, Ordering::AcqRel, Ordering::Relaxed);
+            // Otherwise somebody else has taken it, and it may have been overwritten.
+            if taken.is_err() {
+                continue;
+            }
+            match event {
+                Some(event) if matches!(event.kind, EventKind::Dropped { .. }) => {
+                    let count = self.dropped.swap(0, Ordering::Relaxed);
+                    // Those were told by the one before.
+                    if count > 0 {
+                        let kind = EventKind::Dropped { count };
+                        return Some(Event { kind, ..event });
+                    }
+                }
+                Some(event) => return Some(event),
+                None => {}
+            }
+        }
+    }
+}
+
+fn put(slot: &Slot, event: Event) {
+    for (place, word) in slot.iter().zip(event.to_words()) {
+        place.store(word, Ordering::Relaxed);
+    }
+}
+
+fn take(slot: &Slot) -> Option<Event> {
+    let mut words = [0; WORDS];
+    for (word, place) in words.iter_mut().zip(slot) {
+        *word = place.load(Ordering::Relaxed);
+    }
+    Event::from_words(words)
+}
+
+impl fmt::Debug for Queue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Queue")
+            .field("board", &self.board)
+            .field("places", &self.slots.len())
+            .field("head", &self.head)
+            .field("tail", &self.tail)
+            .field("dropped", &self.dropped)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Where the parts of a driver put what happened. All of them are in one thread.
+///
+/// # Real time
+/// A bounded number of stores. No allocation, no lock.
+#[derive(Clone, Debug)]
+pub(crate) struct Sink(Arc<Queue>);
+
+impl Sink {
+    /// A queue with room for so many events, or some more; at least for one and the one that tells
+    /// that others were dropped.
+    pub fn new(board: &str, room: u16) -> Self {
+        let places = usize::from(room).saturating_add(1).next_power_of_two();
+        Self(Arc::new(Queue {
+            board: board.into(),
+            slots: (0..places.max(2)).map(|_| Slot::default()).collect(),
+            head: AtomicUsize::new(0),
+            tail: AtomicUsize::new(0),
+            dropped: AtomicU32::new(0),
+            cycle: [AtomicU32::new(0), AtomicU32::new(0)],
+            watched: AtomicU32::new(0),
+            has_caught: AtomicBool::new(false),
+            caught: Slot::default(),
+        }))
+    }
+
+    /// The cycle with this number begins.
+    #[inline]
+    pub fn begin_cycle(&self, number: u64) {
+        let [low, high] = &self.0.cycle;
+        low.store(number as u32, Ordering::Relaxed);
+        high.store((number >> 32) as u32, Ordering::Relaxed);
+    }
+
+    /// Something happened.
+    #[cold]
+    pub fn tell(&self, at: Instant, kind: EventKind) {
+        let cycle = self.0.cycle();
+        self.0.push(Event { at, cycle, kind });
+    }
+
+    /// From now on the first event of these kinds is caught.
+    pub fn watch(&self, kinds: EventMask) {
+        self.0.has_caught.store(false, Ordering::Relaxed);
+        self.0.watched.store(kinds.bits(), Ordering::Relaxed);
+    }
+
+    /// The event that was caught. It stays until the next call of [`watch`](Self::watch).
+    pub fn caught(&self) -> Option<Event> {
+        let has_caught = self.0.has_caught.load(Ordering::Relaxed);
+        has_caught.then(|| take(&self.0.caught)).flatten()
+    }
+
+    /// Whether both put into the same queue.
+    pub fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+
+    /// For who takes them out.
+    pub fn events(&self) -> Events {
+        Events(Arc::clone(&self.0))
+    }
+}
+
+/// What happened since it was asked last: an iterator that takes events out of the driver's queue,
+/// and ends when the queue is empty. It can be asked again later.
+///
+/// It may go to another thread, which takes events while the cycle runs; the cycle never waits for
+/// it. Several share the queue: each event goes to one of them. When the queue is full, newer
+/// events are dropped and counted: [`EventKind::Dropped`].
+///
+/// # Real time
+/// Taking one is bounded but where several threads take at the same moment. No allocation.
+#[derive(Clone, Debug)]
+pub struct Events(Arc<Queue>);
+
+impl Events {
+    /// What the names of the board's pins begin with, for example `hm2_7i92.0`.
+    pub fn board(&self) -> &str {
+        &self.0.board
+    }
+
+    /// Takes all events, and writes them to the log: faults as warnings, the others as information.
+    ///
+    /// # Real time
+    /// Not for the cycle: what the log does with it is its own affair.
+    #[cfg(feature = "log")]
+    pub fn log(&mut self) {
+        while let Some(event) = self.next() {
+            let level = if event.kind.is_fault() {
+                log::Level::Warn
+            } else {
+                log::Level::Info
+            };
+            log::log!(level, "{}: {event}", self.board());
+        }
+    }
+}
+
+impl Iterator for Events {
+    type Item = Event;
+
+    fn next(&mut self) -> Option<Event> {
+        self.0.pop()
+    }
+}
+
+#[cfg(all(test, feature = "std"))]
+mod tests {
+    use super::*;
+    use std::thread;
+    use std::vec::Vec;
+
+    fn lost(count: u32) -> EventKind {
+        EventKind::LostWrites { count }
+    }
+
+    fn kinds(events: &mut Events) -> Vec<EventKind> {
+        events.map(|event| event.kind).collect()
+    }
+
+    #[test]
+    fn events_come_in_order_with_their_time_and_cycle() {
+        let sink = Sink::new("hm2_7i92.0", 7);
+        let mut events = sink.events();
+        assert_eq!(events.next(), None);
+        sink.begin_cycle(0x1_0000_0005);
+        sink.tell(Instant::from_nanos(1_234_567_000), lost(3));
+        let event = events.next().expect("an event");
+        assert_eq!(event.cycle, 0x1_0000_0005);
+        assert_eq!(event.kind, lost(3));
+        let text = "cycle 4294967301, 1.234567 s: 3 writes were lost";
+        assert_eq!(event.to_string(), text);
+        assert_eq!(events.next(), None, "and can be asked again");
+        sink.tell(Instant::default(), lost(4));
+        assert_eq!(kinds(&mut events), [lost(4)]);
+    }
+
+    #[test]
+    fn a_full_queue_keeps_the_first_and_says_how_many_it_dropped() {
+        let sink = Sink::new("", 3);
+        let mut events = sink.events();
+        (1..=9).for_each(|n| sink.tell(Instant::default(), lost(n)));
+        let first = [lost(1), lost(2), lost(3)];
+        assert_eq!(events.by_ref().take(2).count(), 2);
+        // Those come after the ones that were dropped.
+        (10..=11).for_each(|n| sink.tell(Instant::default(), lost(n)));
+        let dropped = |count| EventKind::Dropped { count };
+        assert_eq!(kinds(&mut events), [first[2], dropped(7), lost(10)]);
+        sink.tell(Instant::default(), lost(12));
+        assert_eq!(kinds(&mut events), [lost(12)]);
+    }
+
+    #[test]
+    fn the_first_event_that_is_watched_is_caught_even_when_the_queue_is_full() {
+        let sink = Sink::new("", 1);
+        sink.watch(EventMask::BUS_DOWN);
+        (0..4).for_each(|n| sink.tell(Instant::default(), lost(n)));
+        assert_eq!(sink.caught(), None);
+        sink.tell(Instant::from_nanos(1), EventKind::BusDown);
+        sink.tell(Instant::from_nanos(2), EventKind::BusDown);
+        let caught = sink.caught().expect("caught");
+        assert_eq!(caught.at, Instant::from_nanos(1));
+        sink.watch(EventMask::BUS_DOWN);
+        assert_eq!(sink.caught(), None);
+    }
+
+    #[test]
+    fn threads_take_every_event_once_and_whole_while_others_are_put_in() {
+        const COUNT: u32 = 20_000;
+        let sink = Sink::new("", 63);
+        let takers = [sink.events(), sink.events()];
+        let takers = takers.map(|mut events| {
+            thread::spawn(move || {
+                let mut seen = Vec::new();
+                while seen.last() != Some(&COUNT) && seen.last() != Some(&u32::MAX) {
+                    let Some(event) = events.next() else {
+                        thread::yield_now();
+                        continue;
+                    };
+                    match event.kind {
+                        // Every word of it is of the same event.
+                        EventKind::Rearmed { armed, waiting } => {
+                            assert_eq!(u64::from(armed), event.at.as_nanos());
+                            assert_eq!(u64::from(waiting), event.cycle);
+                            seen.push(armed);
+                        }
+                        EventKind::BusDown => seen.push(u32::MAX),
+                        other => panic!("{other}"),
+                    }
+                }
+                seen
+            })
+        });
+        let put = |n: u32, kind| {
+            while sink.0.tail.load(Ordering::Relaxed) - sink.0.head.load(Ordering::Relaxed) > 60 {
+                thread::yield_now();
+            }
+            sink.begin_cycle((n ^ 0x5555).into());
+            sink.tell(Instant::from_nanos(n.into()), kind);
+        };
+        for n in 1..=COUNT {
+            let waiting = n ^ 0x5555;
+            put(n, EventKind::Rearmed { armed: n, waiting });
+        }
+        // For the one that did not get the last.
+        put(0, EventKind::BusDown);
+        put(0, EventKind::BusDown);
+        let mut all: Vec<u32> = takers
+            .into_iter()
+            .flat_map(|taker| taker.join().expect("it ends"))
+            .filter(|n| *n != u32::MAX)
+            .collect();
+        all.sort_unstable();
+        assert!(all.iter().copied().eq(1..=COUNT));
+    }
+}
