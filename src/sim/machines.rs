@@ -1,4 +1,17 @@
 //! Ready-made machines: boards with their firmware, and with remotes and motors on them.
+//!
+//! What they are like, and `mesa sim` and `--sim` with them, unless something else is asked for:
+//!
+//! | of | constant | from |
+//! |---|---|---|
+//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, 1000 counts a unit, an index every 4000 counts, at 0; no friction, no hard stops, as much force as it takes | [`MotorConfig::default`] |
+//! | field power of a remote | 24 V; its inputs at 0 V | manual: 7I77 |
+//! | an FPGA's clocks | ClockLow 100 MHz (5I25: 33.33 MHz), ClockHigh 200 MHz | FACTS 9.3 |
+//! | multiplexed encoders | sampled at ClockLow/8 (7I77) or ClockLow/16 (7I97) | the manuals |
+//! | a register access, embedded | 600 ns | [`DEFAULT_ACCESS_COST`](crate::sim::DEFAULT_ACCESS_COST) |
+//! | a packet, on an Ethernet board | 15 us, and 80 ns for each element of a command; not confirmed | [`BoardConfig`](crate::sim::BoardConfig) |
+//! | a board after a reset, a reload | silent for 200 ms, 300 ms | [`BoardConfig`](crate::sim::BoardConfig) |
+//! | a late packet, on request | 0.5 to 3 ms | [`Mishaps`](crate::sim::Mishaps) |
 
 use crate::sim::devices::{Analog, DescriptionError, Device, FieldIo, Outputs48};
 use crate::sim::fpga::{
@@ -343,15 +356,20 @@ pub fn wire_7i77(
 ) {
     for output in 0..6 {
         fpga.wire_axis(AxisWiring {
-            source: DriveSource::Remote {
-                port,
-                channel,
-                output,
-                readout: analog_output,
-            },
+            source: output_7i77(port, channel, output),
             encoder: first_encoder + usize::from(output),
             motor: motor(usize::from(output)),
         });
+    }
+}
+
+/// An analog output of the 7I77 whose analog section is on `channel`, as what drives an axis.
+pub fn output_7i77(port: usize, channel: usize, output: u8) -> DriveSource {
+    DriveSource::Remote {
+        port,
+        channel,
+        output,
+        readout: analog_output,
     }
 }
 

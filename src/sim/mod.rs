@@ -33,7 +33,8 @@ pub mod wire;
 mod world;
 
 pub use board::{
-    AddressJumpers, BoardConfig, Gateware, Mishaps, SimBoard, StateError, UdpCounters, UdpFace,
+    AddressJumpers, BoardConfig, Endpoint, Gateware, Mishaps, PcapWriter, SimBoard, StateError,
+    Tap, UdpCounters, UdpFace,
 };
 pub use faults::{FaultKind, Place};
 pub use fpga::{
@@ -45,4 +46,6 @@ pub use modules::{
     Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
 };
 pub use serial_face::SerialFace;
-pub use world::{Motor, MotorConfig, Segment};
+pub use world::{
+    EstopConfig, Motor, MotorConfig, Segment, Switch, SwitchConfig, Terminal, Wheel, WheelConfig,
+};

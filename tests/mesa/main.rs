@@ -20,5 +20,7 @@ mod registers;
 mod restart;
 mod run;
 mod sim;
+mod sim_control;
+mod sim_machine;
 mod update;
 mod watch;

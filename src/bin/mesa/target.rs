@@ -26,7 +26,8 @@ pub struct Target {
     #[arg(long, value_name = "IP[:PORT]", value_parser = parse_address, conflicts_with = "sim")]
     addr: Option<SocketAddrV4>,
     /// A simulated machine in this program: 7i92-7i77 or 7i97, and what is plugged into its serial
-    /// channels as in `mesa sim --remote`: 7i97,0=7i72,1=7i77-io:2
+    /// channels as in `mesa sim --remote`: 7i97,0=7i72,1=7i77-io:2; or one that a file describes,
+    /// whose name ends in .toml (examples/mill.toml)
     #[arg(long, value_name = "MACHINE")]
     sim: Option<MachineOptions>,
 }

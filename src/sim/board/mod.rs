@@ -1,6 +1,7 @@
 //! A simulated Ethernet board: LBP16 in front of the FPGA.
 
 mod areas;
+mod capture;
 mod config;
 mod control;
 mod eeprom;
@@ -13,6 +14,7 @@ mod state;
 mod tests;
 mod udp;
 
+pub use capture::{Endpoint, PcapWriter, Tap};
 pub use config::{AddressJumpers, BoardConfig};
 pub use gateware::Gateware;
 pub use state::StateError;

@@ -5,12 +5,12 @@ use std::{
     collections::VecDeque,
     io,
     net::{SocketAddr, UdpSocket},
-    time::Instant,
+    time::{Instant, SystemTime},
 };
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::{Gateware, SimBoard};
+use super::{Endpoint, Gateware, SimBoard, Tap};
 use crate::sim::wire::Nanos;
 
 /// The most packets that are held back at a time; more are lost.
@@ -70,6 +70,7 @@ pub struct UdpFace {
     sent: UdpCounters,
     reply: Vec<u8>,
     buffer: Box<[u8]>,
+    tap: Option<Box<dyn Tap>>,
 }
 
 /// A packet on its way.
@@ -96,7 +97,27 @@ impl UdpFace {
             sent: UdpCounters::default(),
             reply: Vec::with_capacity(BUFFER),
             buffer: vec![0; BUFFER].into_boxed_slice(),
+            tap: None,
         })
+    }
+
+    /// What the network does to packets.
+    pub fn mishaps(&self) -> Mishaps {
+        self.mishaps
+    }
+
+    /// Has the network do something else from now on. A new seed throws the dice from its beginning.
+    pub fn set_mishaps(&mut self, mishaps: Mishaps) {
+        if mishaps.seed != self.mishaps.seed {
+            self.dice = Dice(mishaps.seed);
+        }
+        self.mishaps = mishaps;
+    }
+
+    /// Shows somebody all packets: requests as they come, whatever happens to them then, and replies
+    /// as they go.
+    pub fn set_tap(&mut self, tap: Option<Box<dyn Tap>>) {
+        self.tap = tap;
     }
 
     /// Where it listens.
@@ -183,6 +204,7 @@ impl UdpFace {
             };
             let mut buffer = core::mem::take(&mut self.buffer);
             let request = buffer.get_mut(..len).unwrap_or_default();
+            self.show(board.config().mac, request, peer, false);
             for delay in self.fate(len, false).into_iter().flatten() {
                 if delay == 0 {
                     self.run(board, now, request, peer);
@@ -207,7 +229,7 @@ impl UdpFace {
             for delay in self.fate(reply.len(), true).into_iter().flatten() {
                 let due = due + delay;
                 if due <= self.now() + SLACK {
-                    self.send(&reply, peer);
+                    self.send(board.config().mac, &reply, peer);
                 } else {
                     self.hold(due, peer, true, &reply);
                 }
@@ -230,7 +252,7 @@ impl UdpFace {
                 return;
             };
             if held.is_reply {
-                self.send(&held.bytes, held.peer);
+                self.send(board.config().mac, &held.bytes, held.peer);
             } else {
                 self.run(board, now, &held.bytes, held.peer);
             }
@@ -249,8 +271,29 @@ impl UdpFace {
     }
 
     /// A reply that can not be sent is lost, as on a wire: the client's socket may be gone.
-    fn send(&self, reply: &[u8], peer: SocketAddr) {
+    fn send(&mut self, mac: [u8; 6], reply: &[u8], peer: SocketAddr) {
         let _ = self.socket.send_to(reply, peer);
+        self.show(mac, reply, peer, true);
+    }
+
+    /// Shows a packet to whoever wants to see it.
+    fn show(&mut self, mac: [u8; 6], payload: &[u8], peer: SocketAddr, is_reply: bool) {
+        let Some(tap) = &mut self.tap else {
+            return;
+        };
+        let (Ok(SocketAddr::V4(own)), SocketAddr::V4(peer)) = (self.socket.local_addr(), peer)
+        else {
+            return;
+        };
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let board = Endpoint { mac, address: own };
+        let host = Endpoint::unknown(peer);
+        let (from, to) = if is_reply {
+            (board, host)
+        } else {
+            (host, board)
+        };
+        tap.packet(now.unwrap_or_default(), from, to, payload);
     }
 
     /// Counts a packet and throws the dice: when it comes, and when it comes again.

@@ -8,6 +8,7 @@ impl SimFpga {
         match gtag {
             gtag::WATCHDOG => self.watchdog.read(now, register),
             gtag::IO_PORT => {
+                self.settle_inputs();
                 let levels = |pin| self.module_level(pin);
                 self.io.read(register, instance, &levels)
             }
@@ -23,10 +24,12 @@ impl SimFpga {
                 pwm.map_or(0, |pwm| pwm.read(register))
             }
             gtag::IN_MUX => {
+                self.settle_inputs();
                 let inputs = self.in_mux.as_mut();
                 inputs.map_or(0, |inputs| inputs.read(now, register))
             }
             gtag::IN_M => {
+                self.settle_inputs();
                 let inputs = self.in_m.as_mut();
                 inputs.map_or(0, |inputs| inputs.read(now, register))
             }
@@ -80,11 +83,13 @@ impl SimFpga {
                 }
             }
             gtag::IN_MUX => {
+                self.settle_inputs();
                 if let Some(inputs) = &mut self.in_mux {
                     inputs.write(now, register, value);
                 }
             }
             gtag::IN_M => {
+                self.settle_inputs();
                 if let Some(inputs) = &mut self.in_m {
                     inputs.write(now, register, value);
                 }

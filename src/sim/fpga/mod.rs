@@ -5,6 +5,7 @@ mod decode;
 mod director;
 mod dispatch;
 pub(crate) mod firmware;
+mod installation;
 mod plant;
 mod reload;
 mod world_side;
@@ -287,6 +288,7 @@ impl SimFpga {
             }
         }
         self.plant.advance(self.now);
+        self.take_signals();
     }
 
     /// When a timer latches encoders next, from where the motors are now, and of which module.

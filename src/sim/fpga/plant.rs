@@ -1,9 +1,10 @@
 //! What hangs on the FPGA besides the remotes: drives, motors and their encoders.
 
 use super::firmware::{Firmware, gtag};
+use crate::sim::devices::find_mut;
 use crate::sim::modules::{EncoderBank, IoPorts, Pwm, SelectLine, Watcher};
 use crate::sim::wire::{Nanos, RemoteEnd};
-use crate::sim::world::{Motor, MotorConfig};
+use crate::sim::world::{Change, Installation, Motor, MotorConfig, Terminal};
 
 /// How often motors move when nobody looks.
 const GRAIN: Nanos = 1_000_000;
@@ -69,6 +70,7 @@ pub(crate) struct Plant {
     /// In the order of the firmware's modules.
     pub(super) banks: Vec<EncoderBank>,
     axes: Vec<Axis>,
+    pub(super) installation: Installation,
 }
 
 impl Plant {
@@ -81,18 +83,21 @@ impl Plant {
             now: 0,
             banks: banks.collect(),
             axes: Vec::new(),
+            installation: Installation::default(),
         }
     }
 
     pub(super) fn add(&mut self, wiring: AxisWiring, io: &IoPorts) -> usize {
+        let motor = Motor::new(wiring.motor);
+        let counts = libm::floor(motor.counts()) as i64;
         self.axes.push(Axis {
-            motor: Motor::new(wiring.motor),
+            motor,
             encoder: wiring.encoder,
             source: wiring.source,
         });
         self.pins_changed(io);
         if let Some(bank) = self.banks.first_mut() {
-            bank.place(wiring.encoder, 0, wiring.motor.counts_per_revolution);
+            bank.place(wiring.encoder, counts, wiring.motor.counts_per_revolution);
         }
         self.axes.len() - 1
     }
@@ -138,16 +143,28 @@ impl Plant {
             return;
         }
         self.now = to;
-        let Some(bank) = self.banks.first_mut() else {
-            for axis in &mut self.axes {
-                axis.motor.advance(to, |_| {});
-            }
-            return;
-        };
-        for axis in &mut self.axes {
+        let Self {
+            banks,
+            axes,
+            installation,
+            ..
+        } = self;
+        for (number, axis) in axes.iter_mut().enumerate() {
             let encoder = axis.encoder;
-            axis.motor
-                .advance(to, |segment| bank.turn(encoder, segment));
+            axis.motor.advance(to, |segment, positions| {
+                if let Some(bank) = banks.first_mut() {
+                    bank.turn(encoder, segment);
+                }
+                installation.moved(number, [segment.start, segment.end], positions);
+            });
+        }
+        installation.advance(to);
+    }
+
+    /// Gives all drives their power, or cuts it.
+    pub(super) fn power_drives(&mut self, powered: bool) {
+        for axis in &mut self.axes {
+            axis.motor.set_power(powered);
         }
     }
 
@@ -217,13 +234,30 @@ impl<'a> PortWatcher<'a> {
 }
 
 impl Watcher for PortWatcher<'_> {
-    fn before(&mut self, channel: usize, now: Nanos) {
-        if self.plant.is_driven_by(self.port, channel) {
+    fn before(&mut self, channel: usize, now: Nanos, remote: &mut dyn RemoteEnd) {
+        let is_wired = self.plant.installation.is_wired_to(self.port, channel);
+        if is_wired || self.plant.is_driven_by(self.port, channel) {
             self.plant.advance(now);
+        }
+        if is_wired {
+            let place = Some((self.port, channel));
+            while let Some(change) = self.plant.installation.take(now, place) {
+                put_on(remote, &change);
+            }
         }
     }
 
     fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>) {
         self.plant.remote_changed(self.port, channel, remote);
+    }
+}
+
+/// Brings a signal to the input of a remote.
+fn put_on(remote: &mut dyn RemoteEnd, change: &Change) {
+    if let Terminal::Remote { input, .. } = change.terminal
+        && let Some(device) = find_mut(remote)
+    {
+        // Nothing is wired to an input that the card does not have.
+        let _ = device.set_input(input, change.on);
     }
 }

@@ -24,7 +24,7 @@ struct ChannelPins {
 /// What happens when something was sent to a remote.
 pub(crate) trait Watcher {
     /// Called before the remote of `channel` takes over what ends at `now`.
-    fn before(&mut self, channel: usize, now: Nanos);
+    fn before(&mut self, channel: usize, now: Nanos, remote: &mut dyn RemoteEnd);
     /// Called when it has, or when something else may have changed what is plugged in there.
     fn after(&mut self, channel: usize, remote: Option<&dyn RemoteEnd>);
 }
@@ -216,7 +216,7 @@ impl Lines for PinnedLines<'_> {
             return;
         }
         if let Some(Some(remote)) = self.sockets.get_mut(channel) {
-            self.watcher.before(channel, burst.end());
+            self.watcher.before(channel, burst.end(), remote.as_mut());
             remote.advance(burst.end());
             remote.receive(burst);
             self.watcher.after(channel, Some(remote.as_ref()));

@@ -1,5 +1,15 @@
-//! The machine around the electronics: motors that follow an analog voltage.
+//! The machine around the electronics: motors that follow an analog voltage, between hard stops, and
+//! what is wired to inputs: switches at positions, handwheels, an emergency-stop chain.
 
+mod installation;
+mod motion;
 mod motor;
+mod switch;
+mod wheel;
 
+pub use installation::EstopConfig;
+pub(crate) use installation::Installation;
 pub use motor::{Motor, MotorConfig, Segment};
+pub(crate) use switch::Change;
+pub use switch::{Switch, SwitchConfig, Terminal};
+pub use wheel::{Wheel, WheelConfig};

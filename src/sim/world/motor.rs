@@ -1,32 +1,50 @@
-//! A motor with its velocity drive and its encoder.
+//! A motor with its velocity drive, its encoder, and what it moves between hard stops.
 
+use super::motion::{Forces, Piece, State};
 use crate::sim::wire::Nanos;
 
 /// The longest piece of a movement that is handed on in one go.
 const LONGEST_SEGMENT: Nanos = 100_000;
 
-/// Slower than this (units per second), a motor without a command stands still.
+/// Slower than this (units per second), a motor that nothing drives stands still.
 const STANDSTILL: f64 = 1e-9;
 
-/// What a motor, its drive and its encoder are like. Positions are in machine units.
+/// The most changes of what acts on a shaft in one segment; further ones are taken later.
+const MOST_PIECES: usize = 16;
+
+/// What a motor, its drive, its encoder and its axis are like. Positions are in machine units, forces
+/// in any unit, the same for all: with millimetres and newtons an inertia of 1 is 1000 kg.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorConfig {
     /// Speed at full-scale voltage, in units per second.
     pub max_speed: f64,
     /// Full-scale voltage of the drive's input.
     pub full_scale: f64,
-    /// Time constant of the velocity loop in seconds; 0 follows at once.
+    /// Time constant of the velocity loop in seconds, as long as the drive's force suffices; 0
+    /// follows at once.
     pub time_constant: f64,
-    /// Voltage that friction eats up; below it the motor does not move.
+    /// Dead band of the drive's input in volts: what is told is less by so much, either way.
     pub friction: f64,
     /// Encoder counts (quadrature edges) for each unit; negative if the encoder is reversed.
     pub counts_per_unit: f64,
     /// Counts from index pulse to index pulse; 0 if there is no index.
     pub counts_per_revolution: u32,
+    /// The force that an acceleration of one unit/s² takes. More than 0.
+    pub inertia: f64,
+    /// The most force that the drive has; infinite for no limit.
+    pub max_force: f64,
+    /// The force of dry friction: slows what coasts, and below it nothing moves.
+    pub drag: f64,
+    /// Positions of the hard stops, the lower one first; infinite for none. Nothing gets past them,
+    /// and nothing bounces.
+    pub stops: [f64; 2],
+    /// Where it stands at power-up. The index is at multiples of the counts of a revolution from 0.
+    pub position: f64,
 }
 
 impl Default for MotorConfig {
-    /// 100 units/s at 10 V, 5 ms, no friction, 1000 counts a unit, an index every 4000 counts.
+    /// 100 units/s at 10 V, 5 ms, no friction, 1000 counts a unit, an index every 4000 counts. The
+    /// drive is as strong as it has to be, there are no stops, and it stands at 0.
     fn default() -> Self {
         Self {
             max_speed: 100.0,
@@ -35,6 +53,11 @@ impl Default for MotorConfig {
             friction: 0.0,
             counts_per_unit: 1000.0,
             counts_per_revolution: 4000,
+            inertia: 1.0,
+            max_force: f64::INFINITY,
+            drag: 0.0,
+            stops: [f64::NEG_INFINITY, f64::INFINITY],
+            position: 0.0,
         }
     }
 }
@@ -54,29 +77,37 @@ pub struct Segment {
     pub counts_per_revolution: u32,
 }
 
-/// A motor whose speed follows a voltage with a first-order lag.
+/// A motor whose speed follows a voltage with a first-order lag, as far as its force goes.
 ///
-/// It is stepped with the exact solution, so that its path does not depend on how often somebody
-/// looks.
+/// While its drive has power, that accelerates by `(told - speed) / time_constant`, at most by
+/// `max_force / inertia`; a drive that is disabled is told 0. Dry friction acts against the motion.
+/// Without power only friction slows it. It is stepped with the exact solution, so that its path
+/// does not depend on how often somebody looks.
 #[derive(Clone, Debug)]
 pub struct Motor {
     config: MotorConfig,
     now: Nanos,
-    position: f64,
-    velocity: f64,
+    state: State,
     command: f64,
+    powered: bool,
+    blocked: bool,
     turned_by_hand: Option<f64>,
 }
 
 impl Motor {
-    /// A motor at rest at position 0.
+    /// A motor at rest, with power.
     pub fn new(config: MotorConfig) -> Self {
+        let [low, high] = config.stops;
         Self {
+            state: State {
+                position: config.position.max(low).min(high),
+                velocity: 0.0,
+            },
             config,
             now: 0,
-            position: 0.0,
-            velocity: 0.0,
             command: 0.0,
+            powered: true,
+            blocked: false,
             turned_by_hand: None,
         }
     }
@@ -88,29 +119,63 @@ impl Motor {
 
     /// Its true position in units.
     pub fn position(&self) -> f64 {
-        self.position
+        self.state.position
     }
 
     /// Its true velocity in units per second.
     pub fn velocity(&self) -> f64 {
-        self.turned_by_hand.unwrap_or(self.velocity)
+        match self.turned_by_hand {
+            Some(velocity) if !self.is_at_rest() => velocity,
+            Some(_) => 0.0,
+            None => self.state.velocity,
+        }
     }
 
     /// What its encoder stands at, in counts.
     pub fn counts(&self) -> f64 {
-        self.position * self.config.counts_per_unit
+        self.state.position * self.config.counts_per_unit
+    }
+
+    /// The energy of its motion: force times units.
+    pub fn energy(&self) -> f64 {
+        self.config.inertia * self.velocity() * self.velocity() / 2.0
+    }
+
+    /// Whether it stands at a hard stop.
+    pub fn is_at_stop(&self) -> bool {
+        self.config.stops.contains(&self.state.position)
     }
 
     /// Turns the shaft at a given speed, whatever the drive does; `None` lets it go.
     pub fn turn_by_hand(&mut self, velocity: Option<f64>) {
-        match velocity {
-            Some(velocity) => self.turned_by_hand = Some(finite(velocity)),
-            None => {
-                if let Some(velocity) = self.turned_by_hand.take() {
-                    self.velocity = velocity;
-                }
-            }
+        let now = self.velocity();
+        if velocity.is_none() && self.turned_by_hand.is_some() {
+            self.state.velocity = now;
         }
+        self.turned_by_hand = velocity.map(finite);
+    }
+
+    /// Jams the axis where it is, whatever drives it, or frees it.
+    pub fn block(&mut self, blocked: bool) {
+        self.blocked = blocked;
+        if blocked {
+            self.state.velocity = 0.0;
+        }
+    }
+
+    /// Whether the axis is jammed.
+    pub fn is_blocked(&self) -> bool {
+        self.blocked
+    }
+
+    /// Gives the drive its power, or cuts it: without, it neither drives nor brakes.
+    pub fn set_power(&mut self, powered: bool) {
+        self.powered = powered;
+    }
+
+    /// Whether the drive has power.
+    pub fn is_powered(&self) -> bool {
+        self.powered
     }
 
     /// Sets the drive's input from now on. A disabled drive brakes.
@@ -122,69 +187,131 @@ impl Motor {
             effective.copysign(volts).clamp(-limit, limit) / limit * self.config.max_speed;
     }
 
-    /// Lets time pass up to `to` and hands on the movement in pieces of one direction each.
-    pub(crate) fn advance(&mut self, to: Nanos, mut moved: impl FnMut(&Segment)) {
+    /// Lets time pass up to `to` and hands on the movement in pieces of one direction each, with the
+    /// positions at the beginning and at the end.
+    pub(crate) fn advance(&mut self, to: Nanos, mut moved: impl FnMut(&Segment, [f64; 2])) {
         while self.now < to {
             if self.is_at_rest() {
-                self.velocity = 0.0;
+                self.state.velocity = 0.0;
                 self.now = to;
                 return;
             }
             let end = to.min(self.now + LONGEST_SEGMENT);
-            match self.reversal(end) {
-                Some(middle) => {
-                    self.step(middle, &mut moved);
-                    self.step(end, &mut moved);
-                }
-                None => self.step(end, &mut moved),
-            }
+            self.run(end, &mut moved);
         }
     }
 
     fn is_at_rest(&self) -> bool {
-        match self.turned_by_hand {
-            Some(velocity) => velocity == 0.0,
-            None => self.command == 0.0 && self.velocity.abs() < STANDSTILL,
+        if self.blocked {
+            return true;
+        }
+        if let Some(velocity) = self.turned_by_hand {
+            return velocity == 0.0 || self.is_held(velocity);
+        }
+        let velocity = self.state.velocity;
+        let forces = self.forces();
+        if velocity == 0.0 {
+            return forces.departs().is_none_or(|way| self.is_held(way));
+        }
+        let is_driven = forces.target.is_some_and(|target| target != 0.0);
+        !is_driven && velocity.abs() < STANDSTILL
+    }
+
+    /// Whether a stop keeps it from moving that way.
+    fn is_held(&self, way: f64) -> bool {
+        let [low, high] = self.config.stops;
+        let position = self.state.position;
+        (way < 0.0 && position <= low) || (way > 0.0 && position >= high)
+    }
+
+    fn forces(&self) -> Forces {
+        let config = &self.config;
+        Forces {
+            target: self.powered.then_some(self.command),
+            time_constant: config.time_constant,
+            strength: config.max_force / config.inertia,
+            drag: config.drag / config.inertia,
         }
     }
 
-    /// When the velocity goes through zero before `end`.
-    fn reversal(&self, end: Nanos) -> Option<Nanos> {
-        let tau = self.config.time_constant;
-        let opposed = self.velocity * self.command < 0.0;
-        if self.turned_by_hand.is_some() || !opposed || tau <= 0.0 {
+    /// Moves it up to `end`, not far away, over whatever changes on the way.
+    fn run(&mut self, end: Nanos, moved: &mut impl FnMut(&Segment, [f64; 2])) {
+        let mut left = (end - self.now) as f64 * 1e-9;
+        let mut start = self.now;
+        let mut from = self.state.position;
+        for turn in 1..=MOST_PIECES {
+            let Some(piece) = self.piece() else {
+                break;
+            };
+            left -= self.follow(&piece, left);
+            let at = end - ((left.max(0.0) * 1e9) as Nanos).min(end);
+            let at = if left <= 0.0 || turn == MOST_PIECES {
+                end
+            } else {
+                at
+            };
+            if at > start {
+                self.hand_on(start, at, from, moved);
+                (start, from) = (at, self.state.position);
+            }
+            if left <= 0.0 {
+                break;
+            }
+        }
+        // It came to rest within a nanosecond of the last piece.
+        if start < end {
+            self.hand_on(start, end, from, moved);
+        }
+        self.now = end;
+    }
+
+    fn piece(&self) -> Option<Piece> {
+        if self.is_at_rest() {
             return None;
         }
-        let seconds = tau * libm::log1p(-self.velocity / self.command);
-        let middle = self.now + (seconds * 1e9) as Nanos;
-        (self.now < middle && middle < end).then_some(middle)
+        match self.turned_by_hand {
+            Some(velocity) => Some(Piece::steady(velocity)),
+            None => self.forces().piece(self.state.velocity),
+        }
     }
 
-    fn step(&mut self, end: Nanos, moved: &mut impl FnMut(&Segment)) {
-        let seconds = (end - self.now) as f64 * 1e-9;
-        let from = self.counts();
-        if let Some(velocity) = self.turned_by_hand {
-            self.position += velocity * seconds;
-        } else if self.config.time_constant > 0.0 {
-            let tau = self.config.time_constant;
-            let excess = self.velocity - self.command;
-            let lost = -libm::expm1(-seconds / tau);
-            self.position += self.command * seconds + excess * tau * lost;
-            self.velocity = self.command + excess * (1.0 - lost);
+    /// Follows a piece for at most `seconds`, up to its end or to a stop; how long that took.
+    fn follow(&mut self, piece: &Piece, seconds: f64) -> f64 {
+        let [low, high] = self.config.stops;
+        let (took, state) = piece.run(self.state, seconds);
+        let stop = if state.position <= low {
+            low
+        } else if state.position >= high {
+            high
         } else {
-            self.velocity = self.command;
-            self.position += self.command * seconds;
-        }
+            self.state = state;
+            return took;
+        };
+        let took = piece.reaches(self.state, took, stop);
+        self.state = State {
+            position: stop,
+            velocity: 0.0,
+        };
+        took
+    }
+
+    fn hand_on(
+        &self,
+        start: Nanos,
+        end: Nanos,
+        from: f64,
+        moved: &mut impl FnMut(&Segment, [f64; 2]),
+    ) {
+        let to = self.state.position;
         let segment = Segment {
-            start: self.now,
+            start,
             end,
-            from,
-            to: self.counts(),
+            from: from * self.config.counts_per_unit,
+            to: to * self.config.counts_per_unit,
             counts_per_revolution: self.config.counts_per_revolution,
         };
-        self.now = end;
-        if (segment.to - segment.from).abs() > 0.0 {
-            moved(&segment);
+        if from != to {
+            moved(&segment, [from, to]);
         }
     }
 }
@@ -194,86 +321,4 @@ fn finite(value: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn run(motor: &mut Motor, to: Nanos, step: Nanos) {
-        let mut now = motor.now;
-        while now < to {
-            now = to.min(now + step);
-            motor.advance(now, |_| {});
-        }
-    }
-
-    #[test]
-    fn speed_follows_the_voltage_with_the_time_constant() {
-        let mut motor = Motor::new(MotorConfig::default());
-        motor.command(5.0, true);
-        motor.advance(5_000_000, |_| {});
-        let expected = 50.0 * (1.0 - (-1.0f64).exp());
-        assert!((motor.velocity() - expected).abs() < 1e-9);
-        motor.advance(100_000_000, |_| {});
-        assert!((motor.velocity() - 50.0).abs() < 1e-6);
-        let expected = 50.0 * (0.1 - 0.005 * (1.0 - (-20.0f64).exp()));
-        assert!((motor.position() - expected).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_path_does_not_depend_on_how_often_somebody_looks() {
-        let mut coarse = Motor::new(MotorConfig::default());
-        let mut fine = coarse.clone();
-        for motor in [&mut coarse, &mut fine] {
-            motor.command(7.0, true);
-        }
-        run(&mut coarse, 20_000_000, 1_000_000);
-        run(&mut fine, 20_000_000, 777);
-        for motor in [&mut coarse, &mut fine] {
-            motor.command(-3.0, true);
-        }
-        run(&mut coarse, 40_000_000, 1_000_000);
-        run(&mut fine, 40_000_000, 777);
-        assert!((coarse.position() - fine.position()).abs() < 1e-9);
-        assert!((coarse.velocity() - fine.velocity()).abs() < 1e-9);
-    }
-
-    #[test]
-    fn every_segment_goes_one_way_and_joins_the_one_before() {
-        let mut motor = Motor::new(MotorConfig::default());
-        motor.command(10.0, true);
-        motor.advance(10_000_000, |_| {});
-        motor.command(-10.0, true);
-        let mut last = motor.counts();
-        let mut turns = 0;
-        let mut rising = true;
-        motor.advance(30_000_000, |segment| {
-            assert_eq!(segment.from, last);
-            last = segment.to;
-            if (segment.to > segment.from) != rising {
-                rising = !rising;
-                turns += 1;
-            }
-        });
-        assert_eq!(turns, 1);
-    }
-
-    #[test]
-    fn friction_holds_and_a_disabled_drive_brakes() {
-        let config = MotorConfig {
-            friction: 0.5,
-            ..MotorConfig::default()
-        };
-        let mut motor = Motor::new(config);
-        motor.command(0.4, true);
-        motor.advance(100_000_000, |_| {});
-        assert_eq!(motor.position(), 0.0);
-        motor.command(1.5, true);
-        motor.advance(200_000_000, |_| {});
-        assert!((motor.velocity() - 10.0).abs() < 1e-6);
-        motor.command(1.5, false);
-        motor.advance(400_000_000, |_| {});
-        assert_eq!(motor.velocity(), 0.0);
-        motor.command(f64::NAN, true);
-        motor.advance(500_000_000, |_| {});
-        assert_eq!(motor.velocity(), 0.0);
-    }
-}
+mod tests;

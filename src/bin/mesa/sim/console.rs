@@ -6,27 +6,27 @@
 use std::{
     fmt::Write,
     io::{self, BufRead},
-    sync::mpsc::{Receiver, sync_channel},
 };
 
 use mesa_hal::sim::{UdpCounters, UdpFace};
 
-use super::{machine::Machine, remotes};
+use super::{machine::Machine, mechanics, remotes};
 
 /// Longer lines are cut off.
 const MAX_LINE: usize = 1000;
 
-/// No hand turns a motor faster, and its position stays a number.
-const FASTEST: f64 = 1e6;
-
-const HELP: &str = "\
+pub const HELP: &str = "\
 help                       this text
-show [all|network|board|motors|CH]
-                           outputs, motors, counters; without anything: all
+show [all|network|board|motors|time|CH|PATTERN]
+                           outputs, motors, counters; without anything: all. PATTERN:
+                           names with *, such as motor.*.position
 input board N on|off       let current flow into an isolated input of a 7I97
 pin N high|low|free        drive an I/O pin of the FPGA from outside
 leds fpga|packets          give the user LEDs to the FPGA, or let them count packets
 turn AXIS SPEED|free       turn a motor by hand (units a second), or let it go
+stall AXIS [on|off]        jam an axis, or free it; AXIS: its number or its name
+wheel CLICKS [WHEEL]       turn a handwheel
+estop on|off               press the emergency stop, or release it
 input CH N on|off          digital input of the remote on channel CH
 volts CH N VOLTS           voltage on an input of a remote
 field CH VOLTS             field power of a remote (0 drops it)
@@ -41,31 +41,67 @@ wire CH TOWARD FAULT COUNT spoil the next COUNT bursts; TOWARD: remote or fpga;
 wire CH TOWARD FAULT chance P
                            spoil each burst with probability P
 wire CH heal               end all wire faults
+loss P, late P, dup P      lose, delay, double packets with probability P from now on
+at TIME COMMAND            do it later: 2.5s since the start, +2.5s or +200ms from now
+agenda                     what waits for its time
+wait until NAME VALUE|>X|<X [within TIME]
+                           answer when a value that `show` prints is that; 60 s at most
+source FILE                do what the lines of a file say, up to the first error
+boards                     all boards of this process; @BOARD COMMAND is for one of them,
+                           by its number or its name; without, a command is for the first
 quit                       stop
 ";
 
 /// What to print, and whether to go on.
+#[derive(Debug)]
 pub struct Answer {
     pub text: String,
     pub quit: bool,
 }
 
-/// Reads lines in a thread of its own. When standard input is closed, there are just no more.
-pub fn read_lines() -> Receiver<String> {
-    let (sender, receiver) = sync_channel(16);
+impl Answer {
+    /// The lines of what was done, or why it was not.
+    pub fn of(done: Result<String, String>) -> Self {
+        let text = match done {
+            Ok(text) => text + "ok\n",
+            Err(reason) => format!("error: {reason}\n"),
+        };
+        Self { text, quit: false }
+    }
+
+    pub fn refused(reason: impl Into<String>) -> Self {
+        Self::of(Err(reason.into()))
+    }
+
+    /// Everything ends.
+    pub fn quit() -> Self {
+        Self {
+            text: "ok\n".to_owned(),
+            quit: true,
+        }
+    }
+
+    /// Why it was not done, if it was not.
+    pub fn reason(&self) -> Option<&str> {
+        self.text.strip_prefix("error: ").map(str::trim_end)
+    }
+}
+
+/// Hands the lines of standard input to `each`, until that says that it is enough. When standard input
+/// is closed, there are just no more.
+pub fn read_lines(mut each: impl FnMut(&str) -> bool + Send + 'static) {
     std::thread::spawn(move || {
         let mut input = io::stdin().lock();
         while let Some(line) = read_line(&mut input) {
-            if sender.send(line).is_err() {
+            if !each(&line) {
                 return;
             }
         }
     });
-    receiver
 }
 
 /// A line of any bytes, without its end; `None` at the end of the input.
-fn read_line(input: &mut impl BufRead) -> Option<String> {
+pub fn read_line(input: &mut impl BufRead) -> Option<String> {
     let mut line = Vec::new();
     loop {
         let bytes = match input.fill_buf() {
@@ -90,26 +126,31 @@ fn read_line(input: &mut impl BufRead) -> Option<String> {
 }
 
 /// Does what a line says.
-pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
+pub fn answer(machine: &mut Machine, face: &mut UdpFace, line: &str) -> Answer {
     // A board that waits within a packet is ahead of what is around it.
     machine.board.advance_to(machine.board.time());
     let words: Vec<&str> = line.split_whitespace().collect();
     let done = match words[..] {
         [] => Ok(String::new()),
-        ["quit"] => {
-            return Answer {
-                text: "ok\n".to_owned(),
-                quit: true,
-            };
-        }
+        ["quit"] => return Answer::quit(),
         ["help"] => Ok(HELP.to_owned()),
         ["show"] | ["show", "all"] => Ok(show_all(machine, face)),
         ["show", what] => show(machine, face, what),
         ["input", "board", input, state] => set_board_input(machine, input, state),
         ["pin", pin, level] => drive_pin(machine, pin, level),
-        ["turn", axis, speed] => turn(machine, axis, speed),
+        ["turn", axis, speed] => mechanics::turn(machine, axis, speed).map(nothing),
+        ["stall", axis] => mechanics::stall(machine, axis, "on").map(nothing),
+        ["stall", axis, state] => mechanics::stall(machine, axis, state).map(nothing),
+        ["wheel", clicks] => mechanics::turn_wheel(machine, clicks, "0").map(nothing),
+        ["wheel", clicks, wheel] => mechanics::turn_wheel(machine, clicks, wheel).map(nothing),
+        ["estop", state] => mechanics::estop(machine, state).map(nothing),
         ["leds", owner] => give_leds(machine, owner),
-        ["quit" | "help" | "show" | "pin" | "turn" | "leds", ..] => Err(wrong(words[0])),
+        ["loss" | "late" | "dup", chance] => set_mishap(face, words[0], chance).map(nothing),
+        [
+            "quit" | "help" | "show" | "pin" | "turn" | "leds" | "stall" | "wheel" | "estop"
+            | "loss" | "late" | "dup",
+            ..,
+        ] => Err(wrong(words[0])),
         [command, channel, ref rest @ ..] => number(channel)
             .and_then(|channel| remotes::command(machine, command, channel, rest))
             .map(nothing),
@@ -117,11 +158,19 @@ pub fn answer(machine: &mut Machine, face: &UdpFace, line: &str) -> Answer {
             "`{word}` is no command, or it takes something else: try help"
         )),
     };
-    let text = match done {
-        Ok(text) => text + "ok\n",
-        Err(reason) => format!("error: {reason}\n"),
-    };
-    Answer { text, quit: false }
+    Answer::of(done)
+}
+
+fn set_mishap(face: &mut UdpFace, what: &str, chance: &str) -> Result<(), String> {
+    let chance = remotes::probability(chance)?;
+    let mut mishaps = face.mishaps();
+    match what {
+        "loss" => mishaps.loss = chance,
+        "late" => mishaps.late = chance,
+        _ => mishaps.dup = chance,
+    }
+    face.set_mishaps(mishaps);
+    Ok(())
 }
 
 /// What is printed at the end.
@@ -189,27 +238,14 @@ fn give_leds(machine: &mut Machine, owner: &str) -> Result<String, String> {
     Ok(String::new())
 }
 
-fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<String, String> {
-    let speed = match speed {
-        "free" => None,
-        _ => Some(number::<f64>(speed)?),
-    };
-    if speed.is_some_and(|speed| !(-FASTEST..=FASTEST).contains(&speed)) {
-        return Err(format!("expected a speed from -{FASTEST} to {FASTEST}"));
-    }
-    let axis: usize = number(axis)?;
-    let motor = machine.fpga().motor(axis);
-    let motor = motor.ok_or_else(|| format!("there is no axis {axis}"))?;
-    motor.turn_by_hand(speed);
-    Ok(String::new())
-}
-
 fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, String> {
     let mut text = String::new();
     match what {
         "network" => show_network(&mut text, machine, face),
         "board" => show_board(&mut text, machine),
-        "motors" => show_motors(&mut text, machine),
+        "motors" => mechanics::show(&mut text, machine),
+        "time" => show_time(&mut text, machine),
+        pattern if pattern.contains(['*', '.']) => return show_pattern(machine, face, pattern),
         _ => {
             let channel = number(what)?;
             machine.cable(channel)?;
@@ -219,11 +255,74 @@ fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, Str
     Ok(text)
 }
 
+/// The lines whose names are like a pattern.
+fn show_pattern(machine: &mut Machine, face: &UdpFace, pattern: &str) -> Result<String, String> {
+    let all = show_all(machine, face);
+    let names = |line: &&str| {
+        let name = line.split(' ').next().unwrap_or_default();
+        is_like(name.as_bytes(), pattern.as_bytes())
+    };
+    let found: String = all.split_inclusive('\n').filter(names).collect();
+    if found.is_empty() {
+        return Err(format!("nothing is like `{pattern}`; `show` has all names"));
+    }
+    Ok(found)
+}
+
+/// Whether a name is like a pattern, in which * stands for anything.
+fn is_like(name: &[u8], pattern: &[u8]) -> bool {
+    let (mut at, mut of) = (0, 0);
+    // Where the last * was, and what it stands for so far ends.
+    let mut star = None;
+    while at < name.len() {
+        if pattern.get(of) == Some(&b'*') {
+            star = Some((of, at));
+            of += 1;
+        } else if pattern.get(of) == name.get(at) {
+            (at, of) = (at + 1, of + 1);
+        } else if let Some((place, end)) = star {
+            star = Some((place, end + 1));
+            (at, of) = (end + 1, place + 1);
+        } else {
+            return false;
+        }
+    }
+    pattern[of..].iter().all(|&byte| byte == b'*')
+}
+
+/// The value of one name.
+pub fn value(machine: &mut Machine, face: &UdpFace, name: &str) -> Result<String, String> {
+    let mut text = String::new();
+    match name.split('.').next().unwrap_or_default() {
+        "network" => show_network(&mut text, machine, face),
+        "board" => {
+            show_network(&mut text, machine, face);
+            show_board(&mut text, machine);
+        }
+        "time" => show_time(&mut text, machine),
+        "remote" => {
+            let channel = name.split('.').nth(1).unwrap_or_default();
+            remotes::show(&mut text, machine, number(channel)?);
+        }
+        _ => mechanics::show(&mut text, machine),
+    }
+    let mut pairs = text.lines().filter_map(|line| line.split_once(' '));
+    let found = pairs.find(|(found, _)| *found == name);
+    let value = found.map(|(_, value)| value.to_owned());
+    value.ok_or_else(|| format!("there is no value `{name}`; `show` has all names"))
+}
+
+fn show_time(text: &mut String, machine: &Machine) {
+    let seconds = machine.board.time() as f64 / 1e9;
+    line(text, "time", format_args!("{seconds:.6}"));
+}
+
 fn show_all(machine: &mut Machine, face: &UdpFace) -> String {
     let mut text = String::new();
+    show_time(&mut text, machine);
     show_network(&mut text, machine, face);
     show_board(&mut text, machine);
-    show_motors(&mut text, machine);
+    mechanics::show(&mut text, machine);
     let channels: Vec<_> = machine.remotes.iter().map(|r| r.channel).collect();
     for channel in channels {
         remotes::show(&mut text, machine, channel);
@@ -310,22 +409,30 @@ fn show_board(text: &mut String, machine: &mut Machine) {
     }
 }
 
-fn show_motors(text: &mut String, machine: &mut Machine) {
-    let fpga = machine.fpga();
-    for axis in 0..fpga.axes() {
-        if let Some(motor) = fpga.motor(axis) {
-            let all = [
-                ("position", motor.position()),
-                ("velocity", motor.velocity()),
-                ("counts", motor.counts()),
-            ];
-            for (name, value) in all {
-                line(
-                    text,
-                    &format!("motor.{axis}.{name}"),
-                    format_args!("{value:.4}"),
-                );
-            }
+#[cfg(test)]
+mod tests {
+    use super::is_like;
+
+    #[test]
+    fn a_star_stands_for_anything() {
+        for (name, pattern, like) in [
+            ("motor.0.position", "motor.*.position", true),
+            ("motor.0.positions", "motor.*.position", false),
+            ("motor.0.position", "*", true),
+            ("motor.0.position", "*pos*", true),
+            ("motor.0.position", "m**n", true),
+            ("motor.0.position", "motor", false),
+            ("aab", "*ab", true),
+            ("abab", "*ab*ab", true),
+            ("ab", "ab*", true),
+            ("", "*", true),
+            ("a", "", false),
+        ] {
+            assert_eq!(
+                is_like(name.as_bytes(), pattern.as_bytes()),
+                like,
+                "{name} {pattern}"
+            );
         }
     }
 }

@@ -18,6 +18,11 @@ const I7I64: &str = "7i64";
 /// More than any description has.
 const MOST_BYTES: u64 = 1 << 20;
 
+/// Whether it is known by name.
+pub fn is_known(device: &str) -> bool {
+    [FIELD_IO, ANALOG, I7I72, I7I64].contains(&device)
+}
+
 /// Makes a remote on a cable: one that is known by name, or one from a description file.
 pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn Error>> {
     let mut end: Box<dyn RemoteEnd> = match device {

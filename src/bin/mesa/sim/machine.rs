@@ -3,15 +3,16 @@
 use std::{error::Error, fmt::Write};
 
 use mesa_hal::sim::{
-    AxisWiring, BoardConfig, DriveSource, MotorConfig, SimBoard, SimFpga,
+    BoardConfig, SimBoard, SimFpga,
     devices::{SimDevice, find, find_cable, find_mut},
     machines,
     remote::Cable,
 };
 
-use super::devices;
 pub use super::options::MachineOptions;
 use super::options::{Board, RemoteOption};
+use super::plan::Plan;
+use super::{devices, mechanics};
 
 /// Serial port that everything is plugged into.
 pub const PORT: usize = 0;
@@ -21,13 +22,14 @@ const EEPROM: usize = 0x1_0000;
 const TAG: usize = 64;
 
 /// Axes of either board.
-const AXES: usize = 6;
+pub const AXES: usize = 6;
 
 /// The board, what is plugged in, and what is pulled out but still on the desk.
 pub struct Machine {
     pub board: SimBoard<SimFpga>,
     pub remotes: Vec<Plugged>,
     pub kind: Board,
+    pub plan: Plan,
 }
 
 /// A remote and where it belongs.
@@ -47,10 +49,12 @@ impl Machine {
         };
         let mut config = BoardConfig::new(name(options.board));
         config.ip = options.ip;
+        config.mac = options.mac.unwrap_or(config.mac);
         let mut machine = Self {
             board: SimBoard::new(config, fpga),
             remotes: Vec::new(),
             kind: options.board,
+            plan: options.plan.clone(),
         };
         for remote in &wanted {
             let seed = options.seed ^ u64::from(remote.channel) << 32;
@@ -62,7 +66,7 @@ impl Machine {
                 device.set_setup_jumper(now, true);
             }
         }
-        machine.wire_motors();
+        mechanics::build(&mut machine)?;
         Ok(machine)
     }
 
@@ -77,7 +81,7 @@ impl Machine {
         for remote in &self.remotes {
             let _ = writeln!(text, "channel {}: {}", remote.channel, remote.device);
         }
-        let _ = writeln!(text, "type `help` for what can be done to it");
+        mechanics::inventory(&self.plan, &mut text);
         text
     }
 
@@ -168,24 +172,6 @@ impl Machine {
             channel,
             device: remote.device.clone(),
         });
-    }
-
-    /// Six motors on the analog outputs turn the six encoders.
-    fn wire_motors(&mut self) {
-        let motor = |_| MotorConfig::default();
-        let analog = self.remotes.iter().find(|r| r.device == devices::ANALOG);
-        let analog = analog.map(|remote| remote.channel);
-        match (self.kind, analog) {
-            (Board::I7i97, _) => machines::wire_7i97(self.fpga(), motor),
-            (_, Some(channel)) => machines::wire_7i77(self.fpga(), PORT, channel, 0, motor),
-            _ => (0..AXES).for_each(|encoder| {
-                self.fpga().wire_axis(AxisWiring {
-                    source: DriveSource::Nothing,
-                    encoder,
-                    motor: motor(encoder),
-                });
-            }),
-        }
     }
 }
 

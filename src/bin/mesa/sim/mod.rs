@@ -1,58 +1,158 @@
-//! `mesa sim`: a simulated Ethernet board on UDP, for real clients, in real time.
+//! `mesa sim`: simulated Ethernet boards on UDP, for real clients, in real time.
 
+mod agenda;
+mod capture;
 mod console;
+mod control;
 mod devices;
+mod file;
 pub mod machine;
+mod mechanics;
+mod network;
 mod options;
+mod plan;
 mod remotes;
+mod station;
 pub mod store;
 
 use std::error::Error;
+use std::fmt::Write;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use std::thread;
 use std::time::Duration;
 
 use mesa_hal::sim::UdpFace;
 
 use crate::context::{Context, Ending, Failure};
 use crate::output::say;
+use capture::Capture;
+use control::Socket;
 use machine::Machine;
+use network::{Network, Shared};
 pub use options::Options;
+use options::Wanted;
+use station::{Link, Station};
 use store::Store;
 
-/// The longest time between two looks at everything that is no packet.
-const TICK: Duration = Duration::from_micros(200);
+/// The longest time between a signal and the end.
+const TICK: Duration = Duration::from_millis(2);
+
+/// Bytes of a megabyte.
+const MEGABYTE: u64 = 1_000_000;
 
 /// Runs until it is told to stop, which is no failure.
 pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
-    options::check_channels(options.board, &options.remotes).map_err(Failure::usage)?;
-    let address = options.address();
-    let mut machine = Machine::new(&options.machine())?;
-    let mut store = open_store(options, &mut machine)?;
+    let wanted = options.wanted().map_err(Failure::usage)?;
+    if wanted.len() > 1 && options.state.is_some() {
+        return Err(Failure::usage(
+            "--state keeps one board; run a process for each",
+        ));
+    }
+    let capture = options.pcap.as_deref();
+    let capture = capture
+        .map(|path| Capture::create(path, options.pcap_limit.saturating_mul(MEGABYTE)))
+        .transpose()?;
+    let mut greeting = String::new();
+    let mut sockets = listen(options, &mut greeting)?;
+    let (mut stations, mut links) = (Vec::new(), Vec::new());
+    for board in wanted {
+        let (station, link) = build(options, board, capture.as_ref(), &mut greeting)?;
+        stations.push(station);
+        links.push(link);
+    }
+    let network = Network {
+        boards: links.into(),
+        shared: Arc::default(),
+    };
+    let _ = writeln!(greeting, "type `help` for what can be done to it");
+    say(greeting);
+    let clients = Arc::new(AtomicUsize::new(0));
+    for socket in &mut sockets {
+        socket.serve(&network, &clients);
+    }
+    take_lines(network.clone());
+    run_all(stations, &network, context)
+}
+
+/// All control sockets.
+fn listen(options: &Options, greeting: &mut String) -> Result<Vec<Socket>, Failure> {
+    let mut sockets = Vec::new();
+    for control in &options.control {
+        let socket = Socket::bind(control)
+            .map_err(|error| Failure::refused(format_args!("--control {control:?}: {error}")))?;
+        let _ = writeln!(greeting, "control on {}", socket.place);
+        sockets.push(socket);
+    }
+    Ok(sockets)
+}
+
+/// A board that listens.
+fn build(
+    options: &Options,
+    board: Wanted,
+    capture: Option<&Capture>,
+    greeting: &mut String,
+) -> Result<(Station, Link), Failure> {
+    let Wanted {
+        name,
+        machine,
+        address,
+    } = board;
+    let mut machine = Machine::new(&machine)?;
+    let store = open_store(options, &mut machine)?;
     let mut face = UdpFace::bind(address, options.mishaps())
         .map_err(|error| Failure::refused(format_args!("{address}: {error}")))?;
-    let lines = console::read_lines();
-    say(format_args!(
+    if let Some(capture) = capture {
+        face.set_tap(Some(Box::new(capture.clone())));
+    }
+    let _ = write!(
+        greeting,
         "{} listening on {}\n{}",
         machine.name(),
         face.local_addr()?,
         machine.inventory()
-    ));
-    while context.stop.signal().is_none() {
-        face.step(&mut machine.board, TICK)?;
-        if let Ok(line) = lines.try_recv() {
-            let answer = console::answer(&mut machine, &face, &line);
-            say(&answer.text);
-            if answer.quit {
-                break;
-            }
+    );
+    Station::new(name, machine, face, store)
+}
+
+/// Does what standard input says, in a thread of its own.
+fn take_lines(network: Network) {
+    console::read_lines(move |line| {
+        let answer = network.answer(line);
+        say(&answer.text);
+        if answer.quit {
+            network.shared.end();
         }
-        if let Some(store) = &mut store {
-            store.keep(machine.changes(), || machine.state());
+        !answer.quit
+    });
+}
+
+/// Runs all boards, each in a thread of its own, until everything ends, and prints their summaries.
+fn run_all(
+    stations: Vec<Station>,
+    network: &Network,
+    context: &Context,
+) -> Result<Ending, Failure> {
+    let shared: &Arc<Shared> = &network.shared;
+    let threads = stations.into_iter().map(|station| {
+        let shared = Arc::clone(shared);
+        thread::spawn(move || station.run(&shared))
+    });
+    let threads: Vec<_> = threads.collect();
+    while context.stop.signal().is_none() && !shared.ends() {
+        if threads.iter().any(thread::JoinHandle::is_finished) {
+            break;
+        }
+        thread::sleep(TICK);
+    }
+    shared.end();
+    for thread in threads {
+        match thread.join() {
+            Ok(summary) => say(summary?),
+            Err(_) => return Err(Failure::refused("a simulated board has failed")),
         }
     }
-    if let Some(store) = store {
-        store.close(machine.state());
-    }
-    say(console::summary(&mut machine, &face));
     Ok(Ending::Done)
 }
 

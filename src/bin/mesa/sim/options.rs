@@ -1,12 +1,16 @@
 //! What is simulated, as the command line tells it.
 
 use std::net::{Ipv4Addr, SocketAddrV4};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use mesa_hal::lbp16;
 use mesa_hal::sim::Mishaps;
+
+use super::control::Control;
+use super::file;
+use super::plan::Plan;
 
 const AFTER_HELP: &str = "\
 The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I92's 7I77 has
@@ -15,22 +19,41 @@ The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I9
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
 
-Example:
-  mesa sim --board 7i97 --listen 127.0.0.1 --remote 0=7i77-io:2 --loss 0.01";
+A control socket takes the same commands, one a line, with the same answers: lines `name value`, then
+`ok`, or `error: ` and the reason. A line {\"command\": \"show motors\"} is answered by one line of JSON.
 
-/// A simulated Ethernet board on the network, which other programs take for a real one
+Examples:
+  mesa sim --board 7i97 --listen 127.0.0.1 --remote 0=7i77-io:2 --loss 0.01
+  mesa sim --machine examples/mill.toml --control 4711
+  mesa sim --machine a.toml --machine b.toml --listen 127.0.0.1 --listen 127.0.0.2 --pcap both.pcap";
+
+/// Simulated Ethernet boards on the network, which other programs take for real ones
 #[derive(Clone, Debug, Args)]
 #[command(after_help = AFTER_HELP, args_override_self = true)]
 pub struct Options {
     /// Which board
-    #[arg(long, value_enum, ignore_case = true)]
-    pub board: Board,
-    /// IPv4 address to listen on
-    #[arg(long, value_name = "ADDR")]
-    listen: Ipv4Addr,
-    /// UDP port; 0 takes a free one
-    #[arg(long, default_value_t = lbp16::PORT)]
-    port: u16,
+    #[arg(
+        long,
+        value_enum,
+        ignore_case = true,
+        required_unless_present = "machine"
+    )]
+    board: Option<Board>,
+    /// The machine that FILE describes: board, remotes, motors, switches (examples/mill.toml). Repeat
+    /// for more boards, up to 16, in one process
+    #[arg(long = "machine", id = "machine", value_name = "FILE", conflicts_with_all = ["board", "remotes"])]
+    machines: Vec<PathBuf>,
+    /// IPv4 address to listen on, unless the machine's file says it. With several machines, repeat
+    /// for each in their order
+    #[arg(long, value_name = "ADDR", required_unless_present = "machine")]
+    listen: Vec<Ipv4Addr>,
+    /// UDP port; 0 takes a free one. Default: 27181, or what the machine's file says
+    #[arg(long)]
+    port: Option<u16>,
+    /// MAC address of the board, such as 00:60:0e:1b:00:97. With several machines, repeat for each in
+    /// their order
+    #[arg(long, value_name = "MAC")]
+    mac: Vec<Mac>,
     /// Plug a remote into a serial channel; repeat for more. DEVICE: 7i77-io, 7i77-analog, 7i72,
     /// 7i64, or a description file. MODE: number of the software mode it powers up in; setup: its
     /// jumper is in the setup position (115200 baud)
@@ -51,14 +74,42 @@ pub struct Options {
     /// Seed of these mishaps
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Take commands of other programs as well: on this TCP port of loopback (0 takes a free one), or
+    /// on a Unix socket. Repeat for more
+    #[arg(long, value_name = "PORT|PATH")]
+    pub control: Vec<Control>,
+    /// Write all packets to FILE, for wireshark and tcpdump
+    #[arg(long, value_name = "FILE")]
+    pub pcap: Option<PathBuf>,
+    /// The most megabytes of that file, 1 to 100000; the capture ends there
+    #[arg(long, value_name = "MB", default_value_t = 1000, requires = "pcap",
+        value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub pcap_limit: u64,
+}
+
+/// The most boards of one process.
+const MOST_BOARDS: usize = 16;
+
+/// A MAC address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mac([u8; 6]);
+
+impl FromStr for Mac {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        parse_mac(text).map(Self)
+    }
+}
+
+/// A board that is to be simulated, its name and where it listens.
+pub struct Wanted {
+    pub name: String,
+    pub machine: MachineOptions,
+    pub address: SocketAddrV4,
 }
 
 impl Options {
-    /// Where to listen.
-    pub fn address(&self) -> SocketAddrV4 {
-        SocketAddrV4::new(self.listen, self.port)
-    }
-
     /// What the network does to packets.
     pub fn mishaps(&self) -> Mishaps {
         Mishaps {
@@ -69,14 +120,67 @@ impl Options {
         }
     }
 
-    /// The board and what is plugged in.
-    pub fn machine(&self) -> MachineOptions {
-        MachineOptions {
-            board: self.board,
-            ip: self.listen,
-            remotes: self.remotes.clone(),
-            seed: self.seed,
+    /// The boards and what is around them.
+    pub fn wanted(&self) -> Result<Vec<Wanted>, String> {
+        let mut machines = Vec::new();
+        for path in &self.machines {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            machines.push((name.into_owned(), file::read(path)?));
         }
+        if let Some(board) = self.board {
+            check_channels(board, &self.remotes)?;
+            let machine = MachineOptions::new(board, self.remotes.clone());
+            machines.push(("board".to_owned(), machine));
+        }
+        let count = machines.len();
+        if count > MOST_BOARDS {
+            return Err(format!("no more than {MOST_BOARDS} boards in one process"));
+        }
+        for (given, option) in [(self.listen.len(), "--listen"), (self.mac.len(), "--mac")] {
+            if count > 1 && given > 0 && given != count {
+                return Err(format!(
+                    "{count} machines and {given} times {option}; give it for each"
+                ));
+            }
+        }
+        let machines = machines.into_iter().enumerate();
+        machines
+            .map(|(index, (name, machine))| self.place(index, count, name, machine))
+            .collect()
+    }
+
+    /// Where a board listens, and what else the command line says about it.
+    fn place(
+        &self,
+        index: usize,
+        count: usize,
+        name: String,
+        mut machine: MachineOptions,
+    ) -> Result<Wanted, String> {
+        // The last one wins where there is one board.
+        let own = if count == 1 {
+            usize::max(self.listen.len(), 1) - 1
+        } else {
+            index
+        };
+        let ip = self.listen.get(own).copied().or(machine.plan.listen);
+        let ip = ip.ok_or_else(|| {
+            format!("{name}: where to listen? Give --listen ADDR, or `listen` in its file")
+        })?;
+        let mac = if count == 1 {
+            self.mac.last()
+        } else {
+            self.mac.get(index)
+        };
+        let port = self.port.or(machine.plan.port).unwrap_or(lbp16::PORT);
+        machine.ip = ip;
+        machine.mac = mac.map(|mac| mac.0).or(machine.mac);
+        machine.seed = self.seed;
+        Ok(Wanted {
+            name,
+            machine,
+            address: SocketAddrV4::new(ip, port),
+        })
     }
 }
 
@@ -126,32 +230,54 @@ impl FromStr for RemoteOption {
     }
 }
 
-/// A board and what is plugged in. As text: the board, then remotes behind commas.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A board and what is around it. As text: the board, then remotes behind commas; or the name of a
+/// file that describes it, which ends in `.toml`.
+#[derive(Clone, Debug, PartialEq)]
 pub struct MachineOptions {
     pub board: Board,
     /// What its jumpers and its EEPROM give as its address.
     pub ip: Ipv4Addr,
+    /// Its MAC address, unless it is that of every simulated board.
+    pub mac: Option<[u8; 6]>,
     pub remotes: Vec<RemoteOption>,
     pub seed: u64,
+    /// Mechanics, and what is wired to inputs.
+    pub plan: Plan,
+}
+
+impl MachineOptions {
+    /// A board with its usual motors.
+    fn new(board: Board, remotes: Vec<RemoteOption>) -> Self {
+        Self {
+            board,
+            ip: Ipv4Addr::LOCALHOST,
+            mac: None,
+            remotes,
+            seed: 1,
+            plan: Plan::default(),
+        }
+    }
 }
 
 impl FromStr for MachineOptions {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        let path = Path::new(text);
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "toml")
+        {
+            return file::read(path);
+        }
         let mut parts = text.split(',');
         let name = parts.next().unwrap_or_default();
-        let board = Board::from_str(name, true)
-            .map_err(|_| format!("no machine `{name}`; there are 7i92-7i77 and 7i97"))?;
+        let board = Board::from_str(name, true).map_err(|_| {
+            format!("no machine `{name}`; there are 7i92-7i77, 7i97, and descriptions: FILE.toml")
+        })?;
         let remotes = parts.map(str::parse).collect::<Result<Vec<_>, _>>()?;
         check_channels(board, &remotes)?;
-        Ok(Self {
-            board,
-            ip: Ipv4Addr::LOCALHOST,
-            remotes,
-            seed: 1,
-        })
+        Ok(Self::new(board, remotes))
     }
 }
 
@@ -182,4 +308,20 @@ pub fn check_channels(board: Board, remotes: &[RemoteOption]) -> Result<(), Stri
         }
     }
     Ok(())
+}
+
+/// A MAC address of one host: six bytes, hexadecimal, with colons between.
+pub fn parse_mac(text: &str) -> Result<[u8; 6], String> {
+    let bytes: Result<Vec<u8>, _> = text
+        .split(':')
+        .map(|byte| match byte.len() {
+            2 => u8::from_str_radix(byte, 16).map_err(|_| ()),
+            _ => Err(()),
+        })
+        .collect();
+    let mac = bytes.ok().and_then(|bytes| <[u8; 6]>::try_from(bytes).ok());
+    let mac = mac.filter(|[first, ..]| first & 1 == 0);
+    mac.ok_or_else(|| {
+        format!("`{text}` is no MAC address of a board: expected 00:60:0e:1b:00:97 or so")
+    })
 }

@@ -88,7 +88,7 @@ fn spoil(cable: &mut Cable, toward: &str, fault: &str, how: &[&str]) -> Result<(
     }
 }
 
-fn probability(word: &str) -> Result<f64, String> {
+pub fn probability(word: &str) -> Result<f64, String> {
     let chance = number::<f64>(word).ok();
     let chance = chance.filter(|chance| (0.0..=1.0).contains(chance));
     chance.ok_or_else(|| format!("`{word}` is no probability from 0 to 1"))

@@ -1,0 +1,134 @@
+//! What a description may say, and where it says something else.
+
+use std::fmt::Write;
+
+use toml::Spanned;
+
+/// The text of a description.
+#[derive(Clone, Copy)]
+pub struct Lines<'a>(pub &'a str);
+
+/// The numbers that a key may have.
+#[derive(Clone, Copy)]
+pub struct Range {
+    low: f64,
+    high: f64,
+    /// Whether `low` itself is one of them.
+    with_low: bool,
+    with_zero: bool,
+    unit: &'static str,
+}
+
+impl Range {
+    pub const POSITIVE: Self = Self::above(0.0, 1e9, "");
+    pub const VOLTS: Self = Self::above(0.0, 100.0, " V");
+    pub const CLICKS: Self = Self::above(0.0, 1000.0, " clicks a second");
+    pub const NOT_NEGATIVE: Self = Self::from(0.0, 1e9, "");
+    pub const SECONDS: Self = Self::from(0.0, 10.0, " s");
+    pub const DEAD_BAND: Self = Self::from(0.0, 10.0, " V");
+    pub const BOUNCE: Self = Self::from(0.0, 1000.0, " ms");
+    pub const POSITION: Self = Self::from(-1e9, 1e9, "");
+    pub const FORCE: Self = Self::above(0.0, f64::INFINITY, "");
+    pub const COUNTS: Self = Self {
+        with_zero: false,
+        ..Self::from(-1e7, 1e7, "")
+    };
+
+    const fn from(low: f64, high: f64, unit: &'static str) -> Self {
+        Self {
+            low,
+            high,
+            with_low: true,
+            with_zero: true,
+            unit,
+        }
+    }
+
+    const fn above(low: f64, high: f64, unit: &'static str) -> Self {
+        Self {
+            with_low: false,
+            ..Self::from(low, high, unit)
+        }
+    }
+
+    fn contains(&self, value: f64) -> bool {
+        let is_in = (self.low..=self.high).contains(&value);
+        is_in && (self.with_low || value > self.low) && (self.with_zero || value != 0.0)
+    }
+
+    fn allowed(&self) -> String {
+        let Self {
+            low, high, unit, ..
+        } = self;
+        let mut text = String::from("allowed is ");
+        let _ = if self.with_low {
+            write!(text, "{low} to {high}{unit}")
+        } else {
+            write!(text, "more than {low}, up to {high}{unit}")
+        };
+        if !self.with_zero {
+            text.push_str(", and not 0");
+        }
+        text
+    }
+}
+
+/// Longer names are hard to type.
+const LONGEST_NAME: usize = 24;
+
+impl Lines<'_> {
+    /// The number of the line that a byte is in, from 1 on.
+    pub fn number_of(&self, byte: usize) -> usize {
+        let before = self.0.bytes().take(byte);
+        before.filter(|&byte| byte == b'\n').count() + 1
+    }
+
+    /// Says that a key has a value that is not allowed.
+    pub fn wrong<T>(&self, value: &Spanned<T>, key: &str, allowed: &str) -> String {
+        let span = value.span();
+        let line = self.number_of(span.start);
+        let shown = self.0.get(span).unwrap_or_default();
+        let shown = shown.lines().next().unwrap_or_default();
+        format!("line {line}: {key} = {shown}: {allowed}")
+    }
+
+    /// Says where and why a text is no description at all.
+    pub fn not_toml(&self, error: &toml::de::Error) -> String {
+        let span = error.span().unwrap_or_default();
+        let line = self.number_of(span.start);
+        let text = self.0.lines().nth(line - 1).unwrap_or_default().trim();
+        format!("line {line}: `{text}`: {}", error.message())
+    }
+
+    /// A number in its range.
+    pub fn number(&self, value: &Spanned<f64>, key: &str, range: Range) -> Result<f64, String> {
+        let number = *value.get_ref();
+        if range.contains(number) {
+            Ok(number)
+        } else {
+            Err(self.wrong(value, key, &range.allowed()))
+        }
+    }
+
+    /// A name that no other thing of the kind has.
+    pub fn name<'b>(
+        &self,
+        value: &Spanned<String>,
+        key: &str,
+        mut others: impl Iterator<Item = &'b str>,
+    ) -> Result<String, String> {
+        let name = value.get_ref();
+        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let starts = name.starts_with(|c: char| c.is_ascii_alphabetic());
+        if !starts || name.len() > LONGEST_NAME || !name.chars().all(good) {
+            let allowed = format!(
+                "allowed are up to {LONGEST_NAME} letters, digits, - and _, a letter first"
+            );
+            return Err(self.wrong(value, key, &allowed));
+        }
+        if others.any(|other| other == name) {
+            return Err(self.wrong(value, key, "another one has this name"));
+        }
+        Ok(name.clone())
+    }
+}

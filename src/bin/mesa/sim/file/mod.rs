@@ -1,0 +1,434 @@
+//! A machine described in a TOML file.
+//!
+//! What is wrong is told with its line, its key and what is allowed; a key that nobody knows is an
+//! error. `examples/mill.toml` has every key.
+
+mod check;
+#[cfg(test)]
+mod tests;
+
+use std::fs::File;
+use std::io::Read;
+use std::net::Ipv4Addr;
+use std::path::Path;
+
+use clap::ValueEnum;
+use mesa_hal::sim::{MotorConfig, Terminal};
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::devices;
+use super::machine::{AXES, PORT};
+use super::options::{Board, MachineOptions, RemoteOption, check_channels, parse_mac};
+use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
+use check::{Lines, Range};
+
+/// More than any description has.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// The most switches and handwheels.
+const MOST_SWITCHES: usize = 64;
+const MOST_WHEELS: usize = 8;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Machine {
+    board: Spanned<String>,
+    listen: Option<Ipv4Addr>,
+    port: Option<u16>,
+    mac: Option<Spanned<String>>,
+    #[serde(default)]
+    remote: Vec<Remote>,
+    #[serde(default)]
+    axis: Vec<Axis>,
+    #[serde(default)]
+    switch: Vec<Switch>,
+    #[serde(default)]
+    wheel: Vec<Wheel>,
+    estop: Option<Estop>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Remote {
+    channel: Spanned<u8>,
+    device: String,
+    mode: Option<u8>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Axis {
+    name: Spanned<String>,
+    output: Option<Spanned<i64>>,
+    encoder: Option<Spanned<i64>>,
+    max_speed: Option<Spanned<f64>>,
+    full_scale: Option<Spanned<f64>>,
+    time_constant: Option<Spanned<f64>>,
+    dead_band: Option<Spanned<f64>>,
+    counts_per_unit: Option<Spanned<f64>>,
+    counts_per_index: Option<u32>,
+    inertia: Option<Spanned<f64>>,
+    max_force: Option<Spanned<f64>>,
+    friction: Option<Spanned<f64>>,
+    stops: Option<Spanned<[f64; 2]>>,
+    position: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Switch {
+    name: Spanned<String>,
+    axis: Spanned<String>,
+    from: Option<Spanned<f64>>,
+    to: Option<Spanned<f64>>,
+    hysteresis: Option<Spanned<f64>>,
+    bounce_ms: Option<Spanned<f64>>,
+    #[serde(default)]
+    normally_closed: bool,
+    wire: Spanned<WireTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wheel {
+    name: Spanned<String>,
+    a: Spanned<WireTable>,
+    b: Spanned<WireTable>,
+    speed: Option<Spanned<f64>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Estop {
+    #[serde(default)]
+    inputs: Vec<Spanned<WireTable>>,
+    #[serde(default)]
+    cuts_drives: bool,
+    #[serde(default)]
+    cuts_field: Vec<Spanned<u8>>,
+}
+
+/// An input of a remote, an input of the board, or an I/O pin.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WireTable {
+    channel: Option<u8>,
+    input: Option<u16>,
+    pin: Option<u16>,
+}
+
+/// Reads the description in a file.
+pub fn read(path: &Path) -> Result<MachineOptions, String> {
+    let in_file = |error: String| format!("{}: {error}", path.display());
+    let text = read_text(path).map_err(in_file)?;
+    let directory = path.parent().unwrap_or(Path::new(""));
+    parse(&text, directory).map_err(in_file)
+}
+
+fn read_text(path: &Path) -> Result<String, String> {
+    let mut text = String::new();
+    let file = File::open(path).map_err(|error| error.to_string())?;
+    let read = file.take(MOST_BYTES + 1).read_to_string(&mut text);
+    read.map_err(|error| format!("no description of a machine: {error}"))?;
+    if text.len() as u64 > MOST_BYTES {
+        return Err("it is too long for the description of a machine".to_owned());
+    }
+    Ok(text)
+}
+
+/// The machine that a text describes; files that it names are beside it, in `directory`.
+fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
+    let lines = Lines(text);
+    let file: Machine = toml::from_str(text).map_err(|error| lines.not_toml(&error))?;
+    let board = Board::from_str(file.board.get_ref(), true)
+        .map_err(|_| lines.wrong(&file.board, "board", "allowed are 7i97 and 7i92-7i77"))?;
+    let remotes = remotes(&lines, board, &file.remote, directory)?;
+    let mac = file
+        .mac
+        .as_ref()
+        .map(|mac| parse_mac(mac.get_ref()).map_err(|reason| lines.wrong(mac, "mac", &reason)));
+    let axes = axes(&lines, &file.axis)?;
+    let plan = Plan {
+        switches: switches(&lines, &file.switch, &axes)?,
+        axes,
+        wheels: wheels(&lines, &file.wheel)?,
+        estop: file.estop.map(|estop| chain(&lines, &estop)).transpose()?,
+        listen: file.listen,
+        port: file.port,
+    };
+    Ok(MachineOptions {
+        board,
+        ip: plan.listen.unwrap_or(Ipv4Addr::LOCALHOST),
+        mac: mac.transpose()?,
+        remotes,
+        seed: 1,
+        plan,
+    })
+}
+
+fn remotes(
+    lines: &Lines<'_>,
+    board: Board,
+    tables: &[Remote],
+    directory: &Path,
+) -> Result<Vec<RemoteOption>, String> {
+    let mut remotes = Vec::new();
+    for table in tables {
+        let device = &table.device;
+        let device = if devices::is_known(device) {
+            device.clone()
+        } else {
+            directory.join(device).display().to_string()
+        };
+        remotes.push(RemoteOption {
+            channel: *table.channel.get_ref(),
+            device,
+            mode: table.mode,
+        });
+        check_channels(board, &remotes)
+            .map_err(|reason| lines.wrong(&table.channel, "remote.channel", &reason))?;
+    }
+    Ok(remotes)
+}
+
+fn axes(lines: &Lines<'_>, tables: &[Axis]) -> Result<Vec<AxisPlan>, String> {
+    let mut axes: Vec<AxisPlan> = Vec::new();
+    for (number, table) in tables.iter().enumerate() {
+        let names = axes.iter().map(|axis| axis.name.as_str());
+        let name = lines.name(&table.name, "axis.name", names)?;
+        let place = |value: &Option<Spanned<i64>>, key: &str| {
+            let Some(value) = value else {
+                return Ok(number);
+            };
+            let index = usize::try_from(*value.get_ref()).ok();
+            let allowed = format!("allowed are 0 to {}", AXES - 1);
+            index
+                .filter(|&index| index < AXES)
+                .ok_or_else(|| lines.wrong(value, key, &allowed))
+        };
+        let output = place(&table.output, "axis.output")?;
+        let encoder = place(&table.encoder, "axis.encoder")?;
+        let is_taken =
+            |other: &AxisPlan| usize::from(other.output) == output || other.encoder == encoder;
+        if let Some(other) = axes.iter().find(|other| is_taken(other)) {
+            let reason = format!(
+                "output {output} or encoder {encoder} belongs to axis {} already",
+                other.name
+            );
+            return Err(lines.wrong(&table.name, "axis.name", &reason));
+        }
+        if output >= AXES || encoder >= AXES {
+            let reason = format!("there are {AXES} outputs and {AXES} encoders");
+            return Err(lines.wrong(&table.name, "axis.name", &reason));
+        }
+        axes.push(AxisPlan {
+            name,
+            output: output as u8,
+            encoder,
+            motor: motor(lines, table)?,
+        });
+    }
+    Ok(axes)
+}
+
+fn motor(lines: &Lines<'_>, table: &Axis) -> Result<MotorConfig, String> {
+    let usual = MotorConfig::default();
+    let number = |value: &Option<Spanned<f64>>, key: &str, range: Range, usual: f64| {
+        let value = value.as_ref();
+        value.map_or(Ok(usual), |value| lines.number(value, key, range))
+    };
+    let stops = match &table.stops {
+        None => usual.stops,
+        Some(value) => {
+            let [low, high] = *value.get_ref();
+            if !(low < high) {
+                let allowed =
+                    "allowed are two positions, the lower one first; -inf and inf for none";
+                return Err(lines.wrong(value, "axis.stops", allowed));
+            }
+            [low, high]
+        }
+    };
+    let position = number(&table.position, "axis.position", Range::POSITION, 0.0)?;
+    if let Some(value) = &table.position
+        && !(stops[0]..=stops[1]).contains(&position)
+    {
+        return Err(lines.wrong(value, "axis.position", "it must be between the stops"));
+    }
+    Ok(MotorConfig {
+        max_speed: number(
+            &table.max_speed,
+            "axis.max_speed",
+            Range::POSITIVE,
+            usual.max_speed,
+        )?,
+        full_scale: number(
+            &table.full_scale,
+            "axis.full_scale",
+            Range::VOLTS,
+            usual.full_scale,
+        )?,
+        time_constant: number(
+            &table.time_constant,
+            "axis.time_constant",
+            Range::SECONDS,
+            usual.time_constant,
+        )?,
+        friction: number(
+            &table.dead_band,
+            "axis.dead_band",
+            Range::DEAD_BAND,
+            usual.friction,
+        )?,
+        counts_per_unit: number(
+            &table.counts_per_unit,
+            "axis.counts_per_unit",
+            Range::COUNTS,
+            usual.counts_per_unit,
+        )?,
+        counts_per_revolution: table
+            .counts_per_index
+            .unwrap_or(usual.counts_per_revolution),
+        inertia: number(
+            &table.inertia,
+            "axis.inertia",
+            Range::POSITIVE,
+            usual.inertia,
+        )?,
+        max_force: number(
+            &table.max_force,
+            "axis.max_force",
+            Range::FORCE,
+            usual.max_force,
+        )?,
+        drag: number(
+            &table.friction,
+            "axis.friction",
+            Range::NOT_NEGATIVE,
+            usual.drag,
+        )?,
+        stops,
+        position,
+    })
+}
+
+fn switches(
+    lines: &Lines<'_>,
+    tables: &[Switch],
+    axes: &[AxisPlan],
+) -> Result<Vec<SwitchPlan>, String> {
+    let mut switches: Vec<SwitchPlan> = Vec::new();
+    for table in tables {
+        let names = switches.iter().map(|switch| switch.name.as_str());
+        let name = lines.name(&table.name, "switch.name", names)?;
+        if switches.len() == MOST_SWITCHES {
+            let reason = format!("allowed are {MOST_SWITCHES} switches");
+            return Err(lines.wrong(&table.name, "switch.name", &reason));
+        }
+        let wanted = table.axis.get_ref();
+        let axis = axes.iter().position(|axis| axis.name == *wanted);
+        let axis = axis.ok_or_else(|| {
+            let names: Vec<_> = axes.iter().map(|axis| axis.name.as_str()).collect();
+            let reason = format!("there is no such axis; there are: {}", names.join(", "));
+            lines.wrong(&table.axis, "switch.axis", &reason)
+        })?;
+        let end = |value: &Option<Spanned<f64>>, key: &str, none: f64| {
+            let value = value.as_ref();
+            value.map_or(Ok(none), |value| lines.number(value, key, Range::POSITION))
+        };
+        let from = end(&table.from, "switch.from", f64::NEG_INFINITY)?;
+        let to = end(&table.to, "switch.to", f64::INFINITY)?;
+        if (table.from.is_none() && table.to.is_none()) || from > to {
+            let reason =
+                "it needs `from`, `to` or both: the positions between which it is actuated";
+            return Err(lines.wrong(&table.name, "switch.name", reason));
+        }
+        let number = |value: &Option<Spanned<f64>>, key: &str, range: Range| {
+            let value = value.as_ref();
+            value.map_or(Ok(0.0), |value| lines.number(value, key, range))
+        };
+        switches.push(SwitchPlan {
+            name,
+            axis,
+            from,
+            to,
+            hysteresis: number(&table.hysteresis, "switch.hysteresis", Range::NOT_NEGATIVE)?,
+            bounce_ms: number(&table.bounce_ms, "switch.bounce_ms", Range::BOUNCE)?,
+            normally_closed: table.normally_closed,
+            wire: wire(lines, &table.wire, "switch.wire")?,
+        });
+    }
+    Ok(switches)
+}
+
+fn wheels(lines: &Lines<'_>, tables: &[Wheel]) -> Result<Vec<WheelPlan>, String> {
+    let mut wheels: Vec<WheelPlan> = Vec::new();
+    for table in tables {
+        let names = wheels.iter().map(|wheel| wheel.name.as_str());
+        let name = lines.name(&table.name, "wheel.name", names)?;
+        if wheels.len() == MOST_WHEELS {
+            let reason = format!("allowed are {MOST_WHEELS} handwheels");
+            return Err(lines.wrong(&table.name, "wheel.name", &reason));
+        }
+        let speed = table.speed.as_ref();
+        wheels.push(WheelPlan {
+            name,
+            a: wire(lines, &table.a, "wheel.a")?,
+            b: wire(lines, &table.b, "wheel.b")?,
+            speed: speed.map_or(Ok(100.0), |speed| {
+                lines.number(speed, "wheel.speed", Range::CLICKS)
+            })?,
+        });
+    }
+    Ok(wheels)
+}
+
+fn chain(lines: &Lines<'_>, table: &Estop) -> Result<EstopPlan, String> {
+    let inputs = table.inputs.iter();
+    let inputs = inputs.map(|input| wire(lines, input, "estop.inputs"));
+    Ok(EstopPlan {
+        inputs: inputs.collect::<Result<_, _>>()?,
+        cuts_drives: table.cuts_drives,
+        cuts_field: table
+            .cuts_field
+            .iter()
+            .map(|channel| *channel.get_ref())
+            .collect(),
+    })
+}
+
+fn wire(lines: &Lines<'_>, table: &Spanned<WireTable>, key: &str) -> Result<Wire, String> {
+    let terminal = match *table.get_ref() {
+        WireTable {
+            channel: Some(channel),
+            input: Some(input),
+            pin: None,
+        } => Terminal::Remote {
+            port: PORT,
+            channel: channel.into(),
+            input: input.into(),
+        },
+        WireTable {
+            channel: None,
+            input: Some(input),
+            pin: None,
+        } => Terminal::Board {
+            input: input.into(),
+        },
+        WireTable {
+            channel: None,
+            input: None,
+            pin: Some(pin),
+        } => Terminal::Pin { pin: pin.into() },
+        _ => {
+            let allowed = "allowed are { channel = CH, input = N } for an input of a remote, \
+                           { input = N } for one of the board, { pin = N } for an I/O pin";
+            return Err(lines.wrong(table, key, allowed));
+        }
+    };
+    Ok(Wire {
+        terminal,
+        line: lines.number_of(table.span().start),
+    })
+}

@@ -1,0 +1,145 @@
+use super::*;
+
+const MILL: &str = include_str!("../../../../../examples/mill.toml");
+
+fn parsed(text: &str) -> Result<MachineOptions, String> {
+    parse(text, Path::new("."))
+}
+
+#[test]
+fn the_example_is_read_as_its_comments_say() {
+    let mill = parsed(MILL).unwrap();
+    assert_eq!(mill.board, Board::I7i97);
+    assert_eq!(mill.mac, Some([0x00, 0x60, 0x0E, 0x1B, 0x00, 0x97]));
+    assert_eq!((mill.remotes.len(), mill.plan.axes.len()), (1, 3));
+    let x = &mill.plan.axes[0];
+    assert_eq!((x.output, x.encoder), (0, 0));
+    assert_eq!(x.motor.stops, [-8.0, 508.0]);
+    assert_eq!((x.motor.inertia, x.motor.drag), (0.08, 30.0));
+    let limit = &mill.plan.switches[1];
+    assert_eq!((limit.from, limit.to), (502.0, f64::INFINITY));
+    assert!(limit.normally_closed);
+    let estop = mill.plan.estop.unwrap();
+    assert_eq!(estop.inputs[0].terminal, Terminal::Board { input: 15 });
+}
+
+#[test]
+fn what_the_example_calls_defaults_are_the_defaults() {
+    let line = |line: &&str| line.contains("# ") && line.contains("Default: ");
+    let motor = MotorConfig::default();
+    let known = [
+        ("counts_per_unit", motor.counts_per_unit),
+        ("counts_per_index", motor.counts_per_revolution.into()),
+        ("max_speed", motor.max_speed),
+        ("full_scale", motor.full_scale),
+        ("time_constant", motor.time_constant),
+        ("dead_band", motor.friction),
+        ("inertia", motor.inertia),
+        ("max_force", motor.max_force),
+        ("friction", motor.drag),
+        ("position", motor.position),
+    ];
+    for (key, value) in known {
+        let mut lines = MILL.lines().filter(line);
+        let found = lines.find(|line| line.starts_with(&format!("{key} ")));
+        let found = found.unwrap_or_else(|| panic!("{key} has no default in the example"));
+        let (_, said) = found.rsplit_once("Default: ").unwrap();
+        assert_eq!(said.parse::<f64>().unwrap(), value, "{key}");
+    }
+}
+
+/// The example with one line in the place of another.
+fn changed(from: &str, to: &str) -> (usize, String) {
+    let line = MILL.lines().position(|line| line.starts_with(from));
+    let line = line.unwrap_or_else(|| panic!("no line `{from}`"));
+    let lines = MILL.lines().enumerate();
+    let text: Vec<_> = lines
+        .map(|(number, old)| if number == line { to } else { old })
+        .collect();
+    (line + 1, text.join("\n"))
+}
+
+#[test]
+fn an_error_names_its_line_its_key_and_what_is_allowed() {
+    for (from, to, key, allowed) in [
+        ("board", "board = \"7i43\"", "board", "7i92-7i77"),
+        (
+            "board",
+            "bord = \"7i97\"",
+            "bord",
+            "expected one of `board`",
+        ),
+        ("mac", "mac = \"7\"", "mac", "00:60:0e:1b:00:97"),
+        ("channel", "channel = 8", "remote.channel", "0 to 7"),
+        ("name = \"y\"", "name = \"x\"", "axis.name", "another one"),
+        ("name = \"y\"", "name = \"a b\"", "axis.name", "letters"),
+        ("output", "output = 6", "axis.output", "0 to 5"),
+        ("output", "output = 1", "axis.name", "belongs to"),
+        (
+            "max_speed",
+            "max_speed = 0",
+            "axis.max_speed",
+            "more than 0",
+        ),
+        (
+            "max_speed",
+            "max_speed = \"1\"",
+            "max_speed",
+            "expected f64",
+        ),
+        ("max_speed", "top_speed = 1.0", "top_speed", "`max_speed`"),
+        (
+            "max_speed",
+            "max_speed = nan",
+            "axis.max_speed",
+            "more than 0",
+        ),
+        (
+            "counts_per_unit",
+            "counts_per_unit = 0",
+            "counts_per_unit",
+            "not 0",
+        ),
+        ("inertia", "inertia = -1", "axis.inertia", "more than 0"),
+        (
+            "stops",
+            "stops = [1.0, -1.0]",
+            "axis.stops",
+            "lower one first",
+        ),
+        (
+            "position",
+            "position = 600.0",
+            "axis.position",
+            "between the stops",
+        ),
+        ("axis = \"x\"", "axis = \"w\"", "switch.axis", "x, y, z"),
+        ("to = 0.0", "", "switch.name", "`from`, `to`"),
+        (
+            "bounce_ms",
+            "bounce_ms = -1",
+            "switch.bounce_ms",
+            "0 to 1000 ms",
+        ),
+        (
+            "wire",
+            "wire = { channel = 0 }",
+            "switch.wire",
+            "{ pin = N }",
+        ),
+        ("speed", "speed = 1e6", "wheel.speed", "1000 clicks"),
+        ("cuts_drives", "cuts_drives = 1", "cuts_drives", "boolean"),
+    ] {
+        let (line, text) = changed(from, to);
+        let error = parsed(&text).unwrap_err();
+        // A value that does not go with another line's is told there.
+        if key != "axis.name" && key != "switch.name" {
+            assert!(
+                error.starts_with(&format!("line {line}: ")),
+                "{to}: {error}"
+            );
+        }
+        assert!(error.contains(key), "{to}: {error}");
+        assert!(error.contains(allowed), "{to}: {error}");
+    }
+}

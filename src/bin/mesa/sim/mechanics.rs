@@ -1,0 +1,244 @@
+//! Motors, switches, handwheels and emergency stop of a machine: they are built from its plan, shown
+//! and moved from the console.
+
+use std::fmt::Write;
+use std::time::Duration;
+
+use mesa_hal::sim::{
+    AxisWiring, DriveSource, EstopConfig, Inputs, MotorConfig, SwitchConfig, Terminal, WheelConfig,
+    machines,
+};
+
+use super::console::{line, number, on_off};
+use super::devices;
+use super::machine::{AXES, Machine, PORT};
+use super::options::Board;
+use super::plan::{Plan, Wire, index_of};
+
+/// No hand turns a motor faster, and its position stays a number.
+const FASTEST: f64 = 1e6;
+
+/// Builds everything that the machine's plan has. Without axes, six motors on the analog outputs turn
+/// the six encoders.
+pub fn build(machine: &mut Machine) -> Result<(), String> {
+    let plan = machine.plan.clone();
+    wire_motors(machine, &plan);
+    let mut wires: Vec<Wire> = plan.switches.iter().map(|switch| switch.wire).collect();
+    wires.extend(plan.wheels.iter().flat_map(|wheel| [wheel.a, wheel.b]));
+    wires.extend(plan.estop.iter().flat_map(|estop| &estop.inputs));
+    for wire in wires {
+        check(machine, wire.terminal).map_err(|error| format!("line {}: {error}", wire.line))?;
+    }
+    for switch in &plan.switches {
+        let bounce = Duration::from_secs_f64(switch.bounce_ms / 1e3);
+        machine.fpga().add_switch(SwitchConfig {
+            axis: switch.axis,
+            from: switch.from,
+            to: switch.to,
+            hysteresis: switch.hysteresis,
+            bounce: bounce.as_nanos() as u64,
+            normally_closed: switch.normally_closed,
+            terminal: switch.wire.terminal,
+        });
+    }
+    for wheel in &plan.wheels {
+        machine.fpga().add_wheel(WheelConfig {
+            a: wheel.a.terminal,
+            b: wheel.b.terminal,
+            speed: wheel.speed,
+        });
+    }
+    if let Some(estop) = &plan.estop {
+        for &channel in &estop.cuts_field {
+            let device = machine.device(channel.into());
+            device.map_err(|error| format!("estop.cuts_field: {error}"))?;
+        }
+        let channels = estop.cuts_field.iter();
+        machine.fpga().set_estop(EstopConfig {
+            inputs: estop.inputs.iter().map(|wire| wire.terminal).collect(),
+            cuts_drives: estop.cuts_drives,
+            cuts_field: channels.map(|&channel| (PORT, channel.into())).collect(),
+        });
+    }
+    Ok(())
+}
+
+fn wire_motors(machine: &mut Machine, plan: &Plan) {
+    let analog = machine.remotes.iter().find(|r| r.device == devices::ANALOG);
+    let analog = analog.map(|remote| remote.channel);
+    let kind = machine.kind;
+    let mut wire = |output: u8, encoder: usize, motor: MotorConfig| {
+        let source = match (kind, analog) {
+            (Board::I7i97, _) => DriveSource::Pwm {
+                unit: output.into(),
+            },
+            (_, Some(channel)) => machines::output_7i77(PORT, channel, output),
+            _ => DriveSource::Nothing,
+        };
+        machine.fpga().wire_axis(AxisWiring {
+            source,
+            encoder,
+            motor,
+        });
+    };
+    if plan.axes.is_empty() {
+        for output in 0..AXES as u8 {
+            wire(output, output.into(), MotorConfig::default());
+        }
+    }
+    for axis in &plan.axes {
+        wire(axis.output, axis.encoder, axis.motor);
+    }
+}
+
+/// Says if there is no such input.
+fn check(machine: &mut Machine, terminal: Terminal) -> Result<(), String> {
+    match terminal {
+        Terminal::Remote { channel, input, .. } => {
+            let device = machine.device(channel)?;
+            let done = device.set_input(input, false);
+            done.map_err(|error| format!("channel {channel}: {error}"))
+        }
+        Terminal::Board { input } => {
+            let count = machine.fpga().inputs().map_or(0, Inputs::count);
+            if input < count {
+                Ok(())
+            } else {
+                Err(format!("input {input}: this board has {count}"))
+            }
+        }
+        Terminal::Pin { pin } => {
+            let count = machine.fpga().firmware().pins.len();
+            if pin < count {
+                Ok(())
+            } else {
+                Err(format!("pin {pin}: this board has {count}"))
+            }
+        }
+    }
+}
+
+/// What the plan has, for people.
+pub fn inventory(plan: &Plan, text: &mut String) {
+    for (number, axis) in plan.axes.iter().enumerate() {
+        let (name, output, encoder) = (&axis.name, axis.output, axis.encoder);
+        let _ = writeln!(
+            text,
+            "axis {number}: {name}, analog output {output}, encoder {encoder}"
+        );
+    }
+    for switch in &plan.switches {
+        let axis = plan.axes.get(switch.axis).map_or("", |axis| &axis.name);
+        let wire = place(switch.wire.terminal);
+        let _ = writeln!(text, "switch {} on axis {axis}: {wire}", switch.name);
+    }
+    for wheel in &plan.wheels {
+        let (a, b) = (place(wheel.a.terminal), place(wheel.b.terminal));
+        let _ = writeln!(text, "handwheel {}: {a} and {b}", wheel.name);
+    }
+    if let Some(estop) = &plan.estop {
+        let places = estop.inputs.iter().map(|wire| place(wire.terminal));
+        let places: Vec<_> = places.collect();
+        let _ = writeln!(text, "emergency stop: {}", places.join(", "));
+    }
+}
+
+fn place(terminal: Terminal) -> String {
+    match terminal {
+        Terminal::Remote { channel, input, .. } => format!("channel {channel} input {input}"),
+        Terminal::Board { input } => format!("input {input} of the board"),
+        Terminal::Pin { pin } => format!("pin {pin}"),
+    }
+}
+
+/// Turns a motor by hand, or lets it go.
+pub fn turn(machine: &mut Machine, axis: &str, speed: &str) -> Result<(), String> {
+    let speed = match speed {
+        "free" => None,
+        _ => Some(number::<f64>(speed)?),
+    };
+    if speed.is_some_and(|speed| !(-FASTEST..=FASTEST).contains(&speed)) {
+        return Err(format!("expected a speed from -{FASTEST} to {FASTEST}"));
+    }
+    let axis = axis_of(machine, axis)?;
+    if let Some(motor) = machine.fpga().motor(axis) {
+        motor.turn_by_hand(speed);
+    }
+    Ok(())
+}
+
+/// Jams an axis, or frees it.
+pub fn stall(machine: &mut Machine, axis: &str, state: &str) -> Result<(), String> {
+    let (axis, blocked) = (axis_of(machine, axis)?, on_off(state)?);
+    if let Some(motor) = machine.fpga().motor(axis) {
+        motor.block(blocked);
+    }
+    Ok(())
+}
+
+/// Turns a handwheel.
+pub fn turn_wheel(machine: &mut Machine, clicks: &str, wheel: &str) -> Result<(), String> {
+    let clicks: i64 = number(clicks)?;
+    let names = machine.plan.wheels.iter().map(|wheel| wheel.name.as_str());
+    let count = names.len();
+    let wheel = index_of("handwheel", wheel, names, count)?;
+    if machine.fpga().turn_wheel(wheel, clicks) {
+        Ok(())
+    } else {
+        Err("no more than a million clicks wait to be turned".to_owned())
+    }
+}
+
+/// Presses the emergency stop (`on`), or releases it.
+pub fn estop(machine: &mut Machine, state: &str) -> Result<(), String> {
+    if machine.fpga().press_estop(on_off(state)?) {
+        Ok(())
+    } else {
+        Err("this machine has no emergency stop".to_owned())
+    }
+}
+
+fn axis_of(machine: &mut Machine, word: &str) -> Result<usize, String> {
+    let count = machine.fpga().axes();
+    let names = machine.plan.axes.iter().map(|axis| axis.name.as_str());
+    index_of("axis", word, names, count)
+}
+
+/// Motors, switches, handwheels and emergency stop.
+pub fn show(text: &mut String, machine: &mut Machine) {
+    let plan = machine.plan.clone();
+    let fpga = machine.fpga();
+    for axis in 0..fpga.axes() {
+        let Some(motor) = fpga.motor(axis) else {
+            continue;
+        };
+        let name = |what: &str| format!("motor.{axis}.{what}");
+        for (what, value) in [
+            ("position", motor.position()),
+            ("velocity", motor.velocity()),
+            ("counts", motor.counts()),
+        ] {
+            line(text, &name(what), format_args!("{value:.4}"));
+        }
+        let states = [
+            ("powered", motor.is_powered()),
+            ("stalled", motor.is_blocked()),
+            ("at-stop", motor.is_at_stop()),
+        ];
+        for (what, state) in states {
+            line(text, &name(what), u8::from(state));
+        }
+    }
+    for (switch, plan) in fpga.switches().iter().zip(&plan.switches) {
+        let state = u8::from(switch.is_actuated());
+        line(text, &format!("switch.{}", plan.name), state);
+    }
+    for (wheel, plan) in fpga.wheels().iter().zip(&plan.wheels) {
+        line(text, &format!("wheel.{}.clicks", plan.name), wheel.clicks());
+        let turning = u8::from(wheel.is_turning());
+        line(text, &format!("wheel.{}.turning", plan.name), turning);
+    }
+    if fpga.estop().is_some() {
+        line(text, "estop", u8::from(fpga.is_estop_pressed()));
+    }
+}

@@ -1,0 +1,203 @@
+//! All boards of a process, and what their clients say.
+
+use std::fs::File;
+use std::io::Read;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::console::{Answer, HELP, line};
+use super::station::Link;
+
+/// A file of commands may name others, so deep.
+const DEEPEST: usize = 4;
+
+/// More than any file of commands has.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// What all threads look at.
+#[derive(Debug, Default)]
+pub struct Shared {
+    ended: AtomicBool,
+}
+
+impl Shared {
+    /// Ends everything.
+    pub fn end(&self) {
+        self.ended.store(true, Ordering::Relaxed);
+    }
+
+    pub fn ends(&self) -> bool {
+        self.ended.load(Ordering::Relaxed)
+    }
+}
+
+/// All boards, for their clients: standard input, and whoever is on a control socket.
+#[derive(Clone)]
+pub struct Network {
+    pub boards: Arc<[Link]>,
+    pub shared: Arc<Shared>,
+}
+
+/// A command as JSON.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JsonCommand {
+    command: String,
+}
+
+/// The answer to it: `sim` in `docs/mesa.schema.json`.
+#[derive(Serialize)]
+struct JsonAnswer {
+    ok: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    values: Option<Map<String, Value>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    text: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
+}
+
+impl Network {
+    /// Does what a line of a client says: a command, or JSON, which is answered in JSON.
+    pub fn answer(&self, line: &str) -> Answer {
+        if line.trim_start().starts_with('{') {
+            return self.answer_json(line);
+        }
+        self.command(line, 0)
+    }
+
+    fn command(&self, line: &str, depth: usize) -> Answer {
+        let (board, command) = match line.trim_start().strip_prefix('@') {
+            Some(rest) => rest.split_once(char::is_whitespace).unwrap_or((rest, "")),
+            None => ("0", line),
+        };
+        let link = match self.board(board) {
+            Ok(link) => link,
+            Err(reason) => return Answer::refused(reason),
+        };
+        let words: Vec<&str> = command.split_whitespace().collect();
+        match words[..] {
+            ["quit"] => Answer::quit(),
+            ["help"] => Answer::of(Ok(HELP.to_owned())),
+            ["boards"] => Answer::of(Ok(self.list())),
+            ["source", path] => Answer::of(self.source(path, depth)),
+            ["quit" | "help" | "boards" | "source", ..] => {
+                Answer::refused(super::console::wrong(words[0]))
+            }
+            _ => link.ask(command),
+        }
+    }
+
+    fn board(&self, word: &str) -> Result<&Link, String> {
+        let by_name = self.boards.iter().find(|link| link.name == word);
+        let by_number = || self.boards.get(word.parse::<usize>().ok()?);
+        by_name.or_else(by_number).ok_or_else(|| {
+            let names: Vec<_> = self.boards.iter().map(|link| link.name.as_str()).collect();
+            format!("no board `{word}`; there are {}", names.join(", "))
+        })
+    }
+
+    fn list(&self) -> String {
+        let mut text = String::new();
+        for link in self.boards.iter() {
+            line(&mut text, &format!("board.{}", link.name), link.address);
+        }
+        text
+    }
+
+    /// Does what the lines of a file say, up to the first that is refused.
+    fn source(&self, path: &str, depth: usize) -> Result<String, String> {
+        if depth == DEEPEST {
+            return Err(format!(
+                "files that name files: no more than {DEEPEST} deep"
+            ));
+        }
+        let in_file = |error: std::io::Error| format!("{path}: {error}");
+        let mut bytes = Vec::new();
+        let file = File::open(path).map_err(in_file)?;
+        file.take(MOST_BYTES + 1)
+            .read_to_end(&mut bytes)
+            .map_err(in_file)?;
+        if bytes.len() as u64 > MOST_BYTES {
+            return Err(format!("{path}: it is too long for a file of commands"));
+        }
+        let mut text = String::new();
+        for (number, line) in (1..).zip(String::from_utf8_lossy(&bytes).lines()) {
+            let line = line.trim();
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            if self.shared.ends() {
+                return Err(format!("{path} line {number}: it ends"));
+            }
+            let answer = self.command(line, depth + 1);
+            if let Some(reason) = answer.reason() {
+                return Err(format!("{path} line {number}: {reason}"));
+            }
+            if answer.quit {
+                self.shared.end();
+            }
+            text.push_str(answer.text.strip_suffix("ok\n").unwrap_or(&answer.text));
+            if text.len() as u64 > MOST_BYTES {
+                return Err(format!("{path} line {number}: the answer is too long"));
+            }
+        }
+        Ok(text)
+    }
+
+    fn answer_json(&self, line: &str) -> Answer {
+        let (answer, quit) = match serde_json::from_str::<JsonCommand>(line) {
+            Ok(JsonCommand { command }) => {
+                let answer = self.command(&command, 0);
+                let quit = answer.quit;
+                (in_json(&command, &answer), quit)
+            }
+            Err(error) => {
+                let error = format!("expected {{\"command\": \"...\"}}: {error}");
+                (JsonAnswer::refused(error), false)
+            }
+        };
+        let text = serde_json::to_string(&answer).unwrap_or_default();
+        Answer {
+            text: text + "\n",
+            quit,
+        }
+    }
+}
+
+impl JsonAnswer {
+    fn refused(error: String) -> Self {
+        Self {
+            ok: false,
+            values: None,
+            text: None,
+            error: Some(error),
+        }
+    }
+}
+
+fn in_json(command: &str, answer: &Answer) -> JsonAnswer {
+    if let Some(reason) = answer.reason() {
+        return JsonAnswer::refused(reason.to_owned());
+    }
+    let lines = answer.text.strip_suffix("ok\n").unwrap_or_default();
+    let is_text = command.trim() == "help";
+    let values = lines.lines().map(|line| {
+        let (name, value) = line.split_once(' ').unwrap_or((line, ""));
+        let number = value.parse().ok().and_then(serde_json::Number::from_f64);
+        let whole = value.parse::<i64>().ok().map(Value::from);
+        let value = whole.or_else(|| number.map(Value::Number));
+        let value =
+            value.unwrap_or_else(|| Value::from(line.split_once(' ').map_or("", |pair| pair.1)));
+        (name.to_owned(), value)
+    });
+    JsonAnswer {
+        ok: true,
+        values: (!is_text).then(|| values.collect()),
+        text: is_text.then(|| lines.to_owned()),
+        error: None,
+    }
+}

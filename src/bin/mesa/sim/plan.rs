@@ -1,0 +1,80 @@
+//! What a description of a machine says about the mechanics and what is wired to inputs.
+
+use std::net::Ipv4Addr;
+
+use mesa_hal::sim::{MotorConfig, Terminal};
+
+/// Axes, switches, handwheels and emergency stop. Without axes, the board has its usual six motors.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    pub axes: Vec<AxisPlan>,
+    pub switches: Vec<SwitchPlan>,
+    pub wheels: Vec<WheelPlan>,
+    pub estop: Option<EstopPlan>,
+    /// Where the board listens, if the description says so.
+    pub listen: Option<Ipv4Addr>,
+    pub port: Option<u16>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisPlan {
+    pub name: String,
+    pub output: u8,
+    pub encoder: usize,
+    pub motor: MotorConfig,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct SwitchPlan {
+    pub name: String,
+    /// Index of its axis.
+    pub axis: usize,
+    pub from: f64,
+    pub to: f64,
+    pub hysteresis: f64,
+    pub bounce_ms: f64,
+    pub normally_closed: bool,
+    pub wire: Wire,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct WheelPlan {
+    pub name: String,
+    pub a: Wire,
+    pub b: Wire,
+    pub speed: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct EstopPlan {
+    pub inputs: Vec<Wire>,
+    pub cuts_drives: bool,
+    pub cuts_field: Vec<u8>,
+}
+
+/// A wire to an input, and the line of the description that it is on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wire {
+    pub terminal: Terminal,
+    pub line: usize,
+}
+
+/// Which of the plan's things a word names: by its number or by its name.
+pub fn index_of<'a>(
+    what: &str,
+    word: &str,
+    names: impl ExactSizeIterator<Item = &'a str>,
+    count: usize,
+) -> Result<usize, String> {
+    let names: Vec<&str> = names.collect();
+    let by_number = word.parse().ok().filter(|&index| index < count);
+    let index = names.iter().position(|name| *name == word).or(by_number);
+    index.ok_or_else(|| match (count, names.is_empty()) {
+        (0, _) => format!("there is no {what} `{word}`: this machine has none"),
+        (_, true) => format!("there is no {what} {word}: there are 0 to {}", count - 1),
+        (_, false) => format!(
+            "there is no {what} `{word}`: there are {}",
+            names.join(", ")
+        ),
+    })
+}

@@ -1,0 +1,361 @@
+//! `mesa sim`: commands at their time, control sockets, several boards, captures.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::{Ipv4Addr, SocketAddrV4, TcpStream, UdpSocket};
+use std::os::unix::net::UnixStream;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::interop::board::Board;
+use crate::interop::console::{Console, Values, values};
+use crate::interop::{Process, Scratch, mesa};
+use crate::run::{hold_against_schema, run};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
+const COOKIE: [u8; 4] = [0xFE, 0xCA, 0xAA, 0x55];
+
+fn start(arguments: &[&str]) -> Board {
+    let usual = ["--board", "7i97", "--port", "0"];
+    Board::start(Ipv4Addr::LOCALHOST, &[&usual, arguments].concat())
+}
+
+fn client(address: SocketAddrV4) -> UdpSocket {
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    socket.connect(address).unwrap();
+    socket.set_read_timeout(Some(PATIENCE)).unwrap();
+    socket
+}
+
+fn ask_cookie(socket: &UdpSocket) {
+    socket.send(&ASK_COOKIE).unwrap();
+    let mut buffer = [0; 100];
+    let len = socket.recv(&mut buffer).expect("the board answers");
+    assert_eq!(buffer[..len], COOKIE);
+}
+
+#[test]
+fn mishaps_are_changed_while_it_runs() {
+    let mut board = start(&[]);
+    let socket = client(board.address);
+    ask_cookie(&socket);
+    board.console.run("loss 1");
+    socket.send(&ASK_COOKIE).unwrap();
+    board.console.run("wait until network.received.lost 1");
+    board.console.run("loss 0");
+    board.console.run("dup 1");
+    ask_cookie(&socket);
+    board.console.run("late 1");
+    board.console.run("dup 0");
+    socket.send(&ASK_COOKIE).unwrap();
+    board.console.run("wait until network.sent.late >0");
+    for bad in ["loss 2", "loss", "late x", "dup -1"] {
+        assert!(board.console.command(bad).is_err(), "{bad}");
+    }
+    let summary = board.stop("INT");
+    assert_eq!(summary["network.received.lost"], "1");
+    assert_eq!(summary["network.received.duplicate"], "1");
+}
+
+#[test]
+fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
+    let mut board = start(&[]);
+    let console = &mut board.console;
+    console.run("at +300ms turn 0 50");
+    assert_eq!(
+        console.show("motor.0.velocity")["motor.0.velocity"],
+        "0.0000"
+    );
+    let agenda = console.command("agenda").unwrap();
+    assert!(
+        agenda.iter().any(|line| line.ends_with("turn 0 50")),
+        "{agenda:?}"
+    );
+    let answer = console.command("wait until motor.0.position >1.5 within 20s");
+    assert!(answer.unwrap()[0].starts_with("motor.0.position "));
+    let time: f64 = console.show("time")["time"].parse().unwrap();
+    assert!(time > 0.3, "{time}");
+    console.run("at +1ms turn 99 1");
+    console.run("at +2ms pin 40 low");
+    console.run("wait until board.pin-040 0 within 20s");
+    let agenda = values(console.command("agenda").unwrap());
+    assert_eq!(
+        (&*agenda["agenda.done"], &*agenda["agenda.failed"]),
+        ("3", "1")
+    );
+    for (bad, said) in [
+        (
+            "wait until motor.0.position <-5 within 50ms",
+            "the time is over",
+        ),
+        (
+            "wait until motor.9.position 1",
+            "no value `motor.9.position`",
+        ),
+        ("wait until motor.0.position", "wait until NAME"),
+        ("wait for", "wait until NAME"),
+        ("at 0s turn 0 1", "is over"),
+        ("at soon turn 0 1", "2.5s"),
+        ("at 5s", "at TIME COMMAND"),
+        ("at 5s wait until time >9", "later"),
+        ("show motor.*.colour", "nothing is like"),
+    ] {
+        let refused = console.command(bad).unwrap_err();
+        assert!(refused.contains(said), "{bad}: {refused}");
+    }
+    let some = console.show("motor.*.position");
+    assert_eq!(some.len(), 6);
+    console.run("at +10ms quit");
+    console.wait_for("summary");
+    assert!(board.wait().success());
+}
+
+#[test]
+fn a_file_of_commands_is_done_up_to_the_first_error() {
+    let good = Scratch::new("good.cmd");
+    let bad = Scratch::new("bad.cmd");
+    let own = Scratch::new("own.cmd");
+    fs::write(
+        &good.0,
+        "# a comment\n\ninput board 3 on\nshow motor.0.counts\n",
+    )
+    .unwrap();
+    fs::write(
+        &bad.0,
+        format!("source {}\npin 400 low\nturn 0 5\n", good.path()),
+    )
+    .unwrap();
+    fs::write(&own.0, format!("source {}\n", own.path())).unwrap();
+    let mut board = start(&[]);
+    let lines = board.console.command(&format!("source {}", good.path()));
+    assert_eq!(lines.unwrap(), ["motor.0.counts 0.0000"]);
+    let refused = board.console.command(&format!("source {}", bad.path()));
+    let refused = refused.unwrap_err();
+    assert!(
+        refused.contains("line 2: pin 400: this board has 51"),
+        "{refused}"
+    );
+    let velocity = board.console.show("motor.0.velocity");
+    assert_eq!(velocity["motor.0.velocity"], "0.0000", "nothing after it");
+    let refused = board.console.command(&format!("source {}", own.path()));
+    assert!(refused.unwrap_err().contains("deep"));
+    for file in ["/nowhere", "/dev/zero"] {
+        let refused = board.console.command(&format!("source {file}"));
+        assert!(refused.unwrap_err().contains(file));
+    }
+    board.stop("INT");
+}
+
+/// A line of JSON, and its answer.
+fn ask_json(stream: &mut (impl Write + ?Sized), lines: &mut impl BufRead, command: &str) -> Value {
+    writeln!(stream, "{}", json!({ "command": command })).unwrap();
+    let mut answer = String::new();
+    lines.read_line(&mut answer).unwrap();
+    let answer = serde_json::from_str(&answer).expect("JSON");
+    hold_against_schema("sim", &answer);
+    answer
+}
+
+#[test]
+fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
+    let path = Scratch::new("control.sock");
+    let mut child = Command::new(mesa())
+        .args([
+            "sim",
+            "--board",
+            "7i97",
+            "--listen",
+            "127.0.0.1",
+            "--port",
+            "0",
+        ])
+        .args(["--control", path.path(), "--control", "0"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let own = Console::new(std::io::sink(), child.stdout.take().unwrap());
+    own.wait_for("control on");
+    let tcp = own.wait_for("control on 127.0.0.1:");
+    let mut process = Process::new(child);
+
+    let tcp = TcpStream::connect(tcp.strip_prefix("control on ").unwrap()).unwrap();
+    let mut first = Console::new(tcp.try_clone().unwrap(), tcp);
+    first.run("turn 0 5");
+    assert!(first.command("turn 9 5").is_err());
+    first.raw(&[0xFF, 0x00, b'\n']);
+    assert!(first.answer().is_err());
+    assert_eq!(first.show("motor.0.velocity")["motor.0.velocity"], "5.0000");
+
+    let unix = UnixStream::connect(&path.0).unwrap();
+    unix.set_read_timeout(Some(PATIENCE)).unwrap();
+    let mut lines = BufReader::new(unix.try_clone().unwrap());
+    let mut unix = unix;
+    let shown = ask_json(&mut unix, &mut lines, "show motor.0.velocity");
+    assert_eq!(
+        shown,
+        json!({"ok": true, "values": {"motor.0.velocity": 5.0}})
+    );
+    assert_eq!(
+        ask_json(&mut unix, &mut lines, "turn 0 free"),
+        json!({"ok": true, "values": {}})
+    );
+    let refused = ask_json(&mut unix, &mut lines, "turn 9 1");
+    assert_eq!(refused["ok"], false);
+    assert!(refused["error"].as_str().unwrap().contains("axis"));
+    assert!(ask_json(&mut unix, &mut lines, "help")["text"].is_string());
+    for nonsense in [
+        "{",
+        "{}",
+        "{\"command\": 1}",
+        "{\"command\": \"help\", \"x\": 1}",
+    ] {
+        writeln!(unix, "{nonsense}").unwrap();
+        let mut answer = String::new();
+        lines.read_line(&mut answer).unwrap();
+        let answer: Value = serde_json::from_str(&answer).unwrap();
+        hold_against_schema("sim", &answer);
+        assert_eq!(answer["ok"], false, "{nonsense}");
+    }
+
+    // One client waits; the others are served meanwhile, as many as there may be.
+    first.raw(b"wait until board.pin-040 0 within 20s\n");
+    let more: Vec<_> = (0..14)
+        .map(|_| UnixStream::connect(&path.0).unwrap())
+        .collect();
+    let one_more = UnixStream::connect(&path.0).unwrap();
+    let mut said = String::new();
+    BufReader::new(one_more).read_line(&mut said).unwrap();
+    assert!(said.contains("no more than 16 clients"), "{said}");
+    assert_eq!(ask_json(&mut unix, &mut lines, "pin 40 low")["ok"], true);
+    assert_eq!(first.answer().unwrap(), ["board.pin-040 0"]);
+    drop(more);
+
+    let taken = run(&[
+        "sim",
+        "--board",
+        "7i97",
+        "--listen",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--control",
+        path.path(),
+    ]);
+    assert_eq!(taken.code, Some(1));
+    assert!(taken.err.contains("name another path"), "{taken:?}");
+    assert_eq!(ask_json(&mut unix, &mut lines, "quit")["ok"], true);
+    own.wait_for("summary");
+    assert!(process.child().wait().unwrap().success());
+    assert!(!path.0.exists(), "it is cleared away");
+}
+
+#[test]
+fn several_boards_run_in_one_process_each_with_its_address() {
+    let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+    let other = Scratch::new("lathe.toml");
+    fs::write(&other.0, "board = \"7i92-7i77\"\n").unwrap();
+    let capture = Scratch::new("both.pcap");
+    let mut child = Command::new(mesa())
+        .args([
+            "sim",
+            "--machine",
+            mill,
+            "--machine",
+            other.path(),
+            "--port",
+            "0",
+        ])
+        .args(["--listen", "127.0.0.1", "--listen", "127.0.0.2"])
+        .args(["--mac", "00:60:0e:1b:00:01", "--mac", "00:60:0e:1b:00:02"])
+        .args(["--pcap", capture.path()])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+    let mut console = Console::new(input, output);
+    let address = |line: String| line.rsplit(' ').next().unwrap().parse().unwrap();
+    let mut boards: Vec<SocketAddrV4> = Vec::new();
+    for name in [
+        "7I97 listening on 127.0.0.1:",
+        "7I92 listening on 127.0.0.2:",
+    ] {
+        boards.push(address(console.wait_for(name)));
+    }
+    console.wait_for("help");
+    let mut process = Process::new(child);
+    for board in &boards {
+        ask_cookie(&client(*board));
+    }
+    let packets = |values: Values| values["network.received.packets"].clone();
+    assert_eq!(packets(console.show("network")), "1");
+    let lathe = other.0.file_stem().unwrap().to_str().unwrap().to_owned();
+    console.run(&format!("@{lathe} turn 0 5"));
+    assert_eq!(
+        console.show("motor.0.velocity")["motor.0.velocity"],
+        "0.0000"
+    );
+    let shown = console.command("@1 show motor.0.velocity").unwrap();
+    assert_eq!(shown, ["motor.0.velocity 5.0000"]);
+    let list = values(console.command("boards").unwrap());
+    assert_eq!(list["board.mill"], boards[0].to_string());
+    let refused = console.command("@2 show").unwrap_err();
+    assert!(refused.contains("mill"), "{refused}");
+
+    process.signal("TERM");
+    for _ in 0..2 {
+        console.wait_for("summary");
+        console.answer().unwrap();
+    }
+    assert!(process.child().wait().unwrap().success());
+    held_against_tools(&capture, &boards);
+}
+
+/// A question and an answer of each board are in the capture; tcpdump reads them, where it is there.
+fn held_against_tools(capture: &Scratch, boards: &[SocketAddrV4]) {
+    let bytes = fs::read(&capture.0).unwrap();
+    // Of 4 bytes each, behind 16 of the record and 42 of headers.
+    assert_eq!(bytes.len(), 24 + 4 * (16 + 42 + 4));
+    let replies = bytes.windows(4).filter(|window| *window == COOKIE).count();
+    assert_eq!(replies, 2);
+    let tcpdump = Command::new("tcpdump")
+        .args(["-nn", "-vvr", capture.path()])
+        .output();
+    let Ok(read) = tcpdump else {
+        println!("skipped: there is no tcpdump");
+        return;
+    };
+    let text = String::from_utf8_lossy(&read.stdout);
+    for board in boards {
+        let end = format!("{}.{} > ", board.ip(), board.port());
+        assert!(text.contains(&end), "{text}");
+    }
+    assert!(!text.contains("bad"), "{text}");
+}
+
+#[test]
+fn options_that_make_no_sense_together_are_refused() {
+    let mill = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+    let two = ["sim", "--port", "0", "--machine", mill, "--machine", mill];
+    let one = ["sim", "--port", "0", "--machine", mill];
+    let cases: [(&[&str], &[&str], i32, &str); 9] = [
+        (&two, &["--listen", "127.0.0.1"], 2, "give it for each"),
+        (&two, &["--mac", "00:60:0e:1b:00:97"], 2, "give it for each"),
+        (&two, &["--state", "/tmp/state"], 2, "--state"),
+        (&one, &["--mac", "01:60:0e:1b:00:97"], 2, "MAC"),
+        (&one, &["--control", "65536"], 2, "0 to 65535"),
+        (&one, &["--control", "/dev/null"], 1, "another path"),
+        (&one, &["--pcap", "/nowhere/file"], 1, "/nowhere/file"),
+        (&one, &["--pcap-limit", "5"], 2, "--pcap"),
+        (&one, &["--pcap", "x", "--pcap-limit", "0"], 2, "1..=100000"),
+    ];
+    for (arguments, more, code, said) in cases {
+        let run = run(&[arguments, more].concat());
+        assert_eq!(run.code, Some(code), "{more:?}: {run:?}");
+        assert!(run.err.contains(said), "{more:?}: {run:?}");
+    }
+}

@@ -1,0 +1,210 @@
+//! `mesa sim --machine`: a machine described in a file.
+
+use std::fs;
+use std::net::Ipv4Addr;
+use std::time::{Duration, Instant};
+
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::{Driver, I7i77Field, I7i97, Settings};
+
+use crate::interop::Scratch;
+use crate::interop::board::Board;
+use crate::run::{done, json, run};
+
+const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
+const PATIENCE: Duration = Duration::from_secs(20);
+const PERIOD: Duration = Duration::from_millis(1);
+
+fn mill() -> Board {
+    let arguments = ["--machine", MILL, "--port", "0"];
+    Board::start(Ipv4Addr::LOCALHOST, &arguments)
+}
+
+/// What a driver sees of the x axis while it drives it down at 46 mm/s, up to where it stands.
+struct Travel {
+    /// Position and home switch, in each cycle that saw both.
+    seen: Vec<(f64, bool)>,
+}
+
+fn drive_down(board: &Board) -> Travel {
+    let bus = UdpBus::connect(board.address, UdpConfig::default()).unwrap();
+    // While the watchdog has bitten, nobody selects encoders, and counts are lost.
+    let settings = Settings {
+        watchdog: Some(Duration::from_secs(5)),
+        ..Settings::default()
+    };
+    let mut driver = Driver::start(bus, settings).unwrap();
+    let field: I7i77Field = driver.attach(0, 0).unwrap();
+    let own: I7i97 = driver.attach_board().unwrap();
+    let mut seen: Vec<(f64, bool)> = Vec::new();
+    let start = Instant::now();
+    let stands = |seen: &[(f64, bool)]| {
+        let last = seen.iter().rev().take(200);
+        seen.len() > 400
+            && last
+                .clone()
+                .all(|now| now.0 == seen[seen.len() - 1].0 && now.1)
+    };
+    while !stands(&seen) {
+        assert!(start.elapsed() < PATIENCE, "{:?}", seen.last());
+        let good = driver.read().is_ok();
+        let switch = field.inputs[0].read(driver.pins());
+        let counts = driver.pins().read(own.encoders[0].count);
+        if good && switch.valid && counts.valid {
+            seen.push((f64::from(counts.value) / 1000.0, switch.value));
+        }
+        // A busy host is late now and then, and a remote's watchdog bites.
+        let _ = driver.rearm();
+        own.analog_out[0].enable(driver.pins_mut(), true);
+        own.analog_out[0].set(driver.pins_mut(), -4.0);
+        let _ = driver.write();
+        std::thread::sleep(PERIOD);
+    }
+    let _ = driver.shutdown();
+    Travel { seen }
+}
+
+#[test]
+fn the_driver_sees_the_home_switch_at_its_position_and_the_hard_stop_behind_it() {
+    let mut board = mill();
+    let Travel { seen } = drive_down(&board);
+    // The axis stands at 25 at power-up, where the driver's count is 0.
+    let at = |count: f64| 25.0 + count;
+    for pair in seen.windows(2) {
+        let [before, now] = [pair[0], pair[1]];
+        // An input is sampled between two looks at the encoder, on the way down.
+        if now.1 {
+            assert!(at(now.0) <= 0.001, "on before its position: {now:?}");
+        } else {
+            assert!(
+                at(before.0) >= -0.001,
+                "off behind its position: {before:?}"
+            );
+        }
+    }
+    let changes = seen.windows(2).filter(|pair| pair[0].1 != pair[1].1);
+    assert_eq!(changes.count(), 1, "nothing bounces");
+    let last = seen.last().unwrap().0;
+    assert!((at(last) + 8.0).abs() <= 0.002, "the hard stop: {last}");
+    let truth = board.console.show("motors");
+    assert_eq!(truth["motor.0.position"], "-8.0000");
+    assert_eq!(truth["motor.0.at-stop"], "1");
+    assert_eq!(truth["switch.x-home"], "1");
+    let inputs = board.console.show("0");
+    assert_eq!(inputs["remote.0.input-00"], "1");
+    board.stop("TERM");
+}
+
+/// Waits until a value that `show` prints is this.
+fn wait_for(board: &mut Board, what: &str, name: &str, value: &str) {
+    let start = Instant::now();
+    while board.console.show(what)[name] != value {
+        assert!(start.elapsed() < PATIENCE, "{name} does not become {value}");
+        std::thread::sleep(PERIOD);
+    }
+}
+
+#[test]
+fn the_console_turns_the_wheel_presses_the_emergency_stop_and_jams_an_axis() {
+    let mut board = mill();
+    board.console.run("wheel 12");
+    wait_for(&mut board, "motors", "wheel.mpg.turning", "0");
+    assert_eq!(board.console.show("0")["remote.0.enc0"], "12");
+    board.console.run("wheel -2 mpg");
+    wait_for(&mut board, "motors", "wheel.mpg.turning", "0");
+    assert_eq!(board.console.show("0")["remote.0.enc0"], "10");
+    assert_eq!(board.console.show("motors")["wheel.mpg.clicks"], "10");
+
+    assert_eq!(board.console.show("0")["remote.0.input-31"], "1");
+    board.console.run("estop on");
+    assert_eq!(board.console.show("0")["remote.0.input-31"], "0");
+    let motors = board.console.show("motors");
+    assert_eq!((&*motors["estop"], &*motors["motor.2.powered"]), ("1", "0"));
+    board.console.run("estop off");
+    assert_eq!(board.console.show("motors")["motor.2.powered"], "1");
+
+    board.console.run("turn z 50");
+    wait_for(&mut board, "motors", "motor.2.at-stop", "1");
+    assert_eq!(board.console.show("motors")["motor.2.position"], "12.0000");
+    assert_eq!(board.console.show("motors")["switch.z-home"], "1");
+    board.console.run("turn z -1");
+    board.console.run("stall z");
+    let jammed = board.console.show("motors")["motor.2.position"].clone();
+    std::thread::sleep(20 * PERIOD);
+    assert_eq!(board.console.show("motors")["motor.2.position"], jammed);
+    board.console.run("stall z off");
+    board.console.run("turn z -100");
+    wait_for(&mut board, "motors", "switch.z-home", "0");
+
+    for (bad, said) in [
+        ("stall w", "x, y, z"),
+        ("turn 3 1", "x, y, z"),
+        ("wheel 1 other", "mpg"),
+        ("wheel 99999999", "million"),
+        ("wheel x", "no number"),
+        ("estop maybe", "on or off"),
+    ] {
+        let refused = board.console.command(bad).unwrap_err();
+        assert!(refused.contains(said), "{bad}: {refused}");
+    }
+    board.stop("TERM");
+}
+
+#[test]
+fn a_described_machine_is_the_board_of_every_other_command() {
+    assert_eq!(json(&["led", "--sim", MILL])["now"], "debug");
+    assert!(done(&["info", "--sim", MILL]).contains("Channel 0: 7I77"));
+}
+
+#[test]
+fn a_description_that_is_wrong_says_where_and_what_is_allowed() {
+    let text = fs::read_to_string(MILL).unwrap();
+    let cases = [
+        (
+            "max_speed = 120.0",
+            "max_sped = 120.0",
+            "line 25: ",
+            "`max_speed`",
+        ),
+        (
+            "channel = 0, input = 31",
+            "channel = 0, input = 32",
+            "line ",
+            "no number 32",
+        ),
+        (
+            "{ input = 15 }",
+            "{ input = 16 }",
+            "line ",
+            "this board has 16",
+        ),
+        ("input = 17 }", "pin = 7 }", "wheel.b", "{ pin = N }"),
+        (
+            "cuts_field = []",
+            "cuts_field = [3]",
+            "cuts_field",
+            "channel 3",
+        ),
+    ];
+    for (from, to, place, allowed) in cases {
+        let file = Scratch::new("machine.toml");
+        fs::write(&file.0, text.replacen(from, to, 1)).unwrap();
+        for arguments in [
+            &["sim", "--machine", file.path(), "--port", "0"][..],
+            &["info", "--sim", file.path()],
+        ] {
+            let run = run(arguments);
+            assert!(matches!(run.code, Some(1 | 2)), "{to}: {run:?}");
+            assert!(run.err.contains(place), "{to}: {run:?}");
+            assert!(run.err.contains(allowed), "{to}: {run:?}");
+        }
+    }
+    let missing = run(&["sim", "--machine", "/nowhere.toml"]);
+    assert_eq!(missing.code, Some(2));
+    assert!(
+        missing.err.contains("/nowhere.toml: No such file"),
+        "{missing:?}"
+    );
+    let both = run(&["sim", "--machine", MILL, "--board", "7i97"]);
+    assert_eq!(both.code, Some(2), "{both:?}");
+}
