@@ -166,7 +166,7 @@ mod tests {
     /// Moves at a unit a microsecond; when it changed, and to what.
     fn go(switch: &mut Switch, from: f64, to: f64) -> Vec<(Nanos, bool)> {
         let mut changes = Vec::new();
-        let end = ((to - from).abs() * 1e3) as Nanos;
+        let end = ((to - from).abs() * 1e3).round() as Nanos;
         switch.follow([0, end], [from, to], |change| {
             assert_eq!(change.terminal, TERMINAL);
             changes.push((change.at, change.on));

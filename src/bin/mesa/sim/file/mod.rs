@@ -242,7 +242,7 @@ fn motor(lines: &Lines<'_>, table: &Axis) -> Result<MotorConfig, String> {
         None => usual.stops,
         Some(value) => {
             let [low, high] = *value.get_ref();
-            if !(low < high) {
+            if low.is_nan() || high.is_nan() || low >= high {
                 let allowed =
                     "allowed are two positions, the lower one first; -inf and inf for none";
                 return Err(lines.wrong(value, "axis.stops", allowed));
