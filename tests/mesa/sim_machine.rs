@@ -163,7 +163,7 @@ fn a_description_that_is_wrong_says_where_and_what_is_allowed() {
         (
             "max_speed = 120.0",
             "max_sped = 120.0",
-            "line 25: ",
+            "line 26: ",
             "`max_speed`",
         ),
         (

@@ -54,6 +54,8 @@ struct Remote {
     channel: Spanned<u8>,
     device: String,
     mode: Option<u8>,
+    #[serde(default)]
+    setup: bool,
 }
 
 #[derive(Deserialize)]
@@ -185,6 +187,7 @@ fn remotes(
             channel: *table.channel.get_ref(),
             device,
             mode: table.mode,
+            setup: table.setup,
         });
         check_channels(board, &remotes)
             .map_err(|reason| lines.wrong(&table.channel, "remote.channel", &reason))?;
