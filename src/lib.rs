@@ -2,29 +2,26 @@
 //! FPGA to develop against.
 //!
 //! A [`Board`] is identified and configured, started as a [`Driver`], and cycled: `read`, the
-//! application's own work on [`Pins`], `write`.
+//! application's own work on [`Pins`], `write`. On Linux a [`runner`] does that, once in each period:
 //!
 //! ```
-//! use std::time::Duration;
-//! use mesa_hal::{Clock, Driver, I7i77Analog, I7i77Field, Settings, sim::machines};
+//! use std::ops::ControlFlow::{Break, Continue};
+//! use mesa_hal::{Driver, I7i77Analog, I7i77Field, Settings, runner::Runner, sim::machines};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let period = Duration::from_millis(1);
 //! let bus = machines::six_axes_7i92(Default::default()); // a board: UdpBus::connect(...)?
-//! let mut driver = Driver::start(bus, Settings { period, ..Settings::default() })?;
+//! let driver = Driver::start(bus, Settings::default())?; // 1 ms
 //! let field: I7i77Field = driver.attach(0, 0)?; // port 0, channel 0
 //! let drive = driver.attach::<I7i77Analog>(0, 1)?.analog_out[0];
-//! for _ in 0..100 {
-//!     let _ = driver.read()?; // what failed in part
-//!     let limit = field.inputs[2].read(driver.pins()); // TB8 pin 3: value, valid, age
+//! let ended = Runner::new(driver).run(|cycle| {
+//!     // `cycle.read` is what failed in part, or as a whole
+//!     let limit = field.inputs[2].read(cycle.pins()); // TB8 pin 3: value, valid, age
 //!     let may_move = limit.valid && !limit.value;
-//!     drive.enable(driver.pins_mut(), may_move);
-//!     drive.set(driver.pins_mut(), if may_move { 1.5 } else { 0.0 }); // TB5 pin 4, volts
-//!     driver.write()?;
-//!     driver.bus_mut().wait(period); // your realtime thread's pace
-//! }
-//! let (bus, stopped) = driver.shutdown(); // outputs off, ports stopped
-//! stopped?;
+//!     drive.enable(cycle.pins_mut(), may_move);
+//!     drive.set(cycle.pins_mut(), if may_move { 1.5 } else { 0.0 }); // TB5 pin 4, volts
+//!     if cycle.number < 100 { Continue(()) } else { Break(()) }
+//! });
+//! ended.stopped?; // outputs off, ports stopped
 //! # Ok(())
 //! # }
 //! ```

@@ -44,6 +44,14 @@ pub mod neighbours {}
 
 #[doc = include_str!("../../docs/faults.md")]
 pub mod faults {}
+
+#[cfg(feature = "std")]
+#[doc = include_str!("../../docs/homing.md")]
+pub mod homing {}
+
+#[cfg(feature = "std")]
+#[doc = include_str!("../../docs/several_boards.md")]
+pub mod several_boards {}
 mod held;
 #[cfg(feature = "log")]
 mod messages;

@@ -55,11 +55,14 @@
 //! # Real time
 //! The runner itself does not allocate, log, or panic, and waits only for the next period. What it is
 //! worth depends on the thread: with the feature `realtime` one that is scheduled before all others,
-//! with its memory locked, on a CPU of its own (`Realtime`).
+//! with its memory locked, on a CPU of its own (`Realtime`; the page `runner::linux` says what else).
 
 mod commands;
 mod histogram;
 mod latency;
+#[cfg(all(feature = "realtime", target_os = "linux"))]
+#[doc = include_str!("../../docs/realtime.md")]
+pub mod linux {}
 mod packed;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 mod realtime;

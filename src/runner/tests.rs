@@ -86,6 +86,48 @@ fn outputs_are_off_when_it_has_ended() {
     assert!(!is_on(device.expect("a 7I77")));
 }
 
+#[test]
+fn what_a_read_has_brought_and_why_not_is_told_in_its_cycle() {
+    let mut told = [0, 0];
+    let ended = runner().run(|cycle| {
+        told[usize::from(cycle.read.is_err())] += 1;
+        if cycle.number == 4 {
+            cycle.driver.bus_mut().reset_for(2_500_000);
+        }
+        match cycle.number {
+            0..20 => ControlFlow::Continue(()),
+            _ => ControlFlow::Break(()),
+        }
+    });
+    assert!((2..=3).contains(&told[1]), "{told:?}");
+    assert_eq!(ended.statistics.failed_reads, told[1]);
+}
+
+#[cfg(feature = "realtime")]
+#[test]
+fn a_signal_ends_it_with_the_ports_stopped() {
+    let stop = super::Stop::on_signals().expect("handlers");
+    let kill = format!("kill -TERM {}", std::process::id());
+    let ended = runner().stop_on(stop).run(|cycle| {
+        if cycle.number == 20 {
+            let killed = std::process::Command::new("sh")
+                .args(["-c", &kill])
+                .status();
+            assert!(killed.expect("a shell").success());
+        }
+        assert!(cycle.number < 1_000_000, "it does not end");
+        ControlFlow::Continue(())
+    });
+    assert_eq!(ended.stopped, Ok(()));
+    assert_eq!(
+        ended
+            .signal
+            .map(|signal| std::format!("{signal}"))
+            .as_deref(),
+        Some("SIGTERM")
+    );
+}
+
 fn is_on(device: &dyn crate::sim::devices::SimDevice) -> bool {
     let outputs = device.outputs().into_iter();
     let mut outputs = outputs.filter(|(name, _)| name == "output-00");

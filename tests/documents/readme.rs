@@ -3,6 +3,8 @@
 
 use std::{collections::BTreeSet, fs, path::Path};
 
+use mesa_hal::Clock;
+
 const README: &str = include_str!("../../README.md");
 const PROMISES: &str = include_str!("../../docs/promises.md");
 const TEN_LINES: &str = include_str!("ten_lines.in");
@@ -13,24 +15,28 @@ fn the_lines_in_the_readme_are_those_that_are_run_here() {
     let (block, _) = block.split_once("# Ok::").expect("its end");
     let run = TEN_LINES.strip_prefix("{\n").expect("an expression");
     let run = run
-        .strip_suffix("driver\n}\n")
-        .expect("that gives the driver");
+        .strip_suffix("(ended.bus, ended.statistics)\n}\n")
+        .expect("that gives what is left");
     assert_eq!(block, run);
 }
 
 #[test]
 fn the_lines_in_the_readme_move_the_axis() -> Result<(), Box<dyn std::error::Error>> {
-    let mut driver = include!("ten_lines.in");
+    let (mut bus, statistics) = include!("ten_lines.in");
+    // The motor needs a moment to stop.
+    bus.wait(std::time::Duration::from_millis(50));
     // 1.5 V are 15 units a second, for a second.
-    let position = |driver: &mut mesa_hal::Driver<mesa_hal::SimFpga>, axis| {
-        let motor = driver.bus_mut().motor(axis).expect("a motor");
-        motor.position()
+    let mut motor = |axis| {
+        let motor = bus.motor(axis).expect("a motor");
+        (motor.position(), motor.velocity())
     };
-    let moved = position(&mut driver, 0);
+    let (moved, speed) = motor(0);
     assert!((14.0..16.0).contains(&moved), "{moved} units");
+    assert!(speed.abs() < 0.1, "it still moves: {speed}");
     for axis in 1..6 {
-        assert!(position(&mut driver, axis).abs() < 1e-9, "axis {axis}");
+        assert!(motor(axis).0.abs() < 1e-9, "axis {axis}");
     }
+    assert_eq!((statistics.cycles, statistics.failed_reads), (1000, 0));
     Ok(())
 }
 
