@@ -39,6 +39,7 @@
 //! | [`bus`] | whoever brings another bus, or adds a module |
 //! | [`transport`] | applications on Ethernet; wrappers of buses that record, and that fail on purpose |
 //! | [`ethernet`] | maintenance: identity, EEPROM, flash memory |
+//! | [`diagnosis`] | tools: whether board, network and computer are as they should be |
 //! | [`runner`] | applications on Linux: the thread of the cycle, and how it ends |
 //! | [`sim`] | tests, and work without a board: simulated FPGA, remotes, motors, Ethernet board |
 //! | [`discovery`], [`remote`] | whoever adds a card: its table; tools: what remotes tell, their parameters |
@@ -128,6 +129,8 @@ extern crate alloc;
 
 pub mod boards;
 pub mod bus;
+#[cfg(feature = "std")]
+pub mod diagnosis;
 pub mod discovery;
 pub mod driver;
 pub mod ethernet;

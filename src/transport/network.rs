@@ -66,14 +66,22 @@ impl Network {
     /// # Errors
     /// `/proc/net/route` or `/sys/class/net` can not be read: this is not Linux.
     pub fn here() -> io::Result<Self> {
-        let mut interfaces = fs::read_dir("/sys/class/net")?
+        Self::below(Path::new("/"))
+    }
+
+    /// That of a computer whose files are below a directory.
+    ///
+    /// # Errors
+    /// As [`here`](Self::here).
+    pub fn below(root: &Path) -> io::Result<Self> {
+        let mut interfaces = fs::read_dir(root.join("sys/class/net"))?
             .filter_map(Result::ok)
             .filter_map(|entry| Interface::read(&entry.path()))
             .collect::<Vec<_>>();
         interfaces.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(Self {
             interfaces,
-            routes: Route::parse(&fs::read_to_string("/proc/net/route")?),
+            routes: Route::parse(&fs::read_to_string(root.join("proc/net/route"))?),
         })
     }
 

@@ -3,6 +3,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod doctor;
 mod flash;
 mod info;
 #[path = "../interop/mod.rs"]

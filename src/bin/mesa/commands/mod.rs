@@ -1,5 +1,6 @@
 //! The commands, each in its own file: its arguments, what it does, what it prints.
 
+mod doctor;
 mod flash;
 mod info;
 mod ip;
@@ -27,6 +28,7 @@ pub enum Command {
     Led(led::Led),
     Ip(ip::Ip),
     Flash(flash::Flash),
+    Doctor(doctor::Doctor),
     Reload(restart::Reload),
     Reset(restart::Reset),
     Completions(manual::Completions),
@@ -50,6 +52,7 @@ impl Command {
             Self::Led(led) => led.run(context),
             Self::Ip(ip) => ip.run(context),
             Self::Flash(flash) => flash.run(context),
+            Self::Doctor(doctor) => doctor.run(context),
             Self::Reload(reload) => reload.run(context),
             Self::Reset(reset) => reset.run(context),
             Self::Completions(completions) => Ok(completions.run(context)),

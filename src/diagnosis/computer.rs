@@ -1,0 +1,314 @@
+//! Whether a computer can keep a period.
+
+use super::{Finding, Host, IdleState, Interrupt, Limits, Verdict};
+
+/// The priority that a cycle needs, to run before interrupt threads of other devices.
+const PRIORITY: u64 = 50;
+/// Bytes that a controller locks.
+const MEMORY: u64 = 256 << 20;
+/// A state that a CPU comes back from in this time does no harm, in microseconds.
+const WAKE_US: u32 = 20;
+
+/// Everything that can be read without rights. `interface` is that of the board.
+pub fn all(host: &Host, interface: Option<&str>) -> Vec<Finding> {
+    let mut findings = vec![
+        kernel(host.is_realtime()),
+        priority(host.limits()),
+        memory(host.limits()),
+        isolated(host.cpus().as_deref(), host.isolated().as_deref()),
+        governor(&host.governors()),
+        idle(&host.idle_states()),
+    ];
+    if let Some(interface) = interface {
+        let cpus = host.cpus().map_or(0, |cpus| cpus.len());
+        findings.push(interrupts(interface, &host.interrupts(interface), cpus));
+        findings.push(coalescing(interface, host.held_back_ns(interface)));
+    }
+    findings
+}
+
+/// The kernel.
+pub fn kernel(is_realtime: Option<bool>) -> Finding {
+    let check = "kernel";
+    match is_realtime {
+        Some(true) => Finding::good(check, "PREEMPT_RT"),
+        Some(false) => Finding::new(
+            Verdict::Look,
+            check,
+            "not PREEMPT_RT",
+            "delays of milliseconds are normal under load; install one that is (Debian: \
+             linux-image-rt-amd64)",
+        ),
+        None => Finding::new(Verdict::Unknown, check, "can not be read", "is this Linux?"),
+    }
+}
+
+/// Whether a thread may run before others.
+pub fn priority(limits: Option<Limits>) -> Finding {
+    let check = "realtime priority";
+    match limits {
+        Some(limits) if limits.may_schedule => Finding::good(check, "CAP_SYS_NICE: up to 99"),
+        Some(Limits { priority, .. }) if priority >= PRIORITY => {
+            Finding::good(check, format!("up to {priority}"))
+        }
+        Some(Limits { priority, .. }) => Finding::new(
+            Verdict::Look,
+            check,
+            format!("up to {priority}, {PRIORITY} are needed"),
+            "put `USER - rtprio 95` into a file in /etc/security/limits.d, and log in again",
+        ),
+        None => unknown(check, "ulimit -r"),
+    }
+}
+
+/// Whether memory can be kept from being swapped out.
+pub fn memory(limits: Option<Limits>) -> Finding {
+    let check = "locked memory";
+    match limits {
+        Some(limits) if limits.may_lock => Finding::good(check, "CAP_IPC_LOCK: all of it"),
+        Some(Limits { memory: None, .. }) => Finding::good(check, "all of it"),
+        Some(Limits {
+            memory: Some(bytes),
+            ..
+        }) if bytes >= MEMORY => Finding::good(check, format!("{} MiB", bytes >> 20)),
+        Some(Limits {
+            memory: Some(bytes),
+            ..
+        }) => Finding::new(
+            Verdict::Look,
+            check,
+            format!("{} KiB, a controller needs more", bytes >> 10),
+            "put `USER - memlock unlimited` into a file in /etc/security/limits.d, and log in again",
+        ),
+        None => unknown(check, "ulimit -l"),
+    }
+}
+
+/// Whether a CPU is kept for the cycle.
+pub fn isolated(cpus: Option<&[usize]>, isolated: Option<&[usize]>) -> Finding {
+    let check = "isolated CPUs";
+    match (cpus, isolated) {
+        (_, Some([_, ..])) => Finding::good(check, format!("{:?}", isolated.unwrap_or_default())),
+        (Some([_]), _) => Finding::new(
+            Verdict::Look,
+            check,
+            "none, there is only one CPU",
+            "use a computer with two or more",
+        ),
+        (Some(cpus), Some([])) => {
+            let last = cpus.last().copied().unwrap_or_default();
+            let figure = format!("none of {}", cpus.len());
+            let advice = format!(
+                "add `isolcpus={last}` to the kernel's command line, and run the cycle on CPU {last}"
+            );
+            Finding::new(Verdict::Look, check, figure, advice)
+        }
+        _ => unknown(check, "cat /sys/devices/system/cpu/isolated"),
+    }
+}
+
+/// Whether the CPUs change their speed.
+pub fn governor(governors: &[String]) -> Finding {
+    let check = "CPU frequency";
+    let Some(slow) = governors.iter().find(|governor| *governor != "performance") else {
+        return match governors {
+            [] => Finding::new(
+                Verdict::Unknown,
+                check,
+                "nobody sets it",
+                "a virtual machine, or a fixed frequency: look into the computer's set-up (BIOS)",
+            ),
+            _ => Finding::good(check, "performance on all CPUs"),
+        };
+    };
+    Finding::new(
+        Verdict::Look,
+        check,
+        format!("governor {slow}"),
+        "`sudo cpupower frequency-set --governor performance`",
+    )
+}
+
+/// How deep idle CPUs sleep.
+pub fn idle(states: &[IdleState]) -> Finding {
+    let check = "CPU idle states";
+    let on = states.iter().filter(|state| !state.is_disabled);
+    match on.max_by_key(|state| state.latency_us) {
+        None => Finding::new(
+            Verdict::Unknown,
+            check,
+            "none is listed",
+            "a virtual machine, or they are off: look into the computer's set-up (BIOS)",
+        ),
+        Some(IdleState {
+            name, latency_us, ..
+        }) if *latency_us <= WAKE_US => {
+            Finding::good(check, format!("{name}, back after {latency_us} us"))
+        }
+        Some(IdleState {
+            name, latency_us, ..
+        }) => Finding::new(
+            Verdict::Look,
+            check,
+            format!("down to {name}, back after {latency_us} us"),
+            format!("`sudo cpupower idle-set --disable-by-latency {WAKE_US}`"),
+        ),
+    }
+}
+
+/// Where the interrupts of the network card run.
+pub fn interrupts(interface: &str, interrupts: &[Interrupt], cpus: usize) -> Finding {
+    let check = "NIC interrupts";
+    let known: Vec<_> = interrupts
+        .iter()
+        .filter(|one| !one.cpus.is_empty())
+        .collect();
+    let Some(first) = known.first() else {
+        return unknown(check, &format!("grep {interface} /proc/interrupts"));
+    };
+    let places: Vec<String> = known
+        .iter()
+        .map(|one| format!("{} on CPU {:?}", one.number, one.cpus))
+        .collect();
+    let figure = format!("{interface}: {}", places.join(", "));
+    let is_anywhere = known
+        .iter()
+        .any(|one| one.cpus.len() > 1 && one.cpus.len() >= cpus);
+    if !is_anywhere {
+        return Finding::good(check, figure);
+    }
+    let advice = format!(
+        "keep them on one CPU: stop irqbalance, `echo CPU | sudo tee /proc/irq/{}/smp_affinity_list`",
+        first.number
+    );
+    Finding::new(Verdict::Look, check, figure, advice)
+}
+
+/// Whether packets are held back to save interrupts.
+pub fn coalescing(interface: &str, held_back_ns: Option<u64>) -> Finding {
+    let check = "NIC interrupt coalescing";
+    let own = format!(
+        "what the card itself does needs `ethtool -c {interface}`: `sudo ethtool -C {interface} rx-usecs \
+         0` switches it off"
+    );
+    match held_back_ns {
+        Some(ns) if ns > 0 => Finding::new(
+            Verdict::Look,
+            check,
+            format!("the kernel holds packets back for {} us", ns / 1000),
+            format!("`echo 0 | sudo tee /sys/class/net/{interface}/napi_defer_hard_irqs`; {own}"),
+        ),
+        Some(_) => Finding::new(Verdict::Unknown, check, "none by the kernel", own),
+        None => Finding::new(Verdict::Unknown, check, "can not be read", own),
+    }
+}
+
+fn unknown(check: &str, command: &str) -> Finding {
+    let advice = format!("`{command}` may tell");
+    Finding::new(Verdict::Unknown, check, "can not be read", advice)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdicts<const N: usize>(findings: [Finding; N]) -> [Verdict; N] {
+        let is_told =
+            |finding: &Finding| (finding.verdict == Verdict::Ok) == finding.advice.is_none();
+        assert!(findings.iter().all(is_told), "{findings:?}");
+        findings.map(|finding| finding.verdict)
+    }
+    use Verdict::{Look, Ok, Unknown};
+
+    const LIMITS: Limits = Limits {
+        priority: 0,
+        memory: Some(8 << 20),
+        may_schedule: false,
+        may_lock: false,
+    };
+
+    #[test]
+    fn a_computer_that_is_made_for_it_is_good() {
+        let root = Limits {
+            may_schedule: true,
+            may_lock: true,
+            ..LIMITS
+        };
+        let user = Limits {
+            priority: 95,
+            memory: None,
+            ..LIMITS
+        };
+        let c1 = IdleState {
+            name: "C1".into(),
+            latency_us: 2,
+            is_disabled: false,
+        };
+        let c6 = IdleState {
+            name: "C6".into(),
+            latency_us: 133,
+            is_disabled: true,
+        };
+        let one = Interrupt {
+            number: 24,
+            cpus: vec![1],
+        };
+        let all = verdicts([
+            kernel(Some(true)),
+            priority(Some(root)),
+            priority(Some(user)),
+            memory(Some(root)),
+            memory(Some(user)),
+            memory(Some(Limits {
+                memory: Some(1 << 30),
+                ..LIMITS
+            })),
+            isolated(Some(&[0, 1]), Some(&[1])),
+            governor(&["performance".into(), "performance".into()]),
+            idle(&[c1, c6]),
+            interrupts("eth0", &[one], 4),
+        ]);
+        assert_eq!(all, [Ok; 10]);
+    }
+
+    #[test]
+    fn what_makes_cycles_late_is_worth_a_look_and_what_is_not_known_is_said() {
+        let c6 = IdleState {
+            name: "C6".into(),
+            latency_us: 133,
+            is_disabled: false,
+        };
+        let anywhere = Interrupt {
+            number: 24,
+            cpus: vec![0, 1],
+        };
+        let hidden = Interrupt {
+            number: 24,
+            cpus: vec![],
+        };
+        let all = verdicts([
+            kernel(Some(false)),
+            priority(Some(LIMITS)),
+            memory(Some(LIMITS)),
+            isolated(Some(&[0, 1]), Some(&[])),
+            isolated(Some(&[0]), Some(&[])),
+            governor(&["performance".into(), "powersave".into()]),
+            idle(&[c6]),
+            interrupts("eth0", &[anywhere], 2),
+            coalescing("eth0", Some(20_000)),
+        ]);
+        assert_eq!(all, [Look; 9]);
+        let all = verdicts([
+            kernel(None),
+            priority(None),
+            memory(None),
+            isolated(None, None),
+            governor(&[]),
+            idle(&[]),
+            interrupts("eth0", &[hidden], 2),
+            coalescing("eth0", None),
+            coalescing("eth0", Some(0)),
+        ]);
+        assert_eq!(all, [Unknown; 9]);
+    }
+}

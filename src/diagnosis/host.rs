@@ -1,0 +1,233 @@
+//! Figures of a Linux computer, as its files tell them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A Linux computer: reads `/proc` and `/sys` below a root directory, without rights.
+#[derive(Clone, Debug)]
+pub struct Host {
+    root: PathBuf,
+}
+
+/// What a program may ask of the scheduler and of memory. Source: `/proc/self/limits` and
+/// `/proc/self/status`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// The highest priority of `SCHED_FIFO`, 0 to 99.
+    pub priority: u64,
+    /// Bytes that it may lock in memory; `None`: any number.
+    pub memory: Option<u64>,
+    /// It has the capability `CAP_SYS_NICE`: any priority.
+    pub may_schedule: bool,
+    /// It has the capability `CAP_IPC_LOCK`: any number of bytes.
+    pub may_lock: bool,
+}
+
+/// A state that an idle CPU goes to. Source: `cpuidle` of `/sys/devices/system/cpu/cpu0`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IdleState {
+    /// Its name: `C6`.
+    pub name: String,
+    /// How long the CPU takes to come back, in microseconds.
+    pub latency_us: u32,
+    /// It is switched off.
+    pub is_disabled: bool,
+}
+
+/// An interrupt of a network card. Source: `/proc/interrupts`, `/proc/irq`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Interrupt {
+    /// Its number.
+    pub number: u32,
+    /// The CPUs that it may run on; empty if that can not be read.
+    pub cpus: Vec<usize>,
+}
+
+const CAP_IPC_LOCK: u32 = 14;
+const CAP_SYS_NICE: u32 = 23;
+
+impl Host {
+    /// This computer.
+    pub fn here() -> Self {
+        Self::below("/")
+    }
+
+    /// One whose files are below a directory.
+    pub fn below(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// Where its files are.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    fn text(&self, path: &str) -> Option<String> {
+        let text = fs::read_to_string(self.root.join(path)).ok()?;
+        Some(text.trim().to_owned())
+    }
+
+    /// Whether its kernel preempts everything (`PREEMPT_RT`).
+    pub fn is_realtime(&self) -> Option<bool> {
+        if let Some(text) = self.text("sys/kernel/realtime") {
+            return Some(text == "1");
+        }
+        let version = self.text("proc/version")?;
+        Some(version.contains("PREEMPT_RT") || version.contains("PREEMPT RT"))
+    }
+
+    /// What this program may ask for.
+    pub fn limits(&self) -> Option<Limits> {
+        let limits = self.text("proc/self/limits")?;
+        let soft = |name: &str| {
+            let line = limits.lines().find_map(|line| line.strip_prefix(name))?;
+            line.split_whitespace().next()
+        };
+        let capabilities = self.text("proc/self/status").and_then(|status| {
+            let line = status
+                .lines()
+                .find_map(|line| line.strip_prefix("CapEff:"))?;
+            u64::from_str_radix(line.trim(), 16).ok()
+        });
+        let may = |bit: u32| capabilities.is_some_and(|bits| bits >> bit & 1 != 0);
+        Some(Limits {
+            priority: match soft("Max realtime priority")? {
+                "unlimited" => 99,
+                number => number.parse().ok()?,
+            },
+            memory: match soft("Max locked memory")? {
+                "unlimited" => None,
+                number => Some(number.parse().ok()?),
+            },
+            may_schedule: may(CAP_SYS_NICE),
+            may_lock: may(CAP_IPC_LOCK),
+        })
+    }
+
+    /// The CPUs that are in use.
+    pub fn cpus(&self) -> Option<Vec<usize>> {
+        Some(list(&self.text("sys/devices/system/cpu/online")?))
+    }
+
+    /// The CPUs that the kernel keeps free of programs that did not ask for them.
+    pub fn isolated(&self) -> Option<Vec<usize>> {
+        Some(list(&self.text("sys/devices/system/cpu/isolated")?))
+    }
+
+    /// Who decides how fast each CPU runs; empty where nobody does.
+    pub fn governors(&self) -> Vec<String> {
+        let cpus = self.cpus().unwrap_or_default().into_iter();
+        let governors = cpus.filter_map(|cpu| {
+            self.text(&format!(
+                "sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor"
+            ))
+        });
+        governors.collect()
+    }
+
+    /// The states that an idle CPU goes to; empty where it has none.
+    pub fn idle_states(&self) -> Vec<IdleState> {
+        let states = (0..16).map_while(|state| {
+            let text = |name: &str| {
+                self.text(&format!(
+                    "sys/devices/system/cpu/cpu0/cpuidle/state{state}/{name}"
+                ))
+            };
+            Some(IdleState {
+                name: text("name")?,
+                latency_us: text("latency")?.parse().ok()?,
+                is_disabled: text("disable").is_some_and(|disable| disable != "0"),
+            })
+        });
+        states.collect()
+    }
+
+    /// The interrupts of a network interface: those with its name, or of its device.
+    pub fn interrupts(&self, interface: &str) -> Vec<Interrupt> {
+        let device = format!("sys/class/net/{interface}/device/msi_irqs");
+        let of_device = fs::read_dir(self.root.join(device)).into_iter().flatten();
+        let of_device =
+            of_device.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+        let mut numbers: Vec<u32> = of_device.collect();
+        let all = self.text("proc/interrupts").unwrap_or_default();
+        numbers.extend(all.lines().filter_map(|line| {
+            let (number, rest) = line.split_once(':')?;
+            let mut words = rest
+                .split_whitespace()
+                .skip_while(|word| word.parse::<u64>().is_ok());
+            let is_its = |word: &str| {
+                let behind = word.strip_prefix(interface);
+                behind.is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
+            };
+            let number = number.trim().parse::<u32>().ok();
+            number.filter(|_| words.any(is_its))
+        }));
+        numbers.sort_unstable();
+        numbers.dedup();
+        let interrupts = numbers.into_iter().map(|number| Interrupt {
+            number,
+            cpus: self
+                .text(&format!("proc/irq/{number}/smp_affinity_list"))
+                .map(|text| list(&text))
+                .unwrap_or_default(),
+        });
+        interrupts.collect()
+    }
+
+    /// How long the kernel itself holds packets back, in nanoseconds: `gro_flush_timeout`, which counts
+    /// only while `napi_defer_hard_irqs` is not 0.
+    pub fn held_back_ns(&self, interface: &str) -> Option<u64> {
+        let number = |name: &str| -> Option<u64> {
+            self.text(&format!("sys/class/net/{interface}/{name}"))?
+                .parse()
+                .ok()
+        };
+        let deferred = number("napi_defer_hard_irqs")?;
+        Some(if deferred == 0 {
+            0
+        } else {
+            number("gro_flush_timeout")?
+        })
+    }
+}
+
+/// The numbers of a list such as `0-2,5`; what is none is left out.
+fn list(text: &str) -> Vec<usize> {
+    /// More than any computer has.
+    const MOST: usize = 4096;
+    let parts = text.split(',').filter_map(|part| {
+        let (first, last) = part
+            .trim()
+            .split_once('-')
+            .unwrap_or((part.trim(), part.trim()));
+        Some(first.parse().ok()?..=last.parse::<usize>().ok()?.min(MOST))
+    });
+    parts.flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_cpus_are_as_the_kernel_writes_them() {
+        assert_eq!(list("0-2,5"), [0, 1, 2, 5]);
+        assert_eq!(list(""), [0_usize; 0]);
+        assert_eq!(list("7,x,3-1"), [7]);
+        assert_eq!(list("0-99999999999").len(), 4097);
+    }
+
+    #[test]
+    fn this_computer_says_how_many_cpus_it_has_and_what_it_allows() {
+        let host = Host::here();
+        assert!(!host.cpus().unwrap().is_empty());
+        assert!(host.limits().unwrap().priority <= 99);
+        assert!(host.is_realtime().is_some());
+        let nothing = Host::below("/nowhere");
+        assert_eq!((nothing.limits(), nothing.cpus()), (None, None));
+        assert_eq!((nothing.is_realtime(), nothing.isolated()), (None, None));
+        assert!(nothing.governors().is_empty() && nothing.idle_states().is_empty());
+        assert!(nothing.interrupts("eth0").is_empty());
+        assert_eq!(nothing.held_back_ns("eth0"), None);
+    }
+}
