@@ -270,7 +270,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     ///     events.log(); // or all that came since to the `log`
     /// });
     /// # logger.join().expect("it ends");
-    /// # Ok::<(), mesa_hal::DriverError<std::convert::Infallible>>(())
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
     /// # Real time
