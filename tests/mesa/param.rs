@@ -89,6 +89,11 @@ fn what_can_not_be_read_or_written_is_refused_with_the_reason() {
             "/nowhere/at/all.json",
         ),
         (&["save", "/nowhere/at/all.json"], 1, "/nowhere/at/all.json"),
+        (
+            &["save", env!("CARGO_MANIFEST_DIR"), "--yes"],
+            2,
+            "no regular file",
+        ),
     ] {
         let run = run(&[&["param"], arguments, &["--sim", machine]].concat());
         assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");

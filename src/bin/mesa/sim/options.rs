@@ -59,7 +59,7 @@ pub struct Options {
     /// jumper is in the setup position (115200 baud)
     #[arg(long = "remote", value_name = "CH=DEVICE[:MODE][:setup]")]
     pub remotes: Vec<RemoteOption>,
-    /// Keep EEPROM, flash and the remotes' non-volatile memory in FILE
+    /// Keep the board's EEPROM and flash and the remotes' parameters in FILE; not their firmware
     #[arg(long, value_name = "FILE")]
     pub state: Option<PathBuf>,
     /// Lose packets with this probability, 0 to 1, each way

@@ -73,8 +73,15 @@ struct Differs {
 impl Save {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = &self.file;
-        if path.exists() {
-            context.consent(&format!("{}: is replaced", path.display()))?;
+        match fs::metadata(path) {
+            // The new file takes its place, which is not meant for a device.
+            Ok(there) if !there.is_file() => {
+                let path = path.display();
+                let why = "this is no regular file; name another";
+                return Err(Failure::usage(format_args!("{path}: {why}")));
+            }
+            Ok(_) => context.consent(&format!("{}: is replaced", path.display()))?,
+            Err(_) => {}
         }
         let mut cabinet = self.at.cabinet.open()?;
         let saved = SavedCabinet::take(&mut cabinet)?;
