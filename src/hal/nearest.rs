@@ -8,8 +8,8 @@ use super::{MAX_NAME, PinInfo};
 const MOST_NAMES: usize = 10_000;
 
 /// The name that comes nearest to one that does not exist: that of which it is the end, behind a
-/// point, or else the one that is the fewest changes of a character away, if that is not more than a
-/// third of them.
+/// point, or else the one that is the fewest changes of a character away, or whose end is, if that is
+/// not more than a third of them.
 ///
 /// Bounded by 10,000 names of 47 characters. Allocates: for set-up.
 pub(super) fn nearest(infos: &[PinInfo], wanted: &str) -> Option<String> {
@@ -22,12 +22,25 @@ pub(super) fn nearest(infos: &[PinInfo], wanted: &str) -> Option<String> {
         return Some(name.into());
     }
     let most = wanted.len().min(MAX_NAME) / 3;
+    let points = wanted.matches('.').count();
+    let distance = |name: &str| {
+        let ends = [name, end(name, points)].into_iter();
+        let near = ends.filter(|end| end.len().abs_diff(wanted.len()) <= most);
+        near.map(|end| changes(end.as_bytes(), wanted.as_bytes()))
+            .min()
+    };
     let near = names
-        .filter(|name| name.len().abs_diff(wanted.len()) <= most)
-        .map(|name| (changes(name.as_bytes(), wanted.as_bytes()), name))
+        .filter_map(|name| Some((distance(name)?, name)))
         .min_by_key(|(changes, _)| *changes);
     near.filter(|(changes, _)| *changes <= most)
         .map(|(_, name)| name.into())
+}
+
+/// The end of a name that has so many points.
+fn end(name: &str, points: usize) -> &str {
+    let before = name.rmatch_indices('.').nth(points);
+    let end = before.and_then(|(at, _)| name.get(at + 1..));
+    end.unwrap_or(name)
 }
 
 /// How many characters of `one` have to be changed, added or left out to make it `other`
@@ -88,6 +101,8 @@ mod tests {
             ("hm2_7i97.0.7i77.0.0.output-7", Some(names[1])),
             ("output-07", Some(names[1])),
             ("7i77.0.0.input-07", Some(names[0])),
+            ("7i77.0.0.input-7", Some(names[0])),
+            ("outputt-07", Some(names[1])),
             ("put-07", None),
             ("", None),
             ("spindle", None),

@@ -66,6 +66,7 @@ pub mod linux {}
 mod packed;
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 mod realtime;
+mod scope;
 mod snapshot;
 #[cfg(feature = "realtime")]
 mod stop;
@@ -79,6 +80,9 @@ pub use histogram::{Distribution, Histogram};
 pub use latency::{Judgement, Latency, Verdict};
 #[cfg(all(feature = "realtime", target_os = "linux"))]
 pub use realtime::{Realtime, RealtimeError};
+pub use scope::{
+    Edge, MAX_SCOPE_CYCLES, MAX_SCOPE_PINS, Scope, ScopeError, ScopeRow, ScopeState, Trigger,
+};
 pub use snapshot::{RemoteSnapshot, Snapshot, SnapshotError, SnapshotReader, SnapshotWriter};
 #[cfg(feature = "realtime")]
 pub use stop::{Signal, Stop};

@@ -20,6 +20,8 @@ mod raw;
 mod registers;
 mod restart;
 mod run;
+mod scope;
+mod set;
 mod sim;
 mod sim_control;
 mod sim_machine;

@@ -11,7 +11,12 @@ use crate::output::complain;
 /// Starts everything on a board with all outputs off, and says on standard error what was found, what
 /// is missing, and what disagrees with its table.
 pub fn start(bus: UdpBus, settings: Settings) -> Result<Driver<UdpBus>, Failure> {
-    let driver = Board::identify(bus, settings)?.start()?;
+    go(Board::identify(bus, settings)?)
+}
+
+/// The same on a board that is identified, and may be discovered.
+pub fn go(board: Board<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
+    let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)
 }

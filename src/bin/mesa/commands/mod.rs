@@ -8,11 +8,14 @@ mod latency;
 mod led;
 mod list;
 mod manual;
+mod named;
 mod param;
 mod pins;
 mod raw;
 mod registers;
 mod restart;
+mod scope;
+mod set;
 mod update;
 mod watch;
 
@@ -40,6 +43,8 @@ pub enum Command {
     Param(param::Param),
     Pins(pins::Pins),
     Watch(watch::Watch),
+    Scope(scope::Scope),
+    Set(set::Set),
     Sim(sim::Options),
     Update(update::Update),
 }
@@ -64,6 +69,8 @@ impl Command {
             Self::Param(param) => param.run(context),
             Self::Pins(pins) => pins.run(context),
             Self::Watch(watch) => watch.run(context),
+            Self::Scope(scope) => scope.run(context),
+            Self::Set(set) => set.run(context),
             Self::Sim(options) => sim::run(options, context),
             Self::Update(update) => update.run(context),
         }

@@ -1,0 +1,113 @@
+//! Pins as people name them: whole, or by the end of the name.
+
+use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
+
+use crate::context::Failure;
+
+/// The pin or parameter of a name, or the only one whose name ends so behind a point.
+pub fn find(pins: &Pins, name: &str) -> Result<PinId, Failure> {
+    let error = match pins.id(name) {
+        Ok(pin) => return Ok(pin),
+        Err(error) => error,
+    };
+    let ends_so = |info: &&PinInfo| {
+        let stem = info.name.strip_suffix(name);
+        !name.is_empty() && stem.is_some_and(|stem| stem.ends_with('.'))
+    };
+    let ends: Vec<&PinInfo> = pins.infos().iter().filter(ends_so).collect();
+    match ends[..] {
+        [] => Err(match error {
+            PinError::NotFound { nearest: None, .. } => Failure::usage(format_args!(
+                "no pin or parameter `{name}`; `mesa pins` lists them"
+            )),
+            error => Failure::usage(error),
+        }),
+        [info] => pins.id(&info.name).map_err(Failure::usage),
+        [one, other, ..] => Err(Failure::usage(format_args!(
+            "`{name}` is the end of {} names, such as `{}` and `{}`: give more of it",
+            ends.len(),
+            one.name,
+            other.name
+        ))),
+    }
+}
+
+/// A value of the type of a pin, within its range.
+pub fn value(info: &PinInfo, text: &str) -> Result<AnyValue, Failure> {
+    let parsed = match info.hal_type {
+        HalType::Bit => bit(text).map(AnyValue::from),
+        HalType::Float => text.parse::<f64>().ok().map(AnyValue::from),
+        HalType::S32 => text.parse::<i32>().ok().map(AnyValue::from),
+        HalType::U32 => text.parse::<u32>().ok().map(AnyValue::from),
+        HalType::S64 => text.parse::<i64>().ok().map(AnyValue::from),
+        HalType::U64 => text.parse::<u64>().ok().map(AnyValue::from),
+    };
+    let fits = |value: &AnyValue| {
+        let limits = info.limits.filter(|_| info.hal_type != HalType::Bit);
+        let (min, max) = limits.unwrap_or((f64::MIN, f64::MAX));
+        value.is_finite() && (min..=max).contains(&number(*value))
+    };
+    parsed.filter(fits).ok_or_else(|| {
+        Failure::usage(format_args!(
+            "`{text}` is no value for {}: {}",
+            info.name,
+            range(info)
+        ))
+    })
+}
+
+fn bit(text: &str) -> Option<bool> {
+    match text {
+        "1" | "on" | "true" => Some(true),
+        "0" | "off" | "false" => Some(false),
+        _ => None,
+    }
+}
+
+/// What a pin can be set to.
+pub fn range(info: &PinInfo) -> String {
+    let (kind, least, most) = match info.hal_type {
+        HalType::Bit => return "0 or 1, off or on".to_owned(),
+        HalType::Float => ("a number", f64::MIN, f64::MAX),
+        HalType::S32 => ("a whole number", i32::MIN.into(), i32::MAX.into()),
+        HalType::U32 => ("a whole number", 0.0, u32::MAX.into()),
+        HalType::S64 => ("a whole number", i64::MIN as f64, i64::MAX as f64),
+        HalType::U64 => ("a whole number", 0.0, u64::MAX as f64),
+    };
+    match info.limits {
+        Some((min, max)) => format!("{kind} from {min} to {max} {}", info.unit)
+            .trim_end()
+            .to_owned(),
+        None if info.hal_type == HalType::Float => kind.to_owned(),
+        None => format!("{kind} from {least} to {most}"),
+    }
+}
+
+/// Any value as a number; a bit is 0 or 1.
+pub fn number(value: AnyValue) -> f64 {
+    match value.hal_type {
+        HalType::Bit => f64::from(u8::from(bool::from_bits(value.bits))),
+        HalType::Float => f64::from_bits(value.bits),
+        HalType::S32 | HalType::S64 => i64::from_bits(value.bits) as f64,
+        HalType::U32 | HalType::U64 => value.bits as f64,
+    }
+}
+
+/// A value for people.
+pub fn text(value: AnyValue) -> String {
+    match value.hal_type {
+        HalType::Bit => u8::from(bool::from_bits(value.bits)).to_string(),
+        HalType::Float => format!("{:.4}", f64::from_bits(value.bits)),
+        _ => value.to_string(),
+    }
+}
+
+/// A value for programs.
+pub fn json(value: AnyValue) -> serde_json::Value {
+    match value.hal_type {
+        HalType::Bit => bool::from_bits(value.bits).into(),
+        HalType::Float => f64::from_bits(value.bits).into(),
+        HalType::S32 | HalType::S64 => i64::from_bits(value.bits).into(),
+        HalType::U32 | HalType::U64 => value.bits.into(),
+    }
+}

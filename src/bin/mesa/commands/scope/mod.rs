@@ -1,0 +1,232 @@
+//! `mesa scope`: records cycles around a trigger.
+
+mod plot;
+
+use std::fmt::{self, Display, Write};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use mesa_hal::Settings;
+use mesa_hal::hal::PinInfo;
+use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeState, Trigger};
+use mesa_hal::transport::udp::UdpConfig;
+use serde::Serialize;
+
+use super::named;
+use crate::context::{Context, Ending, Failure};
+use crate::target::Target;
+use crate::{files, running};
+
+/// How long a reply is waited for: a cycle that is late is better than none.
+const DEADLINE: Duration = Duration::from_millis(20);
+
+const AFTER_HELP: &str = "\
+It drives nothing: all outputs are off. A board that another program drives is left alone.
+PIN is a name, or its end if no other has that. The file has a line for each cycle: seconds and
+cycles since the trigger, then the values; one that was not valid is empty. Files are whole, or
+not there.
+
+Example:
+  mesa scope encoder.00.position encoder.00.velocity --trigger 7i77.0.0.input-02 \\
+    --cycles 2000 --before 500 --csv home.csv --plot home.svg --addr 10.10.10.10";
+
+/// Records pins in some cycles around a trigger
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Scope {
+    #[command(flatten)]
+    target: Target,
+    /// What to record: 1 to 16 pins or parameters
+    #[arg(value_name = "PIN", required = true, num_args = 1..=16)]
+    pins: Vec<String>,
+    /// The pin that starts it when it crosses a level; a bit is 0 or 1
+    #[arg(long, value_name = "PIN")]
+    trigger: String,
+    /// The level
+    #[arg(long, default_value_t = 0.5, allow_negative_numbers = true)]
+    level: f64,
+    /// In which direction it is crossed
+    #[arg(long, value_enum, default_value_t = Direction::Rising)]
+    edge: Direction,
+    /// How many cycles to record, those before the trigger included: 2 to 100000
+    #[arg(long, value_name = "N", default_value_t = 1000,
+        value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    cycles: u32,
+    /// How many of them are before the trigger: less than --cycles
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    before: u32,
+    /// Microseconds from cycle to cycle, 250 to 20000
+    #[arg(long, value_name = "US", default_value_t = 1000,
+        value_parser = clap::value_parser!(u32).range(250..=20_000))]
+    period: u32,
+    /// Give up when the trigger has not come after so many seconds, 1 to 3600
+    #[arg(long, value_name = "S", default_value_t = 60,
+        value_parser = clap::value_parser!(u32).range(1..=3600))]
+    timeout: u32,
+    /// Where the values go
+    #[arg(long, value_name = "FILE")]
+    csv: PathBuf,
+    /// Where a picture of them goes
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Direction {
+    Rising,
+    Falling,
+}
+
+/// What was recorded.
+#[derive(Debug, Serialize)]
+struct Report {
+    pins: Vec<String>,
+    trigger: String,
+    cycles: usize,
+    before: u32,
+    failed_reads: u64,
+    skipped_periods: u64,
+    csv: PathBuf,
+    plot: Option<PathBuf>,
+}
+
+impl Scope {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        let found = self.target.find()?;
+        let settings = Settings {
+            period: Duration::from_micros(self.period.into()),
+            // A thread like any other is late at times.
+            watchdog: Some(Duration::from_millis(100)),
+            ..Settings::default()
+        };
+        let bus = found.open_with(UdpConfig {
+            cycle_deadline: DEADLINE,
+            ..UdpConfig::default()
+        })?;
+        let driver = running::start(bus, settings)?;
+        let pins = driver.pins();
+        let find = |name: &String| named::find(pins, name);
+        let recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+        let pin = find(&self.trigger)?;
+        let info = |pin| pins.info_of(pin).cloned().ok_or("the pin is gone");
+        let infos = recorded.iter().map(|&pin| info(pin));
+        let infos = infos.collect::<Result<Vec<_>, _>>()?;
+        let trigger = Trigger {
+            pin,
+            level: self.level,
+            edge: match self.edge {
+                Direction::Rising => Edge::Rising,
+                Direction::Falling => Edge::Falling,
+            },
+        };
+        let (before, cycles) = (self.before as usize, self.cycles as usize);
+        let mut scope =
+            Recorder::new(pins, &recorded, trigger, (before, cycles)).map_err(Failure::usage)?;
+        let trigger = info(pin)?.name;
+        for file in std::iter::once(&self.csv).chain(&self.plot) {
+            let folder = file
+                .parent()
+                .filter(|folder| !folder.as_os_str().is_empty());
+            if folder.is_some_and(|folder| !folder.is_dir()) {
+                return Err(Failure::usage(format_args!(
+                    "{}: there is no such folder",
+                    file.display()
+                )));
+            }
+        }
+
+        let begun = pins.now();
+        let patience = Duration::from_secs(self.timeout.into());
+        let runner = Runner::new(driver).stop_on(context.stop.clone());
+        let ended = runner.run(|cycle| {
+            let state = scope.sample(cycle.pins());
+            let is_waiting = matches!(state, ScopeState::Filling | ScopeState::Waiting);
+            let is_late = is_waiting && cycle.pins().now().since(begun) > patience;
+            if is_late || state == ScopeState::Done {
+                return ControlFlow::Break(());
+            }
+            ControlFlow::Continue(())
+        });
+        ended.stopped?;
+        if let Some(signal) = ended.signal {
+            crate::output::complain(format_args!(
+                "mesa: ended by {signal}; nothing was written, and the ports are stopped"
+            ));
+            return Ok(Ending::Stopped(signal));
+        }
+        if scope.state() != ScopeState::Done {
+            return Err(Failure::refused(format_args!(
+                "{trigger} has not crossed {} ({:?}) in {} s; nothing was written",
+                self.level, self.edge, self.timeout
+            )));
+        }
+        files::write(&self.csv, table(&infos, &scope).as_bytes())?;
+        if let Some(plot) = &self.plot {
+            files::write(plot, plot::draw(&infos, &scope)?.as_bytes())?;
+        }
+        context.print(&Report {
+            pins: infos.into_iter().map(|info| info.name).collect(),
+            trigger,
+            cycles: scope.rows().count(),
+            before: self.before,
+            failed_reads: ended.statistics.failed_reads,
+            skipped_periods: ended.statistics.skipped_periods,
+            csv: self.csv.clone(),
+            plot: self.plot.clone(),
+        })?;
+        Ok(Ending::Done)
+    }
+}
+
+/// Seconds and cycles since the trigger, and the values, as CSV.
+fn table(infos: &[PinInfo], scope: &Recorder) -> String {
+    let names: Vec<&str> = infos.iter().map(|info| &*info.name).collect();
+    // A name may hold a comma, though it can not hold a quote.
+    let names = names.iter().map(|name| format!("\"{name}\""));
+    let mut text = format!("time_s,cycle,{}\n", names.collect::<Vec<_>>().join(","));
+    for (seconds, row) in times(scope).zip(scope.rows()) {
+        let _ = write!(text, "{seconds:.9},{}", row.offset);
+        for value in row.values() {
+            text.push(',');
+            if let Some(value) = value {
+                let _ = write!(text, "{}", named::number(value));
+            }
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Seconds since the trigger, cycle by cycle.
+fn times(scope: &Recorder) -> impl Iterator<Item = f64> + '_ {
+    let trigger = scope.rows().find(|row| row.offset == 0);
+    let trigger = trigger.map_or(0, |row| row.time.as_nanos() as i64);
+    let rows = scope.rows();
+    rows.map(move |row| (row.time.as_nanos() as i64 - trigger) as f64 / 1e9)
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} cycles of {} pins around {}, {} of them before",
+            self.cycles,
+            self.pins.len(),
+            self.trigger,
+            self.before
+        )?;
+        if self.failed_reads + self.skipped_periods > 0 {
+            writeln!(
+                f,
+                "{} reads failed, {} periods had no cycle: the time of each line is the true one",
+                self.failed_reads, self.skipped_periods
+            )?;
+        }
+        let files = std::iter::once(&self.csv).chain(&self.plot);
+        files
+            .into_iter()
+            .try_for_each(|file| writeln!(f, "{}", file.display()))
+    }
+}

@@ -1,0 +1,115 @@
+//! What a jog showed.
+
+use std::fmt::{self, Display};
+use std::time::Duration;
+
+use mesa_hal::hal::{AnyValue, PinInfo};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::commands::named;
+
+/// What became of it.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "snake_case", tag = "outcome", content = "reason")]
+pub enum Outcome {
+    Done,
+    Stopped(String),
+    Failed(String),
+}
+
+/// A jog that is over.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    pin: String,
+    terminal: String,
+    value: Value,
+    unit: String,
+    seconds: f64,
+    #[serde(flatten)]
+    outcome: Outcome,
+    changes: Vec<Change>,
+    #[serde(skip)]
+    text: String,
+}
+
+/// An input that was another one while the output was set.
+#[derive(Debug, Serialize)]
+pub struct Change {
+    pin: String,
+    terminal: String,
+    unit: String,
+    before: Value,
+    during: Value,
+    after: Value,
+    #[serde(skip)]
+    text: [String; 3],
+}
+
+impl Change {
+    pub fn new(info: &PinInfo, values: [Option<AnyValue>; 3]) -> Self {
+        let json = |value: Option<AnyValue>| value.map_or(Value::Null, named::json);
+        let text = |value: Option<AnyValue>| value.map_or("not valid".to_owned(), named::text);
+        let [before, during, after] = values.map(json);
+        Self {
+            pin: info.name.clone(),
+            terminal: info.place.terminal.clone(),
+            unit: info.unit.clone(),
+            before,
+            during,
+            after,
+            text: values.map(text),
+        }
+    }
+}
+
+impl Report {
+    pub fn new(
+        info: &PinInfo,
+        value: AnyValue,
+        time: Duration,
+        outcome: Outcome,
+        changes: Vec<Change>,
+    ) -> Self {
+        Self {
+            pin: info.name.clone(),
+            terminal: info.place.terminal.clone(),
+            value: named::json(value),
+            unit: info.unit.clone(),
+            seconds: time.as_secs_f64(),
+            outcome,
+            changes,
+            text: named::text(value),
+        }
+    }
+
+    /// Why it came to an end before its time, if the machine ended it.
+    pub fn failure(&self) -> Option<String> {
+        match &self.outcome {
+            Outcome::Failed(reason) => Some(format!("{}: {reason}", self.pin)),
+            Outcome::Done | Outcome::Stopped(_) => None,
+        }
+    }
+}
+
+impl Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let how = match &self.outcome {
+            Outcome::Done => format!("for {} s, and is safe again", self.seconds),
+            Outcome::Stopped(signal) => format!("until {signal}, and is safe again"),
+            Outcome::Failed(reason) => format!("until it failed: {reason}"),
+        };
+        let value = format!("{} {}", self.text, self.unit);
+        writeln!(f, "{} was {} {how}", self.pin, value.trim_end())?;
+        if self.changes.is_empty() {
+            return writeln!(f, "no input changed");
+        }
+        writeln!(f, "inputs that changed: before, while it was set, after")?;
+        for change in &self.changes {
+            let [before, during, after] = &change.text;
+            let Change { pin, terminal, .. } = change;
+            writeln!(f, "  {pin}  {before} -> {during} -> {after}  {terminal}")?;
+        }
+        Ok(())
+    }
+}

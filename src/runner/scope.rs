@@ -1,0 +1,383 @@
+//! Records cycles around a trigger.
+
+use alloc::vec::Vec;
+
+use crate::bus::Instant;
+use crate::hal::{AnyValue, HalType, PinId, Pins, Value};
+
+/// The most pins of a [`Scope`].
+pub const MAX_SCOPE_PINS: usize = 16;
+/// The most cycles of a [`Scope`].
+pub const MAX_SCOPE_CYCLES: usize = 100_000;
+
+/// Words of a cycle before its values: its number, its time, and which values are valid.
+const HEAD: usize = 3;
+
+/// Records pins in some cycles before and after a trigger, as an oscilloscope does. It is fed in the
+/// thread of the cycle, and read afterwards.
+///
+/// ```
+/// use std::ops::ControlFlow;
+/// use mesa_hal::runner::{Edge, Runner, Scope, ScopeState, Trigger};
+/// use mesa_hal::{Driver, Settings, sim::machines};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let board = machines::six_axes_7i92(Default::default());
+/// let driver = Driver::start(board, Settings::default())?;
+/// let lamp = driver.pins().output::<bool>("hm2_7i92.0.7i77.0.0.output-00")?;
+/// let trigger = Trigger { pin: lamp.into(), level: 0.5, edge: Edge::Rising };
+/// let mut scope = Scope::new(driver.pins(), &[lamp.into()], trigger, (5, 10))?;
+/// let ended = Runner::new(driver).run(|cycle| {
+///     let is_lit = cycle.number >= 50;
+///     cycle.pins_mut().set(lamp, is_lit);
+///     match scope.sample(cycle.pins()) {
+///         ScopeState::Done => ControlFlow::Break(()),
+///         _ => ControlFlow::Continue(()),
+///     }
+/// });
+/// ended.stopped?;
+/// let first = scope.rows().next().ok_or("recorded")?;
+/// assert_eq!((scope.rows().count(), first.offset), (10, -5));
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Real time
+/// [`sample`](Self::sample) takes constant time for each pin and does not allocate.
+/// [`new`](Self::new) does: 8 bytes for each value, and 24 for each cycle.
+#[derive(Clone, Debug)]
+pub struct Scope {
+    pins: Vec<(PinId, HalType)>,
+    trigger: Trigger,
+    /// Cycles before the trigger, and all.
+    before: usize,
+    cycles: usize,
+    /// A ring of `cycles` rows.
+    words: Vec<u64>,
+    /// Rows that were written so far.
+    written: usize,
+    /// The value of the trigger's pin in the last cycle.
+    last: Option<f64>,
+    /// The row of the trigger.
+    triggered: Option<usize>,
+}
+
+/// When a recording begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trigger {
+    /// The pin that is looked at; a bit is 0 or 1.
+    pub pin: PinId,
+    /// The level that it crosses.
+    pub level: f64,
+    /// In which direction.
+    pub edge: Edge,
+}
+
+/// The direction in which a level is crossed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Edge {
+    /// From below it to it or above.
+    Rising,
+    /// From above it to it or below.
+    Falling,
+}
+
+/// What a scope does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScopeState {
+    /// The cycles before the trigger are not complete: it would not be taken yet.
+    Filling,
+    /// It waits for its trigger.
+    Waiting,
+    /// The trigger came.
+    Triggered,
+    /// All cycles are recorded.
+    Done,
+}
+
+/// Why there can be no such scope.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ScopeError {
+    /// Too few or too many pins.
+    #[error("{count} pins: 1 to {MAX_SCOPE_PINS} can be recorded at once")]
+    Pins {
+        /// How many there were.
+        count: usize,
+    },
+    /// Too few or too many cycles.
+    #[error(
+        "{before} of {cycles} cycles before the trigger: there must be 2 to {MAX_SCOPE_CYCLES} cycles, \
+         and at least one from the trigger on"
+    )]
+    Cycles {
+        /// Cycles before the trigger.
+        before: usize,
+        /// All.
+        cycles: usize,
+    },
+    /// A pin is one of another driver.
+    #[error("a pin belongs to another driver's pins, or to none; ask this driver for it by name")]
+    ForeignPin,
+}
+
+/// One cycle of a recording.
+#[derive(Clone, Copy, Debug)]
+pub struct ScopeRow<'a> {
+    /// Cycles since the trigger; less than 0 before it.
+    pub offset: i64,
+    /// The number of the cycle.
+    pub cycle: u64,
+    /// When it began.
+    pub time: Instant,
+    pins: &'a [(PinId, HalType)],
+    valid: u64,
+    words: &'a [u64],
+}
+
+impl Scope {
+    /// For these pins, `before` of `cycles` cycles before the trigger.
+    ///
+    /// # Errors
+    /// [`ScopeError`].
+    pub fn new(
+        pins: &Pins,
+        recorded: &[PinId],
+        trigger: Trigger,
+        (before, cycles): (usize, usize),
+    ) -> Result<Self, ScopeError> {
+        let count = recorded.len();
+        if !(1..=MAX_SCOPE_PINS).contains(&count) {
+            return Err(ScopeError::Pins { count });
+        }
+        if !(2..=MAX_SCOPE_CYCLES).contains(&cycles) || before >= cycles {
+            return Err(ScopeError::Cycles { before, cycles });
+        }
+        let typed = |&pin| Some((pin, pins.info_of(pin)?.hal_type));
+        let typed: Option<Vec<_>> = recorded.iter().map(typed).collect();
+        let known = typed.filter(|_| pins.info_of(trigger.pin).is_some());
+        Ok(Self {
+            pins: known.ok_or(ScopeError::ForeignPin)?,
+            trigger,
+            before,
+            cycles,
+            words: alloc::vec![0; cycles * (HEAD + count)],
+            written: 0,
+            last: None,
+            triggered: None,
+        })
+    }
+
+    /// Takes a cycle: after its read, or after the application's own work, whose outputs are those of
+    /// this cycle then.
+    ///
+    /// # Real time
+    /// Constant time for each pin, no allocation.
+    pub fn sample(&mut self, pins: &Pins) -> ScopeState {
+        if self.state() == ScopeState::Done {
+            return ScopeState::Done;
+        }
+        self.look(pins);
+        let size = HEAD + self.pins.len();
+        let at = self.written % self.cycles * size;
+        let (mut valid, mut words) = (0, self.words.iter_mut().skip(at));
+        let mut put = |word| {
+            if let Some(slot) = words.next() {
+                *slot = word;
+            }
+        };
+        for (number, &(pin, _)) in self.pins.iter().enumerate() {
+            valid |= u64::from(pins.read_any(pin).valid) << number;
+        }
+        put(pins.cycle());
+        put(pins.now().as_nanos());
+        put(valid);
+        for &(pin, _) in &self.pins {
+            put(pins.read_any(pin).value.bits);
+        }
+        self.written += 1;
+        self.state()
+    }
+
+    /// What it does.
+    pub fn state(&self) -> ScopeState {
+        match self.triggered {
+            Some(row) if self.written - row >= self.cycles - self.before => ScopeState::Done,
+            Some(_) => ScopeState::Triggered,
+            None if self.written < self.before => ScopeState::Filling,
+            None => ScopeState::Waiting,
+        }
+    }
+
+    /// What was recorded: all of it when it is [done](ScopeState::Done), nothing before the trigger.
+    pub fn rows(&self) -> impl Iterator<Item = ScopeRow<'_>> + '_ {
+        let size = HEAD + self.pins.len();
+        let trigger = self.triggered.unwrap_or(self.written + self.before);
+        let rows = trigger.saturating_sub(self.before)..self.written;
+        rows.filter_map(move |row| {
+            let at = row % self.cycles * size;
+            let words = self.words.get(at..at + size)?;
+            let (&[cycle, nanos, valid], values) = words.split_first_chunk()?;
+            Some(ScopeRow {
+                offset: row as i64 - trigger as i64,
+                cycle,
+                time: Instant::from_nanos(nanos),
+                pins: &self.pins,
+                valid,
+                words: values,
+            })
+        })
+    }
+
+    /// Whether the level was crossed, once the cycles before are complete. A value that is not valid
+    /// crosses nothing.
+    fn look(&mut self, pins: &Pins) {
+        let reading = pins.read_any(self.trigger.pin);
+        let now = reading.ok().map(as_number);
+        let before = core::mem::replace(&mut self.last, now);
+        let (Some(before), Some(now), None) = (before, now, self.triggered) else {
+            return;
+        };
+        let level = self.trigger.level;
+        let has_crossed = match self.trigger.edge {
+            Edge::Rising => before < level && now >= level,
+            Edge::Falling => before > level && now <= level,
+        };
+        if has_crossed && self.written >= self.before {
+            self.triggered = Some(self.written);
+        }
+    }
+}
+
+impl ScopeRow<'_> {
+    /// The values in the order of the pins; `None` where one was not valid.
+    pub fn values(&self) -> impl Iterator<Item = Option<AnyValue>> + '_ {
+        let values = self.pins.iter().zip(self.words).enumerate();
+        values.map(|(number, (&(_, hal_type), &bits))| {
+            let is_valid = self.valid >> number & 1 != 0;
+            is_valid.then_some(AnyValue { hal_type, bits })
+        })
+    }
+}
+
+/// A bit is 0 or 1.
+fn as_number(value: AnyValue) -> f64 {
+    match value.hal_type {
+        HalType::Bit => f64::from(u8::from(bool::from_bits(value.bits))),
+        HalType::Float => f64::from_bits(value.bits),
+        HalType::S32 | HalType::S64 => i64::from_bits(value.bits) as f64,
+        HalType::U32 | HalType::U64 => value.bits as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hal::{PinMaker, PinStore};
+
+    /// Feeds `volts` cycle by cycle, and gives what was recorded: offsets and values.
+    fn record(volts: &[f64], edge: Edge, range: (usize, usize)) -> Vec<(i64, f64)> {
+        let mut store = PinStore::default();
+        let group = store.add_group();
+        let mut make = PinMaker::new(&mut store, group, "");
+        let pin = make.input::<f64>("volts").expect("made");
+        let trigger = Trigger {
+            pin: pin.into(),
+            level: 1.0,
+            edge,
+        };
+        let mut scope = Scope::new(&store, &[pin.into()], trigger, range).expect("possible");
+        for (number, &volts) in (1..).zip(volts) {
+            store.begin_cycle(Instant::from_nanos(number * 1000));
+            store.publish(pin, volts);
+            store.group_good(group);
+            scope.sample(&store);
+        }
+        let rows = scope.rows().map(|row| {
+            assert_eq!(row.time.as_nanos(), row.cycle * 1000);
+            let value = row.values().next().flatten().expect("valid");
+            (row.offset, as_number(value))
+        });
+        rows.collect()
+    }
+
+    #[test]
+    fn the_cycles_around_the_trigger_are_recorded_and_no_others() {
+        let volts = [0.0, 0.1, 0.2, 0.3, 1.5, 1.6, 0.4, 1.7, 1.8];
+        let rising = record(&volts, Edge::Rising, (2, 5));
+        assert_eq!(rising, [(-2, 0.2), (-1, 0.3), (0, 1.5), (1, 1.6), (2, 0.4)]);
+        let falling = record(&volts, Edge::Falling, (1, 3));
+        assert_eq!(falling, [(-1, 1.6), (0, 0.4), (1, 1.7)]);
+        // The first crossing comes too soon for what is to be before it.
+        let late = record(&volts, Edge::Rising, (6, 8));
+        assert_eq!((late[0], late[6]), ((-6, 0.1), (0, 1.7)));
+        assert_eq!(record(&volts[..4], Edge::Rising, (1, 3)), []);
+    }
+
+    #[test]
+    fn what_is_not_valid_triggers_nothing_and_is_no_value() {
+        let mut store = PinStore::default();
+        let group = store.add_group();
+        let mut make = PinMaker::new(&mut store, group, "");
+        let pin = make.input::<bool>("switch").expect("made");
+        let trigger = Trigger {
+            pin: pin.into(),
+            level: 0.5,
+            edge: Edge::Rising,
+        };
+        let mut scope = Scope::new(&store, &[pin.into()], trigger, (0, 3)).expect("possible");
+        store.publish(pin, false);
+        assert_eq!(scope.sample(&store), ScopeState::Waiting);
+        store.publish(pin, true);
+        assert_eq!(
+            scope.sample(&store),
+            ScopeState::Waiting,
+            "it was never valid"
+        );
+        store.group_good(group);
+        assert_eq!(
+            scope.sample(&store),
+            ScopeState::Waiting,
+            "it was not seen off"
+        );
+        store.publish(pin, false);
+        scope.sample(&store);
+        store.publish(pin, true);
+        assert_eq!(scope.sample(&store), ScopeState::Triggered);
+        store.invalidate(group);
+        scope.sample(&store);
+        assert_eq!(scope.sample(&store), ScopeState::Done);
+        let values: Vec<_> = scope
+            .rows()
+            .flat_map(|row| row.values().collect::<Vec<_>>())
+            .collect();
+        assert_eq!(values, [Some(true.into()), None, None]);
+    }
+
+    #[test]
+    fn what_is_too_much_is_refused() {
+        let mut store = PinStore::default();
+        let group = store.add_group();
+        let mut make = PinMaker::new(&mut store, group, "");
+        let pin = PinId::from(make.input::<bool>("switch").expect("made"));
+        let scope = |pins: &[PinId], pin, range| {
+            let trigger = Trigger {
+                pin,
+                level: 0.5,
+                edge: Edge::Rising,
+            };
+            Scope::new(&store, pins, trigger, range).err()
+        };
+        for count in [0, 17] {
+            let pins = alloc::vec![pin; count];
+            assert_eq!(scope(&pins, pin, (0, 2)), Some(ScopeError::Pins { count }));
+        }
+        for (before, cycles) in [(2, 2), (0, 1), (0, MAX_SCOPE_CYCLES + 1)] {
+            let error = ScopeError::Cycles { before, cycles };
+            assert_eq!(scope(&[pin], pin, (before, cycles)), Some(error));
+        }
+        let foreign = Some(ScopeError::ForeignPin);
+        assert_eq!(scope(&[pin], PinId::default(), (1, 2)), foreign);
+        assert_eq!(scope(&[PinId::default()], pin, (1, 2)), foreign);
+    }
+}

@@ -1,0 +1,170 @@
+//! `mesa scope`: what it records is what the simulated board's console did.
+
+use std::fs;
+use std::net::Ipv4Addr;
+use std::time::{Duration, Instant};
+
+use crate::interop::board::Board;
+use crate::interop::{Process, Scratch};
+use crate::run::{Run, command, hold_against_schema, run};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn board() -> Board {
+    let card = ["--board", "7i92-7i77", "--port", "0"];
+    Board::start(Ipv4Addr::LOCALHOST, &card)
+}
+
+#[test]
+fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
+    let mut board = board();
+    let (csv, svg) = (Scratch::new("scope.csv"), Scratch::new("scope.svg"));
+    let address = board.address.to_string();
+    let arguments = [
+        "scope",
+        "7i77.0.0.input-02",
+        "encoder.00.position",
+        "--trigger",
+        "7i77.0.0.input-02",
+        "--cycles",
+        "300",
+        "--before",
+        "100",
+        "--period",
+        "2000",
+        "--csv",
+        csv.path(),
+        "--plot",
+        svg.path(),
+        "--addr",
+        &address,
+        "--json",
+    ];
+    board.console.run("turn 0 1000");
+    let mut scope = Process::new(command(&arguments).spawn().expect("mesa starts"));
+    // Until the driver asks, and the cycles before are full; it goes on and off until it is seen.
+    let begun = Instant::now();
+    let mut state = "on";
+    while scope.child().try_wait().expect("a child").is_none() {
+        assert!(begun.elapsed() < PATIENCE, "no trigger");
+        board.console.run(&format!("input 0 2 {state}"));
+        state = if state == "on" { "off" } else { "on" };
+        std::thread::sleep(Duration::from_millis(700));
+    }
+    let run: Run = scope.output().into();
+    assert_eq!(run.code, Some(0), "{run:?}");
+    let told = serde_json::from_str(&run.out).expect("JSON");
+    hold_against_schema("scope", &told);
+    assert_eq!(told["cycles"], 300);
+
+    let text = fs::read_to_string(&csv.0).expect("a file");
+    let (header, rows) = text.split_once('\n').expect("a header");
+    assert_eq!(
+        header,
+        "time_s,cycle,\"hm2_7i92.0.7i77.0.0.input-02\",\"hm2_7i92.0.encoder.00.position\""
+    );
+    let rows: Vec<Vec<f64>> = rows
+        .lines()
+        .map(|row| {
+            row.split(',')
+                .map(|cell| cell.parse().unwrap_or(f64::NAN))
+                .collect()
+        })
+        .collect();
+    assert_eq!(rows.len(), 300);
+    let offsets: Vec<f64> = rows.iter().map(|row| row[1]).collect();
+    assert_eq!(offsets, (-100..200).map(f64::from).collect::<Vec<_>>());
+    assert_eq!(
+        (rows[100][0], rows[99][2], rows[100][2]),
+        (0.0, 0.0, 1.0),
+        "the trigger"
+    );
+    assert!(
+        rows.windows(2).all(|pair| pair[0][0] < pair[1][0]),
+        "time goes on"
+    );
+    // The console turned it with 1000 units a second.
+    let (first, last) = (&rows[0], &rows[299]);
+    let speed = (last[3] - first[3]) / (last[0] - first[0]);
+    assert!((500.0..2000.0).contains(&speed.abs()), "{speed}");
+    let svg = fs::read_to_string(&svg.0).expect("a picture");
+    assert!(svg.starts_with("<svg") && svg.contains("encoder.00.position"));
+    assert!(svg.matches("<polyline").count() >= 4, "lines and triggers");
+}
+
+#[test]
+fn without_its_trigger_nothing_is_written() {
+    let csv = Scratch::new("never.csv");
+    let sim = [
+        "--trigger",
+        "input-02",
+        "--csv",
+        csv.path(),
+        "--sim",
+        "7i92-7i77",
+    ];
+    let late = run(&[&["scope", "input-02", "--timeout", "1"], &sim[..]].concat());
+    assert_eq!(late.code, Some(1), "{late:?}");
+    assert!(late.err.contains("has not crossed 0.5"), "{late:?}");
+    assert!(!csv.0.exists());
+
+    let mut board = board();
+    let address = board.address.to_string();
+    let arguments = [
+        "scope",
+        "input-02",
+        "--trigger",
+        "input-02",
+        "--csv",
+        csv.path(),
+        "--addr",
+        &address,
+    ];
+    let mut scope = Process::new(command(&arguments).spawn().expect("mesa starts"));
+    let begun = Instant::now();
+    let asked = |board: &mut Board| {
+        let counts = board.console.show("network");
+        counts["network.received.packets"]
+            .parse::<u64>()
+            .expect("a number")
+    };
+    while asked(&mut board) < 1500 {
+        assert!(begun.elapsed() < PATIENCE, "it never runs");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    scope.signal("INT");
+    let run: Run = scope.output().into();
+    assert_eq!(run.code, Some(130), "{run:?}");
+    assert!(run.err.contains("nothing was written"), "{run:?}");
+    assert!(!csv.0.exists());
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_and_says_what_would() {
+    let rest = ["--sim", "7i92-7i77", "--csv", "/nowhere/a.csv"];
+    for (arguments, code, said) in [
+        (&["input-2", "--trigger", "input-02"][..], 2, "input-"),
+        (&["input-02", "--trigger", "nonsense"], 2, "mesa pins"),
+        (
+            &["input-02", "--trigger", "input-02", "--cycles", "100001"],
+            2,
+            "100000",
+        ),
+        (
+            &["input-02", "--trigger", "input-02", "--cycles", "50"],
+            2,
+            "before the trigger",
+        ),
+        (
+            &["input-02", "--trigger", "input-02", "--edge", "up"],
+            2,
+            "rising, falling",
+        ),
+        (&["--trigger", "input-02"], 2, "<PIN>"),
+        (&["input-02", "--trigger", "input-02"], 2, "no such folder"),
+    ] {
+        let run = run(&[&["scope"], arguments, &rest].concat());
+        assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
+        assert!(run.err.contains(said), "{arguments:?}: {run:?}");
+    }
+}

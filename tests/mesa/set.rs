@@ -1,0 +1,197 @@
+//! `mesa set`: what an output really does is what the simulated board's console says.
+
+use std::net::Ipv4Addr;
+use std::process::Output;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::interop::Process;
+use crate::interop::board::Board;
+use crate::run::{Run, command, hold_against_schema, json, run};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+const OUTPUT: &str = "7i77.0.0.output-03";
+
+fn board() -> Board {
+    let card = ["--board", "7i92-7i77", "--port", "0"];
+    Board::start(Ipv4Addr::LOCALHOST, &card)
+}
+
+/// A jog that was not waited for.
+fn begin(board: &Board, arguments: &[&str]) -> Process {
+    let address = board.address.to_string();
+    let all = [&["set"], arguments, &["--addr", &address, "--yes"]].concat();
+    Process::new(command(&all).spawn().expect("mesa starts"))
+}
+
+/// Waits until the console says this of a channel.
+fn wait_for(board: &mut Board, channel: usize, name: &str, value: &str) {
+    let begun = Instant::now();
+    let name = format!("remote.{channel}.{name}");
+    while board.console.show(&channel.to_string())[&name] != value {
+        assert!(begun.elapsed() < PATIENCE, "{name} is not {value}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// The outputs of both halves of the card that are on.
+fn lit(board: &mut Board) -> Vec<String> {
+    let mut lit = Vec::new();
+    for channel in ["0", "1"] {
+        let values = board.console.show(channel);
+        let outputs = values.into_iter().filter(|(name, value)| {
+            let name = name.rsplit('.').next().unwrap_or_default();
+            let is_output = ["output", "analogout", "analogena", "spinena"];
+            is_output.iter().any(|start| name.starts_with(start)) && !is_zero(value)
+        });
+        lit.extend(outputs.map(|(name, _)| name));
+    }
+    lit
+}
+
+fn is_zero(value: &str) -> bool {
+    value.parse::<f64>().is_ok_and(|value| value.abs() < 0.01)
+}
+
+fn ended(process: Process) -> Run {
+    let output: Output = process.output();
+    output.into()
+}
+
+#[test]
+fn an_output_is_on_alone_for_its_time_and_then_off() {
+    let mut board = board();
+    assert_eq!(lit(&mut board), [""; 0]);
+    let jog = begin(&board, &[OUTPUT, "on", "--for", "3s", "--json"]);
+    wait_for(&mut board, 0, "output-03", "1");
+    assert_eq!(lit(&mut board), ["remote.0.output-03"]);
+    // An input that somebody switches meanwhile is told.
+    board.console.run("input 0 7 on");
+    let run = ended(jog);
+    assert_eq!(run.code, Some(0), "{run:?}");
+    assert_eq!(lit(&mut board), [""; 0]);
+    assert!(run.err.contains("TB8 pin 20"), "{run:?}");
+    let told: Value = serde_json::from_str(&run.out).expect("JSON");
+    hold_against_schema("set", &told);
+    assert_eq!(told["outcome"], "done");
+    let changes = told["changes"].as_array().expect("a list");
+    let input = changes.iter().find(|change| {
+        let pin = change["pin"].as_str().expect("a name");
+        pin.ends_with("7i77.0.0.input-07")
+    });
+    let input = input.unwrap_or_else(|| panic!("{told:#}"));
+    assert_eq!(
+        (&input["before"], &input["during"]),
+        (&false.into(), &true.into())
+    );
+}
+
+#[test]
+fn a_drive_moves_only_when_its_enable_and_its_voltage_were_asked_for_by_name() {
+    let mut board = board();
+    let analog = ["7i77.0.1.analogout0", "0.5", "--for", "500ms"];
+    let address = board.address.to_string();
+    let all = [&["set"], &analog[..], &["--addr", &address, "--yes"]].concat();
+    let refused = run(&all);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("--analog"), "{refused:?}");
+    let enable = ["set", "7i77.0.1.analogena", "on", "--for", "1s"];
+    let refused = run(&[&enable[..], &["--addr", &address, "--yes", "--analog"]].concat());
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("--drive-enable"), "{refused:?}");
+
+    let is = |board: &mut Board| board.console.show("motors")["motor.0.position"].clone();
+    let at = is(&mut board);
+    let disabled = run(&[&all[..], &["--analog"]].concat());
+    assert_eq!(disabled.code, Some(0), "{disabled:?}");
+    assert_eq!(is(&mut board), at, "it was not enabled");
+    let told = json(&[&all[..], &["--analog", "--drive-enable"]].concat());
+    assert_ne!(is(&mut board), at, "it has moved");
+    assert!(
+        told["changes"].to_string().contains("encoder.00.position"),
+        "{told:#}"
+    );
+    assert_eq!(lit(&mut board), [""; 0]);
+}
+
+#[test]
+fn a_signal_ends_it_with_the_output_off() {
+    for (signal, code) in [("INT", 130), ("TERM", 143)] {
+        let mut board = board();
+        let mut jog = begin(&board, &[OUTPUT, "1", "--for", "60s"]);
+        wait_for(&mut board, 0, "output-03", "1");
+        jog.signal(signal);
+        let run = ended(jog);
+        assert_eq!(run.code, Some(code), "{run:?}");
+        assert_eq!(lit(&mut board), [""; 0]);
+        assert!(
+            run.err.contains(&format!("ended by SIG{signal}")),
+            "{run:?}"
+        );
+        assert!(run.err.contains("all outputs are off"), "{run:?}");
+        assert!(run.out.contains("safe again"), "{run:?}");
+    }
+}
+
+#[test]
+fn a_fault_ends_it_with_the_reason() {
+    let mut board = board();
+    let jog = begin(&board, &[OUTPUT, "on", "--for", "60s"]);
+    wait_for(&mut board, 0, "output-03", "1");
+    board.console.run("shorted 0 3 on");
+    let run = ended(jog);
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert!(run.err.contains("output overloaded"), "{run:?}");
+    assert_eq!(lit(&mut board), [""; 0]);
+    // The other end of it is gone.
+    let mut board = self::board();
+    let jog = begin(&board, &[OUTPUT, "on", "--for", "60s"]);
+    wait_for(&mut board, 0, "output-03", "1");
+    board.kill();
+    let run = ended(jog);
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert!(
+        run.out.is_empty() || run.out.contains("until it failed"),
+        "{run:?}"
+    );
+}
+
+#[test]
+fn nobody_reads_what_it_prints_and_it_ends_all_the_same() {
+    let mut board = board();
+    let mut jog = begin(&board, &[OUTPUT, "on", "--for", "300ms"]);
+    jog.stop_reading();
+    let run = ended(jog);
+    assert_eq!(run.code, Some(0), "{run:?}");
+    assert_eq!(lit(&mut board), [""; 0]);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_and_says_what_would() {
+    let sim = ["--for", "1s", "--sim", "7i92-7i77", "--yes"];
+    for (arguments, said) in [
+        (["7i77.0.0.output-3", "on"], "output-03`"),
+        (["spindle", "on"], "mesa pins"),
+        (["enable", "on"], "mesa pins"),
+        (["rawcounts", "1"], "is the end of"),
+        ([OUTPUT, "2"], "0 or 1"),
+        (["7i77.0.1.analogout0", "10.5"], "from -10 to 10"),
+        (["7i77.0.1.analogout0", "nan"], "from -10 to 10"),
+        (["7i77.0.0.input-03", "on"], "it is an input"),
+        (["watchdog.timeout_ns", "0"], "not set by hand"),
+    ] {
+        let run = run(&[&["set"], &arguments[..], &sim].concat());
+        assert_eq!(run.code, Some(2), "{arguments:?}: {run:?}");
+        assert!(run.err.contains(said), "{arguments:?}: {run:?}");
+    }
+    for time in ["0.05", "61s", "-1", "soon"] {
+        let time = format!("--for={time}");
+        let run = run(&["set", OUTPUT, "on", &time, "--sim", "7i97"]);
+        assert_eq!(run.code, Some(2), "{time}: {run:?}");
+        assert!(run.err.contains("0.1 s to 60 s"), "{time}: {run:?}");
+    }
+    let run = run(&["set", OUTPUT, "on", "--for", "1s", "--sim", "7i92-7i77"]);
+    assert_eq!(run.code, Some(2), "nobody can be asked: {run:?}");
+    assert!(run.err.contains("--yes"), "{run:?}");
+}
