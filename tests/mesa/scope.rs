@@ -40,7 +40,7 @@ fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
         &address,
         "--json",
     ];
-    board.console.run("turn 0 1000");
+    board.console.run("turn 0 1");
     let mut scope = Process::new(command(&arguments).spawn().expect("mesa starts"));
     // Until the driver asks, and the cycles before are full; it goes on and off until it is seen.
     let begun = Instant::now();
@@ -83,7 +83,7 @@ fn the_cycles_around_a_switch_and_a_turning_motor_are_recorded() {
         rows.windows(2).all(|pair| pair[0][0] < pair[1][0]),
         "time goes on"
     );
-    // The console turned it with 1000 units a second.
+    // The console turned it with one unit, 1000 counts, a second.
     let (first, last) = (&rows[0], &rows[299]);
     let speed = (last[3] - first[3]) / (last[0] - first[0]);
     assert!((500.0..2000.0).contains(&speed.abs()), "{speed}");
