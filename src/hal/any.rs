@@ -61,7 +61,7 @@ impl PinId {
 }
 
 #[cfg(feature = "std")]
-impl super::GroupId {
+impl GroupId {
     /// For a queue: the store and the index.
     pub(crate) const fn to_word(self) -> u64 {
         PinId(self.0).to_word()
