@@ -182,6 +182,8 @@ impl<B: RegisterBus + Clock> Board<B> {
         for stage in &mut self.stages {
             self.parts.ports.push(self.plan.start(bus, stage)?);
         }
+        // What is evidence has been added since the modules registered.
+        self.plan.image.check().map_err(RegisterError::from)?;
         // The board's timer comes once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.plan.settings;
         let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));

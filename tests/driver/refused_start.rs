@@ -4,10 +4,15 @@ use std::time::Duration;
 
 use crate::common::machine::{OUTPUTS, fpga, start};
 use mesa_hal::Settings;
+use mesa_hal::bus::Phase;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::discovery::RemoteTable;
-use mesa_hal::driver::{Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig};
-use mesa_hal::sim::{SimError, SimFpga};
+use mesa_hal::driver::{
+    Board, Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig,
+};
+use mesa_hal::hostmot2::Gtag;
+use mesa_hal::modules::{Module, Registrar};
+use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
 
 #[test]
 fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
@@ -45,6 +50,31 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
         0xC100,
         "the others are stopped"
     );
+}
+
+/// Directions that the board reads back are evidence, and that it does is seen when everything has
+/// registered: with no serial port, nothing registers after it.
+#[test]
+fn a_module_that_reads_directions_as_data_is_refused_with_the_register() {
+    #[derive(Debug)]
+    struct Curious;
+
+    impl Module for Curious {}
+
+    let mut firmware = machines::firmware_7i97(1);
+    firmware
+        .modules
+        .retain(|module| module.gtag != gtag::SSERIAL);
+    let fpga = SimFpga::new(firmware);
+    let mut board = Board::identify(fpga, Settings::default()).expect("a 7I97");
+    let register = |r: &mut Registrar<'_>| {
+        let ports = r.module(Gtag::IO_PORT).expect("I/O ports");
+        r.image.read(Phase::Data, ports.register(1, 0)?);
+        Ok([Curious])
+    };
+    board.add(register).expect("nobody else reads it yet");
+    let error = board.start().map(drop).expect_err("two phases");
+    assert!(error.to_string().contains("read in two phases"), "{error}");
 }
 
 #[test]

@@ -16,8 +16,8 @@ pub enum Phase {
     Data,
     /// After all data: writes that start something with it.
     Trigger,
-    /// After all data: reads that say whether the board is still the one that was set up. What was
-    /// read before them was, if they say so.
+    /// After all data: reads that show whether the board still has its set-up. If they do, it had it
+    /// while everything before them was read.
     Evidence,
 }
 
@@ -145,7 +145,8 @@ impl ImagePlan {
     }
 
     /// A register that is written in every cycle, as `word` until another one is put, and not with the
-    /// set-up. Nothing else may write it, but for [steps](Self::step).
+    /// set-up: what it has after a reset until then must do no harm. Nothing else may write it, but for
+    /// [steps](Self::step).
     pub fn write(&mut self, phase: Phase, address: u16, word: u32) -> WriteSlot {
         let register = Register {
             phase,
@@ -267,7 +268,8 @@ impl ImagePlan {
         bus.exchange(&accesses, &mut words)
     }
 
-    /// Refuses registers that can not be, that two write, or that two read at different times.
+    /// Refuses registers that can not be, that two write, or that are read or written at a time that
+    /// does not fit.
     pub(crate) fn check(&self) -> Result<(), ImageError> {
         let mut reads: Vec<_> = self.reads.iter().map(|r| (r.address, r.phase)).collect();
         reads.sort_unstable();
@@ -285,6 +287,13 @@ impl ImagePlan {
         };
         let hint = "was registered: addresses are multiples of 4; check the module's descriptor";
         refuse(odd, hint)?;
+        let mut late = self.reads.iter().filter(|r| r.phase == Phase::Trigger);
+        let is_for_reads = |phase| matches!(phase, Phase::Status | Phase::Evidence);
+        let mut unsent = self.writes.iter().filter(|w| is_for_reads(w.phase));
+        let misplaced = late.next().or_else(|| unsent.next());
+        let hint = "was registered for a phase that is not its own: reads have no `Phase::Trigger`, and \
+                    writes neither `Phase::Status` nor `Phase::Evidence`; choose `Phase::Data`";
+        refuse(misplaced.map(|register| register.address), hint)?;
         let hint = "is written by two modules; leave one of them out";
         refuse(twice(written), hint)?;
         let hint = "is read in two phases; leave one of the modules out";

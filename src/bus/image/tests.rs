@@ -388,6 +388,16 @@ fn what_can_not_be_planned_is_refused_with_the_register_at_fault() {
         plan.read(Phase::Status, 0x5A00);
     });
     assert_eq!(phases.address, 0x5A00);
+    let late = refused(|plan| {
+        plan.read(Phase::Trigger, 0x5B00);
+    });
+    assert_eq!(late.address, 0x5B00);
+    for phase in [Phase::Status, Phase::Evidence] {
+        let mut plan = ImagePlan::default();
+        plan.write(phase, 0x5C00, 0);
+        let error = plan.check().unwrap_err();
+        assert_eq!(error.address, 0x5C00, "{phase:?}");
+    }
 }
 
 proptest! {
