@@ -121,7 +121,11 @@ fn more_encoders_than_there_are_is_refused_and_fewer_are_used() {
         error,
         DriverError::Register(RegisterError::Setting { .. })
     ));
-    assert!(error.to_string().contains("at most 6"), "{error}");
+    let text = error.to_string();
+    assert!(
+        text.contains("`EncoderSetup::count`): 7, expected at most 6"),
+        "{text}"
+    );
     let driver = build(3).expect("three of six");
     assert_eq!(encoders(&driver).len(), 3);
 }

@@ -101,6 +101,11 @@ fn firmware_that_is_not_known_is_refused_by_name() {
         assert!(error.to_string().contains(text), "{error}");
     }
     assert_eq!(identify(3, 44).map(|found| found.minor), Ok(44));
+    // Of a version that is not known the rest means nothing.
+    let mut bus = Replay::new(Vec::new());
+    bus.local.extend([(2, 2), (7, 3)]);
+    let error = port().on(&mut bus).identify().unwrap_err().to_string();
+    assert!(error.contains("flash a newer firmware"), "{error}");
 }
 
 /// Manual: 7I77, "NORMAL MODE OPERATION", steps 1 to 11 in the poll form; transcript t06.

@@ -183,6 +183,9 @@ impl Machine {
 
     /// The word for COMMAND that begins `operation`; one that the register ignores while the port
     /// is not idle. [`written`](Self::written) must follow.
+    ///
+    /// A transfer of a channel that does not run in normal mode is a mistake in the program, at which a
+    /// debug build panics: nothing is sent to it, and its bit in DATA means nothing (FACTS 5.5).
     pub fn begin(&mut self, operation: Operation) -> u32 {
         if !self.idle && !operation.interrupts() {
             self.begun = None;

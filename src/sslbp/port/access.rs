@@ -34,7 +34,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             && machine.running.contains(channel);
         let registers = self.port.layout.channel(channel).filter(|_| is_ready);
         let Some(registers) = registers else {
-            return Err(self.wrong_state(format!("channel {channel} started in setup mode")));
+            return Err(self.wrong_state(format!("a setup START of channel {channel}")));
         };
         let data = access.data_words().into_iter().flatten();
         let mut writes: Vec<_> = registers.interfaces().zip(data).collect();

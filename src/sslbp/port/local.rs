@@ -56,7 +56,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// OPERATIONS".
     ///
     /// # Errors
-    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if it is not kept; there is no such address; the bus fails, or the port does not answer.
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected) if it is not kept, or there is no
+    /// such address; the bus fails, or the port does not answer.
     pub fn local_write(&mut self, address: u16, value: u8) -> PortResult<(), B> {
         self.require_local(address)?;
         let data = [(self.port.layout.data(), u32::from(value))];
@@ -74,7 +75,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// FACTS 2.3.
     ///
     /// # Errors
-    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port does not answer.
+    /// [`PortError::Unexpected`](crate::sslbp::PortError::Unexpected); the bus fails, or the port does
+    /// not answer.
     pub fn identify(&mut self) -> PortResult<PortParameters, B> {
         let parameters = self.local_bytes(0)?;
         let clock = self.local_bytes(PortParameters::CLOCK)?;
@@ -92,19 +94,16 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
         let is_room =
             u16::from(stride) > LAST_VARIABLE && last + LAST_VARIABLE < PortParameters::CLOCK;
         let is_known = major == 1 && minor >= OLDEST_MINOR;
-        let all = self.port.layout.channels;
-        let bytes = [
-            (kind, 0x12, "the interface type", OTHER_PROTOCOL),
-            (width, 8, "the width of DATA", NOT_KNOWN),
-            (processor, 0xD8, "the interface processor", NOT_KNOWN),
-            (channels, all, "the number of channels", INCONSISTENT),
-        ];
-        for (found, expected, what, hint) in bytes {
-            if found != expected {
-                let [found, expected] = [found, expected].map(|byte| format!("{byte:#04X}"));
-                return Err(self.unexpected(what.into(), found, expected, hint));
+        let require = |(found, expected): (u8, u8), what: &str, hint| {
+            if found == expected {
+                return Ok(());
             }
-        }
+            let [found, expected] = [found, expected].map(|byte| format!("{byte:#04X}"));
+            Err(self.unexpected(what.into(), found, expected, hint))
+        };
+        require((kind, 0x12), "the interface type", OTHER_PROTOCOL)?;
+        require((width, 8), "the width of DATA", NOT_KNOWN)?;
+        require((processor, 0xD8), "the interface processor", NOT_KNOWN)?;
         if !is_known {
             let found = format!("{major}.{minor}");
             let expected = format!("1.{OLDEST_MINOR} or a newer 1.x");
@@ -117,6 +116,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             let expected = "room for those of version 1.43".into();
             return Err(self.unexpected(what, found, expected, NOT_KNOWN));
         }
+        let all = self.port.layout.channels;
+        require((channels, all), "the number of channels", INCONSISTENT)?;
         let parameters = PortParameters {
             major,
             minor,
