@@ -121,6 +121,7 @@ impl Rule {
     /// A value in the units of the wire.
     // The scale is compared with what it was made with: nothing was computed.
     #[allow(clippy::float_cmp)]
+    #[inline]
     pub fn on_wire(&self, value: f64) -> (f64, Option<Rejection>) {
         let (end, full) = self.wire;
         let value = if self.scale_now == full {

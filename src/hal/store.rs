@@ -109,8 +109,12 @@ impl PinStore {
         pin: Handle<K, T>,
         value: T,
     ) {
-        let (key, value) = (pin.key, value.into());
+        let value = value.into();
         debug_assert!(self.info(pin).is_none_or(|i| i.hal_type == value.hal_type));
+        self.publish_any(pin.key, value);
+    }
+
+    fn publish_any(&mut self, key: Key, value: AnyValue) {
         let Some(slot) = self.slot_mut(key) else {
             return;
         };

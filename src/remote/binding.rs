@@ -92,10 +92,18 @@ impl BitInputs {
     /// those that did are published.
     pub fn take(&mut self, pins: &mut PinStore, words: &[u32]) {
         let bits = self.field.get(words);
-        let mut changed = match self.taken.replace(bits) {
+        let changed = match self.taken.replace(bits) {
             Some(taken) => taken ^ bits,
             None => self.field.mask,
         };
+        if changed != 0 {
+            self.publish(pins, bits, changed);
+        }
+    }
+
+    // Apart from the usual way, which would prepare for it.
+    #[inline(never)]
+    fn publish(&self, pins: &mut PinStore, bits: u64, mut changed: u64) {
         while changed != 0 {
             let bit = changed.trailing_zeros();
             changed &= changed - 1;

@@ -127,11 +127,7 @@ impl Scaling {
     pub fn raw(self, value: f64) -> u64 {
         let value = if value.is_finite() { value } else { 0.0 };
         let raw = match self.form {
-            Form::Whole { signed } => {
-                let (lowest, highest) = whole_range(self.bits, signed);
-                // Exact, or saturated far outside of every range.
-                (libm::round(value) as i128).clamp(lowest, highest) as u64
-            }
+            Form::Whole { signed } => nearest_whole(value, self.bits, signed),
             Form::Offset => {
                 let fraction = (value - self.min) / (self.max - self.min);
                 // A cast from a real number saturates: 2^64 becomes 2^64 - 1.
@@ -174,7 +170,16 @@ pub(super) fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
     }
 }
 
-/// The same as real numbers, none beyond them, for a number that is narrower than the 32 or 64 bits
+/// The nearest of them to a number, in two's complement.
+// Apart from the rest, whose registers its wide numbers would take.
+#[inline(never)]
+fn nearest_whole(value: f64, bits: u8, signed: bool) -> u64 {
+    let (lowest, highest) = whole_range(bits, signed);
+    // Exact, or saturated far outside of every range.
+    (libm::round(value) as i128).clamp(lowest, highest) as u64
+}
+
+/// All of them as real numbers, none beyond them, for a number that is narrower than the 32 or 64 bits
 /// of its type; `None` for one that is as wide.
 pub(super) fn narrow_limits(bits: u8, signed: bool) -> Option<(f64, f64)> {
     let (lowest, highest) = whole_range(bits, signed);
