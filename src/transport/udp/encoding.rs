@@ -64,7 +64,7 @@ pub struct UdpList {
     pub(super) is_answered: bool,
     /// What tells that its writes were executed, if the packet changes registers of the board.
     pub(super) kind: Option<Kind>,
-    /// Where the number of its write is: for its slot, and behind it as the last if it says so.
+    /// Where the number of its write is: for its slot, and behind it as the last if it carries that.
     write_number: usize,
     writes: Vec<Piece>,
     reads: Vec<Piece>,
@@ -74,11 +74,15 @@ pub struct UdpList {
     waited: Option<usize>,
 }
 
-/// Words of the buffer, and where their bytes are in a packet.
+/// Words of the buffer, and where their bytes are in a packet. Small, since each cycle reads them all.
 #[derive(Clone, Debug)]
 struct Piece {
-    words: Range<usize>,
-    bytes: Range<usize>,
+    words: Range<u16>,
+    bytes: Range<u16>,
+}
+
+fn wide(range: &Range<u16>) -> Range<usize> {
+    range.start.into()..range.end.into()
 }
 
 impl AsRef<[Access]> for UdpList {
@@ -261,13 +265,13 @@ impl UdpList {
                     *low += 1;
                 }
                 newest = Some((at, run));
-                self.push_word(next.direction, next.first.into());
+                self.push_word(next.direction, next.first);
             }
         }
     }
 
-    /// Adds the place of a word.
-    fn push_word(&mut self, direction: Direction, word: usize) {
+    /// Adds the place of a word. One that no packet has is cut off, and the packet refused.
+    fn push_word(&mut self, direction: Direction, word: u16) {
         let (pieces, at) = match direction {
             Direction::Read => {
                 self.request.reply_len += 4;
@@ -278,9 +282,9 @@ impl UdpList {
                 (&mut self.writes, self.request.bytes.len() - 4)
             }
         };
-        let (words, bytes) = (word..word + 1, at..at + 4);
+        let (words, bytes) = (word..word + 1, at as u16..(at + 4) as u16);
         match pieces.last_mut() {
-            Some(last) if last.words.end == word && last.bytes.end == at => {
+            Some(last) if last.words.end == word && last.bytes.end == bytes.start => {
                 (last.words.end, last.bytes.end) = (words.end, bytes.end);
             }
             _ => pieces.push(Piece { words, bytes }),
@@ -317,8 +321,8 @@ impl UdpList {
             }
         }
         for piece in &self.writes {
-            let values = words.get(piece.words.clone()).unwrap_or_default();
-            let bytes = packet.get_mut(piece.bytes.clone()).unwrap_or_default();
+            let values = words.get(wide(&piece.words)).unwrap_or_default();
+            let bytes = packet.get_mut(wide(&piece.bytes)).unwrap_or_default();
             for (target, value) in bytes.chunks_exact_mut(4).zip(values) {
                 target.copy_from_slice(&value.to_le_bytes());
             }
@@ -329,11 +333,9 @@ impl UdpList {
     /// Takes the words of a reply, which has the right size.
     pub(super) fn take(&self, reply: &[u8], words: &mut [u32]) {
         for piece in &self.reads {
-            let (values, _) = reply
-                .get(piece.bytes.clone())
-                .unwrap_or_default()
-                .as_chunks();
-            let targets = words.get_mut(piece.words.clone()).unwrap_or_default();
+            let bytes = reply.get(wide(&piece.bytes)).unwrap_or_default();
+            let (values, _) = bytes.as_chunks();
+            let targets = words.get_mut(wide(&piece.words)).unwrap_or_default();
             for (target, value) in targets.iter_mut().zip(values) {
                 *target = u32::from_le_bytes(*value);
             }
