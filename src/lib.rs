@@ -80,7 +80,7 @@
 //! They do not allocate, log, panic, or wait for hardware: a busy port is a state, not a loop. Only
 //! where the application asks for it does `read` wait for the next period of the board's own clock
 //! ([`Pace::Board`]). Everything else belongs to set-up or maintenance, is bounded as well, and may
-//! allocate. Each item says so under "Real time".
+//! allocate. Each item has a section "Real time".
 //!
 //! # What becomes of packets
 //! Over Ethernet every reply tells which write was the last that the board executed, and how many
@@ -98,13 +98,13 @@
 //! - An encoder counts 16 bits: one that moves more than 32,767 counts between two good reads is
 //!   miscounted. At 3 million counts a second that is 10 ms. That it may have happened is on its
 //!   pin `count-unsure`; whether it did, nothing can tell, and the axis has to be homed again.
-//! - Smart serial replies carry no number. One that comes a whole period late is told from the next
-//!   by the rest a channel gets after a failure; two in a row that late are not.
+//! - Smart serial replies carry no number. One that comes a whole period late is distinguished
+//!   from the next by the rest a channel gets after a failure; two in a row that late are not.
 //! - A program that drives the same board is noticed when the bus is opened, if it sends at least
 //!   about 100 packets a second ([`UdpBus::new`]); one that begins later is not. Never let two
 //!   programs drive one board.
 //! - A write packet that the network delays is executed when it arrives: for a moment the outputs
-//!   are older than the newest. The next reply says so, and the next write overrides it.
+//!   are older than the newest. The next reply shows it, and the next write overrides it.
 //!
 //! # Features
 //! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.

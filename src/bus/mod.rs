@@ -127,7 +127,7 @@ pub struct Hold {
     pub limit: Duration,
 }
 
-/// What a reply told.
+/// What a reply showed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reply {
     /// Everything that was written before, and with this list, was executed exactly once and in
@@ -153,7 +153,7 @@ impl Reply {
         ..Self::CERTAIN
     };
 
-    /// What this reply and a `later` one told together.
+    /// What this reply and a `later` one showed together.
     #[must_use]
     pub const fn and(self, later: Self) -> Self {
         Self {
@@ -190,7 +190,7 @@ pub struct BusStatistics {
     /// Write exchanges that the board has not executed.
     pub lost_writes: u64,
     /// Write exchanges that were executed after a reply had shown them missing, or after a newer
-    /// one. They are not counted as lost any more. A bus that can remember only so many takes one
+    /// one. They are not counted as lost any more. A bus that remembers a limited number takes one
     /// that comes very late for a repeated one.
     pub late_writes: u64,
     /// Executions of write exchanges that were executed before: the network duplicated them, or

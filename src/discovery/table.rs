@@ -32,7 +32,7 @@ pub struct ElementTable {
     /// Which of the things at these terminals it is. `None`: all of them, or one for each bit of
     /// BITS.
     pub number: Option<u16>,
-    /// The value its output has when nothing else is said: 0 is off and 0 V.
+    /// The value its output has when nothing else is set: 0 is off and 0 V.
     pub safe: f64,
 }
 

@@ -34,7 +34,7 @@ impl Default for DiscoveryOptions<'_> {
 /// What discovery found out about a remote, and what it could not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discovered {
-    /// What START told. Sizes that it did not tell of a 7I64 are those of its table.
+    /// What START returned. Sizes that it did not return for a 7I64 are those of its table.
     pub started: StartedRemote,
     /// What was found; after a problem, as much of it as was found.
     pub descriptor: RemoteDescriptor,

@@ -152,7 +152,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// comes late drives them for no longer.
     pub(super) fn keep_quiet(&mut self) {
         if matches!(self.state, BoardState::WatchdogBitten | BoardState::Reset) {
-            // What fails here fails in the write that follows, which says so.
+            // What fails here fails in the write that follows, which reports it.
             let _ = self.image.quiesce(&mut *self.bus);
         }
     }

@@ -65,7 +65,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn transfer_safe_values(&mut self) -> Result<(), CycleError<B::Error>> {
         let begin = self.bus.now();
         self.make_safe();
-        // What fails in a wait fails in the read that follows, which says so.
+        // What fails in a wait fails in the read that follows, which reports it.
         let _ = self.wait_ports(LAST_TRANSFER, SerialPort::poll);
         for _ in 0..MOST_CYCLES {
             let _ = self.read()?;

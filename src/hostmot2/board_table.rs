@@ -16,7 +16,7 @@ pub struct BoardTable {
     pub pwm: PwmTable,
     /// The terminals of its modules.
     pub terminals: &'static [ModuleTerminals],
-    /// The cards that encoders may be on: they are told by the pins of a connector.
+    /// The cards that encoders may be on: they are recognised by the pins of a connector.
     pub cards: &'static [&'static CardTable],
     /// Its flash memory, where that is known.
     pub flash: Option<&'static FlashLayout>,

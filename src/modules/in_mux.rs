@@ -74,7 +74,7 @@ pub struct InMux {
     mpg: ReadSlot,
 }
 
-/// The levels of all inputs, or which of them can not be told yet: bit n is input n.
+/// The levels of all inputs, or which of them are not known yet: bit n is input n.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Levels {
     filtered: u32,
@@ -123,7 +123,7 @@ impl InMux {
         })
     }
 
-    /// What can not be told yet at `now`.
+    /// The inputs that are not known yet at `now`.
     fn unsettled(&mut self, now: Instant) -> Levels {
         if !self.is_settling {
             return Levels::default();

@@ -85,7 +85,7 @@ pub struct ReadCycle<'a> {
     pub certain: bool,
     /// Settings were written since the last read, some of them perhaps again and unchanged.
     pub repeated: bool,
-    /// What the application is told.
+    /// The report to the application.
     pub report: &'a mut CycleReport,
 }
 
@@ -99,7 +99,7 @@ pub struct WriteCycle<'a> {
     pub pins: &'a mut PinStore,
     /// When the write began.
     pub now: Instant,
-    /// Nothing is to be started anew: the board is not set up, or safe values are told for the last
+    /// Nothing is to be started anew: the board is not set up, or safe values are sent for the last
     /// time.
     pub hold: bool,
     /// A pin or parameter of this module was set since its last write, or this is its first, or its

@@ -158,7 +158,7 @@ impl Default for TraceSettings {
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Pace {
     /// The application: it waits for its own period, then calls [`Driver::read`]. A DPLL on the board
-    /// follows these reads; when it does, [`CycleReport::locked`] says so.
+    /// follows these reads; [`CycleReport::locked`] is true when it does.
     ///
     /// [`CycleReport::locked`]: crate::driver::CycleReport::locked
     /// [`Driver::read`]: crate::driver::Driver::read
@@ -177,7 +177,7 @@ pub enum Pace {
     /// [`CycleReport::missed_periods`]. What it has left of a period is in
     /// [`CycleReport::slack`]. A clock that stands still, or that was set to another frequency
     /// than the driver was built for, shows in [`CycleReport::unpaced`]. When the host has kept pace
-    /// for 120 periods, [`CycleReport::locked`] says so.
+    /// for 120 periods, [`CycleReport::locked`] is true.
     ///
     /// A cycle is one packet out and one back: its reply acknowledges its own writes. It is two out
     /// where a setting has changed, which is written ahead together with all outputs. The first read,

@@ -112,7 +112,7 @@ kinds! {
     NetworkLate "network-late" Network,
     /// Nothing gets through.
     NetworkDown "network-down" Network,
-    /// [`Fault::NotExecuted`]: nothing happens, and an error says so.
+    /// [`Fault::NotExecuted`]: nothing happens, and an error is returned.
     BusNotExecuted "bus-not-executed" Bus,
     /// [`Fault::Executed`]: all happens, and an error says that the reply is no good.
     BusNoReply "bus-no-reply" Bus,

@@ -346,7 +346,7 @@ pub fn plug_7i72(fpga: &mut SimFpga, port: usize, channel: usize) {
 }
 
 /// Puts a motor on each of the six analog outputs of the 7I77 whose analog section is on `channel`,
-/// and its encoder on the card's inputs, from encoder `first_encoder` on. `motor` is told which.
+/// and its encoder on the card's inputs, from encoder `first_encoder` on. `motor` gets its number.
 pub fn wire_7i77(
     fpga: &mut SimFpga,
     port: usize,
@@ -374,7 +374,7 @@ pub fn output_7i77(port: usize, channel: usize, output: u8) -> DriveSource {
 }
 
 /// Puts a motor on each of the six analog outputs of a 7I97, and its encoder on the board's inputs.
-/// `motor` is told which.
+/// `motor` gets its number.
 pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> MotorConfig) {
     for unit in 0..6 {
         fpga.wire_axis(AxisWiring {

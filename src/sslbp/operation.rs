@@ -1,4 +1,4 @@
-//! What a port can be told: the words for its registers, and how long it takes.
+//! The operations of a port: the words for its registers, and how long it takes.
 
 use super::{Channel, ChannelMask, DEFAULT_BAUD_RATE, RemoteAccess, USUAL_REMOTE_LATENCY};
 use core::{fmt, time::Duration};

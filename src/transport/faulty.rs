@@ -47,7 +47,7 @@ pub enum Fault {
     /// All is executed, and the reply is no good: the error has this kind. `Late`, `Stale`,
     /// `Short`, `Device`, and a `Lost` of which the reply was lost, are like that in real life.
     Executed(BusErrorKind),
-    /// An exchange that only writes never arrives, and nobody says so, before the [`Reply`] of the
+    /// An exchange that only writes never arrives, which nothing reports before the [`Reply`] of the
     /// next that reads, as on Ethernet.
     /// Exchanges that read are not concerned.
     SilentWrite,

@@ -27,7 +27,7 @@ pub struct Image<B: RegisterBus> {
     pub words: Words,
     pub(super) lists: Lists<B::List>,
     pub(super) parts: Parts,
-    /// What the replies told since [`take_news`](Self::take_news).
+    /// What the replies showed since [`take_news`](Self::take_news).
     pub(super) news: Reply,
 }
 
@@ -131,7 +131,7 @@ impl<B: RegisterBus> Image<B> {
         }
     }
 
-    /// What all replies told since this was called last.
+    /// What all replies showed since the last call.
     pub fn take_news(&mut self) -> Reply {
         core::mem::replace(&mut self.news, Reply::CERTAIN)
     }

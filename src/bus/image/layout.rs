@@ -8,7 +8,7 @@ use super::plan::{Again, ImagePlan, Register, StepPlace, push};
 use super::{Phase, Stage, Words};
 use crate::bus::{Access, Direction, Hold, RegisterBus, Reply};
 
-/// Reads of registers so many registers apart are merged, and what lies between is read along and
+/// Reads that are at most this many registers apart are merged, and what lies between is read along and
 /// ignored: on Ethernet one register more costs four bytes, as does a command.
 const BRIDGE: u16 = 1;
 

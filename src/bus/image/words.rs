@@ -27,7 +27,7 @@ pub struct Words {
     has_sent: bool,
 }
 
-/// After so many reads no older write is in flight any more.
+/// The reads after which no older write is in flight any more.
 const HORIZON: u8 = 100;
 
 /// What becomes of a setting.
@@ -48,8 +48,8 @@ enum Progress {
     Rests,
     /// It is to be written.
     Asked,
-    /// It was sent. It may have been lost, or be undone by an older one that comes late, for so many
-    /// reads more.
+    /// It was sent. It may have been lost, or be undone by an older one that comes late, for this many
+    /// more reads.
     Sent(u8),
 }
 

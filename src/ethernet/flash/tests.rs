@@ -14,7 +14,7 @@ struct Chip {
     written: Vec<u32>,
     erased: Vec<u32>,
     stuck: Option<usize>,
-    /// Power fails after so many pages.
+    /// Power fails after this many pages.
     pages_left: usize,
 }
 

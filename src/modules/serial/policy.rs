@@ -5,7 +5,7 @@ use core::time::Duration;
 /// When a remote goes offline, and how it comes back.
 ///
 /// # What is promised
-/// - A remote that reports any fault goes offline with the reply that says so. It gets no frame of
+/// - A remote that reports any fault goes offline with the reply that reports it. It gets no frame of
 ///   any kind from then on, so that its own [watchdog](super::RemoteWatchdog) bites and switches *all* its
 ///   outputs off: 50 ms after that reply for a remote as it is delivered, within 60 ms at most; for
 ///   one with another watchdog within that time and a fifth more. They stay off until the

@@ -9,7 +9,7 @@ use crate::sim::world::{Change, Installation, Motor, MotorConfig, Terminal};
 /// How often motors move when nobody looks.
 const GRAIN: Nanos = 1_000_000;
 
-/// What a drive is told at the moment.
+/// The command that a drive has at the moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveSignal {
     /// The analog signal in volts.
@@ -221,7 +221,7 @@ impl Plant {
     }
 }
 
-/// Keeps the motors in step with what the remotes are told.
+/// Keeps the motors in step with the commands of the remotes.
 pub(super) struct PortWatcher<'a> {
     plant: &'a mut Plant,
     port: usize,

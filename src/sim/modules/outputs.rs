@@ -174,7 +174,7 @@ impl Carrier {
     }
 }
 
-/// LEDs of a board: so many bits of the register exist. FACTS 12.10.
+/// LEDs of a board: the register has this many bits. FACTS 12.10.
 const LEDS: usize = 4;
 
 /// The LEDs: the top bits of one register. FACTS 12.10, 13.9.

@@ -189,7 +189,7 @@ struct PinnedLines<'a> {
     sockets: &'a mut [Option<Box<dyn RemoteEnd>>; CHANNELS],
     io: &'a IoPorts,
     watcher: &'a mut dyn Watcher,
-    /// A remote was told something.
+    /// A remote was sent something.
     talked: bool,
 }
 

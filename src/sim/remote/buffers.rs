@@ -14,7 +14,7 @@ const EVENTS: usize = 16;
 pub enum RemoteEvent {
     /// The watchdog has bitten.
     WatchdogBites,
-    /// The frame timeout dropped so many characters.
+    /// The frame timeout dropped this many characters.
     FrameTimeout(usize),
     /// This reply is not sent.
     DropsReply,

@@ -27,9 +27,9 @@ pub struct ReplyFaults {
     pub drop: u32,
     /// So many replies have their CRC inverted with 55.
     pub bad_crc: u32,
-    /// The next one has so many bytes A5 behind it.
+    /// The next one is followed by this many bytes A5.
     pub extra: u32,
-    /// The next one lacks so many bytes at its end.
+    /// The next one lacks this many bytes at its end.
     pub short: u32,
     /// The next one has this latency.
     pub late: Option<Nanos>,
@@ -92,7 +92,7 @@ pub struct RemoteConfig {
     pub initial_faults: RemoteFaults,
     /// What E7 leaves in the fault byte.
     pub stuck_faults: RemoteFaults,
-    /// C7 reads FF so many times after an E7.
+    /// C7 reads FF this many times after an E7.
     pub clear_delay: u32,
     /// DF.
     pub cookie: u8,

@@ -15,7 +15,7 @@ use super::state::{
 use super::timing;
 
 const COOKIE: u8 = 0x5A;
-/// Frame timeout that the remote is told: four characters in bit times. FACTS 1.3.
+/// Frame timeout that is set in the remote: four characters in bit times. FACTS 1.3.
 const FRAME_TIMEOUT: u8 = 40;
 /// Identity bytes of the two remotes with a path of their own.
 const IDENTITY_8I20: u8 = 0x80;

@@ -58,7 +58,7 @@ impl Port {
         SetupPort { port: self, bus }
     }
 
-    /// How long a transfer of these channels takes, with the sizes that START told. The processor
+    /// How long a transfer of these channels takes, with the sizes that START returned. The processor
     /// counts as one of 100 MHz until the parameters have been read.
     pub(crate) fn doit_time(&self, mask: ChannelMask) -> DoitTime {
         let clock_hz = self.parameters.map_or(USUAL_CLOCK, |known| known.clock_hz);

@@ -16,7 +16,7 @@ pub(super) const SLOTS: usize = 5;
 /// How many past writes are remembered.
 const REMEMBERED: u32 = 64;
 
-/// For so many writes a lost one keeps its register, in case that it comes late.
+/// For this many writes a lost one keeps its register, in case that it comes late.
 const KEPT: u32 = 16;
 
 /// The board's account, as a reply brings it.
@@ -275,7 +275,7 @@ impl Ledger {
         }
         self.received = Some(account.received);
         self.requests = 0;
-        // What is lost may still come, and is told best by the details.
+        // What is lost may still come, and the details show it best.
         self.is_open |= news.lost > 0;
         let said = [news.lost, news.late, news.repeated, news.unconfirmed];
         // Forgotten as soon as it is past: numbers that have gone half round look older again.

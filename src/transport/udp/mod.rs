@@ -99,7 +99,7 @@ pub struct UdpBus<L: Link = UdpLink> {
     started: Option<(u32, Wait)>,
     /// Whether a list was run: only then are there writes that replies tell something of.
     is_cyclic: bool,
-    /// What replies told since it was last said.
+    /// What replies showed since it was last reported.
     news: Reply,
     /// The packet of writes that are made for once.
     once: UdpList,
@@ -108,7 +108,7 @@ pub struct UdpBus<L: Link = UdpLink> {
 }
 
 impl UdpBus<UdpLink> {
-    /// Opens the board at `address`; its port is 27181 unless it was told otherwise.
+    /// Opens the board at `address`; its port is 27181 unless it was given otherwise.
     ///
     /// # Errors
     /// When there is no such network, nobody listens, or no reply comes within

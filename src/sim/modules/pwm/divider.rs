@@ -80,7 +80,7 @@ impl Divider {
         segment.ticks + (segment.total(clock) >> 16)
     }
 
-    /// The clock at which there are so many ticks; `None` if it stands.
+    /// The clock at which there are this many ticks; `None` if it stands.
     pub(super) fn reaches(&self, ticks: u64) -> Option<u64> {
         let end = self.next.map_or(u64::MAX, |(from, _)| from);
         let reached = self.segment.reaches(ticks).filter(|&clock| clock <= end);

@@ -64,7 +64,7 @@ pub(super) struct Stage {
     mode: u32,
     /// It begins because a value was loaded that had waited.
     is_load: bool,
-    /// The PDM adder at the beginning: after so many ticks, with the carry of the last one.
+    /// The PDM adder at the beginning: after this many ticks, with the carry of the last one.
     ticks: u64,
     sum: u32,
     carry: bool,
@@ -259,7 +259,7 @@ impl Stage {
         reference.pwm.reaches((before + 1) * self.period())
     }
 
-    /// Which half of a symmetrical period it is after so many ticks.
+    /// Which half of a symmetrical period it is after this many ticks.
     fn is_second_half(&self, ticks: u64) -> bool {
         ticks & u64::from(self.steps()) != 0
     }
@@ -275,7 +275,7 @@ impl Stage {
         }
     }
 
-    /// What the value is compared with after so many ticks: it counts up, or up and down.
+    /// What the value is compared with after this many ticks: it counts up, or up and down.
     fn ramp(&self, ticks: u64) -> u64 {
         if self.symmetrical() && self.is_second_half(ticks) {
             !ticks
@@ -289,7 +289,7 @@ impl Stage {
         u64::from(self.duty()) > ramp & u64::from(self.steps() - 1)
     }
 
-    /// The PDM adder after so many ticks, and its carry, which is the PDM signal.
+    /// The PDM adder after this many ticks, and its carry, which is the PDM signal.
     fn adder(&self, ticks: u64) -> (u32, bool) {
         let Some(added) = ticks.checked_sub(self.ticks).filter(|&added| added > 0) else {
             return (self.sum, self.carry);

@@ -130,7 +130,7 @@ fn a_doubt_of_long_ago_does_not_come_back_when_the_numbers_have_gone_half_round(
     assert_eq!(board.cycle(&mut ledger), DOUBT);
     assert_eq!(board.cycle(&mut ledger).repeated, 1, "the details tell");
     assert_eq!(board.cycle(&mut ledger), News::default());
-    // As after so many cycles in which all went well: 25 days at 1 kHz.
+    // As after this many cycles in which all went well: 25 days at 1 kHz.
     for number in [
         &mut ledger.newest,
         &mut ledger.newest_last,

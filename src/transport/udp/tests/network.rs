@@ -10,7 +10,7 @@ pub(super) enum Fate {
     Lost,
     Doubled(u64, u64),
     Cut(u64, usize),
-    /// In front of it comes one that is longer by so many bytes, and ends with the same number.
+    /// In front of it comes one that is longer by this many bytes, and ends with the same number.
     AfterLonger(u64, usize),
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Network {
     pub delivered: Option<usize>,
     /// There is always one more datagram, of somebody else, this long.
     pub flooded: Option<usize>,
-    /// Another host sends the board a packet every so many nanoseconds.
+    /// Another host sends the board a packet every this many nanoseconds.
     pub other_host: Option<u64>,
     /// How many of them have come.
     pub of_others: u64,

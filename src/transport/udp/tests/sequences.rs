@@ -17,7 +17,7 @@ enum Step {
     /// A packet of another client: a question, or a write to scratch registers.
     Other(Option<(u16, u16)>),
     Reset,
-    /// The board has got so many packets more than anybody knows of.
+    /// The board has got this many packets more than anybody knows of.
     Counts(u16),
 }
 
