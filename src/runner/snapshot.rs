@@ -1,5 +1,9 @@
 //! What the thread of a cycle shows to other threads.
 
+mod view;
+
+pub use view::{RemoteSnapshot, Snapshot};
+
 use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -8,15 +12,10 @@ use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
 
 use super::RunStatistics;
 use super::packed::{Packed, Sink};
-use crate::bus::{BusStatistics, Clock, Instant, RegisterBus};
-use crate::driver::{
-    BoardState, Driver, DriverStatistics, OfflineReason, RemoteState, RemoteStatus, SerialPort,
-};
-use crate::hal::{
-    Age, AnyValue, GroupId, GroupState, HalType, Handle, PinError, PinId, PinInfo, Pins, Reading,
-    Value,
-};
-use crate::sslbp::{RemoteFaults, RemoteName};
+use crate::bus::{Clock, Instant, RegisterBus};
+use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
+use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
+use crate::sslbp::RemoteName;
 
 /// How often a reader tries to get a whole set.
 const TRIES: u32 = 100;
@@ -402,193 +401,6 @@ impl SnapshotReader {
     /// Whether the writer is gone: what was shown last was the last.
     pub fn has_ended(&self) -> bool {
         self.shared.has_ended.load(Ordering::Acquire)
-    }
-}
-
-/// What the cycle showed, all of one moment: after the write of a cycle.
-#[derive(Clone, Debug)]
-pub struct Snapshot {
-    shared: Arc<Shared>,
-    words: Vec<u64>,
-}
-
-/// A remote, as a [`Snapshot`] shows it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct RemoteSnapshot {
-    /// The port.
-    pub port: u8,
-    /// Its channel, 0 to 7.
-    pub channel: u8,
-    /// Its name at the start.
-    pub name: RemoteName,
-    /// The group of its pins.
-    pub group: GroupId,
-    /// Since when it runs, or does not, as far as it was looked at.
-    pub since: Instant,
-    /// What it is doing.
-    pub state: RemoteState,
-    /// Why it went offline first since it was re-armed last.
-    pub first_fault: Option<OfflineReason>,
-    /// What it reported with its last reply.
-    pub faults: RemoteFaults,
-    /// Transfers of its own so far, failed ones included.
-    pub transfers: u64,
-    /// Its failures so far.
-    pub failures: u64,
-    /// How often it was restarted.
-    pub restarts: u64,
-}
-
-/// What is in front of the pins.
-struct Head {
-    cycle: u64,
-    time: Instant,
-    board: (BoardState, Instant),
-    run: RunStatistics,
-    driver: DriverStatistics,
-    bus: BusStatistics,
-}
-
-impl Snapshot {
-    /// The pins and parameters: as [`Pins::infos`].
-    pub fn infos(&self) -> &[PinInfo] {
-        &self.shared.layout.infos
-    }
-
-    /// The number of the cycle, from 1 on.
-    pub fn cycle(&self) -> u64 {
-        self.head().cycle
-    }
-
-    /// When the cycle began, on the clock of the bus.
-    pub fn time(&self) -> Instant {
-        self.head().time
-    }
-
-    /// The state of the board, and since when.
-    pub fn board(&self) -> (BoardState, Instant) {
-        self.head().board
-    }
-
-    /// What the runner counted.
-    pub fn run_statistics(&self) -> RunStatistics {
-        self.head().run
-    }
-
-    /// What the driver counted.
-    pub fn driver_statistics(&self) -> DriverStatistics {
-        self.head().driver
-    }
-
-    /// What the bus counted.
-    pub fn bus_statistics(&self) -> BusStatistics {
-        self.head().bus
-    }
-
-    /// A pin by its handle: an input as it was read, an output as it was commanded, a parameter. One
-    /// of another driver gives zero, not valid.
-    pub fn read<K: Copy, T: Value>(&self, pin: Handle<K, T>) -> Reading<T> {
-        let found = self.reading(pin.into());
-        let Reading { value, valid, age } = found.unwrap_or(Reading {
-            value: (HalType::Bit, 0),
-            valid: false,
-            age: Age::NEVER,
-        });
-        Reading {
-            value: T::from_bits(value.1),
-            valid,
-            age,
-        }
-    }
-
-    /// A pin or parameter of any type; `None` for one of another driver.
-    pub fn read_any(&self, pin: PinId) -> Option<Reading<AnyValue>> {
-        let Reading { value, valid, age } = self.reading(pin)?;
-        let (hal_type, bits) = value;
-        Some(Reading {
-            value: AnyValue { hal_type, bits },
-            valid,
-            age,
-        })
-    }
-
-    /// All of them, in the order of [`infos`](Self::infos). A parameter is always valid.
-    pub fn pins(&self) -> impl Iterator<Item = (&PinInfo, Reading<AnyValue>)> + '_ {
-        let layout = &self.shared.layout;
-        let all = layout.infos.iter().enumerate();
-        all.filter_map(|(index, info)| {
-            let pin = layout.pin.beside(index as u32);
-            Some((info, self.read_any(pin)?))
-        })
-    }
-
-    /// The state of a group; `None` for one of another driver.
-    pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
-        let mut groups = self.shared.layout.groups.iter();
-        let number = groups.position(|&other| other == group)?;
-        Some(self.group(number))
-    }
-
-    /// The remotes, by port and channel.
-    pub fn remotes(&self) -> impl Iterator<Item = RemoteSnapshot> + '_ {
-        let mut words = self.from(self.shared.layout.remotes_at);
-        let places = self.shared.layout.places.iter();
-        places.map(move |&(port, channel, name, group)| RemoteSnapshot {
-            port,
-            channel,
-            name,
-            group,
-            since: Packed::unpack(&mut words),
-            state: Packed::unpack(&mut words),
-            first_fault: Packed::unpack(&mut words),
-            faults: Packed::unpack(&mut words),
-            transfers: Packed::unpack(&mut words),
-            failures: Packed::unpack(&mut words),
-            restarts: Packed::unpack(&mut words),
-        })
-    }
-
-    fn from(&self, at: usize) -> impl Iterator<Item = u64> + '_ {
-        self.words.iter().skip(at).copied()
-    }
-
-    fn head(&self) -> Head {
-        let mut words = self.from(0);
-        let words = &mut words;
-        Head {
-            cycle: Packed::unpack(words),
-            time: Packed::unpack(words),
-            board: (Packed::unpack(words), Packed::unpack(words)),
-            run: Packed::unpack(words),
-            driver: Packed::unpack(words),
-            bus: Packed::unpack(words),
-        }
-    }
-
-    fn group(&self, number: usize) -> GroupState {
-        let layout = &self.shared.layout;
-        let words = layout.remotes_at - layout.groups_at;
-        let each = words / layout.groups.len().max(1);
-        GroupState::unpack(&mut self.from(layout.groups_at + number * each))
-    }
-
-    fn reading(&self, pin: PinId) -> Option<Reading<(HalType, u64)>> {
-        let layout = &self.shared.layout;
-        let index = pin.index();
-        let info = layout
-            .infos
-            .get(index)
-            .filter(|_| pin.is_beside(layout.pin))?;
-        let value = self.words.get(layout.values_at + index)?;
-        let flags = self.words.get(layout.flags_at + index / 64)?;
-        let is_bad = flags >> (index % 64) & 1 != 0;
-        let group = self.group(*layout.group_of.get(index)? as usize);
-        Some(Reading {
-            value: (info.hal_type, *value),
-            valid: info.role.is_param() || group.valid && !is_bad,
-            age: group.age,
-        })
     }
 }
 
