@@ -27,13 +27,12 @@ until grep -q 'listening on' "$work/board"; do sleep 0.1; done
 address=$(sed -n 's/.*listening on //p' "$work/board")
 
 tmux new-session -d -s "$terminal" -x "$columns" -y "$lines" \
-  "$mesa" watch --yes --addr "$address"
+  "$mesa" watch encoder.00 --addr "$address"
 sleep 2
 happens() {
   case $1 in
-    3) echo 'input 0 2 on' ;;
-    5) echo 'turn 0 40' ;;
-    9) echo 'input 0 2 off' ;;
+    3) echo "turn 0 5" ;;
+    7) echo "turn 0 -3" ;;
     12) echo 'unplug 2' ;;
     18) echo 'plug 2' ;;
     20) echo 'turn 0 free' ;;
