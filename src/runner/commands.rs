@@ -47,6 +47,8 @@ const LARGEST: usize = 1 << 16;
 #[derive(Debug)]
 pub struct CommandQueue {
     shared: Arc<Shared>,
+    /// How often faults have disarmed groups, when commands were taken last.
+    faults: u64,
 }
 
 /// Asks the thread of the cycle to do something; in any other thread.
@@ -56,7 +58,7 @@ pub struct CommandQueue {
 ///
 /// # Real time
 /// For other threads than that of the cycle: it may wait for another sender, not for the cycle. What
-/// was sent is done in the next cycle, or, where more than 16 commands wait, in one that soon follows.
+/// was sent is done in the next cycle, or, where more than 16 commands wait, 16 in each.
 #[derive(Clone, Debug)]
 pub struct CommandSender {
     shared: Arc<Shared>,
@@ -154,6 +156,7 @@ impl CommandQueue {
                 pin: pins.ids().next().unwrap_or_default(),
                 remotes: remotes.collect(),
             }),
+            faults: faults(driver),
         }
     }
 
@@ -167,10 +170,18 @@ impl CommandQueue {
     /// Does what was asked for, between the read and the write of a cycle: at most 16 commands, and
     /// none after one that re-arms everything. How many it were.
     ///
+    /// What was sent before a fault is void after it, and counted as refused: it was meant for a
+    /// machine that stands otherwise now, and a re-arming among it for a fault before. So is what was
+    /// sent for another driver.
+    ///
     /// # Real time
     /// Bounded, no allocation. Re-arming a board that has lost its set-up takes the time of
     /// [`Driver::rearm`].
     pub fn take<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) -> u32 {
+        let is_other = driver.pins().ids().next().unwrap_or_default() != self.shared.pin;
+        if is_other || self.faults != faults(driver) {
+            self.shared.refuse_all();
+        }
         let mut count = 0;
         while count < COMMANDS_IN_A_CYCLE
             && let Some(command) = self.shared.next()
@@ -192,8 +203,17 @@ impl CommandQueue {
                 break;
             }
         }
+        // A restart that was asked for disarms as well.
+        self.faults = faults(driver);
         count
     }
+}
+
+/// How often faults have disarmed groups of pins.
+fn faults<B: RegisterBus + Clock>(driver: &Driver<B>) -> u64 {
+    let pins = driver.pins();
+    let states = pins.groups().filter_map(|group| pins.group_state(group));
+    states.fold(0, |sum, state| sum.wrapping_add(state.faults))
 }
 
 /// Senders learn that nobody takes anything any more.
@@ -302,6 +322,14 @@ impl Shared {
         Some(Command::from_words(words))
     }
 
+    /// Takes all that wait and does none of it. Called in the thread that takes.
+    fn refuse_all(&self) {
+        let sent = self.sent.load(Ordering::Acquire);
+        let waiting = sent.saturating_sub(self.taken.load(Ordering::Relaxed));
+        self.refused.fetch_add(waiting, Ordering::Relaxed);
+        self.taken.store(sent, Ordering::Release);
+    }
+
     fn slot(&self, number: u64) -> Option<&[AtomicU64; 3]> {
         let index = number.checked_rem(self.slots.len() as u64)?;
         self.slots.get(index as usize)
@@ -394,6 +422,41 @@ mod tests {
         assert_eq!(statistics.refused, 0);
         drop(queue);
         assert_eq!(sender.rearm(), Err(CommandError::Ended));
+    }
+
+    #[test]
+    fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
+        let mut driver = driver();
+        let mut queue = CommandQueue::new(&driver, 64);
+        let sender = queue.sender();
+        let name = "hm2_7i92.0.7i77.0.0.output-00";
+        let output = driver.pins().output::<bool>(name).expect("there");
+        let group = driver.pins().info(output).expect("there").group;
+        let is_armed = |driver: &Driver<SimFpga>| {
+            let state = driver.pins().group_state(group);
+            state.expect("there").armed
+        };
+        for _ in 0..20 {
+            sender.set(output, true).expect("there is room");
+        }
+        sender.rearm().expect("there is room");
+        assert_eq!(cycle(&mut driver, &mut queue), 16);
+        assert!(is_armed(&driver));
+        // The other five wait when the fault is found.
+        driver.restart(0, 0);
+        assert!(!is_armed(&driver));
+        assert_eq!(cycle(&mut driver, &mut queue), 0);
+        assert!(!is_armed(&driver));
+        assert_eq!(sender.statistics().refused, 5);
+        // What is sent afterwards counts again.
+        sender.set(output, true).expect("there is room");
+        assert_eq!(cycle(&mut driver, &mut queue), 1);
+
+        let mut other = self::driver();
+        other.restart(0, 0);
+        sender.rearm().expect("there is room");
+        assert_eq!(cycle(&mut other, &mut queue), 0);
+        assert_eq!(sender.statistics().refused, 6);
     }
 
     #[test]

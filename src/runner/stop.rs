@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 use std::io;
 use std::process::ExitCode;
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// Whether a signal asked the program to end. What drives a board looks at it in every cycle.
 ///
@@ -14,13 +14,14 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 pub struct Stop(Arc<AtomicUsize>);
 
 impl Stop {
-    /// From now on SIGINT (Ctrl-C) and SIGTERM do not end the program, but are noted here.
+    /// From now on SIGINT (Ctrl-C), SIGTERM and SIGHUP (a terminal or a connection that is closed) do
+    /// not end the program, but are noted here.
     ///
     /// # Errors
     /// The operating system refuses a handler.
     pub fn on_signals() -> io::Result<Self> {
         let noted = Arc::new(AtomicUsize::new(0));
-        for signal in [SIGINT, SIGTERM] {
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
             signal_hook::flag::register_usize(signal, Arc::clone(&noted), signal as usize)?;
         }
         Ok(Self(noted))
@@ -51,6 +52,7 @@ impl Display for Signal {
         f.write_str(match self.0 {
             SIGINT => "SIGINT",
             SIGTERM => "SIGTERM",
+            SIGHUP => "SIGHUP",
             _ => "a signal",
         })
     }

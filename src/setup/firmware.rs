@@ -58,6 +58,8 @@ pub enum FirmwareError {
     },
 }
 
+const TO_BINARY: &str = "convert it to a raw binary";
+
 /// What other files begin with, what they are, and what to do with them.
 const KINDS: &[(&[u8], &str, &str)] = &[
     (
@@ -65,7 +67,7 @@ const KINDS: &[(&[u8], &str, &str)] = &[
         "an FPGA bitfile",
         "that is for `mesa flash`",
     ),
-    (b"\x7FELF", "an ELF program", "convert it to a raw binary"),
+    (b"\x7FELF", "an ELF program", TO_BINARY),
     (
         b"PK\x03\x04",
         "a ZIP archive",
@@ -76,11 +78,10 @@ const KINDS: &[(&[u8], &str, &str)] = &[
         "compressed",
         "unpack it and take the file for this card",
     ),
-    (
-        b":10",
-        "in Intel's hex format",
-        "convert it to a raw binary",
-    ),
+    (b":0", "in Intel's hex format", TO_BINARY),
+    (b":1", "in Intel's hex format", TO_BINARY),
+    (b":2", "in Intel's hex format", TO_BINARY),
+    (b"S0", "in Motorola's S format", TO_BINARY),
 ];
 
 impl Firmware {

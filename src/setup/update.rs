@@ -194,6 +194,9 @@ impl Plan {
                 plan.blocks.push(Block { offset, is_same });
             }
         }
+        if plan.blocks.is_empty() {
+            return Err(UpdateError::TooShort { file, erase });
+        }
         if plan.is_readable {
             plan.compare(link, firmware, progress)?;
         }

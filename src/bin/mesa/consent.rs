@@ -14,6 +14,17 @@ impl Context {
     /// Prints on standard error what is about to be done, and goes on only with `--yes`, or if a
     /// person at a terminal agrees.
     pub fn consent(&self, what: &str) -> Result<(), Failure> {
+        let answer = self.asked(what);
+        match self.stop.signal() {
+            Some(signal) => {
+                let message = format_args!("ended by {signal}; nothing was done");
+                Err(Failure::stopped(signal, message))
+            }
+            None => answer,
+        }
+    }
+
+    fn asked(&self, what: &str) -> Result<(), Failure> {
         if self.yes {
             complain(format_args!("mesa: {what}"));
             return Ok(());

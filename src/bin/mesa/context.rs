@@ -56,29 +56,46 @@ pub enum Ending {
 /// Why a command was not done.
 #[derive(Debug)]
 pub struct Failure {
-    is_usage: bool,
+    why: Why,
     message: String,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Why {
+    Usage,
+    Refused,
+    Stopped(Signal),
 }
 
 impl Failure {
     /// Arguments that make no sense.
     pub fn usage(message: impl Display) -> Self {
-        Self {
-            is_usage: true,
-            message: message.to_string(),
-        }
+        Self::new(Why::Usage, message)
     }
 
     /// The board or the machine says no.
     pub fn refused(message: impl Display) -> Self {
+        Self::new(Why::Refused, message)
+    }
+
+    /// A signal came before it was begun, or done.
+    pub fn stopped(signal: Signal, message: impl Display) -> Self {
+        Self::new(Why::Stopped(signal), message)
+    }
+
+    fn new(why: Why, message: impl Display) -> Self {
         Self {
-            is_usage: false,
+            why,
             message: message.to_string(),
         }
     }
 
     pub fn exit_code(&self) -> ExitCode {
-        ExitCode::from(if self.is_usage { 2 } else { 1 })
+        match self.why {
+            Why::Usage => ExitCode::from(2),
+            Why::Refused => ExitCode::FAILURE,
+            Why::Stopped(signal) => signal.exit_code(),
+        }
     }
 }
 

@@ -10,6 +10,11 @@ use crate::context::Failure;
 /// Writes a file beside its place, and puts it there when it is on the disk: whoever looks sees the
 /// old one, or the whole new one.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    if fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        let path = path.display();
+        let what = "no regular file, and it stays what it is; name another";
+        return Err(Failure::usage(format_args!("{path}: {what}")));
+    }
     let name = path.file_name().map(OsStr::to_owned);
     let mut name =
         name.ok_or_else(|| Failure::usage(format_args!("{}: no file name", path.display())))?;

@@ -44,8 +44,8 @@ Each command is tried without a board with --sim 7i92-7i77 or --sim 7i97:
 MESA_ADDR is the address of the board where neither --addr nor --sim is given.
 
 Exits with 0 if it is done, 1 if the board or the machine says no, 2 for bad arguments,
-130 after SIGINT (Ctrl-C), 143 after SIGTERM. Whatever drives a board ends with its outputs
-off and its ports stopped.";
+130 after SIGINT (Ctrl-C), 143 after SIGTERM, 129 after SIGHUP. Whatever drives a board ends
+with its outputs off and its ports stopped; what poke and raw write stays.";
 
 fn main() -> ExitCode {
     let cli = Cli::parse();

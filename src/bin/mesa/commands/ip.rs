@@ -65,10 +65,10 @@ impl Ip {
             eeprom_netmask: netmask.or(before.eeprom_netmask),
             ..before.clone()
         };
-        if let Some(ip) = self.address {
-            check(ip, after.eeprom_netmask).map_err(Failure::usage)?;
-        }
         let is_change = ip.is_some() || netmask.is_some();
+        if is_change || self.address.is_some() {
+            check(after.eeprom_ip, after.eeprom_netmask).map_err(Failure::usage)?;
+        }
         if self.netmask.is_some() && before.eeprom_netmask.is_none() {
             return Err(Failure::refused(format_args!(
                 "{}: firmware {} has no netmask, 16 and later have; leave --netmask out",
@@ -87,7 +87,11 @@ impl Ip {
                 board.set_eeprom_netmask(netmask)?;
             }
             if let Some(ip) = ip {
-                board.set_eeprom_ip(ip)?;
+                board.set_eeprom_ip(ip).map_err(|error| {
+                    let mask = netmask.map_or("", |_| "the netmask is written; ");
+                    let how = "whether the address is, `mesa ip` shows";
+                    Failure::refused(format_args!("{error}; {mask}{how}"))
+                })?;
             }
         }
         let shown = if self.dry_run {

@@ -36,8 +36,8 @@ pub struct Peek {
 
 /// Writes registers of a board by hand, and reads them back
 #[derive(Debug, Args)]
-#[command(after_help = format!("{PLACES}\n\nWhat drives an output stays on until the board's \
-    watchdog bites. The EEPROM can be written from\n0x20 on; spaces 3 and 7 can not be written \
+#[command(after_help = format!("{PLACES}\n\nWhat drives an output stays on: no watchdog runs \
+    unless a driver has started it. The EEPROM can be written from\n0x20 on; spaces 3 and 7 can not be written \
     (see `mesa flash`).\n\nExample (the LEDs show what HostMot2 says):\n  \
     mesa poke 6:0x14 0 --addr 10.10.10.10 --yes"))]
 pub struct Poke {

@@ -97,13 +97,15 @@ impl Latency {
         let bus = found.open()?;
         let measured = self.watched(|| measure::each(self, bus, context))?;
         let report = Report::of(self.rate, &measured);
-        if let Some(file) = &self.plot {
-            plot::draw(file, self.rate, &measured)?;
-        }
         context.print(&report)?;
+        let drawn = self
+            .plot
+            .as_ref()
+            .map(|file| plot::draw(file, self.rate, &measured));
         for run in measured {
             run.stopped.map_err(Failure::refused)?;
         }
+        drawn.transpose()?;
         Ok(context.ending())
     }
 

@@ -60,7 +60,7 @@ impl Param {
 /// Fails if a signal came.
 fn go_on(context: &Context) -> Result<(), Failure> {
     match context.stop.signal() {
-        Some(signal) => Err(Failure::refused(format_args!("ended by {signal}"))),
+        Some(signal) => Err(Failure::stopped(signal, format_args!("ended by {signal}"))),
         None => Ok(()),
     }
 }

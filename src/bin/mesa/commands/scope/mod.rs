@@ -8,10 +8,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use mesa_hal::Settings;
 use mesa_hal::hal::PinInfo;
 use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeState, Trigger};
 use mesa_hal::transport::udp::UdpConfig;
+use mesa_hal::{BoardState, Settings};
 use serde::Serialize;
 
 use super::named;
@@ -45,7 +45,7 @@ pub struct Scope {
     #[arg(long, value_name = "PIN")]
     trigger: String,
     /// The level
-    #[arg(long, default_value_t = 0.5, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.5, allow_negative_numbers = true, value_parser = finite)]
     level: f64,
     /// In which direction it is crossed
     #[arg(long, value_enum, default_value_t = Direction::Rising)]
@@ -140,7 +140,13 @@ impl Scope {
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());
         let runner = Runner::new(driver).stop_on(context.stop.clone());
+        let mut lost = None;
         let ended = runner.run(|cycle| {
+            let board = cycle.driver.board_state();
+            if board != BoardState::Running {
+                lost = Some(board);
+                return ControlFlow::Break(());
+            }
             let state = scope.sample(cycle.pins());
             let is_waiting = matches!(state, ScopeState::Filling | ScopeState::Waiting);
             let is_late = is_waiting && cycle.pins().now().since(begun) > patience;
@@ -155,6 +161,11 @@ impl Scope {
                 "mesa: ended by {signal}; nothing was written, and the ports are stopped"
             ));
             return Ok(Ending::Stopped(signal));
+        }
+        if let Some(board) = lost {
+            return Err(Failure::refused(format_args!(
+                "the board does not run any more ({board:?}); nothing was written"
+            )));
         }
         if scope.state() != ScopeState::Done {
             return Err(Failure::refused(format_args!(
@@ -229,4 +240,9 @@ impl Display for Report {
             .into_iter()
             .try_for_each(|file| writeln!(f, "{}", file.display()))
     }
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite());
+    number.ok_or_else(|| format!("`{text}` is no finite number"))
 }

@@ -87,9 +87,20 @@ impl Jog {
         info: &PinInfo,
     ) -> Result<Report, Failure> {
         let infos = driver.pins().infos().to_vec();
-        let runner = Runner::new(driver).stop_on(context.stop.clone());
-        let ended = runner.run(|cycle| self.cycle(cycle));
-        if let Some(signal) = ended.signal {
+        let mut signal = None;
+        let ended = Runner::new(driver).run(|cycle| {
+            signal = context.stop.signal();
+            let flow = match signal {
+                Some(_) => ControlFlow::Break(()),
+                None => self.cycle(cycle),
+            };
+            if flow.is_break() {
+                // A parameter, such as an inversion, would hold for the last words as well.
+                let _ = cycle.pins_mut().set_any(self.pin, self.safe);
+            }
+            flow
+        });
+        if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
         }
         if let Err(error) = ended.stopped {
@@ -99,7 +110,7 @@ impl Jog {
             )));
         }
         complain("mesa: all outputs are off, and the ports are stopped");
-        let outcome = match (&self.failure, ended.signal) {
+        let outcome = match (&self.failure, signal) {
             (Some(reason), _) => Outcome::Failed(reason.clone()),
             (None, Some(signal)) => Outcome::Stopped(signal.to_string()),
             (None, None) => Outcome::Done,

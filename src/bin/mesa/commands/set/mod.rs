@@ -183,14 +183,21 @@ fn hazard(info: &PinInfo) -> Hazard {
         Hazard::Watchdog
     } else if is_enable || turns_pin {
         Hazard::DriveEnable
-    } else if (info.hal_type == HalType::Float && info.role != Role::Input && !is_param)
+    } else if (info.hal_type != HalType::Bit && info.role != Role::Input && !is_param)
         || last.starts_with("analogout")
-        || (is_param && info.name.contains(".pwmgen."))
+        || (is_param && (info.name.contains(".pwmgen.") || bounds_output(last)))
     {
         Hazard::Analog
     } else {
         Hazard::None
     }
+}
+
+/// Limits and scales of an output: a least value above 0 is what the output has then.
+fn bounds_output(last: &str) -> bool {
+    ["-minlim", "-maxlim", "-scalemax"]
+        .iter()
+        .any(|end| last.ends_with(end))
 }
 
 /// What enables the drive of an analog output, of cards that are known.
