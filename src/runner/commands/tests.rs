@@ -1,0 +1,157 @@
+use super::*;
+use crate::driver::{BoardState, RemoteState, Settings};
+use crate::sim::{MotorConfig, SimFpga, machines};
+
+fn driver() -> Driver<SimFpga> {
+    let board = machines::six_axes_7i92(MotorConfig::default());
+    Driver::start(board, Settings::default()).expect("it starts")
+}
+
+fn cycle(driver: &mut Driver<SimFpga>, queue: &mut CommandQueue) -> u32 {
+    let _ = driver.read().expect("the bus does not fail");
+    let count = queue.take(driver);
+    driver.write().expect("the bus does not fail");
+    driver.bus_mut().wait(core::time::Duration::from_millis(1));
+    count
+}
+
+#[test]
+fn a_full_queue_says_so_and_a_cycle_takes_sixteen() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 20);
+    let sender = queue.sender();
+    let output = "hm2_7i92.0.7i77.0.0.output-00";
+    let output = driver.pins().output::<bool>(output).expect("there");
+    for _ in 0..20 {
+        sender.set(output, true).expect("there is room");
+    }
+    let full = sender.set(output, false).expect_err("there is none");
+    assert_eq!(full, CommandError::Full { capacity: 20 });
+    assert!(full.to_string().contains("does the cycle run?"), "{full}");
+    assert_eq!(cycle(&mut driver, &mut queue), 16);
+    assert_eq!(cycle(&mut driver, &mut queue), 4);
+    assert_eq!(cycle(&mut driver, &mut queue), 0);
+    // The ring goes round.
+    for n in 0..50_u32 {
+        sender.set(output, n % 2 == 0).expect("there is room");
+        assert_eq!(cycle(&mut driver, &mut queue), 1);
+        assert_eq!(driver.pins().commanded(output), n % 2 == 0);
+    }
+    let statistics = sender.statistics();
+    assert_eq!((statistics.sent, statistics.taken), (70, 70));
+    assert_eq!(statistics.refused, 0);
+    drop(queue);
+    assert_eq!(sender.rearm(), Err(CommandError::Ended));
+}
+
+#[test]
+fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 64);
+    let sender = queue.sender();
+    let name = "hm2_7i92.0.7i77.0.0.output-00";
+    let output = driver.pins().output::<bool>(name).expect("there");
+    let group = driver.pins().info(output).expect("there").group;
+    let is_armed = |driver: &Driver<SimFpga>| {
+        let state = driver.pins().group_state(group);
+        state.expect("there").armed
+    };
+    for _ in 0..20 {
+        sender.set(output, true).expect("there is room");
+    }
+    sender.rearm().expect("there is room");
+    assert_eq!(cycle(&mut driver, &mut queue), 16);
+    assert!(is_armed(&driver));
+    // The other five wait when the fault is found.
+    driver.restart(0, 0);
+    assert!(!is_armed(&driver));
+    assert_eq!(cycle(&mut driver, &mut queue), 0);
+    assert!(!is_armed(&driver));
+    assert_eq!(sender.statistics().refused, 5);
+    // What is sent afterwards counts again.
+    sender.set(output, true).expect("there is room");
+    assert_eq!(cycle(&mut driver, &mut queue), 1);
+
+    let mut other = self::driver();
+    other.restart(0, 0);
+    sender.rearm().expect("there is room");
+    assert_eq!(cycle(&mut other, &mut queue), 0);
+    assert_eq!(sender.statistics().refused, 6);
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_where_it_is_sent() {
+    let driver = driver();
+    let sender = CommandQueue::new(&driver, 4).sender();
+    let other = self::driver();
+    let pins = other.pins();
+    let output = "hm2_7i92.0.7i77.0.0.output-00";
+    let foreign = pins.output::<bool>(output).expect("there");
+    let own = |name| driver.pins().id(name).expect("there");
+    let float = AnyValue::from(1.0);
+    for (sent, why) in [
+        (sender.set(foreign, true), PinError::ForeignHandle),
+        (sender.rearm_group(other.group()), PinError::ForeignHandle),
+        (
+            sender.set_any(own("hm2_7i92.0.7i77.0.0.input-00"), true.into()),
+            PinError::NotSettable,
+        ),
+        (
+            sender.set_any(own(output), float),
+            PinError::WrongType {
+                expected: "bit",
+                actual: "float",
+            },
+        ),
+    ] {
+        assert_eq!(sent, Err(CommandError::Pin(why)));
+    }
+    let (port, channel) = (0, 7);
+    let nothing = sender.restart(port, channel);
+    assert_eq!(nothing, Err(CommandError::NoRemote { port, channel }));
+    assert_eq!(sender.statistics(), CommandStatistics::default());
+}
+
+#[test]
+fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 8);
+    let sender = queue.sender();
+    cycle(&mut driver, &mut queue);
+    let limit = driver
+        .pins()
+        .parameter::<f64>("hm2_7i92.0.7i77.0.1.analogout0-maxlim")
+        .expect("there");
+    sender.set_param(limit, 2.5).expect("sent");
+    sender
+        .set_param(limit, f64::NAN)
+        .expect("the cycle refuses it");
+    sender.restart(0, 0).expect("sent");
+    cycle(&mut driver, &mut queue);
+    assert_eq!(driver.pins().param(limit), 2.5);
+    assert_eq!(sender.statistics().refused, 1);
+    let remote = driver.remote(0, 0).expect("there");
+    assert_ne!(remote.state, RemoteState::Running);
+    let group = remote.pins.group;
+    for _ in 0..200 {
+        cycle(&mut driver, &mut queue);
+    }
+    let armed = |driver: &Driver<SimFpga>| {
+        let state = driver.pins().group_state(group);
+        state.expect("a group").armed
+    };
+    assert!(!armed(&driver), "it waits for that");
+    sender.rearm_group(group).expect("sent");
+    cycle(&mut driver, &mut queue);
+    assert!(armed(&driver));
+
+    driver.bus_mut().wait(core::time::Duration::from_secs(1));
+    for _ in 0..3 {
+        let _ = driver.read();
+        let _ = driver.write();
+    }
+    assert_eq!(driver.board_state(), BoardState::WatchdogBitten);
+    sender.rearm().expect("sent");
+    cycle(&mut driver, &mut queue);
+    assert_eq!(driver.board_state(), BoardState::Running);
+}
