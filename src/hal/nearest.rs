@@ -103,7 +103,8 @@ mod tests {
             ("7i77.0.0.input-07", Some(names[0])),
             ("7i77.0.0.input-7", Some(names[0])),
             ("outputt-07", Some(names[1])),
-            ("put-07", None),
+            ("put-07", Some(names[0])),
+            ("ut-07", None),
             ("", None),
             ("spindle", None),
         ] {

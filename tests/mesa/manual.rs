@@ -62,3 +62,19 @@ fn bad_usage_ends_with_2_and_nothing_on_standard_output() {
         assert!(run.err.contains("Usage"), "{arguments:?}: {run:?}");
     }
 }
+
+/// Of two entries with one name a parser keeps the last, and the first holds for nothing.
+#[test]
+fn the_schema_names_each_thing_once() {
+    let schema = include_str!("../../docs/mesa.schema.json");
+    let entries = schema.lines().filter_map(|line| {
+        let entry = line.strip_prefix("    \"")?;
+        entry.split_once("\":").map(|(name, _)| name)
+    });
+    let mut names: Vec<&str> = entries.collect();
+    let count = names.len();
+    assert!(count > 30, "{names:?}");
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), count, "{names:?}");
+}

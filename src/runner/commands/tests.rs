@@ -147,8 +147,7 @@ fn parameters_are_set_remotes_restarted_and_everything_is_armed_again() {
 
     driver.bus_mut().wait(core::time::Duration::from_secs(1));
     for _ in 0..3 {
-        let _ = driver.read();
-        let _ = driver.write();
+        cycle(&mut driver, &mut queue);
     }
     assert_eq!(driver.board_state(), BoardState::WatchdogBitten);
     sender.rearm().expect("sent");
