@@ -219,7 +219,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     #[cold]
     fn trace_written(&mut self, failed: Option<BusErrorKind>) {
-        let now = self.bus.now();
+        let now = (self.statistics.reads, self.bus.now());
         if let Some(trace) = &mut self.trace {
             trace.written(now, failed, &self.image.words);
         }

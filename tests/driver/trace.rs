@@ -164,3 +164,55 @@ fn it_can_be_frozen_by_call_given_away_and_given_back() {
     let trace = machine.driver.trace().expect("it was given back");
     assert_eq!((trace.cause(), trace.cycles()), (None, 2));
 }
+
+/// Between a read and a write is where an application does its own work, and asks for it.
+#[test]
+fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
+    for (cycles, before) in [(4, 2_u16), (4, 3), (4, 4), (4, 9), (1, 5)] {
+        let mut machine = machine(TraceSettings {
+            cycles,
+            ..TraceSettings::default()
+        });
+        machine.cycles(before.into());
+        let _ = machine.driver.read().expect("the bus does not fail");
+        machine.driver.freeze_trace();
+        machine.finish();
+        let (names, rows) = table(&machine);
+        let command = column(&names, "write 0x5A00 sserial 0 COMMAND");
+        let cookie = column(&names, "read 0x0100 HostMot2 cookie");
+        let last = u64::from(before) + 1;
+        let first = last.saturating_sub(u64::from(cycles)) + 1;
+        let numbers: Vec<_> = rows
+            .iter()
+            .map(|row| row[0].parse::<u64>().unwrap())
+            .collect();
+        assert_eq!(numbers, (first..=last).collect::<Vec<u64>>());
+        let (open, whole) = rows.split_last().expect("rows");
+        assert_eq!((&*open[1], &*open[3]), ("done", "not tried"));
+        assert_eq!((&*open[cookie], &*open[command]), ("0x55AACAFE", ""));
+        assert!(
+            whole
+                .iter()
+                .all(|row| row[3] == "done" && !row[command].is_empty())
+        );
+    }
+}
+
+#[test]
+fn a_write_without_a_read_has_no_words_of_an_older_one() {
+    let mut machine = machine(TraceSettings {
+        cycles: 4,
+        ..TraceSettings::default()
+    });
+    machine.cycles(9);
+    let trace = machine.driver.take_trace().expect("it was asked for");
+    let _ = machine.driver.read().expect("the bus does not fail");
+    machine.driver.record(trace).expect("its own");
+    machine.finish();
+    let (names, rows) = table(&machine);
+    let cookie = column(&names, "read 0x0100 HostMot2 cookie");
+    let row = rows.first().expect("one");
+    assert_eq!(rows.len(), 1);
+    assert_eq!((&*row[0], &*row[1], &*row[3]), ("10", "not tried", "done"));
+    assert_eq!(row[cookie], "");
+}

@@ -33,6 +33,8 @@ pub struct Trace {
     words: Box<[u32]>,
     next: usize,
     is_full: bool,
+    /// The cycle of the row `next` was read and not yet written.
+    is_open: bool,
     state: State,
     sink: Sink,
 }
@@ -113,6 +115,7 @@ impl Trace {
             rows: vec![Row::default(); cycles].into(),
             next: 0,
             is_full: false,
+            is_open: false,
             state: State::Recording,
             sink: sink.clone(),
         };
@@ -138,16 +141,29 @@ impl Trace {
                 ..Row::default()
             };
         }
+        self.is_open = true;
         self.copy(Way::Read, words);
         self.notice();
     }
 
     /// A write has ended, and with it the cycle.
-    pub(super) fn written(&mut self, at: Instant, failed: Option<BusErrorKind>, words: &Words) {
+    pub(super) fn written(
+        &mut self,
+        (cycle, at): (u64, Instant),
+        failed: Option<BusErrorKind>,
+        words: &Words,
+    ) {
         if matches!(self.state, State::Frozen(_)) {
             return;
         }
+        let has_read = core::mem::take(&mut self.is_open);
         if let Some(row) = self.rows.get_mut(self.next) {
+            if !has_read {
+                *row = Row {
+                    cycle,
+                    ..Row::default()
+                };
+            }
             (row.written_at, row.write) = (at, failed.into());
         }
         self.copy(Way::Write, words);
@@ -202,6 +218,7 @@ impl Trace {
     /// Forgets everything and records again.
     pub(super) fn resume(&mut self) {
         (self.next, self.is_full, self.state) = (0, false, State::Recording);
+        self.is_open = false;
         self.sink.watch(self.settings.freeze_on);
     }
 
@@ -218,8 +235,14 @@ impl Trace {
         if self.is_full {
             self.rows.len()
         } else {
-            self.next
+            self.ahead()
         }
+    }
+
+    /// Where the row begins that is the next to be forgotten: behind that of a cycle which has been
+    /// read and not yet written.
+    fn ahead(&self) -> usize {
+        self.next + usize::from(self.is_open)
     }
 
     /// A line of names, then a line for each cycle, oldest first. Times are in nanoseconds on the
@@ -232,7 +255,7 @@ impl Trace {
     fn in_order(&self) -> impl Iterator<Item = (&Row, &[u32])> {
         let width = self.columns.len().max(1);
         let all = self.rows.iter().zip(self.words.chunks(width));
-        let first = if self.is_full { self.next } else { 0 };
+        let first = if self.is_full { self.ahead() } else { 0 };
         let count = self.cycles();
         all.clone().skip(first).chain(all.take(first)).take(count)
     }

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::{Outcome, State, Trace};
+use super::{Outcome, Row, State, Trace};
 use crate::bus::{Instant, Way};
 use crate::sslbp::CsStatus;
 
@@ -21,14 +21,24 @@ impl fmt::Display for Trace {
                 (Way::Write, Exchange("write", row.write, row.written_at)),
             ] {
                 writeln!(f, "  {heading}")?;
-                let is_known = way == Way::Write || row.read == Outcome::Done;
-                if is_known {
+                if row.knows(way) {
                     self.words(f, way, words, before)?;
                 }
             }
             before = Some(words);
         }
         Ok(())
+    }
+}
+
+impl Row {
+    /// Whether its words of this way are of its cycle: those of a read that brought something, and
+    /// those of a write that was tried.
+    fn knows(&self, way: Way) -> bool {
+        match way {
+            Way::Read => self.read == Outcome::Done,
+            Way::Write | Way::Setting => self.write != Outcome::NotTried,
+        }
     }
 }
 
@@ -94,8 +104,12 @@ impl fmt::Display for Csv<'_> {
             let (read, write) = (word(row.read), word(row.write));
             let (read_at, written_at) = (row.read_at.as_nanos(), row.written_at.as_nanos());
             write!(f, "{},{read},{read_at},{write},{written_at}", row.cycle)?;
-            for word in words {
-                write!(f, ",{word:#010X}")?;
+            for (column, word) in self.0.columns.iter().zip(words) {
+                if row.knows(column.exchanged.way) {
+                    write!(f, ",{word:#010X}")?;
+                } else {
+                    f.write_str(",")?;
+                }
             }
             writeln!(f)?;
         }

@@ -1,7 +1,6 @@
 //! `mesa update`: the firmware of a remote.
 
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -16,6 +15,7 @@ use serde::Serialize;
 
 use crate::cabinet::CabinetTarget;
 use crate::context::{Context, Ending, Failure};
+use crate::files;
 use crate::output::complain;
 
 /// More than any firmware has.
@@ -117,13 +117,7 @@ impl Update {
 
     fn firmware(&self) -> Result<Firmware, Failure> {
         let path = self.file.display();
-        let contents = fs::metadata(&self.file).and_then(|about| {
-            if about.len() > MOST_BYTES {
-                return Err(std::io::Error::other("it is too long for a firmware"));
-            }
-            fs::read(&self.file)
-        });
-        let contents = contents.map_err(|error| Failure::usage(format_args!("{path}: {error}")))?;
+        let contents = files::read(&self.file, MOST_BYTES).map_err(Failure::usage)?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
         let firmware = Firmware::new(&name, contents, self.card);
         firmware.map_err(|error| Failure::refused(format_args!("{path}: {error}")))

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::Where;
 use crate::context::{Context, Ending, Failure};
+use crate::files;
 use crate::output::complain;
 use crate::sim::store;
 
@@ -170,10 +171,8 @@ impl Restore {
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
         let path = &self.file;
-        if fs::metadata(path)?.len() > MOST_BYTES {
-            return Err("it is too long".into());
-        }
-        let text = fs::read_to_string(path)?;
+        let bytes = files::read(path, MOST_BYTES).map_err(|error| error.to_string())?;
+        let text = String::from_utf8(bytes)?;
         Ok(if is_toml(path) {
             toml::from_str(&text)?
         } else {
