@@ -25,5 +25,6 @@ mod set;
 mod sim;
 mod sim_control;
 mod sim_machine;
+mod terminal;
 mod update;
 mod watch;

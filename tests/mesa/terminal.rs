@@ -1,0 +1,92 @@
+//! Commands that have the whole screen, in a terminal of their own.
+
+use std::process::{Command, Output};
+use std::time::Duration;
+
+use crate::interop::mesa;
+use crate::interop::tools::{has_program, skip};
+
+/// How often the screen is looked at, ten times a second.
+const LOOKS: u32 = 300;
+
+/// A terminal of 120 by 40 that a command runs in. Ends with it.
+pub struct Terminal {
+    socket: String,
+}
+
+impl Terminal {
+    /// Runs `mesa` with these arguments in it, and prints its exit code at its end.
+    /// `None`, said loudly, where there is no tmux.
+    pub fn start(name: &str, arguments: &str) -> Option<Self> {
+        if !has_program("tmux") {
+            skip("tmux");
+            return None;
+        }
+        let terminal = Self {
+            socket: format!("mesa-{name}-{}", std::process::id()),
+        };
+        let command = format!(
+            "{} {arguments}; echo exit code $?; sleep 60",
+            mesa().display()
+        );
+        let size = ["-x", "120", "-y", "40"];
+        let started = ["-f", "/dev/null", "new-session", "-d"];
+        let output = terminal.tmux(&[&started[..], &size, &[&command]].concat());
+        assert!(output.status.success(), "{output:?}");
+        Some(terminal)
+    }
+
+    fn tmux(&self, arguments: &[&str]) -> Output {
+        let mut tmux = Command::new("tmux");
+        tmux.args(["-L", &self.socket]).args(arguments);
+        tmux.env_remove("TMUX")
+            .env("LC_ALL", "C.UTF-8")
+            .env("TERM", "xterm");
+        tmux.output().expect("tmux runs")
+    }
+
+    /// Types keys by tmux's names of them, or text.
+    pub fn type_keys(&self, keys: &[&str]) {
+        let output = self.tmux(&[&["send-keys"], keys].concat());
+        assert!(output.status.success(), "{output:?}");
+    }
+
+    /// Sends a signal to the command.
+    pub fn signal(&self, name: &str) {
+        let shell = self.tmux(&["display-message", "-p", "#{pane_pid}"]);
+        let shell = String::from_utf8_lossy(&shell.stdout).trim().to_owned();
+        let kill = format!("pkill -{name} -P {shell}");
+        let killed = Command::new("sh").args(["-c", &kill]).status();
+        assert!(killed.expect("a shell").success());
+    }
+
+    /// What is on the screen.
+    pub fn text(&self) -> String {
+        let output = self.tmux(&["capture-pane", "-p"]);
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    /// Waits until the screen is as it has to be, and returns it.
+    pub fn wait_for(&self, what: &str, is: impl Fn(&str) -> bool) -> String {
+        let mut text = String::new();
+        for _ in 0..LOOKS {
+            text = self.text();
+            if is(&text) {
+                return text;
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        panic!("{what} is not on the screen:\n{text}");
+    }
+
+    /// Waits until a text is on the screen, and returns the screen.
+    pub fn wait_for_text(&self, wanted: &str) -> String {
+        self.wait_for(wanted, |text| text.contains(wanted))
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        self.tmux(&["kill-server"]);
+    }
+}
