@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, RegisterBus, Reply};
 use mesa_hal::sim::devices::find_mut;
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, MotorConfig, MotorError, SimFpga, machines};
 use mesa_hal::transport::udp::UdpBus;
 
 use crate::args::Args;
@@ -32,18 +32,22 @@ pub struct Simulated {
 }
 
 /// A 7I92 with a 7I77, six motors, and a 7I72 on the expansion port.
-pub fn simulated(args: &Args) -> Simulated {
+pub fn simulated(args: &Args) -> Result<Simulated, MotorError> {
     let mut fpga = machines::i7i92_with_cards();
     // No two axes of a machine are alike.
-    machines::wire_7i77(&mut fpga, 0, machines::ANALOG, 0, |axis| MotorConfig {
-        time_constant: 0.004 + 0.001 * axis as f64,
-        friction: 0.01 * axis as f64,
-        ..MotorConfig::default()
-    });
-    Simulated {
+    let motor = |axis: usize| {
+        Motor::new(MotorConfig {
+            time_constant: 0.004 + 0.001 * axis as f64,
+            friction: 0.01 * axis as f64,
+            ..MotorConfig::default()
+        })
+    };
+    let motors: Vec<Motor> = (0..AXES).map(motor).collect::<Result<_, _>>()?;
+    machines::wire_7i77(&mut fpga, 0, machines::ANALOG, 0, |axis| motors[axis]);
+    Ok(Simulated {
         paced_since: args.realtime.then(|| (Instant::now(), 0)),
         fpga,
-    }
+    })
 }
 
 impl World for Simulated {

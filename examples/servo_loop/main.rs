@@ -50,7 +50,7 @@ fn main() -> ExitCode {
 /// Runs the loops: 0 if all of them held, 1 if not, and what a signal that came asks for.
 fn run(args: &Args, stop: &Stop) -> Result<ExitCode, Failure> {
     match args.address {
-        None => run_on(machine::simulated(args), args, stop),
+        None => run_on(machine::simulated(args)?, args, stop),
         Some(address) => run_on(UdpBus::connect(address, UdpConfig::default())?, args, stop),
     }
 }

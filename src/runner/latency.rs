@@ -271,7 +271,7 @@ mod tests {
 
     use super::*;
     use crate::driver::Settings;
-    use crate::sim::{MotorConfig, machines};
+    use crate::sim::{Motor, machines};
 
     fn micros(micros: u64) -> Duration {
         Duration::from_micros(micros)
@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn the_remotes_transfers_are_those_of_the_slowest_port() {
-        let board = machines::six_axes_7i92(MotorConfig::default());
+        let board = machines::six_axes_7i92(Motor::default());
         let driver = Driver::start(board, Settings::default()).expect("it starts");
         let expected = driver.ports()[0].expected_time.usual;
         assert_eq!(Latency::of(&driver).transfer(), expected);

@@ -6,10 +6,10 @@ use core::time::Duration;
 use super::{Cycle, Runner};
 use crate::bus::{Clock, Instant};
 use crate::driver::{Driver, Settings};
-use crate::sim::{MotorConfig, SimFpga, machines};
+use crate::sim::{Motor, SimFpga, machines};
 
 fn runner() -> Runner<SimFpga> {
-    let board = machines::six_axes_7i92(MotorConfig::default());
+    let board = machines::six_axes_7i92(Motor::default());
     Runner::new(Driver::start(board, Settings::default()).expect("it starts"))
 }
 

@@ -4,7 +4,7 @@
 //!
 //! | of | constant | from |
 //! |---|---|---|
-//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, 1000 counts a unit, an index every 4000 counts, at 0; no friction, no hard stops, as much force as it takes | [`MotorConfig::default`] |
+//! | each of six motors | 100 units/s at 10 V, velocity loop of 5 ms, 1000 counts a unit, an index every 4000 counts, at 0; no friction, no hard stops, as much force as it takes | [`MotorConfig::default`](crate::sim::MotorConfig::default) |
 //! | field power of a remote | 24 V; its inputs at 0 V | manual: 7I77 |
 //! | an FPGA's clocks | ClockLow 100 MHz (5I25: 33.33 MHz), ClockHigh 200 MHz | FACTS 9.3 |
 //! | multiplexed encoders | sampled at ClockLow/8 (7I77) or ClockLow/16 (7I97) | the manuals |
@@ -20,7 +20,7 @@ use crate::sim::fpga::{
 };
 use crate::sim::remote::{Application, Cable, Remote};
 use crate::sim::wire::RemoteEnd;
-use crate::sim::world::MotorConfig;
+use crate::sim::world::Motor;
 
 /// Channel of a 7I77's field I/O, counted from the card's first channel. FACTS 8.1.
 pub const FIELD_IO: usize = 0;
@@ -307,17 +307,17 @@ pub fn i7i92_with_cards() -> SimFpga {
 }
 
 /// A 7I92 with a 7I77, a 7I72 on the 7I77's expansion port, and six motors.
-pub fn six_axes_7i92(motor: MotorConfig) -> SimFpga {
+pub fn six_axes_7i92(motor: Motor) -> SimFpga {
     six_axes_7i77(i7i92_7i77(), motor)
 }
 
 /// A 5I25 with a 7I77, a 7I72 on the 7I77's expansion port, and six motors.
-pub fn six_axes_5i25(motor: MotorConfig) -> SimFpga {
+pub fn six_axes_5i25(motor: Motor) -> SimFpga {
     six_axes_7i77(i5i25_7i77(), motor)
 }
 
 /// A 7I97 with six motors, and on three serial channels a 7I77's two remotes and a 7I72.
-pub fn six_axes_7i97(motor: MotorConfig) -> SimFpga {
+pub fn six_axes_7i97(motor: Motor) -> SimFpga {
     let mut fpga = with_cards(i7i97(3));
     wire_7i97(&mut fpga, |_| motor);
     fpga
@@ -352,7 +352,7 @@ pub fn wire_7i77(
     port: usize,
     channel: usize,
     first_encoder: usize,
-    motor: impl Fn(usize) -> MotorConfig,
+    motor: impl Fn(usize) -> Motor,
 ) {
     for output in 0..6 {
         fpga.wire_axis(AxisWiring {
@@ -375,7 +375,7 @@ pub fn output_7i77(port: usize, channel: usize, output: u8) -> DriveSource {
 
 /// Puts a motor on each of the six analog outputs of a 7I97, and its encoder on the board's inputs.
 /// `motor` gets its number.
-pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> MotorConfig) {
+pub fn wire_7i97(fpga: &mut SimFpga, motor: impl Fn(usize) -> Motor) {
     for unit in 0..6 {
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Pwm { unit },
@@ -391,7 +391,7 @@ fn with_cards(mut fpga: SimFpga) -> SimFpga {
     fpga
 }
 
-fn six_axes_7i77(fpga: SimFpga, motor: MotorConfig) -> SimFpga {
+fn six_axes_7i77(fpga: SimFpga, motor: Motor) -> SimFpga {
     let mut fpga = with_cards(fpga);
     wire_7i77(&mut fpga, 0, ANALOG, 0, |_| motor);
     fpga
@@ -429,7 +429,7 @@ mod tests {
 
     #[test]
     fn every_machine_has_all_its_remotes() {
-        let motor = MotorConfig::default();
+        let motor = Motor::default();
         for fpga in [
             six_axes_7i92(motor),
             six_axes_5i25(motor),

@@ -47,5 +47,6 @@ pub use modules::{
 };
 pub use serial_face::SerialFace;
 pub use world::{
-    EstopConfig, Motor, MotorConfig, Segment, Switch, SwitchConfig, Terminal, Wheel, WheelConfig,
+    EstopConfig, Motor, MotorConfig, MotorError, Segment, Switch, SwitchConfig, Terminal, Wheel,
+    WheelConfig,
 };

@@ -4,8 +4,8 @@ use mesa_hal::sim::devices::{Analog, Description, Device, FieldIo, Outputs48};
 use mesa_hal::sim::remote::Cable;
 use mesa_hal::sim::wire::RemoteEnd;
 use mesa_hal::sim::{
-    AxisWiring, DriveSource, Firmware, MotorConfig, OUTPUT_PIN, PinDescriptor, SimFpga, gtag,
-    machines,
+    AxisWiring, DriveSource, Firmware, Motor, MotorConfig, OUTPUT_PIN, PinDescriptor, SimFpga,
+    gtag, machines,
 };
 
 use super::journal::{Journal, Outputs, PORTS, Recorder};
@@ -30,10 +30,11 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Nothing,
             encoder: ENCODER,
-            motor: MotorConfig {
+            motor: Motor::new(MotorConfig {
                 counts_per_revolution: TURN,
                 ..MotorConfig::default()
-            },
+            })
+            .expect("a motor"),
         });
     }
     (fpga, gpio)

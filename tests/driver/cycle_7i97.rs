@@ -16,7 +16,7 @@ use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, I7i97, i7i
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, GpioConfig};
 use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins};
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 
 /// Everything of the module at the isolated inputs, InMux or InM.
 #[derive(Clone, Copy)]
@@ -71,14 +71,14 @@ fn build<B: World>(bus: B, change: impl FnOnce(&mut Settings)) -> Machine<B> {
 }
 
 fn board() -> Machine<SimFpga> {
-    started(machines::six_axes_7i97(MotorConfig::default()))
+    started(machines::six_axes_7i97(Motor::default()))
 }
 
 /// The usual firmware, with InMux and SSR, and a newer one with InM and OutM; motors on both.
 fn both_firmwares() -> [SimFpga; 2] {
     let mut newer = machines::i7i97_inm_outm(1);
-    machines::wire_7i97(&mut newer, |_| MotorConfig::default());
-    [machines::six_axes_7i97(MotorConfig::default()), newer]
+    machines::wire_7i97(&mut newer, |_| Motor::default());
+    [machines::six_axes_7i97(Motor::default()), newer]
 }
 
 /// Follows a sine on each axis, 0.3 s of it; gives the largest error after the start.
@@ -125,18 +125,14 @@ fn six_position_loops_are_closed_on_the_boards_own_outputs_and_encoders() {
 
 #[test]
 fn six_position_loops_are_closed_over_ethernet() {
-    let mut machine = started(ethernet::bus(machines::six_axes_7i97(
-        MotorConfig::default(),
-    )));
+    let mut machine = started(ethernet::bus(machines::six_axes_7i97(Motor::default())));
     let worst = follow(&mut machine);
     assert!(worst < 0.1, "{worst}");
 }
 
 #[test]
 fn a_cycle_with_three_remotes_is_smaller_than_that_of_linuxcnc() {
-    let mut machine = started(ethernet::bus(machines::six_axes_7i97(
-        MotorConfig::default(),
-    )));
+    let mut machine = started(ethernet::bus(machines::six_axes_7i97(Motor::default())));
     assert!(machine.driver.missing().is_empty());
     let lists = machine.driver.lists();
     let (request, reply) = (lists.read.request_bytes(), lists.read.reply_bytes());
@@ -258,7 +254,7 @@ fn after_a_bite_everything_is_safe_and_rearming_restores_all_settings() {
 fn a_setting_whose_write_was_lost_is_written_again() {
     let lose = Rc::new(Cell::new(false));
     let bus = {
-        let fpga = machines::six_axes_7i97(MotorConfig::default());
+        let fpga = machines::six_axes_7i97(Motor::default());
         let mut link = SimLink::new(fpga);
         let lose = Rc::clone(&lose);
         link.to_board = Box::new(move |_, packet| {

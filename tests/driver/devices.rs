@@ -419,7 +419,7 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
 #[test]
 fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     let build = |modes: &str| {
-        let fpga = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
+        let fpga = machines::six_axes_7i92(mesa_hal::sim::Motor::default());
         let modes: SerialConfig = modes.parse().expect("modes");
         start(fpga, |s| s.serial_ports = [(0, modes)].into()).expect("complete")
     };

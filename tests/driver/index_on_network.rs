@@ -9,7 +9,7 @@ use crate::common::ethernet::{Fate, SimLink, WIRE};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, MotorConfig, SimFpga, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -20,12 +20,13 @@ const WIDTH: i64 = 2;
 
 type Machine = Driver<UdpBus<SimLink>>;
 
-fn motor() -> MotorConfig {
-    MotorConfig {
+fn motor() -> Motor {
+    let config = MotorConfig {
         counts_per_unit: 1.0,
         counts_per_revolution: PER_TURN,
         ..MotorConfig::default()
-    }
+    };
+    Motor::new(config).unwrap()
 }
 
 /// What becomes of a packet: one in `n` is lost, one late, one comes twice.

@@ -10,7 +10,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::driver::{Driver, GpioConfig};
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Pins, Rejections, Role};
-use mesa_hal::sim::{MotorConfig, SimError, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimError, SimFpga, machines};
 
 const CYCLES: u32 = 1_000;
 
@@ -136,7 +136,7 @@ fn cycles(fpga: SimFpga, seed: u64, are_all_touched: bool) -> impl Iterator<Item
 fn a_driver_in_which_nothing_has_changed_does_what_one_does_that_looks_at_everything() {
     for seed in 1..=4 {
         let board = || match seed % 2 {
-            0 => machines::six_axes_7i97(MotorConfig::default()),
+            0 => machines::six_axes_7i97(Motor::default()),
             _ => machines::i7i97_inm_outm(1),
         };
         let both = cycles(board(), seed, false).zip(cycles(board(), seed, true));

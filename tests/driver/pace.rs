@@ -11,7 +11,7 @@ use mesa_hal::Settings;
 use mesa_hal::boards::I7i97;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, CycleReport, Driver, DriverError, Pace};
-use mesa_hal::sim::{MotorConfig, machines};
+use mesa_hal::sim::{Motor, machines};
 use mesa_hal::transport::udp::UdpBus;
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -19,7 +19,7 @@ const PERIOD: Duration = Duration::from_millis(1);
 type Machine = Driver<UdpBus<SimLink>>;
 
 fn bus() -> UdpBus<SimLink> {
-    ethernet::bus(machines::six_axes_7i97(MotorConfig::default()))
+    ethernet::bus(machines::six_axes_7i97(Motor::default()))
 }
 
 fn machine(pace: Pace) -> Machine {
@@ -210,14 +210,14 @@ fn a_pace_has_a_name() {
 fn what_can_not_pace_is_said_when_the_driver_is_built() {
     let by_board = |s: &mut Settings| s.pace = Pace::Board;
     let without_dpll = start(
-        ethernet::bus(machines::six_axes_7i92(MotorConfig::default())),
+        ethernet::bus(machines::six_axes_7i92(Motor::default())),
         by_board,
     );
     let left_alone = start(bus(), |s| {
         by_board(s);
         s.no_dpll = true;
     });
-    let embedded = start(machines::six_axes_7i97(MotorConfig::default()), by_board);
+    let embedded = start(machines::six_axes_7i97(Motor::default()), by_board);
     for (is_refused, text) in [
         refusal(without_dpll),
         refusal(left_alone),

@@ -13,7 +13,7 @@ use crate::common::watch::Watch;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
-use mesa_hal::sim::{DEFAULT_ACCESS_COST, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{DEFAULT_ACCESS_COST, Motor, SimFpga, machines};
 
 const BOARD: &str = "hm2_7i97.0";
 const PINS: usize = 51;
@@ -100,10 +100,10 @@ fn set_param<T: Value>(pins: &mut Pins, name: &str, value: T) {
 
 fn world(remotes: bool) -> SimFpga {
     if remotes {
-        return machines::six_axes_7i97(MotorConfig::default());
+        return machines::six_axes_7i97(Motor::default());
     }
     let mut fpga = machines::i7i97(1);
-    machines::wire_7i97(&mut fpga, |_| MotorConfig::default());
+    machines::wire_7i97(&mut fpga, |_| Motor::default());
     fpga
 }
 

@@ -3,7 +3,7 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal::driver::{BoardState, SerialConfig};
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 
 #[test]
 fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
@@ -25,7 +25,7 @@ fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {
 
 #[test]
 fn encoders_of_a_board_without_remotes_do_not_jump_when_it_is_reset() {
-    let fpga = machines::six_axes_7i92(MotorConfig::default());
+    let fpga = machines::six_axes_7i92(Motor::default());
     let no_remotes = SerialConfig {
         channels: [].into(),
     };

@@ -6,12 +6,12 @@ use crate::common::watch::Watch;
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::DEFAULT_ACCESS_COST;
-use mesa_hal::sim::{MotorConfig, machines};
+use mesa_hal::sim::{Motor, machines};
 
 /// All inputs of the 7I77 are on and all its encoders have counted.
 fn running() -> Machine {
     let mut fpga = fpga();
-    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
+    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| Motor::default());
     let mut machine = Machine::with(Driver::start(fpga, Settings::default()).expect("complete"));
     for axis in 0..6 {
         machine.turn(axis, 2.0);

@@ -12,12 +12,12 @@ use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
     BoardState, Driver, DriverError, GpioConfig, Presence, RemoteConfig, SerialConfig,
 };
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 
 const PINS: usize = 51;
 
 fn fpga() -> SimFpga {
-    machines::six_axes_7i97(MotorConfig::default())
+    machines::six_axes_7i97(Motor::default())
 }
 
 fn millis(n: u64) -> Duration {
@@ -124,7 +124,7 @@ fn watchdog_and_deadline_follow_the_period() {
 #[test]
 fn a_board_whose_watchdog_runs_and_whose_pins_are_driven_is_set_up_without_a_bite() {
     let mut fpga = machines::i7i97(1);
-    machines::wire_7i97(&mut fpga, |_| MotorConfig::default());
+    machines::wire_7i97(&mut fpga, |_| Motor::default());
     fpga.write_register(0x0C00, 4_000_000);
     for port in 0..3 {
         fpga.write_register(0x1000 + 4 * port, 0x1_FFFF);

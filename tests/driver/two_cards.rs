@@ -10,7 +10,9 @@ use mesa_hal::driver::{Driver, DriverError, EncoderSetup};
 use mesa_hal::hal::Pins;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
-use mesa_hal::sim::{AxisWiring, DriveSource, Firmware, MotorConfig, SimFpga, gtag, machines};
+use mesa_hal::sim::{
+    AxisWiring, DriveSource, Firmware, Motor, MotorConfig, SimFpga, gtag, machines,
+};
 
 fn with_motors(firmware: Firmware, cards: usize) -> SimFpga {
     let mut fpga = SimFpga::new(firmware);
@@ -22,10 +24,11 @@ fn with_motors(firmware: Firmware, cards: usize) -> SimFpga {
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Nothing,
             encoder,
-            motor: MotorConfig {
+            motor: Motor::new(MotorConfig {
                 counts_per_unit: 1.0,
                 ..MotorConfig::default()
-            },
+            })
+            .unwrap(),
         });
     }
     fpga

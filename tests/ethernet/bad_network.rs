@@ -17,7 +17,7 @@ use mesa_hal::driver::{Driver, FaultPolicy, Pace};
 use mesa_hal::hal::{Input, Output, Param};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sim::devices::find_mut;
-use mesa_hal::sim::{MotorConfig, machines};
+use mesa_hal::sim::{Motor, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use truth::Truth;
 
@@ -58,7 +58,7 @@ fn bad_network(seed: u64, period: Duration, pace: Pace) -> (SimLink, Rc<Cell<boo
 
 /// A board that can pace has a phase-locked loop, which a 7I97 has.
 fn link(pace: Pace) -> SimLink {
-    let motor = MotorConfig::default();
+    let motor = Motor::default();
     match pace {
         Pace::Host => SimLink::new(machines::six_axes_7i92(motor)),
         Pace::Board => SimLink::new(machines::six_axes_7i97(motor)),

@@ -18,7 +18,7 @@ use crate::interop::console::Values;
 use linuxcnc::{Expected, Machine, SETTLE, alone, skipped};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 
 /// For so long at least the rate of the cycle is watched.
 const LEAST: Duration = Duration::from_secs(10);
@@ -229,7 +229,7 @@ fn a_7i97_with_three_remotes_runs_at_1_khz() {
     let expected = Expected::of(&[I7I77, BOARD, I7I97]);
     let board = format!("--board 7i97 {remotes}");
     let mut machine = Machine::load("hm2_7i97.0", "7i97", &board, &expected);
-    let ours = machines::six_axes_7i97(MotorConfig::default());
+    let ours = machines::six_axes_7i97(Motor::default());
     compare_names(&mut machine, "hm2_7i97.0", ours);
 
     // LinuxCNC writes parameters to the remotes' non-volatile memory when it starts the port.

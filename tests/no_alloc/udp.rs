@@ -11,7 +11,7 @@ use std::time::Duration;
 use allocation_counter::measure;
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::Pace;
-use mesa_hal::sim::{BoardConfig, Mishaps, MotorConfig, SimBoard, UdpFace, machines};
+use mesa_hal::sim::{BoardConfig, Mishaps, Motor, SimBoard, UdpFace, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 const CYCLES: u32 = 1000;
@@ -39,7 +39,7 @@ impl Board {
         let stop = Arc::new(AtomicBool::new(false));
         let is_over = Arc::clone(&stop);
         let thread = spawn(move || {
-            let fpga = machines::six_axes_7i97(MotorConfig::default());
+            let fpga = machines::six_axes_7i97(Motor::default());
             let mut board = SimBoard::new(BoardConfig::new("7I97"), fpga);
             while !is_over.load(Ordering::Relaxed) {
                 face.step(&mut board, Duration::from_millis(1))

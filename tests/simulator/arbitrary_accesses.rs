@@ -3,7 +3,7 @@
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, RegisterBus};
 use mesa_hal::sim::remote::{FixedData, Remote};
-use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimError, SimFpga, machines};
+use mesa_hal::sim::{AxisWiring, DriveSource, Motor, SimError, SimFpga, machines};
 use proptest::prelude::*;
 
 #[derive(Clone, Debug)]
@@ -65,7 +65,7 @@ fn machine() -> SimFpga {
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Pwm { unit },
             encoder: unit,
-            motor: MotorConfig::default(),
+            motor: Motor::default(),
         });
     }
     fpga

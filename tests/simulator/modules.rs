@@ -1,7 +1,7 @@
 //! What stands around the modules of the simulated FPGA: multiplexers, drives and pins, as FACTS 9.4
 //! and 13 say. The modules themselves are held to recordings, in `tests/module_conformance`.
 
-use mesa_hal::sim::{AxisWiring, DriveSource, MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{AxisWiring, DriveSource, Motor, MotorConfig, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 
@@ -29,11 +29,12 @@ fn turned_by_hand() -> SimFpga {
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Nothing,
             encoder,
-            motor: MotorConfig {
+            motor: Motor::new(MotorConfig {
                 counts_per_unit: 1.0,
                 counts_per_revolution: 400,
                 ..MotorConfig::default()
-            },
+            })
+            .unwrap(),
         });
     }
     let outputs: Vec<usize> = (0..9).chain(18..30).chain(32..34).collect();

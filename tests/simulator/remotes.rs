@@ -7,14 +7,14 @@ use mesa_hal::driver::Driver;
 use mesa_hal::lbp::{RemoteFaults, crc8};
 use mesa_hal::sim::devices::{Outputs48, SignalValue, SimDevice};
 use mesa_hal::sim::wire::{Burst, RemoteEnd};
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 
 /// A machine with six motors on its 7I77, all of whose outputs are on.
 fn running() -> Machine {
     let mut fpga = fpga();
-    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| MotorConfig::default());
+    machines::wire_7i77(&mut fpga, 0, ANALOG, 0, |_| Motor::default());
     let mut machine = Machine::with(Driver::start(fpga, Settings::default()).expect("complete"));
     let _ = machine.driver.rearm();
     machine.cycles(3);

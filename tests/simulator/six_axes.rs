@@ -6,7 +6,7 @@ use crate::common::fpga::set_up_pins;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World};
 use mesa_hal::sim::remote::Remote;
-use mesa_hal::sim::{MotorConfig, SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 
@@ -81,9 +81,9 @@ fn velocities(fpga: &mut SimFpga) -> [f64; 6] {
 #[test]
 fn field_io_and_7i72_follow_the_registers_and_the_world() {
     for fpga in [
-        machines::six_axes_7i92(MotorConfig::default()),
-        machines::six_axes_5i25(MotorConfig::default()),
-        machines::six_axes_7i97(MotorConfig::default()),
+        machines::six_axes_7i92(Motor::default()),
+        machines::six_axes_5i25(Motor::default()),
+        machines::six_axes_7i97(Motor::default()),
     ] {
         let mut fpga = start(fpga, 0);
         let field = fpga
@@ -117,7 +117,7 @@ fn field_io_and_7i72_follow_the_registers_and_the_world() {
 
 #[test]
 fn analog_outputs_of_a_7i77_drive_the_motors() {
-    let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 0);
+    let mut fpga = start(machines::six_axes_7i92(Motor::default()), 0);
     let volts = [5.0, -5.0, 1.0, 0.0, 9.0, -10.0];
     set_analog(&mut fpga, volts);
     run(&mut fpga);
@@ -146,7 +146,7 @@ fn analog_outputs_of_a_7i77_drive_the_motors() {
 
 #[test]
 fn unplugging_the_analog_remote_stops_the_motors() {
-    let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 0);
+    let mut fpga = start(machines::six_axes_7i92(Motor::default()), 0);
     set_analog(&mut fpga, [5.0; 6]);
     run(&mut fpga);
     assert!(velocities(&mut fpga)[0] > 10.0);
@@ -157,7 +157,7 @@ fn unplugging_the_analog_remote_stops_the_motors() {
 
 /// The cycle at 1 kHz, an outer loop closed on the encoders. Hands back the trace of counts.
 fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
-    let mut fpga = start(machines::six_axes_7i92(MotorConfig::default()), 3);
+    let mut fpga = start(machines::six_axes_7i92(Motor::default()), 3);
     let begin = fpga.now();
     let mut trace = Vec::new();
     let mut total = [0i64; 6];

@@ -7,6 +7,7 @@ mod commands;
 mod consent;
 mod context;
 mod files;
+mod full_screen;
 mod modes;
 mod output;
 mod pattern;

@@ -2,6 +2,11 @@
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
+use std::sync::{Mutex, PoisonError};
+
+/// While a screen has the terminal, what is complained about waits here, up to this many lines.
+static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
+const MOST_HELD: usize = 1000;
 
 /// Prints. A reader that has seen enough, such as `head`, is no error, and nobody stops driving a
 /// board because nobody reads what it says; anything else is said on standard error.
@@ -15,7 +20,28 @@ pub fn say(text: impl Display) {
     }
 }
 
-/// Says on standard error, if it is still open, why something was not done.
+/// Says on standard error, if it is still open, why something was not done; later, while it is held.
 pub fn complain(text: impl Display) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    match &mut *held {
+        Some(lines) if lines.len() < MOST_HELD => lines.push(text.to_string()),
+        Some(_) => {}
+        None => {
+            let _ = writeln!(io::stderr(), "{text}");
+        }
+    }
+}
+
+/// From now on what is complained about waits until it is released.
+pub fn hold() {
+    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    held.get_or_insert_default();
+}
+
+/// Says what was held, and holds nothing any more.
+pub fn release() {
+    let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
+    for line in held.unwrap_or_default() {
+        complain(line);
+    }
 }

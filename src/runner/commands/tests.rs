@@ -1,9 +1,9 @@
 use super::*;
 use crate::driver::{BoardState, RemoteState, Settings};
-use crate::sim::{MotorConfig, SimFpga, machines};
+use crate::sim::{Motor, SimFpga, machines};
 
 fn driver() -> Driver<SimFpga> {
-    let board = machines::six_axes_7i92(MotorConfig::default());
+    let board = machines::six_axes_7i92(Motor::default());
     Driver::start(board, Settings::default()).expect("it starts")
 }
 

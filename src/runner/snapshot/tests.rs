@@ -10,10 +10,10 @@ use crate::driver::Settings;
 use crate::hal::Output;
 use crate::runner::Runner;
 use crate::sim::remote::Cable;
-use crate::sim::{MotorConfig, SimFpga, devices, machines};
+use crate::sim::{Motor, SimFpga, devices, machines};
 
 fn driver() -> Driver<SimFpga> {
-    let board = machines::six_axes_7i92(MotorConfig::default());
+    let board = machines::six_axes_7i92(Motor::default());
     Driver::start(board, Settings::default()).expect("it starts")
 }
 

@@ -1,9 +1,9 @@
 use super::*;
 use crate::Settings;
-use crate::sim::{MotorConfig, machines};
+use crate::sim::{Motor, machines};
 
 fn board() -> Board<crate::SimFpga> {
-    let bus = machines::six_axes_7i92(MotorConfig::default());
+    let bus = machines::six_axes_7i92(Motor::default());
     let mut board = Board::identify(bus, Settings::default()).unwrap();
     board.discover().unwrap();
     board

@@ -6,7 +6,7 @@ use super::{Description, DescriptionError, Layout, image};
 use crate::{
     lbp::RemoteFaults,
     sim::{
-        remote::{Application, Memory, Remote, ReplyFaults},
+        remote::{Application, Flash, Memory, Remote, ReplyFaults},
         wire::{BIT_2M5, Nanos, RemoteEnd},
     },
 };
@@ -287,7 +287,13 @@ pub trait SimDevice: RemoteEnd {
     /// The cells of its EEPROM, to put back what they held before.
     fn nonvolatile_mut(&mut self) -> &mut Memory;
 
-    /// How often the host has changed them; when this moves on, they are worth saving.
+    /// The cells of its program flash, if it can be updated.
+    fn program(&self) -> Option<&[u8]>;
+
+    /// Puts back what the cells of its program flash held before; it runs from the next power-up on.
+    fn load_program(&mut self, cells: &[u8]);
+
+    /// How often the host has changed EEPROM and program; when this moves on, they are worth saving.
     fn nonvolatile_changes(&self) -> u64;
 }
 
@@ -417,8 +423,18 @@ impl<W: World> SimDevice for Remote<Device<W>> {
         self.eeprom_mut().cells_mut()
     }
 
+    fn program(&self) -> Option<&[u8]> {
+        self.flash().map(Flash::cells)
+    }
+
+    fn load_program(&mut self, cells: &[u8]) {
+        if let Some(flash) = self.flash_mut() {
+            flash.load(cells);
+        }
+    }
+
     fn nonvolatile_changes(&self) -> u64 {
-        self.eeprom().changes()
+        self.eeprom().changes() + self.flash().map_or(0, Flash::changes)
     }
 }
 

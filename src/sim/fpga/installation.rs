@@ -138,7 +138,7 @@ mod tests {
     use super::*;
     use crate::sim::devices::{SignalValue, find};
     use crate::sim::wire::Nanos;
-    use crate::sim::{MotorConfig, machines};
+    use crate::sim::{Motor, MotorConfig, machines};
 
     const MS: Nanos = 1_000_000;
     const CHANNEL: usize = 0;
@@ -165,11 +165,12 @@ mod tests {
     }
 
     fn machine() -> SimFpga {
-        let mut fpga = machines::six_axes_7i97(MotorConfig {
+        let motor = Motor::new(MotorConfig {
             stops: [-1.0, 8.0],
             drag: 50.0,
             ..MotorConfig::default()
         });
+        let mut fpga = machines::six_axes_7i97(motor.expect("a motor"));
         fpga.add_switch(switch(5.0, ON_BOARD));
         fpga.add_switch(switch(6.0, on_remote(7)));
         fpga
@@ -249,7 +250,7 @@ mod tests {
 
     #[test]
     fn a_handwheel_is_counted_by_the_card_it_is_wired_to() {
-        let mut fpga = machines::six_axes_7i92(MotorConfig::default());
+        let mut fpga = machines::six_axes_7i92(Motor::default());
         fpga.add_wheel(WheelConfig {
             a: on_remote(16),
             b: on_remote(17),
@@ -269,5 +270,42 @@ mod tests {
         assert_eq!(count(&fpga), SignalValue::Count(9));
         assert_eq!(fpga.wheels()[0].clicks(), 9);
         assert!(!fpga.turn_wheel(1, 1));
+    }
+
+    #[test]
+    fn a_handwheel_under_an_emergency_stop_has_no_supply_and_its_own_levels_afterwards() {
+        let mut fpga = machines::six_axes_7i92(Motor::default());
+        fpga.add_wheel(WheelConfig {
+            a: on_remote(16),
+            b: on_remote(17),
+            speed: 250.0,
+        });
+        fpga.set_estop(EstopConfig {
+            inputs: vec![on_remote(20)],
+            cuts_drives: false,
+            cuts_field: vec![(0, CHANNEL)],
+        });
+        let levels = |fpga: &SimFpga| [input(fpga, 16), input(fpga, 17)];
+        // Edges at 1, 2, 3, 4 ms: A up, B up, A down, B down.
+        let course = [[false, false], [true, false], [true, true], [false, true]];
+        for (pressed, released) in [(0, 1), (1, 2), (2, 3), (3, 0), (1, 3), (2, 0)] {
+            let start = fpga.now();
+            assert!(fpga.turn_wheel(0, 3));
+            let after = |edges: u64| start + edges * MS + MS / 2;
+            fpga.advance_to(after(4 + pressed));
+            assert_eq!(levels(&fpga), course[pressed as usize]);
+            assert!(fpga.press_estop(true));
+            assert_eq!(levels(&fpga), [false; 2], "its supply is off");
+            fpga.advance_to(after(8 + released));
+            assert_eq!(levels(&fpga), [false; 2], "turned without supply");
+            assert!(fpga.press_estop(false));
+            assert_eq!(
+                levels(&fpga),
+                course[released as usize],
+                "{pressed} {released}"
+            );
+            fpga.advance_to(start + 20 * MS);
+            assert_eq!(levels(&fpga), course[0]);
+        }
     }
 }

@@ -4,7 +4,7 @@ use super::firmware::{Firmware, gtag};
 use crate::sim::devices::find_mut;
 use crate::sim::modules::{EncoderBank, IoPorts, Pwm, SelectLine, Watcher};
 use crate::sim::wire::{Nanos, RemoteEnd};
-use crate::sim::world::{Change, Installation, Motor, MotorConfig, Terminal};
+use crate::sim::world::{Change, Installation, Motor, Terminal};
 
 /// How often motors move when nobody looks.
 const GRAIN: Nanos = 1_000_000;
@@ -53,7 +53,7 @@ pub struct AxisWiring {
     /// The encoder it turns: instance of the first encoder module.
     pub encoder: usize,
     /// The motor.
-    pub motor: MotorConfig,
+    pub motor: Motor,
 }
 
 #[derive(Debug)]
@@ -88,7 +88,8 @@ impl Plant {
     }
 
     pub(super) fn add(&mut self, wiring: AxisWiring, io: &IoPorts) -> usize {
-        let motor = Motor::new(wiring.motor);
+        let motor = wiring.motor;
+        let per_revolution = motor.config().counts_per_revolution;
         let counts = libm::floor(motor.counts()) as i64;
         self.axes.push(Axis {
             motor,
@@ -97,7 +98,7 @@ impl Plant {
         });
         self.pins_changed(io);
         if let Some(bank) = self.banks.first_mut() {
-            bank.place(wiring.encoder, counts, wiring.motor.counts_per_revolution);
+            bank.place(wiring.encoder, counts, per_revolution);
         }
         self.axes.len() - 1
     }

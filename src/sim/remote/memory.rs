@@ -167,6 +167,7 @@ pub struct Flash {
     before: Box<[u8]>,
     under_way: Option<Range<usize>>,
     busy_until: Nanos,
+    changes: u64,
     is_hidden: bool,
     stuck: Option<usize>,
 }
@@ -188,6 +189,7 @@ impl Flash {
             before: vec![0xFF; 1 << log2_erase.min(24).max(log2_write.min(15))].into_boxed_slice(),
             under_way: None,
             busy_until: 0,
+            changes: 0,
             is_hidden: false,
             stuck: None,
         }
@@ -224,6 +226,11 @@ impl Flash {
     /// Its cells.
     pub const fn cells(&self) -> &[u8] {
         &self.cells
+    }
+
+    /// How often they were erased or written from the line.
+    pub const fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// One byte as accesses see it.
@@ -280,6 +287,7 @@ impl Flash {
         }
         self.under_way = Some(range.clone());
         self.busy_until = now + time;
+        self.changes += 1;
         let stuck = self.stuck.and_then(|at| Some((at, *self.cells.get(at)?)));
         let block = self.cells.get_mut(range)?;
         if value == flash::COMMIT_ERASE {

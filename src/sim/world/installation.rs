@@ -18,7 +18,7 @@ pub struct EstopConfig {
     /// Whether it cuts the power of all drives: their motors coast.
     pub cuts_drives: bool,
     /// Remotes, by port and channel, whose field power it cuts, and with that the supply of the
-    /// switches that are wired to them.
+    /// switches and handwheels that are wired to them.
     pub cuts_field: Vec<(usize, usize)>,
 }
 
@@ -84,7 +84,9 @@ impl Installation {
         let inputs = estop.inputs.iter().map(|&terminal| (terminal, !pressed));
         let switches = self.switches.iter();
         let switches = switches.map(|switch| (switch.config().terminal, switch.is_closed()));
-        let supplied = switches.filter(|(terminal, _)| is_supplied_by(estop, *terminal));
+        let wheels = self.wheels.iter().flat_map(Wheel::signals);
+        let contacts = switches.chain(wheels);
+        let supplied = contacts.filter(|(terminal, _)| is_supplied_by(estop, *terminal));
         let all: Vec<_> = inputs.chain(supplied).collect();
         for (terminal, on) in all {
             self.put(Change {

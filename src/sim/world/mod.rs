@@ -9,7 +9,7 @@ mod wheel;
 
 pub use installation::EstopConfig;
 pub(crate) use installation::Installation;
-pub use motor::{Motor, MotorConfig, Segment};
+pub use motor::{Motor, MotorConfig, MotorError, Segment};
 pub(crate) use switch::Change;
 pub use switch::{Switch, SwitchConfig, Terminal};
 pub use wheel::{Wheel, WheelConfig};

@@ -1,5 +1,7 @@
 //! A motor with its velocity drive, its encoder, and what it moves between hard stops.
 
+use thiserror::Error;
+
 use super::motion::{Forces, Piece, State};
 use crate::sim::wire::Nanos;
 
@@ -14,31 +16,36 @@ const MOST_PIECES: usize = 16;
 
 /// What a motor, its drive, its encoder and its axis are like. Positions are in machine units, forces
 /// in any unit, the same for all: with millimetres and newtons an inertia of 1 is 1000 kg.
+///
+/// [`Motor::new`] takes what is in the ranges that are given here.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorConfig {
-    /// Speed at full-scale voltage, in units per second.
+    /// Speed at full-scale voltage, in units per second. More than 0, up to 1e9.
     pub max_speed: f64,
-    /// Full-scale voltage of the drive's input.
+    /// Full-scale voltage of the drive's input. More than 0, up to 100.
     pub full_scale: f64,
     /// Time constant of the velocity loop in seconds, as long as the drive's force suffices; 0
-    /// follows at once.
+    /// follows at once. Up to 10.
     pub time_constant: f64,
     /// Dead band of the drive's input in volts: what is told is less by so much, either way.
+    /// 0 to 10.
     pub friction: f64,
     /// Encoder counts (quadrature edges) for each unit; negative if the encoder is reversed.
+    /// -1e7 to 1e7, and not 0.
     pub counts_per_unit: f64,
     /// Counts from index pulse to index pulse; 0 if there is no index.
     pub counts_per_revolution: u32,
-    /// The force that an acceleration of one unit/s² takes. More than 0.
+    /// The force that an acceleration of one unit/s² takes. 1e-9 to 1e9.
     pub inertia: f64,
-    /// The most force that the drive has; infinite for no limit.
+    /// The most force that the drive has; infinite for no limit. More than 0.
     pub max_force: f64,
-    /// The force of dry friction: slows what coasts, and below it nothing moves.
+    /// The force of dry friction: slows what coasts, and below it nothing moves. 0 to 1e9.
     pub drag: f64,
     /// Positions of the hard stops, the lower one first; infinite for none. Nothing gets past them,
     /// and nothing bounces.
     pub stops: [f64; 2],
-    /// Where it stands at power-up. The index is at multiples of the counts of a revolution from 0.
+    /// Where it stands at power-up, brought between the stops. -1e9 to 1e9. The index is at multiples
+    /// of the counts of a revolution from 0.
     pub position: f64,
 }
 
@@ -58,6 +65,106 @@ impl Default for MotorConfig {
             drag: 0.0,
             stops: [f64::NEG_INFINITY, f64::INFINITY],
             position: 0.0,
+        }
+    }
+}
+
+/// A motor that can not be.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum MotorError {
+    /// A number that is not in its range.
+    #[error("{field} of a motor is {value}: allowed is {allowed}")]
+    OutOfRange {
+        /// The field of [`MotorConfig`].
+        field: &'static str,
+        /// What it has.
+        value: f64,
+        /// What is allowed, for people.
+        allowed: &'static str,
+    },
+    /// Stops that leave no way between them.
+    #[error(
+        "the stops of a motor are {low} and {high}: allowed are two positions, the lower one first; -inf and inf for none"
+    )]
+    Stops {
+        /// The first one.
+        low: f64,
+        /// The second one.
+        high: f64,
+    },
+}
+
+impl MotorConfig {
+    /// Whether there can be such a motor.
+    fn check(&self) -> Result<(), MotorError> {
+        let positive = |value: f64| value > 0.0 && value <= 1e9;
+        let not_negative = |value: f64| (0.0..=1e9).contains(&value);
+        let up_to_ten = |value: f64| (0.0..=10.0).contains(&value);
+        for (field, value, is_allowed, allowed) in [
+            (
+                "max_speed",
+                self.max_speed,
+                positive(self.max_speed),
+                "more than 0, up to 1e9",
+            ),
+            (
+                "full_scale",
+                self.full_scale,
+                self.full_scale > 0.0 && self.full_scale <= 100.0,
+                "more than 0, up to 100 (V)",
+            ),
+            (
+                "time_constant",
+                self.time_constant,
+                up_to_ten(self.time_constant),
+                "0 to 10 (s)",
+            ),
+            (
+                "friction",
+                self.friction,
+                up_to_ten(self.friction),
+                "0 to 10 (V)",
+            ),
+            (
+                "counts_per_unit",
+                self.counts_per_unit,
+                self.counts_per_unit.abs() <= 1e7 && self.counts_per_unit != 0.0,
+                "-1e7 to 1e7, and not 0",
+            ),
+            (
+                "inertia",
+                self.inertia,
+                (1e-9..=1e9).contains(&self.inertia),
+                "1e-9 to 1e9",
+            ),
+            (
+                "max_force",
+                self.max_force,
+                self.max_force > 0.0,
+                "more than 0, up to inf",
+            ),
+            ("drag", self.drag, not_negative(self.drag), "0 to 1e9"),
+            (
+                "position",
+                self.position,
+                self.position.abs() <= 1e9,
+                "-1e9 to 1e9",
+            ),
+        ] {
+            if !is_allowed {
+                return Err(MotorError::OutOfRange {
+                    field,
+                    value,
+                    allowed,
+                });
+            }
+        }
+        let [low, high] = self.stops;
+        if low < high {
+            Ok(())
+        } else {
+            Err(MotorError::Stops { low, high })
         }
     }
 }
@@ -83,7 +190,7 @@ pub struct Segment {
 /// `max_force / inertia`; a drive that is disabled is told 0. Dry friction acts against the motion.
 /// Without power only friction slows it. It is stepped with the exact solution, so that its path
 /// does not depend on how often somebody looks.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
     config: MotorConfig,
     now: Nanos,
@@ -94,9 +201,24 @@ pub struct Motor {
     turned_by_hand: Option<f64>,
 }
 
+impl Default for Motor {
+    /// The motor of [`MotorConfig::default`].
+    fn default() -> Self {
+        Self::at_rest(MotorConfig::default())
+    }
+}
+
 impl Motor {
     /// A motor at rest, with power.
-    pub fn new(config: MotorConfig) -> Self {
+    ///
+    /// # Errors
+    /// There is no such motor: a number is not in the range that [`MotorConfig`] gives, or none.
+    pub fn new(config: MotorConfig) -> Result<Self, MotorError> {
+        config.check()?;
+        Ok(Self::at_rest(config))
+    }
+
+    fn at_rest(config: MotorConfig) -> Self {
         let [low, high] = config.stops;
         Self {
             state: State {

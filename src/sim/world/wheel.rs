@@ -55,6 +55,13 @@ impl Wheel {
         self.left != 0
     }
 
+    /// What its signals are: A, then B.
+    pub(crate) fn signals(&self) -> [(Terminal, bool); 2] {
+        let phase = self.edges.rem_euclid(EDGES);
+        let WheelConfig { a, b, .. } = self.config;
+        [(a, matches!(phase, 1 | 2)), (b, matches!(phase, 2 | 3))]
+    }
+
     /// Has it turned from now on, behind what is left of before. `false` if that is too far.
     pub(crate) fn turn(&mut self, now: Nanos, clicks: i64) -> bool {
         let edges = clicks.saturating_mul(EDGES).saturating_add(self.left);
@@ -84,6 +91,7 @@ impl Wheel {
             });
             self.edges += way;
             self.left -= way;
+            debug_assert!(self.signals().contains(&(terminal, rises)));
             self.next += self.spacing();
         }
     }

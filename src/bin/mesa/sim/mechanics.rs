@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use mesa_hal::sim::{
-    AxisWiring, DriveSource, EstopConfig, Inputs, MotorConfig, SwitchConfig, Terminal, WheelConfig,
+    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, SwitchConfig, Terminal, WheelConfig,
     machines,
 };
 
@@ -67,7 +67,7 @@ fn wire_motors(machine: &mut Machine, plan: &Plan) {
     let analog = machine.remotes.iter().find(|r| r.device == devices::ANALOG);
     let analog = analog.map(|remote| remote.channel);
     let kind = machine.kind;
-    let mut wire = |output: u8, encoder: usize, motor: MotorConfig| {
+    let mut wire = |output: u8, encoder: usize, motor: Motor| {
         let source = match (kind, analog) {
             (Board::I7i97, _) => DriveSource::Pwm {
                 unit: output.into(),
@@ -83,7 +83,7 @@ fn wire_motors(machine: &mut Machine, plan: &Plan) {
     };
     if plan.axes.is_empty() {
         for output in 0..AXES as u8 {
-            wire(output, output.into(), MotorConfig::default());
+            wire(output, output.into(), Motor::default());
         }
     }
     for axis in &plan.axes {

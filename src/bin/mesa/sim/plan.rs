@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use mesa_hal::sim::{MotorConfig, Terminal};
+use mesa_hal::sim::{Motor, Terminal};
 
 /// Axes, switches, handwheels and emergency stop. Without axes, the board has its usual six motors.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,7 +21,7 @@ pub struct AxisPlan {
     pub name: String,
     pub output: u8,
     pub encoder: usize,
-    pub motor: MotorConfig,
+    pub motor: Motor,
 }
 
 #[derive(Clone, Debug, PartialEq)]

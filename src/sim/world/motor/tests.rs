@@ -2,6 +2,8 @@
 
 use super::*;
 
+use proptest::prelude::*;
+
 fn run(motor: &mut Motor, to: Nanos, step: Nanos) {
     let mut now = motor.now;
     while now < to {
@@ -12,7 +14,7 @@ fn run(motor: &mut Motor, to: Nanos, step: Nanos) {
 
 #[test]
 fn speed_follows_the_voltage_with_the_time_constant() {
-    let mut motor = Motor::new(MotorConfig::default());
+    let mut motor = Motor::default();
     motor.command(5.0, true);
     motor.advance(5_000_000, |_, _| {});
     let expected = 50.0 * (1.0 - (-1.0f64).exp());
@@ -25,8 +27,8 @@ fn speed_follows_the_voltage_with_the_time_constant() {
 
 #[test]
 fn the_path_does_not_depend_on_how_often_somebody_looks() {
-    let mut coarse = Motor::new(MotorConfig::default());
-    let mut fine = coarse.clone();
+    let mut coarse = Motor::default();
+    let mut fine = coarse;
     for motor in [&mut coarse, &mut fine] {
         motor.command(7.0, true);
     }
@@ -43,7 +45,7 @@ fn the_path_does_not_depend_on_how_often_somebody_looks() {
 
 #[test]
 fn every_segment_goes_one_way_and_joins_the_one_before() {
-    let mut motor = Motor::new(MotorConfig::default());
+    let mut motor = Motor::default();
     motor.command(10.0, true);
     motor.advance(10_000_000, |_, _| {});
     motor.command(-10.0, true);
@@ -67,7 +69,7 @@ fn friction_holds_and_a_disabled_drive_brakes() {
         friction: 0.5,
         ..MotorConfig::default()
     };
-    let mut motor = Motor::new(config);
+    let mut motor = Motor::new(config).unwrap();
     motor.command(0.4, true);
     motor.advance(100_000_000, |_, _| {});
     assert_eq!(motor.position(), 0.0);
@@ -88,7 +90,8 @@ fn coasting() -> Motor {
         inertia: 0.5,
         drag: 20.0,
         ..MotorConfig::default()
-    });
+    })
+    .unwrap();
     motor.set_power(false);
     motor.turn_by_hand(Some(40.0));
     motor.advance(1_000_000, |_, _| {});
@@ -119,7 +122,8 @@ fn a_drive_gives_its_force_and_no_more() {
         max_force: 120.0,
         drag: 20.0,
         ..MotorConfig::default()
-    });
+    })
+    .unwrap();
     motor.command(10.0, true);
     let mut last = 0.0;
     for step in 1..=300 {
@@ -149,7 +153,8 @@ fn a_force_below_friction_moves_nothing() {
         max_force: 10.0,
         drag: 10.0,
         ..MotorConfig::default()
-    });
+    })
+    .unwrap();
     motor.command(10.0, true);
     motor.advance(1_000_000_000, |_, _| {});
     assert_eq!(motor.position(), 0.0);
@@ -170,7 +175,8 @@ fn stops_hold_whatever_pushes() {
             stops: [-2.0, 3.0],
             position: 1.0,
             ..MotorConfig::default()
-        });
+        })
+        .unwrap();
         motor.command(10.0, true);
         let mut now = 0;
         let mut highest = 0.0_f64;
@@ -198,7 +204,7 @@ fn stops_hold_whatever_pushes() {
 
 #[test]
 fn a_jammed_axis_stands_until_it_is_freed() {
-    let mut motor = Motor::new(MotorConfig::default());
+    let mut motor = Motor::default();
     motor.command(10.0, true);
     motor.advance(100_000_000, |_, _| {});
     let position = motor.position();
@@ -218,8 +224,8 @@ fn with_force_and_friction_the_path_does_not_depend_on_looking_either() {
         stops: [-0.5, 0.5],
         ..MotorConfig::default()
     };
-    let mut coarse = Motor::new(config);
-    let mut fine = coarse.clone();
+    let mut coarse = Motor::new(config).unwrap();
+    let mut fine = coarse;
     let mut now = 0;
     for volts in [7.0, -3.0, 0.5, -10.0, 0.0, 10.0] {
         now += 20_000_000;
@@ -236,5 +242,155 @@ fn with_force_and_friction_the_path_does_not_depend_on_looking_either() {
             (coarse.velocity() - fine.velocity()).abs() < 1e-4,
             "{volts}"
         );
+    }
+}
+
+#[test]
+fn what_no_motor_can_be_is_refused_with_its_name_its_value_and_what_is_allowed() {
+    let usual = MotorConfig::default();
+    for (field, value, config) in [
+        (
+            "max_speed",
+            0.0,
+            MotorConfig {
+                max_speed: 0.0,
+                ..usual
+            },
+        ),
+        (
+            "full_scale",
+            -10.0,
+            MotorConfig {
+                full_scale: -10.0,
+                ..usual
+            },
+        ),
+        (
+            "time_constant",
+            -1e-9,
+            MotorConfig {
+                time_constant: -1e-9,
+                ..usual
+            },
+        ),
+        (
+            "friction",
+            -0.1,
+            MotorConfig {
+                friction: -0.1,
+                ..usual
+            },
+        ),
+        (
+            "counts_per_unit",
+            0.0,
+            MotorConfig {
+                counts_per_unit: 0.0,
+                ..usual
+            },
+        ),
+        (
+            "inertia",
+            1e-10,
+            MotorConfig {
+                inertia: 1e-10,
+                ..usual
+            },
+        ),
+        (
+            "max_force",
+            0.0,
+            MotorConfig {
+                max_force: 0.0,
+                ..usual
+            },
+        ),
+        (
+            "drag",
+            -1.0,
+            MotorConfig {
+                drag: -1.0,
+                ..usual
+            },
+        ),
+        (
+            "position",
+            1e10,
+            MotorConfig {
+                position: 1e10,
+                ..usual
+            },
+        ),
+    ] {
+        let error = Motor::new(config).unwrap_err();
+        assert!(
+            matches!(error, MotorError::OutOfRange { field: f, value: v, .. } if (f, v) == (field, value)),
+            "{error:?}"
+        );
+        let text = error.to_string();
+        assert!(
+            text.starts_with(&format!("{field} of a motor is {value}: allowed is ")),
+            "{text}"
+        );
+    }
+    let error = Motor::new(MotorConfig {
+        full_scale: f64::NAN,
+        ..usual
+    })
+    .unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "full_scale of a motor is NaN: allowed is more than 0, up to 100 (V)"
+    );
+    for stops in [[1.0, 1.0], [2.0, -2.0], [f64::NAN, 1.0], [0.0, f64::NAN]] {
+        let error = Motor::new(MotorConfig { stops, ..usual }).unwrap_err();
+        assert!(error.to_string().contains("the lower one first"), "{error}");
+    }
+    assert_eq!(Motor::new(usual), Ok(Motor::default()));
+}
+
+/// Numbers as they come from somewhere else: usual ones, tiny and huge ones, and none.
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -20.0..20.0_f64,
+        any::<f64>(),
+        Just(0.0),
+        Just(f64::INFINITY),
+        (-300..300_i32).prop_map(|exponent| 10_f64.powi(exponent)),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn whatever_a_motor_is_made_from_it_is_refused_or_moves_on_a_path_of_numbers(
+        numbers in prop::collection::vec(prop::option::weighted(0.3, any_number()), 11),
+        volts in prop::collection::vec(any_number(), 1..6),
+    ) {
+        let usual = MotorConfig::default();
+        let number = |n: usize, usual: f64| numbers[n].unwrap_or(usual);
+        let made = Motor::new(MotorConfig {
+            max_speed: number(0, usual.max_speed),
+            full_scale: number(1, usual.full_scale),
+            time_constant: number(2, usual.time_constant),
+            friction: number(3, usual.friction),
+            counts_per_unit: number(4, usual.counts_per_unit),
+            counts_per_revolution: 4000,
+            inertia: number(5, usual.inertia),
+            max_force: number(6, usual.max_force),
+            drag: number(7, usual.drag),
+            stops: [number(8, usual.stops[0]), number(9, usual.stops[1])],
+            position: number(10, usual.position),
+        });
+        let Ok(mut motor) = made else {
+            return Ok(());
+        };
+        for (volts, enabled) in volts.into_iter().zip([true, true, false, true, true]) {
+            motor.command(volts, enabled);
+            let end = motor.now + 3_000_000;
+            motor.advance(end, |segment, _| {
+                assert!(segment.from.is_finite() && segment.to.is_finite());
+            });
+            prop_assert!(motor.position().is_finite() && motor.velocity().is_finite());
+        }
     }
 }

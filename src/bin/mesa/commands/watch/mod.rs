@@ -3,7 +3,6 @@
 mod screen;
 mod view;
 
-use std::io::{self, IsTerminal};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,18 +12,17 @@ use clap::Args;
 use mesa_hal::driver::BoardState;
 use mesa_hal::runner::{Runner, SnapshotReader};
 use mesa_hal::{Driver, Settings, UdpBus};
-use ratatui::DefaultTerminal;
-use ratatui::crossterm::event::{self, Event, KeyEventKind};
+use ratatui::Frame;
+use ratatui::crossterm::event::KeyEvent;
 
 use crate::context::{Context, Ending, Failure};
+use crate::full_screen::{self, Screen, Wish};
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::running;
 use crate::target::Target;
-use screen::{Screen, Wish};
+use screen::Pins;
 
-/// Between two pictures, and two samples of the trend lines.
-const PICTURE: Duration = Duration::from_millis(100);
 /// How long a board that lost its set-up is left alone before it is set up again. Nothing is driven
 /// by that: every output is off.
 const AGAIN: Duration = Duration::from_secs(1);
@@ -59,15 +57,10 @@ pub struct Watch {
 
 impl Watch {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        if context.json {
-            return Err(Failure::usage(
-                "a screen is no JSON; `mesa pins --json` has the pins",
-            ));
-        }
-        if !(io::stdout().is_terminal() && io::stdin().is_terminal()) {
-            let how = "this needs a terminal; `mesa pins` prints the pins once";
-            return Err(Failure::usage(how));
-        }
+        full_screen::check(
+            context,
+            "`mesa pins` prints the pins once, `mesa pins --json` for programs",
+        )?;
         let found = self.target.find()?;
         let mut settings = Settings {
             period: Duration::from_millis(self.period),
@@ -76,13 +69,14 @@ impl Watch {
         };
         self.modes.put(&mut settings);
         let driver = running::start(found.open()?, settings)?;
-        let screen = Screen::new(driver.name(), driver.period(), self.pattern.clone());
+        let pins = Pins::new(driver.name(), driver.period(), self.pattern.clone());
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
+        let mut live = Live { pins, reader };
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         let cycle = std::thread::spawn(move || runner.run(cycle_until(over)));
-        let shown = show(context, screen, &reader);
+        let shown = full_screen::show(context, &mut live);
         is_over.store(true, Ordering::Relaxed);
         let ended = cycle
             .join()
@@ -117,36 +111,29 @@ fn cycle_until(
     }
 }
 
-/// Shows pictures until a key or a signal ends it; the terminal is as before then.
-fn show(context: &Context, screen: Screen, reader: &SnapshotReader) -> io::Result<()> {
-    let mut terminal = ratatui::try_init()?;
-    let shown = pictures(context, screen, reader, &mut terminal);
-    ratatui::try_restore()?;
-    shown
+/// The pins of a machine that runs.
+struct Live {
+    pins: Pins,
+    reader: SnapshotReader,
 }
 
-fn pictures(
-    context: &Context,
-    mut screen: Screen,
-    reader: &SnapshotReader,
-    terminal: &mut DefaultTerminal,
-) -> io::Result<()> {
-    while context.stop.signal().is_none() && !reader.has_ended() {
-        if let Ok(snapshot) = reader.read() {
-            screen.take(&snapshot);
+impl Screen for Live {
+    fn refresh(&mut self) -> Wish {
+        if let Ok(snapshot) = self.reader.read() {
+            self.pins.take(&snapshot);
         }
-        terminal.draw(|frame| screen.draw(frame))?;
-        // What was typed meanwhile is taken at once, and a picture follows.
-        let mut wait = PICTURE;
-        while event::poll(wait)? {
-            wait = Duration::ZERO;
-            if let Event::Key(key) = event::read()?
-                && key.kind != KeyEventKind::Release
-                && screen.key(key) == Wish::End
-            {
-                return Ok(());
-            }
+        if self.reader.has_ended() {
+            Wish::End
+        } else {
+            Wish::Continue
         }
     }
-    Ok(())
+
+    fn key(&mut self, key: KeyEvent) -> Wish {
+        self.pins.key(key)
+    }
+
+    fn draw(&mut self, frame: &mut Frame<'_>) {
+        self.pins.draw(frame);
+    }
 }

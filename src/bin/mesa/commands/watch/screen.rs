@@ -11,60 +11,47 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line as TextLine, Span};
 use ratatui::widgets::{Block, Gauge, Paragraph};
 
+use crate::full_screen::{Palette, SAMPLES, Scroll, Trend, Wish, short_time};
 use crate::place;
 
-use super::view::{self, Line, SAMPLES, Trend};
-
-/// What a key asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
-    /// To go on.
-    Continue,
-    /// The end.
-    End,
-}
+use super::view::{self, Line};
 
 /// Everything that the screen shows.
 #[derive(Debug)]
-pub struct Screen {
+pub struct Pins {
     board: String,
     period: Duration,
     filter: String,
     is_typing: bool,
-    scroll: usize,
-    /// Rows of the list, as it was drawn last.
-    rows: usize,
+    scroll: Scroll,
     seen: Option<Snapshot>,
     lines: Vec<Line>,
     /// By pin.
     trends: Vec<Trend>,
-    is_coloured: bool,
+    palette: Palette,
 }
 
-impl Screen {
+impl Pins {
     pub fn new(board: &str, period: Duration, filter: String) -> Self {
         Self {
             board: board.to_owned(),
             period,
             filter,
             is_typing: false,
-            scroll: 0,
-            rows: 0,
+            scroll: Scroll::default(),
             seen: None,
             lines: Vec::new(),
             trends: Vec::new(),
-            is_coloured: std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()),
+            palette: Palette::from_environment(),
         }
     }
 
     /// Takes what a cycle showed.
     pub fn take(&mut self, snapshot: &Snapshot) {
-        self.trends.resize(snapshot.infos().len(), Trend::new());
+        self.trends
+            .resize_with(snapshot.infos().len(), Trend::default);
         for (trend, (_, reading)) in self.trends.iter_mut().zip(snapshot.pins()) {
-            if trend.len() == SAMPLES {
-                trend.pop_front();
-            }
-            trend.push_back(view::sample(reading.value));
+            trend.push(view::sample(reading.value));
         }
         let is_first = self.seen.replace(snapshot.clone()).is_none();
         if is_first {
@@ -76,7 +63,6 @@ impl Screen {
     pub fn key(&mut self, key: KeyEvent) -> Wish {
         let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
         match key.code {
-            KeyCode::Char('c') if is_control => return Wish::End,
             KeyCode::Enter | KeyCode::Esc if self.is_typing => self.is_typing = false,
             KeyCode::Char(character) if self.is_typing && !is_control => {
                 self.filter.push(character);
@@ -88,19 +74,15 @@ impl Screen {
             }
             KeyCode::Char('q') | KeyCode::Esc => return Wish::End,
             KeyCode::Char('/') => self.is_typing = true,
-            KeyCode::Up => self.scroll_to(self.scroll.saturating_sub(1)),
-            KeyCode::Down => self.scroll_to(self.scroll + 1),
-            KeyCode::PageUp => self.scroll_to(self.scroll.saturating_sub(self.rows)),
-            KeyCode::PageDown => self.scroll_to(self.scroll + self.rows),
-            KeyCode::Home => self.scroll_to(0),
-            KeyCode::End => self.scroll_to(usize::MAX),
+            KeyCode::Up => self.scroll.to(self.scroll.first.saturating_sub(1)),
+            KeyCode::Down => self.scroll.to(self.scroll.first + 1),
+            KeyCode::PageUp => self.scroll.page_up(),
+            KeyCode::PageDown => self.scroll.page_down(),
+            KeyCode::Home => self.scroll.to(0),
+            KeyCode::End => self.scroll.to(usize::MAX),
             _ => {}
         }
         Wish::Continue
-    }
-
-    fn scroll_to(&mut self, line: usize) {
-        self.scroll = line.min(self.lines.len().saturating_sub(self.rows));
     }
 
     /// The filter is another one.
@@ -110,7 +92,7 @@ impl Screen {
         };
         let Ok(pattern) = self.filter.parse();
         self.lines = view::lines(seen, &pattern, &self.board);
-        self.scroll = 0;
+        self.scroll.to(0);
     }
 
     pub fn draw(&mut self, frame: &mut Frame<'_>) {
@@ -134,14 +116,6 @@ impl Screen {
         self.draw_keys(frame, keys);
     }
 
-    fn style(&self, color: Color) -> Style {
-        if self.is_coloured {
-            Style::new().fg(color)
-        } else {
-            Style::new()
-        }
-    }
-
     fn draw_board(&self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
         let (state, since) = seen.board();
         let (words, color) = match state {
@@ -151,12 +125,12 @@ impl Screen {
             BoardState::BusDown => ("NOT REACHED", Color::Red),
             _ => ("?", Color::Red),
         };
-        let since = view::time(seen.time().since(since));
+        let since = short_time(seen.time().since(since));
         let (bus, driver) = (seen.bus_statistics(), seen.driver_statistics());
         let text = vec![
             TextLine::from(vec![
                 Span::raw("board     "),
-                Span::styled(words, self.style(color)),
+                Span::styled(words, self.palette.style(color)),
                 Span::raw(format!(" for {since}, cycle {}", seen.cycle())),
             ]),
             TextLine::from(format!(
@@ -193,7 +167,7 @@ impl Screen {
         let label = format!("{} of {} us", micros(run.last_took), micros(self.period));
         let gauge = Gauge::default()
             .block(Block::bordered().title(title))
-            .gauge_style(self.style(color))
+            .gauge_style(self.palette.style(color))
             .ratio(share.clamp(0.0, 1.0))
             .label(label);
         frame.render_widget(gauge, area);
@@ -208,7 +182,7 @@ impl Screen {
             };
             TextLine::from(vec![
                 Span::raw(format!("{place:<10}")),
-                Span::styled(format!("{state:<11}"), self.style(color)),
+                Span::styled(format!("{state:<11}"), self.palette.style(color)),
                 Span::raw(format!("{:<16} {counts}  {reason}", format!("for {since}"))),
             ])
         });
@@ -221,10 +195,10 @@ impl Screen {
     }
 
     fn draw_pins(&mut self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
-        self.rows = usize::from(area.height.saturating_sub(2));
-        self.scroll_to(self.scroll);
+        let rows = usize::from(area.height.saturating_sub(2));
+        self.scroll.fit(self.lines.len(), rows);
         let readings: Vec<_> = seen.pins().collect();
-        let lines = self.lines.iter().skip(self.scroll).take(self.rows);
+        let lines = self.lines.iter().skip(self.scroll.first).take(rows);
         let lines = lines.map(|line| match line {
             Line::Heading(heading) => {
                 let style = Style::new().add_modifier(Modifier::BOLD);
@@ -240,12 +214,11 @@ impl Screen {
                     };
                     let value = view::number(reading.value, &info.unit);
                     let text = format!(
-                        "  {:<34} {value:>14} {state:<10} {:<SAMPLES$}  {}",
+                        "  {:<34} {value:>14} {state:<10} {trend:SAMPLES$}  {}",
                         view::short(&info.name, &self.board),
-                        view::trend(trend),
                         place::short(&info.place),
                     );
-                    TextLine::styled(text, self.style(color))
+                    TextLine::styled(text, self.palette.style(color))
                 }
                 _ => TextLine::default(),
             },
@@ -285,7 +258,7 @@ pub mod tests {
     const PERIOD: Duration = Duration::from_millis(1);
 
     fn driver() -> Driver<SimFpga> {
-        let board = machines::six_axes_7i92(mesa_hal::sim::MotorConfig::default());
+        let board = machines::six_axes_7i92(mesa_hal::sim::Motor::default());
         Driver::start(board, mesa_hal::Settings::default()).unwrap()
     }
 
@@ -305,13 +278,13 @@ pub mod tests {
         run(&mut driver(), 20)
     }
 
-    fn picture(screen: &mut Screen) -> String {
+    fn picture(screen: &mut Pins) -> String {
         let mut terminal = Terminal::new(TestBackend::new(120, 40)).unwrap();
         terminal.draw(|frame| screen.draw(frame)).unwrap();
         terminal.backend().to_string()
     }
 
-    fn press(screen: &mut Screen, codes: &[KeyCode]) -> Wish {
+    fn press(screen: &mut Pins, codes: &[KeyCode]) -> Wish {
         let keys = codes
             .iter()
             .map(|&code| KeyEvent::new(code, KeyModifiers::NONE));
@@ -320,13 +293,13 @@ pub mod tests {
             .unwrap_or(Wish::Continue)
     }
 
-    fn type_text(screen: &mut Screen, text: &str) {
+    fn type_text(screen: &mut Pins, text: &str) {
         let codes: Vec<_> = text.chars().map(KeyCode::Char).collect();
         assert_eq!(press(screen, &codes), Wish::Continue);
     }
 
-    fn screen(filter: &str) -> Screen {
-        let mut screen = Screen::new("hm2_7i92.0", PERIOD, filter.to_owned());
+    fn screen(filter: &str) -> Pins {
+        let mut screen = Pins::new("hm2_7i92.0", PERIOD, filter.to_owned());
         screen.take(&snapshot());
         screen
     }
@@ -368,7 +341,7 @@ pub mod tests {
     }
 
     #[test]
-    fn q_escape_and_control_c_end_it() {
+    fn q_and_escape_end_it() {
         let mut screen = screen("");
         assert_eq!(press(&mut screen, &[KeyCode::Esc]), Wish::End);
         let keys = [KeyCode::Char('/'), KeyCode::Esc];
@@ -377,9 +350,7 @@ pub mod tests {
             Wish::Continue,
             "it ends the filter"
         );
-        press(&mut screen, &[KeyCode::Char('/')]);
-        let control_c = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
-        assert_eq!(screen.key(control_c), Wish::End);
+        assert_eq!(press(&mut screen, &[KeyCode::Char('q')]), Wish::End);
     }
 
     #[test]
@@ -402,7 +373,7 @@ pub mod tests {
         let mut driver = driver();
         let _ = run(&mut driver, 20);
         drop(driver.bus_mut().plug(0, 0, None));
-        let mut screen = Screen::new("hm2_7i92.0", PERIOD, "input-02".to_owned());
+        let mut screen = Pins::new("hm2_7i92.0", PERIOD, "input-02".to_owned());
         screen.take(&run(&mut driver, 200));
         let shown = picture(&mut screen);
         assert!(shown.contains("0.0 7I77  OFFLINE"), "{shown}");

@@ -1,19 +1,11 @@
 //! What the screen shows, as text: remotes, and pins in groups.
 
-use std::collections::VecDeque;
-use std::time::Duration;
-
 use mesa_hal::driver::RemoteState;
 use mesa_hal::hal::{Age, AnyValue, HalType, PinInfo, Reading};
 use mesa_hal::runner::{RemoteSnapshot, Snapshot};
 
+use crate::full_screen::short_time;
 use crate::pattern::Pattern;
-
-/// Samples of a trend line.
-pub const SAMPLES: usize = 24;
-
-/// The samples of a pin.
-pub type Trend = VecDeque<f64>;
 
 /// A line of the list of pins.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,45 +85,13 @@ pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
     }
     match reading.age {
         Age::NEVER => "never read".to_owned(),
-        age => format!("old {}", time(age.time)),
+        age => format!("old {}", short_time(age.time)),
     }
-}
-
-/// A time as short as it is understood.
-pub fn time(time: Duration) -> String {
-    match time.as_secs() {
-        0 => format!("{} ms", time.as_millis()),
-        seconds @ 1..60 => format!("{seconds} s"),
-        seconds @ 60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
-        seconds => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
-    }
-}
-
-/// The samples as a line of eight heights between the least and the largest; flat where nothing
-/// changes.
-pub fn trend(samples: &Trend) -> String {
-    const HEIGHTS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-    let finite = samples.iter().copied().filter(|sample| sample.is_finite());
-    let (least, largest) = finite.fold((f64::MAX, f64::MIN), |(least, largest), sample| {
-        (least.min(sample), largest.max(sample))
-    });
-    let range = largest - least;
-    let height = |sample: f64| {
-        if range > 0.0 {
-            (((sample - least) / range * 7.0).round() as usize).min(7)
-        } else {
-            0
-        }
-    };
-    samples
-        .iter()
-        .map(|&sample| HEIGHTS[height(sample)])
-        .collect()
 }
 
 /// What a remote is doing, why, and since when.
 pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 5] {
-    let since = time(snapshot.time().since(remote.since));
+    let since = short_time(snapshot.time().since(remote.since));
     let (state, reason) = match remote.state {
         RemoteState::Running => ("running", remote.first_fault),
         RemoteState::Offline { reason, .. } => ("OFFLINE", Some(reason)),
@@ -185,23 +145,5 @@ mod tests {
         headings.sort();
         headings.dedup();
         assert_eq!(headings.len(), all, "each block is there once");
-    }
-
-    #[test]
-    fn a_trend_goes_from_the_least_to_the_largest() {
-        let line = |samples: &[f64]| trend(&samples.iter().copied().collect());
-        assert_eq!(line(&[0.0, 1.0, 0.0]), "▁█▁");
-        assert_eq!(line(&[-7.0, -3.5, 0.0]), "▁▅█");
-        assert_eq!(line(&[5.0, 5.0]), "▁▁");
-        assert_eq!(line(&[f64::NAN, f64::INFINITY, 1.0]).chars().count(), 3);
-        assert_eq!(line(&[]), "");
-    }
-
-    #[test]
-    fn times_are_short() {
-        let seconds = |s| time(Duration::from_secs(s));
-        assert_eq!(time(Duration::from_micros(1999)), "1 ms");
-        let times = [1, 59, 61, 3661].map(seconds);
-        assert_eq!(times, ["1 s", "59 s", "1 min 1 s", "1 h 1 min"]);
     }
 }

@@ -15,31 +15,20 @@ pub struct Range {
     high: f64,
     /// Whether `low` itself is one of them.
     with_low: bool,
-    with_zero: bool,
     unit: &'static str,
 }
 
 impl Range {
-    pub const POSITIVE: Self = Self::above(0.0, 1e9, "");
-    pub const VOLTS: Self = Self::above(0.0, 100.0, " V");
     pub const CLICKS: Self = Self::above(0.0, 1000.0, " clicks a second");
     pub const NOT_NEGATIVE: Self = Self::from(0.0, 1e9, "");
-    pub const SECONDS: Self = Self::from(0.0, 10.0, " s");
-    pub const DEAD_BAND: Self = Self::from(0.0, 10.0, " V");
     pub const BOUNCE: Self = Self::from(0.0, 1000.0, " ms");
     pub const POSITION: Self = Self::from(-1e9, 1e9, "");
-    pub const FORCE: Self = Self::above(0.0, f64::INFINITY, "");
-    pub const COUNTS: Self = Self {
-        with_zero: false,
-        ..Self::from(-1e7, 1e7, "")
-    };
 
     const fn from(low: f64, high: f64, unit: &'static str) -> Self {
         Self {
             low,
             high,
             with_low: true,
-            with_zero: true,
             unit,
         }
     }
@@ -53,7 +42,7 @@ impl Range {
 
     fn contains(&self, value: f64) -> bool {
         let is_in = (self.low..=self.high).contains(&value);
-        is_in && (self.with_low || value > self.low) && (self.with_zero || value != 0.0)
+        is_in && (self.with_low || value > self.low)
     }
 
     fn allowed(&self) -> String {
@@ -66,9 +55,6 @@ impl Range {
         } else {
             write!(text, "more than {low}, up to {high}{unit}")
         };
-        if !self.with_zero {
-            text.push_str(", and not 0");
-        }
         text
     }
 }

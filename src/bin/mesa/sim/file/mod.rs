@@ -13,7 +13,7 @@ use std::net::Ipv4Addr;
 use std::path::Path;
 
 use clap::ValueEnum;
-use mesa_hal::sim::{MotorConfig, Terminal};
+use mesa_hal::sim::{Motor, MotorConfig, MotorError, Terminal};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -235,85 +235,63 @@ fn axes(lines: &Lines<'_>, tables: &[Axis]) -> Result<Vec<AxisPlan>, String> {
     Ok(axes)
 }
 
-fn motor(lines: &Lines<'_>, table: &Axis) -> Result<MotorConfig, String> {
+/// The motor of an axis. What it may be is the library's business; where it says something else, and
+/// under which key, is known here.
+fn motor(lines: &Lines<'_>, table: &Axis) -> Result<Motor, String> {
     let usual = MotorConfig::default();
-    let number = |value: &Option<Spanned<f64>>, key: &str, range: Range, usual: f64| {
-        let value = value.as_ref();
-        value.map_or(Ok(usual), |value| lines.number(value, key, range))
-    };
-    let stops = match &table.stops {
-        None => usual.stops,
-        Some(value) => {
-            let [low, high] = *value.get_ref();
-            if low.is_nan() || high.is_nan() || low >= high {
-                let allowed =
-                    "allowed are two positions, the lower one first; -inf and inf for none";
-                return Err(lines.wrong(value, "axis.stops", allowed));
-            }
-            [low, high]
-        }
-    };
-    let position = number(&table.position, "axis.position", Range::POSITION, 0.0)?;
-    if let Some(value) = &table.position
-        && !(stops[0]..=stops[1]).contains(&position)
-    {
-        return Err(lines.wrong(value, "axis.position", "it must be between the stops"));
-    }
-    Ok(MotorConfig {
-        max_speed: number(
-            &table.max_speed,
-            "axis.max_speed",
-            Range::POSITIVE,
-            usual.max_speed,
-        )?,
-        full_scale: number(
-            &table.full_scale,
-            "axis.full_scale",
-            Range::VOLTS,
-            usual.full_scale,
-        )?,
-        time_constant: number(
-            &table.time_constant,
-            "axis.time_constant",
-            Range::SECONDS,
-            usual.time_constant,
-        )?,
-        friction: number(
-            &table.dead_band,
-            "axis.dead_band",
-            Range::DEAD_BAND,
-            usual.friction,
-        )?,
-        counts_per_unit: number(
-            &table.counts_per_unit,
-            "axis.counts_per_unit",
-            Range::COUNTS,
-            usual.counts_per_unit,
-        )?,
+    let number =
+        |value: &Option<Spanned<f64>>, usual: f64| value.as_ref().map_or(usual, |v| *v.get_ref());
+    let made = Motor::new(MotorConfig {
+        max_speed: number(&table.max_speed, usual.max_speed),
+        full_scale: number(&table.full_scale, usual.full_scale),
+        time_constant: number(&table.time_constant, usual.time_constant),
+        friction: number(&table.dead_band, usual.friction),
+        counts_per_unit: number(&table.counts_per_unit, usual.counts_per_unit),
         counts_per_revolution: table
             .counts_per_index
             .unwrap_or(usual.counts_per_revolution),
-        inertia: number(
-            &table.inertia,
-            "axis.inertia",
-            Range::POSITIVE,
-            usual.inertia,
-        )?,
-        max_force: number(
-            &table.max_force,
-            "axis.max_force",
-            Range::FORCE,
-            usual.max_force,
-        )?,
-        drag: number(
-            &table.friction,
-            "axis.friction",
-            Range::NOT_NEGATIVE,
-            usual.drag,
-        )?,
-        stops,
-        position,
-    })
+        inertia: number(&table.inertia, usual.inertia),
+        max_force: number(&table.max_force, usual.max_force),
+        drag: number(&table.friction, usual.drag),
+        stops: table
+            .stops
+            .as_ref()
+            .map_or(usual.stops, |stops| *stops.get_ref()),
+        position: number(&table.position, usual.position),
+    });
+    let motor = made.map_err(|error| wrong_motor(lines, table, &error))?;
+    match &table.position {
+        Some(value) if motor.position() != *value.get_ref() => {
+            Err(lines.wrong(value, "axis.position", "it must be between the stops"))
+        }
+        _ => Ok(motor),
+    }
+}
+
+/// Where in the file the number is that no motor has.
+fn wrong_motor(lines: &Lines<'_>, table: &Axis, error: &MotorError) -> String {
+    let MotorError::OutOfRange { field, allowed, .. } = *error else {
+        let stops = table.stops.as_ref();
+        let allowed = "allowed are two positions, the lower one first; -inf and inf for none";
+        let wrong = |stops| lines.wrong(stops, "axis.stops", allowed);
+        return stops.map_or_else(|| error.to_string(), wrong);
+    };
+    let (key, value) = match field {
+        "max_speed" => ("axis.max_speed", &table.max_speed),
+        "full_scale" => ("axis.full_scale", &table.full_scale),
+        "time_constant" => ("axis.time_constant", &table.time_constant),
+        "friction" => ("axis.dead_band", &table.dead_band),
+        "counts_per_unit" => ("axis.counts_per_unit", &table.counts_per_unit),
+        "inertia" => ("axis.inertia", &table.inertia),
+        "max_force" => ("axis.max_force", &table.max_force),
+        "drag" => ("axis.friction", &table.friction),
+        "position" => ("axis.position", &table.position),
+        _ => return lines.wrong(&table.name, "axis", &error.to_string()),
+    };
+    let Some(value) = value else {
+        return lines.wrong(&table.name, "axis", &error.to_string());
+    };
+    lines.wrong(value, key, &format!("allowed is {allowed}"))
 }
 
 fn switches(

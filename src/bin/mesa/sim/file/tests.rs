@@ -14,8 +14,11 @@ fn the_example_is_read_as_its_comments_say() {
     assert_eq!((mill.remotes.len(), mill.plan.axes.len()), (1, 3));
     let x = &mill.plan.axes[0];
     assert_eq!((x.output, x.encoder), (0, 0));
-    assert_eq!(x.motor.stops, [-8.0, 508.0]);
-    assert_eq!((x.motor.inertia, x.motor.drag), (0.08, 30.0));
+    assert_eq!(x.motor.config().stops, [-8.0, 508.0]);
+    assert_eq!(
+        (x.motor.config().inertia, x.motor.config().drag),
+        (0.08, 30.0)
+    );
     let limit = &mill.plan.switches[1];
     assert_eq!((limit.from, limit.to), (502.0, f64::INFINITY));
     assert!(limit.normally_closed);
@@ -100,7 +103,9 @@ fn an_error_names_its_line_its_key_and_what_is_allowed() {
             "counts_per_unit",
             "not 0",
         ),
-        ("inertia", "inertia = -1", "axis.inertia", "more than 0"),
+        ("inertia", "inertia = -1", "axis.inertia", "1e-9 to 1e9"),
+        ("friction", "friction = -1", "axis.friction", "0 to 1e9"),
+        ("dead_band", "dead_band = 11", "axis.dead_band", "0 to 10"),
         (
             "stops",
             "stops = [1.0, -1.0]",

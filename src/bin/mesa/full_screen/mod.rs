@@ -1,0 +1,181 @@
+//! Commands that have the whole screen: the terminal, the loop of pictures, and what pictures share.
+
+mod trend;
+
+use std::io::{self, IsTerminal};
+use std::time::Duration;
+
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use ratatui::style::{Color, Style};
+use ratatui::{DefaultTerminal, Frame};
+
+use crate::context::{Context, Failure};
+use crate::output;
+pub use trend::{SAMPLES, Trend};
+
+/// Between two pictures, and two samples of the trend lines.
+const PICTURE: Duration = Duration::from_millis(100);
+
+/// Whether it goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wish {
+    Continue,
+    End,
+}
+
+/// What is shown on the whole screen.
+pub trait Screen {
+    /// Takes what there is to see, before each picture.
+    fn refresh(&mut self) -> Wish;
+    /// A key was pressed.
+    fn key(&mut self, key: KeyEvent) -> Wish;
+    /// Makes a picture.
+    fn draw(&mut self, frame: &mut Frame<'_>);
+}
+
+/// Refuses a command line that can not have a screen: without a terminal, or with `--json`; `instead`
+/// says what to use then.
+pub fn check(context: &Context, instead: &str) -> Result<(), Failure> {
+    if context.json {
+        let why = format!("a screen is no JSON; {instead}");
+        return Err(Failure::usage(why));
+    }
+    if !(io::stdout().is_terminal() && io::stdin().is_terminal()) {
+        let why = format!("this needs a terminal; {instead}");
+        return Err(Failure::usage(why));
+    }
+    Ok(())
+}
+
+/// Shows pictures until a key or a signal ends it, or there is no more to see; the terminal is as
+/// before then. What is complained about meanwhile is said after it.
+pub fn show(context: &Context, screen: &mut impl Screen) -> io::Result<()> {
+    output::hold();
+    let shown = ratatui::try_init().and_then(|mut terminal| {
+        let shown = pictures(context, screen, &mut terminal);
+        ratatui::try_restore().and(shown)
+    });
+    output::release();
+    shown
+}
+
+fn pictures(
+    context: &Context,
+    screen: &mut impl Screen,
+    terminal: &mut DefaultTerminal,
+) -> io::Result<()> {
+    while context.stop.signal().is_none() && screen.refresh() == Wish::Continue {
+        terminal.draw(|frame| screen.draw(frame))?;
+        // What was typed meanwhile is taken at once, and a picture follows.
+        let mut wait = PICTURE;
+        while event::poll(wait)? {
+            wait = Duration::ZERO;
+            if let Event::Key(key) = event::read()?
+                && key.kind != KeyEventKind::Release
+                && (is_control(key, 'c') || screen.key(key) == Wish::End)
+            {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether a key is pressed with Ctrl.
+pub fn is_control(key: KeyEvent, letter: char) -> bool {
+    key.code == KeyCode::Char(letter) && key.modifiers.contains(KeyModifiers::CONTROL)
+}
+
+/// Colours, unless NO_COLOR asks for none.
+#[derive(Clone, Copy, Debug)]
+pub struct Palette {
+    is_coloured: bool,
+}
+
+impl Palette {
+    pub fn from_environment() -> Self {
+        Self {
+            is_coloured: std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()),
+        }
+    }
+
+    pub fn style(self, color: Color) -> Style {
+        if self.is_coloured {
+            Style::new().fg(color)
+        } else {
+            Style::new()
+        }
+    }
+}
+
+/// A list of which the screen shows a part.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Scroll {
+    /// The first line that is shown.
+    pub first: usize,
+    lines: usize,
+    /// Rows of the list, as it was drawn last.
+    pub rows: usize,
+}
+
+impl Scroll {
+    /// The list has so many lines and rows now.
+    pub fn fit(&mut self, lines: usize, rows: usize) {
+        (self.lines, self.rows) = (lines, rows);
+        self.to(self.first);
+    }
+
+    /// Shows the list from a line on, as far as it goes.
+    pub fn to(&mut self, line: usize) {
+        self.first = line.min(self.lines.saturating_sub(self.rows));
+    }
+
+    pub fn page_up(&mut self) {
+        self.to(self.first.saturating_sub(self.rows));
+    }
+
+    pub fn page_down(&mut self) {
+        self.to(self.first + self.rows);
+    }
+}
+
+/// A time as short as it is understood.
+pub fn short_time(time: Duration) -> String {
+    match time.as_secs() {
+        0 => format!("{} ms", time.as_millis()),
+        seconds @ 1..60 => format!("{seconds} s"),
+        seconds @ 60..3600 => format!("{} min {} s", seconds / 60, seconds % 60),
+        seconds => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_short() {
+        let seconds = |s| short_time(Duration::from_secs(s));
+        assert_eq!(short_time(Duration::from_micros(1999)), "1 ms");
+        let times = [1, 59, 61, 3661].map(seconds);
+        assert_eq!(times, ["1 s", "59 s", "1 min 1 s", "1 h 1 min"]);
+    }
+
+    #[test]
+    fn a_list_is_scrolled_as_far_as_it_goes() {
+        let mut scroll = Scroll::default();
+        scroll.fit(25, 10);
+        scroll.page_down();
+        scroll.page_down();
+        assert_eq!(scroll.first, 15);
+        scroll.page_up();
+        assert_eq!(scroll.first, 5);
+        scroll.page_up();
+        assert_eq!(scroll.first, 0);
+        scroll.to(usize::MAX);
+        scroll.fit(12, 10);
+        assert_eq!(scroll.first, 2, "the list became shorter");
+        scroll.fit(3, 10);
+        assert_eq!(scroll.first, 0);
+    }
+}

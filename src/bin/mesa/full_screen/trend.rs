@@ -1,0 +1,68 @@
+//! A trend line.
+
+use std::collections::VecDeque;
+use std::fmt::{self, Display, Write};
+
+/// Samples of a trend line.
+pub const SAMPLES: usize = 24;
+
+/// The last samples of a value. `Display` is a line of eight heights between the least and the largest
+/// of them; flat where nothing changes.
+#[derive(Clone, Debug, Default)]
+pub struct Trend(VecDeque<f64>);
+
+impl Trend {
+    pub fn push(&mut self, sample: f64) {
+        if self.0.len() == SAMPLES {
+            self.0.pop_front();
+        }
+        self.0.push_back(sample);
+    }
+}
+
+impl Display for Trend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const HEIGHTS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+        let finite = self.0.iter().copied().filter(|sample| sample.is_finite());
+        let (least, largest) = finite.fold((f64::MAX, f64::MIN), |(least, largest), sample| {
+            (least.min(sample), largest.max(sample))
+        });
+        let range = largest - least;
+        for sample in &self.0 {
+            let height = if range > 0.0 {
+                (((sample - least) / range * 7.0).round() as usize).min(7)
+            } else {
+                0
+            };
+            f.write_char(HEIGHTS[height])?;
+        }
+        // A line in a column keeps its width.
+        for _ in self.0.len()..f.width().unwrap_or_default() {
+            f.write_char(' ')?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trend_goes_from_the_least_to_the_largest() {
+        let line = |samples: &[f64]| {
+            let mut trend = Trend::default();
+            for sample in samples {
+                trend.push(*sample);
+            }
+            trend.to_string()
+        };
+        assert_eq!(line(&[0.0, 1.0, 0.0]), "▁█▁");
+        assert_eq!(line(&[-7.0, -3.5, 0.0]), "▁▅█");
+        assert_eq!(line(&[5.0, 5.0]), "▁▁");
+        assert_eq!(line(&[f64::NAN, f64::INFINITY, 1.0]).chars().count(), 3);
+        assert_eq!(line(&[]), "");
+        assert_eq!(line(&[1.0; 2 * SAMPLES]).chars().count(), SAMPLES);
+        assert_eq!(format!("{:4}|", Trend([1.0].into())), "▁   |");
+    }
+}
