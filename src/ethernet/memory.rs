@@ -5,7 +5,7 @@ use alloc::{vec, vec::Vec};
 use super::packets::QUICK;
 use super::{EthernetBoard, EthernetError, Lbp16Board};
 use crate::lbp16::registers::{control, eeprom, timer};
-use crate::lbp16::{ElementSize, MAX_COUNT, Space};
+use crate::lbp16::{ElementSize, MAX_COUNT, Space, elements};
 
 /// Error counters of the board, which are read in front of an access and behind it.
 const COUNTERS: u8 = 3;
@@ -117,11 +117,8 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
                 reason: "the board counts an error",
             });
         }
-        let registers = read.chunks_exact(size).map(|bytes| {
-            let bytes = bytes.iter().rev();
-            bytes.fold(0, |value, &byte| value << 8 | u32::from(byte))
-        });
-        Ok(registers.collect())
+        let registers = elements(read, space.element());
+        Ok(registers.map(|register| register as u32).collect())
     }
 }
 

@@ -1,6 +1,6 @@
 //! A request and its reply side by side.
 
-use super::{Lbp16Error, Operation, Operations};
+use super::{Lbp16Error, Operation, Operations, elements};
 
 /// One command of a request, with what the board answered to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,11 +24,7 @@ impl Answered<'_> {
         } else {
             self.read
         };
-        let elements = bytes.chunks_exact(command.size.bytes());
-        elements.map(|element| {
-            let bytes = element.iter().rev();
-            bytes.fold(0, |value, &byte| value << 8 | u64::from(byte))
-        })
+        elements(bytes, command.size)
     }
 
     /// Whether the reply has everything that the command reads.

@@ -1,7 +1,5 @@
 //! The info area that describes a space.
 
-#[cfg(feature = "std")]
-use super::{Command, ErrorRegister};
 use super::{ElementSize, Lbp16Error, Space};
 
 /// High bits of the cookie; the low four are the number of the space.
@@ -119,22 +117,6 @@ impl MemorySizes {
     pub const fn allows(self, size: ElementSize) -> bool {
         self.0 & 1 << size as u8 != 0
     }
-
-    /// Whether the space takes a command; else the error that a board counts.
-    ///
-    /// Info areas are read only and 16 bits wide, whatever their space is. Manual: 7I97, "INFO AREA".
-    #[cfg(feature = "std")]
-    pub(crate) fn check(self, command: Command) -> Result<(), ErrorRegister> {
-        const INFO: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Word, false);
-        let sizes = if command.info { INFO } else { self };
-        if !sizes.allows(command.size) {
-            return Err(ErrorRegister::MEMORY);
-        }
-        if command.write && !sizes.writable() {
-            return Err(ErrorRegister::WRITE);
-        }
-        Ok(())
-    }
 }
 
 /// The MEMRANGES word: address range, page and erase-block size.
@@ -209,35 +191,6 @@ mod tests {
             found: 0x5A03,
         };
         assert_eq!(error, expected);
-    }
-
-    const RW32: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Double, true);
-    const RO16: MemorySizes = MemorySizes::new(MemoryType::Memory, ElementSize::Word, false);
-
-    #[test]
-    fn size_and_direction_are_checked() {
-        let read = Command::read(Space::HostMot2, 1);
-        let write = Command::write(Space::HostMot2, 1);
-        assert_eq!(RW32.check(read), Ok(()));
-        assert_eq!(RW32.check(write), Ok(()));
-        assert_eq!(RO16.check(read), Err(ErrorRegister::MEMORY));
-        let size = ElementSize::Word;
-        let write = Command { size, ..write };
-        assert_eq!(RO16.check(write), Err(ErrorRegister::WRITE));
-    }
-
-    #[test]
-    fn info_areas_are_read_only_and_16_bits() {
-        let info = Command::read_info(Space::HostMot2, 1);
-        assert_eq!(RW32.check(info), Ok(()));
-        let size = ElementSize::Double;
-        let wide = Command { size, ..info };
-        assert_eq!(RW32.check(wide), Err(ErrorRegister::MEMORY));
-        let write = Command {
-            write: true,
-            ..info
-        };
-        assert_eq!(RW32.check(write), Err(ErrorRegister::WRITE));
     }
 
     proptest! {

@@ -22,8 +22,7 @@ pub use command::{Command, ElementSize, MAX_COUNT, Space};
 pub use error::Lbp16Error;
 pub(crate) use info::text;
 pub use info::{InfoArea, MemoryRanges, MemorySizes, MemoryType};
-#[cfg(feature = "std")]
-pub(crate) use parser::AddressPointers;
+pub(crate) use parser::elements;
 pub use parser::{Operation, Operations};
 pub use registers::ErrorRegister;
 

@@ -1,8 +1,6 @@
 //! A request as a board sees it.
 
-#[cfg(feature = "std")]
-use super::Space;
-use super::{Command, Lbp16Error};
+use super::{Command, ElementSize, Lbp16Error};
 
 /// One command of a request, with what follows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,7 +16,7 @@ pub struct Operation<'a> {
 impl Operation<'_> {
     /// The elements to be written, as little-endian numbers; none for a read.
     pub fn elements(&self) -> impl Iterator<Item = u64> + '_ {
-        self.data.chunks(self.command.size.bytes()).map(number)
+        elements(self.data, self.command.size)
     }
 }
 
@@ -93,6 +91,11 @@ impl<'a> Iterator for Operations<'a> {
     }
 }
 
+/// Little-endian numbers of one size, side by side; one that was cut off is left out.
+pub(crate) fn elements(bytes: &[u8], size: ElementSize) -> impl Iterator<Item = u64> {
+    bytes.chunks_exact(size.bytes()).map(number)
+}
+
 fn number(bytes: &[u8]) -> u64 {
     bytes
         .iter()
@@ -100,45 +103,12 @@ fn number(bytes: &[u8]) -> u64 {
         .fold(0, |value, &byte| value << 8 | u64::from(byte))
 }
 
-/// The address pointers of a board: one for each space, and one for each info area.
-///
-/// "Each memory space has its own address pointer" (manual 7I97, "LBP16 COMMANDS"). An info area
-/// can show its space's pointer at address 6, which only makes sense if looking does not move it:
-/// so info areas have pointers of their own here.
-#[cfg(feature = "std")]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct AddressPointers([[u16; 8]; 2]);
-
-#[cfg(feature = "std")]
-impl AddressPointers {
-    /// The pointer of a space.
-    pub fn get(&self, space: Space) -> u16 {
-        let [spaces, _] = &self.0;
-        spaces.get(space as usize).copied().unwrap_or(0)
-    }
-
-    /// The addresses of the elements of an operation. Loads the pointer, if the operation has an
-    /// address, and moves it past the last element, if the command increments.
-    pub fn addresses(&mut self, operation: &Operation<'_>) -> impl Iterator<Item = u16> + use<> {
-        let command = operation.command;
-        let [spaces, infos] = &mut self.0;
-        let pointers = if command.info { infos } else { spaces };
-        let mut unused = 0;
-        let pointer = pointers.get_mut(command.space as usize);
-        let pointer = pointer.unwrap_or(&mut unused);
-        let first = operation.address.unwrap_or(*pointer);
-        let step = u16::from(command.increment) * command.size.bytes() as u16;
-        *pointer = first.wrapping_add(step * u16::from(command.count));
-        (0..command.count).map(move |n| first.wrapping_add(step * u16::from(n)))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::lbp16::ElementSize;
+    use crate::lbp16::Space;
 
     fn parse(request: &[u8]) -> Vec<Result<Operation<'_>, Lbp16Error>> {
         Operations::new(request).collect()
@@ -215,44 +185,6 @@ mod tests {
                 offset: 0,
                 word: 0x4200,
             })]
-        );
-    }
-
-    fn addresses(pointers: &mut AddressPointers, request: &[u8]) -> Vec<u16> {
-        let operations = Operations::new(request).map(Result::unwrap);
-        operations
-            .flat_map(|operation| pointers.addresses(&operation))
-            .collect()
-    }
-
-    #[test]
-    fn a_pointer_moves_by_the_element_size_or_stands() {
-        let mut pointers = AddressPointers::default();
-        // Manual: 7I97, "LBP16 COMMANDS", bit I.
-        let request = [0x83, 0x42, 0x00, 0x04, 0x01, 0x02, 0x01, 0x02];
-        assert_eq!(
-            addresses(&mut pointers, &request),
-            [0x400, 0x404, 0x408, 0x40C, 0x40C]
-        );
-        assert_eq!(addresses(&mut pointers, &[0x82, 0x1D]), [0, 2]);
-        assert_eq!(pointers.get(Space::ReadOnly), 4);
-        assert_eq!(pointers.get(Space::HostMot2), 0x40C);
-    }
-
-    #[test]
-    fn looking_at_an_info_area_leaves_the_pointer_of_the_space() {
-        let mut pointers = AddressPointers::default();
-        addresses(&mut pointers, &[0x01, 0x42, 0x34, 0x12]);
-        assert_eq!(addresses(&mut pointers, &[0x82, 0x61, 0x06, 0x00]), [6, 8]);
-        assert_eq!(pointers.get(Space::HostMot2), 0x1234);
-    }
-
-    #[test]
-    fn a_pointer_wraps_at_the_end_of_the_space() {
-        let mut pointers = AddressPointers::default();
-        assert_eq!(
-            addresses(&mut pointers, &[0x82, 0x42, 0xFC, 0xFF]),
-            [0xFFFC, 0]
         );
     }
 

@@ -9,6 +9,7 @@ mod ethernet_chip;
 mod flash;
 mod gateware;
 mod icap;
+mod pointers;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -27,10 +28,11 @@ use self::{
     ethernet_chip::EthernetChip,
     flash::{Flash, FlashError},
     icap::Icap,
+    pointers::AddressPointers,
 };
 use super::wire::Nanos;
 use crate::lbp16::{
-    AddressPointers, ErrorRegister, InfoArea, MAX_PACKET, Operation, Operations, Space,
+    ErrorRegister, InfoArea, MAX_PACKET, Operation, Operations, Space,
     registers::{
         control as control_registers, read_only as card_registers, timer as timer_registers,
     },
@@ -250,7 +252,7 @@ impl<G: Gateware> SimBoard<G> {
         let addresses = self.pointers.addresses(operation);
         let area = info_area(command.space);
         let allowed = area.map_or(Err(ErrorRegister::MEMORY), |area| {
-            area.sizes.check(*command)
+            areas::check(area.sizes, *command)
         });
         if let Err(error) = allowed {
             count_error(&mut self.status, error);
