@@ -3,7 +3,6 @@
 //! Source: manual 7I77, "PROCESS DATA DISCOVERY" to "DISCOVERY SEQUENCE"; FACTS 7, which wins.
 
 mod descriptor;
-mod memory;
 mod plan;
 mod port;
 mod problem;
@@ -12,7 +11,6 @@ mod table;
 mod walk;
 
 pub use descriptor::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, RemoteDescriptor};
-pub use memory::{PortMemory, RemoteMemory};
 pub use plan::{Element, PackingPlan};
 pub use port::discover_port;
 pub use problem::{Problem, ProblemKind, Table};

@@ -1,13 +1,12 @@
 //! Discovery of all remotes of a port.
 
-use super::{
-    Discovered, DiscoveryOptions, ModeType, PortMemory, ProblemKind, RemoteMemory, Table, discover,
-};
+use super::{Discovered, DiscoveryOptions, ModeType, ProblemKind, Table, discover};
 use crate::{
     bus::{Clock, RegisterBus},
+    lbp::RemoteLink,
     sslbp::{
-        Channel, LocalLocation, Port, PortResult, RemoteAccess, RemoteFaults, StartFailure,
-        StartMode, StartedRemote,
+        Channel, LocalLocation, Port, PortLink, PortResult, RemoteAccess, RemoteFaults,
+        StartFailure, StartMode, StartedRemote,
     },
 };
 use alloc::{string::ToString, vec::Vec};
@@ -43,7 +42,7 @@ fn discover_remote<B: RegisterBus + Clock>(
 ) -> Discovered {
     let registers = port.layout().interface_registers;
     let channel = started.channel;
-    let mut memory = PortMemory { port, bus, channel };
+    let mut memory = PortLink { port, bus, channel };
     let shown = show_tables(&mut memory, started);
     let mut found = discover(&mut memory, started, registers, options);
     let modes = found.descriptor.modes.iter();
@@ -63,7 +62,7 @@ fn discover_remote<B: RegisterBus + Clock>(
 
 /// A host that ended in the middle of an access to non-volatile memory has left that memory where
 /// the tables are; a START does not change that. FACTS 6.3.
-fn show_tables<M: RemoteMemory>(memory: &mut M, started: &StartedRemote) -> Result<(), M::Error> {
+fn show_tables<M: RemoteLink>(memory: &mut M, started: &StartedRemote) -> Result<(), M::Error> {
     if started.ptoc == 0 && started.gtoc == 0 {
         return Ok(());
     }
@@ -75,7 +74,7 @@ fn show_tables<M: RemoteMemory>(memory: &mut M, started: &StartedRemote) -> Resu
 ///
 /// A setup START does not look at the fault byte, and so succeeds in a software mode that the
 /// remote does not have (FACTS 4.1); the tables are then those of another mode.
-fn has_mode<M: RemoteMemory>(
+fn has_mode<M: RemoteLink>(
     memory: &mut M,
     started: &StartedRemote,
     known: &[u8],
@@ -100,7 +99,7 @@ fn has_mode<M: RemoteMemory>(
     is_accepted(memory)
 }
 
-fn is_accepted<M: RemoteMemory>(memory: &mut M) -> Result<bool, M::Error> {
+fn is_accepted<M: RemoteLink>(memory: &mut M) -> Result<bool, M::Error> {
     let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
     let faults = RemoteFaults::from_bits_retain(memory.access(None, read)? as u8);
     Ok(!faults.contains(RemoteFaults::ILLEGAL_MODE))

@@ -1,6 +1,7 @@
 //! Bytes and records of a remote's memory, fetched with as few accesses as possible.
 
-use super::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, ProblemKind, RemoteMemory};
+use super::{DataDirection, DataRecord, DataType, ModeRecord, ModeType, ProblemKind};
+use crate::lbp::RemoteLink;
 use crate::sslbp::{AccessSize, RemoteAccess};
 use alloc::{
     collections::BTreeMap,
@@ -50,7 +51,7 @@ pub(super) struct Reader<'m, M> {
     pub notes: Vec<ProblemKind>,
 }
 
-impl<'m, M: RemoteMemory> Reader<'m, M> {
+impl<'m, M: RemoteLink> Reader<'m, M> {
     pub fn new(memory: &'m mut M, most_accesses: u32) -> Self {
         Self {
             memory,

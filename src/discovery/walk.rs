@@ -1,10 +1,10 @@
 //! Walking the tables of one remote.
 
 use super::{
-    DataRecord, PackingPlan, Problem, ProblemKind, RemoteDescriptor, RemoteMemory, RemoteTable,
-    Table,
+    DataRecord, PackingPlan, Problem, ProblemKind, RemoteDescriptor, RemoteTable, Table,
     record::{Reader, Record},
 };
+use crate::lbp::RemoteLink;
 use crate::sslbp::{ProcessDataSizes, StartedRemote};
 use alloc::{string::String, vec::Vec};
 
@@ -112,7 +112,7 @@ impl Discovered {
 /// the same. Bounded by `options` whatever the remote answers.
 ///
 /// Manual: 7I77, "DISCOVERY SEQUENCE"; FACTS 7.
-pub fn discover<M: RemoteMemory>(
+pub fn discover<M: RemoteLink>(
     memory: &mut M,
     started: &StartedRemote,
     registers: u8,
@@ -157,7 +157,7 @@ impl Discovered {
         }
     }
 
-    fn walk<M: RemoteMemory>(&mut self, reader: &mut Reader<'_, M>, table: Table, pointer: u16) {
+    fn walk<M: RemoteLink>(&mut self, reader: &mut Reader<'_, M>, table: Table, pointer: u16) {
         for address in self.entries(reader, table, pointer) {
             if reader.seen.contains(&address) {
                 continue;
@@ -181,7 +181,7 @@ impl Discovered {
     }
 
     /// The entries of a table, each once, until its end or the first problem.
-    fn entries<M: RemoteMemory>(
+    fn entries<M: RemoteLink>(
         &mut self,
         reader: &mut Reader<'_, M>,
         table: Table,

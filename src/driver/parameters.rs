@@ -5,12 +5,12 @@ use core::time::Duration;
 use super::error::remote_watchdog;
 use super::{Board, Driver, DriverError, Remark, remark};
 use crate::bus::{Access, BusError, Clock, RegisterBus};
-use crate::discovery::{DataRecord, PortMemory};
+use crate::discovery::DataRecord;
 use crate::hal::AnyValue;
 use crate::modules::serial::WATCHDOG_PARAMETER;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::remote::{ParameterError, ParameterValue, RemotePins};
-use crate::sslbp::{Port, PortError, StartMode, StartedRemote};
+use crate::sslbp::{Port, PortError, PortLink, StartMode, StartedRemote};
 
 /// The board's watchdog while nobody feeds it: longer than everything can take together, accesses
 /// that are tried again included.
@@ -24,11 +24,7 @@ struct Parameter<'a> {
     name: &'a str,
 }
 
-impl<'a> Parameter<'a> {
-    fn new(place: (u8, u8), name: &'a str) -> Self {
-        Self { place, name }
-    }
-
+impl Parameter<'_> {
     fn failed<E: BusError>(self, source: ParameterError<PortError<E>>) -> DriverError<E> {
         match source {
             ParameterError::Memory(error) => error.into(),
@@ -80,7 +76,7 @@ impl<'a> Parameter<'a> {
         };
         let missing = |kind| DriverError::Missing(Remark::new(self.place, kind));
         remark::is_same(is, outcome).map_err(missing)?;
-        let mut memory = PortMemory { port, bus, channel };
+        let mut memory = PortLink { port, bus, channel };
         let written = record.write_parameter(&mut memory, value);
         written.map_err(|error| self.failed(error))
     }
@@ -100,7 +96,8 @@ impl<B: RegisterBus + Clock> Board<B> {
         name: &str,
     ) -> Result<ParameterValue, DriverError<B::Error>> {
         let (mut memory, _, remote) = self.in_setup(port, channel)?;
-        let parameter = Parameter::new((port, channel), name);
+        let place = (port, channel);
+        let parameter = Parameter { place, name };
         let read = parameter.record(remote)?.read_parameter(&mut memory);
         read.map_err(|error| parameter.failed(error))
     }
@@ -125,7 +122,8 @@ impl<B: RegisterBus + Clock> Board<B> {
     ) -> Result<(), DriverError<B::Error>> {
         let (value, period) = (value.into(), self.plan.settings.period);
         let (mut memory, pins, remote) = self.in_setup(port, channel)?;
-        let parameter = Parameter::new((port, channel), name);
+        let place = (port, channel);
+        let parameter = Parameter { place, name };
         let record = parameter.record(remote)?;
         let raw = parameter.check(record, value, period)?;
         let written = record.write_parameter(&mut memory, value);
@@ -165,7 +163,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         value: impl Into<AnyValue>,
     ) -> Result<(), DriverError<B::Error>> {
         let value = value.into();
-        let parameter = Parameter::new((port, channel), name);
+        let place = (port, channel);
+        let parameter = Parameter { place, name };
         let Some(remote) = self.remote(port, channel) else {
             return Err(DriverError::no_remote((port, channel)));
         };

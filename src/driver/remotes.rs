@@ -10,17 +10,15 @@ use super::remark;
 use super::{Board, DriverError, Presence, Remark, RemarkKind, RemoteConfig, SerialPort};
 use crate::boards::{AttachError, check_identity};
 use crate::bus::{BusError, Clock, RegisterBus};
-use crate::discovery::{
-    Discovered, DiscoveryOptions, PackingPlan, PortMemory, RemoteTable, discover_port,
-};
+use crate::discovery::{Discovered, DiscoveryOptions, PackingPlan, RemoteTable, discover_port};
 use crate::hal::PinStore;
 use crate::hostmot2::PinDescriptor;
 use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
-    Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, ProcessDataSizes,
-    StartMode, StartedRemote,
+    Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, PortLink,
+    ProcessDataSizes, StartMode, StartedRemote,
 };
 
 /// What nothing is known of.
@@ -87,7 +85,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         &mut self,
         port: u8,
         channel: u8,
-    ) -> Result<(PortMemory<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
+    ) -> Result<(PortLink<'_, B>, &mut PinStore, &mut RemotePins), DriverError<B::Error>> {
         let Self {
             bus, plan, stages, ..
         } = self;
@@ -99,7 +97,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             Some((&mut stage.port, stage.remotes.iter_mut().find(is_it)?))
         });
         let (port, remote) = found.ok_or_else(|| DriverError::no_remote((port, channel)))?;
-        let memory = PortMemory {
+        let memory = PortLink {
             port,
             bus: &mut **bus,
             channel: remote.started.channel,
@@ -235,7 +233,6 @@ impl Plan {
         Ok(FoundRemote {
             started: discovered.started,
             descriptor: discovered.descriptor,
-            problems: discovered.problems,
             pins,
             is_absent: false,
         })
@@ -278,7 +275,6 @@ impl Plan {
             started: expected,
             pins: pins.map_err(|error| unusable(error.to_string()))?,
             descriptor,
-            problems: Vec::new(),
             is_absent: true,
         })
     }
@@ -291,7 +287,7 @@ impl Plan {
         remote: &mut FoundRemote,
     ) -> Result<(), DriverError<B::Error>> {
         let channel = remote.started.channel;
-        let mut memory = PortMemory { port, bus, channel };
+        let mut memory = PortLink { port, bus, channel };
         for parameter in &mut remote.pins.parameters {
             match parameter.record.read_parameter(&mut memory) {
                 Ok(value) => parameter.publish(&mut self.pins, value.raw),

@@ -3,8 +3,7 @@
 use super::remark::{Remark, RemarkKind};
 use super::{Board, DriverError};
 use crate::bus::{Clock, RegisterBus};
-use crate::discovery::PortMemory;
-use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, StartMode, StartedRemote};
+use crate::sslbp::{Channel, DEFAULT_BAUD_RATE, PortLink, StartMode, StartedRemote};
 
 impl<B: RegisterBus + Clock> Board<B> {
     /// Stops a serial port and starts the remote on `channel` (0 to 7) of it alone, in setup mode, at
@@ -24,31 +23,21 @@ impl<B: RegisterBus + Clock> Board<B> {
         port: u8,
         channel: u8,
         baud_rate: u32,
-    ) -> Result<(PortMemory<'_, B>, StartedRemote), DriverError<B::Error>> {
+    ) -> Result<(PortLink<'_, B>, StartedRemote), DriverError<B::Error>> {
         let place = (port, channel);
-        let none = DriverError::no_remote(place);
-        let Self { bus, stages, .. } = self;
-        let bus = &mut **bus;
-        let stage = stages.get_mut(usize::from(port));
-        let (Some(stage), Some(channel)) = (stage, Channel::new(channel)) else {
-            return Err(none);
-        };
-        let port = &mut stage.port;
-        if !port.layout().mask().contains(channel) {
-            return Err(none);
-        }
+        let PortLink { port, bus, channel } = self.line(place)?;
         let mut on_bus = port.on(bus);
         on_bus.stop_all()?;
         on_bus.set_baud_rate(channel, baud_rate)?;
         on_bus.stop_all()?;
         let outcomes = on_bus.start(StartMode::Setup, &[(channel, 0)])?;
         match outcomes.into_iter().next() {
-            Some(Ok(started)) => Ok((PortMemory { port, bus, channel }, started)),
+            Some(Ok(started)) => Ok((PortLink { port, bus, channel }, started)),
             Some(Err(failure)) => {
                 let kind = RemarkKind::DidNotStart(failure);
                 Err(DriverError::Missing(Remark::new(place, kind)))
             }
-            None => Err(none),
+            None => Err(DriverError::no_remote(place)),
         }
     }
 
@@ -57,15 +46,27 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// # Errors
     /// The port does not do it, or is not there.
     pub fn end_setup_at(&mut self, port: u8, channel: u8) -> Result<(), DriverError<B::Error>> {
-        let none = DriverError::no_remote((port, channel));
-        let Self { bus, stages, .. } = self;
-        let stage = stages.get_mut(usize::from(port));
-        let (Some(stage), Some(channel)) = (stage, Channel::new(channel)) else {
-            return Err(none);
-        };
-        let mut port = stage.port.on(&mut **bus);
+        let PortLink { port, bus, channel } = self.line((port, channel))?;
+        let mut port = port.on(bus);
         port.stop_all()?;
         port.set_baud_rate(channel, DEFAULT_BAUD_RATE)?;
         Ok(port.stop_all()?)
+    }
+
+    /// A channel that its port has.
+    fn line(
+        &mut self,
+        (port, channel): (u8, u8),
+    ) -> Result<PortLink<'_, B>, DriverError<B::Error>> {
+        let stage = self.stages.get_mut(usize::from(port));
+        let line = stage
+            .zip(Channel::new(channel))
+            .map(|(stage, channel)| PortLink {
+                port: &mut stage.port,
+                bus: &mut *self.bus,
+                channel,
+            });
+        line.filter(|line| line.port.layout().mask().contains(line.channel))
+            .ok_or(DriverError::no_remote((port, channel)))
     }
 }

@@ -14,13 +14,12 @@ use super::{
 use crate::boards::REMOTES;
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::{
-    DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, PortMemory, RemoteMemory,
-    RemoteTable, discover_port,
+    DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, RemoteTable, discover_port,
 };
 use crate::hostmot2::{Gtag, HostMot2, IoPorts};
-use crate::lbp::RemoteFaults;
+use crate::lbp::{RemoteFaults, RemoteLink};
 use crate::modules::watchdog::WatchdogRegisters;
-use crate::sslbp::{Channel as Line, Layout, LocalLocation, Port, RemoteAccess};
+use crate::sslbp::{Channel as Line, Layout, LocalLocation, Port, PortLink, RemoteAccess};
 
 /// Longer than the inventory of a port takes, however bad its wires are.
 const AT_MOST: Duration = Duration::from_secs(40);
@@ -219,7 +218,7 @@ fn take_remotes<B: RegisterBus + Clock>(
 fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Discovered) -> Remote {
     let descriptor = found.descriptor;
     let channel = found.started.channel;
-    let mut memory = PortMemory { port, bus, channel };
+    let mut memory = PortLink { port, bus, channel };
     let table = REMOTES.into_iter().find(|table| table.matches(&descriptor));
     let mut problems: Vec<String> = found.problems.iter().map(ToString::to_string).collect();
     problems.extend(found.read_error);
@@ -273,7 +272,7 @@ fn take_remote<B: RegisterBus + Clock>(bus: &mut B, port: &mut Port, found: Disc
 }
 
 /// What it reports after what it reported before was cleared: faults stay until then.
-fn present_faults<M: RemoteMemory>(memory: &mut M) -> Result<u8, M::Error> {
+fn present_faults<M: RemoteLink>(memory: &mut M) -> Result<u8, M::Error> {
     let clear = RemoteAccess::WriteLocal(LocalLocation::CLEAR_FAULTS, 0xFF);
     memory.access(None, clear)?;
     let read = RemoteAccess::ReadLocal(LocalLocation::FAULTS);
@@ -289,7 +288,7 @@ fn words(faults: RemoteFaults) -> Vec<String> {
         .collect()
 }
 
-fn parameter<M: RemoteMemory>(record: &DataRecord, memory: &mut M) -> Parameter {
+fn parameter<M: RemoteLink>(record: &DataRecord, memory: &mut M) -> Parameter {
     let read = record.read_parameter(memory);
     let value = read.as_ref().ok();
     Parameter {

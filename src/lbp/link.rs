@@ -6,8 +6,8 @@ use core::time::Duration;
 use super::{LocalLocation, NonvolatileMemory, RemoteAccess};
 
 /// A line to one remote in setup mode: a channel of the FPGA
-/// ([`PortMemory`](crate::discovery::PortMemory)), or a serial port of the host
-/// ([`SerialHost`](crate::setup::SerialHost)).
+/// ([`PortLink`](crate::sslbp::PortLink)), or a serial port of the host
+/// ([`SerialHost`](crate::setup::SerialHost)). Discovery, parameters and updates use no other.
 pub trait RemoteLink {
     /// Why an access failed.
     type Error: Error + 'static;
@@ -21,16 +21,49 @@ pub trait RemoteLink {
 
     /// Lets time pass.
     fn wait(&mut self, time: Duration);
+
+    /// The error for what went wrong with non-volatile memory in this access.
+    fn nonvolatile_error(
+        &mut self,
+        access: RemoteAccess,
+        problem: NonvolatileProblem<Self::Error>,
+    ) -> Self::Error;
+
+    /// Reads or writes the working memory, or one that survives a power cycle, and gives what is
+    /// there then.
+    ///
+    /// What is written to one that survives is read back until it has been kept. A value that is
+    /// there already is not written: such memory wears out. Access to it is switched off again,
+    /// whatever happens: the reply to the selection may have been lost after it was done. FACTS 6.3.
+    ///
+    /// # Errors
+    /// The access failed, or the memory does not keep the value.
+    fn access(
+        &mut self,
+        memory: Option<NonvolatileMemory>,
+        access: RemoteAccess,
+    ) -> Result<u64, Self::Error> {
+        let Some(memory) = memory else {
+            return self.exchange(access);
+        };
+        let select = |code| RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, code);
+        let selected = self.exchange(select(memory as u8));
+        let result = selected.and_then(|_| access_selected(self, access));
+        match self.exchange(select(0)) {
+            Ok(_) => result,
+            Err(error) => {
+                Err(self.nonvolatile_error(access, NonvolatileProblem::StillSelected(error)))
+            }
+        }
+    }
 }
 
-/// Why an access to non-volatile memory failed.
+/// What goes wrong with non-volatile memory, where the line does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NonvolatileError<E> {
-    /// An access failed.
-    Link(E),
-    /// Access to non-volatile memory could not be switched off again.
+pub enum NonvolatileProblem<E> {
+    /// Access to it could not be switched off again.
     StillSelected(E),
-    /// The memory does not keep the value.
+    /// It does not keep the value.
     NotKept {
         /// What was written.
         written: u64,
@@ -39,45 +72,15 @@ pub enum NonvolatileError<E> {
     },
 }
 
-impl<E> From<E> for NonvolatileError<E> {
-    fn from(error: E) -> Self {
-        Self::Link(error)
-    }
-}
-
 /// How long non-volatile memory may take to keep a value.
 const KEEP_FIRST: Duration = Duration::from_millis(10);
 const KEEP_PAUSE: Duration = Duration::from_millis(20);
 const KEEP_ATTEMPTS: u8 = 6;
 
-/// Reads or writes non-volatile memory of a remote, and gives what is there then.
-///
-/// What is written is read back until it has been kept. A value that is there already is not written:
-/// such memory wears out. Access to it is switched off again, whatever happens: the reply to the
-/// selection may have been lost after it was done. FACTS 6.3.
-///
-/// # Errors
-/// [`NonvolatileError`].
-pub fn nonvolatile_access<L: RemoteLink>(
-    link: &mut L,
-    memory: NonvolatileMemory,
-    access: RemoteAccess,
-) -> Result<u64, NonvolatileError<L::Error>> {
-    let select = |code| RemoteAccess::WriteLocal(LocalLocation::NONVOLATILE, code);
-    let result = match link.exchange(select(memory as u8)) {
-        Ok(_) => access_selected(link, access),
-        Err(error) => Err(error.into()),
-    };
-    match link.exchange(select(0)) {
-        Ok(_) => result,
-        Err(error) => Err(NonvolatileError::StillSelected(error)),
-    }
-}
-
-fn access_selected<L: RemoteLink>(
+fn access_selected<L: RemoteLink + ?Sized>(
     link: &mut L,
     access: RemoteAccess,
-) -> Result<u64, NonvolatileError<L::Error>> {
+) -> Result<u64, L::Error> {
     let mut read = link.exchange(access.read_back())?;
     let Some(written) = access.written().filter(|&value| value != read) else {
         return Ok(read);
@@ -92,5 +95,5 @@ fn access_selected<L: RemoteLink>(
         }
         pause = KEEP_PAUSE;
     }
-    Err(NonvolatileError::NotKept { written, read })
+    Err(link.nonvolatile_error(access, NonvolatileProblem::NotKept { written, read }))
 }

@@ -11,7 +11,7 @@ mod status;
 
 pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
 pub use crc::crc8;
-pub use link::{NonvolatileError, RemoteLink, nonvolatile_access};
+pub use link::{NonvolatileProblem, RemoteLink};
 pub use request::{DISCOVERY, DiscoveryReply, LbpError, PROCESS_DATA, Request, UNIT_NUMBER};
 pub(crate) use status::write_flags;
 pub use status::{COOKIE, Capabilities, LbpStatus, RemoteFaults, flash};

@@ -4,10 +4,11 @@ use core::convert::Infallible;
 
 use super::Scaling;
 use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_range};
-use crate::discovery::{DataDirection, DataRecord, DataType, RemoteMemory};
+use crate::discovery::{DataDirection, DataRecord, DataType};
 use crate::hal::{
     AnyValue, GroupId, HalType, Param, PinError, PinMaker, PinStore, Role, Spec, Value,
 };
+use crate::lbp::RemoteLink;
 use crate::sslbp::{AccessSize, NonvolatileMemory, RemoteAccess};
 
 /// The value of a parameter.
@@ -76,7 +77,7 @@ impl DataRecord {
     ///
     /// # Errors
     /// [`ParameterError`]: the access failed, or no access has this size.
-    pub fn read_parameter<M: RemoteMemory>(
+    pub fn read_parameter<M: RemoteLink>(
         &self,
         memory: &mut M,
     ) -> Result<ParameterValue, ParameterError<M::Error>> {
@@ -95,7 +96,7 @@ impl DataRecord {
     ///
     /// # Errors
     /// [`ParameterError`]. Nothing was written if it is about the value or the size.
-    pub fn write_parameter<M: RemoteMemory>(
+    pub fn write_parameter<M: RemoteLink>(
         &self,
         memory: &mut M,
         value: impl Into<AnyValue>,

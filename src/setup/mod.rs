@@ -2,8 +2,7 @@
 //! host, with the card's jumper in its setup position, or through the FPGA.
 //!
 //! A [`SerialHost`] is LBP as host on any serial port; a channel of the FPGA is a
-//! [`PortMemory`](crate::discovery::PortMemory). Both are a [`RemoteLink`] and a
-//! [`RemoteMemory`](crate::discovery::RemoteMemory), so that discovery, parameters
+//! [`PortLink`](crate::sslbp::PortLink). Both are a [`RemoteLink`], so that discovery, parameters
 //! ([`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter)) and a
 //! [firmware update](update) are the same over either.
 //!

@@ -6,10 +6,10 @@ use std::thread;
 use std::time::Instant;
 
 use super::{Asked, SerialError};
-use crate::discovery::{Discovered, DiscoveryOptions, RemoteMemory, discover};
+use crate::discovery::{Discovered, DiscoveryOptions, discover};
 use crate::lbp::{
-    COOKIE, DISCOVERY, DiscoveryReply, LocalLocation, NonvolatileError, NonvolatileMemory,
-    RemoteAccess, RemoteLink, Request, UNIT_NUMBER, nonvolatile_access,
+    COOKIE, DISCOVERY, DiscoveryReply, LocalLocation, NonvolatileProblem, RemoteAccess, RemoteLink,
+    Request, UNIT_NUMBER,
 };
 use crate::sslbp::{
     Channel, CsStatus, MAX_INTERFACE_REGISTERS, ProcessDataSizes, RemoteName, StartedRemote,
@@ -244,28 +244,20 @@ impl<P: Read + Write> RemoteLink for SerialHost<P> {
     fn wait(&mut self, time: Duration) {
         thread::sleep(time);
     }
-}
 
-impl<P: Read + Write> RemoteMemory for SerialHost<P> {
-    type Error = SerialError;
-
-    fn access(
+    fn nonvolatile_error(
         &mut self,
-        memory: Option<NonvolatileMemory>,
         access: RemoteAccess,
-    ) -> Result<u64, SerialError> {
-        let Some(memory) = memory else {
-            return self.exchange(access);
-        };
-        nonvolatile_access(self, memory, access).map_err(|error| match error {
-            NonvolatileError::Link(error) => error,
-            NonvolatileError::StillSelected(error) => SerialError::StillSelected(Box::new(error)),
-            NonvolatileError::NotKept { written, read } => SerialError::NotKept {
+        problem: NonvolatileProblem<SerialError>,
+    ) -> SerialError {
+        match problem {
+            NonvolatileProblem::StillSelected(error) => SerialError::StillSelected(Box::new(error)),
+            NonvolatileProblem::NotKept { written, read } => SerialError::NotKept {
                 access,
                 written,
                 read,
             },
-        })
+        }
     }
 }
 

@@ -23,7 +23,7 @@ pub use machine::{
 };
 pub use operation::{COMMAND_IGNORED, Operation, StartMode, Times, software_mode_word};
 pub use parameters::{ChannelVariable, PortParameters};
-pub use port::{Port, PortResult, SetupPort};
+pub use port::{Port, PortLink, PortResult, SetupPort};
 pub use started::{ProcessDataSizes, RemoteName, StartFailure, StartFailureReason, StartedRemote};
 pub use status::{ComState, CsStatus, LinkStatus, LocalFaults};
 

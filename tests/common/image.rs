@@ -1,9 +1,9 @@
 //! The memory of a remote without a port around it: recorded, or made by hand.
 
 use super::replay::{memory_of, recording};
-use mesa_hal::discovery::RemoteMemory;
-use mesa_hal::sslbp::{NonvolatileMemory, RemoteAccess};
+use mesa_hal::lbp::{NonvolatileProblem, RemoteAccess, RemoteLink};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// A read that the remote does not answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -43,18 +43,23 @@ impl Image {
     }
 }
 
-impl RemoteMemory for Image {
+impl RemoteLink for Image {
     type Error = NoReply;
 
-    fn access(
+    fn wait(&mut self, _: Duration) {}
+
+    fn nonvolatile_error(
         &mut self,
-        memory: Option<NonvolatileMemory>,
         access: RemoteAccess,
-    ) -> Result<u64, NoReply> {
+        _: NonvolatileProblem<NoReply>,
+    ) -> NoReply {
+        panic!("discovery reads non-volatile memory: {access}");
+    }
+
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, NoReply> {
         let RemoteAccess::Read { address, size } = access else {
             panic!("discovery writes: {access}");
         };
-        assert_eq!(memory, None);
         self.accesses += 1;
         let mut value = 0;
         for n in 0..size.bytes() {

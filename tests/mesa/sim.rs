@@ -17,9 +17,9 @@ use crate::interop::{
 };
 use mesa_hal::{
     bus::RegisterBus,
-    discovery::{DiscoveryOptions, PortMemory, discover_port},
+    discovery::{DiscoveryOptions, discover_port},
     hostmot2::HostMot2,
-    sslbp::{Channel, Layout, Port},
+    sslbp::{Channel, Layout, Port, PortLink},
     transport::udp::{UdpBus, UdpConfig},
 };
 
@@ -150,7 +150,7 @@ fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
     let found = discover_port(&mut port, &mut bus, &start, &options).unwrap();
     let found = found[0].as_ref().unwrap();
     let parameter = found.descriptor.parameter(name).unwrap();
-    let mut memory = PortMemory {
+    let mut memory = PortLink {
         port: &mut port,
         bus: &mut bus,
         channel: first,

@@ -4,8 +4,10 @@ use crate::common::bus::{FakeBus, Registers};
 use crate::common::chance::Chance;
 use crate::common::replay::{MODULE, Replay};
 use mesa_hal::discovery::{DiscoveryOptions, discover_port};
+use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sslbp::{
-    AccessSize, Channel, ChannelVariable, Layout, NonvolatileMemory, Port, RemoteAccess, StartMode,
+    AccessSize, Channel, ChannelVariable, Layout, NonvolatileMemory, Port, PortLink, RemoteAccess,
+    StartMode,
 };
 use proptest::prelude::*;
 
@@ -68,7 +70,7 @@ proptest! {
         let _ = discover_port(&mut port, bus, &starts, &options);
         let _ = port.on(bus).access(zero, RemoteAccess::Read { address: 0x100, size: AccessSize::Double });
         let memory = NonvolatileMemory::Eeprom;
-        let _ = port.on(bus).nonvolatile_access(zero, memory, RemoteAccess::Write { address: 0x24, size: AccessSize::Word, value: 50 });
+        let _ = PortLink { port: &mut port, bus, channel: zero }.access(Some(memory), RemoteAccess::Write { address: 0x24, size: AccessSize::Word, value: 50 });
         let _ = port.on(bus).set_baud_rate(zero, 115_200);
         let _ = port.on(bus).read_variable::<7>(zero, ChannelVariable::ErrorCounters);
         // 20,000 polls end each wait; there are at most some dozens of them.

@@ -5,11 +5,12 @@ mod failures;
 
 use crate::common::replay::{MODULE, Replay, Segment, recording, size_replies};
 use crate::common::transfer::{PortWords, doit, port_words, started};
+use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sim::sslbp::Register;
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, ComState, Layout, LocalFaults,
-    LocalLocation, NonvolatileMemory, Operation, Port, PortError, PortParameters, PortState,
-    ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason, StartMode,
+    LocalLocation, NonvolatileMemory, Operation, Port, PortError, PortLink, PortParameters,
+    PortState, ProcessDataSizes, RemoteAccess, RemoteFaults, StartFailureReason, StartMode,
 };
 
 const ZERO: Channel = Channel::ALL[0];
@@ -41,6 +42,14 @@ fn running(bus: Replay, sizes: &[(u8, u8)]) -> (Replay, Port) {
     let starts: Vec<_> = channels.map(|channel| (channel, 0)).collect();
     port.on(&mut bus).start(StartMode::Normal, &starts).unwrap();
     (bus, port)
+}
+
+fn link<'a>(port: &'a mut Port, bus: &'a mut Replay) -> PortLink<'a, Replay> {
+    PortLink {
+        port,
+        bus,
+        channel: ZERO,
+    }
 }
 
 fn start_zero(mode: u8) -> [(Channel, u8); 1] {
@@ -228,8 +237,8 @@ fn nonvolatile_access_is_confirmed_and_switched_off_again() {
         size,
         value: 0x64,
     };
-    port.on(&mut bus)
-        .nonvolatile_access(ZERO, memory, write)
+    link(&mut port, &mut bus)
+        .access(Some(memory), write)
         .unwrap();
     let read = RemoteAccess::Read {
         address: 0x24,
@@ -349,8 +358,8 @@ fn operations_in_the_wrong_state_write_nothing() {
     assert!(port.on(&mut bus).access(ZERO, read).is_err());
     let memory = NonvolatileMemory::Eeprom;
     assert!(
-        port.on(&mut bus)
-            .nonvolatile_access(ZERO, memory, read)
+        link(&mut port, &mut bus)
+            .access(Some(memory), read)
             .is_err()
     );
     assert!(

@@ -9,16 +9,15 @@ use crate::common::replay::{recording, settings_of};
 use crate::common::transfer::{PortWords, doit, port_words, started};
 use mesa_hal::boards::REMOTES;
 use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
-use mesa_hal::discovery::{
-    Discovered, DiscoveryOptions, PortMemory, ProblemKind, discover, discover_port,
-};
+use mesa_hal::discovery::{Discovered, DiscoveryOptions, ProblemKind, discover, discover_port};
 use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::lbp::RemoteLink;
 use mesa_hal::sim::remote::{FixedData, Remote};
 use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, CsStatus, Layout, NonvolatileMemory, Port,
-    PortError, PortParameters, PortState, ProcessDataSizes, RemoteAccess, StartFailureReason,
-    StartMode,
+    PortError, PortLink, PortParameters, PortState, ProcessDataSizes, RemoteAccess,
+    StartFailureReason, StartMode,
 };
 use proptest::prelude::*;
 use std::time::Duration;
@@ -70,8 +69,8 @@ fn found(port: &mut Port, fpga: &mut SimFpga, start: (Channel, u8)) -> Discovere
     found.remove(0).unwrap()
 }
 
-fn memory<'a>(port: &'a mut Port, fpga: &'a mut SimFpga) -> PortMemory<'a, SimFpga> {
-    PortMemory {
+fn memory<'a>(port: &'a mut Port, fpga: &'a mut SimFpga) -> PortLink<'a, SimFpga> {
+    PortLink {
         port,
         bus: fpga,
         channel: ZERO,
@@ -239,7 +238,7 @@ fn the_wide_layout_moves_more_than_96_bits() {
     let settings = "present=1 name=WIDE unit=5 mode0=15,14,0,0 in=0102030405060708090A0B0C0D0E";
     fpga.plug(0, 0, Some(Box::new(model(settings))));
     let mut port = reset_port(&mut fpga);
-    assert_eq!(port.layout().process_data_bits(), 224);
+    assert_eq!(port.layout().interface_registers, 7);
     let report = port
         .on(&mut fpga)
         .start(StartMode::Normal, &[start(ZERO, 0)])

@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 use super::RemoteWatchdog;
 use super::pins::RemoteFaultPins;
 use crate::bus::{Phase, ReadSlot, Setting, WriteSlot};
-use crate::discovery::{Problem, RemoteDescriptor};
+use crate::discovery::RemoteDescriptor;
 use crate::hal::PinStore;
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::remote::RemotePins;
@@ -28,8 +28,6 @@ pub struct FoundRemote {
     pub started: StartedRemote,
     /// What discovery found out about it; of one that is absent, what its table says.
     pub descriptor: RemoteDescriptor,
-    /// What is wrong with its tables, though it can run.
-    pub problems: Vec<Problem>,
     /// Its pins.
     pub pins: RemotePins,
     /// It was not there, and may come up when it is plugged in.

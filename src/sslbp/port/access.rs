@@ -1,13 +1,10 @@
 //! Pass-through accesses to remotes in setup mode.
 
-use super::{PortResult, SetupPort};
+use super::{Port, PortResult, SetupPort};
 use crate::{
     bus::{Clock, RegisterBus},
-    lbp::{NonvolatileError, RemoteLink, nonvolatile_access},
-    sslbp::{
-        Channel, CsStatus, NonvolatileMemory, Operation, PortError, PortState, RemoteAccess,
-        StartMode,
-    },
+    lbp::{NonvolatileProblem, RemoteLink},
+    sslbp::{Channel, CsStatus, Operation, PortError, PortState, RemoteAccess, StartMode},
 };
 use alloc::{format, vec::Vec};
 use core::time::Duration;
@@ -57,60 +54,52 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             hint: "check the cable; if only this address fails, the remote does not have it",
         })
     }
+}
 
-    /// Reads or writes non-volatile memory of the remote on `channel`, and gives what is there then:
-    /// see [`nonvolatile_access`].
-    ///
-    /// # Errors
-    /// As [`access`](Self::access), and [`PortError::Unexpected`] for a value that is not kept.
-    pub fn nonvolatile_access(
+/// The remote on one channel of a port in setup mode.
+#[derive(Debug)]
+pub struct PortLink<'a, B> {
+    /// The port, in setup mode.
+    pub port: &'a mut Port,
+    /// Its bus.
+    pub bus: &'a mut B,
+    /// The remote's channel.
+    pub channel: Channel,
+}
+
+impl<B: RegisterBus + Clock> RemoteLink for PortLink<'_, B> {
+    type Error = PortError<B::Error>;
+
+    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error> {
+        self.port.on(self.bus).access(self.channel, access)
+    }
+
+    fn wait(&mut self, time: Duration) {
+        self.bus.wait(time);
+    }
+
+    fn nonvolatile_error(
         &mut self,
-        channel: Channel,
-        memory: NonvolatileMemory,
         access: RemoteAccess,
-    ) -> PortResult<u64, B> {
-        let (port, bus) = (&mut *self.port, &mut *self.bus);
-        let mut line = ChannelLine {
-            port: SetupPort { port, bus },
-            channel,
-        };
-        match nonvolatile_access(&mut line, memory, access) {
-            Ok(value) => Ok(value),
-            Err(NonvolatileError::StillSelected(PortError::Channel { port, cs, .. })) => {
-                Err(PortError::Channel {
+        problem: NonvolatileProblem<Self::Error>,
+    ) -> Self::Error {
+        let channel = self.channel;
+        match problem {
+            NonvolatileProblem::StillSelected(PortError::Channel { port, cs, .. }) => {
+                PortError::Channel {
                     port,
                     channel,
                     failed: "access to non-volatile memory could not be switched off".into(),
                     cs,
                     hint: "power the remote off and on before anything else is written to it",
-                })
+                }
             }
-            Err(NonvolatileError::Link(error) | NonvolatileError::StillSelected(error)) => {
-                Err(error)
-            }
-            Err(NonvolatileError::NotKept { written, read }) => {
+            NonvolatileProblem::StillSelected(error) => error,
+            NonvolatileProblem::NotKept { written, read } => {
                 let what = format!("non-volatile memory of channel {channel} ({access})");
                 let hint = "it may be write-protected (see the card's jumpers) or worn out";
-                Err(self.not_kept(what, read, written, hint))
+                self.port.on(self.bus).not_kept(what, read, written, hint)
             }
         }
-    }
-}
-
-/// A line to the remote on one channel of a port.
-struct ChannelLine<'a, B> {
-    port: SetupPort<'a, B>,
-    channel: Channel,
-}
-
-impl<B: RegisterBus + Clock> RemoteLink for ChannelLine<'_, B> {
-    type Error = PortError<B::Error>;
-
-    fn exchange(&mut self, access: RemoteAccess) -> Result<u64, Self::Error> {
-        self.port.access(self.channel, access)
-    }
-
-    fn wait(&mut self, time: Duration) {
-        self.port.bus.wait(time);
     }
 }

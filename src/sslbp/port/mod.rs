@@ -6,6 +6,8 @@ mod run;
 mod start;
 mod stop;
 
+pub use access::PortLink;
+
 use super::{
     ChannelMask, DoitTime, Exchange, Layout, Machine, PortError, PortParameters, PortState,
 };

@@ -124,9 +124,8 @@ fn a_selection_of_nonvolatile_memory_that_stays_is_an_error() {
         .unwrap();
     remote(&mut fpga).apply("drop=100000").unwrap();
     let memory = NonvolatileMemory::Eeprom;
-    let result = port.on(&mut fpga).nonvolatile_access(
-        ZERO,
-        memory,
+    let result = super::memory(&mut port, &mut fpga).access(
+        Some(memory),
         RemoteAccess::Read {
             address: 0x24,
             size: AccessSize::Word,
