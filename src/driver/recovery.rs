@@ -3,7 +3,6 @@
 use super::{BoardState, CycleError, Driver, EventKind, Rearmed};
 use crate::bus::{Clock, Instant, RegisterBus};
 use crate::modules::Module;
-use crate::modules::watchdog::Finding;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Driver<B> {
@@ -140,11 +139,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     /// Makes everything safe if the board is not set up any more.
-    pub(super) fn found(&mut self, finding: Finding) {
-        match finding {
-            Finding::Sound => {}
-            Finding::Bitten => self.fail(BoardState::WatchdogBitten),
-            Finding::Reset => self.fail(BoardState::Reset),
+    pub(super) fn found(&mut self, failure: Option<BoardState>) {
+        if let Some(state) = failure {
+            self.fail(state);
         }
     }
 

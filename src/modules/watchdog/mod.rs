@@ -21,7 +21,7 @@ pub use registers::WatchdogRegisters;
 
 use core::time::Duration;
 
-use super::{Module, RegisterError, Registrar, WriteCycle};
+use super::{BoardState, Module, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Words, WriteSlot};
 use crate::hal::{InOut, Param, PinStore, Pins};
 
@@ -67,17 +67,6 @@ enum Stage {
     Held,
     /// In the cycle.
     Running,
-}
-
-/// What the evidence shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Finding {
-    /// The board is set up.
-    Sound,
-    /// The watchdog has bitten.
-    Bitten,
-    /// The board was reset.
-    Reset,
 }
 
 impl Watchdog {
@@ -137,18 +126,18 @@ impl Watchdog {
         is_set_up
     }
 
-    /// What a read shows. `closely`: it holds more than usual; `is_certain`: all writes before have
-    /// arrived.
+    /// What the evidence in a read shows has happened to the board; `None` if it is set up.
+    /// `closely`: the read holds more than usual; `is_certain`: all writes before have arrived.
     pub(crate) fn examine(
         &mut self,
         words: &Words,
         closely: bool,
         now: Instant,
         is_certain: bool,
-    ) -> Finding {
+    ) -> Option<BoardState> {
         let time = words.word(self.time_left);
         if has_bitten(words.word(self.status)) {
-            return self.who_bit(time, now, is_certain);
+            return Some(self.who_bit(time, now, is_certain));
         }
         let in_cycle = is_counting(time) && time <= self.longest;
         let is_expected = match self.stage {
@@ -157,23 +146,23 @@ impl Watchdog {
             Stage::Running => in_cycle,
         };
         if !is_expected || closely && !words.stands() {
-            return Finding::Reset;
+            return Some(BoardState::Reset);
         }
         if in_cycle {
             self.stage = Stage::Running;
         }
-        Finding::Sound
+        None
     }
 
     /// After a reset the next write makes the watchdog bite at once, without a time of its own; a
     /// bite of a board that was set up needs a silence that is longer than its time.
-    fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> Finding {
+    fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {
         let timeout = self.registers.timeout_of(self.longest);
         let was_fed = |fed: Instant| timeout.is_some_and(|timeout| now.since(fed) < timeout);
         if !is_counting(time) && is_certain && self.fed.is_some_and(was_fed) {
-            Finding::Reset
+            BoardState::Reset
         } else {
-            Finding::Bitten
+            BoardState::WatchdogBitten
         }
     }
 
