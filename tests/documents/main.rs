@@ -4,5 +4,6 @@ mod citations;
 #[path = "../common/mod.rs"]
 mod common;
 mod dependencies;
+mod layers;
 mod neighbours;
 mod readme;

@@ -1,0 +1,140 @@
+//! A layer knows only those below it (`src/lib.rs`, "Who needs what").
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The layers from the lowest up, and which of them each may name.
+const LAYERS: [(&str, &[&str]); 14] = [
+    ("bus", &[]),
+    ("lbp", &[]),
+    ("lbp16", &[]),
+    ("hal", &["bus"]),
+    ("hostmot2", &["bus", "hal"]),
+    ("sslbp", &["bus", "lbp", "hostmot2"]),
+    ("discovery", &["bus", "lbp", "hal", "sslbp"]),
+    ("remote", &["lbp", "hal", "sslbp", "discovery"]),
+    ("boards", &["hal", "hostmot2", "sslbp", "discovery"]),
+    (
+        "modules",
+        &[
+            "bus",
+            "lbp",
+            "hal",
+            "hostmot2",
+            "sslbp",
+            "discovery",
+            "remote",
+            "boards",
+        ],
+    ),
+    (
+        "driver",
+        &[
+            "bus",
+            "lbp",
+            "hal",
+            "hostmot2",
+            "sslbp",
+            "discovery",
+            "remote",
+            "boards",
+            "modules",
+        ],
+    ),
+    ("ethernet", &["bus", "lbp16", "boards"]),
+    ("transport", &["bus", "lbp16", "ethernet"]),
+    // Wire formats and register addresses; and what can happen to an exchange, which its buses share
+    // with the wrapper that makes exchanges fail.
+    ("sim", &["bus", "lbp", "lbp16", "transport"]),
+];
+
+/// Private to the crate, and no layer: the forms in which settings and events are kept.
+const FORMS: &str = "serial_form";
+
+#[test]
+fn a_layer_knows_only_those_below_it() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut below = BTreeSet::new();
+    for (layer, may_know) in LAYERS {
+        assert!(may_know.iter().all(|name| below.contains(name)), "{layer}");
+        below.insert(layer);
+        let mut files = Vec::new();
+        find_sources(&src.join(layer), &mut files);
+        assert!(!files.is_empty(), "{layer}");
+        for file in files {
+            let text = fs::read_to_string(&file).expect("a source");
+            for name in known(&text) {
+                let is_known = name == layer || name == FORMS || may_know.contains(&name.as_str());
+                assert!(is_known, "{} names `{name}`", file.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn what_a_source_names_is_found() {
+    let text = "#[cfg(test)]\nmod tests;\nuse crate::bus::{Access, Clock};\nuse crate::{\n    hal,\n    lbp::{a, b},\n};\n\
+                /// See [`x`](crate::driver::Driver).\nlet a = crate::sslbp::Port::new();\n\
+                #[cfg(test)]\nmod tests {\n    use crate::sim::SimFpga;\n}\n";
+    let names = ["bus", "hal", "lbp", "sslbp"].map(String::from);
+    assert_eq!(known(text), BTreeSet::from(names));
+}
+
+/// The sources below a folder, without unit tests.
+fn find_sources(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("a layer is a folder") {
+        let path = entry.expect("an entry").path();
+        match path.file_name().and_then(|name| name.to_str()) {
+            Some("tests" | "tests.rs") => {}
+            _ if path.is_dir() => find_sources(&path, files),
+            _ => files.push(path),
+        }
+    }
+}
+
+/// The parts of the crate that a source names, in its code before its unit tests.
+fn known(text: &str) -> BTreeSet<String> {
+    // Tests that are in a file of their own are declared anywhere.
+    let text = text.replace("#[cfg(test)]\nmod tests;", "");
+    let lines = text
+        .lines()
+        .take_while(|line| !line.starts_with("#[cfg(test)]"));
+    let code: String = lines
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    let mut names = BTreeSet::new();
+    for part in code.split("crate::").skip(1) {
+        match part.strip_prefix('{') {
+            Some(list) => names.extend(top_level(list)),
+            None => names.extend(first_word(part)),
+        }
+    }
+    names
+}
+
+/// The first words of the items of a list in braces, up to its end.
+fn top_level(list: &str) -> Vec<String> {
+    let (mut depth, mut names, mut rest) = (0, Vec::new(), list);
+    names.extend(first_word(rest));
+    while let Some(at) = rest.find(['{', '}', ',']) {
+        let (found, after) = (rest.as_bytes()[at], &rest[at + 1..]);
+        match found {
+            b'{' => depth += 1,
+            b'}' if depth == 0 => break,
+            b'}' => depth -= 1,
+            _ if depth == 0 => names.extend(first_word(after)),
+            _ => {}
+        }
+        rest = after;
+    }
+    names
+}
+
+fn first_word(text: &str) -> Option<String> {
+    let text = text.trim_start();
+    let end = text.find(|c: char| !c.is_alphanumeric() && c != '_');
+    let word = &text[..end.unwrap_or(text.len())];
+    (!word.is_empty()).then(|| word.to_string())
+}
