@@ -202,12 +202,18 @@ impl<'a> Finder<'a> {
 }
 
 impl RemoteTable {
-    /// Finds the handles of a remote of this kind, and of no other.
+    /// Finds the handles of a remote of this kind, and of no other, by its description and the prefix
+    /// of its pins.
     pub(crate) fn attach<T: RemoteHandles>(
-        (pins, prefix): (&Pins, &str),
-        descriptor: &RemoteDescriptor,
+        pins: &Pins,
+        remote: Option<(&RemoteDescriptor, &str)>,
         (port, channel): (u8, u8),
     ) -> Result<T, AttachError> {
+        let (descriptor, prefix) = remote.ok_or(AttachError::NoRemote {
+            port,
+            channel,
+            expected: T::TABLE.title,
+        })?;
         require(T::TABLE, descriptor).map_err(|source| AttachError::Identity {
             port,
             channel,

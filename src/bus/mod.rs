@@ -368,11 +368,6 @@ pub trait RegisterBus {
     fn write(&mut self, address: u16, value: u32) -> Result<(), Self::Error> {
         self.exchange(&[Access::write(address, 0, 1)], &mut [value])
     }
-
-    /// Reads neighbouring registers into `words`.
-    fn read_block(&mut self, address: u16, words: &mut [u32]) -> Result<(), Self::Error> {
-        self.exchange(&[Access::read(address, 0, words.len() as u16)], words)
-    }
 }
 
 impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {

@@ -3,10 +3,8 @@
 use super::{Board, Driver};
 use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
-use crate::discovery::{RemoteDescriptor, RemoteTable};
-use crate::hal::Pins;
+use crate::discovery::RemoteTable;
 use crate::modules::serial::RemoteStatus;
-use crate::remote::RemotePins;
 use crate::sslbp::Channel;
 
 impl<B: RegisterBus + Clock> Board<B> {
@@ -19,8 +17,8 @@ impl<B: RegisterBus + Clock> Board<B> {
     pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
         let stage = self.stages.get(usize::from(port));
         let remote = stage.and_then(|stage| stage.remote(channel));
-        let remote = remote.map(|remote| (&remote.descriptor, &remote.pins));
-        attach(self.pins(), remote, (port, channel))
+        let remote = remote.map(|remote| (&remote.descriptor, &*remote.pins.prefix));
+        RemoteTable::attach(self.pins(), remote, (port, channel))
     }
 
     /// The handles of the board's own functions.
@@ -40,8 +38,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// As [`Board::attach`].
     pub fn attach<T: RemoteHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
         let remote = self.remote(port, channel);
-        let remote = remote.map(|remote| (remote.descriptor, remote.pins));
-        attach(self.pins(), remote, (port, channel))
+        let remote = remote.map(|remote| (remote.descriptor, &*remote.pins.prefix));
+        RemoteTable::attach(self.pins(), remote, (port, channel))
     }
 
     /// As [`Board::attach_board`].
@@ -57,19 +55,4 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let port = self.parts.ports.get(usize::from(port))?;
         port.remote(Channel::new(channel)?)
     }
-}
-
-fn attach<T: RemoteHandles>(
-    pins: &Pins,
-    remote: Option<(&RemoteDescriptor, &RemotePins)>,
-    (port, channel): (u8, u8),
-) -> Result<T, AttachError> {
-    let Some((descriptor, of)) = remote else {
-        return Err(AttachError::NoRemote {
-            port,
-            channel,
-            expected: T::TABLE.title,
-        });
-    };
-    RemoteTable::attach((pins, &*of.prefix), descriptor, (port, channel))
 }

@@ -136,11 +136,6 @@ impl Layout {
         ChannelMask::first(self.channels)
     }
 
-    /// The most bits that a channel moves in one direction: 96 or 224.
-    pub const fn process_data_bits(&self) -> u16 {
-        self.interface_registers as u16 * 32
-    }
-
     /// Address of DATA.
     pub const fn data(&self) -> u16 {
         self.register(DATA)
@@ -228,7 +223,7 @@ pub(super) mod tests {
         assert!(registers.interfaces().eq([0x5D0C, 0x5E0C, 0x5F0C]));
         assert!(registers.interfaces_for(5).eq([0x5D0C, 0x5E0C]));
         assert_eq!(registers.interfaces_for(0).next(), None);
-        assert_eq!(layout.process_data_bits(), 96);
+        assert_eq!(layout.interface_registers, 3);
         let second = Layout::new(&MODULE, 1, 8).unwrap();
         assert_eq!(second.command, 0x5A40);
         assert_eq!(second.channel(Channel::ALL[7]).unwrap().cs, 0x5C5C);
@@ -237,7 +232,7 @@ pub(super) mod tests {
     #[test]
     fn the_wide_layout_has_seven_interface_registers() {
         let layout = Layout::new(&WIDE, 3, 2).unwrap();
-        assert_eq!(layout.process_data_bits(), 224);
+        assert_eq!(layout.interface_registers, 7);
         let registers = layout.channel(Channel::ALL[1]).unwrap();
         assert_eq!(
             registers.interfaces().last(),

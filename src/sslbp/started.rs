@@ -112,7 +112,7 @@ impl StartedRemote {
     pub const NAME_7I64: RemoteName = RemoteName(*b"7I64");
 
     /// What `channel`, started in this software mode, tells in interface registers 0 to 2.
-    pub(super) fn new(
+    pub(crate) fn new(
         (channel, software_mode): (Channel, u8),
         [unit_number, name, tables]: [u32; 3],
         sizes: ProcessDataSizes,

@@ -5,8 +5,9 @@ use std::io::{self, ErrorKind};
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::time::Instant;
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFd, PollFlags};
 
+use super::udp::poll_for;
 use crate::ethernet::Identity;
 
 /// How many addresses are asked at the same time.
@@ -150,14 +151,7 @@ fn receive(asking: &mut [Asking], patience: Duration) -> io::Result<()> {
             .iter()
             .map(|one| PollFd::new(&one.socket, PollFlags::IN));
         let mut polled: Vec<_> = polled.collect();
-        let timeout = Timespec {
-            tv_sec: left.as_secs() as _,
-            tv_nsec: left.subsec_nanos() as _,
-        };
-        match poll(&mut polled, Some(&timeout)) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => {}
-            Err(errno) => return Err(errno.into()),
-        }
+        poll_for(&mut polled, left)?;
         let came: Vec<bool> = polled.iter().map(|fd| !fd.revents().is_empty()).collect();
         drop(polled);
         for (one, _) in waiting.iter_mut().zip(came).filter(|(_, came)| *came) {

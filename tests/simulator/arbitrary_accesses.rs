@@ -144,7 +144,8 @@ proptest! {
 #[test]
 fn errors_name_the_access() {
     let mut fpga = machine();
-    let error = fpga.read_block(0xFFFC, &mut [0; 2]).expect_err("too long");
+    let beyond = [Access::read(0xFFFC, 0, 2)];
+    let error = fpga.exchange(&beyond, &mut [0; 2]).expect_err("too long");
     assert_eq!(
         error,
         SimError::PastEnd {

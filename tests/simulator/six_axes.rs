@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use crate::common::fpga::set_up_pins;
-use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World};
 use mesa_hal::sim::remote::Remote;
 use mesa_hal::sim::{Motor, SimFpga, machines};
@@ -163,7 +163,8 @@ fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
     let mut total = [0i64; 6];
     for n in 0..(seconds * 1000.0) as u64 {
         let mut words = [0; 6];
-        fpga.read_block(0x3500, &mut words).expect("encoders");
+        let encoders = [Access::read(0x3500, 0, 6)];
+        fpga.exchange(&encoders, &mut words).expect("encoders");
         for (total, word) in total.iter_mut().zip(words) {
             let step = (word as u16).wrapping_sub(*total as u16) as i16;
             *total += i64::from(step);

@@ -224,10 +224,9 @@ impl Health {
     }
 
     /// It runs again. From now on it is this one, and no other of its kind.
-    pub fn restarted(&mut self, now: Instant, [unit_number, _, tables]: [u32; 3]) {
-        self.started.unit_number = unit_number;
-        self.started.ptoc = tables as u16;
-        self.started.gtoc = (tables >> 16) as u16;
+    pub fn restarted(&mut self, now: Instant, told: [u32; 3]) {
+        let is = self.started;
+        self.started = StartedRemote::new((is.channel, is.software_mode), told, is.sizes, is.cs);
         self.state = RemoteState::Running;
         self.has_failed = false;
         self.is_asked_for = false;

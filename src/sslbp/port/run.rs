@@ -137,12 +137,7 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     ) -> PortResult<(), B> {
         self.bus.wait(SETTLE);
         let command = (self.port.layout.command, self.port.machine.begin(operation));
-        let all = || writes.iter().chain([&command]);
-        let mut words: Vec<u32> = all().map(|&(_, word)| word).collect();
-        let accesses: Vec<Access> = (0u16..)
-            .zip(all())
-            .map(|(n, &(address, _))| Access::write(address, n, 1))
-            .collect();
+        let (accesses, mut words) = Access::writes(writes.iter().copied().chain([command]));
         let result = self.bus.exchange(&accesses, &mut words);
         self.port.machine.written(self.bus.now(), result.is_ok());
         Ok(result?)

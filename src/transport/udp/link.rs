@@ -89,16 +89,20 @@ impl UdpLink {
             core::hint::spin_loop();
             return Ok(());
         }
-        let left = left.saturating_sub(SPIN);
-        let timeout = Timespec {
-            tv_sec: left.as_secs() as _,
-            tv_nsec: left.subsec_nanos() as _,
-        };
         let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
-        match poll(&mut fds, Some(&timeout)) {
-            Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
-            Err(errno) => Err(errno.into()),
-        }
+        poll_for(&mut fds, left.saturating_sub(SPIN))
+    }
+}
+
+/// Blocks until something happens on one of `fds`, `time` is over, or a signal comes.
+pub(in crate::transport) fn poll_for(fds: &mut [PollFd<'_>], time: Duration) -> io::Result<()> {
+    let timeout = Timespec {
+        tv_sec: time.as_secs() as _,
+        tv_nsec: time.subsec_nanos() as _,
+    };
+    match poll(fds, Some(&timeout)) {
+        Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
+        Err(errno) => Err(errno.into()),
     }
 }
 

@@ -17,6 +17,7 @@ mod receiving;
 
 pub use encoding::UdpList;
 pub use error::UdpError;
+pub(super) use link::poll_for;
 pub use link::{Link, UdpLink};
 
 use core::time::Duration;
