@@ -2,13 +2,14 @@
 //!
 //! [`Host`] reads the figures of a Linux computer, [`RoundTrips::measure`] those of the way to a board;
 //! the functions of [`computer`], [`network`] and [`board`] are pure: they take figures, and give
-//! [`Finding`]s.
+//! [`Finding`]s. [`wiring`] guides whoever checks the wires of a cabinet.
 
 pub mod board;
 pub mod computer;
 mod host;
 pub mod network;
 mod round_trips;
+pub mod wiring;
 
 pub use host::{Host, IdleState, Interrupt, Limits};
 pub use round_trips::RoundTrips;

@@ -155,6 +155,16 @@ impl AnyValue {
     pub fn is_finite(self) -> bool {
         self.hal_type != HalType::Float || f64::from_bits(self.bits).is_finite()
     }
+
+    /// The value as a real number; a bit is 0 or 1.
+    pub fn as_f64(self) -> f64 {
+        match self.hal_type {
+            HalType::Bit => f64::from(u8::from(bool::from_bits(self.bits))),
+            HalType::Float => f64::from_bits(self.bits),
+            HalType::S32 | HalType::S64 => i64::from_bits(self.bits) as f64,
+            HalType::U32 | HalType::U64 => self.bits as f64,
+        }
+    }
 }
 
 impl<T: Value> From<T> for AnyValue {
@@ -193,6 +203,17 @@ mod tests {
             prop_assert_eq!(i64::from_bits(l.to_bits()), l);
             prop_assert_eq!(bool::from_bits(b.to_bits()), b);
         }
+    }
+
+    #[test]
+    fn any_value_is_a_real_number_too() {
+        let values = [
+            AnyValue::from(true),
+            (-7_i32).into(),
+            7_u64.into(),
+            (-0.5).into(),
+        ];
+        assert_eq!(values.map(AnyValue::as_f64), [1.0, -7.0, 7.0, -0.5]);
     }
 
     #[test]

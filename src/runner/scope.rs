@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use crate::bus::Instant;
-use crate::hal::{AnyValue, HalType, PinId, Pins, Value};
+use crate::hal::{AnyValue, HalType, PinId, Pins};
 
 /// The most pins of a [`Scope`].
 pub const MAX_SCOPE_PINS: usize = 16;
@@ -233,7 +233,7 @@ impl Scope {
     /// crosses nothing.
     fn look(&mut self, pins: &Pins) {
         let reading = pins.read_any(self.trigger.pin);
-        let now = reading.ok().map(as_number);
+        let now = reading.ok().map(AnyValue::as_f64);
         let before = core::mem::replace(&mut self.last, now);
         let (Some(before), Some(now), None) = (before, now, self.triggered) else {
             return;
@@ -257,16 +257,6 @@ impl ScopeRow<'_> {
             let is_valid = self.valid >> number & 1 != 0;
             is_valid.then_some(AnyValue { hal_type, bits })
         })
-    }
-}
-
-/// A bit is 0 or 1.
-fn as_number(value: AnyValue) -> f64 {
-    match value.hal_type {
-        HalType::Bit => f64::from(u8::from(bool::from_bits(value.bits))),
-        HalType::Float => f64::from_bits(value.bits),
-        HalType::S32 | HalType::S64 => i64::from_bits(value.bits) as f64,
-        HalType::U32 | HalType::U64 => value.bits as f64,
     }
 }
 
@@ -296,7 +286,7 @@ mod tests {
         let rows = scope.rows().map(|row| {
             assert_eq!(row.time.as_nanos(), row.cycle * 1000);
             let value = row.values().next().flatten().expect("valid");
-            (row.offset, as_number(value))
+            (row.offset, value.as_f64())
         });
         rows.collect()
     }

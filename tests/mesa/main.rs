@@ -28,3 +28,5 @@ mod sim_machine;
 mod terminal;
 mod update;
 mod watch;
+mod wiring;
+mod wiring_outputs;

@@ -13,7 +13,7 @@ use crate::run::{Run, command, hold_against_schema, json, run};
 const PATIENCE: Duration = Duration::from_secs(20);
 const OUTPUT: &str = "7i77.0.0.output-03";
 
-fn board() -> Board {
+pub fn board() -> Board {
     let card = ["--board", "7i92-7i77", "--port", "0"];
     Board::start(Ipv4Addr::LOCALHOST, &card)
 }
@@ -26,7 +26,7 @@ fn begin(board: &Board, arguments: &[&str]) -> Process {
 }
 
 /// Waits until the console says this of a channel.
-fn wait_for(board: &mut Board, channel: usize, name: &str, value: &str) {
+pub fn wait_for(board: &mut Board, channel: usize, name: &str, value: &str) {
     let begun = Instant::now();
     let name = format!("remote.{channel}.{name}");
     while board.console.show(&channel.to_string())[&name] != value {
@@ -36,7 +36,7 @@ fn wait_for(board: &mut Board, channel: usize, name: &str, value: &str) {
 }
 
 /// The outputs of both halves of the card that are on.
-fn lit(board: &mut Board) -> Vec<String> {
+pub fn lit(board: &mut Board) -> Vec<String> {
     let mut lit = Vec::new();
     for channel in ["0", "1"] {
         let values = board.console.show(channel);

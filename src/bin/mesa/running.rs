@@ -1,9 +1,10 @@
 //! A machine that runs: what every command that starts one says first.
 
 use std::fmt::Write;
+use std::time::Duration;
 
 use mesa_hal::transport::udp::UdpBus;
-use mesa_hal::{Board, Driver, Settings};
+use mesa_hal::{Board, BoardState, Driver, Settings};
 
 use crate::context::Failure;
 use crate::output::complain;
@@ -19,6 +20,42 @@ pub fn go(board: Board<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
     let driver = board.start()?;
     complain(found(&driver).trim_end());
     Ok(driver)
+}
+
+/// What keeps a board from running, if anything does.
+pub fn trouble(state: BoardState) -> Option<&'static str> {
+    match state {
+        BoardState::Running => None,
+        BoardState::WatchdogBitten => Some("the board's watchdog has bitten"),
+        BoardState::Reset => Some("the board was reset, or has lost power"),
+        BoardState::BusDown => Some("the board does not answer any more"),
+        _ => Some("the board does not run"),
+    }
+}
+
+/// How long a board that lost its set-up is left alone before it is set up again.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// Sets a board up again that has lost its set-up: for a program that drives nothing, because every
+/// output is off then.
+#[derive(Debug, Default)]
+pub struct Keeper {
+    failed: Duration,
+}
+
+impl Keeper {
+    /// Call it in each cycle.
+    pub fn look_after(&mut self, driver: &mut Driver<UdpBus>) {
+        self.failed = match driver.board_state() {
+            BoardState::Running => Duration::ZERO,
+            _ => self.failed + driver.period(),
+        };
+        if self.failed >= AGAIN {
+            self.failed = Duration::ZERO;
+            // If it fails, the state stays as it is shown, and it is tried again.
+            let _ = driver.rearm();
+        }
+    }
 }
 
 /// What a driver found on each channel, for people.

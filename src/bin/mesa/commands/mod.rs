@@ -18,6 +18,7 @@ mod scope;
 mod set;
 mod update;
 mod watch;
+mod wiring;
 
 use clap::Subcommand;
 
@@ -47,6 +48,7 @@ pub enum Command {
     Set(set::Set),
     Sim(sim::Options),
     Update(update::Update),
+    Wiring(wiring::Wiring),
 }
 
 impl Command {
@@ -73,6 +75,7 @@ impl Command {
             Self::Set(set) => set.run(context),
             Self::Sim(options) => sim::run(options, context),
             Self::Update(update) => update.run(context),
+            Self::Wiring(wiring) => wiring.run(context),
         }
     }
 }

@@ -45,7 +45,7 @@ pub fn value(info: &PinInfo, text: &str) -> Result<AnyValue, Failure> {
     let fits = |value: &AnyValue| {
         let limits = info.limits.filter(|_| info.hal_type != HalType::Bit);
         let (min, max) = limits.unwrap_or((f64::MIN, f64::MAX));
-        value.is_finite() && (min..=max).contains(&number(*value))
+        value.is_finite() && (min..=max).contains(&value.as_f64())
     };
     parsed.filter(fits).ok_or_else(|| {
         Failure::usage(format_args!(
@@ -80,16 +80,6 @@ pub fn range(info: &PinInfo) -> String {
             .to_owned(),
         None if info.hal_type == HalType::Float => kind.to_owned(),
         None => format!("{kind} from {least} to {most}"),
-    }
-}
-
-/// Any value as a number; a bit is 0 or 1.
-pub fn number(value: AnyValue) -> f64 {
-    match value.hal_type {
-        HalType::Bit => f64::from(u8::from(bool::from_bits(value.bits))),
-        HalType::Float => f64::from_bits(value.bits),
-        HalType::S32 | HalType::S64 => i64::from_bits(value.bits) as f64,
-        HalType::U32 | HalType::U64 => value.bits as f64,
     }
 }
 

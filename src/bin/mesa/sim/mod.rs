@@ -2,7 +2,7 @@
 
 mod agenda;
 mod capture;
-mod console;
+pub mod console;
 mod control;
 mod devices;
 mod file;

@@ -202,7 +202,7 @@ fn table(infos: &[PinInfo], scope: &Recorder) -> String {
         for value in row.values() {
             text.push(',');
             if let Some(value) = value {
-                let _ = write!(text, "{}", named::number(value));
+                let _ = write!(text, "{}", value.as_f64());
             }
         }
         text.push('\n');

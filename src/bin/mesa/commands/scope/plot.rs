@@ -4,7 +4,7 @@ use mesa_hal::hal::PinInfo;
 use mesa_hal::runner::Scope;
 use plotters::prelude::*;
 
-use super::{named, times};
+use super::times;
 use crate::context::Failure;
 
 const WIDTH: u32 = 1000;
@@ -33,7 +33,7 @@ fn points(scope: &Scope, number: usize) -> Vec<(f64, f64)> {
     let rows = times(scope).zip(scope.rows()).step_by(step);
     let points = rows.filter_map(|(seconds, row)| {
         let value = row.values().nth(number).flatten()?;
-        Some((seconds * 1e3, named::number(value)))
+        Some((seconds * 1e3, value.as_f64()))
     });
     points.collect()
 }

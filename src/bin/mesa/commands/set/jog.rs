@@ -6,11 +6,12 @@ use std::time::Duration;
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
 use mesa_hal::runner::{Cycle, Runner};
-use mesa_hal::{BoardState, Driver, UdpBus};
+use mesa_hal::{Driver, UdpBus};
 
 use super::report::{Change, Outcome, Report};
 use crate::context::{Context, Failure};
 use crate::output::complain;
+use crate::running;
 
 /// How long everything may take until it runs.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -90,15 +91,10 @@ impl Jog {
         let mut signal = None;
         let ended = Runner::new(driver).run(|cycle| {
             signal = context.stop.signal();
-            let flow = match signal {
-                Some(_) => ControlFlow::Break(()),
-                None => self.cycle(cycle),
-            };
-            if flow.is_break() {
-                // A parameter, such as an inversion, would hold for the last words as well.
-                let _ = cycle.pins_mut().set_any(self.pin, self.safe);
+            match signal {
+                Some(_) => self.end(cycle),
+                None => self.step(cycle),
             }
-            flow
         });
         if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
@@ -124,6 +120,25 @@ impl Jog {
         });
         let changes = changes.collect();
         Ok(Report::new(info, self.value, self.time, outcome, changes))
+    }
+
+    /// Its share of a cycle; it breaks when it is over, with the pin safe.
+    pub fn step(&mut self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
+        match self.cycle(cycle) {
+            ControlFlow::Continue(()) => ControlFlow::Continue(()),
+            ControlFlow::Break(()) => self.end(cycle),
+        }
+    }
+
+    fn end(&self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
+        // A parameter, such as an inversion, would hold for the last words as well.
+        let _ = cycle.pins_mut().set_any(self.pin, self.safe);
+        ControlFlow::Break(())
+    }
+
+    /// Why it was over before its time.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
@@ -188,14 +203,8 @@ impl Jog {
 
     /// Why the pin can not be driven, or is not any more.
     fn reason(&self, driver: &Driver<UdpBus>) -> Option<String> {
-        match driver.board_state() {
-            BoardState::Running => {}
-            BoardState::WatchdogBitten => {
-                return Some("the board's watchdog has bitten".to_owned());
-            }
-            BoardState::Reset => return Some("the board was reset, or has lost power".to_owned()),
-            BoardState::BusDown => return Some("the board does not answer any more".to_owned()),
-            _ => return Some("the board does not run".to_owned()),
+        if let Some(trouble) = running::trouble(driver.board_state()) {
+            return Some(trouble.to_owned());
         }
         let group = self.groups.iter().copied().find(|&group| {
             let state = driver.pins().group_state(group);

@@ -1,6 +1,6 @@
 //! `mesa set`: jogs one output.
 
-mod jog;
+pub mod jog;
 mod report;
 
 use std::time::Duration;
@@ -62,16 +62,7 @@ pub struct Set {
 impl Set {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
-        let bus = found.open_with(UdpConfig {
-            cycle_deadline: DEADLINE,
-            ..UdpConfig::default()
-        })?;
-        let settings = Settings {
-            period: PERIOD,
-            watchdog: Some(WATCHDOG),
-            ..Settings::default()
-        };
-        let mut board = Board::identify(bus, settings)?;
+        let mut board = Board::identify(found.open_with(unhurried())?, settings())?;
         // Everything is off, and no remote runs before the consent.
         board.discover()?;
         let pins = board.pins();
@@ -157,9 +148,27 @@ impl Set {
     }
 }
 
+/// How a board is talked to whose outputs a person drives.
+pub fn unhurried() -> UdpConfig {
+    UdpConfig {
+        cycle_deadline: DEADLINE,
+        ..UdpConfig::default()
+    }
+}
+
+/// With what settings.
+pub fn settings() -> Settings {
+    Settings {
+        period: PERIOD,
+        watchdog: Some(WATCHDOG),
+        ..Settings::default()
+    }
+}
+
 /// What a pin can do to a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Hazard {
+pub enum Hazard {
+    /// No more than any output.
     None,
     Analog,
     DriveEnable,
@@ -167,7 +176,7 @@ enum Hazard {
 }
 
 /// By the name, because remotes that nobody knows have enables as well: rather too often than not.
-fn hazard(info: &PinInfo) -> Hazard {
+pub fn hazard(info: &PinInfo) -> Hazard {
     let last = info.name.rsplit('.').next().unwrap_or_default();
     let harmless = [
         "index-enable",

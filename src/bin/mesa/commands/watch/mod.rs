@@ -1,7 +1,7 @@
 //! `mesa watch`: the pins of a machine on a full screen, live.
 
 mod screen;
-mod view;
+pub mod view;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -9,9 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::driver::BoardState;
 use mesa_hal::runner::{Runner, SnapshotReader};
-use mesa_hal::{Driver, Settings, UdpBus};
+use mesa_hal::{Settings, UdpBus};
 use ratatui::Frame;
 use ratatui::crossterm::event::KeyEvent;
 
@@ -19,13 +18,10 @@ use crate::context::{Context, Ending, Failure};
 use crate::full_screen::{self, Screen, Wish};
 use crate::modes::Modes;
 use crate::output::complain;
-use crate::running;
+use crate::running::{self, Keeper};
 use crate::target::Target;
 use screen::Pins;
 
-/// How long a board that lost its set-up is left alone before it is set up again. Nothing is driven
-/// by that: every output is off.
-const AGAIN: Duration = Duration::from_secs(1);
 /// The board's watchdog, which turns nothing off here: no output is on.
 const WATCHDOG: Duration = Duration::from_millis(800);
 
@@ -92,21 +88,12 @@ impl Watch {
 fn cycle_until(
     is_over: Arc<AtomicBool>,
 ) -> impl FnMut(&mut mesa_hal::runner::Cycle<'_, UdpBus>) -> ControlFlow<()> {
-    let mut failed = Duration::ZERO;
+    let mut keeper = Keeper::default();
     move |cycle| {
         if is_over.load(Ordering::Relaxed) {
             return ControlFlow::Break(());
         }
-        let driver: &mut Driver<UdpBus> = cycle.driver;
-        failed = match driver.board_state() {
-            BoardState::Running => Duration::ZERO,
-            _ => failed + driver.period(),
-        };
-        if failed >= AGAIN {
-            failed = Duration::ZERO;
-            // If it fails, the state stays as it is shown, and it is tried again.
-            let _ = driver.rearm();
-        }
+        keeper.look_after(cycle.driver);
         ControlFlow::Continue(())
     }
 }

@@ -51,7 +51,7 @@ impl Pins {
         self.trends
             .resize_with(snapshot.infos().len(), Trend::default);
         for (trend, (_, reading)) in self.trends.iter_mut().zip(snapshot.pins()) {
-            trend.push(view::sample(reading.value));
+            trend.push(reading.value.as_f64());
         }
         let is_first = self.seen.replace(snapshot.clone()).is_none();
         if is_first {

@@ -68,16 +68,6 @@ pub fn number(value: AnyValue, unit: &str) -> String {
     format!("{text} {unit}").trim_end().to_owned()
 }
 
-/// A value as a number, for its trend.
-pub fn sample(value: AnyValue) -> f64 {
-    match value.hal_type {
-        HalType::Bit => f64::from(u8::from(value.bits != 0)),
-        HalType::Float => f64::from_bits(value.bits),
-        HalType::S32 | HalType::S64 => value.bits as i64 as f64,
-        HalType::U32 | HalType::U64 => value.bits as f64,
-    }
-}
-
 /// Whether a reading is to be trusted, in a word.
 pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
     if info.role.is_param() || reading.valid {

@@ -1,0 +1,148 @@
+//! The machine whose wiring is checked: its cycle runs in a thread of its own, and drives one output at a
+//! time if it gets the order.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use mesa_hal::bus::Instant;
+use mesa_hal::driver::RemoteState;
+use mesa_hal::hal::{PinId, PinInfo, Pins};
+use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
+use mesa_hal::{Driver, UdpBus};
+
+use crate::commands::set::jog::Jog;
+use crate::context::{Context, Failure};
+use crate::running::{self, Keeper};
+
+/// How long a remote that had a fault may take until it can be driven again.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A running machine. Whoever drops it stops it, with all outputs off.
+pub struct Machine {
+    pub reader: SnapshotReader,
+    is_over: Arc<AtomicBool>,
+    orders: SyncSender<PinId>,
+    /// An output is off again, or why it was off before its time.
+    done: Receiver<Result<(), String>>,
+    cycle: Option<JoinHandle<Result<(), Failure>>>,
+}
+
+impl Machine {
+    /// `time` is how long an output is on.
+    pub fn start(driver: Driver<UdpBus>, context: &Context, time: Duration) -> Self {
+        let mut runner = Runner::new(driver).stop_on(context.stop.clone());
+        let reader = runner.snapshot();
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = Arc::clone(&is_over);
+        let (orders, wanted) = sync_channel(1);
+        let (tell, done) = sync_channel(1);
+        let mut keeper = Keeper::default();
+        // What is to be driven, and since when.
+        let mut order: Option<(PinId, Instant)> = None;
+        let mut jog: Option<Jog> = None;
+        let work = move |cycle: &mut Cycle<'_, UdpBus>| {
+            if over.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            let Some(running) = &mut jog else {
+                keeper.look_after(cycle.driver);
+                // Everything is off: what a fault has disarmed may be driven again.
+                cycle.pins_mut().rearm_all();
+                let now = cycle.pins().now();
+                order = order.or_else(|| Some((wanted.try_recv().ok()?, now)));
+                let is_due = |&mut (pin, since): &mut (PinId, Instant)| {
+                    is_armed(cycle.pins(), pin) || now.since(since) >= PATIENCE
+                };
+                // What is not armed fails, and says why.
+                let due = order.take_if(is_due);
+                let values = |pin| (pin, true.into(), false.into());
+                jog = due.map(|(pin, _)| Jog::new(cycle.driver, values(pin), None, time));
+                return ControlFlow::Continue(());
+            };
+            if running.step(cycle).is_break() {
+                let failure = running.failure().map(str::to_owned);
+                let _ = tell.try_send(failure.map_or(Ok(()), Err));
+                jog = None;
+            }
+            ControlFlow::Continue(())
+        };
+        let cycle = std::thread::spawn(move || {
+            runner.run(work).stopped.map_err(|error| {
+                Failure::refused(format_args!(
+                    "the ports could not be stopped: {error}; the watchdogs switch all outputs off"
+                ))
+            })
+        });
+        Self {
+            reader,
+            is_over,
+            orders,
+            done,
+            cycle: Some(cycle),
+        }
+    }
+
+    /// Lets an output be on for its time. Not before the one before is off.
+    pub fn drive(&self, pin: PinId) {
+        // If nobody takes it any more, the reader has ended.
+        let _ = self.orders.try_send(pin);
+    }
+
+    /// Whether the output is off again, or why it was before its time; told once.
+    pub fn driven(&self) -> Option<Result<(), String>> {
+        self.done.try_recv().ok()
+    }
+
+    /// Stops it.
+    pub fn end(mut self) -> Result<(), Failure> {
+        self.stop()
+    }
+
+    fn stop(&mut self) -> Result<(), Failure> {
+        self.is_over.store(true, Ordering::Relaxed);
+        let Some(cycle) = self.cycle.take() else {
+            return Ok(());
+        };
+        let ended = cycle.join();
+        ended.map_err(|_| Failure::refused("the cycle's thread panicked"))?
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        let _ = self.stop();
+    }
+}
+
+fn is_armed(pins: &Pins, pin: PinId) -> bool {
+    let info = pins.info_of(pin);
+    let state = info.and_then(|info| pins.group_state(info.group));
+    state.is_some_and(|state| state.armed)
+}
+
+/// Why what a pin shows is not valid.
+pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> String {
+    if let Some(trouble) = running::trouble(snapshot.board().0) {
+        return trouble.to_owned();
+    }
+    let mut remotes = snapshot.remotes();
+    let Some(remote) = remotes.find(|remote| remote.group == info.group) else {
+        return "the board has not shown it yet".to_owned();
+    };
+    let place = format!(
+        "the {} on port {}, channel {}",
+        remote.name, remote.port, remote.channel
+    );
+    let reason = match remote.state {
+        RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => Some(reason),
+        _ => None,
+    };
+    match reason.or(remote.first_fault) {
+        Some(reason) => format!("{place} is offline: {reason}"),
+        None => format!("{place} does not answer"),
+    }
+}

@@ -1,0 +1,370 @@
+//! The dialog: one terminal after the other.
+
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::time::{Duration, Instant};
+
+use mesa_hal::bus::{Clock, HostClock};
+use mesa_hal::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
+use mesa_hal::hal::PinId;
+use mesa_hal::runner::Snapshot;
+
+use super::machine::{self, Machine};
+use super::report::{Item, Mark, Names, Not, Outcome, What, text};
+use crate::context::Context;
+use crate::output::complain;
+use crate::sim::console;
+
+/// How often inputs, keys and signals are looked at.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// What somebody types, line by line.
+pub struct Lines {
+    lines: Receiver<String>,
+    /// A person's, who ends it by closing the input.
+    is_terminal: bool,
+}
+
+impl Lines {
+    pub fn of_standard_input(is_terminal: bool) -> Self {
+        let (sender, lines) = sync_channel(1);
+        console::read_lines(move |line| sender.send(line.trim().to_owned()).is_ok());
+        Self { lines, is_terminal }
+    }
+}
+
+/// What was typed.
+enum Typed {
+    Nothing,
+    Skip,
+    Back,
+    Text(String),
+}
+
+/// Where to go on.
+enum Next {
+    Forward,
+    Back,
+}
+
+pub struct Session<'a> {
+    pub context: &'a Context,
+    pub machine: &'a Machine,
+    pub lines: Lines,
+    pub check: Check,
+    pub board: String,
+    pub items: Vec<Item>,
+    pub timeout: Option<Duration>,
+    clock: HostClock,
+    seen: Option<Snapshot>,
+}
+
+impl<'a> Session<'a> {
+    pub fn new(
+        context: &'a Context,
+        machine: &'a Machine,
+        (lines, timeout): (Lines, Option<Duration>),
+        (check, items): (Check, Vec<Item>),
+        board: String,
+    ) -> Self {
+        Self {
+            context,
+            machine,
+            lines,
+            check,
+            board,
+            items,
+            timeout,
+            clock: HostClock::new(),
+            seen: None,
+        }
+    }
+
+    pub fn names(&self) -> Names<'_> {
+        Names {
+            board: &self.board,
+            points: self.check.points(),
+        }
+    }
+
+    /// Goes through all terminals; `keep` is called when one has been judged.
+    pub fn run(&mut self, keep: impl Fn(&Self)) -> Outcome {
+        match self.go(keep) {
+            Ok(()) => Outcome::Done,
+            Err(outcome) => outcome,
+        }
+    }
+
+    fn go(&mut self, keep: impl Fn(&Self)) -> Result<(), Outcome> {
+        complain(format_args!(
+            "{} terminals. Enter skips one, b and Enter goes back, q and Enter ends with the report.",
+            self.items.len()
+        ));
+        complain("Hands off for a moment: what changes now changes by itself.");
+        let begun = Instant::now();
+        while begun.elapsed() < HANDS_OFF {
+            self.pass()?;
+        }
+        let mut at = 0;
+        while let Some(what) = self.items.get(at).map(|item| item.what) {
+            let next = match what {
+                What::Input(point, kind) => self.input(at, (point, kind))?,
+                What::Output(pin) => self.output(at, pin)?,
+            };
+            keep(self);
+            at = match next {
+                Next::Forward => at + 1,
+                Next::Back => at.saturating_sub(1),
+            };
+        }
+        Ok(())
+    }
+
+    /// A moment passes: what was typed meanwhile, and what the inputs showed.
+    fn pass(&mut self) -> Result<(Typed, Option<Judgement>), Outcome> {
+        if self.context.stop.signal().is_some() {
+            return Err(Outcome::Stopped);
+        }
+        if self.machine.reader.has_ended() {
+            return Err(Outcome::Failed);
+        }
+        std::thread::sleep(LOOK);
+        let judgement = self.look();
+        let typed = match self.lines.lines.try_recv() {
+            Ok(line) => match line.as_str() {
+                "" => Typed::Skip,
+                "b" | "B" => Typed::Back,
+                "q" | "Q" => return Err(Outcome::Ended),
+                _ => Typed::Text(line),
+            },
+            Err(TryRecvError::Disconnected) if self.lines.is_terminal => {
+                return Err(Outcome::Ended);
+            }
+            Err(_) => Typed::Nothing,
+        };
+        Ok((typed, judgement))
+    }
+
+    fn look(&mut self) -> Option<Judgement> {
+        let read = match &mut self.seen {
+            Some(seen) => self.machine.reader.read_into(seen),
+            None => self.machine.reader.read().map(|seen| {
+                self.seen = Some(seen);
+            }),
+        };
+        // What could not be read is looked at again a moment later.
+        read.ok()?;
+        let seen = self.seen.as_ref()?;
+        let now = self.clock.now();
+        self.check.observe(now, |pin| seen.read_any(pin)?.ok())
+    }
+
+    fn say(&self, at: usize, what: &str) {
+        if let Some(item) = self.items.get(at) {
+            let name = self.names().info(&item.info);
+            let count = self.items.len();
+            complain(format_args!("[{}/{count}] {name}: {what}", at + 1));
+        }
+    }
+
+    fn reason(&self, at: usize) -> String {
+        let found = self.seen.as_ref().zip(self.items.get(at));
+        found.map_or_else(String::new, |(seen, item)| {
+            machine::reason(seen, &item.info)
+        })
+    }
+
+    fn is_timeout(&self, since: Instant) -> bool {
+        self.timeout
+            .is_some_and(|timeout| since.elapsed() >= timeout)
+    }
+
+    /// Asks for an input.
+    fn input(&mut self, at: usize, (point, kind): (usize, Kind)) -> Result<Next, Outcome> {
+        let begun = Instant::now();
+        self.check.ask(point);
+        loop {
+            let (typed, judgement) = self.pass()?;
+            while let Some(news) = self.check.news() {
+                self.tell(at, (point, kind), news);
+            }
+            if let Some(found) = judgement {
+                self.judged(at, found);
+                return Ok(Next::Forward);
+            }
+            let is_skipped = matches!(typed, Typed::Skip);
+            match typed {
+                Typed::Back => {
+                    self.check.give_up(true);
+                    return Ok(Next::Back);
+                }
+                Typed::Text(_) => complain("  Enter skips, b goes back, q ends with the report"),
+                Typed::Skip | Typed::Nothing => {}
+            }
+            if is_skipped || self.is_timeout(begun) {
+                if let Some(found) = self.check.give_up(is_skipped) {
+                    self.judged(at, found);
+                }
+                return Ok(Next::Forward);
+            }
+        }
+    }
+
+    fn tell(&self, at: usize, (point, kind): (usize, Kind), news: News) {
+        let name = |other| self.names().point(other);
+        match (news, kind) {
+            (News::Ready(level), Kind::Digital) => {
+                self.say(at, &format!("actuate it now; it is {}", text(level)));
+            }
+            (News::Ready(_), Kind::Counter) => {
+                self.say(at, "turn it now by hand, in its positive direction");
+            }
+            (News::Ready(value), Kind::Analog) => {
+                self.say(at, &format!("change it now; it is {}", text(value)));
+            }
+            (News::NotValid, _) => {
+                self.say(
+                    at,
+                    &format!("NOT VALID, and waited for: {}", self.reason(at)),
+                );
+            }
+            (News::Restless(it), _) if it == point => {
+                self.say(at, "CHANGES BY ITSELF; waited for until it is quiet");
+            }
+            (News::Restless(other), _) => {
+                let other = name(other);
+                complain(format_args!(
+                    "  {other} CHANGES BY ITSELF, and does not count"
+                ));
+            }
+            (News::Changed(level), Kind::Digital) => {
+                complain(format_args!("  {}; let it go", text(level)));
+            }
+            (News::Changed(_), _) => complain("  it moves; let it rest"),
+            (News::Instead(other), _) => {
+                complain(format_args!(
+                    "  {} changed instead: exchanged?",
+                    name(other)
+                ));
+            }
+            (News::Dithers, _) => complain(format_args!("  {DITHERS}")),
+        }
+    }
+
+    fn judged(&mut self, at: usize, found: Judgement) {
+        let reason = match found.verdict {
+            Verdict::NotValid => Some(self.reason(at)),
+            Verdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
+                Some(DITHERS.to_owned())
+            }
+            Verdict::Unstable => Some("it changes by itself".to_owned()),
+            _ => None,
+        };
+        self.mark(at, Mark::Judged(found.verdict), reason);
+        if let Some(item) = self.items.get_mut(at) {
+            item.judgement = Some(found);
+        }
+        self.tell_words(at);
+    }
+
+    fn is_restless(&self, at: usize) -> bool {
+        let item = self.items.get(at);
+        let point = item.map(|item| item.what);
+        self.check
+            .restless()
+            .any(|n| matches!(point, Some(What::Input(number, _)) if number == n))
+    }
+
+    fn mark(&mut self, at: usize, mark: Mark, reason: Option<String>) {
+        if let Some(item) = self.items.get_mut(at) {
+            item.mark = mark;
+            item.reason = reason;
+            item.said = None;
+        }
+    }
+
+    fn tell_words(&self, at: usize) {
+        if let Some(item) = self.items.get(at) {
+            complain(format_args!("  {}", item.words(&self.names())));
+        }
+    }
+
+    /// Drives an output for a while, and asks whether it came on.
+    fn output(&mut self, at: usize, pin: PinId) -> Result<Next, Outcome> {
+        if !self.context.yes {
+            self.say(at, "y and Enter drives it; Enter skips");
+            loop {
+                match self.pass()?.0 {
+                    Typed::Text(line) if is_yes(&line) => break,
+                    Typed::Nothing => {}
+                    Typed::Back => return Ok(Next::Back),
+                    Typed::Skip | Typed::Text(_) => {
+                        self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                        return Ok(Next::Forward);
+                    }
+                }
+            }
+        }
+        self.machine.drive(pin);
+        self.say(
+            at,
+            "driven; did it come on? y, n, or what came on instead; a: once more",
+        );
+        let mut ended: Option<Instant> = None;
+        let mut answer = None;
+        loop {
+            let (typed, _) = self.pass()?;
+            match self.machine.driven() {
+                Some(Err(reason)) => {
+                    self.mark(at, Mark::Not(Not::Failed), Some(reason));
+                    self.tell_words(at);
+                    return Ok(Next::Forward);
+                }
+                Some(Ok(())) => ended = Some(Instant::now()),
+                None => {}
+            }
+            match typed {
+                Typed::Text(line) if line == "a" => {
+                    if ended.take().is_some() {
+                        self.machine.drive(pin);
+                    }
+                }
+                Typed::Nothing => {}
+                typed => answer = Some(typed),
+            }
+            // The next one only when this one is off.
+            let Some(since) = ended else {
+                continue;
+            };
+            if let Some(typed) = answer {
+                return Ok(self.answered(at, typed));
+            }
+            if self.is_timeout(since) {
+                self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                self.tell_words(at);
+                return Ok(Next::Forward);
+            }
+        }
+    }
+
+    fn answered(&mut self, at: usize, typed: Typed) -> Next {
+        let (verdict, said) = match typed {
+            Typed::Back => return Next::Back,
+            Typed::Text(line) if is_yes(&line) => (Verdict::Ok, None),
+            Typed::Text(line) if matches!(&*line, "n" | "N" | "no") => (Verdict::NoChange, None),
+            Typed::Text(line) => (Verdict::OtherChanged, Some(line)),
+            Typed::Skip | Typed::Nothing => (Verdict::Skipped, None),
+        };
+        self.mark(at, Mark::Judged(verdict), None);
+        if let Some(item) = self.items.get_mut(at) {
+            item.said = said;
+        }
+        self.tell_words(at);
+        Next::Forward
+    }
+}
+
+const DITHERS: &str = "it counts up and down, and gets nowhere: does one of A and B not arrive?";
+
+fn is_yes(line: &str) -> bool {
+    matches!(line, "y" | "Y" | "yes")
+}

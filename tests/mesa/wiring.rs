@@ -1,0 +1,492 @@
+//! `mesa wiring`: what a person actuates is what the simulated board's console is told.
+
+use std::fs;
+use std::process::Stdio;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::interop::board::Board;
+use crate::interop::console::Console;
+use crate::interop::{Process, Scratch};
+use crate::run::{Run, command, hold_against_schema, run};
+use crate::set::board;
+use crate::terminal::Terminal;
+
+/// A check that runs: what it says, and what somebody types.
+pub struct Guided {
+    pub process: Process,
+    pub dialog: Console,
+}
+
+/// Ten inputs.
+const INPUTS: &str = "*7i77.0.0.input-0?";
+
+impl Guided {
+    pub fn begin(board: &Board, arguments: &[&str]) -> Self {
+        let address = board.address.to_string();
+        let target = ["--addr", &address, "--timeout", "600"];
+        let all = [&["wiring"], arguments, &target].concat();
+        let mut child = command(&all)
+            .stdin(Stdio::piped())
+            .spawn()
+            .expect("mesa starts");
+        let (input, said) = (child.stdin.take().unwrap(), child.stderr.take().unwrap());
+        Self {
+            process: Process::new(child),
+            dialog: Console::new(input, said),
+        }
+    }
+
+    /// Waits until it says something; the whole line.
+    pub fn says(&self, text: &str) -> String {
+        self.dialog.wait_for(text)
+    }
+
+    pub fn types(&mut self, line: &str) {
+        self.dialog.raw(line.as_bytes());
+        self.dialog.raw(b"\n");
+    }
+
+    pub fn ended(self) -> Run {
+        self.process.output().into()
+    }
+
+    /// Actuates an input of the 7I77's when it is asked for, and lets it go.
+    fn actuates(&self, board: &mut Board, input: usize) {
+        self.says("actuate it now; it is off");
+        board.console.run(&format!("input 0 {input} on"));
+        self.says("  on; let it go");
+        board.console.run(&format!("input 0 {input} off"));
+        self.says("  ok: off to on");
+    }
+}
+
+/// The entries of a report, by the end of the pin's name.
+fn entry<'a>(report: &'a Value, pin: &str) -> &'a Value {
+    let terminals = report["terminals"].as_array().expect("a list");
+    let mut found = terminals.iter().filter(|terminal| {
+        let name = terminal["pin"].as_str().expect("a name");
+        name.ends_with(pin)
+    });
+    found.next().unwrap_or_else(|| panic!("{pin}: {report:#}"))
+}
+
+/// What became of each terminal, in their order.
+fn verdicts(report: &Value) -> Vec<&str> {
+    let terminals = report["terminals"].as_array().expect("a list");
+    let verdicts = terminals.iter().map(|terminal| &terminal["verdict"]);
+    verdicts
+        .map(|verdict| verdict.as_str().expect("a word"))
+        .collect()
+}
+
+/// Somebody ends it: the report, which is as the schema says.
+fn ends(mut guided: Guided) -> Value {
+    guided.types("q");
+    guided.says("outputs were never on; the ports are stopped");
+    let run = guided.ended();
+    assert_eq!(run.code, Some(1), "{run:?}");
+    let report: Value = serde_json::from_str(&run.out).expect("JSON");
+    hold_against_schema("wiring", &report);
+    assert_eq!(
+        (&report["outcome"], &report["ok"]),
+        (&"ended".into(), &false.into())
+    );
+    report
+}
+
+#[test]
+fn each_terminal_is_named_and_what_changes_is_told_and_kept() {
+    let mut board = board();
+    let file = Scratch::new("wiring.json");
+    let keep = ["--json", "--report", file.path()];
+    let mut guided = Guided::begin(&board, &[&[INPUTS], &keep[..]].concat());
+    let first = guided.says("[1/10] ");
+    let named = "TB8 pin 1 INPUT0 (7i77.0.0.input-00): actuate it now; it is off";
+    assert!(first.ends_with(named), "{first}");
+    board.console.run("input 0 0 on");
+    guided.says("  on; let it go");
+    board.console.run("input 0 0 off");
+    guided.says("  ok: off to on");
+    guided.says("[2/10] ");
+    let so_far = fs::read_to_string(&file.0).expect("a report");
+    let so_far: Value = serde_json::from_str(&so_far).expect("JSON");
+    hold_against_schema("wiring", &so_far);
+    assert_eq!(so_far["outcome"], "unfinished");
+    assert_eq!(verdicts(&so_far)[..2], ["ok", "not_checked"]);
+    // Exchanged wires.
+    for (asked, wired) in [(1, 2), (2, 1)] {
+        board.console.run(&format!("input 0 {wired} on"));
+        let told = guided.says("changed instead: exchanged?");
+        let other = format!("TB8 pin {} INPUT{wired} ", wired + 1);
+        assert!(told.contains(&other), "{told}");
+        board.console.run(&format!("input 0 {wired} off"));
+        guided.types("");
+        guided.says("  INSTEAD CHANGED: TB8 pin ");
+        guided.says(&format!("[{}/10] ", asked + 2));
+    }
+    // Back to the first one, and what is typed by mistake.
+    for n in [3, 2, 1] {
+        guided.types("b");
+        guided.says(&format!("[{n}/10] "));
+    }
+    guided.types("what?");
+    guided.says("Enter skips, b goes back, q ends");
+    let report = ends(guided);
+    let kept = fs::read_to_string(&file.0).expect("a report");
+    let kept: Value = serde_json::from_str(&kept).expect("JSON");
+    assert_eq!(kept, report);
+    let expected = ["ok", "other_changed", "other_changed", "not_checked"];
+    assert_eq!(verdicts(&report)[..4], expected, "{report:#}");
+    let name = |n: usize| format!("hm2_7i92.0.7i77.0.0.input-0{n}");
+    assert_eq!(report["exchanged"], json!([[name(1), name(2)]]));
+    let third = entry(&report, "input-02");
+    assert_eq!(third["others"], json!([name(1)]));
+    assert_eq!(third["terminal"], "TB8 pin 3");
+    let missing = report["missing"].as_array().expect("a list");
+    assert_eq!(missing.len(), 1, "{report:#}");
+    // Nothing was driven.
+    assert_eq!(crate::set::lit(&mut board), [""; 0]);
+}
+
+#[test]
+fn loose_wires_and_connected_ones_are_not_in_order() {
+    let mut board = board();
+    let mut guided = Guided::begin(&board, &[INPUTS, "--json"]);
+    guided.says("[1/10] ");
+    for n in 0..300 {
+        let (ms, level) = (200 + n * 20, if n % 2 == 0 { "on" } else { "off" });
+        board.console.run(&format!("at +{ms}ms input 0 0 {level}"));
+    }
+    guided.says("CHANGES BY ITSELF; waited for until it is quiet");
+    guided.types("");
+    guided.says("  UNSTABLE: it changes by itself");
+    guided.says("[2/10] ");
+    for (ms, level) in [(500, "on"), (1500, "off")] {
+        for input in [1, 8] {
+            board
+                .console
+                .run(&format!("at +{ms}ms input 0 {input} {level}"));
+        }
+    }
+    guided.says("  CHANGED TOGETHER with TB8 pin 9 INPUT8 (7i77.0.0.input-08): connected?");
+    guided.says("[3/10] ");
+    board.console.run("input 0 2 on");
+    guided.says("  on; let it go");
+    guided.types("");
+    guided.says("  DID NOT COME BACK: off to on");
+    let report = ends(guided);
+    let expected = ["unstable", "together", "not_back", "not_checked"];
+    assert_eq!(verdicts(&report)[..4], expected, "{report:#}");
+}
+
+#[test]
+fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
+    let mut board = board();
+    let mut guided = Guided::begin(&board, &[INPUTS, "--json"]);
+    guided.says("[1/10] ");
+    board.console.run("unplug 0");
+    guided.says("NOT VALID, and waited for: the 7I77 on port 0, channel 0 is offline: ");
+    board.console.run("input 0 0 on");
+    board.console.run("plug 0");
+    guided.says("INPUT0 (7i77.0.0.input-00): actuate it now; it is on");
+    board.console.run("input 0 0 off");
+    guided.says("  off; let it go");
+    board.console.run("input 0 0 on");
+    guided.says("  ok: on to off");
+    guided.says("[2/10] ");
+    board.console.run("field 0 0");
+    let told = guided.says("NOT VALID, and waited for: ");
+    assert!(told.contains("field"), "{told}");
+    guided.types("");
+    guided.says("  NOT VALID: the 7I77 on port 0, channel 0");
+    guided.says("[3/10] ");
+    board.console.run("field 0 24");
+    guided.actuates(&mut board, 2);
+    let report = ends(guided);
+    let expected = ["ok", "not_valid", "ok"];
+    assert_eq!(verdicts(&report)[..3], expected, "{report:#}");
+    let reason = entry(&report, "input-01")["reason"].as_str();
+    assert!(
+        reason.is_some_and(|why| why.contains("field")),
+        "{report:#}"
+    );
+}
+
+#[test]
+fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
+    let mut board = board();
+    let file = Scratch::new("wiring.txt");
+    let mut guided = Guided::begin(&board, &["encoder", "--report", file.path()]);
+    let first = guided.says("[1/6] ");
+    assert!(
+        first.contains("TB3 pin 1, 2, 4, 5, 7, 8 QA0, /QA0"),
+        "{first}"
+    );
+    assert!(first.ends_with("turn it now by hand, in its positive direction"));
+    for (axis, speed, way) in [(0, "5", "up"), (1, "-5", "down")] {
+        board.console.run(&format!("turn {axis} {speed}"));
+        guided.says("  it moves; let it rest");
+        board.console.run(&format!("turn {axis} 0"));
+        guided.says(&format!("  ok: counts {way}, 0 to "));
+        guided.says(&format!("[{}/6] ", axis + 2));
+    }
+    board.console.run("turn 4 5");
+    let told = guided.says("changed instead: exchanged?");
+    assert!(told.contains("encoder.04"), "{told}");
+    guided.types("");
+    guided.says("[4/6] ");
+    guided.types("q");
+    let run = guided.ended();
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert_eq!(fs::read_to_string(&file.0).expect("a report"), run.out);
+    let head = format!(
+        "{}: 2 of 6 terminals in order; ended before all were checked\nMISSING, ",
+        board.address
+    );
+    assert!(run.out.starts_with(&head), "{run:?}");
+    let lines: Vec<&str> = run
+        .out
+        .lines()
+        .filter(|line| line.contains("(enc"))
+        .collect();
+    assert!(lines[1].contains("  ok: counts down, 0 to -"), "{run:?}");
+    assert!(lines[2].contains("  INSTEAD CHANGED: TB4 pin 9"), "{run:?}");
+    assert!(lines[3].ends_with("  not checked"), "{run:?}");
+}
+
+#[test]
+fn everything_in_order_is_exit_code_0() {
+    let mut board = board();
+    // It is actuated at the start, and that is no change.
+    board.console.run("input 0 30 on");
+    let mut guided = Guided::begin(&board, &["*7i77.0.0.input-30"]);
+    guided.says("TB7 pin 15 INPUT30 (7i77.0.0.input-30): actuate it now; it is on");
+    guided.types("b");
+    guided.says("[1/1] ");
+    board.console.run("input 0 30 off");
+    guided.says("  off; let it go");
+    board.console.run("input 0 30 on");
+    let run = guided.ended();
+    assert_eq!(run.code, Some(0), "{run:?}");
+    assert!(run.out.contains("1 of 1 terminals in order\n"), "{run:?}");
+    // The analog value at a terminal, where its card has one.
+    let mode = ["--mode", "0.0=2"];
+    let guided = Guided::begin(&board, &[&["analogin"], &mode[..]].concat());
+    for (input, volts) in ["12", "3", "8", "20"].iter().enumerate() {
+        let named = guided.says("change it now; it is 0.0000");
+        assert!(named.contains(&format!("INPUT{input} ")), "{named}");
+        board.console.run(&format!("volts 0 {input} {volts}"));
+        guided.says("  it moves; let it rest");
+    }
+    let run = guided.ended();
+    assert_eq!(run.code, Some(0), "{run:?}");
+    assert!(
+        run.out.contains("(7i77.0.0.analogin1)  ok: 0.0000 to "),
+        "{run:?}"
+    );
+}
+
+#[test]
+fn a_script_waits_for_each_terminal_so_long_and_no_longer() {
+    let all = ["wiring", "*input-0?", "--sim", "7i97", "--timeout", "0.5"];
+    let run = run(&[&all[..], &["--json"]].concat());
+    assert_eq!(run.code, Some(1), "{run:?}");
+    let report: Value = serde_json::from_str(&run.out).expect("JSON");
+    hold_against_schema("wiring", &report);
+    assert_eq!(report["outcome"], "done");
+    let terminals = report["terminals"].as_array().expect("a list");
+    assert_eq!(terminals.len(), 10);
+    for terminal in terminals {
+        assert_eq!(terminal["verdict"], "no_change", "{terminal:#}");
+        assert_eq!(terminal["kind"], "digital");
+        let name = terminal["pin"].as_str().expect("a name");
+        assert!(name.contains(".inmux.00.input-"), "filtered: {name}");
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_anything_is_started() {
+    let sim = ["--sim", "7i92-7i77"];
+    for (arguments, code, said) in [
+        (&["TB8"][..], 2, "--timeout"),
+        (&["--timeout", "0.1"], 2, "0.5 to 3600"),
+        (&["--timeout", "nan"], 2, "0.5 to 3600"),
+        (&["--timeout", "1", "--for", "1"], 2, "--outputs"),
+        (
+            &["--timeout", "1", "--outputs", "--for", "11"],
+            2,
+            "0.1 to 10",
+        ),
+        (&["TB99", "--timeout", "1"], 1, "no terminal fits"),
+        // Drive enables and analog outputs are never driven.
+        (
+            &["TB5", "--timeout", "1", "--outputs", "--yes"],
+            1,
+            "no terminal fits",
+        ),
+        (
+            &["output", "--timeout", "1", "--outputs"],
+            2,
+            "nobody can be asked; give --yes",
+        ),
+        (
+            &["--timeout", "1", "--report", "/nowhere/a.txt"],
+            1,
+            "/nowhere/a.txt",
+        ),
+        (
+            &["--timeout", "1", "--report", "/dev/null"],
+            2,
+            "no regular file",
+        ),
+    ] {
+        let run = run(&[&["wiring"], arguments, &sim[..]].concat());
+        assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
+        assert!(run.err.contains(said), "{arguments:?}: {run:?}");
+        assert_eq!(run.out, "", "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_file_that_is_there_is_replaced_only_with_consent() {
+    let file = Scratch::new("wiring-old.txt");
+    fs::write(&file.0, "the old report").expect("written");
+    let all = ["wiring", "input-00", "--sim", "7i97", "--timeout", "0.5"];
+    let all = [&all[..], &["--report", file.path()]].concat();
+    let refused = run(&all);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("is there already"), "{refused:?}");
+    assert_eq!(fs::read_to_string(&file.0).expect("kept"), "the old report");
+    let replaced = run(&[&all[..], &["--yes"]].concat());
+    assert_eq!(replaced.code, Some(1), "{replaced:?}");
+    assert_eq!(fs::read_to_string(&file.0).expect("new"), replaced.out);
+}
+
+#[test]
+fn a_signal_ends_it_with_the_report_so_far() {
+    for (signal, code) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
+        let mut board = board();
+        let file = Scratch::new(&format!("wiring-{signal}.json"));
+        let mut guided = Guided::begin(&board, &[INPUTS, "--report", file.path()]);
+        guided.actuates(&mut board, 0);
+        guided.says("[2/10] ");
+        guided.process.signal(signal);
+        guided.says(&format!("ended by SIG{signal}"));
+        let run = guided.ended();
+        assert_eq!(run.code, Some(code), "{run:?}");
+        assert!(
+            run.out
+                .contains("1 of 10 terminals in order; ended by a signal"),
+            "{run:?}"
+        );
+        let report = fs::read_to_string(&file.0).expect("a report");
+        let report: Value = serde_json::from_str(&report).expect("JSON");
+        hold_against_schema("wiring", &report);
+        assert_eq!(report["outcome"], "stopped");
+        assert_eq!(entry(&report, "input-00")["verdict"], "ok");
+        assert_eq!(entry(&report, "input-01")["verdict"], "not_checked");
+    }
+}
+
+#[test]
+fn a_board_that_dies_is_no_change_and_the_report_is_kept() {
+    let mut board = board();
+    let file = Scratch::new("wiring-dead.txt");
+    let mut guided = Guided::begin(&board, &[INPUTS, "--report", file.path()]);
+    guided.actuates(&mut board, 0);
+    guided.says("[2/10] ");
+    board.kill();
+    guided.says("NOT VALID, and waited for: the board does not answer any more");
+    guided.types("");
+    guided.says("  NOT VALID: the board does not answer any more");
+    guided.types("q");
+    guided.says("could not be stopped");
+    let run = guided.ended();
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert!(run.out.contains("1 of 10 terminals in order"), "{run:?}");
+    assert_eq!(fs::read_to_string(&file.0).expect("a report"), run.out);
+}
+
+#[test]
+fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
+    let mut board = board();
+    let file = Scratch::new("wiring-pipe.txt");
+    let mut guided = Guided::begin(&board, &["*7i77.0.0.input-00", "--report", file.path()]);
+    guided.process.stop_reading();
+    guided.actuates(&mut board, 0);
+    let run = guided.ended();
+    assert_eq!(run.code, Some(0), "{run:?}");
+    let report = fs::read_to_string(&file.0).expect("a report");
+    assert!(report.contains("1 of 1 terminals in order"), "{report}");
+}
+
+#[test]
+fn a_board_that_another_program_drives_is_left_alone() {
+    let board = board();
+    let address = board.address.to_string();
+    let other = ["pins", "--addr", &address, "--seconds", "600"];
+    let mut other = Process::new(command(&other).spawn().expect("mesa starts"));
+    std::thread::sleep(Duration::from_secs(3));
+    let refused = run(&["wiring", "--addr", &address, "--timeout", "1"]);
+    other.signal("INT");
+    let other = Run::from(other.output());
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(refused.err.contains("somebody else drives"), "{refused:?}");
+    assert!(other.err.contains("outputs were never on"), "{other:?}");
+}
+
+#[test]
+fn in_a_terminal_a_person_is_guided_and_has_the_report_on_the_screen() {
+    let mut board = board();
+    let arguments = format!("wiring '{INPUTS}' --addr {}", board.address);
+    let Some(terminal) = Terminal::start("wiring", &arguments) else {
+        return;
+    };
+    let text = terminal
+        .wait_for_text("[1/10] TB8 pin 1 INPUT0 (7i77.0.0.input-00): actuate it now; it is off");
+    assert!(
+        text.contains("10 terminals. Enter skips one, b and Enter goes back"),
+        "{text}"
+    );
+    board.console.run("input 0 0 on");
+    terminal.wait_for_text("  on; let it go");
+    board.console.run("input 0 0 off");
+    terminal.wait_for_text("[2/10] ");
+    terminal.type_keys(&["Enter"]);
+    terminal.wait_for_text("[3/10] ");
+    terminal.type_keys(&["b", "Enter"]);
+    let again = |text: &str| text.matches("[2/10] ").count() == 2;
+    terminal.wait_for("the second one again", again);
+    board.console.run("input 0 2 on");
+    terminal.wait_for_text("TB8 pin 3 INPUT2 (7i77.0.0.input-02) changed instead: exchanged?");
+    terminal.type_keys(&["q", "Enter"]);
+    let text = terminal.wait_for_text("exit code 1");
+    let lines = [
+        "mesa: outputs were never on; the ports are stopped",
+        "1 of 10 terminals in order; ended before all were checked",
+        "TB8 pin 1 INPUT0 (7i77.0.0.input-00)   ok: off to on",
+        "TB8 pin 2 INPUT1 (7i77.0.0.input-01)   skipped",
+        "TB8 pin 3 INPUT2 (7i77.0.0.input-02)   not checked",
+    ];
+    for line in lines {
+        assert!(text.contains(line), "{line}:\n{text}");
+    }
+}
+
+#[test]
+fn control_c_in_a_terminal_ends_it_with_the_report() {
+    let arguments = format!("wiring '{INPUTS}' --sim 7i92-7i77");
+    let Some(terminal) = Terminal::start("wiring-c", &arguments) else {
+        return;
+    };
+    terminal.wait_for_text("[1/10] ");
+    terminal.type_keys(&["C-c"]);
+    let text = terminal.wait_for_text("exit code 130");
+    assert!(text.contains("ended by SIGINT"), "{text}");
+    assert!(
+        text.contains("0 of 10 terminals in order; ended by a signal"),
+        "{text}"
+    );
+}
