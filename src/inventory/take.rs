@@ -51,7 +51,13 @@ pub fn take<B: RegisterBus + Clock>(
         if !goes_on() {
             break;
         }
-        ports.push(take_port(bus, &firmware, gtag, number, modes)?);
+        let port = PortOf {
+            firmware: &firmware,
+            gtag,
+            number,
+            modes,
+        };
+        ports.push(port.take(bus)?);
     }
     let mut inventory = Inventory {
         findings: Vec::new(),
@@ -131,54 +137,53 @@ fn of_firmware(firmware: &HostMot2) -> Firmware {
     }
 }
 
-fn take_port<B: RegisterBus + Clock>(
-    bus: &mut B,
-    firmware: &HostMot2,
+/// A serial port of the firmware, and the software modes to start remotes in.
+#[derive(Clone, Copy)]
+struct PortOf<'a> {
+    firmware: &'a HostMot2,
     gtag: Gtag,
     number: u8,
-    modes: &BTreeMap<(u8, u8), u8>,
-) -> Taken<SerialPort, B> {
-    let bus_failed = InventoryError::Bus;
-    let mut io_ports = IoPorts::locate(firmware)?;
-    let inputs = io_ports.clone();
-    let watchdog = WatchdogRegisters::locate(firmware)?;
-    // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
-    // is left to do that, it shall.
-    for (address, word) in [
-        (watchdog.time, watchdog.time_for(AT_MOST)),
-        (watchdog.reset, WatchdogRegisters::PET),
-        (watchdog.status, 0),
-    ] {
-        bus.write(address, word).map_err(bus_failed)?;
-    }
-    io_ports.use_module(firmware, gtag, number, |_| true)?;
-    io_ports.apply(bus).map_err(bus_failed)?;
-    let taken = take_channels(bus, firmware, gtag, number, modes);
-    // Also when that has failed; what it failed of is worth more than what this may fail of.
-    let restored = inputs.apply(bus);
-    let port = taken?;
-    restored.map_err(bus_failed)?;
-    let disabled = bus.write(watchdog.time, WatchdogRegisters::DISABLED);
-    disabled.map_err(bus_failed)?;
-    Ok(port)
+    modes: &'a BTreeMap<(u8, u8), u8>,
 }
 
-fn take_channels<B: RegisterBus + Clock>(
-    bus: &mut B,
-    firmware: &HostMot2,
-    gtag: Gtag,
-    number: u8,
-    modes: &BTreeMap<(u8, u8), u8>,
-) -> Taken<SerialPort, B> {
-    let channels = firmware.sserial_channels(gtag, number);
-    let module = firmware.require(gtag)?;
-    let mut port = Port::new(Layout::new(module, number, channels)?);
-    let taken = take_remotes(bus, &mut port, modes);
-    // Also when that has failed: nothing is left running.
-    let stopped = port.on(bus).stop_all();
-    let report = taken?;
-    stopped?;
-    Ok(report)
+impl PortOf<'_> {
+    fn take<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<SerialPort, B> {
+        let bus_failed = InventoryError::Bus;
+        let mut io_ports = IoPorts::locate(self.firmware)?;
+        let inputs = io_ports.clone();
+        let watchdog = WatchdogRegisters::locate(self.firmware)?;
+        // A bite in the middle of discovery would turn the pins of the port into inputs; when nobody
+        // is left to do that, it shall.
+        for (address, word) in [
+            (watchdog.time, watchdog.time_for(AT_MOST)),
+            (watchdog.reset, WatchdogRegisters::PET),
+            (watchdog.status, 0),
+        ] {
+            bus.write(address, word).map_err(bus_failed)?;
+        }
+        io_ports.use_module(self.firmware, self.gtag, self.number, |_| true)?;
+        io_ports.apply(bus).map_err(bus_failed)?;
+        let taken = self.take_channels(bus);
+        // Also when that has failed; what it failed of is worth more than what this may fail of.
+        let restored = inputs.apply(bus);
+        let port = taken?;
+        restored.map_err(bus_failed)?;
+        let disabled = bus.write(watchdog.time, WatchdogRegisters::DISABLED);
+        disabled.map_err(bus_failed)?;
+        Ok(port)
+    }
+
+    fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<SerialPort, B> {
+        let channels = self.firmware.sserial_channels(self.gtag, self.number);
+        let module = self.firmware.require(self.gtag)?;
+        let mut port = Port::new(Layout::new(module, self.number, channels)?);
+        let taken = take_remotes(bus, &mut port, self.modes);
+        // Also when that has failed: nothing is left running.
+        let stopped = port.on(bus).stop_all();
+        let report = taken?;
+        stopped?;
+        Ok(report)
+    }
 }
 
 fn take_remotes<B: RegisterBus + Clock>(
