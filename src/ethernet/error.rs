@@ -85,6 +85,16 @@ pub enum EthernetError<E> {
         /// Where it should be.
         address: u32,
     },
+    /// There is no fallback, so that the user configuration is all that the FPGA can load.
+    #[error(
+        "there is no fallback at 0x{address:06X}: if writing the user configuration fails now, only a \
+         JTAG programmer helps; write the fallback first, or, if there is no user configuration \
+         either, allow this (`--without-fallback`, `Flash::without_fallback`)"
+    )]
+    NoFallback {
+        /// Where it should be.
+        address: u32,
+    },
     /// There is no user configuration, so that the fallback is all that the FPGA can load.
     #[error(
         "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \

@@ -69,6 +69,7 @@ pub enum FlashStep {
 pub struct Flash<'a, B> {
     board: EthernetBoard<'a, B>,
     layout: FlashLayout,
+    needs_fallback: bool,
 }
 
 impl<'a, B: Lbp16Board> EthernetBoard<'a, B> {
@@ -103,7 +104,11 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         })?;
         let (found, expected) = (u32::from_le_bytes(id), layout.id);
         if found == expected {
-            return Ok(Self { board, layout });
+            return Ok(Self {
+                board,
+                layout,
+                needs_fallback: true,
+            });
         }
         Err(EthernetError::WrongBoard {
             found: format!("a board with flash id 0x{found:08X}"),
@@ -114,6 +119,12 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     /// Where things are in it.
     pub fn layout(&self) -> &FlashLayout {
         &self.layout
+    }
+
+    /// Lets the user configuration be written while there is no fallback: for a chip that has neither,
+    /// and for a person who knows that only a JTAG programmer helps if that is cut off.
+    pub fn without_fallback(&mut self) {
+        self.needs_fallback = false;
     }
 
     /// Reads from anywhere.
@@ -147,13 +158,15 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     /// Writes a configuration into the user or the fallback area, and verifies it.
     ///
     /// The file is checked before anything is erased, also whether it is for this board
-    /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: the fallback is
-    /// refused while there is no boot block, or no user configuration.
+    /// ([`Bitfile::check`]). The FPGA needs one of the two configurations to start: each is refused
+    /// while there is no boot block, or the other does not [begin](Self::begins).
+    ///
+    /// Manual: 7I97, "FALLBACK".
     ///
     /// # Errors
     /// [`EthernetError::Bitfile`], [`EthernetError::NotForConfigurations`],
-    /// [`EthernetError::NoBootBlock`], [`EthernetError::NoUserConfiguration`], and those of
-    /// [`write`](Self::write).
+    /// [`EthernetError::NoBootBlock`], [`EthernetError::NoFallback`],
+    /// [`EthernetError::NoUserConfiguration`], and those of [`write`](Self::write).
     pub fn program(
         &mut self,
         bitfile: &Bitfile<'_>,
@@ -186,21 +199,35 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         if head == [0xFF; PAGE] {
             return Err(EthernetError::NoBootBlock { address });
         }
-        if area == Area::Fallback {
-            self.need_user_configuration()?;
-        }
-        Ok(())
+        self.need_other(area)
     }
 
-    fn need_user_configuration(&mut self) -> Result<(), EthernetError<B::Error>> {
-        // That a configuration begins is enough: `write` writes its beginning last.
-        let (address, _) = self.layout.user;
-        let mut head = [0; Bitfile::SYNC_WITHIN];
-        self.read(address, &mut head)?;
-        if !Bitfile::has_sync(&head) {
-            return Err(EthernetError::NoUserConfiguration { address });
+    /// What is about to be erased must not be all that the FPGA can start from.
+    fn need_other(&mut self, area: Area) -> Result<(), EthernetError<B::Error>> {
+        let FlashLayout { fallback, user, .. } = self.layout;
+        match area {
+            Area::User if self.needs_fallback && !self.begins(Area::Fallback)? => {
+                let (address, _) = fallback;
+                Err(EthernetError::NoFallback { address })
+            }
+            Area::Fallback | Area::BootBlock if !self.begins(Area::User)? => {
+                let (address, _) = user;
+                Err(EthernetError::NoUserConfiguration { address })
+            }
+            _ => Ok(()),
         }
-        Ok(())
+    }
+
+    /// Whether a configuration begins in an area: without one in the user or in the fallback area the
+    /// FPGA has nothing to load. That it begins is enough: [`write`](Self::write) writes its beginning
+    /// last.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn begins(&mut self, area: Area) -> Result<bool, EthernetError<B::Error>> {
+        let mut head = [0; Bitfile::SYNC_WITHIN];
+        self.read(self.layout.addresses(area).start, &mut head)?;
+        Ok(Bitfile::has_sync(&head))
     }
 
     /// Compares an area with a configuration.

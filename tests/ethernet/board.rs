@@ -49,13 +49,15 @@ fn bitfile(configuration: &[u8]) -> Bitfile<'_> {
     }
 }
 
-/// Something in the boot block, without which nothing is written to the user area.
-fn with_boot_block(bus: &mut Bus) -> Flash<'_, Bus> {
-    let mut flash = flash(bus);
-    let boot = configuration(300);
-    flash
-        .write(Area::BootBlock, 0, &boot, |_, _| {})
-        .expect("the boot block is written when it is named");
+/// With a boot block and a fallback, as boards come: without them nothing is written to the user area.
+fn as_it_comes(mut flash: Flash<'_, Bus>) -> Flash<'_, Bus> {
+    let data = configuration(300);
+    for area in [Area::BootBlock, Area::Fallback] {
+        let start = flash.layout().addresses(area).start;
+        flash
+            .write(area, start, &data, |_, _| {})
+            .expect("it is written when it is named");
+    }
     flash
 }
 
@@ -220,7 +222,7 @@ fn its_clock_tells_when_packets_came_and_went() {
 #[test]
 fn a_configuration_is_programmed_and_verified_over_the_network() {
     let mut bus = bus();
-    let mut flash = with_boot_block(&mut bus);
+    let mut flash = as_it_comes(flash(&mut bus));
     let data = configuration(200_001);
     let mut verified = 0;
     let progress = |stage, bytes| {
@@ -285,7 +287,7 @@ fn lost_packets_only_take_longer() {
     link.to_board = Box::new(lossy(seed));
     link.to_host = Box::new(lossy(seed + 1));
     let mut bus = connect(link);
-    let mut flash = with_boot_block(&mut bus);
+    let mut flash = as_it_comes(flash(&mut bus));
     let data = configuration(70_000);
     flash
         .program(&bitfile(&data), Area::User, |_, _| {})
@@ -342,7 +344,7 @@ fn every_error_says_what_to_do_next() {
         },
         TooLarge { bytes, room: 8 },
     ];
-    let ethernet: [Ethernet; 9] = [
+    let ethernet: [Ethernet; 10] = [
         Ethernet::Bitfile(NoMark),
         Ethernet::Firmware {
             needed: 16,
@@ -359,6 +361,7 @@ fn every_error_says_what_to_do_next() {
             expected: "a 7I97".into(),
         },
         Ethernet::NoBootBlock { address },
+        Ethernet::NoFallback { address },
         Ethernet::NoUserConfiguration { address },
         Ethernet::NotForConfigurations { area },
         Ethernet::OutsideArea {
@@ -393,11 +396,7 @@ fn a_7i92_has_its_own_layout_and_takes_no_file_and_no_layout_of_a_7i97() {
     let mut board = EthernetBoard::new(&mut bus);
     let identity = board.identity().expect("identity");
     let layout = *FlashLayout::for_card(&identity.card).expect("a known board");
-    let mut flash = board.into_flash(layout).expect("16 Mbit");
-    let boot = configuration(300);
-    flash
-        .write(Area::BootBlock, 0, &boot, |_, _| {})
-        .expect("the boot block is written when it is named");
+    let mut flash = as_it_comes(board.into_flash(layout).expect("16 Mbit"));
     let data = configuration(3000);
     let other = Bitfile {
         design: "seveni97.ncd",

@@ -10,6 +10,7 @@
 
 pub mod board;
 pub mod console;
+pub mod mesaflash;
 pub mod tools;
 
 use std::{
@@ -35,10 +36,16 @@ pub fn mesa_in(profile: &str) -> PathBuf {
     target.join(profile).join("mesa")
 }
 
-/// An example in the profile of this test, built if it is not there or is old.
+/// An example in the profile of this test and with its features, as `cargo test` has built it; built
+/// if it is not there or is old.
 pub fn example(name: &str) -> PathBuf {
     let (target, profile) = (target(), profile());
-    build(&["--example", name], profile, &target);
+    let features = if cfg!(feature = "cli") { "cli" } else { "" };
+    build(
+        &["--example", name, "--features", features],
+        profile,
+        &target,
+    );
     target.join(profile).join("examples").join(name)
 }
 

@@ -1,10 +1,14 @@
 //! LinuxCNC's `setsserial` writes parameters and firmware of a simulated remote: what it does there is
-//! what `mesa param` and `mesa update` do (FACTS 1.6).
+//! what `mesa param` and `mesa update` do (FACTS 1.6). It only writes: what `mesa param` has written,
+//! LinuxCNC's driver reads when it loads.
 
+use std::net::Ipv4Addr;
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::interop::Scratch;
+use crate::interop::board::Board;
+use crate::interop::{Scratch, mesa};
 use crate::linuxcnc::{Expected, Machine, alone, skipped};
 
 /// It is only looked for what is needed.
@@ -65,5 +69,31 @@ fn what_setsserial_writes_is_a_whole_program_and_a_parameter_of_the_simulated_re
     let shown = machine.board.show("0");
     assert_eq!(shown["remote.0.bootloader"], "0", "{said}");
     assert_eq!(shown["remote.0.revision"], "60", "{said}");
+    machine.stop();
+}
+
+#[test]
+fn what_mesa_param_writes_linuxcnc_reads() {
+    if skipped() {
+        return;
+    }
+    let _alone = alone();
+    let state = Scratch::new("param.state");
+    let kept = format!("--board 7i97 --remote 0=7i72 --state {}", state.path());
+    // Here, because LinuxCNC's network is its own.
+    let arguments: Vec<&str> = kept.split(' ').collect();
+    let mut board = Board::start(Ipv4Addr::new(127, 97, 0, 4), &arguments);
+    let before = board.console.show("0")["remote.0.parameter.nvwatchdogtimeout"].clone();
+    assert_ne!(before, "77");
+    let set = Command::new(mesa())
+        .args(["param", "set", "0.0.nvwatchdogtimeout", "77", "--yes"])
+        .args(["--addr", &board.address.to_string()])
+        .output()
+        .expect("mesa starts");
+    let error = String::from_utf8_lossy(&set.stderr);
+    assert!(set.status.success(), "{error}");
+    board.stop("TERM");
+    let mut machine = Machine::load("hm2_7i97.0", "param", &kept, &Expected::of(&[I7I72]));
+    assert_eq!(machine.number("7i72.0.0.nvwatchdogtimeout"), 77.0);
     machine.stop();
 }

@@ -6,6 +6,14 @@ use mesa_hal::ethernet::{self, Area, Bitfile, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 use super::*;
+use crate::interop::mesaflash::{bitfile, configuration};
+
+const PART: &str = "6slx9tqg144";
+
+/// A file for the board, with so many bytes of made-up data.
+fn made_up(len: u32) -> Vec<u8> {
+    bitfile("made_up.ncd", PART, &configuration(len))
+}
 
 #[test]
 fn a_bitfile_is_written_verified_and_backed_up() {
@@ -14,10 +22,10 @@ fn a_bitfile_is_written_verified_and_backed_up() {
     }
     let board = Board::i7i97(&[]);
     let (file, backup) = (Scratch::new("made-up.bit"), Scratch::new("backup.bin"));
-    let data = made_up_data(70_000);
-    fs::write(&file.0, bitfile("6slx9tqg144", &data)).unwrap();
+    let data = configuration(70_000);
+    fs::write(&file.0, bitfile("made_up.ncd", PART, &data)).unwrap();
 
-    let (good, text) = board.try_mesaflash(&["--write", file.path()]);
+    let (good, text) = board.its_mesaflash().attempt(&["--write", file.path()]);
     assert!(!good && text.contains("BootSector is invalid"), "{text}");
     let text = board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
     says(&text, "BootBlock installed");
@@ -56,13 +64,13 @@ fn a_bitfile_is_written_verified_and_backed_up() {
         "and what is behind the user area"
     );
 
-    let other = bitfile("6slx9tqg144", &made_up_data(70_001));
-    fs::write(&file.0, other).unwrap();
-    let (good, text) = board.try_mesaflash(&["--verify", file.path()]);
+    fs::write(&file.0, made_up(70_001)).unwrap();
+    let (good, text) = board.its_mesaflash().attempt(&["--verify", file.path()]);
     // The byte behind the data: 70000 is 0x11170.
     assert!(!good && text.contains("Error at 0x111170"), "{text}");
-    fs::write(&file.0, bitfile("6slx25ftg256", &[0; 1000])).unwrap();
-    let (good, text) = board.try_mesaflash(&["--write", file.path()]);
+    let other = bitfile("made_up.ncd", "6slx25ftg256", &[0; 1000]);
+    fs::write(&file.0, other).unwrap();
+    let (good, text) = board.its_mesaflash().attempt(&["--write", file.path()]);
     assert!(!good && text.contains("wrong"), "{text}");
 }
 
@@ -73,14 +81,10 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     }
     let board = Board::i7i97(&[]);
     let file = Scratch::new("both-ways.bit");
-    let synchronised = |len| {
-        let mut data = made_up_data(len);
-        data[16..20].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
-        bitfile("6slx9tqg144", &data)
-    };
-    let bytes = synchronised(70_000);
+    let bytes = made_up(70_000);
     fs::write(&file.0, &bytes).unwrap();
-    board.mesaflash(&["--fix-boot-block", "--write", file.path()]);
+    board.mesaflash(&["--fix-boot-block", "--fallback", "--write", file.path()]);
+    board.mesaflash(&["--write", file.path()]);
 
     let address = board.board.address;
     let mut bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
@@ -91,7 +95,7 @@ fn what_mesaflash_writes_this_crate_verifies_and_the_other_way_round() {
     flash.verify(&written, Area::User, |_, _| {}).unwrap();
 
     // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
-    let bytes = synchronised(508 * 256);
+    let bytes = made_up(508 * 256);
     fs::write(&file.0, &bytes).unwrap();
     let ours = Bitfile::parse(&bytes).unwrap();
     flash.program(&ours, Area::User, |_, _| {}).unwrap();
@@ -114,7 +118,7 @@ fn the_fallback_area_is_written_when_it_is_asked_for() {
     }
     let board = Board::i7i97(&[]);
     let file = Scratch::new("fallback.bit");
-    fs::write(&file.0, bitfile("6slx9tqg144", &made_up_data(3_000))).unwrap();
+    fs::write(&file.0, made_up(3_000)).unwrap();
     let arguments = ["--fix-boot-block", "--fallback", "--write", file.path()];
     let text = board.mesaflash(&arguments);
     says(&text, "starting from 0x10000...");

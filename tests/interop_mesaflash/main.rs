@@ -7,13 +7,9 @@ mod flash;
 #[path = "../interop/mod.rs"]
 mod interop;
 
-use std::{
-    net::Ipv4Addr,
-    process::Command,
-    sync::atomic::{AtomicU8, Ordering},
-    time::Duration,
-};
+use std::{net::Ipv4Addr, process::Command};
 
+use interop::mesaflash::{Mesaflash, free_address};
 use interop::tools::{has_program, skip};
 use interop::{Scratch, console::Values, mesa};
 
@@ -30,10 +26,7 @@ impl Board {
     }
 
     fn start(device: &'static str, board: &str, arguments: &[&str]) -> Self {
-        static NEXT: AtomicU8 = AtomicU8::new(1);
-        let [_, _, high, low] = std::process::id().to_be_bytes();
-        let last = NEXT.fetch_add(1, Ordering::Relaxed);
-        let address = Ipv4Addr::new(127, 1 + (high & 0x7F), low, last);
+        let address = free_address();
         let board =
             interop::board::Board::start(address, &[&["--board", board], arguments].concat());
         Self { board, device }
@@ -43,35 +36,16 @@ impl Board {
         *self.board.address.ip()
     }
 
-    /// Runs mesaflash and returns its exit status and what it printed.
-    fn try_mesaflash(&self, arguments: &[&str]) -> (bool, String) {
-        let output = Command::new("mesaflash")
-            .args([
-                "--device",
-                self.device,
-                "--addr",
-                &self.address().to_string(),
-            ])
-            .args(arguments)
-            .output()
-            .expect("mesaflash runs");
-        let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        (output.status.success(), text)
+    fn its_mesaflash(&self) -> Mesaflash {
+        Mesaflash {
+            device: self.device,
+            address: self.address(),
+        }
     }
 
-    /// Runs mesaflash, which must succeed. Its first question is given up after 2 ms, so that on a
-    /// busy machine it may need another try.
+    /// Runs mesaflash, which must succeed.
     fn mesaflash(&self, arguments: &[&str]) -> String {
-        let mut last = String::new();
-        for _ in 0..20 {
-            let (good, text) = self.try_mesaflash(arguments);
-            if good && !text.contains("No 7I9") {
-                return text;
-            }
-            last = text;
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        panic!("mesaflash {arguments:?} fails:\n{last}");
+        self.its_mesaflash().run(arguments)
     }
 
     /// Ends the board and returns its summary.
@@ -92,36 +66,6 @@ fn skipped() -> bool {
         skip("mesaflash is not installed");
     }
     missing
-}
-
-/// A Xilinx bitfile with made-up contents: header fields a to d, then the data.
-fn bitfile(part: &str, data: &[u8]) -> Vec<u8> {
-    let mut file = vec![0x00, 0x09];
-    file.extend([
-        0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
-    ]);
-    let fields = [
-        (b'a', "made_up.ncd"),
-        (b'b', part),
-        (b'c', "2026/01/02"),
-        (b'd', "03:04:05"),
-    ];
-    for (key, text) in fields {
-        file.push(key);
-        file.extend((text.len() as u16 + 1).to_be_bytes());
-        file.extend(text.bytes());
-        file.push(0);
-    }
-    file.push(b'e');
-    file.extend((data.len() as u32).to_be_bytes());
-    file.extend(data);
-    file
-}
-
-fn made_up_data(len: u32) -> Vec<u8> {
-    (0..len)
-        .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)
-        .collect()
 }
 
 /// A module as mesaflash prints it.

@@ -2,13 +2,12 @@
 
 use std::fs;
 use std::net::Ipv4Addr;
-use std::process::Command;
-use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
 
 use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
+use crate::interop::mesaflash::{Mesaflash, bitfile, configuration, free_address};
 use crate::interop::tools::{has_program, skip};
 use crate::interop::{Process, Scratch, board::Board};
 use crate::run::{Run, command, done, json, run};
@@ -17,49 +16,11 @@ const USER: usize = 0x10_0000;
 const FALLBACK: usize = 0x1_0000;
 const PART: &str = "6slx9tqg144";
 
-/// A 7I97 on its own address, because mesaflash always talks to port 27181.
+/// A 7I97 where mesaflash finds it, too.
 fn board() -> (Board, String) {
-    static NEXT: AtomicU8 = AtomicU8::new(1);
-    let [_, _, high, low] = std::process::id().to_be_bytes();
-    let last = NEXT.fetch_add(1, Ordering::Relaxed);
-    let address = Ipv4Addr::new(127, 1 + (high & 0x7F), low, last);
-    (
-        Board::start(address, &["--board", "7i97"]),
-        address.to_string(),
-    )
-}
-
-/// Made-up data with the synchronisation word that a configuration has.
-fn configuration(len: u32) -> Vec<u8> {
-    let mut data: Vec<u8> = (0..len)
-        .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)
-        .collect();
-    data[16..20].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
-    data
-}
-
-/// A Xilinx bitfile: header fields a to d, then the data.
-fn bitfile(design: &str, part: &str, data: &[u8]) -> Vec<u8> {
-    let mut file = vec![0x00, 0x09];
-    file.extend([
-        0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x0F, 0xF0, 0x00, 0x00, 0x01,
-    ]);
-    let fields = [
-        (b'a', design),
-        (b'b', part),
-        (b'c', "2026/01/02"),
-        (b'd', "03:04:05"),
-    ];
-    for (key, text) in fields {
-        file.push(key);
-        file.extend((text.len() as u16 + 1).to_be_bytes());
-        file.extend(text.bytes());
-        file.push(0);
-    }
-    file.push(b'e');
-    file.extend((data.len() as u32).to_be_bytes());
-    file.extend(data);
-    file
+    let address = free_address();
+    let board = Board::start(address, &["--board", "7i97"]);
+    (board, address.to_string())
 }
 
 fn file(name: &str, bytes: &[u8]) -> Scratch {
@@ -68,14 +29,21 @@ fn file(name: &str, bytes: &[u8]) -> Scratch {
     file
 }
 
-/// Something in the boot block, as boards come: without it nothing is written.
-fn give_boot_block(board: &Board) {
+/// Writes an area, as somebody with a JTAG programmer does.
+fn put(board: &Board, area: Area, data: &[u8]) {
     let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
     let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
-    let written = flash
-        .expect("a 7I97")
-        .write(Area::BootBlock, 0, &configuration(300), |_, _| {});
-    written.expect("the boot block");
+    let mut flash = flash.expect("a 7I97");
+    let start = flash.layout().addresses(area).start;
+    let written = flash.write(area, start, data, |_, _| {});
+    written.expect("it is written");
+}
+
+/// A boot block and a fallback, as boards come: without them nothing is written.
+fn give_boot_block_and_fallback(board: &Board) {
+    for area in [Area::BootBlock, Area::Fallback] {
+        put(board, area, &configuration(300));
+    }
 }
 
 fn backup(address: &str, name: &str) -> (Scratch, Vec<u8>) {
@@ -103,7 +71,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
         refused.err.contains("the boot block at 0x000000 is erased"),
         "{refused:?}"
     );
-    give_boot_block(&board);
+    give_boot_block_and_fallback(&board);
 
     let refused = run(&write);
     assert_eq!(refused.code, Some(2), "nobody can be asked: {refused:?}");
@@ -150,7 +118,7 @@ fn a_configuration_is_written_verified_backed_up_and_restored() {
 #[test]
 fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
     let (board, address) = board();
-    give_boot_block(&board);
+    give_boot_block_and_fallback(&board);
     let (good, other) = (
         file(
             "flash-first.bit",
@@ -204,7 +172,7 @@ fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
     let text = done(&["flash", "verify", kept.path(), "--addr", &address]);
     assert!(text.contains("all 2097152 bytes"), "{text}");
     let (_, now) = backup(&address, "flash-now.bin");
-    assert!(now == bytes && now[FALLBACK..USER].iter().all(|&byte| byte == 0xFF));
+    assert!(now == bytes && now[FALLBACK..][..300] == configuration(300));
     let text = done(&[&restore[..], &["--yes"]].concat());
     assert!(
         text.contains("as ") && text.contains("already; nothing is written"),
@@ -215,12 +183,13 @@ fn a_backup_is_restored_and_the_fallback_only_where_it_is_named() {
 #[test]
 fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
     let (board, address) = board();
-    give_boot_block(&board);
+    give_boot_block_and_fallback(&board);
     let (_, before) = backup(&address, "flash-before.bin");
     let data = configuration(3000);
     let whole = bitfile("7i97.ncd", PART, &data);
-    let mut no_start = before.clone();
+    let (mut no_start, mut empty) = (before.clone(), before.clone());
     no_start[..256].fill(0xFF);
+    empty[256..].fill(0xFF);
     for (action, bytes, said) in [
         (
             "write",
@@ -246,7 +215,7 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
         ("write", b"#!/bin/sh\n".to_vec(), "not a bitfile"),
         ("restore", whole.clone(), "all of its 2097152 bytes"),
         ("restore", no_start, "the boot block at 0x000000 is erased"),
-        ("restore", before.clone(), "there is no user configuration"),
+        ("restore", empty, "there is no user configuration"),
         ("verify", b"#!/bin/sh\n".to_vec(), "not a bitfile"),
     ] {
         let file = file("flash-refused", &bytes);
@@ -290,6 +259,48 @@ fn what_is_not_for_this_board_is_refused_before_anything_is_erased() {
     assert!(before == after);
 }
 
+#[test]
+fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
+    let (board, address) = board();
+    put(&board, Area::BootBlock, &configuration(300));
+    let good = file(
+        "flash-alone.bit",
+        &bitfile("7i97.ncd", PART, &configuration(3_000)),
+    );
+    let write = ["flash", "write", good.path(), "--addr", &address, "--yes"];
+    let (kept, blank) = backup(&address, "flash-without.bin");
+    for arguments in [&write[..], &[&write[..], &["--dry-run"]].concat()] {
+        let refused = run(arguments);
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        for said in ["there is no fallback at 0x010000", "--without-fallback"] {
+            assert!(refused.err.contains(said), "{said}: {refused:?}");
+        }
+    }
+    let (_, after) = backup(&address, "flash-without-after.bin");
+    assert!(blank == after, "nothing was erased");
+    let alone = run(&[&write[..], &["--without-fallback"]].concat());
+    assert_eq!(alone.code, Some(0), "{alone:?}");
+    assert!(alone.err.contains("only a JTAG programmer"), "{alone:?}");
+    done(&["flash", "verify", good.path(), "--addr", &address]);
+    // A restore erases it as well.
+    let mut other = fs::read(&kept.0).expect("a backup");
+    other[USER..][..3_001].copy_from_slice(&configuration(3_001));
+    other[FALLBACK..][..3_000].copy_from_slice(&configuration(3_000));
+    fs::write(&kept.0, other).expect("a scratch file");
+    let restore = ["flash", "restore", kept.path(), "--addr", &address, "--yes"];
+    let restore = [&restore[..], &["--fallback"]].concat();
+    for arguments in [&restore[..], &[&restore[..], &["--dry-run"]].concat()] {
+        let refused = run(arguments);
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        assert!(refused.err.contains("there is no fallback"), "{refused:?}");
+    }
+    done(&["flash", "verify", good.path(), "--addr", &address]);
+    // The other way out: the fallback first.
+    done(&[&write[..], &["--fallback"]].concat());
+    done(&restore);
+    done(&["flash", "verify", kept.path(), "--addr", &address]);
+}
+
 /// Waits until a write has begun to erase: the user area is not what it was.
 fn wait_until_erasing(process: &mut Process) {
     // An erase takes 600 ms for each of two sectors; the process needs far less to get there.
@@ -301,7 +312,7 @@ fn wait_until_erasing(process: &mut Process) {
 #[test]
 fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
     let (board, address) = board();
-    give_boot_block(&board);
+    give_boot_block_and_fallback(&board);
     let good = file(
         "flash-ctrl-c.bit",
         &bitfile("7i97.ncd", PART, &configuration(200_000)),
@@ -319,7 +330,7 @@ fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
 #[test]
 fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_half_file() {
     let (mut board, address) = board();
-    give_boot_block(&board);
+    give_boot_block_and_fallback(&board);
     let good = file(
         "flash-cut.bit",
         &bitfile("7i97.ncd", PART, &configuration(200_000)),
@@ -365,28 +376,17 @@ fn what_mesaflash_writes_mesa_verifies_and_the_other_way_round() {
     }
     let (_board, address) = board();
     let mesaflash = |arguments: &[&str]| {
-        let mut last = String::new();
-        // Its first question is given up after 2 ms.
-        for _ in 0..20 {
-            let mut command = Command::new("mesaflash");
-            let output = command
-                .args(["--device", "7i97", "--addr", &address])
-                .args(arguments);
-            let output = output.output().expect("mesaflash runs");
-            last = String::from_utf8_lossy(&output.stdout).into_owned();
-            if output.status.success() && !last.contains("No 7I9") {
-                return last;
-            }
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        panic!("mesaflash {arguments:?} fails:\n{last}");
+        let address = address.parse().expect("an address");
+        let device = "7i97";
+        Mesaflash { device, address }.run(arguments)
     };
     // Whole pages: mesaflash also compares what its own buffer holds behind the end of the file.
     let theirs = file(
         "flash-theirs.bit",
         &bitfile("made_up.ncd", PART, &configuration(300 * 256)),
     );
-    mesaflash(&["--fix-boot-block", "--write", theirs.path()]);
+    mesaflash(&["--fix-boot-block", "--fallback", "--write", theirs.path()]);
+    mesaflash(&["--write", theirs.path()]);
     done(&["flash", "verify", theirs.path(), "--addr", &address]);
     let kept = Scratch::new("flash-kept-by-mesaflash.bin");
     mesaflash(&["--backup-flash", kept.path()]);

@@ -21,6 +21,13 @@ fn the_leds_are_given_to_hostmot2_now_and_after_a_restart() {
     assert!(refused.err.contains("--yes"), "{refused:?}");
     let text = done(&[&set[..], &["--dry-run"]].concat());
     assert!(text.contains("EEPROM"), "{text}");
+    let planned = json(&[&set[..], &["--dry-run"]].concat());
+    assert_eq!(planned["dry_run"], true);
+    assert!(
+        planned["would"]
+            .as_str()
+            .is_some_and(|what| what.contains("EEPROM"))
+    );
     assert_eq!(
         json(&["led", "--addr", &address]),
         shown,

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod doctor;
+mod files;
 mod flash;
 mod info;
 #[path = "../interop/mod.rs"]

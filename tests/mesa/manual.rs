@@ -19,20 +19,6 @@ fn commands() -> Vec<String> {
 }
 
 #[test]
-fn every_command_has_help_with_an_example() {
-    let commands = commands();
-    assert!(commands.len() >= 4, "{commands:?}");
-    for command in commands {
-        let help = done(&[&command, "--help"]);
-        let example = format!("mesa {command}");
-        let (_, after) = help
-            .split_once("Example")
-            .unwrap_or_else(|| panic!("{command}: {help}"));
-        assert!(after.contains(&example), "{command}: {help}");
-    }
-}
-
-#[test]
 fn shells_and_manuals_know_every_command() {
     let script = done(&["completions", "bash"]);
     let directory = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("man");

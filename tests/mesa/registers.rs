@@ -40,6 +40,9 @@ fn what_is_written_needs_consent_is_read_back_and_is_there() {
         text.contains("writes 0xE 0x1234 to 0x0016 of space 6 (control)"),
         "{text}"
     );
+    let planned = json(&[&poke[..], &["--dry-run"]].concat());
+    let would = "writes 0xE 0x1234 to 0x0016 of space 6 (control)";
+    assert_eq!(planned["would"], would);
     let kept = || done(&["peek", "6:0x16", "2", "--addr", &address]);
     assert_eq!(kept(), "6:0x0016  0x0008  8\n6:0x0018  0x0000  0\n");
     let text = done(&[&poke[..], &["--yes"]].concat());

@@ -24,6 +24,11 @@ fn a_reset_needs_consent_and_is_waited_for() {
     assert!(refused.err.contains("--yes"), "{refused:?}");
     let text = done(&[&reset[..], &["--dry-run"]].concat());
     assert!(text.contains("restarts the network side"), "{text}");
+    let planned = json(&[&reset[..], &["--dry-run"]].concat());
+    assert_eq!(
+        (&planned["dry_run"], &planned["address"]),
+        (&true.into(), &address.as_str().into())
+    );
     let value = json(&[&reset[..], &["--yes"]].concat());
     assert_eq!(value["board"], "7I97");
     done(&["led", "--addr", &address]);
@@ -49,10 +54,17 @@ fn a_reload_needs_something_to_load_and_takes_the_outputs() {
         [0xAA, 0x99, 0x55, 0x66, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
     ]
     .concat();
-    let start = FlashLayout::I7I97.user.0;
-    flash
-        .write(Area::User, start, &data, |_, _| {})
-        .expect("the user area");
+    let mut put = |area| {
+        let start = flash.layout().addresses(area).start;
+        let written = flash.write(area, start, &data, |_, _| {});
+        written.expect("it is written when it is named");
+    };
+    let planned = || json(&["reload", "--addr", &address, "--dry-run"])["would"].to_string();
+    put(Area::Fallback);
+    // As after a write of the user area that was cut off.
+    assert!(planned().contains("it loads the fallback"), "{}", planned());
+    put(Area::User);
+    assert!(!planned().contains("fallback"), "{}", planned());
     drop(bus);
     // An output pin, as in `mesa poke`.
     done(&["poke", "0:0x1108", "0x10000", "--addr", &address, "--yes"]);

@@ -104,11 +104,11 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
         (&["--seed", "-"], "-"),
         (&["--state", "/nowhere/at/all"], "/nowhere/at/all"),
         (&["--state", "/proc/state"], "could not be written"),
-        (&["--state", "/dev/zero"], "no state of a simulated board"),
-        (&["--state", "/dev/null"], "no state of a simulated board"),
+        (&["--state", "/dev/zero"], "no regular file"),
+        (&["--state", "/bin/true"], "no state of a simulated board"),
         (&["--state", ""], "a value is required"),
         (&["--remote", "0=7i99"], "7i77-analog"),
-        (&["--remote", "0=/dev/zero"], "too long"),
+        (&["--remote", "0=/dev/zero"], "no regular file"),
     ];
     for (arguments, reason) in cases {
         let mut all = board.to_vec();

@@ -1,16 +1,50 @@
 //! What is asked before an output is driven, a running machine is stopped, or a memory is written.
 
+use std::fmt::{self, Display};
 use std::io::{self, IsTerminal};
+use std::net::SocketAddrV4;
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
+use serde::Serialize;
+
 use crate::context::{Context, Failure};
 use crate::output::complain;
+use crate::target::ChangedTarget;
 
 /// How often a person who is asked may have pressed Ctrl-C instead.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// What a command would do.
+#[derive(Debug, Serialize)]
+struct Planned<'a> {
+    /// Nothing was done.
+    dry_run: bool,
+    address: SocketAddrV4,
+    would: &'a str,
+}
+
 impl Context {
+    /// Whether to do to a board what was asked for: with `--dry-run` it is printed instead, and
+    /// otherwise it needs [consent](Self::consent).
+    pub fn agrees(
+        &self,
+        target: &ChangedTarget,
+        address: SocketAddrV4,
+        what: &str,
+    ) -> Result<bool, Failure> {
+        if !target.dry_run {
+            self.consent(&format!("{address}: {what}"))?;
+            return Ok(true);
+        }
+        self.print(&Planned {
+            dry_run: true,
+            address,
+            would: what,
+        })?;
+        Ok(false)
+    }
+
     /// Prints on standard error what is about to be done, and goes on only with `--yes`, or if a
     /// person at a terminal agrees.
     pub fn consent(&self, what: &str) -> Result<(), Failure> {
@@ -56,5 +90,12 @@ impl Context {
             }
         }
         Ok(String::new())
+    }
+}
+
+impl Display for Planned<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { address, would, .. } = self;
+        writeln!(f, "{address}: {would}; nothing was done")
     }
 }

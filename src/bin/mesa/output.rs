@@ -2,22 +2,35 @@
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// While a screen has the terminal, what is complained about waits here, up to this many lines.
 static HELD: Mutex<Option<Vec<String>>> = Mutex::new(None);
 const MOST_HELD: usize = 1000;
 
-/// Prints. A reader that has seen enough, such as `head`, is no error, and nobody stops driving a
-/// board because nobody reads what it says; anything else is said on standard error.
+/// Whether something could not be printed that somebody still waits for.
+static IS_LOST: AtomicBool = AtomicBool::new(false);
+
+/// Prints. A reader that has seen enough, such as `head`, is no error. Anything else is said once on
+/// standard error and [kept](is_lost); nobody stops driving a board because nobody reads what it says.
 pub fn say(text: impl Display) {
     let mut out = io::stdout().lock();
-    match write!(out, "{text}").and_then(|()| out.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-            complain(format_args!("standard output: {error}"));
-        }
-        _ => {}
+    printed(write!(out, "{text}").and_then(|()| out.flush()));
+}
+
+/// Looks at how something was printed.
+pub fn printed(result: io::Result<()>) {
+    let lost = result.err();
+    let lost = lost.filter(|error| error.kind() != ErrorKind::BrokenPipe);
+    if let Some(error) = lost.filter(|_| !IS_LOST.swap(true, Ordering::Relaxed)) {
+        complain(format_args!("mesa: standard output: {error}"));
     }
+}
+
+/// Whether something could not be printed: then the command has not done what it was asked for.
+pub fn is_lost() -> bool {
+    IS_LOST.load(Ordering::Relaxed)
 }
 
 /// Says on standard error, if it is still open, why something was not done; later, while it is held.

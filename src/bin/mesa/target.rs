@@ -32,6 +32,23 @@ pub struct Target {
     sim: Option<MachineOptions>,
 }
 
+/// The board of a command that changes it.
+#[derive(Clone, Debug, Args)]
+pub struct ChangedTarget {
+    #[command(flatten)]
+    target: Target,
+    /// Check everything, print what would be done, and do nothing
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+impl ChangedTarget {
+    /// As [`Target::find`].
+    pub fn find(&self) -> Result<Found, Failure> {
+        self.target.find()
+    }
+}
+
 /// A board that a command talks to, and the simulated machine behind it if there is one.
 #[derive(Debug)]
 pub struct Found {

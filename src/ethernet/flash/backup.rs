@@ -74,22 +74,6 @@ impl<B: Lbp16Board> Flash<'_, B> {
         Ok(())
     }
 
-    /// Whether the user configuration or the fallback begins in the chip: without either the FPGA has
-    /// nothing to load.
-    ///
-    /// # Errors
-    /// Those of the bus.
-    pub fn has_configuration(&mut self) -> Result<bool, EthernetError<B::Error>> {
-        for area in [Area::User, Area::Fallback] {
-            let mut head = [0; Bitfile::SYNC_WITHIN];
-            self.read(self.layout.addresses(area).start, &mut head)?;
-            if Bitfile::has_sync(&head) {
-                return Ok(true);
-            }
-        }
-        Ok(false)
-    }
-
     /// Where the chip differs from a backup, in the order in which it should be
     /// [written back](Self::restore): the user area first, the boot block last.
     ///
@@ -142,22 +126,32 @@ impl<B: Lbp16Board> Flash<'_, B> {
         Ok(Some(differences))
     }
 
+    /// What [`restore`](Self::restore) checks before it erases anything.
+    ///
+    /// # Errors
+    /// Those of [`check_backup`](Self::check_backup), [`EthernetError::NoFallback`] for the user area
+    /// while the chip has no fallback, [`EthernetError::NoUserConfiguration`] for the fallback or the
+    /// boot block while it has no user configuration, and those of the bus.
+    pub fn check_restore(
+        &mut self,
+        backup: &[u8],
+        part: &Difference,
+    ) -> Result<(), EthernetError<B::Error>> {
+        self.check_backup(backup)?;
+        part.area.map_or(Ok(()), |area| self.need_other(area))
+    }
+
     /// Writes one of the [differences](Self::differences) back, and verifies it.
     ///
     /// # Errors
-    /// Those of [`check_backup`](Self::check_backup), [`EthernetError::NoUserConfiguration`] for the
-    /// fallback or the boot block while the chip has no user configuration that the backup has too,
-    /// and those of [`write`](Self::write).
+    /// Those of [`check_restore`](Self::check_restore), and those of [`write`](Self::write).
     pub fn restore(
         &mut self,
         backup: &[u8],
         part: &Difference,
         mut progress: impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
-        self.check_backup(backup)?;
-        if matches!(part.area, Some(Area::Fallback | Area::BootBlock)) {
-            self.need_user_configuration()?;
-        }
+        self.check_restore(backup, part)?;
         let bytes = part.start as usize..part.end as usize;
         let expected = || alloc::format!("whole sectors up to 0x{:06X}", self.layout.size);
         let data = backup

@@ -22,6 +22,7 @@ impl Chip {
     fn new() -> Self {
         let mut bytes = vec![0xFF; 0x20_0000];
         bytes[..4].copy_from_slice(&[0x55, 0x99, 0xAA, 0x66]);
+        bytes[0x1_0000..][..4].copy_from_slice(&[0xAA, 0x99, 0x55, 0x66]);
         Self {
             id: 0x14,
             bytes,
@@ -265,6 +266,39 @@ fn the_fallback_is_written_only_where_a_boot_block_leads_to_a_user_configuration
     chip.erased.clear();
     assert_eq!(program(&mut chip, Area::Fallback), Ok(()));
     assert_eq!(chip.erased, [0x1_0000]);
+}
+
+#[test]
+fn the_user_configuration_is_written_only_beside_a_fallback_unless_that_is_allowed() {
+    let data = configuration(1000);
+    let mut chip = Chip::new();
+    chip.bytes[0x1_0000..][..PAGE].fill(0xFF);
+    chip.bytes[0x10_0000..][..1000].copy_from_slice(&configuration(1000));
+    let mut flash = open(&mut chip).unwrap();
+    let refused = flash.program(&bitfile(&data), Area::User, |_, _| {});
+    let none = EthernetError::NoFallback { address: 0x1_0000 };
+    assert_eq!(refused, Err(none.clone()));
+    let mut backup = flash.backup(|_| true).unwrap().expect("not ended");
+    backup[0x10_0100] ^= 0xFF;
+    let user = flash.differences(&backup, |_| true).unwrap().expect("all");
+    let refused = flash.restore(&backup, &user[0], |_, _| {});
+    assert_eq!(refused, Err(none));
+    // The way out: the fallback first.
+    assert_eq!(
+        flash.program(&bitfile(&data), Area::Fallback, |_, _| {}),
+        Ok(())
+    );
+    assert_eq!(flash.restore(&backup, &user[0], |_, _| {}), Ok(()));
+    assert_eq!(
+        flash.program(&bitfile(&data), Area::User, |_, _| {}),
+        Ok(())
+    );
+    // A chip that has neither, as one that was loaded over JTAG.
+    chip.bytes[PAGE..].fill(0xFF);
+    let mut flash = open(&mut chip).unwrap();
+    flash.without_fallback();
+    let programmed = flash.program(&bitfile(&data), Area::User, |_, _| {});
+    assert_eq!(programmed, Ok(()));
 }
 
 #[test]

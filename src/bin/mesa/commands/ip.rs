@@ -8,7 +8,7 @@ use mesa_hal::ethernet::{AddressSource, EthernetBoard, Identity};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
-use crate::target::Target;
+use crate::target::ChangedTarget;
 
 const AFTER_HELP: &str = "\
 Without IP and --netmask it prints what is there, and changes nothing. The board uses the address
@@ -22,16 +22,13 @@ Example:
 #[command(after_help = AFTER_HELP)]
 pub struct Ip {
     #[command(flatten)]
-    target: Target,
+    target: ChangedTarget,
     /// The new address: one that a single host can have
     #[arg(value_name = "IP")]
     address: Option<Ipv4Addr>,
     /// The new netmask, 255.0.0.0 to 255.255.255.252. Needs firmware 16 or later
     #[arg(long, value_parser = parse_netmask)]
     netmask: Option<Ipv4Addr>,
-    /// Print what would be done, and do nothing
-    #[arg(long)]
-    dry_run: bool,
 }
 
 /// What is in the EEPROM, or would be.
@@ -75,7 +72,7 @@ impl Ip {
                 found.address, before.firmware_version
             )));
         }
-        if is_change && !self.dry_run {
+        if is_change && !self.target.dry_run {
             context.consent(&format!(
                 "{}: writes {} into the EEPROM, which holds {}",
                 found.address,
@@ -94,7 +91,7 @@ impl Ip {
                 })?;
             }
         }
-        let shown = if self.dry_run {
+        let shown = if self.target.dry_run {
             after
         } else {
             board.identity()?
@@ -105,8 +102,8 @@ impl Ip {
             address_from: shown.address_from,
             eeprom_ip: shown.eeprom_ip,
             eeprom_netmask: shown.eeprom_netmask,
-            changed: is_change && !self.dry_run,
-            dry_run: self.dry_run,
+            changed: is_change && !self.target.dry_run,
+            dry_run: self.target.dry_run,
         })?;
         Ok(context.ending())
     }

@@ -7,12 +7,13 @@ use mesa_hal::ethernet::{EthernetBoard, LedMode, LedTime};
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
-use crate::target::Target;
+use crate::target::ChangedTarget;
 
 const AFTER_HELP: &str = "\
 Without MODE it prints what they show, and changes nothing.
 
-Example:
+Examples:
+  mesa led --sim 7i97
   mesa led hostmot2 --addr 10.10.10.10 --at-start";
 
 /// What the user LEDs of a board show, now and after a restart
@@ -20,16 +21,13 @@ Example:
 #[command(after_help = AFTER_HELP)]
 pub struct Led {
     #[command(flatten)]
-    target: Target,
+    target: ChangedTarget,
     /// What they shall show from now on
     #[arg(value_enum)]
     mode: Option<Mode>,
     /// After each restart as well: writes the EEPROM
     #[arg(long, requires = "mode")]
     at_start: bool,
-    /// Print what would be done, and do nothing
-    #[arg(long, requires = "mode")]
-    dry_run: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum, Serialize)]
@@ -62,11 +60,9 @@ impl Led {
             } else {
                 "sets what the user LEDs show until the next restart"
             };
-            if self.dry_run {
-                crate::output::say(format_args!("{}: {what}\n", found.address));
-                return Ok(Ending::Done);
+            if !context.agrees(&self.target, found.address, what)? {
+                return Ok(context.ending());
             }
-            context.consent(&format!("{}: {what}", found.address))?;
             board.set_led_mode(LedTime::Now, mode.into())?;
             if self.at_start {
                 board.set_led_mode(LedTime::AtStart, mode.into())?;

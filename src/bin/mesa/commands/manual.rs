@@ -3,10 +3,10 @@
 use std::io;
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory};
+use clap::Args;
 use clap_complete::Shell;
 
-use crate::Cli;
+use crate::command_line;
 use crate::context::{Context, Ending, Failure};
 use crate::output::say;
 
@@ -24,7 +24,7 @@ pub struct Completions {
 impl Completions {
     pub fn run(&self, context: &Context) -> Ending {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::command(), "mesa", &mut script);
+        clap_complete::generate(self.shell, &mut command_line(), "mesa", &mut script);
         say(String::from_utf8_lossy(&script));
         context.ending()
     }
@@ -43,7 +43,7 @@ pub struct Man {
 
 impl Man {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        clap_mangen::generate_to(Cli::command(), &self.directory).map_err(|error| {
+        clap_mangen::generate_to(command_line(), &self.directory).map_err(|error| {
             let directory = self.directory.display();
             let how = match error.kind() {
                 io::ErrorKind::NotFound => "; make it first, or name another",

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::raw::space_name;
 use crate::context::{Context, Ending, Failure};
-use crate::target::Target;
+use crate::target::{ChangedTarget, Target};
 
 const PLACES: &str = "\
 SPACE is 0 (HostMot2, 32 bits), 1 (Ethernet chip), 2 (EEPROM), 3 (flash registers, 32 bits),
@@ -37,12 +37,12 @@ pub struct Peek {
 /// Writes registers of a board by hand, and reads them back
 #[derive(Debug, Args)]
 #[command(after_help = format!("{PLACES}\n\nWhat drives an output stays on: no watchdog runs \
-    unless a driver has started it. The EEPROM can be written from\n0x20 on; spaces 3 and 7 can not be written \
-    (see `mesa flash`).\n\nExample (the LEDs show what HostMot2 says):\n  \
+    unless a driver has started it. The EEPROM\ncan be written from 0x20 on; spaces 3 and 7 can not be \
+    written (see `mesa flash`).\n\nExample (the LEDs show what HostMot2 says):\n  \
     mesa poke 6:0x14 0 --addr 10.10.10.10 --yes"))]
 pub struct Poke {
     #[command(flatten)]
-    target: Target,
+    target: ChangedTarget,
     /// Where to begin, as 6:0x14
     #[arg(value_name = "SPACE:ADDRESS")]
     place: Place,
@@ -50,9 +50,6 @@ pub struct Poke {
     /// elsewhere
     #[arg(required = true, num_args = 1..=127, value_parser = parse_number)]
     values: Vec<u32>,
-    /// Print what would be written, and write nothing
-    #[arg(long)]
-    dry_run: bool,
 }
 
 /// A register.
@@ -108,18 +105,15 @@ impl Poke {
             .map(|value| format!("0x{value:X}"))
             .collect();
         let what = format!(
-            "{}: writes {} to 0x{address:04X} of space {} ({})",
-            found.address,
+            "writes {} to 0x{address:04X} of space {} ({})",
             values.join(" "),
             space as u8,
             space_name(space)
         );
-        if self.dry_run {
-            crate::output::say(format_args!("{what}\n"));
-            return Ok(Ending::Done);
-        }
         let mut bus = found.open()?;
-        context.consent(&what)?;
+        if !context.agrees(&self.target, found.address, &what)? {
+            return Ok(context.ending());
+        }
         let values = if space == Space::HostMot2 {
             // A register of the FPGA may do something each time that it is written.
             let count = self.values.len() as u16;

@@ -4,13 +4,15 @@ use std::fmt::{self, Display};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use mesa_hal::ethernet::{AddressSource, EthernetBoard, EthernetError, FlashLayout, Identity};
+use mesa_hal::ethernet::{
+    AddressSource, Area, EthernetBoard, EthernetError, FlashLayout, Identity,
+};
 use mesa_hal::transport::udp::UdpBus;
 use serde::Serialize;
 
 use crate::context::{Context, Ending, Failure};
-use crate::output::{complain, say};
-use crate::target::{Found, Target};
+use crate::output::complain;
+use crate::target::{ChangedTarget, Found};
 
 /// Restarts the network side of a board
 ///
@@ -35,14 +37,11 @@ pub struct Reload {
 #[derive(Debug, Args)]
 struct Restart {
     #[command(flatten)]
-    target: Target,
+    target: ChangedTarget,
     /// How long to wait until the board answers again, in seconds, 1 to 60
     #[arg(long, value_name = "SECONDS", default_value_t = 10,
         value_parser = clap::value_parser!(u64).range(1..=60))]
     wait: u64,
-    /// Print what would be done, and do nothing
-    #[arg(long)]
-    dry_run: bool,
 }
 
 /// How a restart went.
@@ -89,14 +88,13 @@ impl Restart {
         let mut board = EthernetBoard::new(&mut bus);
         let identity = board.identity()?;
         let before = board.counters()?;
-        if action == "reload" {
-            check_configurations(&mut bus, &identity)?;
+        let loads = match action {
+            "reload" => what_it_loads(&mut bus, &identity)?,
+            _ => "",
+        };
+        if !context.agrees(&self.target, found.address, &format!("{what}{loads}"))? {
+            return Ok(context.ending());
         }
-        if self.dry_run {
-            say(format_args!("{}: {what}\n", found.address));
-            return Ok(Ending::Done);
-        }
-        context.consent(&format!("{}: {what}", found.address))?;
         let begun = Instant::now();
         restart(&mut bus, &identity)?;
         let limit = Duration::from_secs(self.wait);
@@ -148,12 +146,18 @@ fn layout_of(identity: &Identity) -> Result<&'static FlashLayout, Failure> {
     })
 }
 
-/// A board whose FPGA finds nothing to load does not answer any more.
-fn check_configurations(bus: &mut UdpBus, identity: &Identity) -> Result<(), Failure> {
+/// What there is to say of what the FPGA loads. A board that finds nothing does not answer any more.
+fn what_it_loads(bus: &mut UdpBus, identity: &Identity) -> Result<&'static str, Failure> {
     let layout = layout_of(identity)?;
     let mut flash = EthernetBoard::new(bus).into_flash(*layout)?;
-    if flash.has_configuration()? {
-        return Ok(());
+    if flash.begins(Area::User)? {
+        return Ok("");
+    }
+    if flash.begins(Area::Fallback)? {
+        return Ok(
+            ". There is no user configuration, or its writing was cut off: it loads the fallback, whose \
+             pins may be others; `mesa flash write` writes it",
+        );
     }
     Err(Failure::refused(
         "there is no configuration in the flash memory, so that nothing would answer after a reload; \

@@ -1,12 +1,14 @@
 //! The remotes that can be plugged in.
 
-use std::{error::Error, fs::File, io::Read};
+use std::error::Error;
 
 use mesa_hal::sim::{
     devices::{Analog, FieldIo, Outputs48, Plain, find_mut},
     remote::Cable,
     wire::RemoteEnd,
 };
+
+use crate::files::bounded;
 
 /// Field I/O part of a 7I77.
 pub const FIELD_IO: &str = "7i77-io";
@@ -42,13 +44,8 @@ pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn
 }
 
 fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
-    let file = File::open(path).map_err(|error| {
+    let bytes = bounded(path.as_ref(), MOST_BYTES).map_err(|error| {
         format!("{error}; there are {FIELD_IO}, {ANALOG}, {I7I72}, {I7I64}, or a description file")
     })?;
-    let mut text = String::new();
-    file.take(MOST_BYTES + 1).read_to_string(&mut text)?;
-    if text.len() as u64 > MOST_BYTES {
-        return Err("it is too long for a description".into());
-    }
-    Ok(Box::new(Plain::from_description(&text)?))
+    Ok(Box::new(Plain::from_description(str::from_utf8(&bytes)?)?))
 }

@@ -1,7 +1,5 @@
 //! All boards of a process, and what their clients say.
 
-use std::fs::File;
-use std::io::Read;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,6 +8,7 @@ use serde_json::{Map, Value};
 
 use super::console::{Answer, HELP, line};
 use super::station::Link;
+use crate::files::bounded;
 
 /// A file of commands may name others, so deep.
 const DEEPEST: usize = 4;
@@ -115,15 +114,8 @@ impl Network {
                 "files that name files: no more than {DEEPEST} deep"
             ));
         }
-        let in_file = |error: std::io::Error| format!("{path}: {error}");
-        let mut bytes = Vec::new();
-        let file = File::open(path).map_err(in_file)?;
-        file.take(MOST_BYTES + 1)
-            .read_to_end(&mut bytes)
-            .map_err(in_file)?;
-        if bytes.len() as u64 > MOST_BYTES {
-            return Err(format!("{path}: it is too long for a file of commands"));
-        }
+        let bytes =
+            bounded(path.as_ref(), MOST_BYTES).map_err(|error| format!("{path}: {error}"))?;
         let mut text = String::new();
         for (number, line) in (1..).zip(String::from_utf8_lossy(&bytes).lines()) {
             let line = line.trim();

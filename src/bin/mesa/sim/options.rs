@@ -19,8 +19,9 @@ The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I9
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
 
-A control socket takes the same commands, one a line, with the same answers: lines `name value`, then
-`ok`, or `error: ` and the reason. A line {\"command\": \"show motors\"} is answered by one line of JSON.
+A control socket takes the same commands, one a line, with the same answers: lines `name value`,
+then `ok`, or `error: ` and the reason. A line {\"command\": \"show motors\"} is answered by one
+line of JSON.
 
 Examples:
   mesa sim --board 7i97 --listen 127.0.0.1 --remote 0=7i77-io:2 --loss 0.01
@@ -47,7 +48,7 @@ pub struct Options {
     /// for each in their order
     #[arg(long, value_name = "ADDR", required_unless_present = "machine")]
     listen: Vec<Ipv4Addr>,
-    /// UDP port; 0 takes a free one. Default: 27181, or what the machine's file says
+    /// UDP port, 0 to 65535; 0 takes a free one. Default: 27181, or what the machine's file says
     #[arg(long)]
     port: Option<u16>,
     /// MAC address of the board, such as 00:60:0e:1b:00:97. With several machines, repeat for each in
@@ -71,7 +72,7 @@ pub struct Options {
     /// Double packets with this probability, 0 to 1
     #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = probability)]
     dup: f64,
-    /// Seed of these mishaps
+    /// Seed of these mishaps, 0 to 2^64-1
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Take commands of other programs as well: on this TCP port of loopback (0 takes a free one), or

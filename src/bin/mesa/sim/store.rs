@@ -1,14 +1,15 @@
 //! The state file: written beside, then put in place, so that a power cut leaves a whole one.
 
 use std::{
-    ffi::OsStr,
     fs::{self, File},
-    io::{self, Read, Write},
-    path::{Path, PathBuf},
+    io::{self, Write},
+    path::Path,
     sync::mpsc::{Receiver, Sender, channel},
     thread::JoinHandle,
     time::{Duration, Instant},
 };
+
+use crate::files::{beside, bounded, put};
 
 /// A first change is written at once. While more follow, so often, ...
 const OFTEN: Duration = Duration::from_secs(1);
@@ -37,8 +38,8 @@ struct Saved {
 impl Store {
     /// Reads the file, if there is one, and gets ready to write it.
     pub fn open(path: &Path) -> io::Result<(Self, Option<Vec<u8>>)> {
-        let old = match File::open(path) {
-            Ok(file) => Some(read(file)?),
+        let old = match bounded(path, MOST_BYTES) {
+            Ok(old) => Some(old),
             Err(error) if error.kind() == io::ErrorKind::NotFound => None,
             Err(error) => return Err(error),
         };
@@ -85,18 +86,6 @@ impl Store {
     }
 }
 
-fn read(file: File) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MOST_BYTES {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            "this is no state of a simulated board, it is too long; name another file",
-        ));
-    }
-    Ok(bytes)
-}
-
 /// Says now, and not when there is something to lose, that the state can not be written.
 fn try_to_write(path: &Path) -> io::Result<()> {
     let beside = beside(path)?;
@@ -112,30 +101,10 @@ fn write_all(receiver: &Receiver<Vec<u8>>, path: &Path) {
         while let Ok(newer) = receiver.try_recv() {
             state = newer;
         }
-        if let Err(error) = write(path, &state) {
+        if let Err(error) = put(path, &state) {
             let path = path.display();
             // Nobody may listen there any more.
             let _ = writeln!(io::stderr(), "{path}: {error}; the state is not saved");
         }
     }
-}
-
-/// Writes all of a file, or nothing: what was there stays until the new one is complete.
-pub fn write(path: &Path, state: &[u8]) -> io::Result<()> {
-    let beside = beside(path)?;
-    let mut file = File::create(&beside)?;
-    file.write_all(state)?;
-    file.sync_all()?;
-    fs::rename(&beside, path)
-}
-
-/// Where the next state is written before it takes the place of the last.
-fn beside(path: &Path) -> io::Result<PathBuf> {
-    let name = path.file_name().map(OsStr::to_owned);
-    let mut name = name.ok_or_else(|| {
-        let reason = "this is no name of a file; name another";
-        io::Error::new(io::ErrorKind::InvalidInput, reason)
-    })?;
-    name.push(".new");
-    Ok(path.with_file_name(name))
 }

@@ -36,11 +36,12 @@ fn a_backup_is_the_chip_and_differs_nowhere() {
 }
 
 #[test]
-fn a_chip_without_any_beginning_has_no_configuration() {
+fn a_configuration_whose_first_page_is_erased_does_not_begin() {
     let (mut chip, _) = whole();
-    for (at, is_there) in [(USER, true), (FALLBACK, false)] {
+    for (at, area) in [(USER, Area::User), (FALLBACK, Area::Fallback)] {
+        assert_eq!(open(&mut chip).unwrap().begins(area), Ok(true));
         chip.bytes[at..at + PAGE].fill(0xFF);
-        assert_eq!(open(&mut chip).unwrap().has_configuration(), Ok(is_there));
+        assert_eq!(open(&mut chip).unwrap().begins(area), Ok(false));
     }
 }
 

@@ -14,9 +14,9 @@ use mesa_hal::transport::udp::UdpBus;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
-use crate::target::{Found, Target};
+use crate::target::{ChangedTarget, Found, Target};
 use progress::{Bar, Progress};
-use report::{About, Report, Written};
+use report::{About, Name, Report, Written};
 use restore::Restore;
 
 const AFTER_HELP: &str = "\
@@ -47,6 +47,17 @@ enum Command {
     Restore(Restore),
 }
 
+/// The board of a command that writes to its flash memory.
+#[derive(Debug, Args)]
+struct Change {
+    #[command(flatten)]
+    target: ChangedTarget,
+    /// Write the user area even though there is no fallback. If that is cut off, only a JTAG programmer
+    /// helps
+    #[arg(long)]
+    without_fallback: bool,
+}
+
 /// Reads the whole memory into a file
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa flash backup before.bin --addr 10.10.10.10")]
@@ -63,21 +74,20 @@ struct Backup {
 /// Writes a configuration, and verifies it
 ///
 /// Refused before anything is erased: a file for another board or FPGA, as far as its header tells, a
-/// file that is damaged, and a memory without a boot block. Ctrl-C does not end it in the middle.
+/// file that is damaged, a memory without a boot block, and the user area where there is no fallback
+/// to start from, the fallback where there is no user configuration. Ctrl-C does not end it in the
+/// middle.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  mesa flash write 7i97_7i77.bit --addr 10.10.10.10 --dry-run")]
 struct Write {
     #[command(flatten)]
-    target: Target,
+    change: Change,
     /// The bitfile (.bit) of the board's firmware
     file: PathBuf,
     /// Write the fallback, which the FPGA loads where the user configuration is damaged, and not the
     /// user configuration
     #[arg(long)]
     fallback: bool,
-    /// Check everything, print what would be done, and write nothing
-    #[arg(long)]
-    dry_run: bool,
 }
 
 /// Compares the memory with a bitfile, or with a backup of the whole
@@ -113,6 +123,7 @@ impl Backup {
                 path.display()
             )));
         }
+        files::check(path)?;
         let found = self.target.find()?;
         let mut bus = found.open()?;
         let mut flash = open(&mut bus, &found)?;
@@ -140,26 +151,29 @@ impl Write {
     fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let bytes = files::read(&self.file, LONGEST)?;
         let bitfile = parse(&self.file, &bytes)?;
-        let found = self.target.find()?;
+        let found = self.change.target.find()?;
         let mut bus = found.open()?;
-        let mut flash = open(&mut bus, &found)?;
+        let mut flash = self.change.open(&mut bus, &found)?;
         let layout = *flash.layout();
+        let dry_run = self.change.target.dry_run;
         let area = area(self.fallback);
         flash.check_program(&bitfile, area)?;
         let written = written(&layout, area, &bitfile);
         let report = Report {
             bitfile: Some(About::of(&bitfile)),
             areas: vec![written],
-            dry_run: self.dry_run,
+            dry_run,
             ..Report::new("write", &layout, &self.file)
         };
-        if !self.dry_run {
+        if !dry_run {
+            let is_alone = is_alone(&mut flash, &report.areas)?;
             context.consent(&format!(
-                "{}: erases and writes {written} of the flash memory: {}",
+                "{}: erases and writes {written} of the flash memory: {}{}",
                 found.address,
-                About::of(&bitfile)
+                About::of(&bitfile),
+                risk(is_alone)
             ))?;
-            let mut progress = Progress::of_write(context, written);
+            let mut progress = Progress::of_write(context, written, is_alone);
             let done = flash.program(&bitfile, area, |step, bytes| progress.step(step, bytes));
             progress.ended(done)?;
         }
@@ -215,6 +229,31 @@ impl Verify {
         };
         context.print(&report)?;
         Ok(context.ending())
+    }
+}
+
+impl Change {
+    fn open<'a>(&self, bus: &'a mut UdpBus, found: &Found) -> Result<Chip<'a, UdpBus>, Failure> {
+        let mut flash = open(bus, found)?;
+        if self.without_fallback {
+            flash.without_fallback();
+        }
+        Ok(flash)
+    }
+}
+
+/// Whether the user area is among what is to be erased, and there is nothing else to start from.
+fn is_alone(flash: &mut Chip<'_, UdpBus>, areas: &[Written]) -> Result<bool, Failure> {
+    let is_user = areas.iter().any(|part| part.area == Some(Name::User));
+    Ok(is_user && !flash.begins(Area::Fallback)?)
+}
+
+/// What is said of that.
+fn risk(is_alone: bool) -> &'static str {
+    if is_alone {
+        ". There is no fallback: if this is cut off, only a JTAG programmer helps"
+    } else {
+        ""
     }
 }
 

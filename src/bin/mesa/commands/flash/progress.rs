@@ -42,16 +42,19 @@ pub struct Progress<'a> {
     context: &'a Context,
     bar: Bar,
     written: Written,
+    is_alone: bool,
     step: Option<FlashStep>,
     is_told: bool,
 }
 
 impl<'a> Progress<'a> {
-    pub fn of_write(context: &'a Context, written: Written) -> Self {
+    /// `is_alone`: while the user area is written, there is no fallback.
+    pub fn of_write(context: &'a Context, written: Written, is_alone: bool) -> Self {
         Self {
             context,
             bar: Bar::new("erase", written.len()),
             written,
+            is_alone,
             step: None,
             is_told: false,
         }
@@ -87,6 +90,10 @@ impl<'a> Progress<'a> {
                 (None, _) => "if anything was erased, it was the first sector",
                 (_, Some(Name::BootBlock)) => {
                     "the boot block is not whole: the FPGA would not start from this memory"
+                }
+                (_, Some(Name::User)) if self.is_alone => {
+                    "the user configuration is not whole, and there is no fallback: the FPGA would not \
+                     start from this memory"
                 }
                 (_, Some(Name::User)) => {
                     "the user configuration is not whole: at its next start the FPGA loads the fallback"

@@ -6,11 +6,10 @@ use clap::Args;
 
 use super::progress::{Bar, Progress};
 use super::report::{Name, Report, Written};
-use super::{LONGEST, open};
+use super::{Change, LONGEST, is_alone, risk};
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
-use crate::target::Target;
 
 /// Writes a backup of the whole memory back, where it differs
 ///
@@ -20,7 +19,7 @@ use crate::target::Target;
 #[command(after_help = "Example:\n  mesa flash restore before.bin --addr 10.10.10.10 --dry-run")]
 pub struct Restore {
     #[command(flatten)]
-    target: Target,
+    change: Change,
     /// The backup: as many bytes as the memory has
     file: PathBuf,
     /// Write the fallback too, where it differs
@@ -29,17 +28,14 @@ pub struct Restore {
     /// Write the boot block too, where it differs. If that is cut off, only a JTAG programmer helps
     #[arg(long)]
     boot_block: bool,
-    /// Compare, print what would be written, and write nothing
-    #[arg(long)]
-    dry_run: bool,
 }
 
 impl Restore {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let backup = files::read(&self.file, LONGEST)?;
-        let found = self.target.find()?;
+        let found = self.change.target.find()?;
         let mut bus = found.open()?;
-        let mut flash = open(&mut bus, &found)?;
+        let mut flash = self.change.open(&mut bus, &found)?;
         let layout = *flash.layout();
         flash.check_backup(&backup).map_err(|error| {
             Failure::refused(format_args!(
@@ -59,18 +55,24 @@ impl Restore {
         };
         let areas: Vec<Written> = differences.iter().map(Written::of).collect();
         self.check_flags(&areas)?;
+        if let Some(first) = differences.first() {
+            flash.check_restore(&backup, first)?;
+        }
+        let dry_run = self.change.target.dry_run;
         let mut report = Report {
-            dry_run: self.dry_run,
             areas,
+            dry_run,
             ..Report::new("restore", &layout, &self.file)
         };
-        if !self.dry_run && !differences.is_empty() {
+        if !dry_run && !differences.is_empty() {
             let places: Vec<String> = report.areas.iter().map(Written::to_string).collect();
-            let what = format!(
-                "erases and writes {} of the flash memory",
-                places.join(", ")
-            );
-            context.consent(&format!("{}: {what}", found.address))?;
+            let is_alone = is_alone(&mut flash, &report.areas)?;
+            context.consent(&format!(
+                "{}: erases and writes {} of the flash memory{}",
+                found.address,
+                places.join(", "),
+                risk(is_alone)
+            ))?;
             let mut done = 0;
             for (difference, &written) in differences.iter().zip(&report.areas) {
                 if let Some(signal) = context.stop.signal() {
@@ -86,7 +88,7 @@ impl Restore {
                     ));
                     break;
                 }
-                let mut progress = Progress::of_write(context, written);
+                let mut progress = Progress::of_write(context, written, is_alone);
                 let restored = flash.restore(&backup, difference, |step, bytes| {
                     progress.step(step, bytes);
                 });

@@ -14,6 +14,7 @@ use mesa_hal::driver::Pace;
 use mesa_hal::runner::Realtime;
 
 use crate::context::{Context, Ending, Failure};
+use crate::files;
 use crate::output::complain;
 use crate::target::Target;
 use measure::Measured;
@@ -32,7 +33,8 @@ SIGINT (Ctrl-C) and SIGTERM end it early, with the ports stopped, and what was m
 
 Examples:
   mesa latency --sim 7i97 --seconds 5
-  sudo mesa latency --addr 10.10.10.10 --seconds 60 --realtime 40 --cpu 3 --lock-memory --plot late.svg";
+  sudo mesa latency --addr 10.10.10.10 --seconds 60 --realtime 40 --cpu 3 --lock-memory \\
+    --plot late.svg";
 
 /// Measures how late cycles are and what they cost: percentiles, histogram, CPU, packets, verdict
 #[derive(Debug, Args)]
@@ -56,7 +58,7 @@ pub struct Latency {
     /// Run the cycle with SCHED_FIFO and this priority, 1 to 99
     #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
     realtime: Option<u8>,
-    /// Run the cycle on this CPU only, counted from 0; repeat for more
+    /// Run the cycle on this CPU only, 0 to one less than there are; repeat for more
     #[arg(long, value_name = "N")]
     cpu: Vec<usize>,
     /// Keep all memory of the process in RAM
@@ -91,7 +93,7 @@ impl Paces {
 impl Latency {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         if let Some(file) = &self.plot {
-            plot::check(file)?;
+            files::check(file)?;
         }
         let found = self.target.find()?;
         let bus = found.open()?;

@@ -1,6 +1,5 @@
 //! The histograms as a picture.
 
-use std::fs::{self, OpenOptions};
 use std::path::Path;
 use std::time::Duration;
 
@@ -11,6 +10,7 @@ use plotters::prelude::*;
 use super::measure::Measured;
 use super::name;
 use crate::context::Failure;
+use crate::files;
 
 /// Of one pace, in pixels.
 const SIZE: (u32, u32) = (800, 320);
@@ -24,13 +24,6 @@ const SHOWN: [f64; 2] = [0.5, 4e6];
 const LATE: RGBColor = RGBColor(31, 119, 180);
 const USED: RGBColor = RGBColor(230, 126, 34);
 const PERIOD: RGBColor = RGBColor(192, 57, 43);
-
-/// Whether the file can be written: before the measurement, not after it.
-pub fn check(file: &Path) -> Result<(), Failure> {
-    let mut options = OpenOptions::new();
-    let opened = options.create(true).append(true).open(file);
-    opened.map(drop).map_err(|error| failure(file, &error))
-}
 
 /// Draws the histograms of each pace, one below the other.
 pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
@@ -50,7 +43,7 @@ pub fn draw(file: &Path, rate: u32, all: &[Measured]) -> Result<(), Failure> {
         }
         area.present()?;
     }
-    fs::write(file, text).map_err(|error| failure(file, &error))
+    files::write(file, text.as_bytes())
 }
 
 fn chart(

@@ -39,7 +39,7 @@ pub struct List {
     /// More addresses: one, a network, or from one to another
     #[arg(value_name = "IP|IP/BITS|IP-IP")]
     ranges: Vec<Range>,
-    /// UDP port of the boards
+    /// UDP port of the boards, 1 to 65535
     #[arg(long, default_value_t = lbp16::PORT, value_parser = clap::value_parser!(u16).range(1..))]
     port: u16,
 }

@@ -1,7 +1,6 @@
 //! `mesa param save` and `mesa param restore`.
 
 use std::fmt::{self, Display};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -12,7 +11,6 @@ use super::Where;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
-use crate::sim::store;
 
 /// More than any cabinet has.
 const MOST_BYTES: u64 = 4 << 20;
@@ -74,15 +72,9 @@ struct Differs {
 impl Save {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = &self.file;
-        match fs::metadata(path) {
-            // The new file takes its place, which is not meant for a device.
-            Ok(there) if !there.is_file() => {
-                let path = path.display();
-                let why = "this is no regular file; name another";
-                return Err(Failure::usage(format_args!("{path}: {why}")));
-            }
-            Ok(_) => context.consent(&format!("{}: is replaced", path.display()))?,
-            Err(_) => {}
+        files::check(path)?;
+        if path.is_file() {
+            context.consent(&format!("{}: is replaced", path.display()))?;
         }
         let mut cabinet = self.at.cabinet.open()?;
         let saved = SavedCabinet::take(&mut cabinet)?;
@@ -91,8 +83,7 @@ impl Save {
         } else {
             serde_json::to_string_pretty(&saved)? + "\n"
         };
-        store::write(path, text.as_bytes())
-            .map_err(|error| Failure::refused(format_args!("{}: {error}", path.display())))?;
+        files::write(path, text.as_bytes())?;
         let parameters = saved.remotes.iter().map(|remote| remote.parameters.len());
         context.print(&Saved {
             file: path.clone(),
@@ -112,6 +103,8 @@ impl Restore {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = self.file.display();
         let saved = self.read().map_err(|why| {
+            let why = why.to_string();
+            let why = why.trim_end();
             Failure::usage(format_args!(
                 "{path}: {why}; give a file of `mesa param save`"
             ))
@@ -171,12 +164,14 @@ impl Restore {
 
     fn read(&self) -> Result<SavedCabinet, Box<dyn std::error::Error>> {
         let path = &self.file;
-        let bytes = files::read(path, MOST_BYTES).map_err(|error| error.to_string())?;
-        let text = String::from_utf8(bytes)?;
+        let bytes = files::bounded(path, MOST_BYTES)?;
+        let text = str::from_utf8(&bytes)?;
+        // As editors of other systems save it.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         Ok(if is_toml(path) {
-            toml::from_str(&text)?
+            toml::from_str(text)?
         } else {
-            serde_json::from_str(&text)?
+            serde_json::from_str(text)?
         })
     }
 }

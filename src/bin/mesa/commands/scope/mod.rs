@@ -44,7 +44,7 @@ pub struct Scope {
     /// The pin that starts it when it crosses a level; a bit is 0 or 1
     #[arg(long, value_name = "PIN")]
     trigger: String,
-    /// The level
+    /// The level, any number
     #[arg(long, default_value_t = 0.5, allow_negative_numbers = true, value_parser = finite)]
     level: f64,
     /// In which direction it is crossed
@@ -54,7 +54,7 @@ pub struct Scope {
     #[arg(long, value_name = "N", default_value_t = 1000,
         value_parser = clap::value_parser!(u32).range(2..=100_000))]
     cycles: u32,
-    /// How many of them are before the trigger: less than --cycles
+    /// How many of them are before the trigger: 0 to one less than --cycles
     #[arg(long, value_name = "N", default_value_t = 100)]
     before: u32,
     /// Microseconds from cycle to cycle, 250 to 20000

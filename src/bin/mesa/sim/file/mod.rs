@@ -7,8 +7,6 @@ mod check;
 #[cfg(test)]
 mod tests;
 
-use std::fs::File;
-use std::io::Read;
 use std::net::Ipv4Addr;
 use std::path::Path;
 
@@ -21,6 +19,7 @@ use super::devices;
 use super::machine::{AXES, PORT};
 use super::options::{Board, MachineOptions, RemoteOption, check_channels, parse_mac};
 use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
+use crate::files::bounded;
 use check::{Lines, Range};
 
 /// More than any description has.
@@ -123,20 +122,11 @@ struct WireTable {
 /// Reads the description in a file.
 pub fn read(path: &Path) -> Result<MachineOptions, String> {
     let in_file = |error: String| format!("{}: {error}", path.display());
-    let text = read_text(path).map_err(in_file)?;
+    let bytes = bounded(path, MOST_BYTES).map_err(|error| in_file(error.to_string()))?;
+    let text = String::from_utf8(bytes);
+    let text = text.map_err(|error| in_file(format!("no description of a machine: {error}")))?;
     let directory = path.parent().unwrap_or(Path::new(""));
     parse(&text, directory).map_err(in_file)
-}
-
-fn read_text(path: &Path) -> Result<String, String> {
-    let mut text = String::new();
-    let file = File::open(path).map_err(|error| error.to_string())?;
-    let read = file.take(MOST_BYTES + 1).read_to_string(&mut text);
-    read.map_err(|error| format!("no description of a machine: {error}"))?;
-    if text.len() as u64 > MOST_BYTES {
-        return Err("it is too long for the description of a machine".to_owned());
-    }
-    Ok(text)
 }
 
 /// The machine that a text describes; files that it names are beside it, in `directory`.

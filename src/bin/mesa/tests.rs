@@ -1,0 +1,129 @@
+//! What the help of every command says.
+
+use std::any::TypeId;
+use std::time::Duration;
+
+use clap::{Arg, Command};
+
+use super::*;
+
+/// A line of help is wrapped behind so many characters.
+const WIDEST: usize = 100;
+
+/// Every command with the words that call it, those that only have others below them too.
+fn commands() -> Vec<(String, Command)> {
+    fn walk(before: &str, command: Command, all: &mut Vec<(String, Command)>) {
+        let words = format!("{before}{}", command.get_name());
+        for below in command.get_subcommands() {
+            walk(&format!("{words} "), below.clone(), all);
+        }
+        all.push((words, command));
+    }
+    let mut all = Vec::new();
+    walk("", command_line(), &mut all);
+    assert!(all.len() > 25, "{}", all.len());
+    all
+}
+
+fn after_help(command: &Command) -> String {
+    let help = command.get_after_help().map(ToString::to_string);
+    help.unwrap_or_default()
+}
+
+/// The command lines among the indented lines of a text, without what is the shell's.
+fn examples(text: &str) -> Vec<String> {
+    let text = text.replace("\\\n", " ");
+    let lines = text.lines().filter_map(|line| line.strip_prefix("  "));
+    let lines = lines.map(|line| line.strip_prefix("sudo ").unwrap_or(line));
+    let lines = lines.filter(|line| line.starts_with("mesa "));
+    let cut = |line: &str| {
+        let end = line.find(['>', '&', '|']).unwrap_or(line.len());
+        line[..end].trim_end().to_owned()
+    };
+    lines.map(cut).collect()
+}
+
+/// The words of a command line, as a shell has them.
+fn words(line: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    let mut quote = None;
+    for letter in line.chars() {
+        let word = words.last_mut().expect("one at least");
+        match (letter, quote) {
+            ('\'' | '"', None) => quote = Some(letter),
+            (_, Some(open)) if letter == open => quote = None,
+            (' ', None) if word.is_empty() => {}
+            (' ', None) => words.push(String::new()),
+            _ => word.push(letter),
+        }
+    }
+    words
+}
+
+#[test]
+fn every_command_has_an_example_and_every_example_parses() {
+    for (name, command) in commands() {
+        let examples = examples(&after_help(&command));
+        let own = |line: &String| line.starts_with(&name);
+        assert!(examples.iter().any(own), "{name} has no example");
+        for example in examples {
+            if let Err(error) = Cli::try_parse_from(words(&example)) {
+                panic!("{name}: {example}\n{error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_command_says_what_its_exit_codes_mean() {
+    for (name, command) in commands() {
+        let help = after_help(&command);
+        let is_said = help.contains("Exits with 0") || command.has_subcommands();
+        assert!(is_said, "{name}");
+    }
+    assert!(AFTER_HELP.contains("Exits with 0"));
+}
+
+#[test]
+fn every_number_has_its_range() {
+    let numbers = [
+        TypeId::of::<u8>(),
+        TypeId::of::<u16>(),
+        TypeId::of::<u32>(),
+        TypeId::of::<u64>(),
+        TypeId::of::<usize>(),
+        TypeId::of::<i64>(),
+        TypeId::of::<f64>(),
+        TypeId::of::<Duration>(),
+    ];
+    let is_number = |argument: &&Arg| {
+        let parsed = argument.get_value_parser().type_id();
+        let takes = argument.get_action().takes_values();
+        takes && numbers.iter().any(|number| parsed == *number)
+    };
+    let mut count = 0;
+    for (name, command) in commands() {
+        for argument in command.get_arguments().filter(is_number) {
+            let help = argument.get_help().map(ToString::to_string);
+            let help = help.unwrap_or_default();
+            let has_range = help.split(" to ").skip(1).any(|upper| {
+                let first = upper.chars().next();
+                first.is_some_and(|first| first.is_ascii_digit())
+            });
+            let has_end = ["any number", "0 to one less than"];
+            let has_end = has_end.iter().any(|end| help.contains(end));
+            assert!(has_range || has_end, "{name} {}: {help}", argument.get_id());
+            count += 1;
+        }
+    }
+    assert!(count > 10, "{count} numbers were looked at");
+}
+
+#[test]
+fn no_line_of_help_is_broken_where_it_was_not_meant() {
+    for (name, command) in commands() {
+        for line in after_help(&command).lines() {
+            assert!(line.chars().count() <= WIDEST, "{name}: {line}");
+        }
+    }
+}

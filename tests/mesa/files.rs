@@ -1,0 +1,155 @@
+//! Files and terminals that are not what they should be, for every command that has to do with one.
+
+use std::fs::{self, File, OpenOptions};
+use std::process::Stdio;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use crate::interop::{Process, Scratch};
+use crate::run::{Run, command, done, run};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Every command that reads a file, with what stands in front of its name and behind it.
+const READERS: [(&[&str], &[&str]); 6] = [
+    (
+        &["update", "7i77"],
+        &["--at", "0.0", "--sim", "7i97,0=7i77-io:setup"],
+    ),
+    (&["param", "restore"], &["--sim", "7i97,0=7i77-io"]),
+    (&["flash", "write"], &["--sim", "7i97"]),
+    (&["flash", "verify"], &["--sim", "7i97"]),
+    (&["flash", "restore"], &["--sim", "7i97"]),
+    (
+        &["sim", "--listen", "127.0.0.1", "--port", "0", "--machine"],
+        &[],
+    ),
+];
+
+/// How a command ends that may read for ever.
+fn ended(arguments: &[&str]) -> Run {
+    let mut process = Process::new(command(arguments).spawn().expect("mesa starts"));
+    let begun = Instant::now();
+    while process.child().try_wait().expect("a child").is_none() {
+        assert!(begun.elapsed() < PATIENCE, "{arguments:?} does not end");
+        sleep(Duration::from_millis(10));
+    }
+    process.output().into()
+}
+
+/// Something that no command can do anything with, called as a firmware for a 7I77 is.
+fn hostile(kind: &str) -> (Scratch, &'static str) {
+    let scratch = Scratch::new(&format!("7I77-{kind}.toml"));
+    let path = scratch.path();
+    let said = match kind {
+        "huge" => {
+            let file = File::create(path).expect("a scratch file");
+            file.set_len(1 << 30).expect("a sparse file");
+            "longer than"
+        }
+        "directory" => {
+            fs::create_dir_all(path).expect("a directory");
+            "no regular file"
+        }
+        "pipe" => {
+            let made = std::process::Command::new("mkfifo").arg(path).status();
+            assert!(made.expect("mkfifo").success());
+            "no regular file"
+        }
+        _ => {
+            fs::write(path, "").expect("a scratch file");
+            ""
+        }
+    };
+    (scratch, said)
+}
+
+#[test]
+fn a_file_that_is_none_is_refused_by_every_command_that_reads_one() {
+    for kind in ["huge", "directory", "pipe", "empty"] {
+        let (scratch, said) = hostile(kind);
+        for (before, behind) in READERS {
+            let run = ended(&[before, &[scratch.path()], behind, &["--yes"]].concat());
+            let is_refused = matches!(run.code, Some(1 | 2)) && run.out.is_empty();
+            assert!(is_refused, "{kind}: {before:?}: {run:?}");
+            for said in [said, scratch.path()] {
+                assert!(
+                    run.err.contains(said),
+                    "{kind}: {before:?}: {said}: {run:?}"
+                );
+            }
+        }
+        let _ = fs::remove_dir(scratch.path());
+    }
+}
+
+#[test]
+fn a_cabinet_that_an_editor_of_another_system_has_saved_is_read() {
+    let machine = ["--sim", "7i97,0=7i77-io"];
+    for name in ["crlf.toml", "crlf.json"] {
+        let scratch = Scratch::new(name);
+        done(&[&["param", "save", scratch.path()], &machine[..]].concat());
+        let text = fs::read_to_string(scratch.path()).expect("it was saved");
+        let text = format!("\u{feff}{}", text.replace('\n', "\r\n"));
+        fs::write(scratch.path(), text).expect("a scratch file");
+        let restore = ["param", "restore", scratch.path(), "--dry-run"];
+        let text = done(&[&restore[..], &machine].concat());
+        assert!(text.contains(" 0 differ"), "{text}");
+    }
+}
+
+#[test]
+fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
+    let nowhere = ["--addr", "127.0.0.1:1"];
+    let directory = env!("CARGO_MANIFEST_DIR");
+    for before in [
+        &["flash", "backup", "--overwrite"][..],
+        &["param", "save"],
+        &["latency", "--plot"],
+    ] {
+        for (place, code, said) in [
+            (directory, 2, "no regular file"),
+            ("/nowhere/at/all", 1, "No such file"),
+            ("/proc/file", 1, "/proc/file"),
+        ] {
+            let run = run(&[before, &[place], &nowhere].concat());
+            assert_eq!(run.code, Some(code), "{before:?} {place}: {run:?}");
+            assert!(run.err.contains(said), "{before:?} {place}: {run:?}");
+        }
+    }
+}
+
+#[test]
+fn what_can_not_be_printed_is_an_error_and_is_said_once() {
+    for arguments in [
+        &["--help"][..],
+        &["flash", "write", "--help"],
+        &["--version"],
+        &["completions", "bash"],
+        &["peek", "0:0x100", "--sim", "7i97"],
+        &["peek", "0:0x100", "--sim", "7i97", "--json"],
+        &["reset", "--dry-run", "--sim", "7i97"],
+    ] {
+        let full = OpenOptions::new().write(true).open("/dev/full");
+        let mut command = command(arguments);
+        command.stdout(Stdio::from(full.expect("a full disk")));
+        let run = Run::from(command.output().expect("mesa starts"));
+        assert_eq!(run.code, Some(1), "{arguments:?}: {run:?}");
+        let said = run.err.matches("No space left").count();
+        assert_eq!(said, 1, "{arguments:?}: {run:?}");
+    }
+}
+
+#[test]
+fn colours_are_off_where_nobody_wants_them() {
+    let help = |wanted: bool| {
+        let mut command = command(&["--help"]);
+        command.env("CLICOLOR_FORCE", "1");
+        if wanted {
+            command.env_remove("NO_COLOR");
+        }
+        Run::from(command.output().expect("mesa starts")).out
+    };
+    assert!(help(true).contains('\x1b'));
+    assert!(!help(false).contains('\x1b'));
+}
