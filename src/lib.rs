@@ -109,7 +109,7 @@
 //! # Features
 //! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
 //! - `log` (default): messages at set-up, never in the cycle; and events, when they are asked for.
-//! - `serde`: events, statistics, states and settings can be sent, and kept in files.
+//! - `serde`: inventory, events, statistics, states and settings can be sent, and kept in files.
 //!
 //! # Safety
 //! These boards move heavy machines. Never depend on software to disable a motor when somebody

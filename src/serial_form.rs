@@ -26,6 +26,14 @@ pub(crate) mod flags {
     }
 }
 
+/// Pins by what their names begin with.
+pub(crate) fn prefix<S: serde::Serializer>(
+    pins: &crate::remote::RemotePins,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&pins.prefix)
+}
+
 /// Times in seconds.
 pub(crate) mod seconds {
     use core::time::Duration;

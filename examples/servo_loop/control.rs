@@ -1,17 +1,18 @@
 //! Six position loops and a walking pattern on the field outputs.
 
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::boards::{I7i72, I7i77Field};
-use mesa_hal::driver::{CycleError, Driver, Pace};
-use mesa_hal::hal::{Counter, PinError};
+use mesa_hal::driver::{CycleError, Driver};
+use mesa_hal::hal::{Counter, PinError, Pins};
+use mesa_hal::runner::Cycle;
 
 use crate::Failure;
 use crate::args::Args;
 use crate::drives::Drives;
 use crate::machine::{AXES, World};
-use crate::support::Stop;
 use crate::timed::Timed;
 
 /// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
@@ -26,9 +27,6 @@ const SETTLED: f64 = 0.25;
 const STEP: u64 = 20;
 /// So many failed reads in a row say that the board is gone.
 const GONE: u32 = 50;
-
-/// The longest wait for a transfer, which is measured that way.
-const TRANSFER_LIMIT: Duration = Duration::from_micros(500);
 
 /// A position loop.
 #[derive(Clone, Copy, Debug, Default)]
@@ -59,9 +57,29 @@ pub struct FieldIo {
     pub loop_back_errors: u64,
 }
 
+/// The host's time in the cycles so far.
+#[derive(Clone, Copy, Debug)]
+struct HostTime {
+    /// When the first cycle began, on the host's clock and on that of the board, and what the bus had
+    /// taken until then.
+    begun: Instant,
+    board: mesa_hal::bus::Instant,
+    below: Duration,
+    /// For the progress bar.
+    aside: Duration,
+}
+
+/// The host's time in a run.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Spent {
+    /// In driver and loops.
+    pub above: Duration,
+    /// In the bus, and in waiting for the next period.
+    pub below: Duration,
+}
+
 #[derive(Debug)]
-pub struct Control<B: World> {
-    pub driver: Driver<Timed<B>>,
+pub struct Control {
     pub axes: [Axis; AXES],
     pub drives: Drives,
     field: Option<I7i77Field>,
@@ -69,40 +87,40 @@ pub struct Control<B: World> {
     /// What the field outputs were told lately, newest first.
     pattern: [u16; 3],
     pub field_io: FieldIo,
-    pub cycles: u64,
-    /// Of these, those in which anything failed.
+    /// Cycles in which anything failed.
     pub bad_cycles: u64,
     /// The least that was left of a period, where the board paces.
     pub least_slack: Option<Duration>,
-    pub host_time: Duration,
+    /// Why there was no use in going on.
+    pub failure: Option<Failure>,
+    pub spent: Spent,
+    host_time: Option<HostTime>,
+    progress: ProgressBar,
 }
 
-impl<B: World> Control<B> {
-    pub fn new(driver: Driver<Timed<B>>) -> Result<Self, Failure> {
-        let drives = Drives::find(&driver)?;
-        // A 7I97 needs no remotes; what is there is used.
-        let field = driver.attach(0, 0).ok();
-        let outputs = driver.attach(0, 2).ok();
-        let name = driver.name().to_owned();
+impl Control {
+    pub fn new<B: World>(driver: &mut Driver<Timed<B>>, args: &Args) -> Result<Self, Failure> {
         let mut control = Self {
-            driver,
             axes: [Axis::default(); AXES],
-            drives,
-            field,
-            outputs,
+            drives: Drives::find(driver)?,
+            // A 7I97 needs no remotes; what is there is used.
+            field: driver.attach(0, 0).ok(),
+            outputs: driver.attach(0, 2).ok(),
             pattern: [0; 3],
             field_io: FieldIo::default(),
-            cycles: 0,
             bad_cycles: 0,
             least_slack: None,
-            host_time: Duration::ZERO,
+            failure: None,
+            spent: Spent::default(),
+            host_time: None,
+            progress: progress_bar(args.cycles()),
         };
-        control.find_encoders(&name)?;
+        let name = driver.name().to_owned();
+        control.find_encoders(driver.pins_mut(), &name)?;
         Ok(control)
     }
 
-    fn find_encoders(&mut self, name: &str) -> Result<(), PinError> {
-        let pins = self.driver.pins_mut();
+    fn find_encoders(&mut self, pins: &mut Pins, name: &str) -> Result<(), PinError> {
         for (n, axis) in self.axes.iter_mut().enumerate() {
             axis.encoder = Counter::find(pins, &format!("{name}.encoder.{n:02}"))?;
             pins.set_param(axis.encoder.scale, COUNTS_PER_UNIT)?;
@@ -110,64 +128,62 @@ impl<B: World> Control<B> {
         Ok(())
     }
 
-    /// Runs all cycles, or until it is stopped.
-    pub fn run(&mut self, args: &Args, stop: &Stop) -> Result<(), Failure> {
-        let progress = progress_bar(args.cycles());
-        let period = args.period();
-        let mut next = self.driver.bus_mut().now();
-        for cycle in 0..args.cycles() {
-            if stop.signal().is_some() {
-                break;
-            }
-            let start = Instant::now();
-            let below = self.driver.bus().spent();
-            self.cycle(cycle, args)?;
-            let below = self.driver.bus().spent().saturating_sub(below);
-            self.host_time += start.elapsed().saturating_sub(below);
-            progress.inc(1);
-            if args.pace == Pace::Host {
-                next = next.after(period);
-                let now = self.driver.bus_mut().now();
-                self.driver.bus_mut().wait(next.since(now));
-            }
+    /// One cycle, between its read and its write; the one after the last ends the run.
+    pub fn cycle<B: World>(
+        &mut self,
+        cycle: &mut Cycle<'_, Timed<B>>,
+        args: &Args,
+    ) -> ControlFlow<()> {
+        let time = self.measure(cycle);
+        if cycle.number == args.cycles() {
+            self.progress.finish_and_clear();
+            return ControlFlow::Break(());
         }
-        progress.finish_and_clear();
-        Ok(())
-    }
-
-    fn cycle(&mut self, cycle: u64, args: &Args) -> Result<(), Failure> {
-        self.cycles += 1;
-        let read = self.read();
-        let time = cycle as f64 / args.rate;
-        self.close_loops(time);
-        self.check_field_io(cycle, time);
-        self.walk(cycle);
-        let is_written = self.driver.write().is_ok();
-        // Only to measure the transfer: the cycle itself does not need to wait for it.
-        let is_measured = self.driver.wait_transfers(TRANSFER_LIMIT).is_ok();
-        let is_good = matches!(read, Ok(true)) && is_written && is_measured;
-        self.bad_cycles += u64::from(!is_good);
-        if self.driver.bus_mut().loop_back() {
-            self.field_io.loop_backs += 1;
-        }
-        read.map(drop)
-    }
-
-    /// Whether all that was read is good. Lost packets are survived; that the board is gone is not.
-    fn read(&mut self) -> Result<bool, Failure> {
-        match self.driver.read() {
+        // Lost packets are survived; that the board is gone is not.
+        let is_read = match &cycle.read {
             Ok(report) => {
                 let least = self.least_slack.into_iter().chain(report.slack).min();
                 self.least_slack = least;
-                Ok(report.is_good())
+                report.is_good()
             }
-            Err(CycleError::Read { consecutive, .. }) if consecutive < GONE => Ok(false),
-            Err(error) => Err(error.into()),
+            Err(CycleError::Read { consecutive, .. }) if *consecutive < GONE => false,
+            Err(error) => {
+                self.failure = Some(error.to_string().into());
+                return ControlFlow::Break(());
+            }
+        };
+        let is_good = is_read && cycle.write.is_ok();
+        self.bad_cycles += u64::from(!is_good);
+        if cycle.driver.bus_mut().loop_back() {
+            self.field_io.loop_backs += 1;
         }
+        let number = cycle.number;
+        self.close_loops(cycle.pins_mut(), time);
+        self.check_field_io(cycle.pins(), number, time);
+        self.walk(cycle.pins_mut(), number);
+        ControlFlow::Continue(())
     }
 
-    fn close_loops(&mut self, time: f64) {
-        let pins = self.driver.pins_mut();
+    /// Notes what the cycles before took; how long ago the first began, in seconds.
+    fn measure<B: World>(&mut self, cycle: &Cycle<'_, Timed<B>>) -> f64 {
+        let below = cycle.driver.bus().spent();
+        let host = self.host_time.get_or_insert_with(|| HostTime {
+            begun: Instant::now(),
+            board: cycle.begun,
+            below,
+            aside: Duration::ZERO,
+        });
+        let below = below.saturating_sub(host.below);
+        let all = host.begun.elapsed().saturating_sub(host.aside);
+        let above = all.saturating_sub(below);
+        self.spent = Spent { above, below };
+        let drawn = Instant::now();
+        self.progress.set_position(cycle.number);
+        host.aside += drawn.elapsed();
+        cycle.begun.since(host.board).as_secs_f64()
+    }
+
+    fn close_loops(&mut self, pins: &mut Pins, time: f64) {
         let mut all_valid = true;
         for (n, (axis, drive)) in self.axes.iter_mut().zip(self.drives.outputs).enumerate() {
             let (target, velocity) = trajectory(n, time);
@@ -194,12 +210,11 @@ impl<B: World> Control<B> {
     }
 
     /// A light that walks over the field outputs of the 7I77, and another over those of the 7I72.
-    fn walk(&mut self, cycle: u64) {
+    fn walk(&mut self, pins: &mut Pins, cycle: u64) {
         let step = cycle / STEP;
         let word = 1u16 << (step % 16);
         let [newest, older, _] = self.pattern;
         self.pattern = [word, newest, older];
-        let pins = self.driver.pins_mut();
         let outputs = self.field.iter().flat_map(|field| &field.outputs);
         for (n, output) in outputs.enumerate() {
             output.set(pins, word >> n & 1 != 0);
@@ -212,9 +227,8 @@ impl<B: World> Control<B> {
 
     /// Counts the cycles with valid inputs. Where they are wired back, inputs follow the outputs of
     /// the same number, two transfers later.
-    fn check_field_io(&mut self, cycle: u64, time: f64) {
+    fn check_field_io(&mut self, pins: &Pins, cycle: u64, time: f64) {
         let Some(field) = &self.field else { return };
-        let pins = self.driver.pins();
         let counted = &mut self.field_io;
         let is_valid = field.inputs.iter().all(|input| input.read(pins).valid);
         counted.since_valid = if is_valid { 0 } else { counted.since_valid + 1 };
@@ -236,11 +250,6 @@ impl<B: World> Control<B> {
     /// Whether there is a 7I77's field I/O.
     pub fn has_field(&self) -> bool {
         self.field.is_some()
-    }
-
-    pub fn stop(self) -> Result<(), Failure> {
-        let (_, stopped) = self.driver.shutdown();
-        Ok(stopped?)
     }
 }
 

@@ -15,11 +15,16 @@ mod support;
 mod timed;
 
 use std::process::ExitCode;
+use std::time::Duration;
 
 use args::{Args, Parsed};
 use mesa_hal::driver::{Driver, Settings};
+use mesa_hal::runner::Runner;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use support::{Stop, complain, say};
+
+/// The longest wait for a transfer, which is measured that way: a cycle itself need not wait for it.
+const TRANSFER_LIMIT: Duration = Duration::from_micros(500);
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -62,16 +67,19 @@ fn run_on<B: machine::World>(bus: B, args: &Args, stop: &Stop) -> Result<ExitCod
         watchdog: args.watchdog,
         ..Settings::default()
     };
-    let driver = Driver::start(timed::Timed::new(bus), settings)?;
+    let mut driver = Driver::start(timed::Timed::new(bus), settings)?;
     say(found::list(&driver, args.pins));
-    let mut control = control::Control::new(driver)?;
-    let ended = control.run(args, stop);
-    // Whatever ended it: the outputs first, then the words.
-    let summary = result::Summary::of(&control, args, stop.signal());
-    let stopped = control.stop();
+    let mut control = control::Control::new(&mut driver, args)?;
+    let ended = Runner::new(driver)
+        .stop_on(stop.clone())
+        .waiting_for_transfers(TRANSFER_LIMIT)
+        .run(|cycle| control.cycle(cycle, args));
+    // Whatever ended it: the outputs are off by now, and then come the words.
+    let summary = result::Summary::of(&control, &ended, args);
     say(&summary.text);
-    let result = ended.and(stopped);
-    if let Some(signal) = stop.signal() {
+    let stopped = ended.stopped.map_err(Failure::from);
+    let result = control.failure.map_or(Ok(()), Err).and(stopped);
+    if let Some(signal) = ended.signal {
         if let Err(error) = result {
             complain(format_args!("servo_loop: {error}"));
         }

@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{Failure, Pace, PortStatistics, RemoteStatus, SerialPort};
+use mesa_hal::runner::Ended;
 
 use crate::args::Args;
 use crate::control::Control;
 use crate::machine::World;
-use crate::support::Signal;
+use crate::timed::Timed;
 
 /// A loop has held if it never was further away than this, in units of position.
 const HOLDS: f64 = 0.25;
@@ -29,35 +30,33 @@ pub struct Summary {
 
 impl Summary {
     /// Of what was run, whatever ended it.
-    pub fn of<B: World>(control: &Control<B>, args: &Args, signal: Option<Signal>) -> Self {
+    pub fn of<B: World>(control: &Control, ended: &Ended<Timed<B>>, args: &Args) -> Self {
         let mut text = String::new();
         // A string takes everything.
-        let all_held = write_all(&mut text, control, args, signal).unwrap_or(false);
+        let all_held = write_all(&mut text, control, ended, args).unwrap_or(false);
         Self { text, all_held }
     }
 }
 
 fn write_all<B: World>(
     out: &mut String,
-    control: &Control<B>,
+    control: &Control,
+    ended: &Ended<Timed<B>>,
     args: &Args,
-    signal: Option<Signal>,
 ) -> Result<bool, fmt::Error> {
     let loops = write_axes(out, control)?;
-    for (number, port) in control.driver.ports().iter().enumerate() {
+    for (number, port) in ended.driver.ports().iter().enumerate() {
         write_port(out, number, port, args.period())?;
     }
     let field_io = write_field_io(out, control)?;
-    write_cycles(out, control, args)?;
-    let until = if control.cycles < args.cycles() {
-        let by = signal
+    write_cycles(out, control, ended, args)?;
+    let cycles = ended.statistics.cycles;
+    let until = if cycles < args.cycles() {
+        let by = ended
+            .signal
             .map(|signal| format!(" by {signal}"))
             .unwrap_or_default();
-        format!(
-            " Ended{by} after {} of {} cycles.",
-            control.cycles,
-            args.cycles()
-        )
+        format!(" Ended{by} after {cycles} of {} cycles.", args.cycles())
     } else {
         String::new()
     };
@@ -72,10 +71,7 @@ fn write_all<B: World>(
 }
 
 /// Whether all loops held; `None` if none ran long enough to say.
-fn write_axes<B: World>(
-    out: &mut String,
-    control: &Control<B>,
-) -> Result<Option<bool>, fmt::Error> {
+fn write_axes(out: &mut String, control: &Control) -> Result<Option<bool>, fmt::Error> {
     writeln!(
         out,
         "\nAxes on {}. Following error after the start, in units (held: below {HOLDS}):",
@@ -156,7 +152,7 @@ fn write_remote(out: &mut String, remote: &RemoteStatus<'_>) -> fmt::Result {
 }
 
 /// Whether the field I/O did what it has to.
-fn write_field_io<B: World>(out: &mut String, control: &Control<B>) -> Result<bool, fmt::Error> {
+fn write_field_io(out: &mut String, control: &Control) -> Result<bool, fmt::Error> {
     let counted = control.field_io;
     if !control.has_field() {
         let is_needed = control.drives.needs_field_io;
@@ -196,27 +192,32 @@ fn write_field_io<B: World>(out: &mut String, control: &Control<B>) -> Result<bo
     Ok(is_there && counted.loop_back_errors == 0)
 }
 
-fn write_cycles<B: World>(out: &mut String, control: &Control<B>, args: &Args) -> fmt::Result {
-    let cycles = control.cycles.max(1) as f64;
-    let below = control.driver.bus().spent();
+fn write_cycles<B: World>(
+    out: &mut String,
+    control: &Control,
+    ended: &Ended<Timed<B>>,
+    args: &Args,
+) -> fmt::Result {
+    let driver = &ended.driver;
+    let cycles = ended.statistics.cycles.max(1) as f64;
     writeln!(
         out,
         "Cycles: {} ({} with a failure). Host time per cycle: {:.2} us in driver and loops, {:.2} us in the bus.",
-        control.cycles,
+        ended.statistics.cycles,
         control.bad_cycles,
-        micros(control.host_time) / cycles,
-        micros(below) / cycles
+        micros(control.spent.above) / cycles,
+        micros(control.spent.below) / cycles
     )?;
-    let counted = control.driver.statistics();
+    let counted = driver.statistics();
     writeln!(
         out,
         "Board: {:?}; {} bites of its watchdog, {} resets, bus given up {} times.",
-        control.driver.board_state(),
+        driver.board_state(),
         counted.watchdog_bites,
         counted.resets,
         counted.bus_down
     )?;
-    let packets = control.driver.bus().statistics();
+    let packets = driver.bus().statistics();
     if packets.bytes_sent > 0 {
         writeln!(
             out,
@@ -242,7 +243,7 @@ fn write_cycles<B: World>(out: &mut String, control: &Control<B>, args: &Args) -
             "Paced by the board: {missed} periods missed, {least:.0} us left of the tightest."
         )?;
     }
-    let rejections = control.driver.pins().total_rejections();
+    let rejections = driver.pins().total_rejections();
     writeln!(
         out,
         "Values that were not used as set: {} not finite, {} out of range.",

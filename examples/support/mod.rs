@@ -9,7 +9,7 @@ use std::{
     io::{self, ErrorKind, Write},
 };
 
-pub use mesa_hal::runner::{Signal, Stop};
+pub use mesa_hal::runner::Stop;
 
 /// Prints. A reader that has seen enough, such as `head`, is no error, and nobody stops driving a
 /// board because nobody reads what it says; anything else is said on standard error.

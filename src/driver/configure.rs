@@ -7,6 +7,7 @@ use super::connection::Connection;
 use super::held::Held;
 use super::pace::Pacer;
 use super::remotes::PortStage;
+use super::rows::Rows;
 use super::{
     BoardState, Driver, DriverError, DriverStatistics, FaultPolicy, Pace, Part, Parts, Remark,
     Settings, Trace,
@@ -252,6 +253,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             shown: None,
             statistics: DriverStatistics::default(),
             events: plan.events,
+            rows: Rows::default(),
             trace,
             pacer: Pacer::new(pace, period),
             read_failures: 0,

@@ -51,10 +51,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             let consecutive = self.read_failed(now, EventKind::NotThere { found });
             return Err(CycleError::NotThere { found, consecutive });
         }
-        if self.read_failures > 0 {
-            let failed = core::mem::take(&mut self.read_failures);
-            self.events.tell(now, EventKind::ReadsAgain { failed });
-        }
+        self.read_failures = 0;
         self.connection.count_exchange(&mut self.pins, false);
         Ok(self.take(at, extra))
     }
@@ -80,13 +77,18 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.statistics.missed_periods += beat.missed;
         self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
         if report.lost_writes > 0 {
-            let count = lost_writes;
-            self.events.tell(now, EventKind::LostWrites { count });
+            let (count, row) = (lost_writes, &mut self.rows.lost_writes);
+            row.add(&self.events, now, count, EventKind::LostWrites { count });
         }
         if beat.missed > 0 {
             let count = u32::try_from(beat.missed).unwrap_or(u32::MAX);
-            self.events.tell(now, EventKind::MissedPeriods { count });
+            let (kind, row) = (
+                EventKind::MissedPeriods { count },
+                &mut self.rows.missed_periods,
+            );
+            row.add(&self.events, now, count, kind);
         }
+        self.rows.look(&self.events, now);
         let was_running = self.is_running();
         let words = &self.image.words;
         let finding = self.parts.watchdog.examine(words, closely, now, certain);
@@ -190,10 +192,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
             Err(source) => {
                 self.statistics.write_errors += 1;
                 self.look_closely = true;
-                if self.write_failures == 0 {
-                    let why = source.kind();
-                    self.events.tell(done, EventKind::WriteFailed { why });
-                }
+                let why = source.kind();
+                let (kind, row) = (EventKind::WriteFailed { why }, &mut self.rows.failed_writes);
+                row.add(&self.events, done, 1, kind);
                 self.write_failures = self.write_failures.saturating_add(1);
                 let consecutive = self.write_failures;
                 if self.connection.count_exchange(&mut self.pins, true) {

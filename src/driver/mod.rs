@@ -61,6 +61,7 @@ mod recovery;
 mod remark;
 mod remotes;
 mod report;
+mod rows;
 mod setup_line;
 mod stop;
 mod trace;
@@ -72,7 +73,7 @@ pub use crate::modules::serial::{
     RemoteStatus, RemoteWatchdog, SerialPort, TimeHistogram,
 };
 pub use crate::modules::{BoardState, CycleReport};
-pub use crate::modules::{Event, EventKind, EventMask, Events};
+pub use crate::modules::{Event, EventKind, EventMask, Events, Repeating};
 pub use crate::modules::{
     Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
@@ -80,6 +81,7 @@ pub use configure::Board;
 pub use error::{CycleError, DriverError};
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
+pub use stop::Stopped;
 pub use trace::{Cause, Trace};
 
 use alloc::{boxed::Box, string::String, vec::Vec};
@@ -95,6 +97,7 @@ use crate::modules::watchdog::Watchdog;
 use connection::Connection;
 use held::Held;
 use pace::Pacer;
+use rows::Rows;
 
 /// A board with everything on it, in the cycle.
 ///
@@ -119,6 +122,7 @@ pub struct Driver<B: RegisterBus + Clock> {
     shown: Option<BoardState>,
     statistics: DriverStatistics,
     events: Sink,
+    rows: Rows,
     trace: Option<Box<Trace>>,
     pacer: Pacer,
     read_failures: u32,

@@ -156,9 +156,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// A read failed as a whole, at `now`; how many in a row.
     pub(super) fn read_failed(&mut self, now: Instant, what: EventKind) -> u32 {
-        if self.read_failures == 0 {
-            self.events.tell(now, what);
-        }
+        self.rows.failed_reads.add(&self.events, now, 1, what);
         self.statistics.read_errors += 1;
         self.read_failures = self.read_failures.saturating_add(1);
         self.look_closely = true;

@@ -1,5 +1,6 @@
 //! The end: outputs off, ports stopped, watchdog bitten.
 
+use core::ops::Deref;
 use core::time::Duration;
 
 use super::{CycleError, Driver, SerialPort};
@@ -16,6 +17,26 @@ const MOST_CYCLES: u32 = 1000;
 /// How long the last transfer, with which the remotes' outputs go off, may take.
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
+/// A driver that has stopped, to be looked at: what it counted, its pins as they were last, its events
+/// and its trace. Its outputs are off, and nothing can be asked of its board any more.
+#[derive(Debug)]
+pub struct Stopped<B: RegisterBus + Clock>(Driver<B>);
+
+impl<B: RegisterBus + Clock> Stopped<B> {
+    /// Gives the bus back.
+    pub fn into_bus(mut self) -> B {
+        self.0.bus.take()
+    }
+}
+
+impl<B: RegisterBus + Clock> Deref for Stopped<B> {
+    type Target = Driver<B>;
+
+    fn deref(&self) -> &Driver<B> {
+        &self.0
+    }
+}
+
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
     /// bites, so that the board drives nothing. Gives the bus back, and the first error of all steps.
@@ -26,12 +47,21 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
     /// each port, or the bus's own time-outs.
-    pub fn shutdown(mut self) -> (B, Result<(), PortError<B::Error>>) {
-        let stopped = self.stop();
-        (self.bus.take(), stopped)
+    pub fn shutdown(self) -> (B, Result<(), PortError<B::Error>>) {
+        let (stopped, result) = self.stop();
+        (stopped.into_bus(), result)
     }
 
-    fn stop(&mut self) -> Result<(), PortError<B::Error>> {
+    /// The same, and the driver can be looked at afterwards.
+    ///
+    /// # Real time
+    /// As [`shutdown`](Self::shutdown).
+    pub fn stop(mut self) -> (Stopped<B>, Result<(), PortError<B::Error>>) {
+        let result = self.stop_all();
+        (Stopped(self), result)
+    }
+
+    fn stop_all(&mut self) -> Result<(), PortError<B::Error>> {
         if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
@@ -46,6 +76,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
             first = first.and(stopped);
         }
         let released = self.bus.release().map_err(PortError::Bus);
+        let now = self.bus.now();
+        self.rows.end(&self.events, now);
+        for port in &mut self.parts.ports {
+            port.end_rows(now);
+        }
         first.and(released)
     }
 
@@ -90,6 +125,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
 impl<B: RegisterBus + Clock> Drop for Driver<B> {
     fn drop(&mut self) {
         // Nobody is left to tell; the watchdogs do the rest.
-        let _ = self.stop();
+        let _ = self.stop_all();
     }
 }

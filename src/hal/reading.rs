@@ -4,6 +4,7 @@ use core::time::Duration;
 
 /// Values that were not used as they were.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Rejections {
     /// Not a number, or infinite.
     pub not_finite: u64,

@@ -21,7 +21,7 @@ mod settings;
 pub mod watchdog;
 
 pub use error::RegisterError;
-pub use events::{Event, EventKind, EventMask, Events};
+pub use events::{Event, EventKind, EventMask, Events, Repeating};
 pub use registrar::Registrar;
 pub use report::{BoardState, CycleReport};
 pub use settings::{

@@ -91,7 +91,7 @@ use core::ops::ControlFlow;
 use core::time::Duration;
 
 use crate::bus::{Clock, Instant, RegisterBus};
-use crate::driver::{CycleError, CycleReport, Driver, Pace};
+use crate::driver::{CycleError, CycleReport, Driver, Pace, Stopped};
 use crate::hal::Pins;
 use crate::sslbp::PortError;
 
@@ -105,6 +105,8 @@ pub struct Runner<B: RegisterBus + Clock> {
     snapshot: Option<SnapshotWriter>,
     commands: Option<CommandQueue>,
     is_sleeping: bool,
+    /// How long transfers are waited for.
+    transfers: Option<Duration>,
     #[cfg(feature = "realtime")]
     stop: Option<Stop>,
 }
@@ -159,26 +161,30 @@ pub struct RunStatistics {
     /// [`DriverStatistics::missed_periods`](crate::driver::DriverStatistics::missed_periods).
     pub skipped_periods: u64,
     /// How much later than planned a cycle began at most.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub latest: Duration,
     /// What a cycle took at most, from the begin of its read to the end of its write.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub longest: Duration,
     /// How much later than planned the last cycle began.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub last_late: Duration,
     /// What the last cycle took.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub last_took: Duration,
 }
 
-/// A run that is over, and the driver shut down.
+/// A run that is over, and the driver stopped.
 #[derive(Debug)]
 #[non_exhaustive]
 #[must_use = "outputs may not be off: see `stopped`"]
-pub struct Ended<B: RegisterBus> {
-    /// The bus.
-    pub bus: B,
-    /// All outputs are safe and all ports stopped, or the first error of
-    /// [`Driver::shutdown`].
+pub struct Ended<B: RegisterBus + Clock> {
+    /// The driver, to be looked at: what it counted, its pins as they were last, its events, its
+    /// trace. It gives the bus back.
+    pub driver: Stopped<B>,
+    /// All outputs are safe and all ports stopped, or the first error of [`Driver::stop`].
     pub stopped: Result<(), PortError<B::Error>>,
-    /// What was counted.
+    /// What the runner counted.
     pub statistics: RunStatistics,
     /// The signal that ended it; `None`: the application did.
     #[cfg(feature = "realtime")]
@@ -194,6 +200,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
             snapshot: None,
             commands: None,
             is_sleeping: false,
+            transfers: None,
             #[cfg(feature = "realtime")]
             stop: None,
         }
@@ -232,6 +239,15 @@ impl<B: RegisterBus + Clock> Runner<B> {
         self
     }
 
+    /// Waits after each write until the transfers that it started are complete, at most for `limit`,
+    /// which measures them: see [`Driver::wait_transfers`]. Not where the [board paces](Pace::Board).
+    /// What fails there is left to the next read, and no part of what a cycle takes.
+    #[must_use]
+    pub fn waiting_for_transfers(mut self, limit: Duration) -> Self {
+        self.transfers = Some(limit);
+        self
+    }
+
     /// Ends when a signal has come.
     #[cfg(feature = "realtime")]
     #[must_use]
@@ -241,7 +257,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
     }
 
     /// Runs cycles in the calling thread: read, `work`, write, and the wait for the next period, until
-    /// `work` breaks or a signal comes; then shuts the driver down.
+    /// `work` breaks or a signal comes; then stops the driver.
     ///
     /// The first cycle begins at once. At the host's pace each of the others begins a whole number of
     /// periods after it, however long those before took: a late one does not delay the next, and a
@@ -284,9 +300,13 @@ impl<B: RegisterBus + Clock> Runner<B> {
             }
             write = self.driver.write();
             self.statistics.failed_writes += u64::from(write.is_err());
-            let ended = self.driver.bus_mut().now();
+            let mut ended = self.driver.bus_mut().now();
             took = ended.since(begun);
             self.count(late, took);
+            if let Some(limit) = self.transfers {
+                let _ = self.driver.wait_transfers(limit);
+                ended = self.driver.bus_mut().now();
+            }
             if let Some(snapshot) = &mut self.snapshot {
                 // It is of this driver, which is what it could refuse.
                 let _ = snapshot.publish_run(&self.driver, &self.statistics);
@@ -295,9 +315,9 @@ impl<B: RegisterBus + Clock> Runner<B> {
         }
         // Nothing is taken any more.
         drop(self.commands.take());
-        let (bus, stopped) = self.driver.shutdown();
+        let (driver, stopped) = self.driver.stop();
         Ended {
-            bus,
+            driver,
             stopped,
             statistics: self.statistics,
             #[cfg(feature = "realtime")]

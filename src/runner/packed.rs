@@ -4,9 +4,9 @@ use core::time::Duration;
 
 use super::RunStatistics;
 use crate::bus::{BusStatistics, Instant};
-use crate::driver::{BoardState, DriverStatistics, Failure, OfflineReason, RemoteState};
+use crate::driver::{BoardState, DriverStatistics, OfflineReason, RemoteState};
 use crate::hal::{Age, GroupState};
-use crate::sslbp::{CsStatus, ProcessDataSizes, RemoteFaults, RemoteName};
+use crate::sslbp::RemoteFaults;
 
 /// Where words go.
 pub(super) trait Sink {
@@ -196,78 +196,25 @@ impl Packed for RemoteState {
     }
 }
 
-/// What it is, and two numbers.
+/// Its numbers, in two words; none has one that no reason has.
 impl Packed for Option<OfflineReason> {
     fn pack(&self, to: &mut impl Sink) {
-        use OfflineReason as Reason;
-        let pair = |one: u32, other: u32| u64::from(one) << 32 | u64::from(other);
-        let sizes = |sizes: ProcessDataSizes| u32::from_le_bytes([sizes.rx, sizes.tx, 0, 0]);
-        let (kind, detail) = match *self {
-            None => (0, 0),
-            Some(Reason::Absent) => (1, 0),
-            Some(Reason::TooManyFailures(failure)) => (2, failure as u64),
-            Some(Reason::NotRunning(cs)) => (3, cs.0.into()),
-            Some(Reason::Watchdog) => (4, 0),
-            Some(Reason::IllegalMode) => (5, 0),
-            Some(Reason::FieldPower(faults)) => (6, faults.bits().into()),
-            Some(Reason::Reported(faults)) => (7, faults.bits().into()),
-            Some(Reason::DidNotStart(cs)) => (8, cs.0.into()),
-            Some(Reason::AnotherDevice { name, unit_number }) => {
-                (9, pair(u32::from_le_bytes(name.0), unit_number))
-            }
-            Some(Reason::OtherTables { found, expected }) => (10, pair(found, expected)),
-            Some(Reason::OtherSizes { found, expected }) => {
-                (11, pair(sizes(found), sizes(expected)))
-            }
-            Some(Reason::PortStuck) => (12, 0),
-            Some(Reason::Stopped) => (13, 0),
-            Some(Reason::Requested) => (14, 0),
-        };
-        to.put(kind);
-        to.put(detail);
+        let (number, one, other) = self.map_or((u8::MAX, 0, 0), OfflineReason::to_words);
+        to.put(number.into());
+        to.put(u64::from(one) << 32 | u64::from(other));
     }
 
     fn unpack(from: &mut impl Iterator<Item = u64>) -> Self {
-        use OfflineReason as Reason;
-        let (kind, detail) = (u64::unpack(from), u64::unpack(from));
-        let (one, other) = ((detail >> 32) as u32, detail as u32);
-        let faults = RemoteFaults::from_bits_retain(detail as u8);
-        let sizes = |word: u32| {
-            let [rx, tx, ..] = word.to_le_bytes();
-            ProcessDataSizes { rx, tx }
-        };
-        Some(match kind {
-            1 => Reason::Absent,
-            2 => Reason::TooManyFailures(*Failure::ALL.get(detail as usize)?),
-            3 => Reason::NotRunning(CsStatus(other)),
-            4 => Reason::Watchdog,
-            5 => Reason::IllegalMode,
-            6 => Reason::FieldPower(faults),
-            7 => Reason::Reported(faults),
-            8 => Reason::DidNotStart(CsStatus(other)),
-            9 => Reason::AnotherDevice {
-                name: RemoteName(one.to_le_bytes()),
-                unit_number: other,
-            },
-            10 => Reason::OtherTables {
-                found: one,
-                expected: other,
-            },
-            11 => Reason::OtherSizes {
-                found: sizes(one),
-                expected: sizes(other),
-            },
-            12 => Reason::PortStuck,
-            13 => Reason::Stopped,
-            14 => Reason::Requested,
-            _ => return None,
-        })
+        let (number, detail) = (u64::unpack(from), u64::unpack(from));
+        let number = u8::try_from(number).ok()?;
+        OfflineReason::from_words((number, (detail >> 32) as u32, detail as u32))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::modules::serial::every_reason;
 
     impl Sink for Vec<u64> {
         fn put(&mut self, word: u64) {
@@ -287,35 +234,9 @@ mod tests {
     #[test]
     fn every_reason_and_state_comes_back_as_it_was() {
         use BoardState::{BusDown, Reset, Running, WatchdogBitten};
-        let sizes = |rx, tx| ProcessDataSizes { rx, tx };
-        let faults = RemoteFaults::from_bits_retain(0xA5);
-        let cs = CsStatus(0x8123_4567);
-        let mut reasons = vec![
-            OfflineReason::Absent,
-            OfflineReason::NotRunning(cs),
-            OfflineReason::Watchdog,
-            OfflineReason::IllegalMode,
-            OfflineReason::FieldPower(faults),
-            OfflineReason::Reported(faults),
-            OfflineReason::DidNotStart(cs),
-            OfflineReason::AnotherDevice {
-                name: RemoteName(*b"7I72"),
-                unit_number: 0x1234_5678,
-            },
-            OfflineReason::OtherTables {
-                found: 0xFEDC_BA98,
-                expected: 1,
-            },
-            OfflineReason::OtherSizes {
-                found: sizes(1, 255),
-                expected: sizes(9, 4),
-            },
-            OfflineReason::PortStuck,
-            OfflineReason::Stopped,
-            OfflineReason::Requested,
-        ];
-        reasons.extend(Failure::ALL.map(OfflineReason::TooManyFailures));
         assert_eq!(again(&None::<OfflineReason>), None);
+        let reasons = every_reason(5, 0x1234_5678);
+        assert!(reasons.len() > 10);
         for reason in reasons {
             assert_eq!(again(&Some(reason)), Some(reason));
             for next_attempt in [None, Some(Instant::from_nanos(77))] {

@@ -2,7 +2,8 @@ use alloc::vec::Vec;
 use std::io;
 
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::thread::{CpuSet, sched_setaffinity};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_setaffinity};
 use thread_priority::{
     RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
     set_thread_priority_and_policy, thread_native_id,
@@ -19,6 +20,9 @@ pub struct Realtime {
     /// its network card.
     pub priority: Option<u8>,
     /// All memory of the process stays in RAM, also what it asks for later: no page is waited for.
+    ///
+    /// Refused where only so many bytes may be locked, even if what the process has now fits: what it
+    /// asked for later would be refused then, which ends most programs.
     pub lock_memory: bool,
     /// The CPUs that the thread may run on, by number; empty: any. One that the kernel keeps free of
     /// others (`isolcpus`) is best.
@@ -55,6 +59,16 @@ pub enum RealtimeError {
         /// Why not.
         source: io::Error,
     },
+    /// Only so much memory may be locked.
+    #[error(
+        "locking the memory: no more than {} KiB may be locked (ulimit -l), and what the program asks \
+         for beyond that would be refused while it runs; give the user `memlock unlimited` in \
+         /etc/security/limits.d and log in again, or give the program CAP_IPC_LOCK", bytes >> 10
+    )]
+    MemoryLimit {
+        /// How much.
+        bytes: u64,
+    },
     /// The CPUs.
     #[error("running on the CPUs {cpus:?}: {source}; `nproc --all` tells how many there are")]
     Cpus {
@@ -78,10 +92,7 @@ impl Realtime {
             self::set_priority(priority)?;
         }
         if self.lock_memory {
-            let all = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE;
-            mlockall(all).map_err(|error| RealtimeError::Memory {
-                source: error.into(),
-            })?;
+            self::lock_memory()?;
         }
         self.set_cpus()
     }
@@ -103,6 +114,19 @@ impl Realtime {
         }
         sched_setaffinity(None, &set).map_err(|error| refused(error.into()))
     }
+}
+
+fn lock_memory() -> Result<(), RealtimeError> {
+    let refused = |error: rustix::io::Errno| RealtimeError::Memory {
+        source: error.into(),
+    };
+    if let Some(bytes) = getrlimit(Resource::Memlock).current {
+        let own = capabilities(None).map_err(refused)?.effective;
+        if !own.contains(CapabilitySet::IPC_LOCK) {
+            return Err(RealtimeError::MemoryLimit { bytes });
+        }
+    }
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(refused)
 }
 
 fn set_priority(priority: u8) -> Result<(), RealtimeError> {
@@ -166,6 +190,40 @@ mod tests {
                 };
                 let error = asked.apply().expect_err("no such CPU").to_string();
                 assert!(error.contains("nproc"), "{error}");
+            }
+        });
+    }
+
+    /// The limit is that of the whole process, which no other test asks for more; the capability is
+    /// that of the thread.
+    #[test]
+    fn memory_of_which_only_a_part_may_be_locked_is_not_locked_at_all() {
+        use rustix::process::{Rlimit, setrlimit};
+        in_a_thread(|| {
+            let before = getrlimit(Resource::Memlock);
+            let bytes = before.maximum.map_or(1 << 40, |most| most.min(1 << 40));
+            let limit = Rlimit {
+                current: Some(bytes),
+                ..before.clone()
+            };
+            setrlimit(Resource::Memlock, limit).expect("less is always granted");
+            let mut own = capabilities(None).expect("readable");
+            own.effective.remove(CapabilitySet::IPC_LOCK);
+            rustix::thread::set_capabilities(None, own).expect("less is always granted");
+            let asked = Realtime {
+                lock_memory: true,
+                ..Realtime::default()
+            };
+            let refused = asked.apply();
+            setrlimit(Resource::Memlock, before).expect("as it was");
+            let error = refused.expect_err("though a terabyte would do");
+            assert!(
+                matches!(error, RealtimeError::MemoryLimit { bytes: told } if told == bytes),
+                "{error}"
+            );
+            let text = error.to_string();
+            for said in ["KiB may be locked", "memlock unlimited", "CAP_IPC_LOCK"] {
+                assert!(text.contains(said), "{text}");
             }
         });
     }

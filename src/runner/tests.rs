@@ -82,8 +82,41 @@ fn outputs_are_off_when_it_has_ended() {
     });
     assert_eq!(ended.stopped, Ok(()));
     assert!(was_on);
-    let device = ended.bus.remote(0, 0).and_then(crate::sim::devices::find);
+    let device = ended
+        .driver
+        .bus()
+        .remote(0, 0)
+        .and_then(crate::sim::devices::find);
     assert!(!is_on(device.expect("a 7I77")));
+}
+
+#[test]
+fn what_was_counted_can_be_looked_at_when_it_has_ended() {
+    let runner = runner().waiting_for_transfers(Duration::from_micros(500));
+    let mut events = runner.driver.events();
+    let mut last = None;
+    let ended = runner.run(|cycle| {
+        last = Some(cycle.driver.statistics());
+        if cycle.number == 10 {
+            cycle.driver.restart(0, 0);
+        }
+        match cycle.number {
+            0..20 => ControlFlow::Continue(()),
+            _ => ControlFlow::Break(()),
+        }
+    });
+    assert_eq!(ended.stopped, Ok(()));
+    let (driver, last) = (&ended.driver, last.expect("cycles"));
+    assert!(driver.statistics().reads > last.reads, "the last transfer");
+    let port = driver.ports()[0].statistics();
+    assert!(port.transfers > 15 && port.doit.count() > 15, "{port:?}");
+    let restarted = events.next().expect("it was restarted");
+    assert_eq!(restarted.cycle, 11);
+    let group = driver.ports()[0].remotes().next().expect("one").pins.group;
+    let state = driver.pins().group_state(group).expect("its own");
+    assert!(!state.armed);
+    let mut bus = ended.driver.into_bus();
+    assert!(bus.motor(0).is_some());
 }
 
 #[test]

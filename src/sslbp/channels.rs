@@ -8,6 +8,8 @@ pub const MAX_CHANNELS: u8 = 8;
 
 /// One channel of a port: 0 to 7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(transparent))]
 pub struct Channel(u8);
 
 impl Channel {

@@ -87,6 +87,7 @@ impl<'de> serde::Deserialize<'de> for RemoteName {
 ///
 /// Manual: 7I77, "INTERFACE AND CS REGISTER DATA AT START".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct StartedRemote {
     /// The channel it is on.
     pub channel: Channel,

@@ -15,7 +15,7 @@ fn the_lines_in_the_readme_are_those_that_are_run_here() {
     let (block, _) = block.split_once("# Ok::").expect("its end");
     let run = TEN_LINES.strip_prefix("{\n").expect("an expression");
     let run = run
-        .strip_suffix("(ended.bus, ended.statistics)\n}\n")
+        .strip_suffix("(ended.driver.into_bus(), ended.statistics)\n}\n")
         .expect("that gives what is left");
     assert_eq!(block, run);
 }

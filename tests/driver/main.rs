@@ -7,6 +7,7 @@ mod cycle_7i97;
 mod devices;
 mod dpll_lock;
 mod events;
+mod events_by_fault;
 mod faults_board;
 mod faults_outputs;
 mod faults_remote;

@@ -1,10 +1,9 @@
 //! Nothing in the cycle allocates: a counting allocator watches 100,000 cycles with faults.
 
-use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
 use allocation_counter::{AllocationInfo, measure};
-use mesa_hal::Settings;
 use mesa_hal::bus::{BusErrorKind, RegisterBus};
-use mesa_hal::driver::{Driver, RemoteState};
+use mesa_hal::driver::{EventKind, EventMask, RemoteState, TraceSettings};
 use mesa_hal::runner::{CommandQueue, CommandSender, SnapshotWriter};
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::remote::{Toward, WireFault};
@@ -37,14 +36,20 @@ fn the_counter_counts() {
 #[test]
 fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let bus = Faulty::new(fpga(), 0x5EED);
-    let driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
+    let trace = TraceSettings {
+        cycles: 100,
+        after: 10,
+        freeze_on: EventMask::all(),
+    };
+    let driver = start(bus, |s| (s.trace, s.event_room) = (Some(trace), 16));
+    let driver = driver.expect("the machine is complete");
     let mut machine = Machine::with(driver);
     let mut count = Count::default();
     let mut snapshot = SnapshotWriter::new(&machine.driver);
     let mut commands = CommandQueue::new(&machine.driver, 64);
     let (reader, sender) = (snapshot.reader(), commands.sender());
     let mut events = machine.driver.events();
-    let mut told = 0;
+    let (mut told, mut dropped, mut frozen) = (0, 0, 0);
     for n in 0..CYCLES {
         if n % 10 == 0 {
             disturb(&mut machine, n / 10);
@@ -79,8 +84,24 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
                 let _ = std::hint::black_box(machine.driver.wait_transfers(limit));
             });
         }
-        if n % 64 == 0 {
-            count.of(|| told += events.by_ref().count());
+        // At first nobody takes events, and the queue is full.
+        if n % 64 == 0 && n > CYCLES / 4 {
+            count.of(|| {
+                for event in &mut events {
+                    told += 1;
+                    if let EventKind::Dropped { count } = event.kind {
+                        dropped += count;
+                    }
+                }
+            });
+        }
+        if n % 1000 == 0 {
+            count.of(|| {
+                machine.driver.freeze_trace();
+                let trace = machine.driver.take_trace().expect("it was asked for");
+                frozen += u32::from(trace.cause().is_some() && trace.cycles() > 0);
+                assert!(machine.driver.record(trace).is_ok(), "its own");
+            });
         }
         machine.pass(machine.period);
     }
@@ -91,7 +112,11 @@ fn a_hundred_thousand_cycles_with_faults_allocate_nothing() {
     let asked = sender.statistics();
     assert_eq!(asked.taken, asked.sent, "{asked:?}");
     assert!(asked.sent > 90_000 && asked.refused > 100, "{asked:?}");
-    assert!(told > 1000, "{told} events");
+    assert!(
+        told > 500 && dropped > 100,
+        "{told} events, {dropped} dropped"
+    );
+    assert!(frozen > 90, "{frozen} times");
     assert_has_lived(&machine);
 }
 

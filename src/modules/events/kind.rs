@@ -1,6 +1,7 @@
 //! The kinds of events.
 
 use core::fmt;
+use core::time::Duration;
 
 use bitflags::bitflags;
 
@@ -9,13 +10,15 @@ use crate::modules::serial::OfflineReason;
 use crate::sslbp::Failure;
 
 /// What happened.
+///
+/// What may happen in every cycle, [`Repeating`], is told once of a row of it, and once more for each
+/// other reason; how many they were is told when the row is over: [`Repeated`](Self::Repeated).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(tag = "event", rename_all = "kebab-case"))]
 pub enum EventKind {
-    /// A transfer of a remote failed. Not told again before good transfers have made up for it: with
-    /// the [default policy](crate::driver::FaultPolicy) ten for each that failed.
+    /// A transfer of a remote failed; the first of a row with this reason.
     TransferFailed {
         /// Its port.
         port: u8,
@@ -79,41 +82,84 @@ pub enum EventKind {
         /// Groups that do not run yet.
         waiting: u32,
     },
-    /// A read failed; the first of a row.
+    /// A read failed; the first of a row with this reason.
     ReadFailed {
         /// What the bus said.
         why: BusErrorKind,
     },
-    /// A read found no HostMot2 board; the first of a row.
+    /// A read found no HostMot2 board; the first of a row of failed reads.
     NotThere {
         /// What stands where its cookie is to be.
         found: u32,
     },
-    /// A read was answered again.
-    ReadsAgain {
-        /// How many in a row had failed.
-        failed: u32,
+    /// A row is over: 10 s have gone by without another, the remote went offline, or the driver stops.
+    /// Not told of what was told one by one.
+    Repeated {
+        /// What there was a row of.
+        #[cfg_attr(feature = "serde", serde(flatten))]
+        what: Repeating,
+        /// How many, those included that were told.
+        count: u32,
+        /// From the first to the last, in whole milliseconds.
+        #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
+        lasted: Duration,
     },
-    /// A write failed; the first of a row.
+    /// A write failed; the first of a row with this reason.
     WriteFailed {
         /// What the bus said.
         why: BusErrorKind,
     },
-    /// Writes are known to be lost.
+    /// Writes are known to be lost; the first of a row.
     LostWrites {
-        /// How many.
+        /// How many in this cycle.
         count: u32,
     },
-    /// Periods went by without a good read, where the [board paces](crate::driver::Pace::Board).
+    /// Periods went by without a good read, where the [board paces](crate::driver::Pace::Board); the
+    /// first of a row.
     MissedPeriods {
-        /// How many.
+        /// How many in this cycle.
         count: u32,
     },
-    /// The queue was full, and newer events were dropped.
+    /// The queue was full: from this event on, until it was empty again, events were dropped.
     Dropped {
         /// How many.
         count: u32,
     },
+}
+
+/// What may happen in every cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(tag = "what", rename_all = "kebab-case"))]
+pub enum Repeating {
+    /// [`EventKind::TransferFailed`] of a remote.
+    FailedTransfers {
+        /// Its port.
+        port: u8,
+        /// Its channel.
+        channel: u8,
+    },
+    /// [`EventKind::ReadFailed`] and [`EventKind::NotThere`].
+    FailedReads,
+    /// [`EventKind::WriteFailed`].
+    FailedWrites,
+    /// [`EventKind::LostWrites`].
+    LostWrites,
+    /// [`EventKind::MissedPeriods`].
+    MissedPeriods,
+}
+
+impl fmt::Display for Repeating {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::FailedTransfers { .. } => "transfers failed",
+            Self::FailedReads => "reads failed",
+            Self::FailedWrites => "writes failed",
+            Self::LostWrites => "writes were lost",
+            Self::MissedPeriods => "periods went by without a good read",
+        })
+    }
 }
 
 bitflags! {
@@ -146,8 +192,8 @@ bitflags! {
         const READ_FAILED = 1 << 11;
         /// [`EventKind::NotThere`].
         const NOT_THERE = 1 << 12;
-        /// [`EventKind::ReadsAgain`].
-        const READS_AGAIN = 1 << 13;
+        /// [`EventKind::Repeated`].
+        const REPEATED = 1 << 13;
         /// [`EventKind::WriteFailed`].
         const WRITE_FAILED = 1 << 14;
         /// [`EventKind::LostWrites`].
@@ -181,7 +227,7 @@ impl EventKind {
             Self::Rearmed { .. } => EventMask::REARMED,
             Self::ReadFailed { .. } => EventMask::READ_FAILED,
             Self::NotThere { .. } => EventMask::NOT_THERE,
-            Self::ReadsAgain { .. } => EventMask::READS_AGAIN,
+            Self::Repeated { .. } => EventMask::REPEATED,
             Self::WriteFailed { .. } => EventMask::WRITE_FAILED,
             Self::LostWrites { .. } => EventMask::LOST_WRITES,
             Self::MissedPeriods { .. } => EventMask::MISSED_PERIODS,
@@ -189,14 +235,14 @@ impl EventKind {
         }
     }
 
-    /// Whether something is wrong, or was lost. The others tell that something is well again.
+    /// Whether something is wrong, or was lost. The others tell that something is well again, or over.
     pub const fn is_fault(&self) -> bool {
         let well = EventMask::REMOTE_BACK
             .union(EventMask::REMOTE_UP)
             .union(EventMask::REMOTE_REARMED)
             .union(EventMask::BOARD_SET_UP)
             .union(EventMask::REARMED)
-            .union(EventMask::READS_AGAIN);
+            .union(EventMask::REPEATED);
         !well.contains(self.mask())
     }
 
@@ -208,7 +254,11 @@ impl EventKind {
             | Self::RemoteStaysOffline { port, channel, .. }
             | Self::RemoteBack { port, channel }
             | Self::RemoteUp { port, channel }
-            | Self::RemoteRearmed { port, channel } => Some((port, channel)),
+            | Self::RemoteRearmed { port, channel }
+            | Self::Repeated {
+                what: Repeating::FailedTransfers { port, channel },
+                ..
+            } => Some((port, channel)),
             _ => None,
         }
     }
@@ -244,25 +294,34 @@ impl fmt::Display for EventKind {
             ),
             Self::BoardSetUp => f.write_str("the board has its set-up again"),
             Self::Rearmed { armed, waiting: 0 } => {
-                write!(f, "re-armed: {armed} groups follow again")
+                write!(f, "re-armed; groups that follow again: {armed}")
             }
             Self::Rearmed { armed, waiting } => write!(
                 f,
-                "re-armed: {armed} groups follow again, {waiting} do not run yet"
+                "re-armed; groups that follow again: {armed}, that do not run yet: {waiting}"
             ),
             Self::ReadFailed { why } => write!(f, "a read failed: {why}"),
             Self::NotThere { found } => write!(
                 f,
                 "no HostMot2 board: address 0x0100 reads {found:#010X}, expected 0x55AACAFE"
             ),
-            Self::ReadsAgain { failed } => {
-                write!(f, "read again, after {failed} in a row that failed")
-            }
+            Self::Repeated {
+                what,
+                count,
+                lasted,
+            } => write!(
+                f,
+                "in all {count} {what} within {:.3} s",
+                lasted.as_secs_f64()
+            ),
             Self::WriteFailed { why } => write!(f, "a write failed: {why}"),
-            Self::LostWrites { count } => write!(f, "{count} writes were lost"),
-            Self::MissedPeriods { count } => write!(f, "{count} periods without a good read"),
+            Self::LostWrites { count } => write!(f, "writes that were lost: {count}"),
+            Self::MissedPeriods { count } => write!(f, "periods without a good read: {count}"),
             Self::Dropped { count } => {
-                write!(f, "{count} events were dropped: nobody took them in time")
+                write!(
+                    f,
+                    "events that were dropped from here on, because nobody took them: {count}"
+                )
             }
         }
     }

@@ -2,12 +2,14 @@
 
 mod kind;
 mod queue;
+mod row;
 mod words;
 
-pub use kind::{EventKind, EventMask};
+pub use kind::{EventKind, EventMask, Repeating};
 pub use queue::Events;
 
 pub(crate) use queue::Sink;
+pub(crate) use row::Row;
 
 use core::fmt;
 

@@ -15,8 +15,8 @@ type Slot = [AtomicU32; WORDS];
 /// A ring of events: one thread at a time puts in, any number take out.
 ///
 /// The side of the cycle neither waits nor tries again: when the ring is full, the newest events are
-/// dropped and counted, because the first ones tell how it began. The last free place is kept for the
-/// event that says so.
+/// dropped and counted, because the first ones tell how it began; until somebody has taken all that
+/// are kept and then how many were dropped. So what is taken is always in order.
 struct Queue {
     /// What the names of the board's pins begin with.
     board: Box<str>,
@@ -26,7 +26,12 @@ struct Queue {
     head: AtomicUsize,
     /// ... and to be put in.
     tail: AtomicUsize,
+    /// How many were dropped so far, ...
     dropped: AtomicU32,
+    /// ... and how many of these somebody knows of.
+    known: AtomicU32,
+    /// When the first was dropped that nobody knows of.
+    first_dropped: Slot,
     /// The number of the cycle: its low and its high half.
     cycle: [AtomicU32; 2],
     /// The kinds of events of which the first is caught.
@@ -48,22 +53,19 @@ impl Queue {
 
     fn push(&self, event: Event) {
         self.watch(event);
+        let dropped = self.dropped.load(Ordering::Relaxed);
+        let is_dropping = dropped != self.known.load(Ordering::Acquire);
         let tail = self.tail.load(Ordering::Relaxed);
         // What was taken out before is not read any more.
         let used = tail.wrapping_sub(self.head.load(Ordering::Acquire));
-        let free = self.slots.len().saturating_sub(used);
-        let kind = match free {
-            0 | 1 => EventKind::Dropped { count: 0 },
-            _ => event.kind,
-        };
-        if free <= 1 {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-        if free == 0 {
-            return;
-        }
-        if let Some(slot) = self.slot(tail) {
-            put(slot, Event { kind, ..event });
+        if is_dropping || used >= self.slots.len() {
+            if !is_dropping {
+                put(&self.first_dropped, event);
+            }
+            self.dropped
+                .store(dropped.wrapping_add(1), Ordering::Release);
+        } else if let Some(slot) = self.slot(tail) {
+            put(slot, event);
             self.tail.store(tail.wrapping_add(1), Ordering::Release);
         }
     }
@@ -79,9 +81,11 @@ impl Queue {
 
     fn pop(&self) -> Option<Event> {
         loop {
+            // Before the tail: all events that were put in before these were dropped are seen.
+            let dropped = self.dropped.load(Ordering::Acquire);
             let head = self.head.load(Ordering::Acquire);
             if head == self.tail.load(Ordering::Acquire) {
-                return None;
+                return self.pop_dropped(dropped);
             }
             let event = take(self.slot(head)?);
             let next = head.wrapping_add(1);
@@ -89,22 +93,28 @@ impl Queue {
                 .head
                 .compare_exchange(head, next, Ordering::AcqRel, Ordering::Relaxed);
             // Otherwise somebody else has taken it, and it may have been overwritten.
-            if taken.is_err() {
-                continue;
-            }
-            match event {
-                Some(event) if matches!(event.kind, EventKind::Dropped { .. }) => {
-                    let count = self.dropped.swap(0, Ordering::Relaxed);
-                    // Those were told by the one before.
-                    if count > 0 {
-                        let kind = EventKind::Dropped { count };
-                        return Some(Event { kind, ..event });
-                    }
-                }
-                Some(event) => return Some(event),
-                None => {}
+            if taken.is_ok() && event.is_some() {
+                return event;
             }
         }
+    }
+
+    /// The ring is empty: how many were dropped that nobody knows of.
+    fn pop_dropped(&self, dropped: u32) -> Option<Event> {
+        let known = self.known.load(Ordering::Acquire);
+        let count = dropped.wrapping_sub(known);
+        if count == 0 {
+            return None;
+        }
+        let first = take(&self.first_dropped);
+        // Nothing else is put there before somebody knows.
+        let told = self
+            .known
+            .compare_exchange(known, dropped, Ordering::AcqRel, Ordering::Relaxed);
+        let kind = EventKind::Dropped { count };
+        first
+            .filter(|_| told.is_ok())
+            .map(|first| Event { kind, ..first })
     }
 }
 
@@ -142,16 +152,17 @@ impl fmt::Debug for Queue {
 pub(crate) struct Sink(Arc<Queue>);
 
 impl Sink {
-    /// A queue with room for so many events, or some more; at least for one and the one that tells
-    /// that others were dropped.
+    /// A queue with room for so many events, or some more; at least for one.
     pub fn new(board: &str, room: u16) -> Self {
-        let places = usize::from(room).saturating_add(1).next_power_of_two();
+        let places = usize::from(room).max(1).next_power_of_two();
         Self(Arc::new(Queue {
             board: board.into(),
-            slots: (0..places.max(2)).map(|_| Slot::default()).collect(),
+            slots: (0..places).map(|_| Slot::default()).collect(),
             head: AtomicUsize::new(0),
             tail: AtomicUsize::new(0),
             dropped: AtomicU32::new(0),
+            known: AtomicU32::new(0),
+            first_dropped: Slot::default(),
             cycle: [AtomicU32::new(0), AtomicU32::new(0)],
             watched: AtomicU32::new(0),
             has_caught: AtomicBool::new(false),
@@ -172,6 +183,12 @@ impl Sink {
     pub fn tell(&self, at: Instant, kind: EventKind) {
         let cycle = self.0.cycle();
         self.0.push(Event { at, cycle, kind });
+    }
+
+    /// Something happened that is not told again: only who watches notices.
+    pub fn pass_over(&self, at: Instant, kind: EventKind) {
+        let cycle = self.0.cycle();
+        self.0.watch(Event { at, cycle, kind });
     }
 
     /// From now on the first event of these kinds is caught.
@@ -202,7 +219,7 @@ impl Sink {
 ///
 /// It may go to another thread, which takes events while the cycle runs; the cycle never waits for
 /// it. Several share the queue: each event goes to one of them. When the queue is full, newer
-/// events are dropped and counted: [`EventKind::Dropped`].
+/// events are dropped and counted, until all that are kept were taken: [`EventKind::Dropped`].
 ///
 /// # Real time
 /// Taking one is bounded but where several threads take at the same moment. No allocation.
@@ -250,7 +267,7 @@ mod tests {
         EventKind::LostWrites { count }
     }
 
-    fn kinds(events: &mut Events) -> Vec<EventKind> {
+    fn kinds(events: &mut impl Iterator<Item = Event>) -> Vec<EventKind> {
         events.map(|event| event.kind).collect()
     }
 
@@ -264,7 +281,7 @@ mod tests {
         let event = events.next().expect("an event");
         assert_eq!(event.cycle, 0x1_0000_0005);
         assert_eq!(event.kind, lost(3));
-        let text = "cycle 4294967301, 1.234567 s: 3 writes were lost";
+        let text = "cycle 4294967301, 1.234567 s: writes that were lost: 3";
         assert_eq!(event.to_string(), text);
         assert_eq!(events.next(), None, "and can be asked again");
         sink.tell(Instant::default(), lost(4));
@@ -272,18 +289,73 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_keeps_the_first_and_says_how_many_it_dropped() {
-        let sink = Sink::new("", 3);
+    fn a_full_queue_keeps_the_first_and_says_how_many_it_dropped_after_them() {
+        let sink = Sink::new("", 4);
         let mut events = sink.events();
-        (1..=9).for_each(|n| sink.tell(Instant::default(), lost(n)));
-        let first = [lost(1), lost(2), lost(3)];
+        let tell = |n: u32| sink.tell(Instant::from_nanos(n.into()), lost(n));
+        (1..=9).for_each(tell);
         assert_eq!(events.by_ref().take(2).count(), 2);
-        // Those come after the ones that were dropped.
-        (10..=11).for_each(|n| sink.tell(Instant::default(), lost(n)));
-        let dropped = |count| EventKind::Dropped { count };
-        assert_eq!(kinds(&mut events), [first[2], dropped(7), lost(10)]);
-        sink.tell(Instant::default(), lost(12));
+        // There is room; but those would come before the ones that were dropped.
+        (10..=11).for_each(tell);
+        assert_eq!(kinds(&mut events.by_ref().take(2)), [lost(3), lost(4)]);
+        let dropped = events.next().expect("how many");
+        assert_eq!(dropped.kind, EventKind::Dropped { count: 7 });
+        assert_eq!(dropped.at, Instant::from_nanos(5), "the first of them");
+        assert_eq!(events.next(), None);
+        tell(12);
         assert_eq!(kinds(&mut events), [lost(12)]);
+    }
+
+    #[test]
+    fn how_many_were_dropped_is_told_without_another_event() {
+        let sink = Sink::new("", 1);
+        let mut events = sink.events();
+        for round in 1..5 {
+            (0..=round).for_each(|n| sink.tell(Instant::default(), lost(n)));
+            let dropped = EventKind::Dropped { count: round };
+            assert_eq!(kinds(&mut events), [lost(0), dropped]);
+        }
+        drop(sink);
+        assert_eq!(events.next(), None);
+    }
+
+    /// Kept and dropped are all there are, whoever takes them and when.
+    #[test]
+    fn threads_that_are_too_slow_know_of_every_event() {
+        const COUNT: u32 = 200_000;
+        let sink = Sink::new("", 15);
+        let is_over = Arc::new(AtomicBool::new(false));
+        let takers = [sink.events(), sink.events()].map(|mut events| {
+            let is_over = Arc::clone(&is_over);
+            thread::spawn(move || {
+                let (mut told, mut newest) = (0, 0);
+                loop {
+                    let was_over = is_over.load(Ordering::Acquire);
+                    for event in &mut events {
+                        match event.kind {
+                            EventKind::Dropped { count } => told += count,
+                            EventKind::LostWrites { count } => {
+                                assert_eq!(u64::from(count), event.at.as_nanos());
+                                assert!(count > newest, "{count} after {newest}");
+                                newest = count;
+                                told += 1;
+                            }
+                            other => panic!("{other}"),
+                        }
+                    }
+                    if was_over {
+                        return told;
+                    }
+                    thread::yield_now();
+                }
+            })
+        });
+        for n in 1..=COUNT {
+            sink.tell(Instant::from_nanos(n.into()), lost(n));
+        }
+        is_over.store(true, Ordering::Release);
+        let told = takers.map(|taker| taker.join().expect("it ends"));
+        assert_eq!(told.iter().sum::<u32>(), COUNT, "{told:?}");
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! Events as words, which another thread can take without a lock.
 
-use super::{Event, EventKind};
+use core::time::Duration;
+
+use super::{Event, EventKind, Repeating};
 use crate::bus::{BusErrorKind, Instant};
-use crate::lbp::RemoteFaults;
 use crate::modules::serial::OfflineReason;
-use crate::sslbp::{CsStatus, Failure, ProcessDataSizes, RemoteName};
+use crate::sslbp::Failure;
 
 /// The words of an event: time, cycle, what, and two that say more.
 pub(super) const WORDS: usize = 7;
@@ -51,21 +52,40 @@ impl Event {
 }
 
 impl EventKind {
-    /// The number of its bit, port, channel and reason, and what these need.
+    /// A number of its own for each reason with which it may repeat.
+    pub(super) fn reason(self) -> u32 {
+        match self {
+            Self::NotThere { .. } => BUS_ERRORS.len() as u32 + 1,
+            Self::TransferFailed { .. } | Self::ReadFailed { .. } | Self::WriteFailed { .. } => {
+                let [_, reason, _] = self.to_words();
+                reason
+            }
+            _ => 0,
+        }
+    }
+
+    /// The number of its bit, port, channel and a number, and what these need.
     fn to_words(self) -> [u32; 3] {
         let (port, channel) = self.remote().unwrap_or((0, 0));
-        let (reason, one, other) = match self {
+        let (number, one, other) = match self {
             Self::TransferFailed { failure, .. } => (0, failure as u32, 0),
             Self::RemoteOffline { reason, .. } | Self::RemoteStaysOffline { reason, .. } => {
-                of_reason(reason)
+                reason.to_words()
             }
             Self::Rearmed { armed, waiting } => (0, armed, waiting),
             Self::ReadFailed { why } | Self::WriteFailed { why } => {
                 let number = BUS_ERRORS.iter().position(|kind| *kind == why);
                 (0, number.unwrap_or(BUS_ERRORS.len()) as u32, 0)
             }
+            Self::Repeated {
+                what,
+                count,
+                lasted,
+            } => {
+                let millis = u32::try_from(lasted.as_millis()).unwrap_or(u32::MAX);
+                (what.number(), count, millis)
+            }
             Self::NotThere { found: one }
-            | Self::ReadsAgain { failed: one }
             | Self::LostWrites { count: one }
             | Self::MissedPeriods { count: one }
             | Self::Dropped { count: one } => (0, one, 0),
@@ -78,18 +98,18 @@ impl EventKind {
             | Self::BoardSetUp => (0, 0, 0),
         };
         let bit = self.mask().bits().trailing_zeros() as u8;
-        [u32::from_le_bytes([bit, port, channel, reason]), one, other]
+        [u32::from_le_bytes([bit, port, channel, number]), one, other]
     }
 
     fn from_words([what, one, other]: [u32; 3]) -> Option<Self> {
-        let [bit, port, channel, reason] = what.to_le_bytes();
-        let reason = || reason_of(reason, one, other);
+        let [bit, port, channel, number] = what.to_le_bytes();
+        let reason = || OfflineReason::from_words((number, one, other));
         let why = || BUS_ERRORS.get(one as usize).copied();
         Some(match bit {
             0 => Self::TransferFailed {
                 port,
                 channel,
-                failure: failure_of(one)?,
+                failure: *Failure::ALL.get(one as usize)?,
             },
             1 => Self::RemoteOffline {
                 port,
@@ -114,7 +134,11 @@ impl EventKind {
             },
             11 => Self::ReadFailed { why: why()? },
             12 => Self::NotThere { found: one },
-            13 => Self::ReadsAgain { failed: one },
+            13 => Self::Repeated {
+                what: Repeating::from_number(number, (port, channel))?,
+                count: one,
+                lasted: Duration::from_millis(other.into()),
+            },
             14 => Self::WriteFailed { why: why()? },
             15 => Self::LostWrites { count: one },
             16 => Self::MissedPeriods { count: one },
@@ -124,68 +148,27 @@ impl EventKind {
     }
 }
 
-fn failure_of(number: u32) -> Option<Failure> {
-    Failure::ALL.get(number as usize).copied()
-}
-
-fn of_sizes(sizes: ProcessDataSizes) -> u32 {
-    u32::from(sizes.rx) | u32::from(sizes.tx) << 8
-}
-
-fn sizes_of(word: u32) -> ProcessDataSizes {
-    let [rx, tx, ..] = word.to_le_bytes();
-    ProcessDataSizes { rx, tx }
-}
-
-fn of_reason(reason: OfflineReason) -> (u8, u32, u32) {
-    match reason {
-        OfflineReason::Absent => (0, 0, 0),
-        OfflineReason::TooManyFailures(failure) => (1, failure as u32, 0),
-        OfflineReason::NotRunning(cs) => (2, cs.0, 0),
-        OfflineReason::Watchdog => (3, 0, 0),
-        OfflineReason::IllegalMode => (4, 0, 0),
-        OfflineReason::FieldPower(faults) => (5, faults.bits().into(), 0),
-        OfflineReason::Reported(faults) => (6, faults.bits().into(), 0),
-        OfflineReason::DidNotStart(cs) => (7, cs.0, 0),
-        OfflineReason::AnotherDevice { name, unit_number } => {
-            (8, u32::from_le_bytes(name.0), unit_number)
+impl Repeating {
+    const fn number(self) -> u8 {
+        match self {
+            Self::FailedTransfers { .. } => 0,
+            Self::FailedReads => 1,
+            Self::FailedWrites => 2,
+            Self::LostWrites => 3,
+            Self::MissedPeriods => 4,
         }
-        OfflineReason::OtherTables { found, expected } => (9, found, expected),
-        OfflineReason::OtherSizes { found, expected } => (10, of_sizes(found), of_sizes(expected)),
-        OfflineReason::PortStuck => (11, 0, 0),
-        OfflineReason::Stopped => (12, 0, 0),
-        OfflineReason::Requested => (13, 0, 0),
     }
-}
 
-fn reason_of(number: u8, one: u32, other: u32) -> Option<OfflineReason> {
-    let faults = RemoteFaults::from_bits_retain(one as u8);
-    Some(match number {
-        0 => OfflineReason::Absent,
-        1 => OfflineReason::TooManyFailures(failure_of(one)?),
-        2 => OfflineReason::NotRunning(CsStatus(one)),
-        3 => OfflineReason::Watchdog,
-        4 => OfflineReason::IllegalMode,
-        5 => OfflineReason::FieldPower(faults),
-        6 => OfflineReason::Reported(faults),
-        7 => OfflineReason::DidNotStart(CsStatus(one)),
-        8 => OfflineReason::AnotherDevice {
-            name: RemoteName::from_register(one),
-            unit_number: other,
-        },
-        9 => OfflineReason::OtherTables {
-            found: one,
-            expected: other,
-        },
-        10 => OfflineReason::OtherSizes {
-            found: sizes_of(one),
-            expected: sizes_of(other),
-        },
-        11 => OfflineReason::PortStuck,
-        12 => OfflineReason::Stopped,
-        13 => OfflineReason::Requested,
-        _ => return None,
-    })
+    const fn from_number(number: u8, (port, channel): (u8, u8)) -> Option<Self> {
+        Some(match number {
+            0 => Self::FailedTransfers { port, channel },
+            1 => Self::FailedReads,
+            2 => Self::FailedWrites,
+            3 => Self::LostWrites,
+            4 => Self::MissedPeriods,
+            _ => return None,
+        })
+    }
 }
 
 #[cfg(test)]
@@ -212,17 +195,27 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_event_and_every_reason_has_words() {
-        let word = |bit, reason| u32::from_le_bytes([bit, 1, 2, reason]);
+    fn every_kind_of_event_has_words() {
+        let word = |bit| u32::from_le_bytes([bit, 1, 2, 0]);
         for bit in 0..18 {
-            let kind = EventKind::from_words([word(bit, 0), 1, 2]).expect("a kind");
+            let kind = EventKind::from_words([word(bit), 1, 2]).expect("a kind");
             assert_eq!(kind.mask().bits(), 1 << bit, "{kind:?}");
         }
-        assert_eq!(EventKind::from_words([word(18, 0), 0, 0]), None);
-        for number in 0..14 {
-            let reason = reason_of(number, 1, 2).expect("a reason");
-            assert_eq!(of_reason(reason).0, number, "{reason:?}");
+        assert_eq!(EventKind::from_words([word(18), 0, 0]), None);
+        for number in 0..5 {
+            let what = Repeating::from_number(number, (1, 2)).expect("something");
+            assert_eq!(what.number(), number, "{what:?}");
         }
-        assert_eq!(reason_of(14, 0, 0), None);
+        assert_eq!(Repeating::from_number(5, (0, 0)), None);
+    }
+
+    #[test]
+    fn each_reason_with_which_something_repeats_has_a_bit_of_its_own() {
+        let reads = BUS_ERRORS.map(|why| EventKind::ReadFailed { why }.reason());
+        let not_there = EventKind::NotThere { found: 3 }.reason();
+        let all: alloc::collections::BTreeSet<_> = reads.into_iter().chain([not_there]).collect();
+        assert_eq!(all.len(), BUS_ERRORS.len() + 1);
+        assert!(all.iter().all(|reason| *reason < u32::BITS));
+        assert!(Failure::ALL.len() < u32::BITS as usize);
     }
 }

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
-use crate::modules::events::{EventKind, Sink};
+use crate::modules::events::{EventKind, Repeating, Row, Sink};
 use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
 
 /// Good transfers after which a remote counts as healthy again.
@@ -64,6 +64,8 @@ pub(crate) struct Health {
     pub rest_until: Instant,
     /// The transfer before failed, too.
     has_just_failed: bool,
+    /// The failed transfers of which the first was told.
+    failures: Row,
     /// How long to wait before the next attempt to bring it back; it doubles with each.
     pause: Duration,
     /// Nothing is sent to it before: its watchdog must have bitten.
@@ -91,6 +93,7 @@ impl Health {
             has_run: true,
             rest_until: Instant::default(),
             has_just_failed: false,
+            failures: Row::default(),
             pause: policy.first_backoff,
             silent_until: Instant::default(),
             is_asked_for: false,
@@ -168,6 +171,7 @@ impl Health {
             && matches!(reason, OfflineReason::DidNotStart(_));
         let (port, channel) = self.place();
         if was_running {
+            self.end_row(now);
             let kind = EventKind::RemoteOffline {
                 port,
                 channel,
@@ -255,14 +259,14 @@ impl Health {
     /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
     /// data. After another failure the idle interval between them is one as well.
     pub fn count_fault(&mut self, now: Instant, failure: Failure, increment: u32) {
-        if !self.is_troubled() {
-            let (port, channel) = self.place();
+        let (port, channel) = self.place();
+        if let Some((sink, _)) = &self.told {
             let kind = EventKind::TransferFailed {
                 port,
                 channel,
                 failure,
             };
-            self.tell(now, kind);
+            self.failures.add(sink, now, 1, kind);
         }
         let cycles = 1 + u32::from(core::mem::replace(&mut self.has_just_failed, true));
         let more = increment.saturating_mul(cycles);
@@ -270,14 +274,32 @@ impl Health {
     }
 
     /// A good transfer.
-    pub fn count_good(&mut self, decrement: u32) {
+    pub fn count_good(&mut self, now: Instant, decrement: u32) {
         self.has_just_failed = false;
         self.fault_count = self.fault_count.saturating_sub(decrement);
+        let what = self.failed_transfers();
+        if let Some((sink, _)) = &self.told {
+            self.failures.look(sink, now, what);
+        }
     }
 
-    /// Whether a transfer has failed that good ones have not made up for.
+    /// Failed transfers that were not told are told now, as a number.
+    pub fn end_row(&mut self, now: Instant) {
+        let what = self.failed_transfers();
+        if let Some((sink, _)) = &self.told {
+            self.failures.end(sink, now, what);
+        }
+    }
+
+    fn failed_transfers(&self) -> Repeating {
+        let (port, channel) = self.place();
+        Repeating::FailedTransfers { port, channel }
+    }
+
+    /// Whether a transfer has failed that good ones have not made up for, or of whose row the end has
+    /// not come.
     pub const fn is_troubled(&self) -> bool {
-        self.fault_count > 0 || self.has_just_failed
+        self.fault_count > 0 || self.has_just_failed || self.failures.is_open()
     }
 
     pub fn is_running(&self) -> bool {

@@ -26,4 +26,6 @@ pub use statistics::{PortStatistics, TimeHistogram};
 pub use status::RemoteStatus;
 pub use watchdog::RemoteWatchdog;
 
+#[cfg(all(test, feature = "std"))]
+pub(crate) use offline::tests::every_reason;
 pub(crate) use remote::WATCHDOG_PARAMETER;

@@ -121,3 +121,111 @@ impl OfflineReason {
         )
     }
 }
+
+/// As numbers, which other threads can take without a lock.
+impl OfflineReason {
+    /// A number of its own, from 0 on, and two that say more.
+    pub(crate) fn to_words(self) -> (u8, u32, u32) {
+        let sizes = |sizes: ProcessDataSizes| u32::from_le_bytes([sizes.rx, sizes.tx, 0, 0]);
+        match self {
+            Self::Absent => (0, 0, 0),
+            Self::TooManyFailures(failure) => (1, failure as u32, 0),
+            Self::NotRunning(cs) => (2, cs.0, 0),
+            Self::Watchdog => (3, 0, 0),
+            Self::IllegalMode => (4, 0, 0),
+            Self::FieldPower(faults) => (5, faults.bits().into(), 0),
+            Self::Reported(faults) => (6, faults.bits().into(), 0),
+            Self::DidNotStart(cs) => (7, cs.0, 0),
+            Self::AnotherDevice { name, unit_number } => {
+                (8, u32::from_le_bytes(name.0), unit_number)
+            }
+            Self::OtherTables { found, expected } => (9, found, expected),
+            Self::OtherSizes { found, expected } => (10, sizes(found), sizes(expected)),
+            Self::PortStuck => (11, 0, 0),
+            Self::Stopped => (12, 0, 0),
+            Self::Requested => (13, 0, 0),
+        }
+    }
+
+    /// Of numbers that [`to_words`](Self::to_words) gave.
+    pub(crate) fn from_words((number, one, other): (u8, u32, u32)) -> Option<Self> {
+        let faults = RemoteFaults::from_bits_retain(one as u8);
+        let sizes = |word: u32| {
+            let [rx, tx, ..] = word.to_le_bytes();
+            ProcessDataSizes { rx, tx }
+        };
+        Some(match number {
+            0 => Self::Absent,
+            1 => Self::TooManyFailures(*Failure::ALL.get(one as usize)?),
+            2 => Self::NotRunning(CsStatus(one)),
+            3 => Self::Watchdog,
+            4 => Self::IllegalMode,
+            5 => Self::FieldPower(faults),
+            6 => Self::Reported(faults),
+            7 => Self::DidNotStart(CsStatus(one)),
+            8 => Self::AnotherDevice {
+                name: RemoteName::from_register(one),
+                unit_number: other,
+            },
+            9 => Self::OtherTables {
+                found: one,
+                expected: other,
+            },
+            10 => Self::OtherSizes {
+                found: sizes(one),
+                expected: sizes(other),
+            },
+            11 => Self::PortStuck,
+            12 => Self::Stopped,
+            13 => Self::Requested,
+            _ => return None,
+        })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use alloc::vec::Vec;
+
+    /// One with each number, whatever it says more.
+    pub(crate) fn every_reason(one: u32, other: u32) -> Vec<OfflineReason> {
+        let numbers = 0..=u8::MAX;
+        let reasons = numbers.map_while(|number| OfflineReason::from_words((number, one, other)));
+        reasons.collect()
+    }
+
+    #[test]
+    fn every_reason_comes_back_from_its_numbers() {
+        let reasons = every_reason(7, 0xFEDC_0904);
+        assert_eq!(reasons.len(), 14);
+        for (number, reason) in (0..).zip(reasons) {
+            let words = reason.to_words();
+            assert_eq!(words.0, number, "{reason:?}");
+            assert_eq!(OfflineReason::from_words(words), Some(reason));
+        }
+        let sizes = |rx, tx| ProcessDataSizes { rx, tx };
+        for reason in [
+            OfflineReason::OtherSizes {
+                found: sizes(1, 255),
+                expected: sizes(9, 4),
+            },
+            OfflineReason::AnotherDevice {
+                name: RemoteName(*b"7I72"),
+                unit_number: 0x1234_5678,
+            },
+            OfflineReason::OtherTables {
+                found: 0xFEDC_BA98,
+                expected: 1,
+            },
+        ] {
+            assert_eq!(OfflineReason::from_words(reason.to_words()), Some(reason));
+        }
+        for failure in Failure::ALL {
+            let reason = OfflineReason::TooManyFailures(failure);
+            assert_eq!(OfflineReason::from_words(reason.to_words()), Some(reason));
+        }
+        let unknown = Failure::ALL.len() as u32;
+        assert_eq!(OfflineReason::from_words((1, unknown, 0)), None);
+    }
+}

@@ -149,6 +149,13 @@ impl SerialPort {
         }
     }
 
+    /// Nothing comes any more: failed transfers that were not told are told now.
+    pub(crate) fn end_rows(&mut self, now: Instant) {
+        for health in &mut self.recovery.remotes {
+            health.end_row(now);
+        }
+    }
+
     /// Restarts remotes in the next cycles, whatever their pauses, but not before their outputs must
     /// be off: it clears their faults. Their outputs are safe from now on until they are re-armed.
     pub(crate) fn restart(&mut self, mask: ChannelMask, pins: &mut PinStore, now: Instant) {

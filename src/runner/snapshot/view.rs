@@ -25,6 +25,7 @@ pub struct Snapshot {
 /// A remote, as a [`Snapshot`] shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RemoteSnapshot {
     /// The port.
     pub port: u8,
@@ -33,6 +34,7 @@ pub struct RemoteSnapshot {
     /// Its name at the start.
     pub name: RemoteName,
     /// The group of its pins.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub group: GroupId,
     /// Since when it runs, or does not, as far as it was looked at.
     pub since: Instant,
@@ -41,6 +43,10 @@ pub struct RemoteSnapshot {
     /// Why it went offline first since it was re-armed last.
     pub first_fault: Option<OfflineReason>,
     /// What it reported with its last reply.
+    #[cfg_attr(
+        feature = "serde",
+        serde(serialize_with = "crate::serial_form::flags::serialize")
+    )]
     pub faults: RemoteFaults,
     /// Transfers of its own so far, failed ones included.
     pub transfers: u64,

@@ -60,7 +60,7 @@ pub(crate) struct Recovery {
     pub known: ChannelMask,
     /// Those that transfer.
     pub running: ChannelMask,
-    /// Those with failures that good transfers have not made up for.
+    /// Those with failures that good transfers have not made up for, or that are still to be told.
     troubled: ChannelMask,
     /// Those that run, and were offline since they were armed last.
     pub marked: ChannelMask,
@@ -234,7 +234,7 @@ impl Recovery {
         for remote in &mut self.remotes {
             let (channel, mask) = (remote.channel(), remote.channel().mask());
             if complete.good.contains(channel) {
-                remote.count_good(policy.fault_dec);
+                remote.count_good(now, policy.fault_dec);
             }
             if !complete.bad.contains(channel) {
                 continue;

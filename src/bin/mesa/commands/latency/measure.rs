@@ -97,7 +97,7 @@ fn one(
     }
     let (mut begin, mut end) = (Mark::default(), Mark::default());
     let last = WARM_UP + asked.cycles();
-    let mut ended = runner.run(|cycle| {
+    let ended = runner.run(|cycle| {
         if cycle.number >= WARM_UP {
             recorder.record(cycle);
         }
@@ -110,16 +110,17 @@ fn one(
         end = Mark::take(cycle);
         ControlFlow::Break(())
     });
+    let mut bus = ended.driver.into_bus();
     let measured = Measured {
         board,
         recorder,
         cycles: end.cycle.saturating_sub(WARM_UP),
         begin,
         end,
-        refused: ended.bus.link().refused.clone(),
+        refused: bus.link().refused.clone(),
         stopped: ended.stopped.map_err(|error| error.to_string()),
     };
-    Ok((measured, ended.bus))
+    Ok((measured, bus))
 }
 
 /// What this thread has had of the CPUs so far.

@@ -1,0 +1,41 @@
+//! What may happen to a board in every cycle.
+
+use crate::bus::Instant;
+use crate::modules::events::{Row, Sink};
+
+use super::Repeating;
+
+/// A row of each.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Rows {
+    pub failed_reads: Row,
+    pub failed_writes: Row,
+    pub lost_writes: Row,
+    pub missed_periods: Row,
+}
+
+impl Rows {
+    fn each(&mut self) -> [(&mut Row, Repeating); 4] {
+        [
+            (&mut self.failed_reads, Repeating::FailedReads),
+            (&mut self.failed_writes, Repeating::FailedWrites),
+            (&mut self.lost_writes, Repeating::LostWrites),
+            (&mut self.missed_periods, Repeating::MissedPeriods),
+        ]
+    }
+
+    /// Ends those in which nothing has happened for long enough.
+    #[inline]
+    pub fn look(&mut self, sink: &Sink, now: Instant) {
+        for (row, what) in self.each() {
+            row.look(sink, now, what);
+        }
+    }
+
+    /// Ends all of them.
+    pub fn end(&mut self, sink: &Sink, now: Instant) {
+        for (row, what) in self.each() {
+            row.end(sink, now, what);
+        }
+    }
+}

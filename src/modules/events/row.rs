@@ -1,0 +1,143 @@
+//! What happens again and again: a row of it is told once, and at its end how many there were.
+
+use core::time::Duration;
+
+use super::{EventKind, Repeating, Sink};
+use crate::bus::Instant;
+
+/// A row is over when nothing has been added for so long. A network that loses a packet in a thousand
+/// gives one row, and not the log of a whole night; one that recovers is told soon.
+const QUIET: Duration = Duration::from_secs(10);
+
+/// A row, open or not.
+///
+/// # Real time
+/// Constant time. No allocation.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Row {
+    /// How many so far; 0: there is none.
+    count: u32,
+    /// Of these, those that were told.
+    told: u32,
+    /// The reasons that were told, by their bits.
+    reasons: u32,
+    first: Instant,
+    last: Instant,
+}
+
+impl Row {
+    /// It happened, `count` times in a cycle. Told if it is the first with its reason.
+    #[cold]
+    pub fn add(&mut self, sink: &Sink, now: Instant, count: u32, kind: EventKind) {
+        if self.count == 0 {
+            self.first = now;
+        }
+        self.last = now;
+        self.count = self.count.saturating_add(count);
+        let reason = 1 << (kind.reason() % u32::BITS);
+        if self.reasons & reason == 0 {
+            self.reasons |= reason;
+            self.told = self.told.saturating_add(count);
+            sink.tell(now, kind);
+        } else {
+            sink.pass_over(now, kind);
+        }
+    }
+
+    pub const fn is_open(&self) -> bool {
+        self.count > 0
+    }
+
+    /// Ends it if nothing was added for long enough.
+    #[inline]
+    pub fn look(&mut self, sink: &Sink, now: Instant, what: Repeating) {
+        if self.is_open() && now.since(self.last) >= QUIET {
+            self.end(sink, now, what);
+        }
+    }
+
+    /// Ends it, and tells how many there were if that was not told.
+    #[cold]
+    pub fn end(&mut self, sink: &Sink, now: Instant, what: Repeating) {
+        let row = core::mem::take(self);
+        if row.count > row.told {
+            let millis = row.last.since(row.first).as_millis();
+            let lasted = Duration::from_millis(u32::try_from(millis).unwrap_or(u32::MAX).into());
+            let count = row.count;
+            let kind = EventKind::Repeated {
+                what,
+                count,
+                lasted,
+            };
+            sink.tell(now, kind);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::BusErrorKind::{Late, Lost};
+    use alloc::vec::Vec;
+
+    fn failed(why: crate::bus::BusErrorKind) -> EventKind {
+        EventKind::ReadFailed { why }
+    }
+
+    fn at(millis: u64) -> Instant {
+        Instant::from_nanos(millis * 1_000_000)
+    }
+
+    fn told(sink: &Sink) -> Vec<EventKind> {
+        sink.events().map(|event| event.kind).collect()
+    }
+
+    #[test]
+    fn a_row_is_told_once_for_each_reason_and_counted_when_it_is_over() {
+        let (sink, mut row) = (Sink::new("", 31), Row::default());
+        for millis in 0..5000 {
+            let why = if millis % 2 == 0 { Lost } else { Late };
+            row.add(&sink, at(millis), 1, failed(why));
+            row.look(&sink, at(millis), Repeating::FailedReads);
+        }
+        assert_eq!(told(&sink), [failed(Lost), failed(Late)]);
+        row.look(&sink, at(14_998), Repeating::FailedReads);
+        assert_eq!(told(&sink), []);
+        row.look(&sink, at(14_999), Repeating::FailedReads);
+        let kind = EventKind::Repeated {
+            what: Repeating::FailedReads,
+            count: 5000,
+            lasted: Duration::from_millis(4999),
+        };
+        assert_eq!(told(&sink), [kind]);
+        assert_eq!(
+            alloc::string::ToString::to_string(&kind),
+            "in all 5000 reads failed within 4.999 s"
+        );
+        row.look(&sink, at(99_999), Repeating::FailedReads);
+        assert_eq!(told(&sink), []);
+        row.add(&sink, at(100_000), 1, failed(Late));
+        assert_eq!(told(&sink), [failed(Late)], "another row");
+    }
+
+    #[test]
+    fn the_end_of_a_row_in_which_everything_was_told_is_not_told() {
+        let (sink, mut row) = (Sink::new("", 31), Row::default());
+        let lost = EventKind::LostWrites { count: 3 };
+        row.add(&sink, at(1), 3, lost);
+        row.end(&sink, at(2), Repeating::LostWrites);
+        assert_eq!(told(&sink), [lost]);
+        assert!(!row.is_open());
+        row.end(&sink, at(3), Repeating::LostWrites);
+        assert_eq!(told(&sink), []);
+    }
+
+    #[test]
+    fn what_is_watched_is_caught_though_it_is_not_told() {
+        let (sink, mut row) = (Sink::new("", 31), Row::default());
+        row.add(&sink, at(1), 1, failed(Lost));
+        sink.watch(super::super::EventMask::READ_FAILED);
+        row.add(&sink, at(2), 1, failed(Lost));
+        assert_eq!(sink.caught().map(|event| event.at), Some(at(2)));
+    }
+}

@@ -1,0 +1,172 @@
+//! Inventory, statistics, settings and events as programs of others read them: JSON that is checked in.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, fpga, start};
+use mesa_hal::boards::i7i77;
+use mesa_hal::bus::{BusErrorKind, RegisterBus};
+use mesa_hal::driver::{
+    Event, EventKind, EventMask, Failure, OfflineReason, Repeating, TraceSettings,
+};
+use mesa_hal::inventory;
+use mesa_hal::lbp::RemoteFaults;
+use mesa_hal::runner::Runner;
+use mesa_hal::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
+use serde_json::{Value, from_str, from_value, json, to_value};
+
+/// Holds it against what is written in `tests/serial_form`.
+fn is_as_written(name: &str, made: &Value) {
+    let file = format!("{name}.json");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/serial_form");
+    let text = fs::read_to_string(folder.join(&file)).unwrap_or_default();
+    if from_str::<Value>(&text).ok().as_ref() == Some(made) {
+        return;
+    }
+    let other = Path::new(env!("CARGO_TARGET_TMPDIR")).join(&file);
+    let text = serde_json::to_string_pretty(made).expect("JSON");
+    fs::write(&other, text + "\n").expect("a folder for it");
+    panic!(
+        "tests/serial_form/{file} is another one than {}",
+        other.display()
+    );
+}
+
+#[test]
+fn an_inventory_is_as_it_is_written() {
+    let mut fpga = fpga();
+    for channel in [FIELD, ANALOG] {
+        let _ = fpga.plug(0, channel, None);
+    }
+    let taken = inventory::take(&mut fpga, None, &[].into(), || true).expect("a 7I92");
+    is_as_written("inventory", &to_value(taken).expect("JSON"));
+}
+
+#[test]
+fn settings_are_as_they_are_written_and_come_back() {
+    let mut port: SerialConfig = "20xxxxxx".parse().expect("modes");
+    let analog = RemoteConfig {
+        kind: Some(&i7i77::ANALOG),
+        presence: Presence::Optional,
+        ..RemoteConfig::default()
+    };
+    port.channels.insert(1, analog);
+    let settings = Settings {
+        period: Duration::from_micros(250),
+        pace: Pace::Board,
+        watchdog: Some(Duration::from_millis(7)),
+        serial_ports: [(0, port)].into(),
+        trace: Some(TraceSettings::default()),
+        ..Settings::default()
+    };
+    let made = json!({
+        "default": to_value(Settings::default()).expect("JSON"),
+        "other": to_value(&settings).expect("JSON"),
+    });
+    is_as_written("settings", &made);
+    let back: Settings = from_value(made["other"].clone()).expect("settings");
+    assert_eq!(format!("{back:?}"), format!("{settings:?}"));
+}
+
+#[test]
+fn events_are_as_they_are_written_and_come_back() {
+    let (port, channel) = (0, 2);
+    let why = BusErrorKind::Lost;
+    let kinds = [
+        EventKind::TransferFailed {
+            port,
+            channel,
+            failure: Failure::NoReply,
+        },
+        EventKind::RemoteOffline {
+            port,
+            channel,
+            reason: OfflineReason::FieldPower(RemoteFaults::LOW_VOLTAGE),
+        },
+        EventKind::RemoteStaysOffline {
+            port,
+            channel,
+            reason: OfflineReason::OtherTables {
+                found: 1,
+                expected: 2,
+            },
+        },
+        EventKind::RemoteBack { port, channel },
+        EventKind::RemoteUp { port, channel },
+        EventKind::RemoteRearmed { port, channel },
+        EventKind::WatchdogBitten,
+        EventKind::BoardReset,
+        EventKind::BusDown,
+        EventKind::BoardSetUp,
+        EventKind::Rearmed {
+            armed: 3,
+            waiting: 1,
+        },
+        EventKind::ReadFailed { why },
+        EventKind::NotThere { found: 0xFFFF_FFFF },
+        EventKind::Repeated {
+            what: Repeating::FailedTransfers { port, channel },
+            count: 12,
+            lasted: Duration::from_millis(1_500),
+        },
+        EventKind::Repeated {
+            what: Repeating::LostWrites,
+            count: 2,
+            lasted: Duration::from_secs(1),
+        },
+        EventKind::WriteFailed { why },
+        EventKind::LostWrites { count: 1 },
+        EventKind::MissedPeriods { count: 2 },
+        EventKind::Dropped { count: 9 },
+    ];
+    let all = kinds
+        .iter()
+        .fold(EventMask::empty(), |all, kind| all | kind.mask());
+    assert_eq!(all, EventMask::all(), "one of each");
+    let events = kinds.map(|kind| {
+        let mut event = to_value(kind).expect("JSON");
+        event["at"] = json!(5_020_113_000_u64);
+        event["cycle"] = json!(5021);
+        let back: Event = from_value(event.clone()).expect("an event");
+        assert_eq!(back.kind, kind);
+        assert_eq!(to_value(back).expect("JSON"), event);
+        event
+    });
+    is_as_written("events", &Value::from(events.to_vec()));
+}
+
+/// Of everything that counts, and of a remote that is offline.
+#[test]
+fn statistics_are_as_they_are_written() {
+    let mut machine = Machine::with(start(fpga(), |_| {}).expect("the machine is complete"));
+    machine.cycles(5);
+    machine.driver.restart(0, OUTPUTS as u8);
+    let report = machine.cycle();
+    let remote = to_value(machine.status(OUTPUTS)).expect("JSON");
+    let mut runner = Runner::new(machine.driver);
+    let (snapshots, commands) = (runner.snapshot(), runner.commands(4));
+    commands.rearm().expect("there is room");
+    let ended = runner.run(|cycle| match cycle.number {
+        0..10 => std::ops::ControlFlow::Continue(()),
+        _ => std::ops::ControlFlow::Break(()),
+    });
+    ended.stopped.expect("the bus does not fail");
+    let shown = snapshots.read().expect("cycles");
+    let ports = ended.driver.ports().iter().map(|port| port.statistics());
+    let made = json!({
+        "cycle_report": report,
+        "driver": ended.driver.statistics(),
+        "run": ended.statistics,
+        "commands": commands.statistics(),
+        "bus": ended.driver.bus().statistics(),
+        "ports": ports.collect::<Vec<_>>(),
+        "rejections": ended.driver.pins().total_rejections(),
+        "remote": remote,
+        "remotes_of_snapshot": shown.remotes().collect::<Vec<_>>(),
+    });
+    is_as_written("statistics", &made);
+}
