@@ -2,11 +2,13 @@
 
 use std::cell::Cell;
 use std::rc::Rc;
+use std::time::Duration;
 
-use super::{FAULTY, QUIET, Story, TIMES, differences};
+use super::{FAULTY, QUIET, Story, TIMES, all_is_as_written};
 use crate::common::ethernet::{self, Fate, SimLink, WIRE, cut, good};
-use crate::common::machine::{Machine, fpga};
-use mesa_hal::driver::{EventKind, EventMask, Pace};
+use crate::common::machine::{Machine, fpga, start};
+use mesa_hal::bus::Clock;
+use mesa_hal::driver::{EventKind, EventMask, Pace, Repeating};
 use mesa_hal::sim::{FaultKind, MotorConfig, Place, machines};
 use mesa_hal::transport::udp::UdpBus;
 
@@ -60,6 +62,15 @@ impl Network {
         Self { story, losing }
     }
 
+    /// The network is like that for a while.
+    fn meanwhile(&mut self, to_board: Fate, to_host: Fate) {
+        let link = self.story.machine.driver.bus_mut().link();
+        (link.to_board, link.to_host) = (to_board, to_host);
+        self.story.run(FAULTY);
+        let link = self.story.machine.driver.bus_mut().link();
+        (link.to_board, link.to_host) = (good(), good());
+    }
+
     /// The same some times, some cycles apart; all of it was lost.
     fn times(&mut self, plan: Losing) {
         for _ in 0..TIMES {
@@ -78,97 +89,109 @@ impl Network {
 
 #[test]
 fn what_is_told_of_a_bad_network_is_what_happened_in_its_order() {
+    all_is_as_written("network.txt", |place| place == Place::Network, tell);
+}
+
+fn tell(kind: FaultKind) -> Vec<EventKind> {
     let one = |requests, writes, replies, late| Losing {
         requests,
         writes,
         replies,
         late,
     };
-    let mut wrong = String::new();
-    let kinds = FaultKind::ALL.iter().copied();
-    for kind in kinds.filter(|kind| kind.place() == Place::Network) {
-        let mut network = Network::new();
-        let mut counted = None;
-        match kind {
-            FaultKind::NetworkLostRequest => {
-                network.times(one(1, 0, 0, None));
-                network.times(one(0, 1, 0, None));
-                counted = Some([TIMES, TIMES]);
-            }
-            FaultKind::NetworkLostReply => {
-                network.times(one(0, 0, 1, None));
-                counted = Some([TIMES, 0]);
-            }
-            FaultKind::NetworkLate => {
-                network.times(one(0, 0, 1, Some(1_500_000)));
-                counted = Some([TIMES, 0]);
-            }
-            FaultKind::NetworkDuplicate => {
-                let link = network.story.machine.driver.bus_mut().link();
-                link.to_board = Box::new(|_, _| vec![WIRE, WIRE + 3_000]);
-                link.to_host = Box::new(|_, _| vec![WIRE, WIRE + 3_000]);
-                network.story.run(FAULTY);
-                let link = network.story.machine.driver.bus_mut().link();
-                (link.to_board, link.to_host) = (good(), good());
-            }
-            _ => {
-                let link = network.story.machine.driver.bus_mut().link();
-                (link.to_board, link.to_host) = (cut(), cut());
-                network.story.run(FAULTY);
-                let link = network.story.machine.driver.bus_mut().link();
-                (link.to_board, link.to_host) = (good(), good());
-            }
+    let mut network = Network::new();
+    let mut counted = None;
+    match kind {
+        FaultKind::NetworkLostRequest => {
+            network.times(one(1, 0, 0, None));
+            network.times(one(0, 1, 0, None));
+            counted = Some([TIMES, TIMES]);
         }
-        let story = &mut network.story;
-        story.run(QUIET);
-        story.check(kind);
-        if let Some(counted) = counted {
-            let reads = story.total(|_| 1, EventMask::READ_FAILED);
-            let lost = |kind: &EventKind| match kind {
-                EventKind::LostWrites { count } => *count,
-                _ => 0,
-            };
-            let writes = match counted {
-                [_, 0] => story.told.iter().map(lost).sum(),
-                _ => story.total(lost, EventMask::LOST_WRITES),
-            };
-            assert_eq!([reads, writes], counted, "{kind}: {:?}", story.told);
+        FaultKind::NetworkLostReply => {
+            network.times(one(0, 0, 1, None));
+            counted = Some([TIMES, 0]);
         }
-        story.rearm();
-        wrong.extend(differences(kind, &story.told));
+        FaultKind::NetworkLate => {
+            network.times(one(0, 0, 1, Some(1_500_000)));
+            counted = Some([TIMES, 0]);
+        }
+        FaultKind::NetworkDuplicate => {
+            let twice = || -> Fate { Box::new(|_, _| vec![WIRE, WIRE + 3_000]) };
+            network.meanwhile(twice(), twice());
+        }
+        _ => network.meanwhile(cut(), cut()),
     }
-    assert!(wrong.is_empty(), "{wrong}");
+    let mut story = network.story;
+    story.run(QUIET);
+    story.check(kind);
+    if let Some([reads, writes]) = counted {
+        let sum = |what: Repeating, one: EventMask, count: fn(&EventKind) -> u32| {
+            let told = story.told.iter().map(|kind| match kind {
+                EventKind::Repeated {
+                    what: of, count, ..
+                } if *of == what => *count,
+                kind if one.contains(kind.mask()) => count(kind),
+                _ => 0,
+            });
+            // The number has those that were told.
+            told.max().unwrap_or(0)
+        };
+        let lost = |kind: &EventKind| match kind {
+            EventKind::LostWrites { count } => *count,
+            _ => 0,
+        };
+        let told = [
+            sum(Repeating::FailedReads, EventMask::READ_FAILED, |_| 1),
+            sum(Repeating::LostWrites, EventMask::LOST_WRITES, lost),
+        ];
+        assert_eq!(told, [reads, writes], "{kind}: {:?}", story.told);
+    }
+    story.rearm();
+    story.told
 }
 
 #[test]
 fn periods_that_a_late_host_misses_are_told_where_the_board_paces() {
     let fpga = machines::six_axes_7i97(MotorConfig::default());
-    let mut machine: Machine<_, ()> = Machine::on(ethernet::bus(fpga), |s| s.pace = Pace::Board);
-    machine.pace = Pace::Board;
-    let mut events = machine.driver.events();
-    machine.cycles(50);
-    assert_eq!(events.next(), None);
-    let mut missed = 0;
-    for late in [2, 1, 3] {
-        machine.sleep(late);
-        let report = machine.cycle();
-        missed += report.missed_periods as u32;
-        assert_eq!(report.missed_periods, late, "{report:?}");
-        machine.cycles(20);
-    }
-    let told: Vec<_> = events
-        .by_ref()
-        .map(|event| event.kind.to_string())
-        .collect();
-    assert_eq!(told, ["periods without a good read: 2"]);
-    machine.cycles(QUIET);
-    let told: Vec<_> = events
-        .by_ref()
-        .map(|event| event.kind.to_string())
-        .collect();
-    let [told] = &told[..] else {
-        panic!("{told:?}");
+    let mut driver = start(ethernet::bus(fpga), |s| s.pace = Pace::Board).expect("a 7I97");
+    let mut events = driver.events();
+    let mut told = || {
+        events
+            .by_ref()
+            .map(|event| event.kind.to_string())
+            .collect::<Vec<_>>()
     };
-    let all = format!("in all {missed} periods went by without a good read within 0.0");
-    assert!(told.starts_with(&all), "{told}");
+    let _ = driver.read().expect("the board is there");
+    let first = driver.bus_mut().link().journal.len();
+    let mut cycle = |micros| {
+        driver.bus_mut().wait(Duration::from_micros(micros));
+        driver.write().expect("the board is there");
+        driver.read().expect("the board is there").missed_periods
+    };
+    assert!((0..50).all(|_| cycle(300) == 0));
+    assert_eq!(told(), [""; 0]);
+    let missed = [1_500, 2_500, 3_500].map(|micros| {
+        let missed = cycle(micros);
+        assert!((0..20).all(|_| cycle(300) == 0));
+        missed
+    });
+    assert_eq!(
+        told(),
+        [format!("periods without a good read: {}", missed[0])]
+    );
+    assert!((0..QUIET).all(|_| cycle(300) == 0));
+    let [line] = &told()[..] else {
+        panic!("one line");
+    };
+    // The board's own clock has begun that many periods without being asked.
+    let journal = &driver.bus_mut().link().journal[first..];
+    let requests = journal.iter().filter(|sent| sent.is_request);
+    let times: Vec<u64> = requests.flat_map(|sent| sent.executed.clone()).collect();
+    let gaps = times
+        .windows(2)
+        .map(|pair| (pair[1] - pair[0] + 500_000) / 1_000_000 - 1);
+    let all: u64 = gaps.sum();
+    assert_eq!(missed.iter().sum::<u64>(), all, "{missed:?}");
+    let begin = format!("in all {all} periods went by without a good read within 0.0");
+    assert!(line.starts_with(&begin), "{line}");
 }
