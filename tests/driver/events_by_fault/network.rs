@@ -9,7 +9,7 @@ use crate::common::ethernet::{self, Fate, SimLink, WIRE, cut, good};
 use crate::common::machine::{Machine, fpga, start};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{EventKind, EventMask, Pace, Repeating};
-use mesa_hal::sim::{FaultKind, MotorConfig, Place, machines};
+use mesa_hal::sim::{FaultKind, Motor, Place, machines};
 use mesa_hal::transport::udp::UdpBus;
 
 /// A network that loses some of the packets.
@@ -152,7 +152,7 @@ fn tell(kind: FaultKind) -> Vec<EventKind> {
 
 #[test]
 fn periods_that_a_late_host_misses_are_told_where_the_board_paces() {
-    let fpga = machines::six_axes_7i97(MotorConfig::default());
+    let fpga = machines::six_axes_7i97(Motor::default());
     let mut driver = start(ethernet::bus(fpga), |s| s.pace = Pace::Board).expect("a 7I97");
     let mut events = driver.events();
     let mut told = || {
