@@ -72,7 +72,7 @@ impl Machine {
     ) -> Self {
         let mut missing = Vec::new();
         for attempt in 1..=LOADS {
-            let mut machine = Self::start(prefix, board);
+            let mut machine = Self::start(prefix, board, &[]);
             let driver = "loadrt hm2_eth board_ip=10.97.0.2 config=sserial_port_0=000xxxxx";
             let mut load = || machine.try_hal(hostmot2).and(machine.try_hal(driver));
             missing = match load() {
@@ -97,7 +97,41 @@ impl Machine {
         panic!("LinuxCNC did not load in {LOADS} attempts: {missing:#?}");
     }
 
-    fn start(prefix: &'static str, board: &str) -> Self {
+    /// LinuxCNC with what `mesa hal` writes of the board into `directory`, or tries again: with a thread
+    /// alone (`bench`), or all of it (`linuxcnc`). Its remotes get the patience of [`run`](Self::run).
+    pub fn load_written(
+        prefix: &'static str,
+        (board, remotes): (&str, &[&str]),
+        (how, directory): (&str, &Path),
+    ) -> Self {
+        let directory = directory.to_str().expect("UTF-8");
+        let mut said = Vec::new();
+        for attempt in 1..=LOADS {
+            let mut machine = Self::start(prefix, board, &[how, directory]);
+            let mut load = || {
+                machine.try_hal("getp .io_error")?;
+                let mut remotes = remotes.iter();
+                remotes.try_for_each(|remote| {
+                    let found = machine.try_hal(&format!("getp .{remote}.nvwatchdogtimeout"));
+                    found.map(drop)
+                })
+            };
+            match load() {
+                Ok(()) => {
+                    println!("LinuxCNC loaded at attempt {attempt}");
+                    machine.be_patient(remotes);
+                    return machine;
+                }
+                Err(messages) => said = messages,
+            }
+            let last = said.len().saturating_sub(3);
+            println!("attempt {attempt}: {:?}", &said[last..]);
+            machine.stop();
+        }
+        panic!("LinuxCNC did not load in {LOADS} attempts: {said:#?}");
+    }
+
+    fn start(prefix: &'static str, board: &str, session: &[&str]) -> Self {
         let pipes = ["to-board", "from-board"].map(|name| {
             let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
             let path = directory.join(format!("{}-{name}", std::process::id()));
@@ -116,6 +150,7 @@ impl Machine {
                     env!("CARGO_MANIFEST_DIR"),
                     "/tests/interop_linuxcnc/session.sh"
                 ))
+                .args(session)
                 .env("MESA", mesa())
                 .env("BOARD_IN", &pipes[0])
                 .env("BOARD_OUT", &pipes[1])
@@ -168,7 +203,7 @@ impl Machine {
         }
     }
 
-    fn hal(&mut self, command: &str) -> Vec<String> {
+    pub fn hal(&mut self, command: &str) -> Vec<String> {
         match self.try_hal(command) {
             Ok(answer) => answer,
             Err(answer) => panic!("halcmd {command}: {answer:?}"),
@@ -186,12 +221,21 @@ impl Machine {
     }
 
     pub fn get(&mut self, name: &str) -> String {
-        let answer = self.hal(&format!("getp .{name}"));
+        self.value(&format!("getp .{name}"))
+    }
+
+    /// The value of a signal.
+    pub fn signal(&mut self, name: &str) -> String {
+        self.value(&format!("gets {name}"))
+    }
+
+    fn value(&mut self, command: &str) -> String {
+        let answer = self.hal(command);
         let values: Vec<_> = answer
             .iter()
             .filter(|line| !line.starts_with('!'))
             .collect();
-        assert_eq!(values.len(), 1, "{name}: {answer:?}");
+        assert_eq!(values.len(), 1, "{command}: {answer:?}");
         values[0].trim().to_owned()
     }
 
@@ -214,6 +258,19 @@ impl Machine {
                 "{name} is {value}, not {expected}: {}",
                 self.diagnosis()
             );
+        }
+    }
+
+    /// Waits until a signal has a value.
+    pub fn expect_signal(&mut self, name: &str, fits: impl Fn(&str) -> bool) {
+        let start = Instant::now();
+        loop {
+            let value = self.signal(name);
+            if fits(&value) {
+                return;
+            }
+            let in_time = start.elapsed() < SETTLE;
+            assert!(in_time, "{name} is {value}: {}", self.diagnosis());
         }
     }
 
@@ -247,17 +304,46 @@ impl Machine {
         self.hal("addf .read servo");
         self.hal("addf .write servo");
         self.hal("start");
-        // Parameters are written to the remotes when the port starts, and hold when a remote
-        // powers up again.
-        self.start_port();
+        self.power_up(remotes);
+    }
+
+    /// The same of remotes whose thread runs already.
+    fn be_patient(&mut self, remotes: &[&str]) {
         self.set("sserial.port-0.run", "false");
         for remote in remotes {
-            let channel = remote.rsplit('.').next().unwrap_or_default();
-            let name = format!("remote.{channel}.parameter.nvwatchdogtimeout");
-            self.expect_board(channel, &name, |time| time == 1000.0);
+            self.set(&format!("{remote}.nvwatchdogtimeout"), "1000");
+        }
+        std::thread::sleep(Duration::from_millis(200));
+        self.power_up(remotes);
+    }
+
+    /// Parameters are written to the remotes when the port starts, unless a packet is late, and hold when
+    /// a remote powers up again.
+    fn power_up(&mut self, remotes: &[&str]) {
+        let channels = remotes
+            .iter()
+            .filter_map(|remote| remote.rsplit('.').next());
+        let channels: Vec<_> = channels.collect();
+        let is_written = |all: Values| {
+            let time =
+                |channel| all[&format!("remote.{channel}.parameter.nvwatchdogtimeout")] == "1000";
+            channels.iter().all(time)
+        };
+        for _ in 0..5 {
+            self.start_port();
+            let start = Instant::now();
+            while !is_written(self.board.show("all")) && start.elapsed() < SETTLE / 2 {}
+            self.set("sserial.port-0.run", "false");
+            std::thread::sleep(Duration::from_millis(200));
+            if is_written(self.board.show("all")) {
+                break;
+            }
+        }
+        for channel in &channels {
             self.board.run(&format!("power {channel} off"));
             self.board.run(&format!("power {channel} on"));
         }
+        assert!(is_written(self.board.show("all")), "{}", self.diagnosis());
         std::thread::sleep(Duration::from_millis(200));
         self.start_port();
     }

@@ -11,6 +11,7 @@ mod interop;
 mod linuxcnc;
 mod names;
 mod setsserial;
+mod skeleton;
 
 use std::time::{Duration, Instant};
 

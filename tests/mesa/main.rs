@@ -6,6 +6,7 @@ mod common;
 mod doctor;
 mod files;
 mod flash;
+mod hal;
 mod info;
 #[path = "../interop/mod.rs"]
 mod interop;

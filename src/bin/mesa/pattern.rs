@@ -14,7 +14,13 @@ impl FromStr for Pattern {
     type Err = Infallible;
 
     fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(Self(text.to_lowercase()))
+        Ok(text.into())
+    }
+}
+
+impl From<&str> for Pattern {
+    fn from(text: &str) -> Self {
+        Self(text.to_lowercase())
     }
 }
 
@@ -25,7 +31,8 @@ impl Pattern {
         texts.into_iter().any(|text| self.fits_text(text))
     }
 
-    fn fits_text(&self, text: &str) -> bool {
+    /// Whether a text is meant.
+    pub fn fits_text(&self, text: &str) -> bool {
         let text = text.to_lowercase();
         if self.0.contains(['*', '?']) {
             is_match(self.0.as_bytes(), text.as_bytes())

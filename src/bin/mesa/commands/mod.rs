@@ -2,6 +2,7 @@
 
 mod doctor;
 mod flash;
+mod hal;
 mod info;
 mod ip;
 mod latency;
@@ -27,6 +28,7 @@ use crate::sim;
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    Hal(hal::Hal),
     Info(info::Info),
     Latency(latency::Latency),
     Led(led::Led),
@@ -54,6 +56,7 @@ pub enum Command {
 impl Command {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         match self {
+            Self::Hal(hal) => hal.run(context),
             Self::Info(info) => info.run(context),
             Self::Latency(latency) => latency.run(context),
             Self::Led(led) => led.run(context),

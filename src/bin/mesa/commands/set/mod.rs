@@ -210,7 +210,7 @@ fn bounds_output(last: &str) -> bool {
 }
 
 /// What enables the drive of an analog output, of cards that are known.
-fn enable_of(board: &Board<UdpBus>, pin: PinId) -> Option<PinId> {
+pub fn enable_of(board: &Board<UdpBus>, pin: PinId) -> Option<PinId> {
     let cards = board.remotes().filter_map(|(port, remote)| {
         let channel = remote.started.channel.index();
         board.attach::<I7i77Analog>(port, channel).ok()

@@ -1,0 +1,275 @@
+//! The files for LinuxCNC: the board's signals, motion on them, and their numbers.
+
+use std::fmt::Write;
+
+use super::machine::{Joint, LETTERS, Machine, is_enable, remark};
+use mesa_hal::hal::Role;
+
+/// Names of a servo loop's numbers in the INI file, and of the parameters of `pid`.
+const LOOP: [(&str, &str, &str); 9] = [
+    ("P", "Pgain", "0"),
+    ("I", "Igain", "0"),
+    ("D", "Dgain", "0"),
+    ("BIAS", "bias", "0"),
+    ("FF0", "FF0", "0"),
+    ("FF1", "FF1", "0"),
+    ("FF2", "FF2", "0"),
+    ("DEADBAND", "deadband", "0"),
+    ("MAX_OUTPUT", "maxoutput", "10"),
+];
+
+/// The board's driver, and a signal for each pin.
+pub fn board(machine: &Machine) -> String {
+    let Machine { board, ports, .. } = machine;
+    let mut text = format!(
+        "# {board}: its driver, and a signal for each pin. Written by `mesa hal`.\n\
+         #\n\
+         # Connect LinuxCNC to the signals, in motion.hal or in a file of your own:\n\
+         #   net SIGNAL => joint.0.home-sw-in       an input\n\
+         #   net SIGNAL <= spindle.0.on             an output\n\
+         # An output whose signal nothing writes is off; `halcmd sets SIGNAL true` switches it by hand.\n"
+    );
+    if !machine.remotes.is_empty() {
+        text.push_str("#\n");
+    }
+    for remote in &machine.remotes {
+        let _ = writeln!(text, "# {remote}");
+    }
+    let config = if ports.is_empty() {
+        ""
+    } else {
+        " config=[HOSTMOT2]CONFIG"
+    };
+    let _ = write!(
+        text,
+        "\nloadrt hostmot2\n\
+         loadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP{config}\n\n\
+         # Read before everything else in the thread, write behind it.\n\
+         addf {board}.read servo-thread 1\n\
+         addf {board}.write servo-thread -1\n\n\
+         setp {board}.watchdog.timeout_ns [HOSTMOT2]WATCHDOG_NS\n\
+         setp {board}.packet-error-limit [HOSTMOT2]PACKET_ERROR_LIMIT\n"
+    );
+    for port in ports.keys() {
+        let _ = writeln!(
+            text,
+            "setp {board}.sserial.port-{port}.fault-lim [HOSTMOT2]SSERIAL_FAULT_LIMIT"
+        );
+    }
+    let _ = write!(
+        text,
+        "\n# Both are a part of the emergency stop. The first one stays on until it is taken back:\n\
+         # `halcmd sets board-watchdog false`.\n\
+         net board-watchdog <=> {board}.watchdog.has_bit\n\
+         net board-lost <= {board}.packet-error-exceeded\n"
+    );
+    if !machine.settings.is_empty() {
+        text.push_str("\n# How the outputs of this board are made. Not to be changed.\n");
+    }
+    for (name, value) in &machine.settings {
+        let _ = writeln!(text, "setp {name} {value}");
+    }
+    text.push_str(&signals(machine));
+    text
+}
+
+/// The signals by module and remote, and at the end the drive enables, which have none.
+fn signals(machine: &Machine) -> String {
+    let (mut text, mut last, mut enables) = (String::new(), "", String::new());
+    for pin in &machine.pins {
+        let remark = match &*remark(pin) {
+            "" => String::new(),
+            remark => format!("  # {remark}"),
+        };
+        if is_enable(pin) {
+            let joint = machine.enabled_by(pin).unwrap_or(0);
+            let _ = writeln!(
+                enables,
+                "# net joint-{joint}-enable => {}{remark}",
+                pin.name
+            );
+            continue;
+        }
+        let own = machine.own(&pin.name);
+        let module = own.rsplit_once('.').map_or(own, |(module, _)| module);
+        if module != last {
+            text.push('\n');
+            let encoder = format!("{}.{module}", machine.board);
+            let mut joints = machine.joints.iter();
+            if let Some(joint) = joints.position(|joint| joint.encoder == encoder) {
+                let _ = writeln!(text, "setp {encoder}.scale [JOINT_{joint}]ENCODER_SCALE");
+            }
+        }
+        last = module;
+        let arrow = match pin.role {
+            Role::Input => "<=",
+            Role::InOut => "<=>",
+            _ => "=>",
+        };
+        let signal = signal(machine, &pin.name);
+        let _ = writeln!(text, "net {signal} {arrow} {}{remark}", pin.name);
+    }
+    if !enables.is_empty() {
+        text.push_str(
+            "\n# What turns drives on. TODO: take the # away when the emergency stop was tried, and every\n\
+             # axis counts the way it is driven.\n",
+        );
+    }
+    text + &enables
+}
+
+fn signal(machine: &Machine, name: &str) -> String {
+    machine.own(name).replace('.', "-")
+}
+
+/// LinuxCNC's motion, servo loops and emergency stop.
+pub fn motion(machine: &Machine) -> String {
+    let Machine { board, joints, .. } = machine;
+    let mut text = format!(
+        "# LinuxCNC's motion, servo loops and emergency stop, on the signals of board.hal ({board}).\n\
+         # Written by `mesa hal`.\n\n\
+         loadrt [KINS]KINEMATICS\n\
+         loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS\n\
+         loadrt estop_latch count=3\n"
+    );
+    if !joints.is_empty() {
+        text.push_str("loadrt pid num_chan=[KINS]JOINTS\n");
+    }
+    text.push_str(
+        "\naddf motion-command-handler servo-thread\n\
+         addf motion-controller servo-thread\n",
+    );
+    for number in 0..joints.len() {
+        let _ = writeln!(text, "addf pid.{number}.do-pid-calcs servo-thread");
+    }
+    for latch in 0..3 {
+        let _ = writeln!(text, "addf estop-latch.{latch} servo-thread");
+    }
+    text.push_str(
+        "\n# Emergency stop: a chain that the board's watchdog, lost packets and the button break. No\n\
+         # software turns a motor off for sure: the button has to remove its power as well.\n\
+         net estop-released <= iocontrol.0.user-enable-out => estop-latch.0.ok-in\n\
+         net estop-reset <= iocontrol.0.user-request-enable => estop-latch.0.reset estop-latch.1.reset estop-latch.2.reset\n\
+         net board-watchdog => estop-latch.0.fault-in\n\
+         net estop-watchdog-ok <= estop-latch.0.ok-out => estop-latch.1.ok-in\n\
+         net board-lost => estop-latch.1.fault-in\n\
+         net estop-board-ok <= estop-latch.1.ok-out => estop-latch.2.ok-in\n\
+         net estop-pressed => estop-latch.2.fault-in\n\
+         net estop-ok <= estop-latch.2.ok-out => iocontrol.0.emc-enable-in\n\
+         # TODO: the input of the button. Until then it is pressed. A contact that opens is for example:\n",
+    );
+    let example = machine.pins.iter().find(|pin| pin.name.contains(".input-"));
+    let example = example.map_or_else(|| format!("{board}.INPUT"), |pin| pin.name.clone());
+    let _ = write!(
+        text,
+        "#   net estop-pressed <= {example}-not\n\
+         sets estop-pressed true\n\n\
+         # A person changes tools.\n\
+         net tool-prepare <= iocontrol.0.tool-prepare => iocontrol.0.tool-prepared\n\
+         net tool-change <= iocontrol.0.tool-change => iocontrol.0.tool-changed\n"
+    );
+    for (number, joint) in joints.iter().enumerate() {
+        text.push_str(&servo(machine, number, joint));
+    }
+    if joints.is_empty() {
+        text.push_str(
+            "\n# TODO: no encoder with an analog output was found. This joint is where it was told to be.\n\
+             net joint-0-enable <= joint.0.amp-enable-out\n\
+             net joint-0-command <= joint.0.motor-pos-cmd => joint.0.motor-pos-fb\n",
+        );
+    }
+    text
+}
+
+/// The servo loop of a joint.
+fn servo(machine: &Machine, number: usize, joint: &Joint) -> String {
+    let encoder = signal(machine, &joint.encoder);
+    let volts = signal(machine, &joint.volts);
+    let mut text = format!("\n# Joint {number}: {encoder}, {volts}\n");
+    for (name, parameter, _) in LOOP {
+        let _ = writeln!(text, "setp pid.{number}.{parameter} [JOINT_{number}]{name}");
+    }
+    let _ = write!(
+        text,
+        "net joint-{number}-enable <= joint.{number}.amp-enable-out => pid.{number}.enable\n\
+         net joint-{number}-command <= joint.{number}.motor-pos-cmd => pid.{number}.command\n\
+         net {encoder}-position => joint.{number}.motor-pos-fb pid.{number}.feedback\n\
+         net {encoder}-velocity => pid.{number}.feedback-deriv\n\
+         net {encoder}-index-enable <=> joint.{number}.index-enable pid.{number}.index-enable\n\
+         net {volts} <= pid.{number}.output\n"
+    );
+    text
+}
+
+/// The board with a thread, and nothing that moves.
+pub fn bench(machine: &Machine) -> String {
+    format!(
+        "# {} without LinuxCNC's motion, to try its inputs and outputs. Written by `mesa hal`.\n\
+         #\n\
+         #   halrun -I -i machine.ini -f bench.hal\n\
+         #   show sig                                  every signal, and what it is connected to\n\
+         #   sets SIGNAL true                          an output, by hand\n\
+         #   exit\n\n\
+         loadrt threads name1=servo-thread period1=[EMCMOT]SERVO_PERIOD\n\
+         source board.hal\n\
+         start\n",
+        machine.board
+    )
+}
+
+/// The numbers of all of them.
+pub fn ini(machine: &Machine) -> String {
+    let Machine { board, ports, .. } = machine;
+    let axes = machine.joints.len().max(1);
+    let letters: String = LETTERS.chars().take(axes).collect();
+    let address = match machine.address {
+        Some(address) => format!("BOARD_IP = {}", address.ip()),
+        None => "# TODO: a simulated board was looked at\nBOARD_IP = 10.10.10.10".to_owned(),
+    };
+    let config = ports
+        .iter()
+        .map(|(port, modes)| format!("sserial_port_{port}={modes}"));
+    let config: Vec<_> = config.collect();
+    let config = match &*config.join(" ") {
+        "" => String::new(),
+        config => format!(
+            "# The software mode of each channel, or x where there is no remote.\nCONFIG = \"{config}\"\n"
+        ),
+    };
+    let mut text = format!(
+        "# {board}. Written by `mesa hal`. What has TODO is not known by the board: set it.\n\n\
+         [EMC]\nVERSION = 1.1\nMACHINE = {board}\n\n\
+         [DISPLAY]\nDISPLAY = axis\n\n\
+         [TASK]\nTASK = milltask\nCYCLE_TIME = 0.010\n\n\
+         [RS274NGC]\nPARAMETER_FILE = machine.var\n\n\
+         [EMCMOT]\nEMCMOT = motmod\nCOMM_TIMEOUT = 1.0\n# Nanoseconds\nSERVO_PERIOD = 1000000\n\n\
+         [EMCIO]\nEMCIO = io\nCYCLE_TIME = 0.100\n\n\
+         [HOSTMOT2]\n{address}\n{config}\
+         # Without a write for so long the board turns its outputs off: five periods\n\
+         WATCHDOG_NS = 5000000\nPACKET_ERROR_LIMIT = 10\nSSERIAL_FAULT_LIMIT = 200\n\n\
+         [HAL]\nHALUI = halui\nHALFILE = motion.hal\nHALFILE = board.hal\n\n\
+         [KINS]\n# TODO: fewer, if an analog output is a spindle's\nJOINTS = {axes}\nKINEMATICS = trivkins coordinates={letters}\n\n\
+         [TRAJ]\nCOORDINATES = {letters}\nLINEAR_UNITS = mm\nANGULAR_UNITS = degree\n\
+         # TODO\nMAX_LINEAR_VELOCITY = 1\n"
+    );
+    for (number, letter) in letters.chars().enumerate() {
+        let limits = "MIN_LIMIT = -1\nMAX_LIMIT = 1\nMAX_VELOCITY = 1\nMAX_ACCELERATION = 1\n";
+        let kind = if "ABC".contains(letter) {
+            "ANGULAR"
+        } else {
+            "LINEAR"
+        };
+        let _ = write!(
+            text,
+            "\n[AXIS_{letter}]\n# TODO: units, and units a second\n{limits}\n\
+             [JOINT_{number}]\nTYPE = {kind}\n# TODO: units, and units a second\n{limits}\
+             FERROR = 0.1\nMIN_FERROR = 0.01\n\
+             # TODO: counts of the encoder for one unit\nENCODER_SCALE = 1000\n\
+             # TODO: the servo loop, in volts\n"
+        );
+        for (name, _, value) in LOOP {
+            let _ = writeln!(text, "{name} = {value}");
+        }
+    }
+    text
+}

@@ -1,0 +1,206 @@
+//! What was found on a board, as far as a controller connects to it.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddrV4;
+
+use mesa_hal::Board;
+use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
+use mesa_hal::sslbp::MAX_CHANNELS;
+use mesa_hal::transport::udp::UdpBus;
+
+use super::super::named;
+use super::super::set::{Hazard, enable_of, hazard};
+use crate::context::Failure;
+use crate::pattern::Pattern;
+use crate::place;
+
+/// Pins of the board's own modules that a controller connects to, without the board's name.
+const OF_MODULES: [&str; 10] = [
+    "encoder.??.position",
+    "encoder.??.velocity",
+    "encoder.??.index-enable",
+    "pwmgen.??.value",
+    "pwmgen.??.enable",
+    "in*.??.input-??",
+    "in*.??.enc?-count",
+    "ssr.??.out-??",
+    "outm.??.out-??",
+    "gpio.???.in",
+];
+
+/// Pins of remotes that say nothing that others do not, or that nobody connects to.
+const NOT_OF_REMOTES: [&str; 3] = ["*-not", "*.rawcounts", "*.reset"];
+
+/// Settings of outputs that LinuxCNC has to have as this crate does: another scale or mode is another
+/// voltage.
+const SETTINGS: [&str; 7] = [
+    "pwmgen.pwm_frequency",
+    "pwmgen.??.scale",
+    "pwmgen.??.offset-mode",
+    "pwmgen.??.output-type",
+    "*analogout*-scalemax",
+    "*analogout*-maxlim",
+    "*analogout*-minlim",
+];
+
+/// As many axes as LinuxCNC has letters for.
+pub const LETTERS: &str = "XYZABCUVW";
+
+/// What was found on a board, as far as a controller connects to it.
+pub struct Machine {
+    /// For example `hm2_7i97.0`.
+    pub board: String,
+    /// Where it is; `None` of a simulated one.
+    pub address: Option<SocketAddrV4>,
+    /// Pins that LinuxCNC has as well, by the same names.
+    pub pins: Vec<PinInfo>,
+    /// Settings, and their values as LinuxCNC takes them.
+    pub settings: Vec<(String, String)>,
+    /// Encoders with an analog output for each.
+    pub joints: Vec<Joint>,
+    /// What LinuxCNC takes of each serial port: the software mode of each channel, or `x`.
+    pub ports: BTreeMap<u8, String>,
+    /// The remotes, a line each.
+    pub remotes: Vec<String>,
+}
+
+/// A servo axis: the names of its pins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Joint {
+    /// What those of its encoder begin with.
+    pub encoder: String,
+    /// The analog output.
+    pub volts: String,
+    /// What enables its drive; `None` of a card that is not known.
+    pub enable: Option<String>,
+}
+
+impl Machine {
+    /// Of a board that is discovered and not started: the driver's own pins, which LinuxCNC does not have,
+    /// are not there yet.
+    pub fn of(board: &Board<UdpBus>, address: SocketAddrV4) -> Result<Self, Failure> {
+        let all = board.pins();
+        let groups: Vec<_> = board.remotes().map(|(_, it)| it.pins.group).collect();
+        let prefix = format!("{}.", board.name());
+        let own = |info: &PinInfo| info.name.strip_prefix(&prefix).map(str::to_owned);
+        let is_one = |patterns: &[&str], name: &str| {
+            patterns.iter().any(|it| Pattern::from(*it).fits_text(name))
+        };
+        let is_connected = |info: &&PinInfo| {
+            let name = own(info).unwrap_or_default();
+            // I/O pins that no terminal is known of are those of a connector for a card.
+            let is_free = name.starts_with("gpio.") && info.place.terminal.is_empty();
+            let is_taken = if groups.contains(&info.group) {
+                !is_one(&NOT_OF_REMOTES, &name)
+            } else {
+                is_one(&OF_MODULES, &name) && !is_free
+            };
+            !info.role.is_param() && is_taken
+        };
+        let pins: Vec<_> = all.infos().iter().filter(is_connected).cloned().collect();
+        let settings = all.infos().iter().zip(all.values());
+        let settings = settings.filter_map(|(info, value)| {
+            let is_it = info.role == Role::Setting && is_one(&SETTINGS, &own(info)?);
+            is_it.then(|| (info.name.clone(), number(value)))
+        });
+        let (ports, remotes) = ports(board)?;
+        Ok(Self {
+            joints: joints(board, &pins),
+            settings: settings.collect(),
+            pins,
+            board: board.name().to_owned(),
+            address: Some(address).filter(|address| !address.ip().is_loopback()),
+            ports,
+            remotes,
+        })
+    }
+
+    /// The name of a pin without the board's.
+    pub fn own<'a>(&self, name: &'a str) -> &'a str {
+        let own = name.strip_prefix(&self.board).unwrap_or(name);
+        own.trim_start_matches('.')
+    }
+
+    /// The number of the joint whose drive a pin enables.
+    pub fn enabled_by(&self, pin: &PinInfo) -> Option<usize> {
+        let mut joints = self.joints.iter();
+        joints.position(|joint| joint.enable.as_ref() == Some(&pin.name))
+    }
+}
+
+/// The modes of all channels as LinuxCNC takes them, and the remotes in words.
+fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
+    let module = board.firmware().require_sserial();
+    let instances = module.map_or(0, |module| module.instances);
+    let none = ['x'; MAX_CHANNELS as usize];
+    let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
+    let mut remotes = Vec::new();
+    for (port, remote) in board.remotes() {
+        let started = &remote.started;
+        let (channel, mode) = (started.channel.index(), started.software_mode);
+        let name = remote.descriptor.name;
+        let place = format!("port {port}, channel {channel}: {name}, mode {mode}");
+        let digit = char::from_digit(mode.into(), 10).ok_or_else(|| {
+            Failure::usage(format_args!("{place}: LinuxCNC takes modes 0 to 9 only"))
+        })?;
+        let modes = ports.entry(port).or_insert(none);
+        if let Some(character) = modes.get_mut(usize::from(channel)) {
+            *character = digit;
+        }
+        remotes.push(place);
+    }
+    let ports = ports.into_iter();
+    let ports = ports.map(|(port, modes)| (port, modes.iter().collect()));
+    Ok((ports.collect(), remotes))
+}
+
+/// The first encoder with the first analog output, and so on.
+fn joints(board: &Board<UdpBus>, pins: &[PinInfo]) -> Vec<Joint> {
+    let of_fpga = format!("{}.encoder.", board.name());
+    let encoders = pins.iter().filter_map(|pin| {
+        let encoder = pin.name.strip_suffix(".position")?;
+        encoder.starts_with(&of_fpga).then(|| encoder.to_owned())
+    });
+    let volts = pins.iter().filter(|pin| is_analog_output(pin));
+    let pairs = encoders.zip(volts).take(LETTERS.len());
+    let joint = |(encoder, volts): (String, &PinInfo)| {
+        let id = board.pins().id(&volts.name).ok();
+        let enable = id.and_then(|id| enable_of(board, id));
+        let enable = enable.and_then(|enable| board.pins().info_of(enable));
+        Joint {
+            encoder,
+            volts: volts.name.clone(),
+            enable: enable.map(|enable| enable.name.clone()),
+        }
+    };
+    pairs.map(joint).collect()
+}
+
+fn is_analog_output(pin: &PinInfo) -> bool {
+    let is_voltage = pin.unit.to_lowercase().starts_with('v');
+    pin.role == Role::Output && pin.hal_type == HalType::Float && is_voltage
+}
+
+/// Whether a pin can turn a drive on.
+pub fn is_enable(pin: &PinInfo) -> bool {
+    pin.role == Role::Output && hazard(pin) == Hazard::DriveEnable
+}
+
+/// Where a pin is and what its unit is, on one line.
+pub fn remark(pin: &PinInfo) -> String {
+    let unit = match &*pin.unit {
+        "" => String::new(),
+        unit => format!(" in {unit}"),
+    };
+    let text = place::short(&pin.place) + &unit;
+    // A unit is what a remote says.
+    text.trim().replace(char::is_control, " ")
+}
+
+/// A value as LinuxCNC takes it: all digits.
+fn number(value: AnyValue) -> String {
+    match value.hal_type {
+        HalType::Float => f64::from_bits(value.bits).to_string(),
+        _ => named::text(value),
+    }
+}

@@ -1,0 +1,170 @@
+//! `mesa hal`: files to begin with, for LinuxCNC and for this crate.
+
+mod linuxcnc;
+mod machine;
+mod rust;
+
+use std::fmt::{self, Display};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use mesa_hal::{Board, Settings};
+use serde::Serialize;
+
+use crate::context::{Context, Ending, Failure};
+use crate::files;
+use crate::modes::Modes;
+use crate::output::complain;
+use crate::target::Target;
+use machine::Machine;
+
+const AFTER_HELP: &str = "\
+The files: machine.ini, with the numbers that are to be set (TODO); board.hal, the driver with a
+signal for each pin; motion.hal, LinuxCNC's motion, servo loops and emergency stop; bench.hal, the
+board alone; main.rs, a program for this crate. Nothing in them enables a drive. Without --out they
+are printed.
+
+It stops the serial ports and turns all pins into inputs: not for a machine that is running. A
+board that another program drives is left alone. Files that are there already are replaced only with
+--yes, or if a person agrees.
+
+Examples:
+  mesa hal --addr 10.10.10.10 --mode 0.0=2 --out my_machine
+  cd my_machine && halrun -I -i machine.ini -f bench.hal
+  linuxcnc my_machine/machine.ini";
+
+/// Write HAL and INI files for LinuxCNC, and a program for this crate, to begin with
+#[derive(Debug, Args)]
+#[command(after_help = AFTER_HELP)]
+pub struct Hal {
+    #[command(flatten)]
+    target: Target,
+    #[command(flatten)]
+    modes: Modes,
+    /// Write the files into this directory, which is made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// What was written, or would be.
+#[derive(Debug, Serialize)]
+struct Skeleton {
+    board: String,
+    files: [File; 5],
+    #[serde(skip)]
+    is_written: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct File {
+    path: PathBuf,
+    text: String,
+}
+
+/// Their names, in the order in which they are read.
+const NAMES: [&str; 5] = [
+    "machine.ini",
+    "board.hal",
+    "motion.hal",
+    "bench.hal",
+    "main.rs",
+];
+
+impl Hal {
+    pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        if let Some(directory) = &self.out {
+            may_replace(directory, context)?;
+        }
+        let machine = self.look()?;
+        if let Some(signal) = context.stop.signal() {
+            complain(format_args!("mesa: ended by {signal}; nothing was written"));
+            return Ok(Ending::Stopped(signal));
+        }
+        let texts = [
+            linuxcnc::ini(&machine),
+            linuxcnc::board(&machine),
+            linuxcnc::motion(&machine),
+            linuxcnc::bench(&machine),
+            rust::program(&machine),
+        ];
+        let directory = self.out.as_deref().unwrap_or(Path::new(""));
+        let mut texts = texts.into_iter();
+        let skeleton = Skeleton {
+            files: NAMES.map(|name| File {
+                path: directory.join(name),
+                text: texts.next().unwrap_or_default(),
+            }),
+            board: machine.board,
+            is_written: self.out.is_some(),
+        };
+        if skeleton.is_written {
+            skeleton.write(directory)?;
+        }
+        context.print(&skeleton)?;
+        Ok(context.ending())
+    }
+
+    /// Looks at the board with all outputs off, and says what is there, and what is missing or odd.
+    fn look(&self) -> Result<Machine, Failure> {
+        let found = self.target.find()?;
+        let mut settings = Settings::default();
+        self.modes.put(&mut settings);
+        let mut board = Board::identify(found.open()?, settings)?;
+        board.discover()?;
+        let machine = Machine::of(&board, found.address)?;
+        for remote in &machine.remotes {
+            complain(format_args!("{}: {remote}", machine.board));
+        }
+        for missing in board.missing() {
+            complain(format_args!("MISSING: {missing}"));
+        }
+        for remark in board.remarks() {
+            complain(format_args!("Note: {remark}"));
+        }
+        Ok(machine)
+    }
+}
+
+/// Asks before files are replaced; something else than a file of such a name is never.
+fn may_replace(directory: &Path, context: &Context) -> Result<(), Failure> {
+    let mut there = Vec::new();
+    for name in NAMES {
+        match fs::metadata(directory.join(name)) {
+            Ok(found) if !found.is_file() => {
+                let path = directory.join(name);
+                let why = "no regular file, and it stays what it is; choose another --out";
+                return Err(Failure::usage(format_args!("{}: {why}", path.display())));
+            }
+            Ok(_) => there.push(name),
+            Err(_) => {}
+        }
+    }
+    if there.is_empty() {
+        return Ok(());
+    }
+    let (directory, there) = (directory.display(), there.join(", "));
+    context.consent(&format!("{directory}: replaces {there}"))
+}
+
+impl Skeleton {
+    fn write(&self, directory: &Path) -> Result<(), Failure> {
+        fs::create_dir_all(directory)
+            .map_err(|error| Failure::refused(format_args!("{}: {error}", directory.display())))?;
+        let mut files = self.files.iter();
+        files.try_for_each(|file| files::write(&file.path, file.text.as_bytes()))
+    }
+}
+
+impl Display for Skeleton {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.files.iter().try_for_each(|File { path, text }| {
+            let path = path.display();
+            if self.is_written {
+                writeln!(f, "{path}")
+            } else {
+                writeln!(f, "==> {path} <==\n{text}")
+            }
+        })
+    }
+}

@@ -1,0 +1,179 @@
+//! What `mesa hal` writes of a board runs in LinuxCNC on that board: the driver, every pin's signal, the
+//! emergency stop, and drives that nothing enables.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::linuxcnc::{Machine, SETTLE, alone, skipped};
+
+/// What stays off whatever LinuxCNC is told, by the board.
+type Drives = &'static [(&'static str, &'static str)];
+
+const DRIVES_7I77: Drives = &[
+    ("1", "remote.1.analogena"),
+    ("1", "remote.1.spinena"),
+    ("1", "remote.1.analogout0"),
+    ("1", "remote.1.analogout5"),
+];
+
+const DRIVES_7I97: Drives = &[
+    ("board", "board.enable0"),
+    ("board", "board.enable4"),
+    ("board", "board.enable5"),
+    ("board", "board.analogout0"),
+    ("board", "board.analogout5"),
+];
+
+fn directory(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("skeleton-{name}"))
+}
+
+fn is(expected: &'static str) -> impl Fn(&str) -> bool {
+    move |value| value == expected
+}
+
+/// Every signal of the written file is there, on the pins that the file says.
+fn check_signals(machine: &mut Machine, directory: &Path) {
+    let text = fs::read_to_string(directory.join("board.hal")).expect("it was written");
+    let shown = machine.hal("show sig");
+    // A signal's line ends in its name; those of its pins are below it.
+    let mut linked = Vec::new();
+    let mut signal = "";
+    for line in &shown {
+        let words: Vec<_> = line.split_whitespace().collect();
+        match words[..] {
+            ["==>" | "<==" | "<=>", pin] => linked.push((signal, pin)),
+            [_, _, name] => signal = name,
+            _ => {}
+        }
+    }
+    let mut count = 0;
+    for line in text.lines().filter(|line| line.starts_with("net ")) {
+        let words: Vec<_> = line.split_whitespace().collect();
+        let (signal, pin) = (words[1], words[3]);
+        assert!(linked.contains(&(signal, pin)), "{line}: {shown:#?}");
+        count += 1;
+    }
+    println!("{count} signals");
+    assert!(count > 60, "{text}");
+}
+
+/// An input of the board shows on its signal, an encoder that is turned by hand in its own units, and an
+/// output is switched by its signal.
+fn check_signals_follow(machine: &mut Machine, (input, signal): (&str, &str)) {
+    for _ in 0..2 {
+        machine.expect_signal(signal, is("FALSE"));
+        machine.board.run(&format!("input {input} on"));
+        machine.expect_signal(signal, is("TRUE"));
+        machine.board.run(&format!("input {input} off"));
+    }
+    machine.expect_signal(signal, is("FALSE"));
+    machine.board.run("turn 2 20");
+    // The file's 1000 counts a unit.
+    machine.expect_signal("encoder-02-velocity", |velocity| {
+        let velocity: f64 = velocity.parse().expect("a number");
+        (velocity - 20.0).abs() < 2.0
+    });
+    machine.board.run("turn 2 0");
+    machine.hal("sets 7i77-0-0-output-03 true");
+    machine.expect_board("0", "remote.0.output-03", |on| on == 1.0);
+    machine.hal("sets 7i77-0-0-output-03 false");
+    machine.expect_board("0", "remote.0.output-03", |on| on == 0.0);
+}
+
+fn check_drives_are_off(machine: &mut Machine, drives: Drives) {
+    for (what, name) in drives {
+        // An analog output of a 7I97 is a PWM: a few millivolts of 10 V.
+        machine.expect_board(what, name, |value| value.abs() < 0.02);
+    }
+}
+
+/// The button that nobody has wired is pressed. When it is released, LinuxCNC goes on, and no drive is
+/// enabled; when it is pressed, everything stops.
+fn check_emergency_stop(machine: &mut Machine, drives: Drives) {
+    press(machine, "estop.reset", "estop-board-ok");
+    machine.expect_signal("estop-ok", is("FALSE"));
+    machine.hal("sets estop-pressed false");
+    press(machine, "estop.reset", "estop-ok");
+    machine.expect_signal("joint-0-enable", is("FALSE"));
+    press(machine, "machine.on", "joint-0-enable");
+    check_drives_are_off(machine, drives);
+    machine.hal("sets estop-pressed true");
+    machine.expect_signal("estop-ok", is("FALSE"));
+    machine.expect_signal("joint-0-enable", is("FALSE"));
+    machine.hal("sets estop-pressed false");
+    machine.expect_signal("estop-ok", is("FALSE"));
+}
+
+/// Presses a button of LinuxCNC's screen until a signal is on: on a busy machine a thread of 1 kHz can stand
+/// still for longer than LinuxCNC asks for something.
+fn press(machine: &mut Machine, button: &str, signal: &str) {
+    let wait = || std::thread::sleep(Duration::from_millis(300));
+    let begun = Instant::now();
+    while machine.signal(signal) != "TRUE" {
+        assert!(
+            begun.elapsed() < 4 * SETTLE,
+            "{button} does not lead to {signal}"
+        );
+        machine.hal(&format!("setp halui.{button} true"));
+        wait();
+        machine.hal(&format!("setp halui.{button} false"));
+        wait();
+    }
+}
+
+#[test]
+fn all_of_linuxcnc_runs_with_what_is_written_of_a_7i92_with_a_7i77_and_a_7i72() {
+    if skipped() {
+        return;
+    }
+    let _alone = alone();
+    let directory = directory("7i92");
+    let remotes: &[_] = &["7i77.0.0", "7i77.0.1", "7i72.0.2"];
+    let board = ("--board 7i92-7i77 --remote 2=7i72", remotes);
+    let mut machine = Machine::load_written("hm2_7i92.0", board, ("linuxcnc", &directory));
+    check_signals(&mut machine, &directory);
+    check_emergency_stop(&mut machine, DRIVES_7I77);
+    check_signals_follow(&mut machine, ("0 7", "7i77-0-0-input-07"));
+    machine.hal("sets 7i72-0-2-output-40 true");
+    machine.expect_board("2", "remote.2.output-40", |on| on == 1.0);
+    check_drives_are_off(&mut machine, DRIVES_7I77);
+    machine.stop();
+}
+
+#[test]
+fn all_of_linuxcnc_runs_with_what_is_written_of_a_7i97() {
+    if skipped() {
+        return;
+    }
+    let _alone = alone();
+    let directory = directory("7i97");
+    let board = ("--board 7i97 --remote 0=7i77-io", &["7i77.0.0"][..]);
+    let mut machine = Machine::load_written("hm2_7i97.0", board, ("linuxcnc", &directory));
+    check_signals(&mut machine, &directory);
+    check_emergency_stop(&mut machine, DRIVES_7I97);
+    check_signals_follow(&mut machine, ("board 9", "inmux-00-input-09"));
+    machine.stop();
+}
+
+#[test]
+fn a_7i97_alone_runs_on_the_bench() {
+    if skipped() {
+        return;
+    }
+    let _alone = alone();
+    let directory = directory("bench");
+    let board = ("--board 7i97 --remote 0=7i77-io", &["7i77.0.0"][..]);
+    let mut machine = Machine::load_written("hm2_7i97.0", board, ("bench", &directory));
+    check_signals(&mut machine, &directory);
+    check_signals_follow(&mut machine, ("0 31", "7i77-0-0-input-31"));
+    check_drives_are_off(&mut machine, DRIVES_7I97);
+    // By hand, by the pin: the signal of its voltage, and what has no signal because it turns drives on.
+    machine.hal("sets pwmgen-03-value 5");
+    machine.hal("setp hm2_7i97.0.pwmgen.03.enable true");
+    machine.expect_board("board", "board.analogout3", |volts| {
+        (volts - 5.0).abs() < 0.03
+    });
+    machine.stop();
+}
