@@ -34,7 +34,7 @@ mod world;
 
 pub use board::{
     AddressJumpers, BoardConfig, Endpoint, Gateware, Mishaps, PcapWriter, SimBoard, StateError,
-    Tap, UdpCounters, UdpFace,
+    Tap, UdpClient, UdpCounters, UdpFace,
 };
 pub use faults::{FaultKind, Place};
 pub use fpga::{

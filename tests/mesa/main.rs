@@ -27,6 +27,7 @@ mod set;
 mod sim;
 mod sim_control;
 mod sim_machine;
+mod sim_watch;
 mod terminal;
 mod update;
 mod watch;

@@ -6,6 +6,17 @@ use serde_json::Value;
 
 use crate::interop::mesa;
 
+/// A simulated 7I97 on a free port of loopback.
+pub const SIM_7I97: [&str; 7] = [
+    "sim",
+    "--board",
+    "7i97",
+    "--listen",
+    "127.0.0.1",
+    "--port",
+    "0",
+];
+
 /// How a run ended: its exit code, and what it printed.
 #[derive(Debug)]
 pub struct Run {

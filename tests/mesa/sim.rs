@@ -4,7 +4,7 @@ use std::{
     fs,
     io::Write,
     net::{Ipv4Addr, SocketAddrV4, UdpSocket},
-    process::{Command, Output, Stdio},
+    process::Stdio,
     time::Duration,
 };
 
@@ -13,8 +13,8 @@ use crate::interop::{
     Process, Scratch,
     board::Board,
     console::{Console, values},
-    mesa,
 };
+use crate::run::{Run, SIM_7I97, command, done, run};
 use mesa_hal::{
     bus::RegisterBus,
     discovery::{DiscoveryOptions, discover_port},
@@ -52,21 +52,13 @@ impl Client {
     }
 }
 
-fn run(arguments: &[&str]) -> Output {
-    let mut command = Command::new(mesa());
-    command
-        .arg("sim")
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
+fn sim(arguments: &[&str]) -> Run {
+    run(&[&["sim"], arguments].concat())
 }
 
 #[test]
 fn help_names_every_option() {
-    let output = run(&["--help"]);
-    assert!(output.status.success());
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = done(&["sim", "--help"]);
     for option in [
         "--board",
         "--listen",
@@ -113,13 +105,11 @@ fn command_lines_that_make_no_sense_are_refused_with_the_reason() {
     for (arguments, reason) in cases {
         let mut all = board.to_vec();
         all.extend(arguments);
-        let output = run(&all);
-        assert!(!output.status.success(), "{arguments:?}");
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(error.contains(reason), "{arguments:?}: {error}");
+        let refused = sim(&all);
+        assert_ne!(refused.code, Some(0), "{arguments:?}");
+        assert!(refused.err.contains(reason), "{arguments:?}: {refused:?}");
     }
-    let output = run(&["--listen", "127.0.0.1"]);
-    let error = String::from_utf8_lossy(&output.stderr);
+    let error = sim(&["--listen", "127.0.0.1"]).err;
     assert!(error.contains("not provided:\n  --board"), "{error}");
 }
 
@@ -198,10 +188,12 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
         fs::write(&file.0, damaged).unwrap();
         let mut all = vec!["--listen", "127.0.0.1", "--port", "0"];
         all.extend(arguments);
-        let output = run(&all);
-        assert!(!output.status.success());
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(error.contains("file"), "it says what to do: {error}");
+        let refused = sim(&all);
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        assert!(
+            refused.err.contains("file"),
+            "it says what to do: {refused:?}"
+        );
         assert_eq!(fs::read(&file.0).unwrap(), damaged, "and leaves it alone");
     }
 }
@@ -330,20 +322,7 @@ fn any_datagram_is_survived() {
 
 #[test]
 fn a_closed_standard_input_does_not_end_it() {
-    let mut child = Command::new(mesa())
-        .args([
-            "sim",
-            "--board",
-            "7i97",
-            "--listen",
-            "127.0.0.1",
-            "--port",
-            "0",
-        ])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = command(&SIM_7I97).stdin(Stdio::piped()).spawn().unwrap();
     let mut input = child.stdin.take().unwrap();
     input.write_all(b"show network").unwrap();
     drop(input);

@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 
 use crate::interop::board::Board;
 use crate::interop::console::{Console, Values, values};
-use crate::interop::{Process, Scratch, mesa};
-use crate::run::{hold_against_schema, run};
+use crate::interop::{Process, Scratch};
+use crate::run::{SIM_7I97, command, hold_against_schema, run};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
@@ -162,19 +162,8 @@ fn ask_json(stream: &mut (impl Write + ?Sized), lines: &mut impl BufRead, comman
 #[test]
 fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
     let path = Scratch::new("control.sock");
-    let mut child = Command::new(mesa())
-        .args([
-            "sim",
-            "--board",
-            "7i97",
-            "--listen",
-            "127.0.0.1",
-            "--port",
-            "0",
-        ])
+    let mut child = command(&SIM_7I97)
         .args(["--control", path.path(), "--control", "0"])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
         .spawn()
         .unwrap();
     let own = Console::new(std::io::sink(), child.stdout.take().unwrap());
@@ -234,17 +223,7 @@ fn other_programs_command_it_over_sockets_in_lines_and_in_json() {
     assert_eq!(first.answer().unwrap(), ["board.pin-040 0"]);
     drop(more);
 
-    let taken = run(&[
-        "sim",
-        "--board",
-        "7i97",
-        "--listen",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--control",
-        path.path(),
-    ]);
+    let taken = run(&[&SIM_7I97[..], &["--control", path.path()]].concat());
     assert_eq!(taken.code, Some(1));
     assert!(taken.err.contains("name another path"), "{taken:?}");
     assert_eq!(ask_json(&mut unix, &mut lines, "quit")["ok"], true);
@@ -259,21 +238,12 @@ fn several_boards_run_in_one_process_each_with_its_address() {
     let other = Scratch::new("lathe.toml");
     fs::write(&other.0, "board = \"7i92-7i77\"\n").unwrap();
     let capture = Scratch::new("both.pcap");
-    let mut child = Command::new(mesa())
-        .args([
-            "sim",
-            "--machine",
-            mill,
-            "--machine",
-            other.path(),
-            "--port",
-            "0",
-        ])
+    let mut child = command(&["sim"])
+        .args(["--machine", mill, "--machine", other.path(), "--port", "0"])
         .args(["--listen", "127.0.0.1", "--listen", "127.0.0.2"])
         .args(["--mac", "00:60:0e:1b:00:01", "--mac", "00:60:0e:1b:00:02"])
         .args(["--pcap", capture.path()])
         .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
         .spawn()
         .unwrap();
     let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());

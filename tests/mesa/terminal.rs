@@ -1,5 +1,6 @@
 //! Commands that have the whole screen, in a terminal of their own.
 
+use std::fs;
 use std::process::{Command, Output};
 use std::time::Duration;
 
@@ -53,11 +54,32 @@ impl Terminal {
 
     /// Sends a signal to the command.
     pub fn signal(&self, name: &str) {
-        let shell = self.tmux(&["display-message", "-p", "#{pane_pid}"]);
-        let shell = String::from_utf8_lossy(&shell.stdout).trim().to_owned();
-        let kill = format!("pkill -{name} -P {shell}");
+        let kill = format!("kill -{name} {}", self.pid());
         let killed = Command::new("sh").args(["-c", &kill]).status();
         assert!(killed.expect("a shell").success());
+    }
+
+    /// Closes the terminal, as the window of one is closed, and waits for the end of the command.
+    pub fn close(self) {
+        let running = format!("/proc/{}/exe", self.pid());
+        assert!(fs::read_link(&running).is_ok(), "it runs");
+        drop(self);
+        for _ in 0..LOOKS {
+            if fs::read_link(&running).is_err() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        panic!("it still runs: {running}");
+    }
+
+    /// The process of the command, which is a child of the terminal's shell.
+    fn pid(&self) -> String {
+        let shell = self.tmux(&["display-message", "-p", "#{pane_pid}"]);
+        let shell = String::from_utf8_lossy(&shell.stdout).trim().to_owned();
+        let pid = Command::new("pgrep").args(["-P", &shell]).output();
+        let pid = pid.expect("pgrep runs").stdout;
+        String::from_utf8_lossy(&pid).trim().to_owned()
     }
 
     /// What is on the screen.

@@ -134,9 +134,10 @@ fn an_update_that_a_signal_ends_says_so_and_is_finished_later() {
 
 #[test]
 fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
+    let state = Scratch::new("updated.state");
+    let kept = ["--board", "7i97", "--port", "0", "--state", state.path()];
     let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i72:setup"];
-    let board = ["--board", "7i97", "--port", "0"];
-    let mut board = Board::start(Ipv4Addr::LOCALHOST, &[&board[..], &remotes].concat());
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &[&kept[..], &remotes].concat());
     let address = board.address.to_string();
     let file = Scratch::new("7I72-34.BIN");
     board.console.run(&format!("firmware 1 34 {}", file.path()));
@@ -163,6 +164,30 @@ fn a_card_on_a_board_is_updated_at_the_baud_rate_of_its_jumper() {
         list.out.contains("7I77") && list.out.contains("7I72"),
         "{list:?}"
     );
+    // What was kept has the new firmware, and the other card its own.
+    board.stop("TERM");
+    let remotes = ["--remote", "0=7i77-io", "--remote", "1=7i72"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &[&kept[..], &remotes].concat());
+    assert_eq!(board.console.show("1")["remote.1.revision"], "34");
+    assert_eq!(board.console.show("0")["remote.0.revision"], "14");
+    // A state without programs, as of older versions: 64 + 65536 bytes for each remote.
+    board.stop("TERM");
+    let bytes = fs::read(&state.0).unwrap();
+    let (eeprom, program) = (64 + 0x1_0000, 64 + 0x8000);
+    let own = bytes.len() - 2 * (eeprom + program);
+    let older = [
+        &bytes[..own + eeprom],
+        &bytes[own + eeprom + program..][..eeprom],
+    ];
+    fs::write(&state.0, older.concat()).unwrap();
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &[&kept[..], &remotes].concat());
+    assert_eq!(board.console.show("1")["remote.1.revision"], "14");
+    drop(board);
+    fs::write(&state.0, &bytes[..bytes.len() - 1]).unwrap();
+    let damaged = [&["sim", "--listen", "127.0.0.1"], &kept[..], &remotes].concat();
+    let damaged = run(&damaged);
+    assert_eq!(damaged.code, Some(1), "{damaged:?}");
+    assert!(damaged.err.contains("delete the file"), "{damaged:?}");
 }
 
 #[test]

@@ -87,6 +87,15 @@ fn control_c_and_a_signal_end_it_too() {
 }
 
 #[test]
+fn it_ends_when_its_terminal_is_closed() {
+    let Some(terminal) = Terminal::start("closed", "watch --sim 7i97 inmux") else {
+        return;
+    };
+    terminal.wait_for_text("TB4");
+    terminal.close();
+}
+
+#[test]
 fn without_a_terminal_it_says_what_to_use_instead() {
     let shown = run(&["watch", "--sim", "7i97"]);
     assert_eq!(shown.code, Some(2), "{shown:?}");

@@ -45,10 +45,16 @@ pub fn complain(text: impl Display) {
     }
 }
 
-/// From now on what is complained about waits until it is released.
+/// From now on what is complained about waits until it is taken or released.
 pub fn hold() {
     let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     held.get_or_insert_default();
+}
+
+/// Takes what was held.
+pub fn take_held() -> Vec<String> {
+    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    held.as_mut().map(std::mem::take).unwrap_or_default()
 }
 
 /// Says what was held, and holds nothing any more.

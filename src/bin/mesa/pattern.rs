@@ -42,8 +42,9 @@ impl Pattern {
     }
 }
 
-/// Whether all of a text is what a pattern says. Takes at most the product of their lengths.
-fn is_match(pattern: &[u8], text: &[u8]) -> bool {
+/// Whether all of a text is what a pattern with `*` and `?` says. Takes at most the product of their
+/// lengths.
+pub fn is_match(pattern: &[u8], text: &[u8]) -> bool {
     let (mut p, mut t) = (0, 0);
     // Behind the last `*`, and where what it stands for ends so far.
     let mut star = None;

@@ -19,7 +19,7 @@ pub use capture::{Endpoint, PcapWriter, Tap};
 pub use config::{AddressJumpers, BoardConfig};
 pub use gateware::Gateware;
 pub use state::StateError;
-pub use udp::{Mishaps, UdpCounters, UdpFace};
+pub use udp::{Mishaps, UdpClient, UdpCounters, UdpFace};
 
 use self::{
     areas::{end, info_area},

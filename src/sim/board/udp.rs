@@ -16,6 +16,9 @@ use crate::sim::wire::Nanos;
 /// The most packets that are held back at a time; more are lost.
 const MAX_HELD: usize = 256;
 
+/// The most clients that are remembered.
+const MAX_CLIENTS: usize = 8;
+
 /// Room for one datagram, and to see that it is too long.
 const BUFFER: usize = 2048;
 
@@ -54,6 +57,17 @@ pub struct UdpCounters {
     pub duplicate: u64,
 }
 
+/// Somebody who talks to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UdpClient {
+    /// Where its packets come from.
+    pub address: SocketAddr,
+    /// Its packets, before any mishap.
+    pub packets: u64,
+    /// When the last one came, in the time of the board.
+    pub heard: Nanos,
+}
+
 /// A UDP socket in front of a [`SimBoard`], in real time.
 ///
 /// Call [`step`](Self::step) in a loop: it waits for packets, gives them to the board at the time
@@ -68,6 +82,7 @@ pub struct UdpFace {
     held: VecDeque<Held>,
     received: UdpCounters,
     sent: UdpCounters,
+    clients: Vec<UdpClient>,
     reply: Vec<u8>,
     buffer: Box<[u8]>,
     tap: Option<Box<dyn Tap>>,
@@ -95,6 +110,7 @@ impl UdpFace {
             held: VecDeque::new(),
             received: UdpCounters::default(),
             sent: UdpCounters::default(),
+            clients: Vec::with_capacity(MAX_CLIENTS),
             reply: Vec::with_capacity(BUFFER),
             buffer: vec![0; BUFFER].into_boxed_slice(),
             tap: None,
@@ -138,6 +154,11 @@ impl UdpFace {
     /// Replies, before mishaps.
     pub fn sent(&self) -> UdpCounters {
         self.sent
+    }
+
+    /// Who talks to the board, or did: the eight that were heard last, in no order.
+    pub fn clients(&self) -> &[UdpClient] {
+        &self.clients
     }
 
     /// Waits at most `patience` for something to do, and does it. The board's time has then come up
@@ -205,6 +226,7 @@ impl UdpFace {
             let mut buffer = core::mem::take(&mut self.buffer);
             let request = buffer.get_mut(..len).unwrap_or_default();
             self.show(board.config().mac, request, peer, false);
+            self.heard(now, peer);
             for delay in self.fate(len, false).into_iter().flatten() {
                 if delay == 0 {
                     self.run(board, now, request, peer);
@@ -213,6 +235,24 @@ impl UdpFace {
                 }
             }
             self.buffer = buffer;
+        }
+    }
+
+    /// Remembers who sent a packet, in the place of who was silent for the longest time.
+    fn heard(&mut self, now: Nanos, peer: SocketAddr) {
+        let client = UdpClient {
+            address: peer,
+            packets: 1,
+            heard: now,
+        };
+        let mut known = self.clients.iter_mut();
+        if let Some(known) = known.find(|known| known.address == peer) {
+            known.packets += 1;
+            known.heard = now;
+        } else if self.clients.len() < MAX_CLIENTS {
+            self.clients.push(client);
+        } else if let Some(oldest) = self.clients.iter_mut().min_by_key(|known| known.heard) {
+            *oldest = client;
         }
     }
 
@@ -406,6 +446,38 @@ mod tests {
         }
         assert_eq!(pair.face.received().packets, 20);
         assert_eq!((pair.face.sent().packets, pair.face.sent().bytes), (20, 80));
+    }
+
+    #[test]
+    fn who_talks_is_remembered_and_who_is_silent_for_the_longest_time_is_forgotten() {
+        let Pair {
+            mut face, client, ..
+        } = Pair::new(Mishaps::default());
+        let peer = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        for (now, port) in (1..=8)
+            .map(|n| (u64::from(n), n))
+            .chain([(9, 1), (10, 100)])
+        {
+            face.heard(now, peer(port));
+        }
+        let mut ports: Vec<_> = face.clients().iter().map(|c| c.address.port()).collect();
+        ports.sort_unstable();
+        assert_eq!(ports, [1, 3, 4, 5, 6, 7, 8, 100]);
+        let first = face.clients().iter().find(|c| c.address == peer(1));
+        assert_eq!(first.map(|c| (c.packets, c.heard)), Some((2, 9)));
+
+        let mut pair = Pair::new(Mishaps::default());
+        pair.client.send(&ASK_COOKIE).unwrap();
+        pair.reply(SECOND).unwrap();
+        let address = pair.client.local_addr().unwrap();
+        assert_ne!(Some(address), client.local_addr().ok());
+        let heard: Vec<_> = pair
+            .face
+            .clients()
+            .iter()
+            .map(|c| (c.address, c.packets))
+            .collect();
+        assert_eq!(heard, [(address, 1)]);
     }
 
     #[test]

@@ -133,6 +133,11 @@ impl Plant {
         self.axes.get_mut(axis).map(|axis| &mut axis.motor)
     }
 
+    /// Where the drive of an axis gets its signal from.
+    pub(super) fn source(&self, axis: usize) -> Option<DriveSource> {
+        self.axes.get(axis).map(|axis| axis.source)
+    }
+
     /// When to look at everything again.
     pub(super) fn due(&self) -> Nanos {
         self.now.saturating_add(GRAIN)

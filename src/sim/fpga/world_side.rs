@@ -1,6 +1,6 @@
 //! The FPGA seen from the world around it: pins, sockets, motors, inputs and outputs.
 
-use super::plant::{AxisWiring, DriveSignal};
+use super::plant::{AxisWiring, DriveSignal, DriveSource};
 use super::{AccessCounters, Firmware, SimFpga, Target, gtag};
 use crate::sim::modules::{
     Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
@@ -156,6 +156,25 @@ impl SimFpga {
     pub fn motor(&mut self, axis: usize) -> Option<&mut Motor> {
         self.settle();
         self.plant.motor_mut(axis)
+    }
+
+    /// What the drive of an axis is told now, and whether it is enabled.
+    pub fn drive_signal(&mut self, axis: usize) -> Option<DriveSignal> {
+        self.settle();
+        let signal = match self.plant.source(axis)? {
+            DriveSource::Nothing => DriveSignal::default(),
+            DriveSource::Pwm { unit } => self.analog_output(unit),
+            DriveSource::Remote {
+                port,
+                channel,
+                output,
+                readout,
+            } => {
+                let remote = self.remote(port, channel);
+                remote.map_or(DriveSignal::default(), |end| readout(end, output))
+            }
+        };
+        Some(signal)
     }
 
     /// The first encoder module, as it is now.

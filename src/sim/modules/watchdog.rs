@@ -91,9 +91,14 @@ impl Watchdog {
         self.bitten
     }
 
+    /// Whether its counter runs: somebody drives the board, and it bites unless its cookie comes.
+    pub fn is_running(&self) -> bool {
+        self.loaded & STOPPED == 0
+    }
+
     /// Puts the time into the counter.
     fn load(&mut self, now: Nanos) {
-        let running = self.loaded & STOPPED == 0;
+        let running = self.is_running();
         self.loaded = self.time;
         self.since = now;
         if running && self.time & STOPPED != 0 {
@@ -109,13 +114,13 @@ impl Watchdog {
 
     /// When the counter passes 0, while it runs.
     fn runs_out(&self) -> Option<Nanos> {
-        let running = self.loaded & STOPPED == 0;
+        let running = self.is_running();
         let clocks = u64::from(self.loaded) + 1;
         running.then(|| self.since.saturating_add(self.nanos(clocks)))
     }
 
     fn count(&self, now: Nanos) -> u32 {
-        if self.loaded & STOPPED != 0 {
+        if !self.is_running() {
             return self.loaded;
         }
         let passed = u128::from(now.saturating_sub(self.since)) * u128::from(self.clock);

@@ -8,6 +8,8 @@ use std::time::Duration;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::style::{Color, Style};
 use ratatui::{DefaultTerminal, Frame};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 
 use crate::context::{Context, Failure};
 use crate::output;
@@ -48,15 +50,19 @@ pub fn check(context: &Context, instead: &str) -> Result<(), Failure> {
 }
 
 /// Shows pictures until a key or a signal ends it, or there is no more to see; the terminal is as
-/// before then. What is complained about meanwhile is said after it.
+/// before then. What is complained about meanwhile is said after it, unless the screen takes it.
 pub fn show(context: &Context, screen: &mut impl Screen) -> io::Result<()> {
     output::hold();
     let shown = ratatui::try_init().and_then(|mut terminal| {
         let shown = pictures(context, screen, &mut terminal);
-        ratatui::try_restore().and(shown)
+        shown.and(ratatui::try_restore())
     });
     output::release();
-    shown
+    match context.stop.signal() {
+        // Whoever closes the terminal of a program needs no picture any more.
+        Some(_) => Ok(()),
+        None => shown,
+    }
 }
 
 fn pictures(
@@ -66,10 +72,11 @@ fn pictures(
 ) -> io::Result<()> {
     while context.stop.signal().is_none() && screen.refresh() == Wish::Continue {
         terminal.draw(|frame| screen.draw(frame))?;
+        if !wait_for_keys()? {
+            return Ok(());
+        }
         // What was typed meanwhile is taken at once, and a picture follows.
-        let mut wait = PICTURE;
-        while event::poll(wait)? {
-            wait = Duration::ZERO;
+        while event::poll(Duration::ZERO)? {
             if let Event::Key(key) = event::read()?
                 && key.kind != KeyEventKind::Release
                 && (is_control(key, 'c') || screen.key(key) == Wish::End)
@@ -79,6 +86,23 @@ fn pictures(
         }
     }
     Ok(())
+}
+
+/// Waits until a key was pressed, or it is time for the next picture; `false` if the terminal was
+/// closed, which crossterm 0.29 does not notice: it would read its end for ever.
+fn wait_for_keys() -> io::Result<bool> {
+    let limit = Timespec {
+        tv_sec: 0,
+        tv_nsec: PICTURE.subsec_nanos().into(),
+    };
+    let input = io::stdin();
+    let mut fds = [PollFd::new(&input, PollFlags::IN)];
+    match poll(&mut fds, Some(&limit)) {
+        Ok(_) | Err(Errno::INTR) => {}
+        Err(error) => return Err(error.into()),
+    }
+    let closed = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+    Ok(!fds.iter().any(|fd| fd.revents().intersects(closed)))
 }
 
 /// Whether a key is pressed with Ctrl.

@@ -11,6 +11,7 @@ use std::{
 use mesa_hal::sim::{UdpCounters, UdpFace};
 
 use super::{machine::Machine, mechanics, remotes};
+use crate::pattern::is_match;
 
 /// Longer lines are cut off.
 const MAX_LINE: usize = 1000;
@@ -260,34 +261,13 @@ fn show_pattern(machine: &mut Machine, face: &UdpFace, pattern: &str) -> Result<
     let all = show_all(machine, face);
     let names = |line: &&str| {
         let name = line.split(' ').next().unwrap_or_default();
-        is_like(name.as_bytes(), pattern.as_bytes())
+        is_match(pattern.as_bytes(), name.as_bytes())
     };
     let found: String = all.split_inclusive('\n').filter(names).collect();
     if found.is_empty() {
         return Err(format!("nothing is like `{pattern}`; `show` has all names"));
     }
     Ok(found)
-}
-
-/// Whether a name is like a pattern, in which * stands for anything.
-fn is_like(name: &[u8], pattern: &[u8]) -> bool {
-    let (mut at, mut of) = (0, 0);
-    // Where the last * was, and what it stands for so far ends.
-    let mut star = None;
-    while at < name.len() {
-        if pattern.get(of) == Some(&b'*') {
-            star = Some((of, at));
-            of += 1;
-        } else if pattern.get(of) == name.get(at) {
-            (at, of) = (at + 1, of + 1);
-        } else if let Some((place, end)) = star {
-            star = Some((place, end + 1));
-            (at, of) = (end + 1, place + 1);
-        } else {
-            return false;
-        }
-    }
-    pattern[of..].iter().all(|&byte| byte == b'*')
 }
 
 /// The value of one name.
@@ -367,16 +347,32 @@ fn show_network(text: &mut String, machine: &Machine, face: &UdpFace) {
     let (reloads, resets) = machine.board.restarts();
     line(text, "board.reloads", reloads);
     line(text, "board.resets", resets);
+    for (number, client) in face.clients().iter().enumerate() {
+        let name = |what: &str| format!("network.client.{number}.{what}");
+        let silent = face.now().saturating_sub(client.heard) as f64 / 1e9;
+        line(text, &name("address"), client.address);
+        line(text, &name("packets"), client.packets);
+        line(text, &name("silent"), format_args!("{silent:.3}"));
+    }
 }
 
 fn show_board(text: &mut String, machine: &mut Machine) {
+    line(text, "board.name", machine.name());
     let leds = machine.board.lit_leds();
     let fpga = machine.fpga();
-    line(
-        text,
-        "board.watchdog-bitten",
-        u8::from(fpga.watchdog().has_bitten()),
-    );
+    let watchdog = fpga.watchdog();
+    let states = [
+        ("board.watchdog-running", watchdog.is_running()),
+        ("board.watchdog-bitten", watchdog.has_bitten()),
+    ];
+    for (name, state) in states {
+        line(text, name, u8::from(state));
+    }
+    let inputs = fpga.inputs().map_or(0, mesa_hal::sim::Inputs::count);
+    for input in 0..inputs {
+        let on = fpga.inputs().is_some_and(|inputs| inputs.terminal(input));
+        line(text, &format!("board.input-{input:02}"), u8::from(on));
+    }
     for (led, is_lit) in leds.into_iter().enumerate() {
         line(text, &format!("board.led-{led}"), u8::from(is_lit));
     }
@@ -406,33 +402,5 @@ fn show_board(text: &mut String, machine: &mut Machine) {
             &format!("board.pin-{pin:03}"),
             u8::from(fpga.pin_level(pin)),
         );
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::is_like;
-
-    #[test]
-    fn a_star_stands_for_anything() {
-        for (name, pattern, like) in [
-            ("motor.0.position", "motor.*.position", true),
-            ("motor.0.positions", "motor.*.position", false),
-            ("motor.0.position", "*", true),
-            ("motor.0.position", "*pos*", true),
-            ("motor.0.position", "m**n", true),
-            ("motor.0.position", "motor", false),
-            ("aab", "*ab", true),
-            ("abab", "*ab*ab", true),
-            ("ab", "ab*", true),
-            ("", "*", true),
-            ("a", "", false),
-        ] {
-            assert_eq!(
-                is_like(name.as_bytes(), pattern.as_bytes()),
-                like,
-                "{name} {pattern}"
-            );
-        }
     }
 }

@@ -17,9 +17,15 @@ use super::{devices, mechanics};
 /// Serial port that everything is plugged into.
 pub const PORT: usize = 0;
 
-/// Bytes of a remote's EEPROM, and of what stands before it in a state.
+/// Bytes of a remote's EEPROM, of its program, and of what stands before either in a state.
 const EEPROM: usize = 0x1_0000;
+const PROGRAM: usize = 0x8000;
 const TAG: usize = 64;
+
+/// How what stands before a program begins.
+const IS_PROGRAM: &str = "program ";
+
+const DAMAGED: &str = "the part about the remotes is damaged; delete the file";
 
 /// Axes of either board.
 pub const AXES: usize = 6;
@@ -30,6 +36,12 @@ pub struct Machine {
     pub remotes: Vec<Plugged>,
     pub kind: Board,
     pub plan: Plan,
+}
+
+/// What the parts of a state about a remote begin with.
+struct Tags {
+    eeprom: [u8; TAG],
+    program: [u8; TAG],
 }
 
 /// A remote and where it belongs.
@@ -113,16 +125,21 @@ impl Machine {
         self.board.changes() + remotes.sum::<u64>()
     }
 
-    /// What is kept: the board's EEPROM and flash, then the EEPROM of each remote behind its name.
+    /// What is kept: the board's EEPROM and flash, then the EEPROM and the program of each remote, each
+    /// behind its name.
     pub fn state(&mut self) -> Vec<u8> {
         let mut state = self.board.state();
         for index in 0..self.remotes.len() {
-            let (channel, tag) = self.tag(index);
+            let (channel, tags) = self.tags(index);
             let Ok(device) = self.device(channel) else {
                 continue;
             };
-            state.extend(tag);
+            state.extend(tags.eeprom);
             state.extend((0..=u16::MAX).map(|address| device.nonvolatile().byte(address)));
+            if let Some(program) = device.program().filter(|cells| cells.len() == PROGRAM) {
+                state.extend(tags.program);
+                state.extend(program);
+            }
         }
         state
     }
@@ -130,39 +147,56 @@ impl Machine {
     /// Puts back what was kept. Remotes that were not there then keep their factory settings.
     pub fn restore(&mut self, state: &[u8]) -> Result<(), Box<dyn Error>> {
         let board = self.board.state().len();
-        let (board, remotes) = state.split_at_checked(board).unwrap_or((state, &[]));
+        let (board, mut kept) = state.split_at_checked(board).unwrap_or((state, &[]));
         self.board.restore(board)?;
-        for kept in remotes.chunks(TAG + EEPROM) {
-            let (tag, cells) = kept
-                .split_at_checked(TAG)
-                .filter(|(_, cells)| cells.len() == EEPROM)
-                .ok_or("the part about the remotes is damaged; delete the file")?;
+        while let Some((tag, rest)) = kept.split_at_checked(TAG) {
+            let is_program = tag.starts_with(IS_PROGRAM.as_bytes());
+            let length = if is_program { PROGRAM } else { EEPROM };
+            let (cells, rest) = rest.split_at_checked(length).ok_or(DAMAGED)?;
+            kept = rest;
             for index in 0..self.remotes.len() {
-                let (channel, own) = self.tag(index);
-                if own == tag {
-                    let now = self.board.time();
-                    let device = self.device(channel)?;
-                    device.nonvolatile_mut().load(0, cells);
-                    // A remote takes its settings over when it powers up.
-                    device.set_power(now, false);
-                    device.set_power(now, true);
+                let (channel, tags) = self.tags(index);
+                if tag != tags.eeprom && tag != tags.program {
+                    continue;
                 }
+                let now = self.board.time();
+                let device = self.device(channel)?;
+                if is_program {
+                    device.load_program(cells);
+                } else {
+                    device.nonvolatile_mut().load(0, cells);
+                }
+                // A remote takes its settings over, and starts its program, when it powers up.
+                device.set_power(now, false);
+                device.set_power(now, true);
             }
         }
-        Ok(())
+        if kept.is_empty() {
+            Ok(())
+        } else {
+            Err(DAMAGED.into())
+        }
     }
 
-    /// Channel of a remote, and what its part of a state begins with.
-    fn tag(&self, index: usize) -> (usize, [u8; TAG]) {
-        let mut tag = [0; TAG];
-        let Some(remote) = self.remotes.get(index) else {
-            return (0, tag);
+    /// Channel of a remote, and what its parts of a state begin with.
+    fn tags(&self, index: usize) -> (usize, Tags) {
+        let (channel, device) = match self.remotes.get(index) {
+            Some(remote) => (remote.channel, remote.device.as_str()),
+            None => (0, ""),
         };
-        let name = format!("{} {}", remote.channel, remote.device);
-        for (slot, byte) in tag.iter_mut().zip(name.bytes()) {
-            *slot = byte;
-        }
-        (remote.channel, tag)
+        let tag = |what: &str| {
+            let mut tag = [0; TAG];
+            let name = format!("{what}{channel} {device}");
+            for (slot, byte) in tag.iter_mut().zip(name.bytes()) {
+                *slot = byte;
+            }
+            tag
+        };
+        let tags = Tags {
+            eeprom: tag(""),
+            program: tag(IS_PROGRAM),
+        };
+        (channel, tags)
     }
 
     fn add(&mut self, remote: &RemoteOption, cable: Cable) {

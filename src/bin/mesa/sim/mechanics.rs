@@ -209,18 +209,24 @@ pub fn show(text: &mut String, machine: &mut Machine) {
     let plan = machine.plan.clone();
     let fpga = machine.fpga();
     for axis in 0..fpga.axes() {
+        let signal = fpga.drive_signal(axis).unwrap_or_default();
         let Some(motor) = fpga.motor(axis) else {
             continue;
         };
         let name = |what: &str| format!("motor.{axis}.{what}");
+        if let Some(plan) = plan.axes.get(axis) {
+            line(text, &name("name"), &plan.name);
+        }
         for (what, value) in [
             ("position", motor.position()),
             ("velocity", motor.velocity()),
             ("counts", motor.counts()),
+            ("volts", signal.volts),
         ] {
             line(text, &name(what), format_args!("{value:.4}"));
         }
         let states = [
+            ("enabled", signal.enabled),
             ("powered", motor.is_powered()),
             ("stalled", motor.is_blocked()),
             ("at-stop", motor.is_at_stop()),

@@ -14,18 +14,20 @@ mod plan;
 mod remotes;
 mod station;
 pub mod store;
+mod watch;
 
 use std::error::Error;
 use std::fmt::Write;
 use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use mesa_hal::sim::UdpFace;
 
 use crate::context::{Context, Ending, Failure};
-use crate::output::say;
+use crate::full_screen;
+use crate::output::{complain, say};
 use capture::Capture;
 use control::Socket;
 use machine::Machine;
@@ -34,6 +36,7 @@ pub use options::Options;
 use options::Wanted;
 use station::{Link, Station};
 use store::Store;
+use watch::Watch;
 
 /// The longest time between a signal and the end.
 const TICK: Duration = Duration::from_millis(2);
@@ -43,6 +46,12 @@ const MEGABYTE: u64 = 1_000_000;
 
 /// Runs until it is told to stop, which is no failure.
 pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
+    if options.watch {
+        full_screen::check(
+            context,
+            "without --watch it takes commands on standard input",
+        )?;
+    }
     let wanted = options.wanted().map_err(Failure::usage)?;
     if wanted.len() > 1 && options.state.is_some() {
         return Err(Failure::usage(
@@ -65,14 +74,30 @@ pub fn run(options: &Options, context: &Context) -> Result<Ending, Failure> {
         boards: links.into(),
         shared: Arc::default(),
     };
-    let _ = writeln!(greeting, "type `help` for what can be done to it");
+    if !options.watch {
+        let _ = writeln!(greeting, "type `help` for what can be done to it");
+    }
     say(greeting);
     let clients = Arc::new(AtomicUsize::new(0));
     for socket in &mut sockets {
         socket.serve(&network, &clients);
     }
+    let running = Running::start(stations, &network.shared);
+    if options.watch {
+        let shown = full_screen::show(context, &mut Watch::new(&network, &running));
+        running.end()?;
+        shown?;
+        complain("mesa: the simulated boards have ended");
+        return Ok(Ending::Done);
+    }
     take_lines(network.clone());
-    run_all(stations, &network, context)
+    while context.stop.signal().is_none() && running.goes_on() {
+        thread::sleep(TICK);
+    }
+    for summary in running.end()? {
+        say(summary);
+    }
+    Ok(Ending::Done)
 }
 
 /// All control sockets.
@@ -128,32 +153,41 @@ fn take_lines(network: Network) {
     });
 }
 
-/// Runs all boards, each in a thread of its own, until everything ends, and prints their summaries.
-fn run_all(
-    stations: Vec<Station>,
-    network: &Network,
-    context: &Context,
-) -> Result<Ending, Failure> {
-    let shared: &Arc<Shared> = &network.shared;
-    let threads = stations.into_iter().map(|station| {
-        let shared = Arc::clone(shared);
-        thread::spawn(move || station.run(&shared))
-    });
-    let threads: Vec<_> = threads.collect();
-    while context.stop.signal().is_none() && !shared.ends() {
-        if threads.iter().any(thread::JoinHandle::is_finished) {
-            break;
-        }
-        thread::sleep(TICK);
-    }
-    shared.end();
-    for thread in threads {
-        match thread.join() {
-            Ok(summary) => say(summary?),
-            Err(_) => return Err(Failure::refused("a simulated board has failed")),
+/// All boards, each of which runs in a thread of its own.
+struct Running {
+    boards: Vec<JoinHandle<Result<String, Failure>>>,
+    shared: Arc<Shared>,
+}
+
+impl Running {
+    fn start(stations: Vec<Station>, shared: &Arc<Shared>) -> Self {
+        let boards = stations.into_iter().map(|station| {
+            let shared = Arc::clone(shared);
+            thread::spawn(move || station.run(&shared))
+        });
+        Self {
+            boards: boards.collect(),
+            shared: Arc::clone(shared),
         }
     }
-    Ok(Ending::Done)
+
+    /// Whether all of them run, and nobody has ended them.
+    fn goes_on(&self) -> bool {
+        !self.shared.ends() && !self.boards.iter().any(JoinHandle::is_finished)
+    }
+
+    /// Ends them; their summaries.
+    fn end(self) -> Result<Vec<String>, Failure> {
+        self.shared.end();
+        let boards = self.boards.into_iter();
+        let summaries = boards.map(|board| match board.join() {
+            Ok(summary) => summary,
+            Err(_) => Err(Failure::refused("a simulated board has failed")),
+        });
+        // All of them, before the first failure is told.
+        let summaries: Vec<_> = summaries.collect();
+        summaries.into_iter().collect()
+    }
 }
 
 fn open_store(options: &Options, machine: &mut Machine) -> Result<Option<Store>, Failure> {

@@ -13,6 +13,9 @@ use crate::files::bounded;
 /// A file of commands may name others, so deep.
 const DEEPEST: usize = 4;
 
+/// Whom commands are for that name no board.
+const FIRST: &str = "0";
+
 /// More than any file of commands has.
 const MOST_BYTES: u64 = 1 << 20;
 
@@ -65,13 +68,14 @@ impl Network {
         if line.trim_start().starts_with('{') {
             return self.answer_json(line);
         }
-        self.command(line, 0)
+        self.command(line, FIRST, 0)
     }
 
-    fn command(&self, line: &str, depth: usize) -> Answer {
+    /// A command, which is for `board` unless it names another.
+    fn command(&self, line: &str, board: &str, depth: usize) -> Answer {
         let (board, command) = match line.trim_start().strip_prefix('@') {
             Some(rest) => rest.split_once(char::is_whitespace).unwrap_or((rest, "")),
-            None => ("0", line),
+            None => (board, line),
         };
         let link = match self.board(board) {
             Ok(link) => link,
@@ -82,7 +86,7 @@ impl Network {
             ["quit"] => Answer::quit(),
             ["help"] => Answer::of(Ok(HELP.to_owned())),
             ["boards"] => Answer::of(Ok(self.list())),
-            ["source", path] => Answer::of(self.source(path, depth)),
+            ["source", path] => Answer::of(self.source(path, board, depth)),
             ["quit" | "help" | "boards" | "source", ..] => {
                 Answer::refused(super::console::wrong(words[0]))
             }
@@ -107,8 +111,8 @@ impl Network {
         text
     }
 
-    /// Does what the lines of a file say, up to the first that is refused.
-    fn source(&self, path: &str, depth: usize) -> Result<String, String> {
+    /// Does what the lines of a file say to a board, up to the first that is refused.
+    fn source(&self, path: &str, board: &str, depth: usize) -> Result<String, String> {
         if depth == DEEPEST {
             return Err(format!(
                 "files that name files: no more than {DEEPEST} deep"
@@ -125,7 +129,7 @@ impl Network {
             if self.shared.ends() {
                 return Err(format!("{path} line {number}: it ends"));
             }
-            let answer = self.command(line, depth + 1);
+            let answer = self.command(line, board, depth + 1);
             if let Some(reason) = answer.reason() {
                 return Err(format!("{path} line {number}: {reason}"));
             }
@@ -143,7 +147,7 @@ impl Network {
     fn answer_json(&self, line: &str) -> Answer {
         let (answer, quit) = match serde_json::from_str::<JsonCommand>(line) {
             Ok(JsonCommand { command }) => {
-                let answer = self.command(&command, 0);
+                let answer = self.command(&command, FIRST, 0);
                 let quit = answer.quit;
                 (in_json(&command, &answer), quit)
             }

@@ -19,12 +19,18 @@ The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I9
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
 
+With --watch the screen shows each board, who talks to it and its watchdog, and of one board its
+remotes, axes, switches, inputs and outputs as they really are. Type the same commands there; they
+are for the board that is shown, and Tab shows the next one. q or Ctrl-C ends it, without a
+summary.
+
 A control socket takes the same commands, one a line, with the same answers: lines `name value`,
 then `ok`, or `error: ` and the reason. A line {\"command\": \"show motors\"} is answered by one
 line of JSON.
 
 Examples:
   mesa sim --board 7i97 --listen 127.0.0.1 --remote 0=7i77-io:2 --loss 0.01
+  mesa sim --machine examples/mill.toml --watch
   mesa sim --machine examples/mill.toml --control 4711
   mesa sim --machine a.toml --machine b.toml --listen 127.0.0.1 --listen 127.0.0.2 --pcap both.pcap";
 
@@ -60,7 +66,7 @@ pub struct Options {
     /// jumper is in the setup position (115200 baud)
     #[arg(long = "remote", value_name = "CH=DEVICE[:MODE][:setup]")]
     pub remotes: Vec<RemoteOption>,
-    /// Keep the board's EEPROM and flash and the remotes' parameters in FILE; not their firmware
+    /// Keep the board's EEPROM and flash and the remotes' parameters and firmware in FILE
     #[arg(long, value_name = "FILE")]
     pub state: Option<PathBuf>,
     /// Lose packets with this probability, 0 to 1, each way
@@ -75,6 +81,9 @@ pub struct Options {
     /// Seed of these mishaps, 0 to 2^64-1
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+    /// Show boards and machines live on the whole screen of a terminal, with the console at the bottom
+    #[arg(long)]
+    pub watch: bool,
     /// Take commands of other programs as well: on this TCP port of loopback (0 takes a free one), or
     /// on a Unix socket. Repeat for more
     #[arg(long, value_name = "PORT|PATH")]

@@ -10,6 +10,7 @@ use std::{
 };
 
 use crate::files::{beside, bounded, put};
+use crate::output::complain;
 
 /// A first change is written at once. While more follow, so often, ...
 const OFTEN: Duration = Duration::from_secs(1);
@@ -103,8 +104,7 @@ fn write_all(receiver: &Receiver<Vec<u8>>, path: &Path) {
         }
         if let Err(error) = put(path, &state) {
             let path = path.display();
-            // Nobody may listen there any more.
-            let _ = writeln!(io::stderr(), "{path}: {error}; the state is not saved");
+            complain(format_args!("{path}: {error}; the state is not saved"));
         }
     }
 }

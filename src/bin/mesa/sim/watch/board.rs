@@ -1,0 +1,423 @@
+//! A board and its machine on the screen.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use mesa_hal::lbp::RemoteFaults;
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+
+use super::values::{Rate, Values};
+use crate::full_screen::{Palette, SAMPLES, Trend};
+
+/// A client that was heard within so many seconds talks to the board.
+const TALKS: f64 = 2.0;
+
+/// What is seen of a board.
+#[derive(Debug)]
+pub struct BoardView {
+    pub name: String,
+    address: String,
+    values: Values,
+    packets: Rate,
+    packet_trend: Trend,
+    /// By channel.
+    requests: BTreeMap<String, Rate>,
+    /// By axis.
+    positions: BTreeMap<String, Trend>,
+}
+
+impl BoardView {
+    pub fn new(name: &str, address: String) -> Self {
+        Self {
+            name: name.to_owned(),
+            address,
+            values: Values::default(),
+            packets: Rate::default(),
+            packet_trend: Trend::default(),
+            requests: BTreeMap::new(),
+            positions: BTreeMap::new(),
+        }
+    }
+
+    /// Takes what `show` printed.
+    pub fn take(&mut self, lines: &str) {
+        let values = Values::parse(lines);
+        let time = values.number("time");
+        self.packets
+            .push(time, values.number("network.received.packets"));
+        self.packet_trend.push(self.packets.per_second());
+        for channel in values.parts("remote") {
+            let rate = self.requests.entry(channel.to_owned()).or_default();
+            rate.push(
+                time,
+                values.number(&format!("remote.{channel}.requests.sent")),
+            );
+        }
+        for axis in values.parts("motor") {
+            let trend = self.positions.entry(axis.to_owned()).or_default();
+            trend.push(values.number(&format!("motor.{axis}.position")));
+        }
+        self.values = values;
+    }
+
+    /// The board in a line: where it is, who talks to it how much, and its watchdog.
+    pub fn line(&self, palette: Palette) -> Line<'static> {
+        let values = &self.values;
+        let (watchdog, color) = if values.is_on("board.watchdog-bitten") {
+            ("WATCHDOG HAS BITTEN", Color::Red)
+        } else if values.is_on("board.watchdog-running") {
+            ("watchdog alive", Color::Green)
+        } else {
+            ("watchdog off", Color::Reset)
+        };
+        let clients = values.parts("network.client").into_iter();
+        let clients = clients.filter_map(|client| {
+            let name = |what: &str| format!("network.client.{client}.{what}");
+            let talks = values.number(&name("silent")) < TALKS;
+            talks.then(|| values.text(&name("address")))
+        });
+        let clients: Vec<_> = clients.collect();
+        let clients = match clients[..] {
+            [] => "nobody talks to it".to_owned(),
+            _ => format!("from {}", clients.join(", ")),
+        };
+        Line::from(vec![
+            Span::raw(format!(
+                "{:<10} {} {:<21} {:>6.0} packets/s  ",
+                self.name,
+                values.text("board.name"),
+                self.address,
+                self.packets.per_second(),
+            )),
+            Span::styled(watchdog, palette.style(color)),
+            Span::raw(format!("  {clients}  {}", self.packet_trend)),
+        ])
+    }
+
+    /// What happened on its network.
+    pub fn network(&self) -> String {
+        let both = |what: &str| {
+            let sum = ["received", "sent"].map(|way| self.number("network", &[way, what]));
+            sum.iter().sum::<f64>()
+        };
+        format!(
+            "up {:.0} s; {} packets in, {} out; mishaps: {} lost, {} late, {} duplicate; errors: {} parse, {} memory, {} write; {} reloads, {} resets",
+            self.values.number("time"),
+            self.number("network", &["received", "packets"]),
+            self.number("network", &["sent", "packets"]),
+            both("lost"),
+            both("late"),
+            both("duplicate"),
+            self.number("board", &["errors", "parse"]),
+            self.number("board", &["errors", "memory"]),
+            self.number("board", &["errors", "write"]),
+            self.number("board", &["reloads"]),
+            self.number("board", &["resets"]),
+        )
+    }
+
+    fn number(&self, of: &str, what: &[&str]) -> f64 {
+        self.values.number(&format!("{of}.{}", what.join(".")))
+    }
+
+    /// The machine: remotes, axes, inputs and outputs.
+    pub fn machine(&self, palette: Palette) -> Vec<Line<'static>> {
+        let mut lines = Vec::new();
+        lines.push(heading("remotes"));
+        let channels = self.values.parts("remote");
+        if channels.is_empty() {
+            lines.push(Line::raw("  none"));
+        }
+        lines.extend(channels.iter().map(|channel| self.remote(channel, palette)));
+        let axes = self.values.parts("motor");
+        if !axes.is_empty() {
+            lines.push(heading(
+                "axis             position      velocity       command  drive",
+            ));
+        }
+        lines.extend(axes.iter().map(|axis| self.axis(axis, palette)));
+        lines.push(heading("inputs and outputs"));
+        lines.extend(self.wiring(palette));
+        let own = self.values.under("board");
+        let own = own.filter(|(name, _)| is_terminal(name));
+        lines.push(Line::raw(format!("  {:<14}{}", "board", signals(own))));
+        for channel in channels {
+            let all = self.values.under(&format!("remote.{channel}"));
+            let all: Vec<_> = all.filter(|(name, _)| is_signal(name)).collect();
+            let place = format!("channel {channel}");
+            lines.push(Line::raw(format!(
+                "  {place:<14}{}",
+                signals(all.into_iter())
+            )));
+        }
+        lines
+    }
+
+    /// A remote: its state, how often it is talked to, and what is wrong.
+    fn remote(&self, channel: &str, palette: Palette) -> Line<'static> {
+        let of = format!("remote.{channel}");
+        let is_on = |what: &str| self.values.is_on(&format!("{of}.{what}"));
+        let text = |what: &str| self.values.text(&format!("{of}.{what}"));
+        let number = |what: &[&str]| self.number(&of, what);
+        let rate = self.requests.get(channel).map_or(0.0, Rate::per_second);
+        let faults = u8::from_str_radix(text("faults"), 16).unwrap_or_default();
+        let faults = RemoteFaults::from_bits_retain(faults);
+        let (state, color) = if !is_on("plugged") {
+            ("UNPLUGGED", Color::Red)
+        } else if !is_on("powered") {
+            ("NO POWER", Color::Red)
+        } else if is_on("bootloader") {
+            ("BOOTLOADER", Color::Red)
+        } else if rate == 0.0 {
+            ("idle", Color::Reset)
+        } else if faults.is_empty() {
+            ("running", Color::Green)
+        } else {
+            ("FAULT", Color::Red)
+        };
+        let spoiled = |way| number(&[way, "sent"]) - number(&[way, "intact"]);
+        let why = if faults.is_empty() {
+            String::new()
+        } else {
+            format!("   {faults}")
+        };
+        Line::from(vec![
+            Span::raw(format!("  {channel} {:<12} ", text("device"))),
+            Span::styled(format!("{state:<11}"), palette.style(color)),
+            Span::raw(format!(
+                "{rate:>6.0} requests/s, {} spoiled; mode {}, revision {}{why}",
+                spoiled("requests") + spoiled("replies"),
+                text("mode"),
+                text("revision"),
+            )),
+        ])
+    }
+
+    /// An axis: where it is, how it moves, and what its drive is told.
+    fn axis(&self, axis: &str, palette: Palette) -> Line<'static> {
+        let of = format!("motor.{axis}");
+        let is_on = |what: &str| self.values.is_on(&format!("{of}.{what}"));
+        let number = |what: &str| self.number(&of, &[what]);
+        let name = match self.values.text(&format!("{of}.name")) {
+            "" => axis,
+            name => name,
+        };
+        let (drive, color) = if !is_on("powered") {
+            ("NO POWER", Color::Red)
+        } else if is_on("enabled") {
+            ("enabled", Color::Green)
+        } else {
+            ("disabled", Color::Reset)
+        };
+        let held = match (is_on("stalled"), is_on("at-stop")) {
+            (true, _) => "JAMMED",
+            (false, true) => "AT STOP",
+            _ => "",
+        };
+        let trend = self.positions.get(axis);
+        let trend = trend.map(Trend::to_string).unwrap_or_default();
+        Line::from(vec![
+            Span::raw(format!(
+                "  {name:<9} {:>13.4} {:>13.4} {:>11.4} V  ",
+                number("position"),
+                number("velocity"),
+                number("volts"),
+            )),
+            Span::styled(format!("{drive:<9}"), palette.style(color)),
+            Span::raw(format!("{trend:<SAMPLES$} ")),
+            Span::styled(held, palette.style(Color::Red)),
+        ])
+    }
+
+    /// What is wired to inputs: emergency stop, switches, handwheels.
+    fn wiring(&self, palette: Palette) -> Vec<Line<'static>> {
+        let mut lines = Vec::new();
+        if self.values.has("estop") {
+            let (state, color) = if self.values.is_on("estop") {
+                ("PRESSED", Color::Red)
+            } else {
+                ("released, its chain is closed", Color::Green)
+            };
+            lines.push(Line::from(vec![
+                Span::raw(format!("  {:<15}", "emergency stop")),
+                Span::styled(state, palette.style(color)),
+            ]));
+        }
+        let switches: Vec<_> = self.values.under("switch").collect();
+        if !switches.is_empty() {
+            let mut spans = vec![Span::raw(format!("  {:<14}", "switches"))];
+            for (name, state) in switches {
+                let (state, color) = match state {
+                    "1" => ("ON", Color::Green),
+                    _ => ("off", Color::Reset),
+                };
+                let text = format!(" {name} {state} ");
+                spans.push(Span::styled(text, palette.style(color)));
+            }
+            lines.push(Line::from(spans));
+        }
+        for wheel in self.values.parts("wheel") {
+            let name = |what: &str| format!("wheel.{wheel}.{what}");
+            let turning = if self.values.is_on(&name("turning")) {
+                ", turning"
+            } else {
+                ""
+            };
+            let clicks = self.values.text(&name("clicks"));
+            let text = format!("  {:<15}{wheel} {clicks} clicks{turning}", "handwheel");
+            lines.push(Line::raw(text));
+        }
+        lines
+    }
+}
+
+fn heading(text: &'static str) -> Line<'static> {
+    Line::styled(text, Style::new().add_modifier(Modifier::BOLD))
+}
+
+/// Whether a value of a board is what is on a terminal, or an LED.
+fn is_terminal(name: &str) -> bool {
+    let kinds = ["input-", "output-", "led-", "analogout", "enable"];
+    kinds.iter().any(|kind| name.starts_with(kind))
+}
+
+/// Whether a value of a remote is what is on a terminal, and not what is shown elsewhere.
+fn is_signal(name: &str) -> bool {
+    let others = [
+        "device",
+        "plugged",
+        "powered",
+        "mode",
+        "revision",
+        "bootloader",
+        "faults",
+    ];
+    !name.contains('.') && !others.contains(&name)
+}
+
+/// Signals in a line: of those that are numbered, which ones are on; of the others, those that are
+/// not 0.
+fn signals<'a>(all: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let mut on: Vec<(&str, Vec<u32>)> = Vec::new();
+    let mut others = String::new();
+    for (name, value) in all {
+        let numbered = name.rsplit_once('-');
+        let numbered = numbered.and_then(|(kind, number)| Some((kind, number.parse().ok()?)));
+        let Some((kind, number)) = numbered else {
+            if value.parse() != Ok(0.0) {
+                let _ = write!(others, "  {name} {value}");
+            }
+            continue;
+        };
+        if on.last().is_none_or(|(last, _)| *last != kind) {
+            on.push((kind, Vec::new()));
+        }
+        if let Some((_, numbers)) = on.last_mut().filter(|_| value == "1") {
+            numbers.push(number);
+        }
+    }
+    let mut text = String::new();
+    for (kind, numbers) in on {
+        let _ = write!(text, " {kind}s on: {} ", ranges(&numbers));
+    }
+    text + &others
+}
+
+/// Numbers in their order, as short as they can be: 0-3 7.
+fn ranges(numbers: &[u32]) -> String {
+    let runs = numbers.chunk_by(|a, b| a + 1 == *b);
+    let runs = runs.map(|run| match run {
+        [first, .., last] => format!("{first}-{last}"),
+        _ => run.iter().map(u32::to_string).collect(),
+    });
+    let runs: Vec<_> = runs.collect();
+    if runs.is_empty() {
+        return "none".to_owned();
+    }
+    runs.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(lines: &[Line<'_>]) -> String {
+        let lines = lines.iter().map(|line| line.to_string() + "\n");
+        lines.collect()
+    }
+
+    fn palette() -> Palette {
+        Palette::from_environment()
+    }
+
+    #[test]
+    fn which_signals_are_on_is_said_shortly() {
+        assert_eq!(ranges(&[]), "none");
+        assert_eq!(ranges(&[3]), "3");
+        assert_eq!(ranges(&[0, 1, 2, 7, 9, 10]), "0-2 7 9-10");
+        let all = [
+            ("analogin0", "24.0000"),
+            ("analogin1", "0.0000"),
+            ("input-00", "1"),
+            ("input-01", "1"),
+            ("input-02", "0"),
+            ("output-00", "0"),
+            ("enc0", "-3"),
+        ];
+        assert_eq!(
+            signals(all.into_iter()),
+            " inputs on: 0-1  outputs on: none   analogin0 24.0000  enc0 -3"
+        );
+    }
+
+    #[test]
+    fn a_remote_is_in_the_state_that_its_truth_gives() {
+        let good = "remote.0.device 7i72\nremote.0.plugged 1\nremote.0.powered 1\n\
+                    remote.0.bootloader 0\nremote.0.faults 00\nremote.0.mode 0\n";
+        for (more, requests, state) in [
+            ("", 100, "running"),
+            ("", 0, "idle"),
+            ("remote.0.faults 08\n", 100, "FAULT"),
+            ("remote.0.bootloader 1\n", 100, "BOOTLOADER"),
+            ("remote.0.powered 0\n", 100, "NO POWER"),
+            ("remote.0.plugged 0\n", 100, "UNPLUGGED"),
+        ] {
+            let mut view = BoardView::new("mill", "127.0.0.1:27181".to_owned());
+            for (time, sent) in [(0, 0), (1, requests)] {
+                view.take(&format!(
+                    "{good}{more}time {time}\nremote.0.requests.sent {sent}\n\
+                     remote.0.requests.intact {sent}\n"
+                ));
+            }
+            let shown = text(&view.machine(palette()));
+            assert!(
+                shown.contains(&format!("  0 7i72         {state} ")),
+                "{shown}"
+            );
+            let rate = format!("{requests:>6} requests/s, 0 spoiled");
+            assert!(shown.contains(&rate), "{shown}");
+            let is_overloaded = shown.contains("output overloaded");
+            assert_eq!(is_overloaded, state == "FAULT", "{shown}");
+        }
+    }
+
+    #[test]
+    fn clients_that_talk_are_named_and_the_watchdog_is_told() {
+        let mut view = BoardView::new("mill", "127.0.0.1:27181".to_owned());
+        let line = |view: &BoardView| view.line(palette()).to_string();
+        view.take("time 0\nboard.name 7I97\nnetwork.received.packets 0\n");
+        assert!(line(&view).contains("watchdog off  nobody talks to it"));
+        view.take(
+            "time 0.5\nboard.name 7I97\nnetwork.received.packets 1000\nboard.watchdog-running 1\n\
+             network.client.0.address 10.0.0.1:5\nnetwork.client.0.silent 0.001\n\
+             network.client.1.address 10.0.0.2:6\nnetwork.client.1.silent 2.5\n",
+        );
+        let shown = line(&view);
+        assert!(shown.contains("  2000 packets/s"), "{shown}");
+        assert!(shown.contains("watchdog alive  from 10.0.0.1:5"), "{shown}");
+        assert!(!shown.contains("10.0.0.2"), "{shown}");
+        view.take("time 1\nboard.watchdog-bitten 1\nboard.watchdog-running 1\n");
+        assert!(line(&view).contains("WATCHDOG HAS BITTEN"));
+    }
+}
