@@ -37,7 +37,7 @@ fn examples(text: &str) -> Vec<String> {
     let lines = lines.map(|line| line.strip_prefix("sudo ").unwrap_or(line));
     let lines = lines.filter(|line| line.starts_with("mesa "));
     let cut = |line: &str| {
-        let end = line.find(['>', '&', '|']).unwrap_or(line.len());
+        let end = line.find(['<', '>', '&', '|']).unwrap_or(line.len());
         line[..end].trim_end().to_owned()
     };
     lines.map(cut).collect()

@@ -30,17 +30,17 @@ use session::{Lines, Session};
 const WATCHDOG: Duration = Duration::from_millis(800);
 
 const AFTER_HELP: &str = "\
-It names one terminal after the other, and waits until the input there has changed and is back; of an
-encoder, until it has counted and stands. If another input changes instead, it says which, and goes on
-waiting. What changes by itself, or is not valid, does not count. Keys: Enter skips a terminal, b and
-Enter goes back, q and Enter ends with the report; so does Ctrl-C.
+It names one terminal after the other, and waits until the input there has changed and is back; of
+an encoder, until it has counted and stands. If another input changes instead, it says which, and
+goes on waiting. What changes by itself, or is not valid, does not count. Keys: Enter skips a
+terminal, b and Enter goes back, q and Enter ends with the report; so does Ctrl-C.
 
 PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole.
 
-It starts the machine with all outputs off and drives nothing. With --outputs it goes on with the digital
-outputs: each is on for a while, all others off, and you say whether it came on. Drive enables and analog
-outputs are never driven. The board's own I/O pins are not driven either. A board that another program
-drives is left alone.
+It starts the machine with all outputs off and drives nothing. With --outputs it goes on with the
+digital outputs: each is on for a while, all others off, and you say whether it came on. Drive
+enables and analog outputs are never driven. The board's own I/O pins are not driven either. A board
+that another program drives is left alone.
 
 Exits with 1 if a terminal is not in order, or was not checked.
 
