@@ -2,7 +2,7 @@
 
 use std::{
     fs::{self, File},
-    io::{self, Write},
+    io,
     path::Path,
     sync::mpsc::{Receiver, Sender, channel},
     thread::JoinHandle,
