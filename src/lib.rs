@@ -100,9 +100,10 @@
 //!   pin `count-unsure`; whether it did, nothing can tell, and the axis has to be homed again.
 //! - Smart serial replies carry no number. One that comes a whole period late is distinguished
 //!   from the next by the rest a channel gets after a failure; two in a row that late are not.
-//! - A program that drives the same board is noticed when the bus is opened, if it sends at least
-//!   about 100 packets a second ([`UdpBus::new`]); one that begins later is not. Never let two
-//!   programs drive one board.
+//! - A program that drives the same board is noticed when the bus is opened, and in the cycle when it
+//!   sends as much for a second ([`BusStatistics::others`](bus::BusStatistics::others));
+//!   one that sends less is not. Never let two programs drive one board: what it has ordered until
+//!   then is done.
 //! - A write packet that the network delays is executed when it arrives: for a moment the outputs
 //!   are older than the newest. The next reply shows it, and the next write overrides it.
 //!

@@ -1,7 +1,11 @@
 //! The boards that this crate knows.
 
-use super::{BoardTable, FlashLayout, PwmTable, i7i77, i7i97};
-use crate::hostmot2::{HostMot2, TickRate};
+use super::{BoardTable, FlashLayout, ModuleTerminals, PwmTable, i7i77, i7i97};
+use crate::hal::Terminals;
+use crate::hostmot2::{Gtag, HostMot2, TickRate};
+
+/// The pins of a DB25 connector of 17 I/O pins, in their order (manuals 7I77 and 7I97).
+pub(crate) const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
 
 impl BoardTable {
     /// A board with connectors for cards, of which nothing else is known. Its encoders run at the
@@ -15,9 +19,16 @@ impl BoardTable {
         flash: None,
     };
 
-    /// The 7I92: two connectors.
+    /// The 7I92: two connectors, P2 before P1 (FACTS 9.3).
     pub const I7I92: Self = Self {
         name: "7I92",
+        terminals: &[ModuleTerminals {
+            modules: &[Gtag::IO_PORT],
+            terminals: &[
+                Terminals::new("P2 DB25 pin ", 0, &["IO#"], &DB25),
+                Terminals::new("P1 DB25 pin ", 17, &["IO#"], &DB25),
+            ],
+        }],
         flash: Some(&FlashLayout::I7I92),
         ..Self::CONNECTORS
     };
@@ -38,7 +49,7 @@ impl BoardTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hal::{Place, Terminals};
+    use crate::hal::Place;
 
     #[test]
     fn terminals_are_those_of_the_connector_tables() {
@@ -59,6 +70,26 @@ mod tests {
         assert_eq!(expansion.signal, "IO43");
         assert_eq!(at(io.terminals, 33), Place::default());
         assert_eq!(at(io.terminals, 51), Place::default());
+    }
+
+    #[test]
+    fn the_first_connector_of_a_7i92_is_p2() {
+        let [io] = BoardTable::I7I92.terminals else {
+            panic!("one kind");
+        };
+        let at = |number| Terminals::of(io.terminals, number).terminal;
+        // As a 7I92 itself was asked: mesaflash, `--readhmid`.
+        for (number, terminal) in [
+            (0, "P2 DB25 pin 1"),
+            (1, "P2 DB25 pin 14"),
+            (16, "P2 DB25 pin 13"),
+            (17, "P1 DB25 pin 1"),
+            (25, "P1 DB25 pin 5"),
+            (33, "P1 DB25 pin 13"),
+            (34, ""),
+        ] {
+            assert_eq!(at(number), terminal, "{number}");
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@
 use alloc::format;
 
 use super::{
-    AttachError, BoardHandles, BoardTable, Finder, FlashLayout, ModuleTerminals, PwmTable,
+    AttachError, BoardHandles, BoardTable, DB25, Finder, FlashLayout, ModuleTerminals, PwmTable,
 };
 use crate::hal::{
     AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins, Terminals,
@@ -87,12 +87,7 @@ const EXPANSION_AT: &[Terminals] = &[
         &["IO#"],
         &[1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, 15, 17, 19, 21, 23, 25],
     ),
-    Terminals::new(
-        "DB25 pin ",
-        34,
-        &["IO#"],
-        &[1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13],
-    ),
+    Terminals::new("DB25 pin ", 34, &["IO#"], &DB25),
 ];
 
 /// Manual: 7I97, "TB4 ISOLATED INPUT + RS-422 CONNECTOR".

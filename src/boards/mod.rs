@@ -17,6 +17,8 @@ mod identity;
 pub use crate::hostmot2::board_table::{
     BoardTable, CardTable, FlashLayout, ModuleTerminals, PwmTable,
 };
+pub(crate) use board_table::DB25;
+
 pub use attach::{AttachError, BoardHandles, Finder, RemoteHandles};
 pub use i7i72::I7i72;
 pub use i7i77::{I7i77Analog, I7i77Field};

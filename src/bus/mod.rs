@@ -136,6 +136,8 @@ pub struct Reply {
     pub certain: bool,
     /// Writes that, as is known since this reply, the board has not executed, or not in time.
     pub lost_writes: u32,
+    /// Packets of somebody else who drives the board as well: [`BusStatistics::others`].
+    pub others: u32,
     /// How long the board held the list back, if it was to: what the host had left of its period.
     pub slack: Option<Duration>,
 }
@@ -145,6 +147,7 @@ impl Reply {
     pub const CERTAIN: Self = Self {
         certain: true,
         lost_writes: 0,
+        others: 0,
         slack: None,
     };
     /// No reply was to come: nothing is known of the writes yet.
@@ -159,6 +162,7 @@ impl Reply {
         Self {
             certain: self.certain && later.certain,
             lost_writes: self.lost_writes.saturating_add(later.lost_writes),
+            others: self.others.saturating_add(later.others),
             slack: later.slack,
         }
     }
@@ -203,6 +207,12 @@ pub struct BusStatistics {
     /// whether nothing else was since the exchange before. What depends on the last write must not
     /// be trusted after one of them.
     pub doubts: u64,
+    /// Packets that the board has received beyond ours, when somebody else drives it: who sends at
+    /// least 100 a second all the time is noticed within a second, and again in each while he does;
+    /// bursts of less than a fifth of a second are not. Replies have to come ten times a second for
+    /// that, what is lost of ours makes others' look less, and each reply that comes twice stands for
+    /// four packets of ours that did.
+    pub others: u64,
     /// Bytes sent, without the headers of lower layers.
     pub bytes_sent: u64,
     /// Bytes received and accepted, without the headers of lower layers.

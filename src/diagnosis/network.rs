@@ -18,6 +18,10 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
                 add(network, address)
             ),
         ),
+        Way::Discarded(route) => bad(
+            format!("a route of this computer discards what is sent to {address}"),
+            format!("`sudo ip route del {route}`"),
+        ),
         Way::Gateway(route) => Finding::new(
             Verdict::Look,
             check,
@@ -32,8 +36,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
         ),
         Way::Direct(route) => {
             let name = &route.interface;
-            let length = route.mask.to_bits().count_ones();
-            let figure = format!("{name}, {}/{length}", route.network);
+            let figure = format!("{name}, {route}");
             let is_default =
                 |one: &crate::transport::network::Route| one.is_default() && one.interface == *name;
             match network.interface(name) {
@@ -69,7 +72,7 @@ pub fn way(network: &Network, address: Ipv4Addr) -> Finding {
 pub fn interface(network: &Network, address: Ipv4Addr) -> Option<&str> {
     match network.way_to(address) {
         Way::Direct(route) | Way::Gateway(route) => Some(&route.interface),
-        Way::Here | Way::None => None,
+        Way::Here | Way::Discarded(_) | Way::None => None,
     }
 }
 
@@ -108,7 +111,9 @@ mod tests {
             routes: vec![
                 route("eth0", 0x0A0A_0A00, 0xFFFF_FF00, 0),
                 route(default, 0, 0, 0xC0A8_0001),
+                route("*", 0x0A0B_0000, 0xFFFF_0000, 0),
             ],
+            own: Vec::new(),
         }
     }
 
@@ -155,6 +160,13 @@ mod tests {
                 Verdict::Look,
                 "behind 192.168.0.1",
                 "ip addr add 192.168.1.1/24 dev eth0",
+            ),
+            (
+                network(true, true, false, "eth1"),
+                Ipv4Addr::new(10, 11, 1, 2),
+                Verdict::Bad,
+                "discards",
+                "ip route del 10.11.0.0/16",
             ),
             (
                 Network::default(),

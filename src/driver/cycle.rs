@@ -61,6 +61,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let Reply {
             certain,
             lost_writes,
+            others,
             slack,
         } = self.image.take_news();
         self.image.words.confirm(certain);
@@ -68,6 +69,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let beat = self.pacer.arrived(now, slack);
         let mut report = CycleReport {
             lost_writes: lost_writes.into(),
+            others,
             missed_periods: beat.missed,
             unpaced: beat.is_unpaced,
             slack,
@@ -79,6 +81,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if report.lost_writes > 0 {
             let (count, row) = (lost_writes, &mut self.rows.lost_writes);
             row.add(&self.events, now, count, EventKind::LostWrites { count });
+        }
+        if others > 0 {
+            self.statistics.others += u64::from(others);
+            let packets = others;
+            self.events.tell(now, EventKind::OtherMaster { packets });
         }
         if beat.missed > 0 {
             let count = u32::try_from(beat.missed).unwrap_or(u32::MAX);

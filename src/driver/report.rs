@@ -25,6 +25,9 @@ pub struct DriverStatistics {
     pub resets: u64,
     /// Times that everything was made safe because the bus failed too often.
     pub bus_down: u64,
+    /// Packets of somebody else who drives the board too:
+    /// [`BusStatistics::others`](crate::bus::BusStatistics::others).
+    pub others: u64,
 }
 
 /// What [`Driver::rearm`](super::Driver::rearm) achieved.

@@ -4,15 +4,12 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use crate::boards::BoardTable;
+use crate::boards::{BoardTable, DB25};
 use crate::hal::{Place, Terminals};
 use crate::hostmot2::{Gtag, HostMot2, PinDescriptor};
 
-/// DB25 pins of a connector of 17 I/O pins, in their order (manuals 7I77 and 7I97).
-const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 13];
-
-/// What I/O pin `number` is at: terminals of the board itself, or the pin of a DB25 connector;
-/// empty where it does not leave the board as it is.
+/// What I/O pin `number` is at: terminals of the board itself, or the pin of a connector that has no
+/// name here; empty where it does not leave the board as it is.
 pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
     let board = BoardTable::for_firmware(firmware, &[]);
     if !board.terminals.is_empty() {
@@ -23,9 +20,11 @@ pub fn of(firmware: &HostMot2, number: usize, pin: PinDescriptor) -> String {
         }
         return list(&of_module(board, firmware, pin));
     }
-    match DB25.get(number % firmware.idrom.port_width.max(1) as usize) {
-        Some(db25) if firmware.idrom.port_width == 17 => format!("DB25 pin {db25}"),
-        _ => String::new(),
+    let width = firmware.idrom.port_width.max(1) as usize;
+    let (connector, pin) = (number / width, number % width);
+    match DB25.get(pin) {
+        Some(db25) if width == DB25.len() => format!("connector {connector} DB25 pin {db25}"),
+        _ => format!("connector {connector} pin {pin}"),
     }
 }
 

@@ -20,6 +20,10 @@ pub struct CycleReport {
     pub too_short: u32,
     /// Writes that the bus has lost since the last read.
     pub lost_writes: u64,
+    /// Packets of somebody else who drives the board as well, in the cycle in which it is noticed:
+    /// outputs follow him and you by turns. Nothing is made safe by itself, because somebody else would
+    /// override it in the next moment: stop the machine by what does not depend on this board.
+    pub others: u32,
     /// Periods of the board that went by without a good read since the last one, where the
     /// [board paces](crate::driver::Pace::Board): packets were lost, or the host was late.
     pub missed_periods: u64,
@@ -52,6 +56,7 @@ impl CycleReport {
             && self.offline == 0
             && self.too_short == 0
             && self.lost_writes == 0
+            && self.others == 0
             && self.missed_periods == 0
             && !self.unpaced
     }

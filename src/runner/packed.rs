@@ -100,6 +100,7 @@ packed!(DriverStatistics {
     watchdog_bites,
     resets,
     bus_down,
+    others,
 });
 packed!(BusStatistics {
     exchanges,
@@ -114,6 +115,7 @@ packed!(BusStatistics {
     repeated_writes,
     unconfirmed_writes,
     doubts,
+    others,
     bytes_sent,
     bytes_received,
 });

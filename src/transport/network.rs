@@ -1,5 +1,6 @@
 //! The way that packets of this computer take to an address, as Linux tells.
 
+use core::fmt;
 use std::fs;
 use std::io;
 use std::net::Ipv4Addr;
@@ -12,6 +13,9 @@ pub struct Network {
     pub interfaces: Vec<Interface>,
     /// As the kernel lists them.
     pub routes: Vec<Route>,
+    /// The computer's own addresses, each with its mask: all bits, but for loopbacks. Source:
+    /// `/proc/net/fib_trie`.
+    pub own: Vec<(Ipv4Addr, Ipv4Addr)>,
 }
 
 /// A network interface. Source: `/sys/class/net`.
@@ -35,7 +39,7 @@ pub struct Interface {
 /// A route of the main table. Source: `/proc/net/route`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Route {
-    /// The interface that it leads through.
+    /// The interface that it leads through; `*` for one that discards what is sent there.
     pub interface: String,
     /// The network that it leads to.
     pub network: Ipv4Addr,
@@ -56,6 +60,9 @@ pub enum Way<'a> {
     Direct(&'a Route),
     /// Through a gateway.
     Gateway(&'a Route),
+    /// What is sent there is discarded: the route is of type `unreachable`, `prohibit`, `blackhole` or
+    /// `throw`.
+    Discarded(&'a Route),
     /// There is none.
     None,
 }
@@ -82,6 +89,9 @@ impl Network {
         Ok(Self {
             interfaces,
             routes: Route::parse(&fs::read_to_string(root.join("proc/net/route"))?),
+            own: fs::read_to_string(root.join("proc/net/fib_trie"))
+                .map(|text| own(&text))
+                .unwrap_or_default(),
         })
     }
 
@@ -92,13 +102,15 @@ impl Network {
 
     /// The way to an address: the narrowest route counts, of equal ones that with the lowest metric.
     pub fn way_to(&self, address: Ipv4Addr) -> Way<'_> {
-        if address.is_loopback() {
+        let mut own = self.own.iter();
+        if address.is_loopback() || own.any(|(own, mask)| address & mask == *own) {
             return Way::Here;
         }
         let routes = self.routes.iter().filter(|route| route.leads_to(address));
         let best = routes.max_by_key(|route| (route.mask.to_bits(), u32::MAX - route.metric));
         match best {
             None => Way::None,
+            Some(route) if route.discards() => Way::Discarded(route),
             Some(route) if route.gateway.is_unspecified() => Way::Direct(route),
             Some(route) => Way::Gateway(route),
         }
@@ -184,10 +196,43 @@ impl Route {
         address & self.mask == self.network
     }
 
+    /// Whether what is sent there is discarded.
+    pub fn discards(&self) -> bool {
+        self.interface == "*"
+    }
+
     /// Whether it leads to everything.
     pub fn is_default(&self) -> bool {
         self.mask.is_unspecified()
     }
+}
+
+/// The network that it leads to: `10.10.10.0/24`.
+impl fmt::Display for Route {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.network, self.mask.to_bits().count_ones())
+    }
+}
+
+/// The addresses of type LOCAL of a text like `/proc/net/fib_trie`, without what can not be read. It
+/// has all of them twice.
+fn own(text: &str) -> Vec<(Ipv4Addr, Ipv4Addr)> {
+    let mut all = Vec::new();
+    let mut leaf = None;
+    for line in text.lines().map(str::trim) {
+        if let Some(address) = line.strip_prefix("|-- ") {
+            leaf = address.parse::<Ipv4Addr>().ok();
+        } else if let Some(bits) = line.strip_suffix(" host LOCAL")
+            && let Some(bits) = bits.strip_prefix('/').and_then(|bits| bits.parse().ok())
+            && let Some(address) = leaf
+        {
+            let mask = Ipv4Addr::from_bits(!u32::MAX.checked_shr(bits).unwrap_or(0));
+            if !all.contains(&(address, mask)) {
+                all.push((address, mask));
+            }
+        }
+    }
+    all
 }
 
 #[cfg(test)]
@@ -200,7 +245,44 @@ eth0\t00000000\t010200C0\t0003\t0\t0\t100\t00000000\t0\t0\t0
 eth0\t000200C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0
 eth1\t000A0A0A\t00000000\t0001\t0\t0\t50\t00FFFFFF\t0\t0\t0
 eth2\t000A0A0A\t00000000\t0001\t0\t0\t20\t00FFFFFF\t0\t0\t0
+*\t0000600A\t00000000\t0001\t0\t0\t0\t0000FFFF\t0\t0\t0
+*\t0100610A\t00000000\t0205\t0\t0\t0\tFFFFFFFF\t0\t0\t0
+*\t0000620A\t00000000\t0201\t0\t0\t0\t00FFFFFF\t0\t0\t0
+*\t0000630A\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0
 nonsense
+";
+
+    /// The last four of the routes are those of `ip route add throw 10.96.0.0/16`, `prohibit
+    /// 10.97.0.1`, `unreachable 10.98.0.0/24` and `blackhole 10.99.0.0/24`, as Linux 6 shows them; this
+    /// is a part of what it shows of the addresses.
+    const ADDRESSES: &str = "\
+Main:
+  +-- 0.0.0.0/0 3 0 5
+     +-- 10.96.0.0/14 3 0 4
+        |-- 10.99.0.0
+           /24 universe BLACKHOLE
+     +-- 127.0.0.0/8 2 0 2
+        +-- 127.0.0.0/31 1 0 0
+           |-- 127.0.0.0
+              /8 host LOCAL
+           |-- 127.0.0.1
+              /32 host LOCAL
+        |-- 127.255.255.255
+           /32 link BROADCAST
+     +-- 192.0.2.0/24 2 0 2
+        +-- 192.0.2.0/30 2 0 2
+           |-- 192.0.2.0
+              /24 link UNICAST
+           |-- 192.0.2.2
+              /32 host LOCAL
+        |-- 192.0.2.255
+           /32 link BROADCAST
+Local:
+  +-- 0.0.0.0/0 3 0 5
+     +-- 192.0.2.0/24 2 0 2
+        +-- 192.0.2.0/30 2 0 2
+           |-- 192.0.2.2
+              /32 host LOCAL
 ";
 
     fn interface(name: &str, is_up: bool) -> Interface {
@@ -228,13 +310,14 @@ nonsense
             } else {
                 ""
             }),
+            own: own(ADDRESSES),
         }
     }
 
     #[test]
     fn the_narrowest_route_counts_and_then_the_metric() {
         let network = network();
-        assert_eq!(network.routes.len(), 4);
+        assert_eq!(network.routes.len(), 8);
         let way = |a, b, c, d| network.way_to(Ipv4Addr::new(a, b, c, d));
         assert_eq!(way(127, 1, 2, 3), Way::Here);
         let Way::Gateway(route) = way(192, 168, 1, 121) else {
@@ -243,6 +326,16 @@ nonsense
         assert_eq!(route.gateway, Ipv4Addr::new(192, 0, 2, 1));
         assert!(matches!(way(192, 0, 2, 9), Way::Direct(route) if route.interface == "eth0"));
         assert!(matches!(way(10, 10, 10, 10), Way::Direct(route) if route.interface == "eth2"));
+        for discarded in [
+            way(10, 96, 200, 1),
+            way(10, 97, 0, 1),
+            way(10, 98, 0, 9),
+            way(10, 99, 0, 9),
+        ] {
+            assert!(matches!(discarded, Way::Discarded(_)), "{discarded:?}");
+        }
+        assert!(matches!(way(10, 97, 0, 2), Way::Gateway(_)));
+        assert_eq!(way(192, 0, 2, 2), Way::Here);
         assert_eq!(
             Network::default().way_to(Ipv4Addr::new(10, 0, 0, 1)),
             Way::None
@@ -263,6 +356,11 @@ nonsense
     #[test]
     fn this_computer_has_a_loopback() {
         let network = Network::here().unwrap();
+        let own = Ipv4Addr::LOCALHOST;
+        assert!(
+            network.own.contains(&(own, Ipv4Addr::BROADCAST)),
+            "{network:?}"
+        );
         let loopback = network.interface("lo").expect("a loopback");
         assert!(!loopback.is_ethernet && !loopback.is_wireless);
     }

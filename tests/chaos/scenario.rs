@@ -204,7 +204,12 @@ impl Scenario {
         } = process;
         let started = self.sim.now();
         self.bus_faults(driver, started);
-        let good = driver.read().is_ok();
+        let read = driver.read();
+        let good = read.is_ok();
+        let others = read.map_or(0, |report| report.others);
+        ensure(others == 0, Promise::Works, started, || {
+            format!("{others} packets of another master, and there is none")
+        })?;
         // The age of what the board itself shows counts from the end of the read that brought it,
         // which is not this one if this one failed.
         if good {

@@ -13,7 +13,7 @@ use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, cut, good, volts};
 use mesa_hal::boards::{I7i77Analog, I7i77Field};
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{Driver, FaultPolicy, Pace};
+use mesa_hal::driver::{Driver, EventKind, FaultPolicy, Pace};
 use mesa_hal::hal::{Input, Output, Param};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sim::devices::find_mut;
@@ -389,4 +389,54 @@ fn who_drives_a_board_is_not_disturbed_by_somebody_who_looks_whether_it_is_free(
     }
     assert!(good > 400 - 20 - 4 * 3, "{good} good cycles");
     assert_eq!(driver.board_state(), mesa_hal::driver::BoardState::Running);
+}
+
+/// A second of cycles beside somebody who sends so many packets before each: what was told.
+fn beside(driver: &mut EthernetDriver, packets: usize) -> Vec<EventKind> {
+    // The cookie, which anybody may read.
+    let question = [0x81, 0x42, 0x00, 0x01];
+    let mut events = driver.events();
+    let period = driver.period();
+    let mut reported = 0;
+    for _ in 0..1000 {
+        let link = driver.bus_mut().link();
+        for _ in 0..packets {
+            let now = link.board.time();
+            let reply = link.board.handle_packet(now, &question, &mut Vec::new());
+            assert!(reply.is_some(), "it is answered");
+        }
+        reported += driver.read().expect("a good network").others;
+        driver.write().expect("a good network");
+        driver.bus_mut().wait(period);
+    }
+    let told = events.by_ref().map(|event| event.kind);
+    let told: Vec<_> = told
+        .filter(|kind| matches!(kind, EventKind::OtherMaster { .. }))
+        .collect();
+    let packets = told.iter().map(|kind| match kind {
+        EventKind::OtherMaster { packets } => *packets,
+        other => panic!("{other}"),
+    });
+    assert_eq!(packets.sum::<u32>(), reported);
+    told
+}
+
+#[test]
+fn a_second_master_that_begins_later_is_an_event_and_counted_and_ends_nothing_by_itself() {
+    let (mut driver, _) = good_network();
+    assert_eq!(beside(&mut driver, 0), []);
+    let told = beside(&mut driver, 2);
+    let said = told.first().expect("an event").to_string();
+    assert!(said.contains("somebody else drives this board"), "{said}");
+    assert!(told.len() <= 2, "once a second: {told:?}");
+    assert_eq!(
+        driver.statistics().others,
+        driver.bus_mut().statistics().others
+    );
+    assert!(driver.statistics().others > 100);
+    assert_eq!(driver.board_state(), mesa_hal::driver::BoardState::Running);
+    let counted = driver.statistics().others;
+    let _ = beside(&mut driver, 0);
+    assert!(beside(&mut driver, 0).is_empty(), "it has gone");
+    assert!(driver.statistics().others <= counted + 200);
 }

@@ -38,6 +38,8 @@ fn the_simulated_machine_is_listed_with_its_terminals_and_parameters() {
         "HostMot2 firmware for MESA7I92",
         "Channel 0: 7I77 (7I77 field I/O), unit number 0x12000001, software mode 0",
         "TB8 pin 3 INPUT2",
+        "P2 DB25 pin 1 IO0\n",
+        "P1 DB25 pin 13 IO33\n",
         "software mode 0: output_only (current)",
         "= 301989889 (raw 0x12000001)",
     ] {

@@ -23,6 +23,7 @@ mod registers;
 mod restart;
 mod run;
 mod scope;
+mod second_master;
 mod set;
 mod sim;
 mod sim_control;

@@ -95,6 +95,12 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
         encoder.iter().all(|line| line.contains(".encoder.03.")),
         "{encoder:?}"
     );
+    let connector = lines("P1 DB25 pin 13");
+    let is_its = |line: &String| line.contains(".gpio.033.");
+    assert!(
+        !connector.is_empty() && connector.iter().all(is_its),
+        "{connector:?}"
+    );
     let block = lines("tb5 pin");
     assert!(
         block.iter().any(|line| line.contains("analogout0")),
@@ -134,4 +140,23 @@ fn a_signal_ends_it_with_the_board_stopped() {
     );
     let truth = board.console.show("0");
     assert_eq!(truth["remote.0.output-00"], "0", "{truth:?}");
+}
+
+#[test]
+fn a_board_that_dies_meanwhile_is_the_reason_why_nothing_is_printed() {
+    let card = ["--board", "7i92-7i77", "--port", "0"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &card);
+    let address = board.address.to_string();
+    let started = command(&["pins", "--addr", &address, "--seconds", "60"]).spawn();
+    let mut started = started.expect("mesa starts");
+    let mut said = BufReader::new(started.stderr.take().expect("piped"));
+    let mut line = String::new();
+    said.read_line(&mut line).expect("what was found");
+    let process = Process::new(started);
+    board.kill();
+    let run = Run::from(process.output());
+    said.read_to_string(&mut line).expect("the end");
+    assert_eq!((run.code, &*run.out), (Some(1), ""), "{line}");
+    let reason = "the board does not answer any more";
+    assert!(line.contains(reason), "{line}");
 }

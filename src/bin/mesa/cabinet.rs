@@ -75,7 +75,7 @@ pub enum OpenCabinet {
     /// Those of a board. It goes before the machine that simulates it.
     Board {
         board: Box<Board<UdpBus>>,
-        _found: Found,
+        found: Found,
     },
     /// The one on a serial port.
     Serial(Box<SerialCabinet<Box<dyn SerialPort>>>),
@@ -135,8 +135,18 @@ impl CabinetTarget {
         }
         Ok(OpenCabinet::Board {
             board: Box::new(board),
-            _found: found,
+            found,
         })
+    }
+}
+
+impl OpenCabinet {
+    /// The board, which somebody else may drive.
+    pub fn found(&self) -> Option<&Found> {
+        match self {
+            Self::Board { found, .. } => Some(found),
+            Self::Serial(_) => None,
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::context::{Context, Failure};
 use crate::output::complain;
-use crate::target::ChangedTarget;
+use crate::target::{ChangedTarget, Found};
 
 /// How often a person who is asked may have pressed Ctrl-C instead.
 const LOOK: Duration = Duration::from_millis(50);
@@ -30,11 +30,12 @@ impl Context {
     pub fn agrees(
         &self,
         target: &ChangedTarget,
-        address: SocketAddrV4,
+        found: &Found,
         what: &str,
     ) -> Result<bool, Failure> {
+        let address = found.address;
         if !target.dry_run {
-            self.consent(&format!("{address}: {what}"))?;
+            self.consent(&format!("{address}: {what}"), Some(found))?;
             return Ok(true);
         }
         self.print(&Planned {
@@ -46,16 +47,16 @@ impl Context {
     }
 
     /// Prints on standard error what is about to be done, and goes on only with `--yes`, or if a
-    /// person at a terminal agrees.
-    pub fn consent(&self, what: &str) -> Result<(), Failure> {
+    /// person at a terminal agrees, who may have taken his time: a board that is open is looked at
+    /// again, and left alone if somebody else drives it by now.
+    pub fn consent(&self, what: &str, board: Option<&Found>) -> Result<(), Failure> {
         let answer = self.asked(what);
-        match self.stop.signal() {
-            Some(signal) => {
-                let message = format_args!("ended by {signal}; nothing was done");
-                Err(Failure::stopped(signal, message))
-            }
-            None => answer,
+        if let Some(signal) = self.stop.signal() {
+            let message = format_args!("ended by {signal}; nothing was done");
+            return Err(Failure::stopped(signal, message));
         }
+        answer?;
+        board.map_or(Ok(()), Found::check_free)
     }
 
     fn asked(&self, what: &str) -> Result<(), Failure> {

@@ -3,6 +3,8 @@
 use std::fmt::Write;
 use std::time::Duration;
 
+use mesa_hal::bus::RegisterBus;
+use mesa_hal::driver::EventKind;
 use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, BoardState, Driver, Settings};
 
@@ -33,6 +35,23 @@ pub fn trouble(state: BoardState) -> Option<&'static str> {
     }
 }
 
+/// Fails if somebody else was found to drive the board while it ran: nothing that it showed is certain.
+pub fn check_alone(bus: &UdpBus) -> Result<(), Failure> {
+    match bus.statistics().others {
+        0 => Ok(()),
+        packets => {
+            let packets = u32::try_from(packets).unwrap_or(u32::MAX);
+            Err(Failure::refused(EventKind::OtherMaster { packets }))
+        }
+    }
+}
+
+/// The same, and fails if the board does not run any more.
+pub fn check(driver: &Driver<UdpBus>) -> Result<(), Failure> {
+    check_alone(driver.bus())?;
+    trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))
+}
+
 /// How long a board that lost its set-up is left alone before it is set up again.
 const AGAIN: Duration = Duration::from_secs(1);
 
@@ -52,8 +71,11 @@ impl Keeper {
         };
         if self.failed >= AGAIN {
             self.failed = Duration::ZERO;
-            // If it fails, the state stays as it is shown, and it is tried again.
-            let _ = driver.rearm();
+            // If it fails, the state stays as it is shown, and it is tried again. Who else may have
+            // the board by now is counted there.
+            if driver.bus_mut().check_alone().is_ok() {
+                let _ = driver.rearm();
+            }
         }
     }
 }

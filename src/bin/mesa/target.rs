@@ -10,7 +10,7 @@ use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::lbp16;
 use mesa_hal::sim::{Mishaps, UdpFace};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 
 use crate::context::Failure;
 use crate::output::complain;
@@ -87,17 +87,30 @@ impl Found {
 
     /// The same with these deadlines.
     pub fn open_with(&self, config: UdpConfig) -> Result<UdpBus, Failure> {
-        let (address, tries) = (self.address, config.setup_tries);
-        UdpBus::connect(address, config).map_err(|error| {
-            let why = match error.kind() {
-                _ if matches!(error, UdpError::Foreign { .. }) => {
-                    format!("asked {tries} times, and no board answers, but somebody: {error}")
-                }
-                BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
-                _ => error.to_string(),
-            };
-            Failure::refused(format_args!("{address}: {why}"))
-        })
+        let tries = config.setup_tries;
+        let bus = UdpBus::connect(self.address, config);
+        bus.map_err(|error| self.refuses(tries, error))
+    }
+
+    /// Looks again whether another program drives the board, before something is done to it. Nothing
+    /// is changed there.
+    pub fn check_free(&self) -> Result<(), Failure> {
+        let config = UdpConfig::default();
+        let free = UdpLink::connect(self.address)
+            .map_err(UdpError::from)
+            .and_then(|link| UdpBus::check_free(link, config));
+        free.map_err(|error| self.refuses(config.setup_tries, error))
+    }
+
+    fn refuses(&self, tries: u32, error: UdpError) -> Failure {
+        let why = match error.kind() {
+            _ if matches!(error, UdpError::Foreign { .. }) => {
+                format!("asked {tries} times, and no board answers, but somebody: {error}")
+            }
+            BusErrorKind::Lost => format!("no board answers, asked {tries} times: {error}"),
+            _ => error.to_string(),
+        };
+        Failure::refused(format_args!("{}: {why}", self.address))
     }
 }
 

@@ -125,6 +125,11 @@ pub enum EventKind {
         /// How many.
         count: u32,
     },
+    /// Somebody else drives the board as well. Told again in each second in which he does.
+    OtherMaster {
+        /// How many packets are his, so far in this second.
+        packets: u32,
+    },
 }
 
 /// What may happen in every cycle.
@@ -202,6 +207,8 @@ bitflags! {
         const MISSED_PERIODS = 1 << 16;
         /// [`EventKind::Dropped`].
         const DROPPED = 1 << 17;
+        /// [`EventKind::OtherMaster`].
+        const OTHER_MASTER = 1 << 18;
         /// Everything after which outputs are safe until they are re-armed.
         const OUTPUTS_SAFE = Self::REMOTE_OFFLINE.bits()
             | Self::WATCHDOG_BITTEN.bits()
@@ -232,6 +239,7 @@ impl EventKind {
             Self::LostWrites { .. } => EventMask::LOST_WRITES,
             Self::MissedPeriods { .. } => EventMask::MISSED_PERIODS,
             Self::Dropped { .. } => EventMask::DROPPED,
+            Self::OtherMaster { .. } => EventMask::OTHER_MASTER,
         }
     }
 
@@ -323,6 +331,12 @@ impl fmt::Display for EventKind {
                     "events that were dropped from here on, because nobody took them: {count}"
                 )
             }
+            Self::OtherMaster { packets } => write!(
+                f,
+                "somebody else drives this board: within a second it received {packets} packets that \
+                 are not ours; end the other program (LinuxCNC, mesaflash, another driver), also \
+                 on other hosts"
+            ),
         }
     }
 }

@@ -88,7 +88,8 @@ impl EventKind {
             Self::NotThere { found: one }
             | Self::LostWrites { count: one }
             | Self::MissedPeriods { count: one }
-            | Self::Dropped { count: one } => (0, one, 0),
+            | Self::Dropped { count: one }
+            | Self::OtherMaster { packets: one } => (0, one, 0),
             Self::RemoteBack { .. }
             | Self::RemoteUp { .. }
             | Self::RemoteRearmed { .. }
@@ -143,6 +144,7 @@ impl EventKind {
             15 => Self::LostWrites { count: one },
             16 => Self::MissedPeriods { count: one },
             17 => Self::Dropped { count: one },
+            18 => Self::OtherMaster { packets: one },
             _ => return None,
         })
     }
@@ -197,11 +199,11 @@ mod tests {
     #[test]
     fn every_kind_of_event_has_words() {
         let word = |bit| u32::from_le_bytes([bit, 1, 2, 0]);
-        for bit in 0..18 {
+        for bit in 0..19 {
             let kind = EventKind::from_words([word(bit), 1, 2]).expect("a kind");
             assert_eq!(kind.mask().bits(), 1 << bit, "{kind:?}");
         }
-        assert_eq!(EventKind::from_words([word(18), 0, 0]), None);
+        assert_eq!(EventKind::from_words([word(19), 0, 0]), None);
         for number in 0..5 {
             let what = Repeating::from_number(number, (1, 2)).expect("something");
             assert_eq!(what.number(), number, "{what:?}");

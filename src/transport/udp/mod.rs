@@ -13,6 +13,7 @@ mod error;
 mod ledger;
 mod link;
 mod matching;
+mod others;
 mod receiving;
 
 pub use encoding::UdpList;
@@ -31,6 +32,7 @@ use crate::ethernet::Lbp16Board;
 use crate::lbp16::MAX_PACKET;
 use ledger::{Kind, Ledger};
 use matching::Requests;
+use others::Others;
 use receiving::Wait;
 
 /// Room for more than [`MAX_PACKET`](crate::lbp16::MAX_PACKET), so that a longer datagram shows.
@@ -93,6 +95,7 @@ pub struct UdpBus<L: Link = UdpLink> {
     config: UdpConfig,
     requests: Requests,
     ledger: Ledger,
+    others: Others,
     statistics: BusStatistics,
     /// Lists prepared so far.
     prepared: u32,
@@ -128,17 +131,35 @@ impl<L: Link> UdpBus<L> {
     /// A bus over `link`. Asks the board first, so that a bus that exists has a board behind it.
     ///
     /// A board takes orders from everybody, and two programs that drive the same one end in
-    /// movements that neither has ordered. So the board is only watched at first: when its count of
-    /// packets (RXUDPCount; manual: 7I97, "MEMORY SPACE 6 LAYOUT") grows by more than ours within 50 ms, somebody
-    /// else drives it, and nothing is written ([`UdpError::OtherHost`]). Somebody who sends less
-    /// than about 100 packets a second, or begins later, is not noticed by that.
-    /// [`UdpConfig::beside_others`] leaves it out.
+    /// movements that neither has ordered. So the board is only watched at first, and nothing is
+    /// written if somebody else drives it ([`check_alone`](Self::check_alone)). Somebody who begins
+    /// later is noticed in the cycle: [`BusStatistics::others`].
+    /// [`UdpConfig::beside_others`] leaves out both.
     pub fn new(link: L, config: UdpConfig) -> Result<Self, UdpError> {
-        let mut bus = Self {
+        let mut bus = Self::unasked(link, config);
+        bus.check_alone()?;
+        // Without these, numbers that an earlier program left would look like writes that were
+        // executed, or like a lost one.
+        bus.set_up(&UdpList::clearing()?, &mut [])?;
+        let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
+        bus.set_up(&contact, &mut [])?;
+        (bus.statistics, bus.others) = Default::default();
+        Ok(bus)
+    }
+
+    /// Fails if somebody else drives the board behind `link`. It changes nothing there, for who has a
+    /// bus of the board already and has not used it for a while: [`check_alone`](Self::check_alone).
+    pub fn check_free(link: L, config: UdpConfig) -> Result<(), UdpError> {
+        Self::unasked(link, config).check_alone()
+    }
+
+    fn unasked(link: L, config: UdpConfig) -> Self {
+        Self {
             link,
             config,
             requests: Requests::default(),
             ledger: Ledger::starting_after(0),
+            others: Others::default(),
             statistics: BusStatistics::default(),
             prepared: 0,
             started: None,
@@ -147,17 +168,7 @@ impl<L: Link> UdpBus<L> {
             once: UdpList::with_room(),
             packet: Box::new([0; MAX_PACKET]),
             reply: Box::new([0; RECEIVE_BUFFER]),
-        };
-        if !config.beside_others {
-            bus.watch_for_others()?;
         }
-        // Without these, numbers that an earlier program left would look like writes that were
-        // executed, or like a lost one.
-        bus.set_up(&UdpList::clearing()?, &mut [])?;
-        let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
-        bus.set_up(&contact, &mut [])?;
-        bus.statistics = BusStatistics::default();
-        Ok(bus)
     }
 
     /// The link, to ask it for what is its own.
@@ -165,8 +176,17 @@ impl<L: Link> UdpBus<L> {
         &mut self.link
     }
 
-    /// Fails if the board receives more packets than ours. Writes nothing but a request's number.
-    fn watch_for_others(&mut self) -> Result<(), UdpError> {
+    /// Fails if somebody else drives the board: when its count of packets (RXUDPCount; manual: 7I97,
+    /// "MEMORY SPACE 6 LAYOUT") grows by more than ours within 50 ms ([`UdpError::OtherHost`]), which is
+    /// about 100 packets a second. Writes nothing but a request's number. Call it after a pause,
+    /// before anything is driven; [`new`](Self::new) does.
+    ///
+    /// # Real time
+    /// Not for the cycle: it waits.
+    pub fn check_alone(&mut self) -> Result<(), UdpError> {
+        if self.config.beside_others {
+            return Ok(());
+        }
         self.set_up(&UdpList::question()?, &mut [])?;
         let (before, sent) = (self.ledger.received, self.statistics.exchanges);
         let start = self.link.now();
@@ -181,6 +201,7 @@ impl<L: Link> UdpBus<L> {
         let packets = after.wrapping_sub(before).wrapping_sub(own);
         let others = own.saturating_add(OTHERS)..TOO_MANY;
         if others.contains(&packets) {
+            self.statistics.others += u64::from(packets);
             return Err(UdpError::OtherHost { packets, within });
         }
         Ok(())
@@ -254,6 +275,7 @@ impl<L: Link> UdpBus<L> {
                 detailed: self.ledger.wants_details(),
                 started,
                 deadline,
+                sent: self.statistics.exchanges + 1,
             }
         });
         let packet = list.packet(self.packet.as_mut_slice(), words, wait, write);

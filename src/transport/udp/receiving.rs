@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use super::ledger::{Account, Asked};
 use super::matching::Match;
+use super::others::Heard;
 use super::{Link, UdpBus, UdpError, UdpList};
 use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
@@ -19,6 +20,8 @@ pub(super) struct Wait {
     pub started: Instant,
     /// How long it may take, besides what the board waits.
     pub deadline: Duration,
+    /// Packets that were sent with it and before.
+    pub sent: u64,
 }
 
 /// Datagrams that are looked through after the deadline, for one that came before it.
@@ -126,7 +129,7 @@ impl<L: Link> UdpBus<L> {
             Match::Current => {
                 counted.bytes_received += length as u64;
                 let account = list.account(reply, wait.detailed);
-                self.hear(account, wait.asked);
+                self.hear(account, wait);
             }
             Match::Late => {
                 counted.late += 1;
@@ -146,10 +149,21 @@ impl<L: Link> UdpBus<L> {
         Ok(Some(number))
     }
 
-    /// Counts what became of the writes.
-    fn hear(&mut self, account: Account, asked: Asked) {
-        let news = self.ledger.hear(account, asked);
+    /// Counts what became of the writes, and what others sent.
+    fn hear(&mut self, account: Account, wait: Wait) {
+        let before = self.ledger.received;
+        let news = self.ledger.hear(account, wait.asked);
         let counted = &mut self.statistics;
+        let heard = Heard {
+            at: wait.started,
+            received: before.map(|before| account.received.wrapping_sub(before)),
+            sent: wait.sent,
+            duplicate: counted.duplicate + counted.stale,
+        };
+        let others = self.others.hear(heard);
+        let others = others.filter(|_| !self.config.beside_others);
+        let others = others.unwrap_or(0);
+        counted.others += u64::from(others);
         counted.lost_writes += u64::from(news.lost);
         counted.lost_writes = counted.lost_writes.saturating_sub(news.found.into());
         counted.late_writes += u64::from(news.late);
@@ -161,6 +175,7 @@ impl<L: Link> UdpBus<L> {
                 certain: !news.doubt,
                 // What comes late is not lost any more, but it was.
                 lost_writes: (news.lost + news.late).saturating_sub(news.found),
+                others,
                 slack: None,
             });
         }

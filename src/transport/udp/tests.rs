@@ -1,6 +1,7 @@
 //! The bus on a network and a board of the test's own, on virtual time.
 
 mod network;
+mod others;
 mod posted;
 mod sequences;
 
@@ -78,6 +79,21 @@ fn lists_that_fit_no_packet_or_no_buffer_are_refused_when_they_are_prepared_or_r
         .exchange(&[Access::read(0, 1, 2)], &mut [0; 2])
         .unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Invalid);
+}
+
+#[test]
+fn the_last_word_of_all_buffers_has_a_place_and_the_one_behind_it_is_refused() {
+    let mut bus = bus();
+    let mut words = vec![0; 0xFFFF];
+    for access in [Access::read, Access::write] {
+        bus.exchange(&[access(0, 0xFFFE, 1)], &mut words).unwrap();
+        for (first, count) in [(0xFFFF, 1), (0xFFFE, 2), (1, 0xFFFF)] {
+            let error = bus.prepare(&[access(0, first, count)], None).unwrap_err();
+            assert!(matches!(error, UdpError::BadAccess { .. }), "{error}");
+        }
+        assert!(bus.prepare(&[access(0, 0xFFFF, 0)], None).is_ok());
+    }
+    assert_ne!(words[0xFFFE], 0);
 }
 
 #[test]
@@ -353,6 +369,11 @@ fn numbers_that_an_earlier_program_left_are_not_taken_for_writes_that_were_execu
     }
 }
 
+/// Numbers near the ends of what a number can be, and some between.
+fn edge() -> impl Strategy<Value = u16> {
+    prop_oneof![0..300_u16, 0xFF00..=0xFFFF_u16, any::<u16>()]
+}
+
 fn fate() -> impl Strategy<Value = Fate> {
     let delay = 1_000..2_000_000_u64;
     prop_oneof![
@@ -364,6 +385,23 @@ fn fate() -> impl Strategy<Value = Fate> {
 }
 
 proptest! {
+    #[test]
+    fn any_list_is_prepared_or_refused(
+        accesses in prop::collection::vec(
+            (any::<bool>(), edge(), edge(), edge()).prop_map(|(writes, address, first, count)| {
+                let access = if writes { Access::write } else { Access::read };
+                access(address, first, count)
+            }),
+            0..4,
+        ),
+    ) {
+        let mut bus = bus();
+        if let Ok(list) = bus.prepare(&accesses, None) {
+            let mut words = vec![0; 0xFFFF];
+            prop_assert!(bus.run(&list, &mut words).is_ok());
+        }
+    }
+
     #[test]
     fn whatever_the_network_does_a_word_is_the_boards_answer_to_this_very_request(
         requests in prop::collection::vec(prop_oneof![2 => Just(GOOD), 1 => fate().prop_filter(

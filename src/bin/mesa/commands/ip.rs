@@ -73,12 +73,13 @@ impl Ip {
             )));
         }
         if is_change && !self.target.dry_run {
-            context.consent(&format!(
+            let what = format!(
                 "{}: writes {} into the EEPROM, which holds {}",
                 found.address,
                 pair(&after),
                 pair(&before)
-            ))?;
+            );
+            context.consent(&what, Some(&found))?;
             // The address last: until it is written, the board is found where it was.
             if let Some(netmask) = netmask {
                 board.set_eeprom_netmask(netmask)?;

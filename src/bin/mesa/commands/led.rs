@@ -60,7 +60,7 @@ impl Led {
             } else {
                 "sets what the user LEDs show until the next restart"
             };
-            if !context.agrees(&self.target, found.address, what)? {
+            if !context.agrees(&self.target, &found, what)? {
                 return Ok(context.ending());
             }
             board.set_led_mode(LedTime::Now, mode.into())?;

@@ -8,6 +8,7 @@ use clap::Args;
 use mesa_hal::Settings;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Place, Reading};
 use mesa_hal::runner::Runner;
+use mesa_hal::transport::udp::UdpConfig;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -21,6 +22,10 @@ use crate::target::Target;
 
 /// The period of the cycle.
 const PERIOD: Duration = Duration::from_millis(4);
+/// How long a reply is waited for: a cycle that is late is better than none.
+const DEADLINE: Duration = Duration::from_millis(20);
+/// The board's watchdog, which turns nothing off here: no output is on.
+const WATCHDOG: Duration = Duration::from_millis(800);
 
 const AFTER_HELP: &str = "\
 It starts the machine with all outputs off, reads it for a while, and stops it. A board that another
@@ -81,20 +86,29 @@ impl Pins {
         let found = self.target.find()?;
         let mut settings = Settings {
             period: PERIOD,
+            // A thread like any other is late at times.
+            watchdog: Some(WATCHDOG),
             ..Settings::default()
         };
         self.modes.put(&mut settings);
-        let driver = running::start(found.open()?, settings)?;
+        let bus = found.open_with(UdpConfig {
+            cycle_deadline: DEADLINE,
+            ..UdpConfig::default()
+        })?;
+        let driver = running::start(bus, settings)?;
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
         let cycles = (self.seconds / PERIOD.as_secs_f64()).ceil() as u64;
+        let mut checked = Ok(());
         let ended = runner.run(|cycle| {
-            if cycle.number <= cycles {
+            checked = running::check(cycle.driver);
+            if cycle.number <= cycles && checked.is_ok() {
                 ControlFlow::Continue(())
             } else {
                 ControlFlow::Break(())
             }
         });
+        checked?;
         ended.stopped?;
         if let Some(signal) = ended.signal {
             complain(format_args!(

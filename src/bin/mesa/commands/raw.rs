@@ -99,7 +99,8 @@ impl Raw {
         // Whether somebody else drives the board is looked at before anybody is asked.
         drop(found.open()?);
         if !writes.is_empty() {
-            context.consent(&format!("{}: writes {}", found.address, writes.join(", ")))?;
+            let what = format!("{}: writes {}", found.address, writes.join(", "));
+            context.consent(&what, Some(&found))?;
         }
         let mut link = UdpLink::connect(found.address)?;
         let mut buffer = [0; ROOM];

@@ -111,7 +111,7 @@ impl Poke {
             space_name(space)
         );
         let mut bus = found.open()?;
-        if !context.agrees(&self.target, found.address, &what)? {
+        if !context.agrees(&self.target, &found, &what)? {
             return Ok(context.ending());
         }
         let values = if space == Space::HostMot2 {

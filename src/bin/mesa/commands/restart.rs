@@ -92,7 +92,7 @@ impl Restart {
             "reload" => what_it_loads(&mut bus, &identity)?,
             _ => "",
         };
-        if !context.agrees(&self.target, found.address, &format!("{what}{loads}"))? {
+        if !context.agrees(&self.target, &found, &format!("{what}{loads}"))? {
             return Ok(context.ending());
         }
         let begun = Instant::now();

@@ -17,6 +17,7 @@ use crate::cabinet::CabinetTarget;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
+use crate::target::Found;
 
 /// More than any firmware has.
 const MOST_BYTES: u64 = 4 << 20;
@@ -105,7 +106,7 @@ impl Update {
                 let remote =
                     remote.map_err(|error| Failure::refused(format_args!("{device}: {error}")))?;
                 let found = (RemotePlace::Serial, remote.started, remote.is_bare);
-                self.update(context, &mut host, found, &firmware)?
+                self.update(context, (&mut host, None), found, &firmware)?
             }
             None => self.over_board(context, &firmware)?,
         };
@@ -153,7 +154,7 @@ impl Update {
                 })?;
         let is_bare = started.unit_number == 0 && started.ptoc == 0 && started.gtoc == 0;
         let at = (RemotePlace::Channel(port, channel), started, is_bare);
-        let report = self.update(context, &mut link, at, firmware);
+        let report = self.update(context, (&mut link, Some(&found)), at, firmware);
         let ended = board.end_setup_at(port, channel);
         let report = report?;
         ended?;
@@ -164,7 +165,7 @@ impl Update {
     fn update<L: RemoteLink>(
         &self,
         context: &Context,
-        link: &mut L,
+        (link, board): (&mut L, Option<&Found>),
         (place, started, was_cut_off): (RemotePlace, StartedRemote, bool),
         firmware: &Firmware,
     ) -> Result<Option<Report>, Failure> {
@@ -208,13 +209,14 @@ impl Update {
         } else {
             format!("a {}, unit number {unit_number:#010X}:", kind(&started))
         };
-        context.consent(&format!(
+        let what = format!(
             "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}). Until it is \
              done it has no program; keep its power on",
             plan.blocks.len(),
             plan.erase_size,
             self.file.display()
-        ))?;
+        );
+        context.consent(&what, board)?;
         match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
             Err(error @ UpdateError::Stopped { .. }) => return Ok(stopped(error)),
             done => done?,

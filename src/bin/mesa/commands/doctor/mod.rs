@@ -74,10 +74,12 @@ impl Doctor {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let found = self.target.find()?;
         if !self.passive {
-            context.consent(&format!(
+            let what = format!(
                 "{}: starts the machine with all outputs off, and stops it again (not with --passive)",
                 found.address
-            ))?;
+            );
+            // It is opened after that, and what is found then is a finding.
+            context.consent(&what, None)?;
         }
         let address = *found.address.ip();
         let here = Network::below(&self.root).unwrap_or_default();

@@ -167,12 +167,13 @@ impl Write {
         };
         if !dry_run {
             let is_alone = is_alone(&mut flash, &report.areas)?;
-            context.consent(&format!(
+            let what = format!(
                 "{}: erases and writes {written} of the flash memory: {}{}",
                 found.address,
                 About::of(&bitfile),
                 risk(is_alone)
-            ))?;
+            );
+            context.consent(&what, Some(&found))?;
             let mut progress = Progress::of_write(context, written, is_alone);
             let done = flash.program(&bitfile, area, |step, bytes| progress.step(step, bytes));
             progress.ended(done)?;

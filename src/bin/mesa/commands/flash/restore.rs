@@ -67,12 +67,13 @@ impl Restore {
         if !dry_run && !differences.is_empty() {
             let places: Vec<String> = report.areas.iter().map(Written::to_string).collect();
             let is_alone = is_alone(&mut flash, &report.areas)?;
-            context.consent(&format!(
+            let what = format!(
                 "{}: erases and writes {} of the flash memory{}",
                 found.address,
                 places.join(", "),
                 risk(is_alone)
-            ))?;
+            );
+            context.consent(&what, Some(&found))?;
             let mut done = 0;
             for (difference, &written) in differences.iter().zip(&report.areas) {
                 if let Some(signal) = context.stop.signal() {

@@ -144,7 +144,7 @@ fn may_replace(directory: &Path, context: &Context) -> Result<(), Failure> {
         return Ok(());
     }
     let (directory, there) = (directory.display(), there.join(", "));
-    context.consent(&format!("{directory}: replaces {there}"))
+    context.consent(&format!("{directory}: replaces {there}"), None)
 }
 
 impl Skeleton {

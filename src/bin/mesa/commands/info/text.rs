@@ -101,22 +101,17 @@ fn print_firmware(f: &mut Formatter<'_>, firmware: &Firmware) -> fmt::Result {
         )?;
     }
     writeln!(f, "\nI/O pins")?;
-    let width = (firmware.io_pins / firmware.connectors.max(1)).max(1);
     for pin in &firmware.pins {
         let way = match pin.direction {
             PinDirection::Out => "out",
             PinDirection::In => "in",
             PinDirection::Either => "in/out",
         };
-        let number = u32::from(pin.number);
-        writeln!(
-            f,
-            "  {number:>3}  connector {} pin {:>2}  {way:<6}  {:<24} {}",
-            number / width,
-            number % width,
-            pin.function,
-            pin.terminals,
-        )?;
+        let line = format!(
+            "  {:>3}  {way:<6}  {:<24} {}",
+            pin.number, pin.function, pin.terminals,
+        );
+        writeln!(f, "{}", line.trim_end())?;
     }
     Ok(())
 }

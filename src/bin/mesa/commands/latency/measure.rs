@@ -27,7 +27,7 @@ pub struct Measured {
     pub end: Mark,
     /// Socket options that this host does not allow.
     pub refused: Vec<&'static str>,
-    /// The error with which it ended.
+    /// The error with which it ended, or somebody else who drives the board.
     pub stopped: Result<(), String>,
 }
 
@@ -104,13 +104,17 @@ fn one(
         if cycle.number == WARM_UP {
             begin = Mark::take(cycle);
         }
-        if cycle.number < last && context.stop.signal().is_none() {
+        let is_alone = running::check_alone(cycle.driver.bus());
+        if cycle.number < last && context.stop.signal().is_none() && is_alone.is_ok() {
             return ControlFlow::Continue(());
         }
         end = Mark::take(cycle);
         ControlFlow::Break(())
     });
+    let stopped = ended.stopped.map_err(|error| error.to_string());
     let mut bus = ended.driver.into_bus();
+    let alone = running::check_alone(&bus).map_err(|failure| failure.to_string());
+    let stopped = stopped.and(alone);
     let measured = Measured {
         board,
         recorder,
@@ -118,7 +122,7 @@ fn one(
         begin,
         end,
         refused: bus.link().refused.clone(),
-        stopped: ended.stopped.map_err(|error| error.to_string()),
+        stopped,
     };
     Ok((measured, bus))
 }

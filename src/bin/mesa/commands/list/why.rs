@@ -16,6 +16,19 @@ pub struct Why {
 /// Why none answers there.
 pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     match (silence, network.way_to(address)) {
+        (_, Way::Here) if !address.is_loopback() => Why {
+            reason: "this computer itself has this address, and sends nothing to a board"
+                .to_owned(),
+            advice: format!(
+                "give this computer another address, such as {}; `ip addr` shows which interface has \
+                 this one",
+                host_beside(address)
+            ),
+        },
+        (_, Way::Discarded(route)) => Why {
+            reason: format!("a route of this computer discards what is sent to {route}"),
+            advice: format!("sudo ip route del {route}"),
+        },
         (Silence::Nothing | Silence::Refused, Way::Here) => Why {
             reason: "no simulated board listens there on this computer".to_owned(),
             advice: format!("mesa sim --board 7i97 --listen {address}"),
@@ -132,6 +145,7 @@ mod tests {
         let network = Network {
             interfaces: interfaces.to_vec(),
             routes: routes.to_vec(),
+            own: Vec::new(),
         };
         let why = of(&network, BOARD, Silence::Nothing);
         (why.reason, why.advice)
@@ -179,6 +193,12 @@ mod tests {
                 "sudo ip addr add 10.10.10.1/24 dev eth1 && sudo ip link set eth1 up",
             ),
             (
+                vec![interface("eth0", true, true)],
+                vec![default.clone(), route("*", [10, 10, 0, 0], 16, [0; 4])],
+                "discards what is sent to 10.10.0.0/16",
+                "sudo ip route del 10.10.0.0/16",
+            ),
+            (
                 vec![],
                 vec![default],
                 "this computer has no Ethernet interface",
@@ -203,7 +223,11 @@ mod tests {
         let network = Network {
             interfaces: vec![interface("eth1", true, true)],
             routes: vec![route("eth1", [10, 10, 10, 0], 24, [0; 4])],
+            own: vec![(Ipv4Addr::new(10, 10, 10, 9), Ipv4Addr::BROADCAST)],
         };
+        let own = of(&network, Ipv4Addr::new(10, 10, 10, 9), Silence::Refused);
+        assert!(own.reason.contains("this computer itself has"), "{own:?}");
+        assert!(own.advice.contains("such as 10.10.10.1"), "{own:?}");
         let why = of(&network, BOARD, Silence::Refused);
         assert!(why.reason.contains("nobody listens"), "{why:?}");
         assert!(why.advice.contains("another device"), "{why:?}");

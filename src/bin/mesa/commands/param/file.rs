@@ -74,7 +74,7 @@ impl Save {
         let path = &self.file;
         files::check(path)?;
         if path.is_file() {
-            context.consent(&format!("{}: is replaced", path.display()))?;
+            context.consent(&format!("{}: is replaced", path.display()), None)?;
         }
         let mut cabinet = self.at.cabinet.open()?;
         let saved = SavedCabinet::take(&mut cabinet)?;
@@ -143,10 +143,11 @@ impl Restore {
                 complain(difference);
             }
             let count = found.differences.len();
-            context.consent(&format!(
+            let what = format!(
                 "writes {count} parameters in the non-volatile memory of remotes; they are used from \
                  the next power-up on"
-            ))?;
+            );
+            context.consent(&what, cabinet.found())?;
             for difference in &found.differences {
                 if context.stop.signal().is_some() {
                     break;

@@ -99,10 +99,11 @@ impl Set {
             } else {
                 ""
             };
-            context.consent(&format!(
+            let what = format!(
                 "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
                 named.remote.name
-            ))?;
+            );
+            context.consent(&what, cabinet.found())?;
             go_on(context)?;
             cabinet.write(place, name, self.value)?;
         }

@@ -8,10 +8,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use mesa_hal::Settings;
 use mesa_hal::hal::PinInfo;
 use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeState, Trigger};
 use mesa_hal::transport::udp::UdpConfig;
-use mesa_hal::{BoardState, Settings};
 use serde::Serialize;
 
 use super::named;
@@ -140,11 +140,10 @@ impl Scope {
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());
         let runner = Runner::new(driver).stop_on(context.stop.clone());
-        let mut lost = None;
+        let mut checked = Ok(());
         let ended = runner.run(|cycle| {
-            let board = cycle.driver.board_state();
-            if board != BoardState::Running {
-                lost = Some(board);
+            checked = running::check(cycle.driver);
+            if checked.is_err() {
                 return ControlFlow::Break(());
             }
             let state = scope.sample(cycle.pins());
@@ -155,17 +154,13 @@ impl Scope {
             }
             ControlFlow::Continue(())
         });
+        checked.map_err(|why| Failure::refused(format_args!("{why}; nothing was written")))?;
         ended.stopped?;
         if let Some(signal) = ended.signal {
             crate::output::complain(format_args!(
                 "mesa: ended by {signal}; nothing was written, and the ports are stopped"
             ));
             return Ok(Ending::Stopped(signal));
-        }
-        if let Some(board) = lost {
-            return Err(Failure::refused(format_args!(
-                "the board does not run any more ({board:?}); nothing was written"
-            )));
         }
         if scope.state() != ScopeState::Done {
             return Err(Failure::refused(format_args!(

@@ -6,6 +6,7 @@ use std::time::Duration;
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
 use mesa_hal::runner::{Cycle, Runner};
+use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Driver, UdpBus};
 
 use super::report::{Change, Outcome, Report};
@@ -106,6 +107,12 @@ impl Jog {
             )));
         }
         complain("mesa: all outputs are off, and the ports are stopped");
+        // What it was told to do may have failed because of somebody else.
+        if self.failure.is_some()
+            && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
+        {
+            self.failure = Some(error.to_string());
+        }
         let outcome = match (&self.failure, signal) {
             (Some(reason), _) => Outcome::Failed(reason.clone()),
             (None, Some(signal)) => Outcome::Stopped(signal.to_string()),
@@ -144,6 +151,10 @@ impl Jog {
     fn cycle(&mut self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
         let now = cycle.pins().now();
         let begun = *self.begun.get_or_insert(now);
+        if let Err(failure) = running::check(cycle.driver) {
+            self.failure = Some(failure.to_string());
+            return ControlFlow::Break(());
+        }
         if self.phase != Phase::Start
             && let Some(reason) = self.reason(cycle.driver)
         {
@@ -203,9 +214,6 @@ impl Jog {
 
     /// Why the pin can not be driven, or is not any more.
     fn reason(&self, driver: &Driver<UdpBus>) -> Option<String> {
-        if let Some(trouble) = running::trouble(driver.board_state()) {
-            return Some(trouble.to_owned());
-        }
         let group = self.groups.iter().copied().find(|&group| {
             let state = driver.pins().group_state(group);
             let is_disarmed = state.is_none_or(|state| !state.armed);

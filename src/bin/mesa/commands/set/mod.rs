@@ -83,7 +83,7 @@ impl Set {
             (value, safe),
             enable.and_then(|pin| pins.info_of(pin)),
         );
-        context.consent(&format!("{}: {what}", found.address))?;
+        context.consent(&format!("{}: {what}", found.address), Some(&found))?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was set"));
             return Ok(Ending::Stopped(signal));

@@ -79,18 +79,21 @@ impl Watch {
             .map_err(|_| Failure::refused("the cycle's thread panicked"))?;
         ended.stopped?;
         shown?;
+        running::check_alone(ended.driver.bus())?;
         complain("mesa: outputs were never on; the ports are stopped");
         Ok(context.ending())
     }
 }
 
-/// What the thread of the cycle does in each: nothing, but set a board up again that lost its set-up.
+/// What the thread of the cycle does in each: nothing, but set a board up again that lost its set-up,
+/// and end when somebody else drives it.
 fn cycle_until(
     is_over: Arc<AtomicBool>,
 ) -> impl FnMut(&mut mesa_hal::runner::Cycle<'_, UdpBus>) -> ControlFlow<()> {
     let mut keeper = Keeper::default();
     move |cycle| {
-        if is_over.load(Ordering::Relaxed) {
+        let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
+        if is_over.load(Ordering::Relaxed) || !is_alone {
             return ControlFlow::Break(());
         }
         keeper.look_after(cycle.driver);

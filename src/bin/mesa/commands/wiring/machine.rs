@@ -45,7 +45,8 @@ impl Machine {
         let mut order: Option<(PinId, Instant)> = None;
         let mut jog: Option<Jog> = None;
         let work = move |cycle: &mut Cycle<'_, UdpBus>| {
-            if over.load(Ordering::Relaxed) {
+            let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
+            if over.load(Ordering::Relaxed) || !is_alone {
                 return ControlFlow::Break(());
             }
             let Some(running) = &mut jog else {
@@ -71,11 +72,13 @@ impl Machine {
             ControlFlow::Continue(())
         };
         let cycle = std::thread::spawn(move || {
-            runner.run(work).stopped.map_err(|error| {
+            let ended = runner.run(work);
+            ended.stopped.map_err(|error| {
                 Failure::refused(format_args!(
                     "the ports could not be stopped: {error}; the watchdogs switch all outputs off"
                 ))
-            })
+            })?;
+            running::check_alone(ended.driver.bus())
         });
         Self {
             reader,

@@ -20,7 +20,7 @@ use crate::context::{Context, Ending, Failure};
 use crate::modes::Modes;
 use crate::output::complain;
 use crate::pattern::Pattern;
-use crate::target::Target;
+use crate::target::{Found, Target};
 use crate::{place, running};
 use machine::Machine;
 use report::{Item, Outcome, Report, What};
@@ -100,7 +100,10 @@ impl Wiring {
         }
         if let Some(path) = self.report.as_ref().filter(|path| path.is_file()) {
             let path = path.display();
-            context.consent(&format!("{path} is there already, and will be replaced"))?;
+            context.consent(
+                &format!("{path} is there already, and will be replaced"),
+                None,
+            )?;
         }
         let found = self.target.find()?;
         let address = found.address.to_string();
@@ -119,7 +122,7 @@ impl Wiring {
                 missing.concat()
             )));
         }
-        self.consent(context, &address, &items)?;
+        self.consent(context, &found, &items)?;
         let driver = running::go(board)?;
         let missing: Vec<String> = driver.missing().iter().map(Remark::to_string).collect();
         let is_incomplete = self.pattern.is_none() && driver.missing().iter().any(is_there);
@@ -199,7 +202,7 @@ impl Wiring {
     }
 
     /// Says which outputs are driven.
-    fn consent(&self, context: &Context, address: &str, items: &[Item]) -> Result<(), Failure> {
+    fn consent(&self, context: &Context, found: &Found, items: &[Item]) -> Result<(), Failure> {
         let outputs = items
             .iter()
             .filter(|item| matches!(item.what, What::Output(_)));
@@ -211,13 +214,15 @@ impl Wiring {
             signal: String::new(),
             ..outputs.map(|item| item.info.place.clone()).collect()
         };
-        context.consent(&format!(
-            "{address}: drives {} digital outputs one after the other, each for {:?} with all others off, \
+        let what = format!(
+            "{}: drives {} digital outputs one after the other, each for {:?} with all others off, \
              no drive enables and no analog outputs: {}",
+            found.address,
             count,
             self.time,
             place::short(&at)
-        ))
+        );
+        context.consent(&what, Some(found))
     }
 }
 

@@ -1,0 +1,234 @@
+//! Whether somebody else sends packets to the board, by the board's own count of them.
+//!
+//! Every reply tells how many packets the board has received. What that is more than was sent is
+//! others', or came twice. It is added up for a second, and of each moment only a little counts: a
+//! master sends all the time, and who looks at the board, or whether it is free, in a burst.
+
+use core::time::Duration;
+
+use crate::bus::Instant;
+
+/// For so long packets are added up.
+const WINDOW: Duration = Duration::from_secs(1);
+/// So many that count are no master's, in a window, and in each second where no reply came for longer.
+const FEW: u64 = 50;
+/// A moment in nanoseconds: 10 ms.
+const MOMENT: u64 = 10_000_000;
+/// So many count in each moment: who sends as much all the time is noticed after a quarter of a second.
+const IN_A_MOMENT: u64 = 2;
+/// From one reply to the next no more than this counts. A board that was reset counts from 0 again,
+/// which looks like any number of packets, and does so once.
+const AT_ONCE: u64 = 8;
+/// Each reply that came twice stands for so many packets that did: of a write no reply tells it, and
+/// some replies are lost.
+const FOR_A_DUPLICATE: u64 = 4;
+
+/// What a reply tells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heard {
+    /// When its request was sent.
+    pub at: Instant,
+    /// Packets that the board has received since the reply before; `None` if that is not known.
+    pub received: Option<u16>,
+    /// The number of its request among all packets that were sent.
+    pub sent: u64,
+    /// Replies so far that came twice.
+    pub duplicate: u64,
+}
+
+/// The packets of others, added up.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Others {
+    /// When this window began, and how many replies had come twice.
+    begun: Option<(Instant, u64)>,
+    /// How many packets had been sent with the request before.
+    sent: u64,
+    /// The moment of that, and the packets in it. What is lost makes it less.
+    moment: (u64, i64),
+    /// What counts of the moments before, ...
+    counted: i64,
+    /// ... and all packets in them.
+    packets: i64,
+    /// It was told in this window.
+    is_told: bool,
+}
+
+impl Others {
+    /// Takes what a reply tells; when others have sent too many in this window, how many these were,
+    /// once.
+    pub(super) fn hear(&mut self, heard: Heard) -> Option<u32> {
+        let own = heard.sent.wrapping_sub(self.sent) as u16;
+        self.sent = heard.sent;
+        let moment = heard.at.as_nanos() / MOMENT;
+        let Some(received) = heard.received.filter(|_| self.begun.is_some()) else {
+            self.begin(heard, moment);
+            return None;
+        };
+        self.moment.1 += i64::from(received.wrapping_sub(own).cast_signed());
+        let passed = moment.wrapping_sub(self.moment.0);
+        if passed == 0 {
+            return None;
+        }
+        self.end_moment(heard, passed)
+    }
+
+    fn end_moment(&mut self, heard: Heard, passed: u64) -> Option<u32> {
+        let (at, duplicate) = self.begun?;
+        let (before, packets) = self.moment;
+        let moment = before.wrapping_add(passed);
+        self.moment = (moment, 0);
+        let most = passed.saturating_mul(IN_A_MOMENT).min(AT_ONCE);
+        self.counted += packets.min(most.cast_signed());
+        self.packets += packets;
+        let within = heard.at.since(at);
+        let few = FEW * within.max(WINDOW).as_secs()
+            + FOR_A_DUPLICATE * heard.duplicate.saturating_sub(duplicate);
+        let is_news = !self.is_told && u64::try_from(self.counted).is_ok_and(|n| n > few);
+        let packets = u32::try_from(self.packets).unwrap_or(u32::MAX);
+        self.is_told |= is_news;
+        if within >= WINDOW {
+            self.begin(heard, moment);
+        }
+        is_news.then_some(packets)
+    }
+
+    fn begin(&mut self, heard: Heard, moment: u64) {
+        *self = Self {
+            begun: Some((heard.at, heard.duplicate)),
+            sent: heard.sent,
+            moment: (moment, 0),
+            ..Self::default()
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A board's count, and what was sent to it.
+    #[derive(Default)]
+    struct Board {
+        others: Others,
+        heard: u16,
+        received: u16,
+        sent: u64,
+        duplicate: u64,
+        now: u64,
+    }
+
+    impl Board {
+        /// A cycle of 1 ms: a write and a request, and this many packets more, or less.
+        fn cycle(&mut self, more: i16) -> Option<u32> {
+            self.now += 1_000_000;
+            self.sent += 2;
+            self.received = self.received.wrapping_add(2).wrapping_add_signed(more);
+            self.reply(true)
+        }
+
+        fn reply(&mut self, is_known: bool) -> Option<u32> {
+            let before = core::mem::replace(&mut self.heard, self.received);
+            let heard = Heard {
+                at: Instant::from_nanos(self.now),
+                received: is_known.then(|| self.received.wrapping_sub(before)),
+                sent: self.sent,
+                duplicate: self.duplicate,
+            };
+            self.others.hear(heard)
+        }
+
+        fn new(received: u16, sent: u64) -> Self {
+            let mut board = Self {
+                received,
+                sent,
+                ..Self::default()
+            };
+            assert_eq!(board.reply(false), None);
+            board
+        }
+    }
+
+    #[test]
+    fn who_sends_100_packets_a_second_is_noticed_in_every_second() {
+        for every in [1, 5, 10] {
+            let mut board = Board::new(65_000, u64::from(u32::MAX) - 500);
+            let noticed: Vec<_> = (0..3000)
+                .filter_map(|n| board.cycle(i16::from(n % every == 0)))
+                .collect();
+            assert_eq!(noticed.len(), 3, "one in {every} ms");
+            let expected = if every == 1 { 250..=270 } else { 51..=56 };
+            let is_right = noticed.iter().all(|packets| expected.contains(packets));
+            assert!(is_right, "one in {every} ms: {noticed:?}");
+        }
+        let mut board = Board::new(0, 0);
+        assert!((0..10_000).all(|n| board.cycle(i16::from(n % 25 == 0)).is_none()));
+    }
+
+    #[test]
+    fn a_burst_of_somebody_who_looks_at_the_board_is_nothing() {
+        let mut board = Board::new(0, 0);
+        // As `mesaflash --readhmid`, and ten times as many.
+        assert!((0..10_000).all(|n| board.cycle(if n % 1000 < 12 { 15 } else { 0 }).is_none()));
+        let flood = |n: u32| if n % 1000 < 200 { 9 } else { 0 };
+        assert!((0..10_000).all(|n| board.cycle(flood(n)).is_none()));
+    }
+
+    #[test]
+    fn a_pause_makes_no_difference() {
+        let mut board = Board::new(0, 0);
+        for _ in 0..10 {
+            // Somebody else had it meanwhile, and has gone.
+            board.now += 60_000_000_000;
+            board.received = board.received.wrapping_add(30_000);
+            assert_eq!(board.cycle(0), None);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_board_that_is_reset_is_not_taken_for_somebody_else(
+            resets in prop::collection::vec((any::<u16>(), 0..400_u16), 1..30),
+        ) {
+            let mut board = Board::new(60_000, 0);
+            for (received, cycles) in resets {
+                // No board is back sooner.
+                board.now += 200_000_000;
+                board.received = received;
+                prop_assert_eq!(board.cycle(0), None);
+                for _ in 0..cycles {
+                    prop_assert_eq!(board.cycle(0), None);
+                }
+            }
+        }
+
+        #[test]
+        fn packets_that_are_lost_or_come_late_or_twice_are_not_somebody_elses(
+            first in any::<u16>(),
+            loses in 0..8_u32, delays in 0..8_u32, doubles in 0..=8_u32,
+            dice in prop::collection::vec(any::<[u32; 3]>(), 2500),
+        ) {
+            let mut board = Board::new(first, 0);
+            let mut late = 0;
+            for [lost, delayed, doubled] in dice {
+                let mut more = core::mem::take(&mut late);
+                // Of the two packets of a cycle the first is lost, or executed a cycle later.
+                if lost % 8 < loses {
+                    more -= 1;
+                } else if delayed % 8 < delays {
+                    more -= 1;
+                    late += 1;
+                }
+                // Each comes twice as often as the other.
+                if doubled % 8 < doubles {
+                    more += 1;
+                }
+                if doubled / 8 % 8 < doubles {
+                    more += 1;
+                    board.duplicate += 1;
+                }
+                prop_assert_eq!(board.cycle(more), None);
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Somebody else who begins after the bus was opened.
+
+use super::*;
+
+/// What is told.
+const NOBODY: [u32; 0] = [];
+
+/// What a network does to packets that are lost, late or come twice so often, of 16.
+#[derive(Clone, Copy, Debug)]
+struct Weather {
+    lost: u32,
+    late: u32,
+    doubled: u32,
+}
+
+impl Weather {
+    const GOOD: Self = Self {
+        lost: 0,
+        late: 0,
+        doubled: 0,
+    };
+
+    fn fate(self, dice: u32) -> Fate {
+        let delay = u64::from(dice >> 16) * 40;
+        match dice % 16 {
+            n if n < self.lost => Fate::Lost,
+            n if n < self.lost + self.late => Fate::Arrives(delay),
+            n if n < self.lost + self.late + self.doubled => Fate::Doubled(30_000, delay),
+            _ => GOOD,
+        }
+    }
+}
+
+/// Cycles of 1 ms on a network like this; how many packets of others each second told.
+fn run(bus: &mut UdpBus<Network>, weather: Weather, dice: &[u32]) -> Vec<u32> {
+    let cycle = Cycle::new(bus);
+    let mut told = Vec::new();
+    for &dice in dice {
+        let link = bus.link();
+        link.executed.clear();
+        link.answers.clear();
+        let [a, b, c] = [0, 5, 11].map(|turn| weather.fate(dice.rotate_left(turn)));
+        (link.requests, link.replies) = (vec![b, a], vec![c]);
+        let mut words = [0; 3];
+        let _ = bus.run(&cycle.write, &mut words);
+        if let Ok(reply) = bus.run(&cycle.read, &mut words) {
+            told.extend(Some(reply.others).filter(|others| *others > 0));
+        }
+        bus.wait(MS);
+    }
+    told
+}
+
+/// Dice that no test framework has to write down.
+fn dice(seed: u32, count: u32) -> Vec<u32> {
+    let scramble = |n: u32| {
+        let n = (n ^ n >> 16).wrapping_mul(0x7FEB_352D);
+        let n = (n ^ n >> 15).wrapping_mul(0x846C_A68B);
+        n ^ n >> 16
+    };
+    (0..count).map(|n| scramble(seed.wrapping_add(n))).collect()
+}
+
+#[test]
+fn somebody_who_begins_later_is_told_by_the_replies_of_the_cycle() {
+    // A cycle of 1 kHz, one of 100 Hz that writes and reads.
+    for every in [500_000, 5_000_000] {
+        let mut bus = bus();
+        assert_eq!(run(&mut bus, Weather::GOOD, &dice(1, 2500)), NOBODY);
+        let now = bus.link().now;
+        bus.link().other_host = Some(every);
+        bus.link().of_others = now / every;
+        let told = run(&mut bus, Weather::GOOD, &dice(2, 3000));
+        assert!(told.len() >= 2, "every {every} ns: {told:?}");
+        let counted = bus.statistics().others;
+        assert_eq!(counted, told.iter().copied().map(u64::from).sum::<u64>());
+        let error = bus.check_alone().unwrap_err();
+        assert!(matches!(error, UdpError::OtherHost { .. }), "{error}");
+        assert!(bus.statistics().others > counted);
+        (bus.link().other_host, bus.link().of_others) = (None, 0);
+        bus.check_alone().unwrap();
+    }
+}
+
+#[test]
+fn somebody_who_looks_at_the_board_is_not_told() {
+    let mut bus = bus();
+    for _ in 0..4 {
+        bus.link().received += 1000;
+        assert_eq!(run(&mut bus, Weather::GOOD, &dice(1, 1100)), NOBODY);
+    }
+    assert_eq!(bus.statistics().others, 0);
+}
+
+#[test]
+fn who_asked_to_be_beside_others_is_told_nothing() {
+    let config = UdpConfig {
+        beside_others: true,
+        ..UdpConfig::default()
+    };
+    let mut bus = UdpBus::new(Network::default(), config).unwrap();
+    bus.link().other_host = Some(500_000);
+    assert_eq!(run(&mut bus, Weather::GOOD, &dice(1, 2000)), NOBODY);
+    assert_eq!(bus.statistics().others, 0);
+    bus.check_alone().unwrap();
+}
+
+#[test]
+fn a_look_at_a_board_changes_nothing_there_but_the_number_of_a_request() {
+    let mut network = Network::default();
+    UdpBus::check_free(&mut network, UdpConfig::default()).unwrap();
+    let changed: Vec<_> = network.scratch.keys().copied().collect();
+    assert_eq!(changed, [0x1C, 0x1E]);
+    network.other_host = Some(500_000);
+    let error = UdpBus::check_free(&mut network, UdpConfig::default()).unwrap_err();
+    assert!(matches!(error, UdpError::OtherHost { .. }), "{error}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn whatever_the_network_does_nobody_is_told_who_is_not_there(
+        seed in any::<u32>(), received in any::<u16>(),
+        lost in 0..4_u32, late in 0..6_u32, doubled in 0..=16_u32,
+    ) {
+        let mut bus = bus();
+        bus.link().received = received;
+        let _ = bus.check_alone();
+        let weather = Weather { lost, late, doubled };
+        let told = run(&mut bus, weather, &dice(seed, 2500));
+        prop_assert_eq!(told, NOBODY);
+        prop_assert_eq!(bus.statistics().others, 0);
+    }
+
+    #[test]
+    fn a_master_is_told_also_on_a_network_that_loses_some_packets(
+        seed in any::<u32>(), received in any::<u16>(), lost in 0..2_u32, late in 0..4_u32,
+    ) {
+        let mut bus = bus();
+        bus.link().received = received;
+        bus.link().other_host = Some(500_000);
+        let weather = Weather { lost, late, doubled: 0 };
+        let told = run(&mut bus, weather, &dice(seed, 3000));
+        prop_assert!(told.len() >= 2, "{told:?}");
+    }
+}
