@@ -170,9 +170,16 @@ fn field_power(place: &str, faults: RemoteFaults) -> Finding {
     Finding::new(Verdict::Bad, check, figure, advice)
 }
 
-/// A remote that was asked for and does not take part.
+/// A channel without a remote that takes part. That nothing answers is no fault of its own: many boards
+/// have channels that nobody uses.
 pub fn missing(remark: &Remark) -> Finding {
-    let advice = "plug it in and give it power, or leave it out of the settings";
+    if remark.is_silent() {
+        let check = format!("port {}, channel {}", remark.port, remark.channel);
+        let advice = "nothing to do where no remote is plugged in; else check its cable and its power (field \
+                      power too, where it is powered from there)";
+        return Finding::new(Verdict::Look, check, "nothing answers", advice);
+    }
+    let advice = "mend what it says; `mesa info` shows what is known of the remote";
     Finding::new(Verdict::Bad, "missing remote", remark.to_string(), advice)
 }
 

@@ -6,7 +6,7 @@ use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
 use crate::modules::serial::FoundRemote;
 use crate::remote::RemoteError;
-use crate::sslbp::{MAX_CHANNELS, RemoteName, StartFailure, StartedRemote};
+use crate::sslbp::{MAX_CHANNELS, RemoteName, StartFailure, StartFailureReason, StartedRemote};
 
 /// Why a remote does not take part, or what is odd about one that does.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -75,6 +75,19 @@ pub enum RemarkKind {
          connector has them the other way round: exchange the channels if the card is plugged to one"
     )]
     Swapped,
+    /// Missing: one part of a 7I77 does not answer, and the other one on the channel beside it does.
+    #[error(
+        "no {part} answers, but the {other} on channel {beside} does, and a 7I77 has both: check the \
+         card's cable and its power (field power too, where it is powered from there)"
+    )]
+    PartSilent {
+        /// What does not answer.
+        part: &'static str,
+        /// What answers.
+        other: &'static str,
+        /// Where that is.
+        beside: u8,
+    },
     /// Its name is that of a card whose parts differ in the unit number, and its unit number
     /// is none of theirs: it has no terminals and no safe values of its own.
     #[error(
@@ -90,6 +103,14 @@ pub enum RemarkKind {
 }
 
 impl Remark {
+    /// Nothing answers on the channel: nothing is plugged in, or it has no power.
+    pub fn is_silent(&self) -> bool {
+        matches!(
+            &self.kind,
+            RemarkKind::DidNotStart(failure) if failure.reason == StartFailureReason::NoReply
+        )
+    }
+
     pub(super) fn new((port, channel): (u8, u8), kind: RemarkKind) -> Self {
         Self {
             port,
@@ -142,15 +163,36 @@ pub(super) fn on(
 /// The channels of a port on which a 7I77 is plugged the wrong way round. Its analog part may as well
 /// follow the field I/O of the channel before.
 pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
-    let is = |channel: Option<u8>, table: &RemoteTable| {
-        let mut remotes = remotes.iter();
-        remotes.any(|remote| {
-            Some(remote.started.channel.index()) == channel && table.matches(&remote.descriptor)
-        })
+    (0..MAX_CHANNELS).filter(|&channel| {
+        is(remotes, Some(channel), &i7i77::ANALOG)
+            && is(remotes, Some(channel + 1), &i7i77::FIELD)
+            && !is(remotes, channel.checked_sub(1), &i7i77::FIELD)
+    })
+}
+
+/// Why nothing answers on a channel is less harmless if the other part of a 7I77 is beside it: on the
+/// card's connector the field I/O comes first, then the analog part (FACTS 8.1).
+pub(super) fn silent_part(remotes: &[FoundRemote], channel: u8) -> Option<RemarkKind> {
+    let (field, analog) = (&i7i77::FIELD, &i7i77::ANALOG);
+    let (before, after) = (channel.checked_sub(1), Some(channel + 1));
+    let (part, other, beside) = if is(remotes, before, field) {
+        (analog, field, before)
+    } else if is(remotes, after, analog) && !is(remotes, Some(channel + 2), field) {
+        (field, analog, after)
+    } else {
+        return None;
     };
-    (0..MAX_CHANNELS).filter(move |&channel| {
-        is(Some(channel), &i7i77::ANALOG)
-            && is(Some(channel + 1), &i7i77::FIELD)
-            && !is(channel.checked_sub(1), &i7i77::FIELD)
+    Some(RemarkKind::PartSilent {
+        part: part.title,
+        other: other.title,
+        beside: beside?,
+    })
+}
+
+/// Whether a channel has a remote of that table.
+fn is(remotes: &[FoundRemote], channel: Option<u8>, table: &RemoteTable) -> bool {
+    let mut remotes = remotes.iter();
+    remotes.any(|remote| {
+        Some(remote.started.channel.index()) == channel && table.matches(&remote.descriptor)
     })
 }

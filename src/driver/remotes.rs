@@ -186,7 +186,14 @@ impl Plan {
                     let remote = self.absent(stage, channel, *config)?;
                     stage.remotes.push(remote);
                 }
-                _ => self.miss(stage, channel, kind)?,
+                _ => {
+                    let remark = stage.remark(channel.index(), kind);
+                    let part = remark
+                        .is_silent()
+                        .then(|| remark::silent_part(&stage.remotes, channel.index()));
+                    let kind = part.flatten().unwrap_or(remark.kind);
+                    self.miss(stage, channel, kind)?;
+                }
             }
         }
         stage.remotes.sort_by_key(|remote| remote.started.channel);

@@ -1,6 +1,7 @@
 //! Who a board is: one packet that writes nothing, and its answer.
 
 use alloc::borrow::ToOwned;
+use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
@@ -32,8 +33,8 @@ impl serde::Serialize for MacAddress {
     }
 }
 
-/// Where a board takes its IP address from when it starts: its address jumpers, which a 7I97 calls
-/// W16 and W17. `Display` says it in words.
+/// Where a board takes its IP address from when it starts: its two address jumpers. `Display` says it in
+/// words, [`of_card`](Self::of_card) with the positions of the jumpers.
 ///
 /// Source: manual 7I97, "IP ADDRESS SELECTION"; which bits of the word they are is mesaflash's
 /// reading, not confirmed by a manual.
@@ -43,9 +44,9 @@ impl serde::Serialize for MacAddress {
 pub enum AddressSource {
     /// Both down: 192.168.1.121.
     Fixed,
-    /// W16 down, W17 up: the address in the EEPROM; boards come with 10.10.10.10.
+    /// Down and up: the address in the EEPROM; boards come with 10.10.10.10.
     Eeprom,
-    /// W16 up, W17 down: a BOOTP or DHCP server.
+    /// Up and down: a BOOTP or DHCP server.
     BootP,
     /// Both up, which the manual calls invalid.
     Invalid,
@@ -66,15 +67,31 @@ impl AddressSource {
             _ => Self::Invalid,
         }
     }
+
+    /// In words, with the positions of the jumpers of this card. Of a card whose manual is not among the
+    /// sources here, the names of the jumpers are not known: first and second.
+    pub fn of_card(self, card: &str) -> String {
+        let [first, second] = match card {
+            "7I97" => ["W16", "W17"],
+            _ => ["first address jumper", "second"],
+        };
+        let [one, two] = match self {
+            Self::Fixed => ["down", "down"],
+            Self::Eeprom => ["down", "up"],
+            Self::BootP => ["up", "down"],
+            Self::Invalid => ["up", "up"],
+        };
+        format!("{self} ({first} {one}, {second} {two})")
+    }
 }
 
 impl fmt::Display for AddressSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Fixed => "fixed 192.168.1.121 (W16 down, W17 down)",
-            Self::Eeprom => "from EEPROM (W16 down, W17 up)",
-            Self::BootP => "from BOOTP (W16 up, W17 down)",
-            Self::Invalid => "invalid (W16 up, W17 up)",
+            Self::Fixed => "fixed 192.168.1.121",
+            Self::Eeprom => "from EEPROM",
+            Self::BootP => "from BOOTP",
+            Self::Invalid => "invalid",
         })
     }
 }
@@ -223,12 +240,14 @@ mod tests {
     }
 
     #[test]
-    fn jumpers_are_said_as_the_manual_says_them() {
-        let words = [0, 1, 2, 3].map(|word| AddressSource::from_jumpers(word).to_string());
+    fn jumpers_are_named_as_the_manual_of_the_card_names_them() {
+        let words = [0, 1, 2, 3].map(|word| AddressSource::from_jumpers(word).of_card("7I97"));
         assert_eq!(words[0], "fixed 192.168.1.121 (W16 down, W17 down)");
         assert_eq!(words[1], "from EEPROM (W16 down, W17 up)");
         assert_eq!(words[2], "from BOOTP (W16 up, W17 down)");
         assert_eq!(words[3], "invalid (W16 up, W17 up)");
+        let other = AddressSource::Eeprom.of_card("7I92");
+        assert_eq!(other, "from EEPROM (first address jumper down, second up)");
     }
 
     #[test]

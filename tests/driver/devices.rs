@@ -7,7 +7,7 @@ use mesa_hal::boards::{I7i77Analog, I7i77Field, i7i77};
 use mesa_hal::bus::{Access, Direction, RegisterBus};
 use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
-    Driver, DriverError, Presence, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
+    Driver, DriverError, Presence, Remark, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::devices::{
@@ -363,6 +363,34 @@ mode 0 m
     };
     let text = remark.to_string();
     assert!(text.contains("0 to inf are not finite"), "{text}");
+}
+
+/// A channel where nothing answers is no fault of its own, unless the other half of a card is beside it.
+#[test]
+fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
+    let missing = |silent: usize| {
+        let mut fpga = machine(vec![device("7i77"), device("analog")]);
+        fpga.plug(0, silent, None);
+        let driver = Driver::start(fpga, Settings::default()).expect("the other runs");
+        driver.missing().to_vec()
+    };
+    for (silent, part, other) in [
+        (0, "7I77 field I/O", "7I77 analog"),
+        (1, "7I77 analog", "7I77 field I/O"),
+    ] {
+        let missing = missing(silent);
+        let (lost, empty) = missing.split_first().expect("it is missing");
+        assert_eq!(usize::from(lost.channel), silent);
+        assert!(!lost.is_silent(), "{lost}");
+        let text = lost.to_string();
+        let says = format!(
+            "no {part} answers, but the {other} on channel {}",
+            1 - silent
+        );
+        assert!(text.contains(&says), "{text}");
+        assert_eq!(empty.len(), 6);
+        assert!(empty.iter().all(Remark::is_silent), "{empty:?}");
+    }
 }
 
 /// FACTS 8.1: both parts call themselves 7I77, and differ in the top byte of the unit number.

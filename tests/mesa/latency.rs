@@ -143,7 +143,7 @@ fn what_can_not_be_had_is_refused_with_the_reason() {
     for (arguments, code, said) in [
         (&["--seconds", "0"][..], 2, "0.1 to 86400"),
         (&["--seconds", "nan"], 2, "0.1 to 86400"),
-        (&["--rate", "9"], 2, "10..=10000"),
+        (&["--rate", "99"], 2, "100..=10000"),
         (&["--realtime", "100"], 2, "1..=99"),
         (&["--cpu", "4000"], 1, "nproc"),
         (&["--pace", "board"], 1, "can not pace the cycle"),

@@ -4,12 +4,10 @@ use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::discovery::RemoteDescriptor;
-use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::AnyValue;
 use mesa_hal::setup::{
     Cabinet, RemotePlace, SETUP_BAUD_RATE, SerialCabinet, SerialCabinetError, SerialHost,
 };
-use mesa_hal::sslbp::StartFailureReason;
 use mesa_hal::transport::udp::{UdpBus, UdpError};
 use mesa_hal::{Board, DriverError, Settings};
 use serialport::SerialPort;
@@ -113,14 +111,8 @@ impl CabinetTarget {
         let found = self.target.find()?;
         let mut board = Board::identify(found.open()?, Settings::default())?;
         board.discover()?;
-        let is_empty = |kind: &RemarkKind| {
-            matches!(kind, RemarkKind::DidNotStart(failure)
-                if failure.reason == StartFailureReason::NoReply)
-        };
-        for missing in board.missing() {
-            if !is_empty(&missing.kind) {
-                complain(format_args!("MISSING: {missing}"));
-            }
+        for missing in board.missing().iter().filter(|remark| !remark.is_silent()) {
+            complain(format_args!("MISSING: {missing}"));
         }
         for remark in board.remarks() {
             complain(format_args!("Note: {remark}"));

@@ -95,15 +95,26 @@ fn found(driver: &Driver<UdpBus>) -> String {
             );
             let _ = match remote {
                 Some(remote) => writeln!(text, "{place}: {}", remote.descriptor.name),
+                None if is_silent(driver, layout.instance, channel) => writeln!(
+                    text,
+                    "{place}: nothing answers; a remote that should be there has no power or no cable \
+                     (field power too, where it is powered from there)"
+                ),
                 None => writeln!(text, "{place}: no remote takes part"),
             };
         }
     }
-    for missing in driver.missing() {
+    for missing in driver.missing().iter().filter(|remark| !remark.is_silent()) {
         let _ = writeln!(text, "MISSING: {missing}");
     }
     for remark in driver.remarks() {
         let _ = writeln!(text, "Note: {remark}");
     }
     text
+}
+
+/// Whether nothing answers on a channel.
+fn is_silent(driver: &Driver<UdpBus>, port: u8, channel: u8) -> bool {
+    let mut missing = driver.missing().iter();
+    missing.any(|remark| (remark.port, remark.channel) == (port, channel) && remark.is_silent())
 }

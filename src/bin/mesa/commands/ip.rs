@@ -115,9 +115,9 @@ fn next(board: &Identity, now: Ipv4Addr, is_change: bool) -> Vec<String> {
     let mut next = Vec::new();
     if board.address_from != AddressSource::Eeprom {
         next.push(format!(
-            "its address is {}: set the address jumpers to \"from EEPROM\" (7I97: W16 down, W17 up; \
-             others: see the manual), or the EEPROM's is not used",
-            board.address_from
+            "its address is {}: set the address jumpers to {}, or the EEPROM's is not used",
+            board.address_from.of_card(&board.card),
+            AddressSource::Eeprom.of_card(&board.card)
         ));
     }
     if board.eeprom_ip == now && !is_change {
@@ -185,7 +185,7 @@ impl Display for Addresses {
         if self.dry_run {
             writeln!(f, "Would be so; nothing was done:")?;
         }
-        writeln!(f, "jumpers   {}", self.address_from)?;
+        writeln!(f, "jumpers   {}", self.address_from.of_card(&self.board))?;
         writeln!(f, "EEPROM    {}", self.eeprom_ip)?;
         match self.eeprom_netmask {
             Some(netmask) => writeln!(f, "netmask   {netmask}")?,

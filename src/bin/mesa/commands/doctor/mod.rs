@@ -38,9 +38,9 @@ Example:
 pub struct Doctor {
     #[command(flatten)]
     target: Target,
-    /// The period that the machine shall run with, in microseconds, 100 to 100000
+    /// The period that the machine shall run with, in microseconds, 100 to 10000
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 1000,
-        value_parser = clap::value_parser!(u64).range(100..=100_000))]
+        value_parser = clap::value_parser!(u64).range(100..=10_000))]
     period: u64,
     /// How many questions the board is asked, one in each period, 10 to 100000
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(10..=100_000))]

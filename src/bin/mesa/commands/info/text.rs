@@ -34,7 +34,8 @@ fn print_ethernet(f: &mut Formatter<'_>, ethernet: &Ethernet) -> fmt::Result {
     let (identity, counters) = (&ethernet.identity, &ethernet.counters);
     writeln!(f, "Ethernet board {}", identity.card)?;
     writeln!(f, "  MAC          {}", identity.mac)?;
-    writeln!(f, "  IP address   {}", identity.address_from)?;
+    let source = identity.address_from.of_card(&identity.card);
+    writeln!(f, "  IP address   {source}")?;
     writeln!(f, "  EEPROM IP    {}", identity.eeprom_ip)?;
     if let Some(netmask) = identity.eeprom_netmask {
         writeln!(f, "  EEPROM mask  {netmask}")?;

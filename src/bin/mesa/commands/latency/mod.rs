@@ -45,9 +45,9 @@ pub struct Latency {
     /// How long at each pace, 0.1 to 86400
     #[arg(long, value_name = "N", default_value = "10", value_parser = seconds)]
     seconds: f64,
-    /// Cycles per second, 10 to 10000
+    /// Cycles per second, 100 to 10000
     #[arg(long, value_name = "HZ", default_value_t = 1000,
-          value_parser = clap::value_parser!(u32).range(10..=10_000))]
+          value_parser = clap::value_parser!(u32).range(100..=10_000))]
     rate: u32,
     /// Who begins a cycle; `board` needs a firmware with a DPLL, as that of a 7I97
     #[arg(long, value_enum, default_value = "host")]

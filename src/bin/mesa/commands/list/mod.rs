@@ -147,7 +147,7 @@ impl Display for Boards {
                 identity.mac,
                 identity.firmware_version,
                 identity.lbp_version,
-                identity.address_from,
+                identity.address_from.of_card(&identity.card),
             )?;
         }
         if self.boards.is_empty() {

@@ -57,9 +57,9 @@ pub struct Scope {
     /// How many of them are before the trigger: 0 to one less than --cycles
     #[arg(long, value_name = "N", default_value_t = 100)]
     before: u32,
-    /// Microseconds from cycle to cycle, 250 to 20000
+    /// Microseconds from cycle to cycle, 250 to 10000
     #[arg(long, value_name = "US", default_value_t = 1000,
-        value_parser = clap::value_parser!(u32).range(250..=20_000))]
+        value_parser = clap::value_parser!(u32).range(250..=10_000))]
     period: u32,
     /// Give up when the trigger has not come after so many seconds, 1 to 3600
     #[arg(long, value_name = "S", default_value_t = 60,

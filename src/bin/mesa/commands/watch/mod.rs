@@ -45,9 +45,9 @@ pub struct Watch {
     /// Filter to begin with: a part of a pin's name, terminal or signal, or a pattern with * or ?
     #[arg(default_value = "", hide_default_value = true)]
     pattern: String,
-    /// Period of the cycle in milliseconds, 1 to 20
+    /// Period of the cycle in milliseconds, 1 to 10
     #[arg(long, value_name = "MS", default_value_t = 5)]
-    #[arg(value_parser = clap::value_parser!(u64).range(1..=20))]
+    #[arg(value_parser = clap::value_parser!(u64).range(1..=10))]
     period: u64,
 }
 
