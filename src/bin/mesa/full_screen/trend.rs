@@ -7,7 +7,7 @@ use std::fmt::{self, Display, Write};
 pub const SAMPLES: usize = 24;
 
 /// The last samples of a value. `Display` is a line of eight heights between the least and the largest
-/// of them; flat where nothing changes.
+/// of them; where nothing changes flat, at the bottom for 0 and at the top for more, as a bit that is on.
 #[derive(Clone, Debug, Default)]
 pub struct Trend(VecDeque<f64>);
 
@@ -31,6 +31,8 @@ impl Display for Trend {
         for sample in &self.0 {
             let height = if range > 0.0 {
                 (((sample - least) / range * 7.0).round() as usize).min(7)
+            } else if *sample > 0.0 {
+                7
             } else {
                 0
             };
@@ -59,10 +61,11 @@ mod tests {
         };
         assert_eq!(line(&[0.0, 1.0, 0.0]), "▁█▁");
         assert_eq!(line(&[-7.0, -3.5, 0.0]), "▁▅█");
-        assert_eq!(line(&[5.0, 5.0]), "▁▁");
+        assert_eq!(line(&[0.0, 0.0]), "▁▁");
+        assert_eq!(line(&[1.0, 1.0]), "██");
         assert_eq!(line(&[f64::NAN, f64::INFINITY, 1.0]).chars().count(), 3);
         assert_eq!(line(&[]), "");
         assert_eq!(line(&[1.0; 2 * SAMPLES]).chars().count(), SAMPLES);
-        assert_eq!(format!("{:4}|", Trend([1.0].into())), "▁   |");
+        assert_eq!(format!("{:4}|", Trend([1.0].into())), "█   |");
     }
 }

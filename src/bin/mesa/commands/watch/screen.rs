@@ -16,6 +16,11 @@ use crate::place;
 
 use super::view::{self, Line};
 
+/// Terminals with fewer rows have no room for everything.
+const LOW: u16 = 20;
+/// With fewer columns the terminal of a pin comes before its trend.
+const NARROW: u16 = 120;
+
 /// Everything that the screen shows.
 #[derive(Debug)]
 pub struct Pins {
@@ -101,10 +106,16 @@ impl Pins {
             return;
         };
         let remotes = seen.remotes().count() as u16;
+        // A low terminal shows pins rather than how the cycle is.
+        let [cycle, remotes] = if frame.area().height < LOW {
+            [0, 0]
+        } else {
+            [3, remotes.clamp(1, 8) + 2]
+        };
         let areas = Layout::vertical([
-            Constraint::Length(5),
-            Constraint::Length(3),
-            Constraint::Length(remotes.clamp(1, 8) + 2),
+            Constraint::Length(if cycle == 0 { 3 } else { 5 }),
+            Constraint::Length(cycle),
+            Constraint::Length(remotes),
             Constraint::Min(3),
             Constraint::Length(1),
         ]);
@@ -175,7 +186,7 @@ impl Pins {
 
     fn draw_remotes(&self, frame: &mut Frame<'_>, area: Rect, seen: &Snapshot) {
         let lines = seen.remotes().map(|remote| {
-            let [place, state, since, counts, reason] = view::remote(&remote, seen);
+            let [place, state, since, rest] = view::remote(&remote, seen);
             let color = match remote.state {
                 RemoteState::Running => Color::Green,
                 _ => Color::Red,
@@ -183,7 +194,7 @@ impl Pins {
             TextLine::from(vec![
                 Span::raw(format!("{place:<10}")),
                 Span::styled(format!("{state:<11}"), self.palette.style(color)),
-                Span::raw(format!("{:<16} {counts}  {reason}", format!("for {since}"))),
+                Span::raw(format!("{:<12} {rest}", format!("for {since}"))),
             ])
         });
         let mut lines: Vec<_> = lines.collect();
@@ -213,11 +224,13 @@ impl Pins {
                         (true, _) => Color::Green,
                     };
                     let value = view::number(reading.value, &info.unit);
-                    let text = format!(
-                        "  {:<34} {value:>14} {state:<10} {trend:SAMPLES$}  {}",
-                        view::short(&info.name, &self.board),
-                        place::short(&info.place),
-                    );
+                    let name = view::short(&info.name, &self.board);
+                    let place = place::short(&info.place);
+                    let text = if area.width < NARROW {
+                        format!(" {name:<25} {value:>12} {state:<9} {place:<26} {trend}")
+                    } else {
+                        format!("  {name:<34} {value:>14} {state:<10} {trend:SAMPLES$}  {place}")
+                    };
                     TextLine::styled(text, self.palette.style(color))
                 }
                 _ => TextLine::default(),
@@ -279,7 +292,11 @@ pub mod tests {
     }
 
     fn picture(screen: &mut Pins) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(120, 40)).unwrap();
+        picture_of(screen, 120, 40)
+    }
+
+    fn picture_of(screen: &mut Pins, width: u16, height: u16) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|frame| screen.draw(frame)).unwrap();
         terminal.backend().to_string()
     }
@@ -380,6 +397,16 @@ pub mod tests {
         assert!(shown.contains("too many failed transfers"), "{shown}");
         assert!(shown.contains("old "), "{shown}");
         assert!(shown.contains("0.1 7I77  running"), "{shown}");
+    }
+
+    #[test]
+    fn a_small_terminal_shows_pins_with_their_terminals() {
+        let mut screen = screen("input-02");
+        let narrow = picture_of(&mut screen, 80, 24);
+        let pin = narrow.lines().find(|line| line.contains("input-02 "));
+        assert!(pin.is_some_and(|line| line.contains("TB8 pin 3 INPUT2")), "{narrow}");
+        let low = picture_of(&mut screen, 80, 12);
+        assert!(low.contains("TB8 pin 3 INPUT2") && low.contains("running for"), "{low}");
     }
 
     #[test]

@@ -79,22 +79,22 @@ pub fn state(info: &PinInfo, reading: Reading<AnyValue>) -> String {
     }
 }
 
-/// What a remote is doing, why, and since when.
-pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 5] {
+/// What a remote is doing, since when, and why; a reason of before is said to be one.
+pub fn remote(remote: &RemoteSnapshot, snapshot: &Snapshot) -> [String; 4] {
     let since = short_time(snapshot.time().since(remote.since));
-    let (state, reason) = match remote.state {
-        RemoteState::Running => ("running", remote.first_fault),
-        RemoteState::Offline { reason, .. } => ("OFFLINE", Some(reason)),
-        RemoteState::Restarting { reason } => ("RESTARTING", Some(reason)),
-        _ => ("?", None),
-    };
     let counts = format!("{} transfers, {} failed", remote.transfers, remote.failures);
+    let (state, rest) = match (remote.state, remote.first_fault) {
+        (RemoteState::Running, None) => ("running", counts),
+        (RemoteState::Running, Some(before)) => ("running", format!("{counts}; before: {before}")),
+        (RemoteState::Offline { reason, .. }, _) => ("OFFLINE", format!("{reason}; {counts}")),
+        (RemoteState::Restarting { reason }, _) => ("RESTARTING", format!("{reason}; {counts}")),
+        _ => ("?", counts),
+    };
     [
         format!("{}.{} {}", remote.port, remote.channel, remote.name),
         state.to_owned(),
         since,
-        counts,
-        reason.map(|reason| reason.to_string()).unwrap_or_default(),
+        rest,
     ]
 }
 
