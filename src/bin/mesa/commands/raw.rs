@@ -47,8 +47,10 @@ pub struct Raw {
 /// A packet and its reply.
 #[derive(Debug, Serialize)]
 struct Dialogue {
+    /// Nothing was sent.
+    dry_run: bool,
     /// The request, hexadecimal.
-    sent: String,
+    request: String,
     /// The reply, hexadecimal; none if nothing was read, or sent.
     received: Option<String>,
     commands: Vec<Line>,
@@ -89,7 +91,7 @@ impl Raw {
             lines.collect::<Result<_, _>>().map_err(mistake)
         };
         if self.dry_run {
-            return print(context, &request, None, lines(&[])?);
+            return self.print(context, &request, None, lines(&[])?);
         }
         let found = self.target.find()?;
         let writes = lines(&[])?
@@ -106,7 +108,7 @@ impl Raw {
         let mut buffer = [0; ROOM];
         link.send(&request)?;
         if expected == 0 {
-            return print(context, &request, None, lines(&[])?);
+            return self.print(context, &request, None, lines(&[])?);
         }
         let deadline = link.now().after(self.timeout);
         let Some(len) = receive(context, &mut link, &mut buffer, deadline)? else {
@@ -120,7 +122,7 @@ impl Raw {
             )));
         };
         let reply = &buffer[..len];
-        let ending = print(context, &request, Some(reply), lines(reply)?)?;
+        let ending = self.print(context, &request, Some(reply), lines(reply)?)?;
         if len != expected {
             return Err(Failure::refused(format_args!(
                 "the reply has {len} bytes, expected {expected}; `mesa info` shows the errors that \
@@ -128,6 +130,22 @@ impl Raw {
             )));
         }
         Ok(ending)
+    }
+
+    fn print(
+        &self,
+        context: &Context,
+        request: &[u8],
+        reply: Option<&[u8]>,
+        commands: Vec<Line>,
+    ) -> Result<Ending, Failure> {
+        context.print(&Dialogue {
+            dry_run: self.dry_run,
+            request: hex(request),
+            received: reply.map(hex),
+            commands,
+        })?;
+        Ok(context.ending())
     }
 
     /// The bytes of the packet.
@@ -157,20 +175,6 @@ impl Raw {
         }
         Ok(bytes.iter().map(|[high, low]| high << 4 | low).collect())
     }
-}
-
-fn print(
-    context: &Context,
-    request: &[u8],
-    reply: Option<&[u8]>,
-    commands: Vec<Line>,
-) -> Result<Ending, Failure> {
-    context.print(&Dialogue {
-        sent: hex(request),
-        received: reply.map(hex),
-        commands,
-    })?;
-    Ok(context.ending())
 }
 
 /// Waits for a datagram; none if the time is over, or a signal came.
@@ -223,9 +227,11 @@ impl Line {
 
 impl Display for Dialogue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "sent      {}", self.sent)?;
+        let word = if self.dry_run { "not sent" } else { "sent" };
+        writeln!(f, "{word:<9} {}", self.request)?;
         match &self.received {
             Some(received) => writeln!(f, "received  {received}")?,
+            None if self.dry_run => {}
             None => writeln!(f, "received  nothing")?,
         }
         for line in &self.commands {
