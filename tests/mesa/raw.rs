@@ -42,8 +42,11 @@ fn what_writes_needs_consent_and_is_executed_once() {
     let planned = json(&[&write[..], &["--dry-run"]].concat());
     assert_eq!(planned["received"], serde_json::Value::Null);
     assert_eq!(planned["dry_run"], true);
-    let planned = done(&[&write[..], &["--dry-run"]].concat());
-    assert!(planned.starts_with("not sent  01d91a") && !planned.contains("received"), "{planned}");
+    let text = done(&[&write[..], &["--dry-run"]].concat());
+    assert!(
+        text.starts_with("not sent  01d91a") && !text.contains("received"),
+        "{planned}"
+    );
     assert_eq!(planned["commands"][1]["command"], "write");
     shown("0x0001 0x7F00");
 

@@ -404,9 +404,15 @@ pub mod tests {
         let mut screen = screen("input-02");
         let narrow = picture_of(&mut screen, 80, 24);
         let pin = narrow.lines().find(|line| line.contains("input-02 "));
-        assert!(pin.is_some_and(|line| line.contains("TB8 pin 3 INPUT2")), "{narrow}");
+        assert!(
+            pin.is_some_and(|line| line.contains("TB8 pin 3 INPUT2")),
+            "{narrow}"
+        );
         let low = picture_of(&mut screen, 80, 12);
-        assert!(low.contains("TB8 pin 3 INPUT2") && low.contains("running for"), "{low}");
+        assert!(
+            low.contains("TB8 pin 3 INPUT2") && low.contains("running for"),
+            "{low}"
+        );
     }
 
     #[test]
