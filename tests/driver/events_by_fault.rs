@@ -270,7 +270,7 @@ fn all_is_as_written(list: &str, is_in: fn(Place) -> bool, tell: fn(FaultKind) -
     let mut made = String::new();
     for kind in kinds.filter(|kind| is_in(kind.place())) {
         let told = std::panic::catch_unwind(|| tell(kind));
-        made += &format!("# {kind}\n");
+        made.extend([format!("# {kind}\n")]);
         let lines = match told {
             Ok(told) => told.iter().map(ToString::to_string).collect(),
             Err(_) => vec![String::from("not so: see above")],

@@ -156,7 +156,11 @@ fn statistics_are_as_they_are_written() {
     });
     ended.stopped.expect("the bus does not fail");
     let shown = snapshots.read().expect("cycles");
-    let ports = ended.driver.ports().iter().map(|port| port.statistics());
+    let ports = ended
+        .driver
+        .ports()
+        .iter()
+        .map(mesa_hal::driver::SerialPort::statistics);
     let made = json!({
         "cycle_report": report,
         "driver": ended.driver.statistics(),
