@@ -122,6 +122,7 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::LostWrites { count: 1 },
         EventKind::MissedPeriods { count: 2 },
         EventKind::Dropped { count: 9 },
+        EventKind::OtherMaster { packets: 5 },
     ];
     let all = kinds
         .iter()
