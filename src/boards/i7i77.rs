@@ -37,12 +37,12 @@ pub const ANALOG: RemoteTable = RemoteTable::new(
     "7I77 analog",
     *b"7I77",
     &[
-        analog_out("AnalogOut0").nth(ANALOG_OUT, 0),
-        analog_out("AnalogOut1").nth(ANALOG_OUT, 1),
-        analog_out("AnalogOut2").nth(ANALOG_OUT, 2),
-        analog_out("AnalogOut3").nth(ANALOG_OUT, 3),
-        analog_out("AnalogOut4").nth(ANALOG_OUT, 4),
-        analog_out("AnalogOut5").nth(ANALOG_OUT, 5),
+        analog_out(0, "AnalogOut0", "AnalogEna"),
+        analog_out(1, "AnalogOut1", "AnalogEna"),
+        analog_out(2, "AnalogOut2", "AnalogEna"),
+        analog_out(3, "AnalogOut3", "AnalogEna"),
+        analog_out(4, "AnalogOut4", "AnalogEna"),
+        analog_out(5, "AnalogOut5", "SpinEna"),
         ElementTable::output("AnalogEna", 1, DataType::Boolean).at(ENABLES),
         ElementTable::output("SpinEna", 1, DataType::Boolean).at(SPINDLE_ENABLE),
     ],
@@ -58,8 +58,9 @@ const fn mpg(name: &'static str) -> ElementTable {
     ElementTable::input(name, 8, DataType::Encoder).in_modes(0b1000)
 }
 
-const fn analog_out(name: &'static str) -> ElementTable {
-    ElementTable::output(name, 13, DataType::Signed).range(-10.0, 10.0, "V")
+const fn analog_out(n: u16, name: &'static str, enable: &'static str) -> ElementTable {
+    let volts = ElementTable::output(name, 13, DataType::Signed).range(-10.0, 10.0, "V");
+    volts.nth(ANALOG_OUT, n).enabled_by(enable)
 }
 
 /// The card and its encoders on a connector: six of them, three terminals pairs each.

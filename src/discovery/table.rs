@@ -34,6 +34,8 @@ pub struct ElementTable {
     pub number: Option<u16>,
     /// The value its output has when nothing else is set: 0 is off and 0 V.
     pub safe: f64,
+    /// The element that has to be on for its output to reach the terminal; empty where none has to.
+    pub enabled_by: &'static str,
 }
 
 /// What is known of a kind of remote.
@@ -210,6 +212,7 @@ impl ElementTable {
             terminals: &[],
             number: None,
             safe: 0.0,
+            enabled_by: "",
         }
     }
 
@@ -245,6 +248,12 @@ impl ElementTable {
             number: Some(number),
             ..self
         }
+    }
+
+    /// An output that reaches its terminal only while this element is on.
+    #[must_use]
+    pub const fn enabled_by(self, enabled_by: &'static str) -> Self {
+        Self { enabled_by, ..self }
     }
 
     /// In these software modes only: bit n for mode n.

@@ -81,7 +81,7 @@ pub use configure::Board;
 pub use error::{CycleError, DriverError};
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
-pub use stop::Stopped;
+pub use stop::{NotReached, Stopped};
 pub use trace::{Cause, Trace};
 
 use alloc::{boxed::Box, string::String, vec::Vec};

@@ -1,11 +1,12 @@
 //! The end: outputs off, ports stopped, watchdog bitten.
 
+use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::{CycleError, Driver, SerialPort};
+use super::{CycleError, Driver, RemoteState, RemoteWatchdog, SerialPort};
 use crate::bus::{Clock, RegisterBus};
-use crate::sslbp::PortError;
+use crate::sslbp::{PortError, RemoteName};
 
 /// How often the last transfer is tried: over a network one packet may be lost.
 const LAST_TRIES: u32 = 3;
@@ -18,7 +19,8 @@ const MOST_CYCLES: u32 = 1000;
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
 /// A driver that has stopped, to be looked at: what it counted, its pins as they were last, its events
-/// and its trace. Its outputs are off, and nothing can be asked of its board any more.
+/// and its trace. Its outputs are off, but for those of remotes that were
+/// [not reached](Driver::not_reached), and nothing can be asked of its board any more.
 #[derive(Debug)]
 pub struct Stopped<B: RegisterBus + Clock>(Driver<B>);
 
@@ -34,6 +36,51 @@ impl<B: RegisterBus + Clock> Deref for Stopped<B> {
 
     fn deref(&self) -> &Driver<B> {
         &self.0
+    }
+}
+
+/// A remote that has not shown that it took its safe values when the driver was stopped: what it had
+/// on is off only by its own watchdog.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct NotReached {
+    /// The port.
+    pub port: u8,
+    /// The channel.
+    pub channel: u8,
+    /// Its name.
+    pub name: RemoteName,
+    /// Its watchdog.
+    pub watchdog: RemoteWatchdog,
+}
+
+impl fmt::Display for NotReached {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            port,
+            channel,
+            name,
+            watchdog,
+        } = self;
+        write!(
+            f,
+            "the {name} on port {port}, channel {channel} was not reached: "
+        )?;
+        let usual = RemoteWatchdog::USUAL.as_millis();
+        match watchdog {
+            RemoteWatchdog::Known(time) => write!(
+                f,
+                "its outputs are off only by its own watchdog, {} ms later",
+                time.as_millis()
+            ),
+            RemoteWatchdog::Assumed => write!(
+                f,
+                "its outputs are off only by its own watchdog, which is not known ({usual} ms as delivered)"
+            ),
+            RemoteWatchdog::Off => f.write_str(
+                "its own watchdog is off, so what was on stays on; switch off its power",
+            ),
+        }
     }
 }
 
@@ -61,13 +108,32 @@ impl<B: RegisterBus + Clock> Driver<B> {
         (Stopped(self), result)
     }
 
+    /// Remotes that have run and were not seen to take what was written last: the last read brought no
+    /// good transfer of theirs. Of a driver that has stopped, those that were not seen to switch off.
+    pub fn not_reached(&self) -> impl Iterator<Item = NotReached> {
+        let ports = self.parts.ports.iter();
+        ports.flat_map(|port| {
+            let number = port.layout().instance;
+            port.not_served().map(move |remote| NotReached {
+                port: number,
+                channel: remote.started.channel.index(),
+                name: remote.descriptor.name,
+                watchdog: remote.watchdog,
+            })
+        })
+    }
+
     fn stop_all(&mut self) -> Result<(), PortError<B::Error>> {
         if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
         let mut first = self.last_transfer();
         for _ in 1..LAST_TRIES {
-            if first.is_err() {
+            // A remote that runs may have missed one.
+            let mut ports = self.parts.ports.iter();
+            let missed =
+                |port: &SerialPort| port.not_served().any(|r| r.state == RemoteState::Running);
+            if first.is_err() || self.is_running() && ports.any(missed) {
                 first = self.last_transfer();
             }
         }

@@ -60,6 +60,9 @@ impl PinId {
     }
 }
 
+/// More than any output needs.
+const MOST_ENABLES: usize = 8;
+
 #[cfg(feature = "std")]
 impl GroupId {
     /// For a queue: the store and the index.
@@ -103,6 +106,26 @@ impl Pins {
     /// What is known of a pin; `None` for one of another store.
     pub fn info_of(&self, pin: PinId) -> Option<&PinInfo> {
         self.infos.get(self.index(pin.0)?)
+    }
+
+    /// What has to be on for the value of an output to reach its terminal, step by step: on a 7I97
+    /// for AOUT1 the enable of generator 1, and then that of generator 0, which its drive's switch
+    /// follows. None of another store's pin.
+    ///
+    /// ```
+    /// # use mesa_hal::{Driver, Settings, sim::machines};
+    /// # let board = machines::six_axes_7i97(Default::default());
+    /// let driver = Driver::start(board, Settings::default())?;
+    /// let pins = driver.pins();
+    /// let enables = pins.enables(pins.id("hm2_7i97.0.pwmgen.01.value")?);
+    /// let names: Vec<_> = enables.map(|pin| &*pins.info_of(pin).unwrap().name).collect();
+    /// assert_eq!(names, ["hm2_7i97.0.pwmgen.01.enable", "hm2_7i97.0.pwmgen.00.enable"]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn enables(&self, pin: PinId) -> impl Iterator<Item = PinId> + '_ {
+        let next = |pin: &PinId| self.info_of(*pin)?.enabled_by;
+        // Whoever made a circle has no more than that of it.
+        core::iter::successors(next(&pin), next).take(MOST_ENABLES)
     }
 
     /// Reads a pin, or what the application has set an output to. A parameter, whose value does not

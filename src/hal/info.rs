@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use super::{GroupId, HalType, Place};
+use super::{GroupId, HalType, PinId, Place};
 
 /// The longest name: what LinuxCNC's HAL takes.
 ///
@@ -80,4 +80,8 @@ pub struct PinInfo {
     pub limits: Option<(f64, f64)>,
     /// The group it belongs to.
     pub group: GroupId,
+    /// What has to be on for the value of an output to reach its terminal: the enable of an analog
+    /// output, the direction of an I/O pin. That may need another one in its turn: see
+    /// [`Pins::enables`](super::Pins::enables).
+    pub enabled_by: Option<PinId>,
 }

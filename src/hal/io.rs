@@ -48,7 +48,8 @@ pub struct AnalogIn {
 pub struct AnalogOut {
     /// The voltage, while `full_scale` is what it was at first.
     pub volts: Output<f64>,
-    /// What has to be on for the drive to be enabled. Several outputs may share it.
+    /// What has to be on for it to have its voltage. Several outputs may share it; where the switch of
+    /// the drive follows another one besides, [`Pins::enables`] tells.
     pub enable: Output<bool>,
     /// The value that goes out as the end of the range.
     pub full_scale: Param<f64>,

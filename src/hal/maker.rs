@@ -216,6 +216,7 @@ impl PinStore {
             unit: spec.unit,
             limits: spec.limits.or(spec.range),
             group,
+            enabled_by: None,
         });
         Ok(Handle::new(self.key(index)))
     }

@@ -13,7 +13,7 @@ use super::handle::Key;
 use super::kind::{Publishable, Settable};
 use super::pins::{Group, Part};
 use super::rule::NONE;
-use super::{AnyValue, GroupId, Handle, Input, PinError, Pins, Rejection, Role, Value};
+use super::{AnyValue, GroupId, Handle, Input, PinError, PinId, Pins, Rejection, Role, Value};
 use crate::bus::Instant;
 
 /// Where the number of the next store comes from; 0 belongs to none.
@@ -82,6 +82,18 @@ impl PinStore {
     pub fn add_part(&mut self, group: GroupId) -> Result<GroupId, PinError> {
         let Part { group, .. } = *self.part(group).ok_or(PinError::ForeignHandle)?;
         Ok(self.push_part(group))
+    }
+
+    /// The value of an output reaches its terminal only while something else is on: see
+    /// [`PinInfo::enabled_by`](super::PinInfo::enabled_by). One of another store changes nothing.
+    pub fn enabled_by(&mut self, output: impl Into<PinId>, by: impl Into<PinId>) {
+        let (output, by) = (output.into(), by.into());
+        let are_own = [output, by].map(|pin| self.info_of(pin).is_some()) == [true; 2];
+        if let Some(info) = self.infos.get_mut(output.index())
+            && are_own
+        {
+            info.enabled_by = Some(by);
+        }
     }
 
     fn push_part(&mut self, group: u32) -> GroupId {

@@ -104,13 +104,17 @@ impl GpioPins {
             let flag = there.then(|| make.setting(name, initial));
             flag.transpose()
         };
-        Ok(Self {
+        let made = Self {
             input,
             invert_output: flag(is_driven, "invert_output", config.invert)?,
             is_opendrain: flag(is_driven, "is_opendrain", config.open_drain)?,
             is_output: flag(is_free, "is_output", config.output)?,
             out: is_free.then(|| make.output("out", false)).transpose()?,
-        })
+        };
+        if let (Some(out), Some(is_output)) = (made.out, made.is_output) {
+            r.pins.enabled_by(out, is_output);
+        }
+        Ok(made)
     }
 
     /// Puts what the application asks of the pin into the words of its port.

@@ -105,7 +105,15 @@ impl Pwm {
             .setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
         let generators = (0..module.instances)
             .map(|number| Generator::new(r, &module, number, rate.bits))
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<Vec<_>, _>>()?;
+        for (number, Generator { pins, .. }) in (0..).zip(&generators) {
+            r.pins.enabled_by(pins.value, pins.enable);
+            let leader = r.board.pwm.switched_by(number);
+            let leader = leader.and_then(|leader| generators.get(usize::from(leader)));
+            if let Some(leader) = leader {
+                r.pins.enabled_by(pins.enable, leader.pins.enable);
+            }
+        }
         Ok(Some(Self {
             bank,
             generators,

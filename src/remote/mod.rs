@@ -101,6 +101,13 @@ impl RemotePins {
             let name = maker.stem;
             made.map_err(|source| RemoteError { name, source })?;
         }
+        for known in table.iter().flat_map(|table| table.elements) {
+            let id = |name| pins.id(&format!("{}.{}", remote.prefix, hal_name(name)));
+            // A mode that lacks one of them lacks what it would be for.
+            if let (Ok(output), Ok(enable)) = (id(known.name), id(known.enabled_by)) {
+                pins.enabled_by(output, enable);
+            }
+        }
         for record in &descriptor.parameters {
             let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
             let made = RemoteParameter::new(pins, remote.group, &name, record);

@@ -25,6 +25,7 @@ mod run;
 mod scope;
 mod second_master;
 mod set;
+mod set_safety;
 mod sim;
 mod sim_control;
 mod sim_machine;

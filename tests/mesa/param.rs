@@ -168,6 +168,36 @@ fn a_cabinet_is_saved_and_restored() {
 }
 
 #[test]
+fn a_value_that_leaves_outputs_on_or_makes_the_card_unknown_is_warned_of() {
+    for (name, value, said) in [
+        ("nvwatchdogtimeout", "0", "SWITCHES ITS WATCHDOG OFF"),
+        ("nvwatchdogtimeout", "5000", "stay on for 5000 ms"),
+        ("nvunitnumber", "1", "It is known by this number"),
+    ] {
+        let set = ["param", "set", name, value, "--sim", "7i97,0=7i77-io"];
+        let asked = run(&set);
+        assert_eq!(asked.code, Some(2), "{asked:?}");
+        assert!(asked.err.contains(said), "{asked:?}");
+    }
+    // A file may have it as well.
+    let board = board();
+    let address = board.address.to_string();
+    let at = ["--addr", &address];
+    let set = |value| {
+        let set = ["param", "set", "0.0.nvwatchdogtimeout", value, "--yes"];
+        done(&[&set[..], &at].concat());
+    };
+    let scratch = Scratch::new("off.toml");
+    set("0");
+    done(&[&["param", "save", scratch.path()], &at[..]].concat());
+    set("50");
+    let asked = run(&[&["param", "restore", scratch.path()], &at[..]].concat());
+    assert_eq!(asked.code, Some(2), "{asked:?}");
+    let said = "0.0.NVWatchDogTimeout. 0 SWITCHES ITS WATCHDOG OFF";
+    assert!(asked.err.contains(said), "{asked:?}");
+}
+
+#[test]
 fn a_card_in_setup_mode_is_reached_over_a_serial_port() {
     let card = Card::start(FieldIo::i7i77().unwrap());
     let at = ["--serial", &card.path];

@@ -6,7 +6,7 @@ use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, Served};
-use super::{PortStatistics, RemoteStatus};
+use super::{PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -74,7 +74,7 @@ impl SerialPort {
                 *slot = r.image.read_extra(Phase::Data, address);
             }
             let remote = Served::register(r, remote, registers)?;
-            let mut health = Health::new(started, remote.watchdog(), &policy);
+            let mut health = Health::new(started, RemoteWatchdog::of(&remote.pins), &policy);
             if is_absent {
                 port.machine.set_sizes(&started);
                 health = health.absent(now, &policy);
@@ -145,7 +145,7 @@ impl SerialPort {
         let mut remotes = self.remotes.iter_mut().zip(&mut self.recovery.remotes);
         if let Some((remote, health)) = remotes.find(|(remote, _)| remote.channel == channel) {
             remote.pins.publish_parameter(pins, name, raw);
-            health.watchdog = remote.watchdog();
+            health.watchdog = RemoteWatchdog::of(&remote.pins);
         }
     }
 
@@ -178,7 +178,8 @@ impl Module for SerialPort {
         let stale_after = self.recovery.policy.stale_after;
         for (served, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
-            if outcome.good.contains(channel) {
+            served.has_news = outcome.good.contains(channel);
+            if served.has_news {
                 served.take(cycle);
                 let reads_before = u64::from(outcome.reads_before);
                 cycle
@@ -206,6 +207,7 @@ impl Module for SerialPort {
         self.port.machine.not_observed();
         let stale_after = self.recovery.policy.stale_after;
         for served in &mut self.remotes {
+            served.has_news = false;
             served.no_news(pins, stale_after);
         }
     }
@@ -286,6 +288,15 @@ impl SerialPort {
                 restarts: health.restarts,
             }
         })
+    }
+
+    /// Remotes that have run, and of which the last read brought no good transfer: whether they have
+    /// taken what was written last is not known.
+    pub(crate) fn not_served(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
+        let pairs = self.remotes.iter().zip(&self.recovery.remotes);
+        let not = pairs.map(|(served, health)| !served.has_news && health.has_run);
+        let not = self.remotes().zip(not);
+        not.filter_map(|(status, is_not)| is_not.then_some(status))
     }
 
     /// The remote on a channel.

@@ -34,6 +34,13 @@ pub struct FoundRemote {
     pub is_absent: bool,
 }
 
+impl FoundRemote {
+    /// How long its outputs stay on without process data.
+    pub fn watchdog(&self) -> RemoteWatchdog {
+        RemoteWatchdog::of(&self.pins)
+    }
+}
+
 /// A remote in the cycle.
 #[derive(Debug)]
 pub(super) struct Served {
@@ -47,6 +54,8 @@ pub(super) struct Served {
     mode_word: u32,
     /// Reads in a row without a new transfer.
     without_news: u32,
+    /// The last read brought a good transfer.
+    pub has_news: bool,
     /// The version of the outputs that are in the image.
     put: Option<u64>,
 }
@@ -77,17 +86,8 @@ impl Served {
             mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
             without_news: 0,
+            has_news: false,
             put: None,
-        })
-    }
-
-    /// How long its outputs stay on without process data, as far as its parameter says: its first
-    /// value counts as well, because that is in use until the next power-up.
-    pub fn watchdog(&self) -> RemoteWatchdog {
-        let parameter = self.pins.parameter(WATCHDOG_PARAMETER);
-        let millis = parameter.and_then(|parameter| parameter.first.zip(parameter.known));
-        millis.map_or(RemoteWatchdog::Assumed, |(first, known)| {
-            RemoteWatchdog::longer_of(first, known)
         })
     }
 

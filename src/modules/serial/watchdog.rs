@@ -2,6 +2,9 @@
 
 use core::time::Duration;
 
+use super::remote::WATCHDOG_PARAMETER;
+use crate::remote::RemotePins;
+
 /// How long a remote's outputs stay on without process data, as far as it is known.
 ///
 /// Source: manual 7I77, "WATCHDOG TIMEOUT", "ANALOG SECTION WATCHDOG"; FACTS 1.5.
@@ -23,6 +26,22 @@ pub enum RemoteWatchdog {
 impl RemoteWatchdog {
     /// The time of remotes as they are delivered.
     pub const USUAL: Duration = Duration::from_millis(50);
+
+    /// As far as the remote's parameter says: its first value counts as well, because that is in use
+    /// until the next power-up.
+    pub(super) fn of(pins: &RemotePins) -> Self {
+        let parameter = pins.parameter(WATCHDOG_PARAMETER);
+        let millis = parameter.and_then(|parameter| parameter.first.zip(parameter.known));
+        millis.map_or(Self::Assumed, |(first, known)| {
+            Self::longer_of(first, known)
+        })
+    }
+
+    /// Whether it is off, or longer than a second: too long for a person to wait for an output that
+    /// nothing else switches off.
+    pub fn is_slow(self) -> bool {
+        self.time().is_none_or(|time| time > Duration::from_secs(1))
+    }
 
     /// The longer one of two values of `NVWatchDogTimeout`, in milliseconds, where it is not known
     /// which the remote uses.
@@ -61,6 +80,7 @@ mod tests {
         for (millis, silence) in [(50, 60), (200, 240), (0, 0)] {
             let watchdog = RemoteWatchdog::longer_of(millis, millis);
             assert_eq!(watchdog.silence().as_millis(), silence);
+            assert_eq!(watchdog.is_slow(), millis == 0);
         }
     }
 

@@ -106,7 +106,8 @@ impl IoPorts {
 
     /// The level that FPGA or outside drive a pin to; `None` if it is only pulled up.
     ///
-    /// Open drain pulls low whatever the direction says. FACTS 12.2.
+    /// Open drain pulls low whatever the direction says. FACTS 12.2. Where both drive, and not alike, it
+    /// is low, as of a short circuit.
     pub(crate) fn driven_level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> Option<bool> {
         let (port, mask) = self.locate(pin)?;
         let source = if port.alternate & mask != 0 {
@@ -120,10 +121,11 @@ impl IoPorts {
         } else {
             port.direction & mask != 0
         };
+        let outside = self.outside.get(pin).copied().flatten();
         if driven {
-            return Some(out);
+            return Some(out && outside != Some(false));
         }
-        self.outside.get(pin).copied().flatten()
+        outside
     }
 
     /// Whether a module's signal gets out on a pin: alternate source, driven, not inverted.

@@ -1,11 +1,52 @@
 //! Pins as people name them: whole, or by the end of the name.
 
+use mesa_hal::Remark;
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
 
 use crate::context::Failure;
 
-/// The pin or parameter of a name, or the only one whose name ends so behind a point.
-pub fn find(pins: &Pins, name: &str) -> Result<PinId, Failure> {
+/// Says why the remote that a pin's name has in it is missing: by its port and channel, which follow
+/// the card (`7i77.0.0.output-03`).
+pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
+    let parts: Vec<&str> = name.split('.').collect();
+    let mut places = parts.windows(3).filter_map(|parts| {
+        let [card, port, channel] = parts else {
+            return None;
+        };
+        let is_card = card.parse::<u32>().is_err();
+        let place = (port.parse().ok()?, channel.parse().ok()?);
+        is_card.then_some(place)
+    });
+    let found = places.find_map(|place: (u8, u8)| {
+        let mut missing = missing.iter();
+        missing.find(|remark| (remark.port, remark.channel) == place)
+    });
+    found.map_or(
+        Ok(()),
+        |Remark {
+             port,
+             channel,
+             kind,
+             ..
+         }| {
+            Err(Failure::refused(format_args!(
+                "{name}: its remote on {port}.{channel} is missing: {kind}"
+            )))
+        },
+    )
+}
+
+/// The pin or parameter of a name, or the only one whose name ends so behind a point. `missing` are
+/// the remotes that could have had it.
+pub fn find(pins: &Pins, missing: &[Remark], name: &str) -> Result<PinId, Failure> {
+    let found = find_present(pins, name);
+    if found.is_err() {
+        present(missing, name)?;
+    }
+    found
+}
+
+fn find_present(pins: &Pins, name: &str) -> Result<PinId, Failure> {
     let error = match pins.id(name) {
         Ok(pin) => return Ok(pin),
         Err(error) => error,

@@ -9,7 +9,7 @@ use mesa_hal::sslbp::MAX_CHANNELS;
 use mesa_hal::transport::udp::UdpBus;
 
 use super::super::named;
-use super::super::set::{Hazard, enable_of, hazard};
+use super::super::set::{Hazard, hazard};
 use crate::context::Failure;
 use crate::pattern::Pattern;
 use crate::place;
@@ -165,7 +165,7 @@ fn joints(board: &Board<UdpBus>, pins: &[PinInfo]) -> Vec<Joint> {
     let pairs = encoders.zip(volts).take(LETTERS.len());
     let joint = |(encoder, volts): (String, &PinInfo)| {
         let id = board.pins().id(&volts.name).ok();
-        let enable = id.and_then(|id| enable_of(board, id));
+        let enable = id.and_then(|id| board.pins().enables(id).next());
         let enable = enable.and_then(|enable| board.pins().info_of(enable));
         Joint {
             encoder,

@@ -4,10 +4,11 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use mesa_hal::hal::AnyValue;
 use mesa_hal::setup::{Match, SavedCabinet, SavedValue};
 use serde::Serialize;
 
-use super::Where;
+use super::{Where, warning};
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
@@ -143,9 +144,17 @@ impl Restore {
                 complain(difference);
             }
             let count = found.differences.len();
+            let warnings = found.differences.iter().map(|difference| {
+                let value = AnyValue::from(difference.saved).bits;
+                match warning(&difference.name, value) {
+                    text if text.is_empty() => text,
+                    text => format!(". {}.{}{text}", difference.place, difference.name),
+                }
+            });
+            let warnings: String = warnings.collect();
             let what = format!(
                 "writes {count} parameters in the non-volatile memory of remotes; they are used from \
-                 the next power-up on"
+                 the next power-up on{warnings}"
             );
             context.consent(&what, cabinet.found())?;
             for difference in &found.differences {

@@ -4,8 +4,11 @@ mod file;
 mod list;
 mod one;
 
+use std::time::Duration;
+
 use clap::{Args, Subcommand};
 use mesa_hal::discovery::{DataRecord, RemoteDescriptor};
+use mesa_hal::driver::RemoteWatchdog;
 use mesa_hal::setup::{Cabinet, RemotePlace};
 
 use crate::cabinet::{CabinetTarget, OpenCabinet};
@@ -54,6 +57,26 @@ impl Param {
             Action::Save(save) => save.run(context),
             Action::Restore(restore) => restore.run(context),
         }
+    }
+}
+
+/// What a person may not expect of a value of a parameter; empty if nothing.
+fn warning(name: &str, value: u64) -> String {
+    if name.eq_ignore_ascii_case("nvbaudrate") {
+        ". At another baud rate an FPGA reaches it only in setup mode, or not at all".to_owned()
+    } else if name.eq_ignore_ascii_case("nvunitnumber") {
+        ". It is known by this number: what has the old one, as a backup, does not find it any more, \
+         and another first byte makes it another part of the card, without terminals and safe values"
+            .to_owned()
+    } else if !name.eq_ignore_ascii_case("nvwatchdogtimeout") {
+        String::new()
+    } else if value == 0 {
+        ". 0 SWITCHES ITS WATCHDOG OFF: when its cable breaks, outputs that are on stay on"
+            .to_owned()
+    } else if RemoteWatchdog::Known(Duration::from_millis(value)).is_slow() {
+        format!(". LONG: when its cable breaks, outputs that are on stay on for {value} ms")
+    } else {
+        String::new()
     }
 }
 

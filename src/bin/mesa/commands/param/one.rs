@@ -9,7 +9,7 @@ use mesa_hal::setup::{Cabinet, SavedValue, parse_value};
 use serde::Serialize;
 
 use super::list::Shown;
-use super::{Named, Where, go_on, named};
+use super::{Named, Where, go_on, named, warning};
 use crate::context::{Context, Ending, Failure};
 
 /// One parameter
@@ -94,11 +94,7 @@ impl Set {
             } else {
                 "until it is switched off"
             };
-            let warning = if name.eq_ignore_ascii_case("nvbaudrate") {
-                ". At another baud rate an FPGA reaches it only in setup mode, or not at all"
-            } else {
-                ""
-            };
+            let warning = warning(name, wanted);
             let what = format!(
                 "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
                 named.remote.name

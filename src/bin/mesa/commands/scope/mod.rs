@@ -107,7 +107,7 @@ impl Scope {
         })?;
         let driver = running::start(bus, settings)?;
         let pins = driver.pins();
-        let find = |name: &String| named::find(pins, name);
+        let find = |name: &String| named::find(pins, driver.missing(), name);
         let recorded = self.pins.iter().map(find).collect::<Result<Vec<_>, _>>()?;
         let pin = find(&self.trigger)?;
         let info = |pin| pins.info_of(pin).cloned().ok_or("the pin is gone");

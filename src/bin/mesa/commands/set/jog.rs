@@ -1,11 +1,12 @@
 //! The cycle of a jog: safe, set, safe again.
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeBounds};
 use std::time::Duration;
 
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
-use mesa_hal::runner::{Cycle, Runner};
+use mesa_hal::modules::gpio::Gpio;
+use mesa_hal::runner::{Cycle, Ended, Runner};
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Driver, UdpBus};
 
@@ -18,19 +19,43 @@ use crate::running;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// How long inputs are looked at before, with everything off, and afterwards.
 const REST: Duration = Duration::from_millis(200);
+/// How long inputs may take until they are valid; those that are not then are not told about.
+const SETTLE: Duration = Duration::from_secs(1);
+/// Reads in a row that show another level than the one that is driven.
+const CONTRADICTIONS: u32 = 3;
 
 /// An output that is set for a time.
 pub struct Jog {
-    pin: PinId,
-    value: AnyValue,
-    safe: AnyValue,
-    enable: Option<PinId>,
+    /// What is set, first to last: what has to be on for the output to reach its terminal, and the
+    /// output itself.
+    steps: Vec<Step>,
     time: Duration,
     groups: Vec<GroupId>,
+    level: Option<Level>,
     phase: Phase,
     begun: Option<Instant>,
     told: Vec<Told>,
+    /// The output was set, and what it was set to may have got out.
+    was_sent: bool,
+    /// The output was seen to have what it was set to.
+    was_set: bool,
     failure: Option<String>,
+}
+
+/// A pin that is set for the time.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    pin: PinId,
+    value: AnyValue,
+    safe: AnyValue,
+}
+
+/// What shows the level of the output at its terminal.
+#[derive(Clone, Copy, Debug)]
+struct Level {
+    pin: PinId,
+    expected: AnyValue,
+    contradictions: u32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +63,8 @@ enum Phase {
     /// Until the groups run.
     Start,
     Before(Instant),
+    /// The output is set, and not enabled.
+    Ready,
     Set(Instant),
     After(Instant),
     Done,
@@ -52,15 +79,25 @@ struct Told {
 }
 
 impl Jog {
+    /// Sets the output and what it is [enabled](Pins::enables) by: whoever calls it has consent for
+    /// those as well.
     pub fn new(
         driver: &Driver<UdpBus>,
         (pin, value, safe): (PinId, AnyValue, AnyValue),
-        enable: Option<PinId>,
         time: Duration,
     ) -> Self {
         let pins = driver.pins();
-        let driven = [Some(pin), enable].into_iter().flatten();
-        let groups = driven.filter_map(|pin| Some(pins.info_of(pin)?.group));
+        let enables = pins.enables(pin).map(|pin| Step {
+            pin,
+            value: true.into(),
+            safe: pins.read_any(pin).value,
+        });
+        let mut steps: Vec<_> = enables.collect();
+        steps.reverse();
+        steps.push(Step { pin, value, safe });
+        let groups = steps
+            .iter()
+            .filter_map(|s| Some(pins.info_of(s.pin)?.group));
         let told = super::told(pins).into_iter().map(|pin| Told {
             pin,
             before: None,
@@ -68,15 +105,15 @@ impl Jog {
             after: None,
         });
         Self {
-            pin,
-            value,
-            safe,
-            enable,
-            time,
+            level: steps.last().and_then(|output| level(driver, output)),
             groups: groups.collect(),
+            steps,
+            time,
             phase: Phase::Start,
             begun: None,
             told: told.collect(),
+            was_sent: false,
+            was_set: false,
             failure: None,
         }
     }
@@ -100,23 +137,35 @@ impl Jog {
         if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
         }
+        tell_end(&ended);
         if let Err(error) = ended.stopped {
             return Err(Failure::refused(format_args!(
-                "{}: the ports could not be stopped: {error}; the watchdogs switch all outputs off",
+                "{}: the ports could not be stopped: {error}; the board's outputs are off by its \
+                 watchdog",
                 info.name
             )));
         }
-        complain("mesa: all outputs are off, and the ports are stopped");
         // What it was told to do may have failed because of somebody else.
         if self.failure.is_some()
             && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
         {
             self.failure = Some(error.to_string());
         }
-        let outcome = match (&self.failure, signal) {
-            (Some(reason), _) => Outcome::Failed(reason.clone()),
-            (None, Some(signal)) => Outcome::Stopped(signal.to_string()),
-            (None, None) => Outcome::Done,
+        let stopped = signal.map(|signal| signal.to_string());
+        let is_contradicted = self.level.is_some_and(|level| level.contradictions > 0);
+        let outcome = match (self.failure, stopped) {
+            (Some(reason), _) if self.was_set => Outcome::Failed(reason),
+            (None, Some(signal)) if self.was_set => Outcome::Stopped(signal),
+            (None, None) if self.was_set => Outcome::Done,
+            (reason, signal) => {
+                let reason = reason.or(signal);
+                let reason = reason.unwrap_or_else(|| "no transfer has got through".to_owned());
+                if self.was_sent && !is_contradicted {
+                    Outcome::NotConfirmed(reason)
+                } else {
+                    Outcome::NotSet(reason)
+                }
+            }
         };
         let changes = self.told.iter().filter(|told| told.has_changed());
         let changes = changes.filter_map(|told| {
@@ -126,7 +175,22 @@ impl Jog {
             ))
         });
         let changes = changes.collect();
-        Ok(Report::new(info, self.value, self.time, outcome, changes))
+        let not_seen = self
+            .told
+            .iter()
+            .filter(|told| told.before.is_none())
+            .count();
+        let value = self
+            .steps
+            .last()
+            .map_or(AnyValue::from(false), |step| step.value);
+        Ok(Report::new(
+            info,
+            value,
+            self.time,
+            outcome,
+            (changes, not_seen),
+        ))
     }
 
     /// Its share of a cycle; it breaks when it is over, with the pin safe.
@@ -139,7 +203,9 @@ impl Jog {
 
     fn end(&self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
         // A parameter, such as an inversion, would hold for the last words as well.
-        let _ = cycle.pins_mut().set_any(self.pin, self.safe);
+        for step in &self.steps {
+            let _ = cycle.pins_mut().set_any(step.pin, step.safe);
+        }
         ControlFlow::Break(())
     }
 
@@ -164,23 +230,36 @@ impl Jog {
         let is_over = |since: Instant, time| now.since(since) >= time;
         match self.phase {
             Phase::Start => {
-                if self.reason(cycle.driver).is_none() {
+                let reason = self.reason(cycle.driver);
+                self.look(cycle.pins(), |told| &mut told.before);
+                let is_seen = self.told.iter().all(|told| told.before.is_some());
+                if reason.is_none() && (is_seen || is_over(begun, SETTLE)) {
                     self.phase = Phase::Before(now);
                 } else if is_over(begun, PATIENCE) {
-                    self.failure = self.reason(cycle.driver);
+                    self.failure = reason;
                     return ControlFlow::Break(());
                 }
             }
             Phase::Before(since) => {
                 self.look(cycle.pins(), |told| &mut told.before);
                 if is_over(since, REST) {
-                    return self.set(cycle, self.value, true, Phase::Set(now));
+                    // It has its value before it is enabled, so that no other one gets out.
+                    self.phase = Phase::Ready;
+                    self.was_sent = true;
+                    let output = self.steps.len().saturating_sub(1);
+                    return self.set(cycle, output.., true);
                 }
+            }
+            Phase::Ready => {
+                self.phase = Phase::Set(now);
+                return self.set(cycle, .., true);
             }
             Phase::Set(since) => {
                 self.look(cycle.pins(), |told| &mut told.during);
+                self.verify(cycle.pins(), now.since(since))?;
                 if is_over(since, self.time) {
-                    return self.set(cycle, self.safe, false, Phase::After(now));
+                    self.phase = Phase::After(now);
+                    return self.set(cycle, .., false);
                 }
             }
             Phase::After(since) => {
@@ -197,18 +276,45 @@ impl Jog {
     fn set(
         &mut self,
         cycle: &mut Cycle<'_, UdpBus>,
-        value: AnyValue,
-        enabled: bool,
-        next: Phase,
+        steps: impl RangeBounds<usize>,
+        is_on: bool,
     ) -> ControlFlow<()> {
-        self.phase = next;
-        let pins = cycle.pins_mut();
-        let enable = self.enable.map(|pin| pins.set_any(pin, enabled.into()));
-        let set = pins.set_any(self.pin, value).and(enable.unwrap_or(Ok(())));
-        if let Err(error) = set {
-            self.failure = Some(error.to_string());
+        for (_, step) in (0..).zip(&self.steps).filter(|(n, _)| steps.contains(n)) {
+            let value = if is_on { step.value } else { step.safe };
+            if let Err(error) = cycle.pins_mut().set_any(step.pin, value) {
+                self.failure = Some(error.to_string());
+                return ControlFlow::Break(());
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Whether the output has what it was set to so long ago, as far as anything tells: a transfer
+    /// that was begun since has succeeded, and the level at the terminal is that, where it is read.
+    fn verify(&mut self, pins: &Pins, set: Duration) -> ControlFlow<()> {
+        let states = self.groups.iter().map(|&group| pins.group_state(group));
+        let mut states = states.map(|state| state.filter(|state| state.valid));
+        if !states.all(|state| state.is_some_and(|state| state.age.time < set)) {
+            return ControlFlow::Continue(());
+        }
+        if let Some(level) = &mut self.level
+            && pins.read_any(level.pin).ok() != Some(level.expected)
+        {
+            level.contradictions += 1;
+            if level.contradictions < CONTRADICTIONS {
+                return ControlFlow::Continue(());
+            }
+            self.failure = Some(
+                "its terminal shows the opposite of what is driven: something else drives it, or it \
+                 is shorted"
+                    .to_owned(),
+            );
             return ControlFlow::Break(());
         }
+        if let Some(level) = &mut self.level {
+            level.contradictions = 0;
+        }
+        self.was_set = true;
         ControlFlow::Continue(())
     }
 
@@ -250,7 +356,37 @@ impl Jog {
 
 impl Told {
     fn has_changed(&self) -> bool {
-        // Without a moment in which it was set there is nothing to tell.
-        self.during.is_some() && self.before != self.during
+        // What was not valid before, or is not any more, tells nothing of the output.
+        self.before.is_some() && self.during.is_some() && self.before != self.during
+    }
+}
+
+/// The input that shows the level of an I/O pin which is driven low and high.
+fn level(driver: &Driver<UdpBus>, output: &Step) -> Option<Level> {
+    let pins = driver.pins();
+    let all = driver.modules::<Gpio>().flat_map(Gpio::pins);
+    let is_it = |out| PinId::from(out) == output.pin;
+    let found = all.into_iter().find(|pin| pin.out.is_some_and(is_it))?;
+    let is_set = |flag: Option<_>| flag.is_some_and(|flag| pins.param(flag));
+    if is_set(found.is_opendrain) {
+        return None;
+    }
+    let is_on = output.value == AnyValue::from(true);
+    Some(Level {
+        pin: found.input?.pin.into(),
+        expected: AnyValue::from(is_on != is_set(found.invert_output)),
+        contradictions: 0,
+    })
+}
+
+/// Says whether everything is off, and what only its own watchdog switches off.
+fn tell_end(ended: &Ended<UdpBus>) {
+    let mut but = "all outputs are off";
+    for remote in ended.driver.not_reached() {
+        but = "all other outputs are off";
+        complain(format_args!("mesa: NOT REACHED: {remote}"));
+    }
+    if ended.stopped.is_ok() {
+        complain(format_args!("mesa: {but}, and the ports are stopped"));
     }
 }

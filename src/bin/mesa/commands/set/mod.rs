@@ -6,13 +6,15 @@ mod report;
 use std::time::Duration;
 
 use clap::Args;
+use mesa_hal::driver::{FoundRemote, RemoteWatchdog};
 use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo, Pins, Role};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
-use mesa_hal::{Board, I7i77Analog, I7i97, Settings};
+use mesa_hal::{Board, Settings};
 
 use super::named;
 use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
+use crate::place;
 use crate::running;
 use crate::target::Target;
 
@@ -31,7 +33,13 @@ fails: then the exit code is 1, and the reason is printed. A board that another 
 left alone.
 
 A drive moves with a voltage on its input and its enable: --analog lets an analog output be set,
---drive-enable a drive enable; an analog output with both is enabled for the time.
+--drive-enable a drive enable. An analog output has 0 V unless it is enabled, so it needs both, and
+is enabled for the time; so is every drive with the same enable, at 0 V: the question names them.
+
+An I/O pin is made an output for the time; nothing else may drive it.
+
+What was set is read back where anything tells: if it was never so, that is said, and the exit code
+is 1. A remote that can not be reached at the end is named: its own watchdog switches its outputs off.
 
 Examples:
   mesa set 7i77.0.0.output-03 on --for 2s --addr 10.10.10.10
@@ -57,6 +65,10 @@ pub struct Set {
     /// Let a drive be enabled
     #[arg(long)]
     drive_enable: bool,
+    /// Let an output be set whose remote has its own watchdog off, or longer than 1 s: when its cable
+    /// breaks, nothing else switches the output off
+    #[arg(long)]
+    slow_watchdog: bool,
 }
 
 impl Set {
@@ -66,56 +78,102 @@ impl Set {
         // Everything is off, and no remote runs before the consent.
         board.discover()?;
         let pins = board.pins();
-        let pin = named::find(pins, &self.pin)?;
+        let pin = named::find(pins, board.missing(), &self.pin)?;
         let info = pins.info_of(pin).ok_or("the pin is gone")?.clone();
         let value = named::value(&info, &self.value)?;
         info.check_settable(value)
             .map_err(|error| Failure::usage(format_args!("{}: {error}", info.name)))?;
-        self.allow(&info)?;
-        let enable = if self.drive_enable && hazard(&info) == Hazard::Analog {
-            enable_of(&board, pin)
-        } else {
-            None
-        };
+        let enables = pins.enables(pin).filter_map(|pin| pins.info_of(pin));
+        let infos: Vec<_> = enables.collect();
+        self.allow(&info, &infos)?;
+        let watchdog = self.allow_watchdog(&board, &info)?;
         let safe = pins.read_any(pin).value;
-        let what = self.says(
-            &info,
-            (value, safe),
-            enable.and_then(|pin| pins.info_of(pin)),
-        );
+        let what = self.says(&info, (value, safe), &infos) + &watchdog;
         context.consent(&format!("{}: {what}", found.address), Some(&found))?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was set"));
             return Ok(Ending::Stopped(signal));
         }
         let driver = running::go(board)?;
-        let jog = jog::Jog::new(&driver, (pin, value, safe), enable, self.time);
+        named::present(driver.missing(), &info.name)?;
+        let jog = jog::Jog::new(&driver, (pin, value, safe), self.time);
         let report = jog.run(driver, context, &info)?;
         context.print(&report)?;
-        if let Some(reason) = report.failure() {
-            return Err(Failure::refused(reason));
+        match (context.stop.signal(), report.failure()) {
+            (None, Some(reason)) => Err(Failure::refused(reason)),
+            _ => Ok(context.ending()),
         }
-        Ok(context.ending())
     }
 
-    /// What moves a machine has to be asked for by its name.
-    fn allow(&self, info: &PinInfo) -> Result<(), Failure> {
-        let (what, flag, is_given) = match hazard(info) {
-            Hazard::None => return Ok(()),
-            Hazard::Analog => ("is an analog output", "--analog", self.analog),
-            Hazard::DriveEnable => ("can enable a drive", "--drive-enable", self.drive_enable),
-            Hazard::Watchdog => {
-                return Err(Failure::usage(format_args!(
-                    "{} is what makes the board safe; it is not set by hand",
-                    info.name
-                )));
-            }
+    /// What moves a machine has to be asked for by its name, and reach its terminal.
+    fn allow(&self, info: &PinInfo, enables: &[&PinInfo]) -> Result<(), Failure> {
+        let name = &info.name;
+        let refuse = |what: String| Err(Failure::usage(format_args!("{name} {what}")));
+        let flag = |hazard| match hazard {
+            Hazard::Analog if !self.analog => Some("--analog"),
+            Hazard::DriveEnable if !self.drive_enable => Some("--drive-enable"),
+            _ => None,
         };
-        if is_given {
-            return Ok(());
+        let what = match hazard(info) {
+            Hazard::Watchdog => {
+                return refuse("is what makes the board safe; it is not set by hand".to_owned());
+            }
+            Hazard::DriveEnable => "can enable a drive",
+            Hazard::Analog => "is an analog output",
+            Hazard::None => "",
+        };
+        if let (Hazard::DriveEnable, [.., by]) = (hazard(info), enables) {
+            let by = with_place(by);
+            return refuse(format!(
+                "reaches no terminal: its drive is switched by {by}; set that"
+            ));
         }
-        Err(Failure::usage(format_args!(
-            "{} {what}: a machine may move. Give {flag} if that is meant",
+        let own = flag(hazard(info));
+        let drive = enables.iter().find(|by| hazard(by) == Hazard::DriveEnable);
+        let other = drive.and_then(|by| flag(hazard(by)));
+        match (own, other) {
+            (None, None) => Ok(()),
+            (Some(own), None) => refuse(format!(
+                "{what}: a machine may move. Give {own} if that is meant"
+            )),
+            (own, Some(other)) => {
+                let flags: Vec<_> = own.into_iter().chain([other]).collect();
+                let by: Vec<_> = enables.iter().map(|by| with_place(by)).collect();
+                refuse(format!(
+                    "{what}, with 0 V at its terminal while it is not enabled by {}: a machine may \
+                     move. Give {} if that is meant",
+                    by.join(" and "),
+                    flags.join(" ")
+                ))
+            }
+        }
+    }
+
+    /// Nothing but a remote's own watchdog switches its outputs off when its cable breaks. What to say
+    /// of one that takes long.
+    fn allow_watchdog(&self, board: &Board<UdpBus>, info: &PinInfo) -> Result<String, Failure> {
+        let mut remotes = board.remotes();
+        let found = remotes.find(|(_, remote)| remote.pins.group == info.group);
+        let watchdog = found.map(|(_, remote)| FoundRemote::watchdog(remote));
+        let Some(watchdog) = watchdog.filter(|watchdog| watchdog.is_slow()) else {
+            return Ok(String::new());
+        };
+        let how = match watchdog {
+            RemoteWatchdog::Off => {
+                "is off (NVWatchDogTimeout 0): when its cable breaks, what is on stays on"
+                    .to_owned()
+            }
+            _ => format!(
+                "is slow (NVWatchDogTimeout): when its cable breaks, what is on stays on for {:?}",
+                watchdog.time().unwrap_or_default()
+            ),
+        };
+        if self.slow_watchdog {
+            return Ok(format!(". The own watchdog of its remote {how}"));
+        }
+        Err(Failure::refused(format_args!(
+            "{}: the own watchdog of its remote {how}. Set it (`mesa param set`), or give \
+             --slow-watchdog if that is meant",
             info.name
         )))
     }
@@ -124,25 +182,34 @@ impl Set {
         &self,
         info: &PinInfo,
         (value, safe): (AnyValue, AnyValue),
-        enable: Option<&PinInfo>,
+        enables: &[&PinInfo],
     ) -> String {
         let unit = if info.unit.is_empty() {
             String::new()
         } else {
             format!(" {}", info.unit)
         };
-        let place = match &*info.place.terminal {
-            "" => String::new(),
-            terminal => format!(" ({terminal})"),
-        };
-        let with = enable.map_or_else(String::new, |enable| {
-            format!(", enables its drive with {}", enable.name)
+        let with = enables.iter().filter_map(|by| match hazard(by) {
+            // What is enabled by another one has no terminal of its own.
+            Hazard::DriveEnable if by.enabled_by.is_some() => None,
+            Hazard::DriveEnable => Some(format!(", enables EVERY drive on {}", with_place(by))),
+            _ => Some(format!(
+                ", makes it an output ({}): nothing else may drive it",
+                by.name
+            )),
         });
+        let is_enable = hazard(info) == Hazard::DriveEnable && !info.role.is_param();
+        let own = if is_enable {
+            ", which enables EVERY drive there"
+        } else {
+            ""
+        };
         format!(
-            "sets {}{place} to {}{unit} for {:?}{with}, with all other outputs off, then back to {}{unit}",
-            info.name,
+            "sets {} to {}{unit} for {:?}{own}{}, with all other outputs off, then back to {}{unit}",
+            with_place(info),
             named::text(value),
             self.time,
+            with.collect::<String>(),
             named::text(safe)
         )
     }
@@ -162,6 +229,14 @@ pub fn settings() -> Settings {
         period: PERIOD,
         watchdog: Some(WATCHDOG),
         ..Settings::default()
+    }
+}
+
+/// A pin with its terminals and signals.
+fn with_place(info: &PinInfo) -> String {
+    match &*place::short(&info.place) {
+        "" => info.name.clone(),
+        place => format!("{} ({place})", info.name),
     }
 }
 
@@ -207,22 +282,6 @@ fn bounds_output(last: &str) -> bool {
     ["-minlim", "-maxlim", "-scalemax"]
         .iter()
         .any(|end| last.ends_with(end))
-}
-
-/// What enables the drive of an analog output, of cards that are known.
-pub fn enable_of(board: &Board<UdpBus>, pin: PinId) -> Option<PinId> {
-    let cards = board.remotes().filter_map(|(port, remote)| {
-        let channel = remote.started.channel.index();
-        board.attach::<I7i77Analog>(port, channel).ok()
-    });
-    let mut outputs: Vec<_> = cards.flat_map(|card| card.analog_out).collect();
-    if let Ok(own) = board.attach_board::<I7i97>() {
-        outputs.extend(own.analog_out);
-    }
-    let mut found = outputs
-        .into_iter()
-        .filter(|output| PinId::from(output.volts) == pin);
-    found.next().map(|output| output.enable.into())
 }
 
 /// Pins that tell what an output did: inputs at terminals, and read-back of I/O pins.

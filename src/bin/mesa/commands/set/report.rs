@@ -16,6 +16,10 @@ pub enum Outcome {
     Done,
     Stopped(String),
     Failed(String),
+    /// It never had the value.
+    NotSet(String),
+    /// It was set, and ended before anything showed that it had the value.
+    NotConfirmed(String),
 }
 
 /// A jog that is over.
@@ -29,6 +33,8 @@ pub struct Report {
     #[serde(flatten)]
     outcome: Outcome,
     changes: Vec<Change>,
+    /// Inputs that were not valid before it was set: what they did is not known.
+    not_seen: usize,
     #[serde(skip)]
     text: String,
 }
@@ -69,7 +75,7 @@ impl Report {
         value: AnyValue,
         time: Duration,
         outcome: Outcome,
-        changes: Vec<Change>,
+        (changes, not_seen): (Vec<Change>, usize),
     ) -> Self {
         Self {
             pin: info.name.clone(),
@@ -79,6 +85,7 @@ impl Report {
             seconds: time.as_secs_f64(),
             outcome,
             changes,
+            not_seen,
             text: named::text(value),
         }
     }
@@ -87,6 +94,11 @@ impl Report {
     pub fn failure(&self) -> Option<String> {
         match &self.outcome {
             Outcome::Failed(reason) => Some(format!("{}: {reason}", self.pin)),
+            Outcome::NotConfirmed(reason) => Some(format!(
+                "{} was set, and nothing confirmed it: {reason}",
+                self.pin
+            )),
+            Outcome::NotSet(reason) => Some(format!("{} was not set: {reason}", self.pin)),
             Outcome::Done | Outcome::Stopped(_) => None,
         }
     }
@@ -94,13 +106,27 @@ impl Report {
 
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = format!("{} {}", self.text, self.unit);
         let how = match &self.outcome {
             Outcome::Done => format!("for {} s, and is safe again", self.seconds),
             Outcome::Stopped(signal) => format!("until {signal}, and is safe again"),
             Outcome::Failed(reason) => format!("until it failed: {reason}"),
+            Outcome::NotConfirmed(reason) => {
+                let value = value.trim_end();
+                return writeln!(f, "{} may have been {value}: {reason}", self.pin);
+            }
+            Outcome::NotSet(reason) => {
+                return writeln!(f, "{} was never {}: {reason}", self.pin, value.trim_end());
+            }
         };
-        let value = format!("{} {}", self.text, self.unit);
         writeln!(f, "{} was {} {how}", self.pin, value.trim_end())?;
+        if self.not_seen > 0 {
+            let count = self.not_seen;
+            writeln!(
+                f,
+                "{count} inputs were not valid before: what they did is not known"
+            )?;
+        }
         if self.changes.is_empty() {
             return writeln!(f, "no input changed");
         }

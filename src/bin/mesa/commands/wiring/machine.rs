@@ -61,7 +61,7 @@ impl Machine {
                 // What is not armed fails, and says why.
                 let due = order.take_if(is_due);
                 let values = |pin| (pin, true.into(), false.into());
-                jog = due.map(|(pin, _)| Jog::new(cycle.driver, values(pin), None, time));
+                jog = due.map(|(pin, _)| Jog::new(cycle.driver, values(pin), time));
                 return ControlFlow::Continue(());
             };
             if running.step(cycle).is_break() {

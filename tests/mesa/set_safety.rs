@@ -1,0 +1,162 @@
+//! `mesa set`: what it says was on was on at the terminal, and what it says is off is off. The truth
+//! is what the simulated board's console says.
+
+use std::net::Ipv4Addr;
+
+use crate::interop::board::Board;
+use crate::run::{done, json, run};
+use crate::set::{OUTPUT, begin, board, ended, lit, wait_until};
+
+fn board_7i97() -> Board {
+    let card = ["--board", "7i97", "--port", "0"];
+    Board::start(Ipv4Addr::LOCALHOST, &card)
+}
+
+/// What the console says of these things of the board itself.
+fn truth(board: &mut Board, names: &[&str]) -> Vec<String> {
+    let values = board.console.show("board");
+    let names = names
+        .iter()
+        .map(|name| values[&format!("board.{name}")].clone());
+    names.collect()
+}
+
+const ENABLES: [&str; 6] = [
+    "enable0", "enable1", "enable2", "enable3", "enable4", "enable5",
+];
+
+#[test]
+fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_when_lost() {
+    for (millis, said) in [("0", "its own watchdog is off"), ("5000", "5000 ms later")] {
+        let mut board = board();
+        let address = board.address.to_string();
+        let name = "0.0.NVWatchDogTimeout";
+        done(&["param", "set", name, millis, "--addr", &address, "--yes"]);
+        board.console.run("power 0 off");
+        board.console.run("power 0 on");
+        let jog = [OUTPUT, "on", "--for", "60s"];
+        let refused = run(&[&["set"], &jog[..], &["--addr", &address, "--yes"]].concat());
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        assert!(refused.err.contains("--slow-watchdog"), "{refused:?}");
+        assert_eq!(refused.out, "");
+        assert_eq!(lit(&mut board), [""; 0]);
+
+        let jog = begin(&board, &[&jog[..], &["--slow-watchdog"]].concat());
+        wait_until(&mut board, "0", "remote.0.output-03", "1");
+        board.console.run("unplug 0");
+        let run = ended(jog);
+        assert_eq!(run.code, Some(1), "{run:?}");
+        assert!(run.err.contains("NOT REACHED"), "{run:?}");
+        assert!(run.err.contains(said), "{run:?}");
+        assert!(!run.err.contains("all outputs are off"), "{run:?}");
+        if millis == "0" {
+            assert_eq!(lit(&mut board), ["remote.0.output-03"], "it said so");
+        }
+    }
+}
+
+#[test]
+fn the_question_names_every_drive_that_the_enable_switches_on_and_the_shared_one_is_used() {
+    let mut board = board_7i97();
+    let drive = ["--analog", "--drive-enable", "--for", "60s"];
+    let mut jog = begin(&board, &[&["pwmgen.02.value", "1"], &drive[..]].concat());
+    wait_until(&mut board, "board", "board.enable2", "1");
+    let on = ["1", "1", "1", "1", "0", "0"];
+    assert_eq!(truth(&mut board, &ENABLES), on);
+    let [volts, other] = [2, 0].map(|n| truth(&mut board, &[&format!("analogout{n}")])[0].parse());
+    assert!((volts.unwrap_or(0.0) - 1.0_f64).abs() < 0.02, "it moves");
+    assert!(other.unwrap_or(1.0_f64).abs() < 0.02, "the others do not");
+    jog.signal("INT");
+    let run = ended(jog);
+    assert_eq!(run.code, Some(130), "{run:?}");
+    for drive in ["pwmgen.00.enable", "ENA0+", "ENA1+", "ENA2+", "ENA3+"] {
+        assert!(run.err.contains(drive), "{drive}: {run:?}");
+    }
+    assert!(!run.err.contains("ENA4"), "{run:?}");
+    assert_eq!(truth(&mut board, &ENABLES), ["0"; 6]);
+}
+
+#[test]
+fn an_enable_that_reaches_no_terminal_is_refused_and_the_one_that_does_is_named() {
+    let jog = ["set", "pwmgen.02.enable", "on", "--for", "1s", "--yes"];
+    let refused = run(&[&jog[..], &["--drive-enable", "--sim", "7i97"]].concat());
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("pwmgen.00.enable (TB3"), "{refused:?}");
+    assert_eq!(refused.out, "");
+}
+
+#[test]
+fn an_analog_output_that_is_not_enabled_has_0_volts_and_is_refused() {
+    for (sim, pin, enable) in [
+        ("7i92-7i77", "7i77.0.1.analogout0", "ENA4+"),
+        ("7i92-7i77", "7i77.0.1.analogout5", "7i77.0.1.spinena"),
+        ("7i97", "pwmgen.00.value", "ENA3+"),
+        ("7i97", "pwmgen.04.value", "ENA4+"),
+    ] {
+        let jog = ["set", pin, "5", "--for", "1s", "--yes", "--sim", sim];
+        for flags in [&["--analog"][..], &[]] {
+            let refused = run(&[&jog[..], flags].concat());
+            assert_eq!(refused.code, Some(2), "{refused:?}");
+            for said in ["0 V", "--drive-enable", enable] {
+                assert!(refused.err.contains(said), "{pin}: {refused:?}");
+            }
+            assert_eq!(refused.err.contains("--analog "), flags.is_empty());
+            assert_eq!(refused.out, "");
+        }
+    }
+}
+
+#[test]
+fn an_io_pin_is_an_output_for_its_time_and_an_input_again() {
+    let mut board = board_7i97();
+    assert_eq!(truth(&mut board, &["pin-034"]), ["1"], "pulled up");
+    let mut jog = begin(&board, &["gpio.034.out", "off", "--for", "60s"]);
+    wait_until(&mut board, "board", "board.pin-034", "0");
+    jog.signal("INT");
+    let run = ended(jog);
+    assert_eq!(run.code, Some(130), "{run:?}");
+    assert!(run.err.contains("makes it an output"), "{run:?}");
+    assert_eq!(truth(&mut board, &["pin-034"]), ["1"]);
+}
+
+#[test]
+fn an_io_pin_that_something_else_drives_was_never_what_it_was_set_to() {
+    let mut board = board_7i97();
+    board.console.run("pin 34 low");
+    let jog = begin(&board, &["gpio.034.out", "on", "--for", "60s", "--json"]);
+    let run = ended(jog);
+    assert_eq!(run.code, Some(1), "{run:?}");
+    assert_eq!(truth(&mut board, &["pin-034"]), ["0"]);
+    assert!(run.out.contains("\"not_set\""), "{run:?}");
+    assert!(run.err.contains("something else drives it"), "{run:?}");
+}
+
+#[test]
+fn an_output_of_a_remote_that_does_not_start_was_never_on_and_the_reason_is_said() {
+    let mut board = board();
+    let address = board.address.to_string();
+    let at = ["--addr", &address];
+    let jog = [&["set", OUTPUT, "on", "--for", "1s", "--yes"], &at[..]].concat();
+    board.console.run("field 0 0");
+    let refused = run(&jog);
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(refused.err.contains("on 0.0 is missing: "), "{refused:?}");
+    assert_eq!(refused.out, "");
+    assert_eq!(lit(&mut board), [""; 0]);
+    // Its inputs tell nothing of what another output does.
+    let other = ["set", "gpio.020.out", "off", "--for", "1s", "--yes"];
+    let told = json(&[&other[..], &at].concat());
+    assert!(told["not_seen"].as_u64() >= Some(32), "{told:#}");
+    assert!(!told["changes"].to_string().contains("input-"), "{told:#}");
+
+    board.console.run("field 0 24");
+    board.console.run("unplug 0");
+    let scope = ["scope", "gpio.020.in", "--trigger", "7i77.0.0.input-02"];
+    let scope = [&scope[..], &["--csv", "/nowhere.csv"], &at].concat();
+    for command in [jog, scope] {
+        let refused = run(&command);
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        assert!(refused.err.contains("on 0.0 is missing: "), "{refused:?}");
+        assert_eq!(refused.out, "");
+    }
+}
