@@ -204,7 +204,7 @@ mod tests {
             let bytes = before.maximum.map_or(1 << 40, |most| most.min(1 << 40));
             let limit = Rlimit {
                 current: Some(bytes),
-                ..before.clone()
+                ..before
             };
             setrlimit(Resource::Memlock, limit).expect("less is always granted");
             let mut own = capabilities(None).expect("readable");
