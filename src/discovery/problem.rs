@@ -78,6 +78,12 @@ pub enum ProblemKind {
          finite limits; leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)"
     )]
     NoTables,
+    /// The remote tells nothing but its name, and no table is known for that.
+    #[error(
+        "it waits in its bootloader, without a whole program: give `mesa update` again, with its jumper \
+         in the setup position"
+    )]
+    InBootloader,
     /// The remote does not have the software mode that was asked for, and is in another.
     #[error(
         "software mode {mode} is not one of this remote's modes ({}); start it in one of these",

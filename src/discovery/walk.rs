@@ -133,7 +133,7 @@ pub fn discover<M: RemoteLink>(
     };
     let mut reader = Reader::new(memory, options.accesses);
     if started.ptoc == 0 {
-        found.use_known(options.tables);
+        found.use_known(options.tables, started.is_bare());
     } else {
         found.walk(&mut reader, Table::Process, started.ptoc);
     }
@@ -147,12 +147,13 @@ pub fn discover<M: RemoteLink>(
 }
 
 impl Discovered {
-    fn use_known(&mut self, tables: &[&RemoteTable]) {
+    fn use_known(&mut self, tables: &[&RemoteTable], is_bare: bool) {
         let descriptor = &mut self.descriptor;
         let mut tables = tables.iter().filter(|table| !table.has_discovery);
         let table = tables.find(|table| table.matches(descriptor));
         match table.and_then(|table| table.descriptor(descriptor.software_mode)) {
             Some(known) => descriptor.process_data = known.process_data,
+            None if is_bare => self.note(Table::Process, 0, ProblemKind::InBootloader),
             None => self.note(Table::Process, 0, ProblemKind::NoTables),
         }
     }

@@ -1,6 +1,9 @@
 //! Parameters of a remote: what is not process data.
 
+use alloc::format;
+use alloc::string::String;
 use core::convert::Infallible;
+use core::ops::RangeInclusive;
 
 use super::Scaling;
 use super::scaling::{mask, narrow_limits, real, real_bits, sign_extend, whole_range};
@@ -40,7 +43,7 @@ pub enum ParameterError<E: core::error::Error + 'static = Infallible> {
     #[error("the remote's parameter can only be read")]
     ReadOnly,
     /// The value does not fit.
-    #[error("{value} does not fit: the parameter is {}, {bits} bits wide", .kind.as_str())]
+    #[error("{value} does not fit: allowed is {}", range(*.kind, *.bits))]
     DoesNotFit {
         /// The value.
         value: AnyValue,
@@ -138,9 +141,8 @@ impl DataRecord {
             let raw = real_bits(real_of(value), bits);
             real(raw, bits).is_finite().then_some(raw)
         } else {
-            let width = if kind == HalType::Bit { 1 } else { bits };
-            let (lowest, highest) = whole_range(width.clamp(1, 64), is_signed(kind));
-            let whole = whole_of(value).filter(|n| (lowest..=highest).contains(n));
+            let fitting = whole_numbers(kind, bits);
+            let whole = whole_of(value).filter(|n| fitting.contains(n));
             whole.map(|n| n as u64 & mask(bits))
         };
         let raw = raw.ok_or(ParameterError::DoesNotFit { value, kind, bits })?;
@@ -152,6 +154,12 @@ impl DataRecord {
             return Err(ParameterError::OutOfRange { value, min, max });
         }
         Ok(raw)
+    }
+
+    /// The whole numbers that the bits of the parameter can hold; none if it is a real number.
+    pub fn whole_numbers(&self) -> Option<RangeInclusive<i128>> {
+        let kind = self.parameter_type();
+        (kind != HalType::Float).then(|| whole_numbers(kind, self.bits))
     }
 
     /// What the bits of the parameter are in the record's unit; what has no scale is a whole number.
@@ -198,6 +206,22 @@ impl DataRecord {
             _ => HalType::U32,
         }
     }
+}
+
+/// The whole numbers that so many bits can hold.
+fn whole_numbers(kind: HalType, bits: u8) -> RangeInclusive<i128> {
+    let width = if kind == HalType::Bit { 1 } else { bits };
+    let (lowest, highest) = whole_range(width.clamp(1, 64), is_signed(kind));
+    lowest..=highest
+}
+
+/// What a parameter can hold, in words.
+fn range(kind: HalType, bits: u8) -> String {
+    if kind == HalType::Float {
+        return format!("a real number of {bits} bits");
+    }
+    let numbers = whole_numbers(kind, bits);
+    format!("{} to {}", numbers.start(), numbers.end())
 }
 
 /// A parameter of a remote in the pin store.

@@ -17,6 +17,7 @@ const LARGEST: usize = 4 << 20;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Firmware {
     bytes: Vec<u8>,
+    names_card: bool,
 }
 
 /// Why a file is no firmware for a card.
@@ -112,8 +113,16 @@ impl Firmware {
                 Err(FirmwareError::OtherCard { found, card })
             }
             (Named::No, Named::No) => Err(FirmwareError::Unnamed { card }),
-            (Named::Same, _) | (_, Named::Same) => Ok(Self { bytes: contents }),
+            (Named::Same, _) | (_, Named::Same) => Ok(Self {
+                bytes: contents,
+                names_card: inside == Named::Same,
+            }),
         }
+    }
+
+    /// Whether its contents name the card. If not, only the name of the file says what it is for.
+    pub const fn names_card(&self) -> bool {
+        self.names_card
     }
 
     /// Its bytes, from offset 0 of the flash memory on.
@@ -159,7 +168,9 @@ mod tests {
 
     #[test]
     fn a_file_names_its_card_by_its_name_or_by_its_contents() {
-        assert!(take("7I77.BIN", &[1, 2]).is_ok());
+        let named = |name, contents| take(name, contents).map(|firmware| firmware.names_card());
+        assert_eq!(named("7I77.BIN", &[1, 2]), Ok(false));
+        assert_eq!(named("7I77.BIN", b"..7I77.."), Ok(true));
         assert!(take("7i77io-v14.bin", &[1, 2]).is_ok());
         assert!(take("new.bin", b"..7I77..").is_ok());
         let unnamed = take("new.bin", &[1, 2]);

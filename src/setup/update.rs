@@ -113,6 +113,13 @@ pub struct Plan {
     pub is_readable: bool,
     /// The blocks that the file has something for, but for the bootloader's, by offset.
     pub blocks: Vec<Block>,
+    /// Whether the file begins with the bootloader that the card has; `None` if the card does not show
+    /// its flash memory. A file for another card does not, but that those of Mesa do is not confirmed.
+    pub has_bootloader: Option<bool>,
+    /// Where, behind the end of the file, the card has something still: the file may be cut off, or an
+    /// older and shorter version. Of each page the first bytes are looked at, up to the end of the
+    /// block after the file's last.
+    pub behind_end: Option<u32>,
 }
 
 /// A block of the flash memory.
@@ -180,6 +187,8 @@ impl Plan {
             write_size: 1 << write,
             is_readable: false,
             blocks: Vec::new(),
+            has_bootloader: None,
+            behind_end: None,
         };
         let (file, erase) = (firmware.bytes().len(), plan.erase_size);
         if file <= erase as usize {
@@ -199,6 +208,8 @@ impl Plan {
         }
         if plan.is_readable {
             plan.compare(link, firmware, progress)?;
+            plan.has_bootloader = Some(plan.difference(link, firmware, 0)?.is_none());
+            plan.behind_end = plan.behind_end(link, file as u32)?;
         }
         Ok(plan)
     }
@@ -375,6 +386,24 @@ impl Plan {
             }
         }
         Ok(false)
+    }
+}
+
+/// What erased memory reads.
+const ERASED: u64 = u64::MAX;
+
+impl Plan {
+    /// Where the card has something behind the end of a file of so many bytes.
+    fn behind_end<L: RemoteLink>(&self, link: &mut L, file: u32) -> Result<Option<u32>, L::Error> {
+        let begin = file.next_multiple_of(self.write_size);
+        let end = file.next_multiple_of(self.erase_size) + self.erase_size;
+        for offset in (begin..end).step_by(self.write_size as usize) {
+            set_offset(link, offset)?;
+            if read_double(link, 0)? != ERASED {
+                return Ok(Some(offset));
+            }
+        }
+        Ok(None)
     }
 }
 

@@ -112,6 +112,12 @@ impl StartedRemote {
     /// The card that predates discovery, and has a path of its own in the gateware (FACTS 4.7).
     pub const NAME_7I64: RemoteName = RemoteName(*b"7I64");
 
+    /// Whether it tells its name and nothing else: only its bootloader answers. Its program was cut off
+    /// (FACTS 1.6), or it is older than discovery and unit numbers.
+    pub const fn is_bare(&self) -> bool {
+        self.unit_number == 0 && self.ptoc == 0 && self.gtoc == 0
+    }
+
     /// What `channel`, started in this software mode, tells in interface registers 0 to 2.
     pub(crate) fn new(
         (channel, software_mode): (Channel, u8),

@@ -20,6 +20,7 @@ const PART: &str = "6slx9tqg144";
 fn board() -> (Board, String) {
     let address = free_address();
     let board = Board::start(address, &["--board", "7i97"]);
+    erase(&board);
     (board, address.to_string())
 }
 
@@ -39,6 +40,13 @@ fn put(board: &Board, area: Area, data: &[u8]) {
     written.expect("it is written");
 }
 
+/// As after an erase of the whole memory: a simulated board has its configurations in one sector each.
+fn erase(board: &Board) {
+    for area in [Area::User, Area::Fallback, Area::BootBlock] {
+        put(board, area, &[0xFF; 256]);
+    }
+}
+
 /// A boot block and a fallback, as boards come: without them nothing is written.
 fn give_boot_block_and_fallback(board: &Board) {
     for area in [Area::BootBlock, Area::Fallback] {
@@ -51,6 +59,33 @@ fn backup(address: &str, name: &str) -> (Scratch, Vec<u8>) {
     done(&["flash", "backup", file.path(), "--addr", address]);
     let bytes = fs::read(&file.0).expect("a backup");
     (file, bytes)
+}
+
+#[test]
+fn a_simulated_board_comes_with_what_can_be_backed_up_restored_and_loaded() {
+    for machine in ["7i97", "7i92-7i77"] {
+        let file = Scratch::new("flash-of-sim.bin");
+        done(&["flash", "backup", file.path(), "--sim", machine]);
+        let bytes = fs::read(&file.0).expect("a backup");
+        let areas = [0, FALLBACK, USER].map(|start| &bytes[start..][..3000]);
+        assert!(
+            areas
+                .iter()
+                .all(|area| area[16..20] == [0xAA, 0x99, 0x55, 0x66])
+        );
+        assert!(areas[1] != areas[2], "two configurations");
+        done(&["flash", "verify", file.path(), "--sim", machine]);
+        done(&["flash", "restore", file.path(), "--sim", machine, "--yes"]);
+        // Something else in the user area.
+        let mut other = bytes.clone();
+        other[USER + 100] ^= 1;
+        fs::write(&file.0, other).expect("a scratch file");
+        let _ = fs::remove_file(format!("{}.sha256", file.path()));
+        let restored = json(&["flash", "restore", file.path(), "--sim", machine, "--yes"]);
+        assert_eq!(restored["areas"][0]["area"], "user");
+        let text = done(&["reload", "--sim", machine, "--yes"]);
+        assert!(text.contains("reload done"), "{text}");
+    }
 }
 
 #[test]

@@ -196,6 +196,44 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
 }
 
 #[test]
+fn a_mode_that_a_remote_has_not_is_not_in_order() {
+    let arguments = ["--sim", SIM, "--mode", "0.0=77"];
+    let output = info(&arguments);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.starts_with("1 thing to look at: MESA7I92"), "{text}");
+    let output = info(&[&arguments[..], &["--json"]].concat());
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    hold_against_schema("info", &value);
+    let finding = value["findings"][0].as_str().expect("a finding");
+    assert!(finding.contains("no software mode 77"), "{finding}");
+}
+
+#[test]
+fn half_a_card_is_not_in_order_and_neither_is_one_in_its_bootloader() {
+    let mut board = Board::start(
+        Ipv4Addr::LOCALHOST,
+        &["--board", "7i92-7i77", "--port", "0"],
+    );
+    let address = board.address.to_string();
+    for channel in ["0", "1"] {
+        board.console.run(&format!("unplug {channel}"));
+        let value = json(&["--addr", &address]);
+        let finding = value["findings"][0].as_str().expect("a finding");
+        assert!(
+            finding.contains(&format!("channel {channel}: no 7I77")),
+            "{finding}"
+        );
+        board.console.run(&format!("plug {channel}"));
+        assert_eq!(
+            json(&["--addr", &address])["findings"],
+            serde_json::json!([])
+        );
+    }
+}
+
+#[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
     for arguments in [&["--sim", SIM][..], &["--sim", SIM, "--json"]] {
         let mut child = Command::new(mesa())

@@ -44,6 +44,7 @@ fn both_paces_are_measured_and_judged_for_programs() {
             let ordered = ordered.map(|name| number(&run[times][name]));
             assert!(ordered.is_sorted(), "{times}: {ordered:?}");
         }
+        assert_eq!(run["offline"], serde_json::json!([]));
         let verdicts = run["verdicts"].as_array().expect("verdicts");
         let rates: Vec<_> = verdicts.iter().map(|verdict| &verdict["rate_hz"]).collect();
         assert_eq!(rates, [1000, 2000, 4000]);
@@ -98,6 +99,53 @@ fn the_percentiles_the_bars_and_the_picture_are_for_people() {
         assert!(picture.contains(words), "{words}");
     }
     assert!(picture.matches("<rect").count() > 4, "bars");
+}
+
+#[test]
+fn a_remote_that_goes_offline_meanwhile_is_said_and_no_rate_is_judged() {
+    let arguments = ["--board", "7i97", "--port", "0", "--remote", "0=7i77-io"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+    let address = board.address.to_string();
+    let latency = [
+        "latency",
+        "--addr",
+        &address,
+        "--seconds",
+        "6",
+        "--rate",
+        "200",
+    ];
+    for (arguments, is_json) in [(&["--json"][..], true), (&[], false)] {
+        board.console.run("plug 0");
+        let child = command(&[&latency[..], arguments].concat()).spawn();
+        let child = Process::new(child.expect("mesa starts"));
+        let end = Instant::now() + PATIENCE;
+        let transfers = |board: &mut Board| {
+            let all = board.console.show("all");
+            all["network.received.packets"].parse::<u64>().unwrap_or(0)
+        };
+        let before = transfers(&mut board);
+        while transfers(&mut board) < before + 600 {
+            assert!(Instant::now() < end, "it does not run");
+        }
+        board.console.run("unplug 0");
+        let ended = Run::from(child.output());
+        assert_eq!(ended.code, Some(1), "{ended:?}");
+        if is_json {
+            let value: Value = serde_json::from_str(&ended.out).expect("JSON");
+            crate::run::hold_against_schema("latency", &value);
+            let offline = &value["runs"][0]["offline"][0];
+            assert_eq!(offline["place"], "0.0", "{value:#}");
+            assert_eq!(offline["is_back"], false, "{value:#}");
+        } else {
+            assert!(ended.out.contains("7I77 on 0.0 is OFFLINE: "), "{ended:?}");
+            assert!(!ended.out.contains("thread"), "{ended:?}");
+            assert!(
+                ended.out.contains("1000 Hz: NO: a remote was offline"),
+                "{ended:?}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -101,6 +101,26 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
         !connector.is_empty() && connector.iter().all(is_its),
         "{connector:?}"
     );
+    // What this signal feeds, at its terminal.
+    let index = lines("IDX0");
+    let names: Vec<_> = index
+        .iter()
+        .map(|line| line.split_whitespace().next().unwrap_or_default())
+        .collect();
+    assert_eq!(
+        names,
+        [
+            "hm2_7i92.0.encoder.00.index-enable",
+            "hm2_7i92.0.encoder.00.input-index"
+        ]
+    );
+    assert!(index[1].ends_with("TB3 pin 7, 8 IDX0, /IDX0"), "{index:?}");
+    let one = lines("/QA0");
+    assert_eq!(one.len(), 5, "{one:?}");
+    assert!(
+        one[4].contains(".input-a ") && one[4].ends_with("TB3 pin 2 /QA0"),
+        "{one:?}"
+    );
     let block = lines("tb5 pin");
     assert!(
         block.iter().any(|line| line.contains("analogout0")),

@@ -38,6 +38,15 @@ fn a_reset_needs_consent_and_is_waited_for() {
 #[test]
 fn a_reload_needs_something_to_load_and_takes_the_outputs() {
     let (mut board, address) = board();
+    let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
+    let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
+    let mut flash = flash.expect("a 7I97");
+    for area in [Area::User, Area::Fallback] {
+        let start = flash.layout().addresses(area).start;
+        let erased = flash.write(area, start, &[0xFF; 256], |_, _| {});
+        erased.expect("it is erased");
+    }
+    drop(bus);
     let reload = ["reload", "--addr", &address, "--yes"];
     let refused = run(&reload);
     assert_eq!(refused.code, Some(1), "{refused:?}");

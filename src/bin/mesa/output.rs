@@ -1,7 +1,7 @@
 //! What is printed, to whoever still listens.
 
 use std::fmt::Display;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -16,7 +16,84 @@ static IS_LOST: AtomicBool = AtomicBool::new(false);
 /// standard error and [kept](is_lost); nobody stops driving a board because nobody reads what it says.
 pub fn say(text: impl Display) {
     let mut out = io::stdout().lock();
-    printed(write!(out, "{text}").and_then(|()| out.flush()));
+    let done = match width() {
+        Some(width) => write!(out, "{}", wrapped(&text.to_string(), width)),
+        None => write!(out, "{text}"),
+    };
+    printed(done.and_then(|()| out.flush()));
+}
+
+/// Columns of the terminal that standard output is, if it is one.
+fn width() -> Option<usize> {
+    let size = ratatui::crossterm::terminal::size();
+    let is_shown = io::stdout().is_terminal();
+    let width = size.ok().filter(|_| is_shown)?.0;
+    (width >= 40).then_some(width.into())
+}
+
+/// Breaks lines that are longer at a gap, or else at a space, and indents what goes on.
+fn wrapped(text: &str, width: usize) -> String {
+    let mut wrapped = String::with_capacity(text.len());
+    for line in text.split_inclusive('\n') {
+        let mut left = line;
+        let blanks = line.len() - line.trim_start_matches(' ').len();
+        let indent = (blanks + 4).min(width / 2);
+        let mut before = 0;
+        while let Some(at) = breaking(left, width - before, before == 0) {
+            let (now, rest) = left.split_at(at);
+            wrapped.push_str(now.trim_end());
+            wrapped.push('\n');
+            wrapped.push_str(&" ".repeat(indent));
+            left = rest.trim_start_matches(' ');
+            before = indent;
+        }
+        wrapped.push_str(left);
+    }
+    wrapped
+}
+
+/// Where to break a line that is longer than so many characters, if that can be done.
+fn breaking(line: &str, width: usize, is_first: bool) -> Option<usize> {
+    let line = line.trim_end();
+    // What is behind may begin with the space that is broken at.
+    let (end, next) = line.char_indices().nth(width)?;
+    let fits = line.get(..end + next.len_utf8())?;
+    let begin = fits.len() - fits.trim_start_matches(' ').len();
+    let begin = if is_first { begin } else { 0 };
+    let gap = fits.rfind("  ").filter(|&gap| gap >= width / 2);
+    let at = gap.or_else(|| fits.rfind(' '));
+    at.filter(|&at| at > begin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_broken_at_gaps_and_nothing_is_lost() {
+        let text =
+            "short\n  hm2_7i97.0.encoder.00.count  s32   OUT  0   0.0 ms old  TB1 pin 1, 2 QA0\n";
+        for width in 40..100 {
+            let wrapped = wrapped(text, width);
+            assert!(
+                wrapped.lines().all(|line| line.chars().count() <= width),
+                "{width}: {wrapped}"
+            );
+            let words = |text: &str| {
+                text.split_whitespace()
+                    .map(str::to_owned)
+                    .collect::<Vec<_>>()
+            };
+            assert_eq!(words(&wrapped), words(text), "{width}");
+        }
+        assert_eq!(wrapped(text, 200), text);
+        let unbroken = "x".repeat(60) + "\n";
+        assert_eq!(wrapped(&unbroken, 40), unbroken);
+        assert_eq!(
+            wrapped("  ab  cdefghijkl mnopqrstuv wxyz ABCDEFGHIJK\n", 40),
+            "  ab  cdefghijkl mnopqrstuv wxyz\n      ABCDEFGHIJK\n"
+        );
+    }
 }
 
 /// Looks at how something was printed.

@@ -141,6 +141,15 @@ impl<G: Gateware> SimBoard<G> {
         (self.reloads, self.resets)
     }
 
+    /// Puts bytes into the flash memory, as a JTAG programmer does, in no time. What is behind its end is
+    /// left out.
+    pub fn load_flash(&mut self, start: u32, bytes: &[u8]) {
+        let cells = self.flash.memory_mut().iter_mut().skip(start as usize);
+        for (cell, byte) in cells.zip(bytes) {
+            *cell = *byte;
+        }
+    }
+
     /// How often EEPROM and flash were changed; when this moves on, the state is worth saving.
     pub fn changes(&self) -> u64 {
         self.eeprom.changes() + self.flash.changes()

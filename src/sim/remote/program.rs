@@ -30,14 +30,17 @@ const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 ///
 /// `body` is the length of the program; `revision` is what D5 says when it runs.
 pub fn firmware_file(card: [u8; 4], revision: u8, body: usize) -> Vec<u8> {
-    let mut state = u32::from_le_bytes(card) ^ u32::from(revision) << 8;
-    let mut noise = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 24) as u8
+    let noise = |mut state: u32, bytes: usize| -> Vec<u8> {
+        let next = |_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        };
+        (0..bytes).map(next).collect()
     };
-    // What stands for the bootloader: a file has it, and nobody writes it.
-    let mut file: Vec<u8> = (0..START).map(|_| noise()).collect();
-    let body: Vec<u8> = (0..body).map(|_| noise()).collect();
+    let card_noise = u32::from_le_bytes(card);
+    // What stands for the bootloader: every file for a card has it, and nobody writes it.
+    let mut file = noise(card_noise, START);
+    let body = noise(card_noise ^ u32::from(revision) << 8, body);
     file.extend(MAGIC);
     file.extend(card);
     file.extend([revision, 0, 0, 0]);

@@ -31,7 +31,8 @@ const AFTER_HELP: &str = "\
 It starts the machine with all outputs off, reads it for a while, and stops it. A board that another
 program drives is left alone.
 
-PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole.
+PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole. If
+it is a signal of an encoder, only the pins that this signal feeds are shown, at its terminals.
 
 Exits with 1 if no pin fits.
 
@@ -119,11 +120,11 @@ impl Pins {
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let snapshot = reader.read()?;
-        let rows = snapshot.pins().filter(|(info, _)| pattern.fits(info));
-        let rows = Rows(
-            rows.map(|(info, reading)| Row::new(info, reading))
-                .collect(),
-        );
+        let rows = snapshot.pins().filter_map(|(info, reading)| {
+            let place = place::meant(info, pattern)?;
+            Some(Row::new(info, place, reading))
+        });
+        let rows = Rows(rows.collect());
         context.print(&rows)?;
         if rows.0.is_empty() {
             complain("mesa: no pin fits; `mesa pins` without a pattern has all");
@@ -134,15 +135,15 @@ impl Pins {
 }
 
 impl Row {
-    fn new(info: &PinInfo, reading: Reading<AnyValue>) -> Self {
+    fn new(info: &PinInfo, place: Place, reading: Reading<AnyValue>) -> Self {
         let age = reading.age.time;
         let has_age = !info.role.is_param() && age != Duration::MAX;
         Self {
             name: info.name.clone(),
             hal_type: info.hal_type.as_str(),
             direction: info.role.hal_direction(),
-            terminal: info.place.terminal.clone(),
-            signal: info.place.signal.clone(),
+            terminal: place.terminal,
+            signal: place.signal,
             value: value(reading.value),
             unit: info.unit.clone(),
             valid: reading.valid,

@@ -27,7 +27,9 @@ The card's jumper must be in the setup position (7I77: W12 for field I/O, W4 for
 right; 7I72: W6 down), and the card switched off and on since. A board stops its serial ports and
 turns all pins into inputs for it: not for a machine that is running.
 
-FILE is an image of the flash memory, as Mesa's .BIN files are. It is compared with what is there;
+FILE is an image of the flash memory, as Mesa's .BIN files are. Nothing in such a file has to say
+which card it is for; what speaks against it is said: that only its name fits, that it begins with
+another bootloader, that it ends before what is there does. It is compared with what is there;
 what differs is erased, written and read back, block by block, but for the first block, which is
 the bootloader's. An update that was cut off is finished by the same command. The new firmware
 runs from the next power-up on: put the jumper back then.
@@ -94,6 +96,30 @@ struct Report {
     written: usize,
     verified: bool,
     dry_run: bool,
+    /// What speaks against the file.
+    doubts: Vec<String>,
+}
+
+/// What speaks against a file, or can not be known.
+fn doubts(firmware: &Firmware, plan: &Plan) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if !firmware.names_card() {
+        doubts.push("only the file's name says that it is for this card".to_owned());
+    }
+    match plan.has_bootloader {
+        Some(true) => {}
+        Some(false) => {
+            doubts.push("the file begins with another bootloader than the card's".into())
+        }
+        None => doubts.push("the card does not show what it has, so nothing was compared".into()),
+    }
+    let bytes = firmware.bytes().len();
+    if let Some(offset) = plan.behind_end {
+        doubts.push(format!(
+            "the file ends after {bytes} bytes, and the card has something at {offset}: is it cut off?"
+        ));
+    }
+    doubts
 }
 
 impl Update {
@@ -152,8 +178,11 @@ impl Update {
                     )),
                     error => error.into(),
                 })?;
-        let is_bare = started.unit_number == 0 && started.ptoc == 0 && started.gtoc == 0;
-        let at = (RemotePlace::Channel(port, channel), started, is_bare);
+        let at = (
+            RemotePlace::Channel(port, channel),
+            started,
+            started.is_bare(),
+        );
         let report = self.update(context, (&mut link, Some(&found)), at, firmware);
         let ended = board.end_setup_at(port, channel);
         let report = report?;
@@ -196,6 +225,7 @@ impl Update {
             written: 0,
             verified: plan.is_readable && (is_verified || different == 0),
             dry_run: self.dry_run,
+            doubts: doubts(firmware, &plan),
         };
         if self.dry_run || different == 0 {
             return Ok(Some(report));
@@ -210,11 +240,12 @@ impl Update {
             format!("a {}, unit number {unit_number:#010X}:", kind(&started))
         };
         let what = format!(
-            "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}). Until it is \
+            "{place}: {what} erases and writes {different} of {} blocks of {} bytes ({}){}. Until it is \
              done it has no program; keep its power on",
             plan.blocks.len(),
             plan.erase_size,
-            self.file.display()
+            self.file.display(),
+            report.said_doubts()
         );
         context.consent(&what, board)?;
         match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
@@ -278,6 +309,13 @@ impl Bar {
     }
 }
 
+impl Report {
+    fn said_doubts(&self) -> String {
+        let doubts = self.doubts.iter();
+        doubts.map(|doubt| format!(". NOTE: {doubt}")).collect()
+    }
+}
+
 impl Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
@@ -303,6 +341,9 @@ impl Display for Report {
                 f,
                 "{different} of {blocks} blocks of {block_size} bytes differ; nothing was written"
             )?;
+            for doubt in &self.doubts {
+                writeln!(f, "NOTE: {doubt}")?;
+            }
         } else if *different == 0 {
             writeln!(
                 f,

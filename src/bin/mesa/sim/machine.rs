@@ -2,6 +2,7 @@
 
 use std::{error::Error, fmt::Write};
 
+use mesa_hal::ethernet::{Area, FlashLayout};
 use mesa_hal::sim::{
     BoardConfig, SimBoard, SimFpga,
     devices::{SimDevice, find, find_cable, find_mut},
@@ -68,6 +69,7 @@ impl Machine {
             kind: options.board,
             plan: options.plan.clone(),
         };
+        machine.load_configurations();
         for remote in &wanted {
             let seed = options.seed ^ u64::from(remote.channel) << 32;
             let cable = devices::build(&remote.device, remote.mode, seed)?;
@@ -80,6 +82,18 @@ impl Machine {
         }
         mechanics::build(&mut machine)?;
         Ok(machine)
+    }
+
+    /// Puts into the flash memory what boards come with: a boot block, and a configuration for the user
+    /// and as the fallback.
+    fn load_configurations(&mut self) {
+        let Some(layout) = FlashLayout::for_card(self.name()) else {
+            return;
+        };
+        for area in [Area::BootBlock, Area::Fallback, Area::User] {
+            let start = layout.addresses(area).start;
+            self.board.load_flash(start, &configuration(area as u8));
+        }
     }
 
     /// Name of the board.
@@ -214,6 +228,20 @@ fn name(board: Board) -> &'static str {
         Board::I7i97 => "7I97",
         Board::I7i92With7i77 => "7I92",
     }
+}
+
+/// A configuration as a bitfile of a Spartan 6 has it, but for what is between its first and its last
+/// packets, which is made up and short. Source: Xilinx UG380, "Configuration Data File Formats".
+fn configuration(number: u8) -> Vec<u8> {
+    let mut bytes = vec![0xFF; 16];
+    // Synchronisation word, no operation, reset of the CRC, IDCODE of a 6SLX9.
+    bytes.extend([0xAA, 0x99, 0x55, 0x66, 0x20, 0x00, 0x30, 0xA1, 0x00, 0x07]);
+    bytes.extend([0x31, 0xC2, 0x04, 0x00, 0x10, 0x93]);
+    let body = (0..3000_u32).map(|n| n.wrapping_add(number.into()));
+    bytes.extend(body.map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8));
+    // DESYNC, and no operation.
+    bytes.extend([0x30, 0xA1, 0x00, 0x0D, 0x20, 0x00, 0x20, 0x00]);
+    bytes
 }
 
 /// The remotes asked for, and those that are part of the board unless others stand in their place.

@@ -5,8 +5,8 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use mesa_hal::sim::{
-    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, SwitchConfig, Terminal, WheelConfig,
-    machines,
+    AxisWiring, DriveSource, EstopConfig, Inputs, Motor, OUTPUT_PIN, SwitchConfig, Terminal,
+    WheelConfig, machines,
 };
 
 use super::console::{line, number, on_off};
@@ -26,8 +26,17 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
     let mut wires: Vec<Wire> = plan.switches.iter().map(|switch| switch.wire).collect();
     wires.extend(plan.wheels.iter().flat_map(|wheel| [wheel.a, wheel.b]));
     wires.extend(plan.estop.iter().flat_map(|estop| &estop.inputs));
-    for wire in wires {
-        check(machine, wire.terminal).map_err(|error| format!("line {}: {error}", wire.line))?;
+    for (number, wire) in wires.iter().enumerate() {
+        let line = wire.line;
+        check(machine, wire.terminal).map_err(|error| format!("line {line}: {error}"))?;
+        let mut before = wires.iter().take(number);
+        if let Some(other) = before.find(|other| other.terminal == wire.terminal) {
+            return Err(format!(
+                "line {line}: {} has a wire already, in line {}",
+                place(wire.terminal),
+                other.line
+            ));
+        }
     }
     for switch in &plan.switches {
         let bounce = Duration::from_secs_f64(switch.bounce_ms / 1e3);
@@ -49,15 +58,17 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
         });
     }
     if let Some(estop) = &plan.estop {
-        for &channel in &estop.cuts_field {
+        for &(channel, line) in &estop.cuts_field {
             let device = machine.device(channel.into());
-            device.map_err(|error| format!("estop.cuts_field: {error}"))?;
+            device.map_err(|error| format!("line {line}: estop.cuts_field: {error}"))?;
         }
         let channels = estop.cuts_field.iter();
         machine.fpga().set_estop(EstopConfig {
             inputs: estop.inputs.iter().map(|wire| wire.terminal).collect(),
             cuts_drives: estop.cuts_drives,
-            cuts_field: channels.map(|&channel| (PORT, channel.into())).collect(),
+            cuts_field: channels
+                .map(|&(channel, _)| (PORT, channel.into()))
+                .collect(),
         });
     }
     Ok(())
@@ -108,11 +119,13 @@ fn check(machine: &mut Machine, terminal: Terminal) -> Result<(), String> {
             }
         }
         Terminal::Pin { pin } => {
-            let count = machine.fpga().firmware().pins.len();
-            if pin < count {
-                Ok(())
-            } else {
-                Err(format!("pin {pin}: this board has {count}"))
+            let pins = &machine.fpga().firmware().pins;
+            match pins.get(pin) {
+                None => Err(format!("pin {pin}: this board has {}", pins.len())),
+                Some(found) if found.secondary != 0 && found.pin & OUTPUT_PIN != 0 => Err(format!(
+                    "pin {pin}: it is an output of a module of the firmware; `mesa info` lists them"
+                )),
+                Some(_) => Ok(()),
             }
         }
     }

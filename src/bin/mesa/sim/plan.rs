@@ -49,7 +49,8 @@ pub struct WheelPlan {
 pub struct EstopPlan {
     pub inputs: Vec<Wire>,
     pub cuts_drives: bool,
-    pub cuts_field: Vec<u8>,
+    /// Channels, with their lines.
+    pub cuts_field: Vec<(u8, usize)>,
 }
 
 /// A wire to an input, and the line of the description that it is on.

@@ -49,45 +49,51 @@ impl Info {
         let modes = self.modes.by_channel();
         let goes_on = || context.stop.signal().is_none();
         let inventory = inventory::take(&mut bus, Some(ethernet), &modes, goes_on);
-        let inventory = Found(inventory.map_err(|e| at(&e))?);
+        let mut inventory = Found(inventory.map_err(|e| at(&e))?);
+        let wrong = inventory.check_modes(&modes);
+        if context.stop.signal().is_none() {
+            inventory.0.findings.extend(wrong.iter().cloned());
+        }
         context.print(&inventory)?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!(
                 "mesa: ended by {signal}; the inventory is not complete"
             ));
-        } else {
-            inventory.check_modes(&modes).map_err(Failure::refused)?;
+        } else if !wrong.is_empty() {
+            return Err(Failure::refused(wrong.join("\n")));
         }
         Ok(context.ending())
     }
 }
 
 impl Found {
-    /// Whether every remote that was to be started in a mode runs in it, and has it.
-    fn check_modes(&self, modes: &BTreeMap<(u8, u8), u8>) -> Result<(), String> {
-        for (&(port, channel), &mode) in modes {
-            let place = format!("port {port}, channel {channel}");
-            let mut remotes = self.0.remotes();
-            let found = remotes.find(|found| (found.0, found.1) == (port, channel));
-            let Some((_, _, remote)) = found else {
-                return Err(format!("{place}: nothing started in software mode {mode}"));
-            };
-            let known = remote
-                .modes
-                .iter()
-                .filter(|known| known.set_by == "software");
-            let known: Vec<_> = known.collect();
-            if !known.is_empty() && !known.iter().any(|known| known.index == mode) {
-                let texts = known
-                    .iter()
-                    .map(|known| format!("{} ({})", known.index, known.name));
-                return Err(format!(
-                    "{place}: the {} has no software mode {mode}; it has {}; ask for one of these",
-                    remote.name,
-                    texts.collect::<Vec<_>>().join(", ")
-                ));
-            }
+    /// Which remotes that were to be started in a mode do not run in it, or do not have it.
+    fn check_modes(&self, modes: &BTreeMap<(u8, u8), u8>) -> Vec<String> {
+        let modes = modes.iter();
+        modes
+            .filter_map(|(&place, &mode)| self.check_mode(place, mode))
+            .collect()
+    }
+
+    fn check_mode(&self, (port, channel): (u8, u8), mode: u8) -> Option<String> {
+        let place = format!("port {port}, channel {channel}");
+        let mut remotes = self.0.remotes();
+        let found = remotes.find(|found| (found.0, found.1) == (port, channel));
+        let Some((_, _, remote)) = found else {
+            return Some(format!("{place}: nothing started in software mode {mode}"));
+        };
+        let modes = remote.modes.iter();
+        let known: Vec<_> = modes.filter(|known| known.set_by == "software").collect();
+        if known.is_empty() || known.iter().any(|known| known.index == mode) {
+            return None;
         }
-        Ok(())
+        let texts = known
+            .iter()
+            .map(|known| format!("{} ({})", known.index, known.name));
+        Some(format!(
+            "{place}: the {} has no software mode {mode}; it has {}; ask for one of these",
+            remote.name,
+            texts.collect::<Vec<_>>().join(", ")
+        ))
     }
 }

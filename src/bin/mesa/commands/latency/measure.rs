@@ -3,11 +3,12 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use mesa_hal::Settings;
 use mesa_hal::bus::{BusStatistics, RegisterBus};
-use mesa_hal::driver::{DriverStatistics, Pace};
+use mesa_hal::driver::{DriverStatistics, Pace, RemoteState};
 use mesa_hal::runner::{Cycle, Latency as Recorder, RunStatistics, Runner};
 use mesa_hal::transport::udp::UdpBus;
+use mesa_hal::{Driver, Settings};
+use serde::Serialize;
 
 use super::{Latency, without};
 use crate::context::{Context, Failure};
@@ -27,6 +28,8 @@ pub struct Measured {
     pub end: Mark,
     /// Socket options that this host does not allow.
     pub refused: Vec<&'static str>,
+    /// Remotes that did not run all the time.
+    pub offline: Vec<Offline>,
     /// The error with which it ended, or somebody else who drives the board.
     pub stopped: Result<(), String>,
 }
@@ -39,6 +42,45 @@ pub struct Mark {
     pub bus: BusStatistics,
     pub driver: DriverStatistics,
     pub run: RunStatistics,
+}
+
+/// A remote that was offline, or is.
+#[derive(Clone, Debug, Serialize)]
+pub struct Offline {
+    /// `PORT.CHANNEL`.
+    pub place: String,
+    pub card: String,
+    /// Whether it runs again.
+    pub is_back: bool,
+    pub reason: String,
+}
+
+impl Offline {
+    /// Those of all remotes of a driver.
+    fn of(driver: &Driver<UdpBus>) -> Vec<Self> {
+        let remotes = driver.ports().iter().flat_map(|port| {
+            let number = port.layout().instance;
+            port.remotes().map(move |remote| (number, remote))
+        });
+        let offline = remotes.filter_map(|(port, remote)| {
+            let (is_back, reason) = match remote.state {
+                RemoteState::Running if remote.restarts == 0 => return None,
+                RemoteState::Running => (true, remote.first_fault),
+                RemoteState::Offline { reason, .. } | RemoteState::Restarting { reason } => {
+                    (false, Some(reason))
+                }
+                _ => (false, None),
+            };
+            let reason = reason.map(|reason| reason.to_string());
+            Some(Self {
+                place: format!("{port}.{}", remote.started.channel.index()),
+                card: remote.descriptor.name.to_string(),
+                is_back,
+                reason: reason.unwrap_or_else(|| "it was started again".to_owned()),
+            })
+        });
+        offline.collect()
+    }
 }
 
 impl Mark {
@@ -96,6 +138,7 @@ fn one(
         runner = runner.sleeping();
     }
     let (mut begin, mut end) = (Mark::default(), Mark::default());
+    let mut offline = Vec::new();
     let last = WARM_UP + asked.cycles();
     let ended = runner.run(|cycle| {
         if cycle.number >= WARM_UP {
@@ -109,6 +152,7 @@ fn one(
             return ControlFlow::Continue(());
         }
         end = Mark::take(cycle);
+        offline = Offline::of(cycle.driver);
         ControlFlow::Break(())
     });
     let stopped = ended.stopped.map_err(|error| error.to_string());
@@ -122,6 +166,7 @@ fn one(
         begin,
         end,
         refused: bus.link().refused.clone(),
+        offline,
         stopped,
     };
     Ok((measured, bus))

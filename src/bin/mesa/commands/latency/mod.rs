@@ -29,6 +29,8 @@ after the one before. Used is how long after its planned begin a cycle is over; 
 the period without what the board has waited for its end. A rate can be kept if that, and then the
 transfers to the remotes, fit into its period.
 
+Exits with 1 if a remote was offline meanwhile: no rate is judged then.
+
 SIGINT (Ctrl-C) and SIGTERM end it early, with the ports stopped, and what was measured is printed.
 
 Examples:
@@ -104,11 +106,15 @@ impl Latency {
             .plot
             .as_ref()
             .map(|file| plot::draw(file, self.rate, &measured));
+        let was_offline = measured.iter().any(|run| !run.offline.is_empty());
         for run in measured {
             run.stopped.map_err(Failure::refused)?;
         }
         drawn.transpose()?;
-        Ok(context.ending())
+        Ok(match context.ending() {
+            Ending::Done if was_offline => Ending::Refused,
+            ending => ending,
+        })
     }
 
     /// Measures in a thread of its own, which alone gets what is asked of the operating system, and

@@ -7,7 +7,7 @@ use mesa_hal::driver::Pace;
 use mesa_hal::runner::{Distribution, Histogram, Judgement};
 use serde::Serialize;
 
-use super::measure::{Mark, Measured};
+use super::measure::{Mark, Measured, Offline};
 use super::name;
 
 /// The rates that are judged, in Hz.
@@ -47,6 +47,7 @@ struct Run {
     bytes_out_per_cycle: f64,
     bytes_back_per_cycle: f64,
     verdicts: Vec<Judged>,
+    offline: Vec<Offline>,
     histogram: Vec<Row>,
 }
 
@@ -120,6 +121,7 @@ impl Run {
                 .iter()
                 .map(|&rate| Judged::of(rate, measured))
                 .collect(),
+            offline: measured.offline.clone(),
             histogram: rows(recorder.late(), recorder.used()),
         }
     }
@@ -141,6 +143,15 @@ impl Times {
 
 impl Judged {
     fn of(rate: u32, measured: &Measured) -> Self {
+        if !measured.offline.is_empty() {
+            let reason = "a remote was offline meanwhile, and what brings it back takes time in the \
+                          cycle: measure again while it runs";
+            return Self {
+                rate_hz: rate,
+                holds: Judgement::No,
+                reason: reason.to_owned(),
+            };
+        }
         let verdict = measured.recorder.verdict(rate);
         Self {
             rate_hz: rate,
@@ -222,6 +233,20 @@ impl Display for Run {
         let (out, back) = (self.bytes_out_per_cycle, self.bytes_back_per_cycle);
         writeln!(f, "bytes per cycle: {out:.1} out, {back:.1} back")?;
         writeln!(f, "CPU per cycle: {:.1} us", self.cpu_us_per_cycle)?;
+        for remote in &self.offline {
+            let Offline {
+                place,
+                card,
+                is_back,
+                reason,
+            } = remote;
+            let state = if *is_back {
+                "was offline"
+            } else {
+                "is OFFLINE"
+            };
+            writeln!(f, "{card} on {place} {state}: {reason}")?;
+        }
         for verdict in &self.verdicts {
             let Judged {
                 rate_hz,

@@ -56,11 +56,11 @@ impl Shown {
         let digits = usize::from(record.bits.div_ceil(4)) + 2;
         let (min, max) = (f64::from(record.min), f64::from(record.max));
         let is_limited = min < max;
-        let is_scaled = matches!(record.data_type, DataType::Unsigned | DataType::Signed);
+        let has_scale = matches!(record.data_type, DataType::Unsigned | DataType::Signed);
+        let scaling = Some(Scaling::of(record)).filter(|s| has_scale && !s.is_whole());
         // As a record has it, in 32 bits, the largest number may be rounded up.
-        let largest = ((1_u128 << record.bits.min(64)) - 1) as f64;
-        let max = if is_scaled { max } else { max.min(largest) };
-        let scaling = Some(Scaling::of(record)).filter(|s| is_scaled && !s.is_whole());
+        let largest = record.whole_numbers().filter(|_| scaling.is_none());
+        let max = largest.map_or(max, |numbers| max.min(*numbers.end() as f64));
         Self {
             name: record.name.clone(),
             value: record.typed(raw).into(),

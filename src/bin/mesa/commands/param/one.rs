@@ -83,8 +83,15 @@ impl Set {
         let (place, record) = (named.place, &named.record);
         let name = &record.name;
         let wanted: Result<u64, ParameterError> = record.raw_of(self.value);
-        let wanted =
-            wanted.map_err(|error| Failure::refused(format_args!("{place}.{name}: {error}")))?;
+        let wanted = wanted.map_err(|error| {
+            let why = format_args!("{place}.{name}: {error}");
+            match error {
+                ParameterError::DoesNotFit { .. } | ParameterError::OutOfRange { .. } => {
+                    Failure::usage(why)
+                }
+                _ => Failure::refused(why),
+            }
+        })?;
         let raw = cabinet.read(place, name)?;
         let before = SavedValue::from(record.typed(raw));
         if raw != wanted {

@@ -16,7 +16,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::devices;
-use super::machine::{AXES, PORT};
+use super::machine::{AXES, Machine as Built, PORT};
 use super::options::{Board, MachineOptions, RemoteOption, check_channels, parse_mac};
 use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
 use crate::files::bounded;
@@ -51,8 +51,8 @@ struct Machine {
 #[serde(deny_unknown_fields)]
 struct Remote {
     channel: Spanned<u8>,
-    device: String,
-    mode: Option<u8>,
+    device: Spanned<String>,
+    mode: Option<Spanned<u8>>,
     #[serde(default)]
     setup: bool,
 }
@@ -149,14 +149,17 @@ fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
         listen: file.listen,
         port: file.port,
     };
-    Ok(MachineOptions {
+    let machine = MachineOptions {
         board,
         ip: plan.listen.unwrap_or(Ipv4Addr::LOCALHOST),
         mac: mac.transpose()?,
         remotes,
         seed: 1,
         plan,
-    })
+    };
+    // What only the board knows: which inputs and pins it has.
+    Built::new(&machine).map_err(|error| error.to_string())?;
+    Ok(machine)
 }
 
 fn remotes(
@@ -167,16 +170,22 @@ fn remotes(
 ) -> Result<Vec<RemoteOption>, String> {
     let mut remotes = Vec::new();
     for table in tables {
-        let device = &table.device;
+        let device = table.device.get_ref();
         let device = if devices::is_known(device) {
             device.clone()
         } else {
             directory.join(device).display().to_string()
         };
+        devices::build(&device, None, 0)
+            .map_err(|error| lines.wrong(&table.device, "remote.device", &error.to_string()))?;
+        if let Some(mode) = &table.mode {
+            devices::build(&device, Some(*mode.get_ref()), 0)
+                .map_err(|error| lines.wrong(mode, "remote.mode", &error.to_string()))?;
+        }
         remotes.push(RemoteOption {
             channel: *table.channel.get_ref(),
             device,
-            mode: table.mode,
+            mode: table.mode.as_ref().map(|mode| *mode.get_ref()),
             setup: table.setup,
         });
         check_channels(board, &remotes)
@@ -364,7 +373,7 @@ fn chain(lines: &Lines<'_>, table: &Estop) -> Result<EstopPlan, String> {
         cuts_field: table
             .cuts_field
             .iter()
-            .map(|channel| *channel.get_ref())
+            .map(|channel| (*channel.get_ref(), lines.number_of(channel.span().start)))
             .collect(),
     })
 }
