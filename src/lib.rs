@@ -144,6 +144,7 @@ pub mod lbp;
 pub mod lbp16;
 pub mod modules;
 pub mod remote;
+mod rounded;
 #[cfg(feature = "std")]
 pub mod runner;
 #[cfg(feature = "serde")]
@@ -162,6 +163,7 @@ pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, Rem
 pub use driver::{FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig};
 pub use hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut};
 pub use hal::{InOut, Input, Output, Param, Pins, Reading};
+pub use rounded::Rounded;
 #[cfg(feature = "std")]
 pub use sim::SimFpga;
 #[cfg(feature = "std")]

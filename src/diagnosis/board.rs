@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use super::{Finding, RoundTrips, Verdict};
+use crate::Rounded;
 use crate::driver::{Remark, RemoteState, RemoteStatus};
 use crate::ethernet::{Counters, Identity};
 use crate::lbp::RemoteFaults;
@@ -75,8 +76,12 @@ fn latency(trips: &RoundTrips, period: Duration) -> Finding {
     let check = "latency against period";
     let [median, p99, max] = [0.5, 0.99, 1.0].map(|share| trips.quantile(share));
     let figure = format!(
-        "median {median:.0?}, 99 % {p99:.0?}, longest {max:.0?}, {} longer than the period of {period:?}",
-        trips.late
+        "median {}, 99 % {}, longest {}, {} longer than the period of {}",
+        Rounded(&median),
+        Rounded(&p99),
+        Rounded(&max),
+        trips.late,
+        Rounded(&period)
     );
     // What the driver takes for the deadline of a reply.
     let room = period * 4 / 5;
@@ -90,8 +95,9 @@ fn latency(trips: &RoundTrips, period: Duration) -> Finding {
         Verdict::Bad
     };
     let advice = format!(
-        "answers must come within {room:?}: see what is said of kernel, CPUs and network card, or take a \
-         longer --period"
+        "answers must come within {}: see what is said of kernel, CPUs and network card, or take a \
+         longer --period",
+        Rounded(&room)
     );
     Finding::new(verdict, check, figure, advice)
 }
@@ -106,7 +112,7 @@ pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Findin
         let advice = "outputs stay on when the cable breaks: set its time";
         return Finding::new(Verdict::Bad, check, "it never bites", advice);
     };
-    let figure = format!("{time:?}, period {period:?}");
+    let figure = format!("{}, period {}", Rounded(&time), Rounded(&period));
     if time < period * 2 {
         let advice = "one packet that is lost lets it bite: make it longer, or the period shorter";
         return Finding::new(Verdict::Bad, check, figure, advice);
@@ -127,9 +133,11 @@ pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Findin
 pub fn remote(place: &str, status: &RemoteStatus<'_>, period: Duration) -> [Finding; 3] {
     let name = &status.descriptor.name;
     let place = format!("{place}, {name}");
+    let mut records = status.descriptor.process_data.iter();
+    let is_measured = records.any(|record| record.is_named("FieldVoltage"));
     [
         state(&place, &status.state, status.faults),
-        field_power(&place, status.faults),
+        field_power(&place, status.faults, is_measured),
         watchdog(
             &format!("{place}: watchdog"),
             status.watchdog.time(),
@@ -158,14 +166,20 @@ fn state(place: &str, state: &RemoteState, faults: RemoteFaults) -> Finding {
     }
 }
 
-fn field_power(place: &str, faults: RemoteFaults) -> Finding {
+/// `is_measured`: one of its values is the voltage. Whoever measures none reports no fault of it.
+fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding {
     let check = format!("{place}: field power");
     let (figure, advice) = if faults.contains(RemoteFaults::LOW_VOLTAGE) {
         ("missing or too low", "check its supply, fuse and wires")
     } else if faults.contains(RemoteFaults::HIGH_VOLTAGE) {
         ("too high", "switch it off, and check its supply")
+    } else if is_measured {
+        return Finding::good(check, "measured, and no fault reported");
     } else {
-        return Finding::good(check, "nothing reported");
+        let figure = "not measured in this software mode";
+        let advice =
+            "measure it at its terminals; a 7I77's field I/O measures it itself in modes 2 and 3";
+        return Finding::new(Verdict::Unknown, check, figure, advice);
     };
     Finding::new(Verdict::Bad, check, figure, advice)
 }
@@ -240,13 +254,15 @@ mod tests {
     fn a_remote_without_power_or_with_a_fault_is_bad() {
         let place = "port 0, channel 0";
         assert_eq!(
-            field_power(place, RemoteFaults::empty()).verdict,
+            field_power(place, RemoteFaults::empty(), true).verdict,
             Verdict::Ok
         );
+        let unknown = field_power(place, RemoteFaults::empty(), false);
+        assert_eq!(unknown.verdict, Verdict::Unknown, "{unknown:?}");
         let faults = RemoteFaults::LOW_VOLTAGE;
-        assert_eq!(field_power(place, faults).verdict, Verdict::Bad);
+        assert_eq!(field_power(place, faults, false).verdict, Verdict::Bad);
         assert_eq!(
-            field_power(place, RemoteFaults::HIGH_VOLTAGE).verdict,
+            field_power(place, RemoteFaults::HIGH_VOLTAGE, true).verdict,
             Verdict::Bad
         );
         let running = RemoteState::Running;

@@ -6,6 +6,7 @@ use alloc::string::String;
 use core::time::Duration;
 
 use super::{BoardState, Remark};
+use crate::Rounded;
 use crate::boards::AttachError;
 use crate::bus::{BusError, BusErrorKind};
 use crate::hostmot2::IdentifyError;
@@ -70,16 +71,22 @@ pub enum DriverError<E: BusError> {
         why: &'static str,
     },
     /// No cycle has this period.
-    #[error("a period of {period:?} can not be kept: choose one of 1 us to 800 ms")]
+    #[error(
+        "a period of {} can not be kept: choose one of 1 us to 800 ms",
+        Rounded(.period)
+    )]
     BadPeriod {
         /// The period.
         period: Duration,
     },
     /// The period can not feed a watchdog.
     #[error(
-        "{of} bites after {watchdog:?}, and is fed once in a period of {period:?}; a write or \
-         transfer that is lost must not let it bite, so it needs 2 x {period:?} = {needed:?}: choose \
-         a longer time for it, or a shorter period"
+        "{of} bites after {}, and is fed once in a period of {}; a write or transfer that is lost must \
+         not let it bite, so it needs 2 x {} = {}: choose a longer time for it, or a shorter period",
+        Rounded(.watchdog),
+        Rounded(.period),
+        Rounded(.period),
+        Rounded(.needed)
     )]
     WatchdogTooShort {
         /// Which watchdog, and what sets it.
@@ -93,8 +100,10 @@ pub enum DriverError<E: BusError> {
     },
     /// A cycle is shorter than the transfers it must hold.
     #[error(
-        "port {port} needs up to {needed:?} for a transfer, and the period is {period:?}: choose a \
-         longer period, or spread the remotes over several ports"
+        "port {port} needs up to {} for a transfer, and the period is {}: choose a longer period, or \
+         spread the remotes over several ports",
+        Rounded(.needed),
+        Rounded(.period)
     )]
     PeriodTooShort {
         /// The port.
@@ -105,7 +114,7 @@ pub enum DriverError<E: BusError> {
         period: Duration,
     },
     /// The board is not set up, so that its serial lines are no lines.
-    #[error("the board is not running ({state:?}), and reaches no remote: call `rearm` first")]
+    #[error("{state}, and no remote can be reached: call `rearm` first")]
     NotRunning {
         /// What it is.
         state: BoardState,

@@ -25,7 +25,7 @@ pub enum EthernetError<E> {
     },
     /// What was written reads back differently.
     #[error(
-        "address 0x{address:02X} of space {space:?} reads 0x{found:04X} after writing \
+        "address 0x{address:02X} of space {space} reads 0x{found:04X} after writing \
          0x{expected:04X}; try again; if it stays so, update the board's firmware"
     )]
     NotKept {
@@ -51,7 +51,7 @@ pub enum EthernetError<E> {
     },
     /// There is no such register, or it can not be written.
     #[error(
-        "0x{address:04X} of space {space:?}: {reason}; the manual of the board has the registers of \
+        "0x{address:04X} of space {space}: {reason}; the manual of the board has the registers of \
          each space"
     )]
     NoRegister {
@@ -98,14 +98,16 @@ pub enum EthernetError<E> {
     /// There is no user configuration, so that the fallback is all that the FPGA can load.
     #[error(
         "there is no user configuration at 0x{address:06X}: if writing the fallback fails now, only a \
-         JTAG programmer helps; program User first, reload the FPGA from it, then the fallback"
+         JTAG programmer helps; write the user configuration first, reload the FPGA from it, then the fallback"
     )]
     NoUserConfiguration {
         /// Where it should be.
         address: u32,
     },
     /// The area is not for configurations.
-    #[error("{area:?} is no place for a configuration; program User, or Fallback")]
+    #[error(
+        "{area} is no place for a configuration; write the user configuration, or the fallback"
+    )]
     NotForConfigurations {
         /// The area.
         area: Area,
@@ -113,7 +115,7 @@ pub enum EthernetError<E> {
     /// The data do not fit into their area, or do not begin where a sector does, so that erasing it
     /// would take what is before them.
     #[error(
-        "{bytes} bytes at 0x{address:06X} do not fit {area:?}, which takes {expected}; check the \
+        "{bytes} bytes at 0x{address:06X} do not fit into {area}, which takes {expected}; check the \
          address and the area, and that they are for this board"
     )]
     OutsideArea {

@@ -1,6 +1,7 @@
 //! The flash memory that holds the FPGA's configurations, and what may be written where.
 
 use alloc::format;
+use core::fmt;
 use core::ops::Range;
 use core::time::Duration;
 
@@ -51,6 +52,18 @@ pub enum Area {
     Application,
     /// Everything, to restore a backup of the whole chip.
     Whole,
+}
+
+impl fmt::Display for Area {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::BootBlock => "the boot block",
+            Self::Fallback => "the area of the fallback",
+            Self::User => "the area of the user configuration",
+            Self::Application => "the area of applications",
+            Self::Whole => "the whole chip",
+        })
+    }
 }
 
 /// What is being done, for a progress display.

@@ -57,13 +57,25 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         address: u16,
         values: &[u32],
     ) -> Result<Vec<u32>, EthernetError<B::Error>> {
-        check(space, address, values.len())?;
+        Self::check_poke(space, address, values.len())?;
+        let count = u8::try_from(values.len()).unwrap_or(u8::MAX);
+        self.access(space, address, count, Some(values))
+    }
+
+    /// Whether [`poke`](Self::poke) writes `count` registers from an address on, without writing any.
+    ///
+    /// # Errors
+    /// [`EthernetError::NoRegister`], as for [`poke`](Self::poke).
+    pub fn check_poke(
+        space: Space,
+        address: u16,
+        count: usize,
+    ) -> Result<(), EthernetError<B::Error>> {
+        check(space, address, count)?;
         let reason = match space {
             Space::ReadOnly | Space::Unused => Some("its space can not be written"),
             Space::Flash => Some("the flash memory is written by its own commands"),
-            Space::Timer
-                if usize::from(address) + 2 * values.len() > usize::from(timer::SCRATCH) =>
-            {
+            Space::Timer if usize::from(address) + 2 * count > usize::from(timer::SCRATCH) => {
                 Some("the bus numbers its packets there")
             }
             Space::Eeprom if address < eeprom::FIRST_WRITABLE => {
@@ -71,15 +83,13 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
             }
             _ => None,
         };
-        if let Some(reason) = reason {
-            return Err(EthernetError::NoRegister {
+        reason.map_or(Ok(()), |reason| {
+            Err(EthernetError::NoRegister {
                 space,
                 address,
                 reason,
-            });
-        }
-        let count = u8::try_from(values.len()).unwrap_or(u8::MAX);
-        self.access(space, address, count, Some(values))
+            })
+        })
     }
 
     /// One packet: the counters of errors, the write, the read, the counters again.

@@ -1,5 +1,7 @@
 //! The command word.
 
+use core::fmt;
+
 /// The most elements of one command.
 pub const MAX_COUNT: u8 = 127;
 
@@ -35,7 +37,28 @@ pub enum Space {
     ReadOnly = 7,
 }
 
+impl fmt::Display for Space {
+    /// Its number, and what it is: `2 (EEPROM)`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", *self as u8, self.name())
+    }
+}
+
 impl Space {
+    /// What it is, as people call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::HostMot2 => "HostMot2",
+            Self::EthernetChip => "Ethernet chip",
+            Self::Eeprom => "EEPROM",
+            Self::Flash => "flash",
+            Self::Timer => "timer",
+            Self::Unused => "unused",
+            Self::Control => "control",
+            Self::ReadOnly => "read only",
+        }
+    }
+
     /// The space of the lowest three bits of `bits`.
     pub const fn from_bits(bits: u16) -> Self {
         match bits & 7 {

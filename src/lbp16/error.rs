@@ -50,7 +50,7 @@ pub enum Lbp16Error {
     },
     /// The info area of a space is not there.
     #[error(
-        "info area of space {space:?} with cookie 0x{found:04X}, expected 0x{expected:04X}; \
+        "info area of space {space} with cookie 0x{found:04X}, expected 0x{expected:04X}; \
          this firmware does not have the space, or this is no Mesa board"
     )]
     Cookie {

@@ -1,5 +1,6 @@
 //! What a cycle tells the application.
 
+use core::fmt;
 use core::time::Duration;
 
 /// What one read brought. All counts are of this cycle.
@@ -81,4 +82,15 @@ pub enum BoardState {
     /// [`Settings::bus_error_limit`](crate::driver::Settings::bus_error_limit). Everything is safe, and the watchdog is not fed, until
     /// [`Driver::rearm`](crate::driver::Driver::rearm).
     BusDown,
+}
+
+impl fmt::Display for BoardState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Running => "the board runs",
+            Self::WatchdogBitten => "the board's watchdog has bitten",
+            Self::Reset => "the board was reset, or has lost power",
+            Self::BusDown => "the board does not answer any more",
+        })
+    }
 }

@@ -255,7 +255,7 @@ impl Display for Verdict {
                 "{late} of {cycles} cycles need more than {period_us} us, "
             )?;
             write!(f, "the longest {needs}: the thread is not run in time; ")?;
-            f.write_str("see docs/realtime.md")?;
+            f.write_str("give it a real-time priority, a CPU of its own and locked memory")?;
         }
         if self.failed > 0 {
             write!(f, "; {} reads failed: no reply came in time", self.failed)?;
@@ -316,7 +316,7 @@ mod tests {
         assert_eq!(judgements(&measured(times(9_999))), [No; 3]);
         let said = measured(times(10_000)).verdict(1000).to_string();
         let wanted = "1 of 10000 cycles need more than 1000 us, the longest 5100: the thread is not \
-                      run in time; see docs/realtime.md";
+                      run in time; give it a real-time priority, a CPU of its own and locked memory";
         assert_eq!(said, wanted);
     }
 

@@ -1,6 +1,7 @@
 //! What can go wrong with a port, and what to do then.
 
 use super::{Channel, ChannelMask, CsStatus, PortState};
+use crate::Rounded;
 use crate::bus::BusError;
 use alloc::{boxed::Box, string::String};
 use core::time::Duration;
@@ -14,7 +15,10 @@ pub enum PortError<E: BusError> {
     #[error(transparent)]
     Bus(#[from] E),
     /// A bounded wait came to its end.
-    #[error("SSLBP port {port}: waited {waited:?} for {waiting_for}; {registers}: {hint}")]
+    #[error(
+        "SSLBP port {port}: waited {} for {waiting_for}; {registers}: {hint}",
+        Rounded(.waited)
+    )]
     Timeout {
         /// The port.
         port: u8,

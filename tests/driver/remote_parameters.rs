@@ -278,9 +278,9 @@ fn the_boards_watchdog_has_its_usual_time_after_it_and_one_that_has_bitten_is_an
 
 #[test]
 fn a_watchdog_that_the_period_can_not_feed_is_not_written() {
-    let text = "port 0, channel 1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1ms, \
-                and is fed once in a period of 1ms; a write or transfer that is lost must not let it \
-                bite, so it needs 2 x 1ms = 2ms: choose a longer time for it, or a shorter period";
+    let text = "port 0, channel 1: the remote's watchdog (NVWatchDogTimeout in ms) bites after 1 ms, \
+                and is fed once in a period of 1 ms; a write or transfer that is lost must not let it \
+                bite, so it needs 2 x 1 ms = 2 ms: choose a longer time for it, or a shorter period";
     let error = write(&mut discovered(fpga()), ANALOG, "NVWatchDogTimeout", 1).unwrap_err();
     assert_eq!(error.to_string(), text);
 

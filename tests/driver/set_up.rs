@@ -38,7 +38,7 @@ fn a_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmetic() {
     assert_eq!(needed, millis(2));
     let text = error.to_string();
     assert!(
-        text.contains("1.9ms") && text.contains("2 x 1ms = 2ms"),
+        text.contains("1.9 ms") && text.contains("2 x 1 ms = 2 ms"),
         "{text}"
     );
     assert!(start(fpga(), |s| s.watchdog = Some(millis(2))).is_ok());
@@ -58,7 +58,7 @@ fn a_remotes_watchdog_that_the_period_can_not_feed_is_refused_with_the_arithmeti
     assert_eq!(watchdog, millis(50));
     let text = error.to_string();
     assert!(
-        text.contains("NVWatchDogTimeout") && text.contains("2 x 26ms = 52ms"),
+        text.contains("NVWatchDogTimeout") && text.contains("2 x 26 ms = 52 ms"),
         "{text}"
     );
     assert!(built(25).is_ok());

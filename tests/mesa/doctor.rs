@@ -51,7 +51,16 @@ fn computer(name: &str, files: &[(&str, &str)]) -> PathBuf {
 fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
     let board = Board::start(
         Ipv4Addr::LOCALHOST,
-        &["--board", "7i97", "--port", "0", "--remote", "0=7i77-io:2"],
+        &[
+            "--board",
+            "7i97",
+            "--port",
+            "0",
+            "--remote",
+            "0=7i77-io:2",
+            "--remote",
+            "1=7i77-io:0",
+        ],
     );
     let address = board.address.to_string();
     // Long enough for a busy machine, and still what the DPLL of a 7I97 follows.
@@ -72,10 +81,14 @@ fn a_machine_is_looked_at_with_consent_and_ends_with_its_outputs_off() {
     let (_, loss) = finding(&found, "packet loss");
     assert!(loss.contains(" of 10 lost"), "{loss}");
     let (_, watchdog) = finding(&found, "board: watchdog against period");
-    assert_eq!(watchdog, "50ms, period 10ms");
+    assert_eq!(watchdog, "50 ms, period 10 ms");
     assert_eq!(
         finding(&found, "channel 0, 7I77: field power"),
-        ("ok", "nothing reported")
+        ("ok", "measured, and no fault reported")
+    );
+    assert_eq!(
+        finding(&found, "channel 1, 7I77: field power"),
+        ("unknown", "not measured in this software mode")
     );
     let (_, kernel) = finding(&found, "kernel");
     assert!(kernel.contains("PREEMPT_RT"), "{kernel}");

@@ -179,6 +179,8 @@ fn it_ends_on_a_signal_with_what_was_measured_and_never_drives_anything() {
     let Run { code, out, err } = child.output().into();
     assert_eq!(code, Some(130), "{out}{err}");
     assert!(out.contains("CPU per cycle: "), "{out}{err}");
+    let said = "ended by SIGINT before its time; no output was ever on, and the ports are stopped";
+    assert!(err.contains(said), "{err}");
     assert!(
         err.contains("port 0, channel 0: 7I77"),
         "what was found: {err}"

@@ -108,7 +108,7 @@ fn no_reply_is_said_and_ctrl_c_ends_the_waiting() {
     let ask = ["raw", QUESTIONS[0], "--addr", &address, "--timeout"];
     let silent = run(&[&ask[..], &["0.2"]].concat());
     assert_eq!(silent.code, Some(1), "{silent:?}");
-    assert!(silent.err.contains("no reply within 200ms"), "{silent:?}");
+    assert!(silent.err.contains("no reply within 200 ms"), "{silent:?}");
 
     let begun = Instant::now();
     let waiting = command(&[&ask[..], &["10"]].concat()).spawn();

@@ -89,14 +89,15 @@ fn what_is_no_register_or_no_value_of_one_is_said() {
             2,
             "no number of 32 bits",
         ),
-        (&["poke", "7:0x12", "1", "--yes"], 1, "can not be written"),
-        (&["poke", "2:0x02", "1", "--yes"], 1, "from 0x20 on"),
-        (&["poke", "4:0x1C", "1", "--yes"], 1, "numbers its packets"),
-        (&["poke", "3:0x0C", "0", "--yes"], 1, "its own commands"),
+        (&["poke", "7:0x12", "1", "--yes"], 2, "can not be written"),
+        (&["poke", "2:0x02", "1", "--yes"], 2, "from 0x20 on"),
+        (&["poke", "4:0x1C", "1", "--yes"], 2, "numbers its packets"),
+        (&["poke", "3:0x0C", "0", "--yes"], 2, "its own commands"),
     ] {
         let run = run(&[arguments, &["--sim", "7i97"]].concat());
         assert_eq!(run.code, Some(code), "{arguments:?}: {run:?}");
         assert!(run.err.contains(said), "{arguments:?}: {run:?}");
+        assert!(!run.err.contains("writes 0x"), "announced: {run:?}");
     }
 }
 

@@ -105,8 +105,21 @@ fn without_its_trigger_nothing_is_written() {
     ];
     let late = run(&[&["scope", "input-02", "--timeout", "1"], &sim[..]].concat());
     assert_eq!(late.code, Some(1), "{late:?}");
-    assert!(late.err.contains("has not crossed 0.5"), "{late:?}");
+    assert!(late.err.contains("has not crossed 0.5 rising"), "{late:?}");
     assert!(!csv.0.exists());
+    // What can not be is not waited for.
+    for (more, said) in [
+        (
+            ["--level", "5"],
+            "is a bit, 0 or 1, and never crosses 5 rising",
+        ),
+        (["--level", "0"], "never crosses 0 rising"),
+        (["--plot", csv.path()], "need a file each"),
+    ] {
+        let refused = run(&[&["scope", "input-02"], &more[..], &sim[..]].concat());
+        assert_eq!(refused.code, Some(2), "{refused:?}");
+        assert!(refused.err.contains(said), "{refused:?}");
+    }
 
     let mut board = board();
     let address = board.address.to_string();

@@ -102,6 +102,12 @@ fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
         ("at 5s", "at TIME COMMAND"),
         ("at 5s wait until time >9", "later"),
         ("show motor.*.colour", "nothing is like"),
+        ("show foo", "expected all, network, board"),
+        (
+            "at +1ms quit now",
+            "`quit` is no command, or it takes something else",
+        ),
+        ("@1 show", "no board `1`; expected 0 (board)"),
     ] {
         let refused = console.command(bad).unwrap_err();
         assert!(refused.contains(said), "{bad}: {refused}");

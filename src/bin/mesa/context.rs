@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use mesa_hal::runner::{Signal, Stop};
 use serde::Serialize;
 
-use crate::output;
+use crate::{output, words};
 
 /// What every command gets.
 #[derive(Debug)]
@@ -86,7 +86,7 @@ impl Failure {
     fn new(why: Why, message: impl Display) -> Self {
         Self {
             why,
-            message: message.to_string(),
+            message: words::typed(message),
         }
     }
 

@@ -9,12 +9,14 @@ mod context;
 mod files;
 mod full_screen;
 mod modes;
+mod number;
 mod output;
 mod pattern;
 mod place;
 mod running;
 mod sim;
 mod target;
+mod words;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -32,7 +34,8 @@ struct Cli {
     /// Print what was found as JSON, for programs
     #[arg(long, global = true)]
     json: bool,
-    /// Do what drives an output, stops a machine or writes to a memory without asking
+    /// Do what drives an output, stops a machine or writes to a memory without asking;
+    /// what only reads never asks
     #[arg(long, global = true)]
     yes: bool,
     #[command(subcommand)]

@@ -10,6 +10,7 @@ use mesa_hal::{Board, BoardState, Driver, Settings};
 
 use crate::context::Failure;
 use crate::output::complain;
+use crate::words;
 
 /// Starts everything on a board with all outputs off, and says on standard error what was found, what
 /// is missing, and what disagrees with its table.
@@ -25,14 +26,8 @@ pub fn go(board: Board<UdpBus>) -> Result<Driver<UdpBus>, Failure> {
 }
 
 /// What keeps a board from running, if anything does.
-pub fn trouble(state: BoardState) -> Option<&'static str> {
-    match state {
-        BoardState::Running => None,
-        BoardState::WatchdogBitten => Some("the board's watchdog has bitten"),
-        BoardState::Reset => Some("the board was reset, or has lost power"),
-        BoardState::BusDown => Some("the board does not answer any more"),
-        _ => Some("the board does not run"),
-    }
+pub fn trouble(state: BoardState) -> Option<BoardState> {
+    Some(state).filter(|state| *state != BoardState::Running)
 }
 
 /// Fails if somebody else was found to drive the board while it ran: nothing that it showed is certain.
@@ -110,7 +105,7 @@ fn found(driver: &Driver<UdpBus>) -> String {
     for remark in driver.remarks() {
         let _ = writeln!(text, "Note: {remark}");
     }
-    text
+    words::typed(text)
 }
 
 /// Whether nothing answers on a channel.

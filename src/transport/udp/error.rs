@@ -3,6 +3,7 @@
 use core::time::Duration;
 use std::io::{self, ErrorKind};
 
+use crate::Rounded;
 use crate::bus::{Access, BusError, BusErrorKind};
 
 /// An exchange with an Ethernet board failed.
@@ -11,8 +12,9 @@ use crate::bus::{Access, BusError, BusErrorKind};
 pub enum UdpError {
     /// No reply at all within the deadline.
     #[error(
-        "request {request}: no reply within {waited:?}; \
-         check the board's power, cable, IP address and jumpers, or allow a longer deadline"
+        "request {request}: no reply within {}; \
+         check the board's power, cable, IP address and jumpers, or allow a longer deadline",
+        Rounded(.waited)
     )]
     Lost {
         /// Number of the request.
@@ -22,9 +24,11 @@ pub enum UdpError {
     },
     /// The reply came, but after the deadline.
     #[error(
-        "request {request}: the reply came after {waited:?}, {by:?} too late; \
+        "request {request}: the reply came after {}, {} too late; \
          the host was busy with something else, or the network is: look for its interrupts, \
-         power saving and other traffic, or allow a longer deadline"
+         power saving and other traffic, or allow a longer deadline",
+        Rounded(.waited),
+        Rounded(.by)
     )]
     Late {
         /// Number of the request.
@@ -36,8 +40,9 @@ pub enum UdpError {
     },
     /// Only replies to earlier requests came.
     #[error(
-        "request {request}: within {waited:?} came only the reply to request {got}; \
-         the network delays packets by more than the deadline"
+        "request {request}: within {} came only the reply to request {got}; \
+         the network delays packets by more than the deadline",
+        Rounded(.waited)
     )]
     Stale {
         /// Number of the request.
@@ -49,8 +54,9 @@ pub enum UdpError {
     },
     /// Datagrams came, but none was a reply to any request.
     #[error(
-        "request {request}: within {waited:?} came {datagrams} datagrams, and none is a reply: \
-         something else than a board answers at this address and port; check both"
+        "request {request}: within {} came {datagrams} datagrams, and none is a reply: \
+         something else than a board answers at this address and port; check both",
+        Rounded(.waited)
     )]
     Foreign {
         /// Number of the request.
@@ -62,8 +68,9 @@ pub enum UdpError {
     },
     /// Only replies of a wrong size came.
     #[error(
-        "request {request}: within {waited:?} came only a reply of {got} bytes, expected {expected}; \
-         does another program talk to this board?"
+        "request {request}: within {} came only a reply of {got} bytes, expected {expected}; \
+         does another program talk to this board?",
+        Rounded(.waited)
     )]
     Short {
         /// Number of the request.
@@ -77,8 +84,9 @@ pub enum UdpError {
     },
     /// The board receives packets that are not ours.
     #[error(
-        "somebody else drives this board: within {within:?} it received {packets} packets that are \
-         not ours; end the other program (LinuxCNC, mesaflash, another driver), also on other hosts"
+        "somebody else drives this board: within {} it received {packets} packets that are \
+         not ours; end the other program (LinuxCNC, mesaflash, another driver), also on other hosts",
+        Rounded(.within)
     )]
     OtherHost {
         /// How many.
@@ -88,8 +96,9 @@ pub enum UdpError {
     },
     /// The packet could not be sent or received.
     #[error(
-        "{} ({waited:?} after the request); check the board's IP address and its cable",
-        reason(*kind)
+        "{} ({} after the request); check the board's IP address and its cable",
+        reason(*kind),
+        Rounded(.waited)
     )]
     Link {
         /// What the operating system said.
@@ -129,8 +138,9 @@ pub enum UdpError {
     NotStarted,
     /// A board does not hold a list back for so long.
     #[error(
-        "the list is to wait for the board's next period for up to {limit:?}, and boards wait for \
-         65.535 ms at most; use a shorter period, or let the host pace the cycle"
+        "the list is to wait for the board's next period for up to {}, and boards wait for \
+         65.535 ms at most; use a shorter period, or let the host pace the cycle",
+        Rounded(.limit)
     )]
     LongHold {
         /// How long it may wait.

@@ -4,6 +4,7 @@ use mesa_hal::Remark;
 use mesa_hal::hal::{AnyValue, HalType, PinError, PinId, PinInfo, Pins, Value};
 
 use crate::context::Failure;
+use crate::number::{self, end};
 
 /// Says why the remote that a pin's name has in it is missing: by its port and channel, which follow
 /// the card (`7i77.0.0.output-03`).
@@ -116,11 +117,11 @@ pub fn range(info: &PinInfo) -> String {
         HalType::U64 => ("a whole number", 0.0, u64::MAX as f64),
     };
     match info.limits {
-        Some((min, max)) => format!("{kind} from {min} to {max} {}", info.unit)
+        Some((min, max)) => format!("{kind} from {} to {} {}", end(min), end(max), info.unit)
             .trim_end()
             .to_owned(),
         None if info.hal_type == HalType::Float => kind.to_owned(),
-        None => format!("{kind} from {least} to {most}"),
+        None => format!("{kind} from {} to {}", end(least), end(most)),
     }
 }
 
@@ -128,7 +129,7 @@ pub fn range(info: &PinInfo) -> String {
 pub fn text(value: AnyValue) -> String {
     match value.hal_type {
         HalType::Bit => u8::from(bool::from_bits(value.bits)).to_string(),
-        HalType::Float => format!("{:.4}", f64::from_bits(value.bits)),
+        HalType::Float => number::value(f64::from_bits(value.bits)),
         _ => value.to_string(),
     }
 }

@@ -14,6 +14,7 @@ use serde_json::Value;
 
 use crate::context::{Context, Ending, Failure};
 use crate::modes::Modes;
+use crate::number;
 use crate::output::complain;
 use crate::pattern::Pattern;
 use crate::place;
@@ -170,7 +171,11 @@ impl Display for Rows {
                 terminal: row.terminal.clone(),
                 signal: row.signal.clone(),
             });
-            let number = format!("{} {}", row.value, row.unit);
+            let number = match row.value.as_f64().filter(|_| row.value.is_f64()) {
+                Some(value) => number::value(value),
+                None => row.value.to_string(),
+            };
+            let number = format!("{number} {}", row.unit);
             let state = match (row.valid, row.age_us) {
                 (true, None) => String::new(),
                 (true, Some(age)) => format!("{:.1} ms old", age as f64 / 1e3),

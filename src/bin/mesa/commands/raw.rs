@@ -4,7 +4,8 @@ use std::fmt::{self, Display, Write};
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations, Space};
+use mesa_hal::Rounded;
+use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
 use mesa_hal::transport::udp::{Link, UdpLink};
 use serde::Serialize;
 
@@ -116,9 +117,10 @@ impl Raw {
                 return Ok(context.ending());
             }
             return Err(Failure::refused(format_args!(
-                "{}: no reply within {:?}; the packet was lost, or the board restarts; what it writes \
+                "{}: no reply within {}; the packet was lost, or the board restarts; what it writes \
                  may have been executed, so read it back before you send it again",
-                found.address, self.timeout
+                found.address,
+                Rounded(&self.timeout)
             )));
         };
         let reply = &buffer[..len];
@@ -201,7 +203,7 @@ impl Line {
         Self {
             command: if command.write { "write" } else { "read" },
             space: command.space as u8,
-            space_name: space_name(command.space),
+            space_name: command.space.name(),
             info: command.info,
             address: answered.operation.address,
             bits: 8 * command.size.bytes(),
@@ -243,20 +245,6 @@ impl Display for Dialogue {
             writeln!(f)?;
         }
         Ok(())
-    }
-}
-
-/// A space as people call it.
-pub fn space_name(space: Space) -> &'static str {
-    match space {
-        Space::HostMot2 => "HostMot2",
-        Space::EthernetChip => "Ethernet chip",
-        Space::Eeprom => "EEPROM",
-        Space::Flash => "flash",
-        Space::Timer => "timer",
-        Space::Unused => "unused",
-        Space::Control => "control",
-        Space::ReadOnly => "read only",
     }
 }
 

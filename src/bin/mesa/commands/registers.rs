@@ -7,9 +7,9 @@ use clap::Args;
 use mesa_hal::bus::{Access, RegisterBus};
 use mesa_hal::ethernet::EthernetBoard;
 use mesa_hal::lbp16::{ElementSize, Space};
+use mesa_hal::transport::udp::UdpBus;
 use serde::Serialize;
 
-use super::raw::space_name;
 use crate::context::{Context, Ending, Failure};
 use crate::target::{ChangedTarget, Target};
 
@@ -98,6 +98,8 @@ impl Poke {
                 )));
             }
         }
+        EthernetBoard::<UdpBus>::check_poke(space, address, self.values.len())
+            .map_err(Failure::usage)?;
         let found = self.target.find()?;
         let values: Vec<String> = self
             .values
@@ -105,10 +107,8 @@ impl Poke {
             .map(|value| format!("0x{value:X}"))
             .collect();
         let what = format!(
-            "writes {} to 0x{address:04X} of space {} ({})",
-            values.join(" "),
-            space as u8,
-            space_name(space)
+            "writes {} to 0x{address:04X} of space {space}",
+            values.join(" ")
         );
         let mut bus = found.open()?;
         if !context.agrees(&self.target, &found, &what)? {
@@ -136,7 +136,7 @@ impl Contents {
         let registers = addresses.zip(values).enumerate();
         Self {
             space: place.space as u8,
-            space_name: space_name(place.space),
+            space_name: place.space.name(),
             bits: 8 * size,
             registers: registers
                 .map(|(index, (address, &value))| Register {

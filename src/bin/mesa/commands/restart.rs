@@ -109,8 +109,9 @@ impl Restart {
             }
             if let Some(signal) = context.stop.signal() {
                 complain(format_args!(
-                    "mesa: {signal}: the {action} is on its way and can not be taken back; the board \
-                     has not answered yet"
+                    "mesa: ended by {signal}: nobody waits for the board any more, which has not \
+                     answered yet; the {action} is on its way and can not be taken back. `mesa info` \
+                     tells whether it is there"
                 ));
                 return Ok(context.ending());
             }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::fmt::Write;
 use std::time::Duration;
 
-use super::console::line;
+use super::console::{line, wrong};
 
 /// The most commands that wait for their time.
 const MOST_COMMANDS: usize = 1000;
@@ -37,6 +37,7 @@ impl Agenda {
             Some(word @ ("at" | "wait" | "source" | "show" | "help" | "agenda" | "boards")) => {
                 return Err(format!("`{word}` can not be done later"));
             }
+            Some(word @ "quit") if command.trim() != word => return Err(wrong(word)),
             Some(_) => {}
         }
         if at < now {

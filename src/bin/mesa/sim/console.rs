@@ -248,7 +248,12 @@ fn show(machine: &mut Machine, face: &UdpFace, what: &str) -> Result<String, Str
         "time" => show_time(&mut text, machine),
         pattern if pattern.contains(['*', '.']) => return show_pattern(machine, face, pattern),
         _ => {
-            let channel = number(what)?;
+            let channel = what.parse().map_err(|_| {
+                format!(
+                    "`{what}`: expected all, network, board, motors, time, a channel, or a pattern such \
+                     as motor.*.position"
+                )
+            })?;
             machine.cable(channel)?;
             remotes::show(&mut text, machine, channel);
         }

@@ -1,5 +1,6 @@
 //! Control sockets: the console for other programs.
 
+use std::fmt;
 use std::fs;
 use std::io::{self, BufReader, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
@@ -26,6 +27,16 @@ const PATIENCE: Duration = Duration::from_secs(10);
 pub enum Control {
     Port(u16),
     Path(PathBuf),
+}
+
+/// As it is given.
+impl fmt::Display for Control {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Port(port) => write!(f, "{port}"),
+            Self::Path(path) => write!(f, "{}", path.display()),
+        }
+    }
 }
 
 impl FromStr for Control {

@@ -105,7 +105,7 @@ fn listen(options: &Options, greeting: &mut String) -> Result<Vec<Socket>, Failu
     let mut sockets = Vec::new();
     for control in &options.control {
         let socket = Socket::bind(control)
-            .map_err(|error| Failure::refused(format_args!("--control {control:?}: {error}")))?;
+            .map_err(|error| Failure::refused(format_args!("--control {control}: {error}")))?;
         let _ = writeln!(greeting, "control on {}", socket.place);
         sockets.push(socket);
     }

@@ -98,8 +98,11 @@ impl Network {
         let by_name = self.boards.iter().find(|link| link.name == word);
         let by_number = || self.boards.get(word.parse::<usize>().ok()?);
         by_name.or_else(by_number).ok_or_else(|| {
-            let names: Vec<_> = self.boards.iter().map(|link| link.name.as_str()).collect();
-            format!("no board `{word}`; there are {}", names.join(", "))
+            let boards = self.boards.iter().enumerate();
+            let names: Vec<_> = boards
+                .map(|(number, link)| format!("{number} ({})", link.name))
+                .collect();
+            format!("no board `{word}`; expected {}", names.join(" or "))
         })
     }
 

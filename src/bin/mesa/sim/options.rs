@@ -153,6 +153,17 @@ impl Options {
                 ));
             }
         }
+        for index in 1..count {
+            // What each is called; several may be of one file.
+            let before = &machines[..index];
+            let is_free = |name: &String| before.iter().all(|(other, _)| other != name);
+            let name = &machines[index].0;
+            let numbered = (2..).map(|number| format!("{name}-{number}"));
+            let free = std::iter::once(name.clone()).chain(numbered).find(is_free);
+            if let Some(free) = free {
+                machines[index].0 = free;
+            }
+        }
         let machines = machines.into_iter().enumerate();
         machines
             .map(|(index, (name, machine))| self.place(index, count, name, machine))

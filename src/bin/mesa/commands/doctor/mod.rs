@@ -23,6 +23,7 @@ use crate::files;
 use crate::output::complain;
 use crate::running;
 use crate::target::{Found, Target};
+use crate::words;
 
 const AFTER_HELP: &str = "\
 It reads this computer's files and asks the board. Then it starts the machine with all outputs
@@ -94,6 +95,9 @@ impl Doctor {
             self.gather(context, &found, path)?;
         }
         findings.extend(computer::all(&host, network::interface(&here, address)));
+        for finding in &mut findings {
+            finding.figure = words::typed(&finding.figure);
+        }
         let verdict = diagnosis::worst(&findings);
         if let Some(signal) = context.stop.signal() {
             complain(format_args!(
@@ -230,7 +234,10 @@ fn judge(
         if failed == 0 && driver.board_state() == BoardState::Running {
             Finding::good("cycles", figure)
         } else {
-            let figure = format!("{figure}; the board is {:?}", driver.board_state());
+            let figure = match running::trouble(driver.board_state()) {
+                Some(trouble) => format!("{figure}; {trouble}"),
+                None => figure,
+            };
             Finding::new(
                 Verdict::Look,
                 "cycles",

@@ -111,6 +111,11 @@ impl Latency {
             run.stopped.map_err(Failure::refused)?;
         }
         drawn.transpose()?;
+        if let Some(signal) = context.stop.signal() {
+            complain(format_args!(
+                "mesa: ended by {signal} before its time; no output was ever on, and the ports are stopped"
+            ));
+        }
         Ok(match context.ending() {
             Ending::Done if was_offline => Ending::Refused,
             ending => ending,

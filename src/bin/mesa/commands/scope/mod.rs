@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use mesa_hal::Settings;
-use mesa_hal::hal::PinInfo;
+use mesa_hal::hal::{HalType, PinInfo};
 use mesa_hal::runner::{Edge, Runner, Scope as Recorder, ScopeState, Trigger};
 use mesa_hal::transport::udp::UdpConfig;
 use serde::Serialize;
@@ -94,6 +94,7 @@ struct Report {
 
 impl Scope {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        self.check_files()?;
         let found = self.target.find()?;
         let settings = Settings {
             period: Duration::from_micros(self.period.into()),
@@ -113,6 +114,7 @@ impl Scope {
         let info = |pin| pins.info_of(pin).cloned().ok_or("the pin is gone");
         let infos = recorded.iter().map(|&pin| info(pin));
         let infos = infos.collect::<Result<Vec<_>, _>>()?;
+        self.check_level(&info(pin)?)?;
         let trigger = Trigger {
             pin,
             level: self.level,
@@ -125,18 +127,6 @@ impl Scope {
         let mut scope =
             Recorder::new(pins, &recorded, trigger, (before, cycles)).map_err(Failure::usage)?;
         let trigger = info(pin)?.name;
-        for file in std::iter::once(&self.csv).chain(&self.plot) {
-            let folder = file
-                .parent()
-                .filter(|folder| !folder.as_os_str().is_empty());
-            if folder.is_some_and(|folder| !folder.is_dir()) {
-                return Err(Failure::usage(format_args!(
-                    "{}: there is no such folder",
-                    file.display()
-                )));
-            }
-        }
-
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());
         let runner = Runner::new(driver).stop_on(context.stop.clone());
@@ -164,8 +154,10 @@ impl Scope {
         }
         if scope.state() != ScopeState::Done {
             return Err(Failure::refused(format_args!(
-                "{trigger} has not crossed {} ({:?}) in {} s; nothing was written",
-                self.level, self.edge, self.timeout
+                "{trigger} has not crossed {} {} in {} s; nothing was written",
+                self.level,
+                self.edge.word(),
+                self.timeout
             )));
         }
         files::write(&self.csv, table(&infos, &scope).as_bytes())?;
@@ -183,6 +175,56 @@ impl Scope {
             plot: self.plot.clone(),
         })?;
         Ok(Ending::Done)
+    }
+}
+
+impl Scope {
+    /// Looks at what will be written before anything is waited for.
+    fn check_files(&self) -> Result<(), Failure> {
+        if self.plot.as_ref() == Some(&self.csv) {
+            return Err(Failure::usage(format_args!(
+                "{}: values and picture need a file each",
+                self.csv.display()
+            )));
+        }
+        for file in std::iter::once(&self.csv).chain(&self.plot) {
+            let folder = file
+                .parent()
+                .filter(|folder| !folder.as_os_str().is_empty());
+            if folder.is_some_and(|folder| !folder.is_dir()) {
+                return Err(Failure::usage(format_args!(
+                    "{}: there is no such folder",
+                    file.display()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses a level that the trigger never crosses.
+    fn check_level(&self, info: &PinInfo) -> Result<(), Failure> {
+        let is_crossed = match self.edge {
+            Direction::Rising => self.level > 0.0 && self.level <= 1.0,
+            Direction::Falling => self.level >= 0.0 && self.level < 1.0,
+        };
+        if info.hal_type != HalType::Bit || is_crossed {
+            return Ok(());
+        }
+        Err(Failure::usage(format_args!(
+            "{} is a bit, 0 or 1, and never crosses {} {}; leave --level out",
+            info.name,
+            self.level,
+            self.edge.word()
+        )))
+    }
+}
+
+impl Direction {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Rising => "rising",
+            Self::Falling => "falling",
+        }
     }
 }
 

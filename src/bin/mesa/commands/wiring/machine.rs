@@ -130,7 +130,7 @@ fn is_armed(pins: &Pins, pin: PinId) -> bool {
 /// Why what a pin shows is not valid.
 pub fn reason(snapshot: &Snapshot, info: &PinInfo) -> String {
     if let Some(trouble) = running::trouble(snapshot.board().0) {
-        return trouble.to_owned();
+        return trouble.to_string();
     }
     let mut remotes = snapshot.remotes();
     let Some(remote) = remotes.find(|remote| remote.group == info.group) else {

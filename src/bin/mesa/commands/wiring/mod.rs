@@ -13,7 +13,7 @@ use mesa_hal::diagnosis::wiring::{self, Check};
 use mesa_hal::driver::{Remark, RemarkKind};
 use mesa_hal::hal::{GroupId, PinInfo, Place};
 use mesa_hal::transport::udp::UdpBus;
-use mesa_hal::{Board, Settings};
+use mesa_hal::{Board, Rounded, Settings};
 
 use super::set::{self, Hazard, hazard};
 use crate::context::{Context, Ending, Failure};
@@ -215,11 +215,11 @@ impl Wiring {
             ..outputs.map(|item| item.info.place.clone()).collect()
         };
         let what = format!(
-            "{}: drives {} digital outputs one after the other, each for {:?} with all others off, \
+            "{}: drives {} digital outputs one after the other, each for {} with all others off, \
              no drive enables and no analog outputs: {}",
             found.address,
             count,
-            self.time,
+            Rounded(&self.time),
             place::short(&at)
         );
         context.consent(&what, Some(found))

@@ -1,0 +1,56 @@
+//! Numbers for people. Times are [`mesa_hal::Rounded`]; JSON has every digit.
+
+/// A value of a pin: four digits behind the point, or in front of the power of ten where these would
+/// say nothing.
+pub fn value(number: f64) -> String {
+    match number.abs() {
+        size if size == 0.0 || (1e-3..1e7).contains(&size) => format!("{number:.4}"),
+        _ => format!("{number:.3e}"),
+    }
+}
+
+/// The end of a range: what a person would have typed. Boards and remotes keep many of them as numbers
+/// of 32 bits, whose further digits mean nothing.
+pub fn end(number: f64) -> String {
+    let short = number as f32;
+    match number.abs() {
+        size if size >= 1e10 || (size > 0.0 && size < 1e-4) => format!("{number:.3e}"),
+        _ if f64::from(short).to_bits() == number.to_bits() => short.to_string(),
+        _ => {
+            let text = format!("{number:.4}");
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_have_four_digits() {
+        for (number, text) in [
+            (0.0, "0.0000"),
+            (1.0, "1.0000"),
+            (-23.711_107_671_260_834, "-23.7111"),
+            (1e300, "1.000e300"),
+            (1.234_56e-6, "1.235e-6"),
+        ] {
+            assert_eq!(value(number), text);
+        }
+    }
+
+    #[test]
+    fn ends_of_ranges_are_what_was_meant() {
+        for (number, text) in [
+            (0.0, "0"),
+            (-10.0, "-10"),
+            (36.299_999_237_060_55, "36.3"),
+            (2_083_333.333_333_333_3, "2083333.3333"),
+            (4_294_967_295.0, "4294967295"),
+            (f64::MAX, "1.798e308"),
+        ] {
+            assert_eq!(end(number), text);
+        }
+    }
+}
