@@ -9,7 +9,7 @@ use clap::Args;
 use mesa_hal::driver::{FoundRemote, RemoteWatchdog};
 use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo, Pins, Role};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
-use mesa_hal::{Board, Settings};
+use mesa_hal::{Board, Rounded, Settings};
 
 use super::named;
 use crate::context::{Context, Ending, Failure};
@@ -164,8 +164,8 @@ impl Set {
                     .to_owned()
             }
             _ => format!(
-                "is slow (NVWatchDogTimeout): when its cable breaks, what is on stays on for {:?}",
-                watchdog.time().unwrap_or_default()
+                "is slow (NVWatchDogTimeout): when its cable breaks, what is on stays on for {}",
+                Rounded(&watchdog.time().unwrap_or_default())
             ),
         };
         if self.slow_watchdog {
@@ -205,10 +205,10 @@ impl Set {
             ""
         };
         format!(
-            "sets {} to {}{unit} for {:?}{own}{}, with all other outputs off, then back to {}{unit}",
+            "sets {} to {}{unit} for {}{own}{}, with all other outputs off, then back to {}{unit}",
             with_place(info),
             named::text(value),
-            self.time,
+            Rounded(&self.time),
             with.collect::<String>(),
             named::text(safe)
         )
