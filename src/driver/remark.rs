@@ -171,13 +171,17 @@ pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
 }
 
 /// Why nothing answers on a channel is less harmless if the other part of a 7I77 is beside it: on the
-/// card's connector the field I/O comes first, then the analog part (FACTS 8.1).
-pub(super) fn silent_part(remotes: &[FoundRemote], channel: u8) -> Option<RemarkKind> {
+/// card's connector the field I/O comes first, then the analog part (FACTS 8.1). `is` says whether a channel
+/// has a remote of a table.
+pub(crate) fn silent_part(
+    is: impl Fn(Option<u8>, &RemoteTable) -> bool,
+    channel: u8,
+) -> Option<RemarkKind> {
     let (field, analog) = (&i7i77::FIELD, &i7i77::ANALOG);
     let (before, after) = (channel.checked_sub(1), Some(channel + 1));
-    let (part, other, beside) = if is(remotes, before, field) {
+    let (part, other, beside) = if is(before, field) {
         (analog, field, before)
-    } else if is(remotes, after, analog) && !is(remotes, Some(channel + 2), field) {
+    } else if is(after, analog) && !is(Some(channel + 2), field) {
         (field, analog, after)
     } else {
         return None;
@@ -190,7 +194,7 @@ pub(super) fn silent_part(remotes: &[FoundRemote], channel: u8) -> Option<Remark
 }
 
 /// Whether a channel has a remote of that table.
-fn is(remotes: &[FoundRemote], channel: Option<u8>, table: &RemoteTable) -> bool {
+pub(super) fn is(remotes: &[FoundRemote], channel: Option<u8>, table: &RemoteTable) -> bool {
     let mut remotes = remotes.iter();
     remotes.any(|remote| {
         Some(remote.started.channel.index()) == channel && table.matches(&remote.descriptor)

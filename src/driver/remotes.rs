@@ -188,9 +188,10 @@ impl Plan {
                 }
                 _ => {
                     let remark = stage.remark(channel.index(), kind);
+                    let is = |channel, table: &_| remark::is(&stage.remotes, channel, table);
                     let part = remark
                         .is_silent()
-                        .then(|| remark::silent_part(&stage.remotes, channel.index()));
+                        .then(|| remark::silent_part(is, channel.index()));
                     let kind = part.flatten().unwrap_or(remark.kind);
                     self.miss(stage, channel, kind)?;
                 }

@@ -350,7 +350,7 @@ impl Inventory {
 
     /// Says what a person should look at.
     fn judge(&mut self) {
-        let mut findings: Vec<String> = Vec::new();
+        let mut findings = core::mem::take(&mut self.findings);
         findings.extend(self.ethernet.iter().flat_map(Ethernet::findings));
         let warnings = self.firmware.warnings.iter();
         findings.extend(warnings.map(|warning| format!("the firmware: {warning}")));

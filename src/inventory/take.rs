@@ -16,10 +16,14 @@ use crate::bus::{Clock, RegisterBus};
 use crate::discovery::{
     DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, RemoteTable, discover_port,
 };
+use crate::driver::silent_part;
 use crate::hostmot2::{Gtag, HostMot2, IoPorts};
 use crate::lbp::{RemoteFaults, RemoteLink};
 use crate::modules::watchdog::WatchdogRegisters;
-use crate::sslbp::{Channel as Line, Layout, LocalLocation, Port, PortLink, RemoteAccess};
+use crate::sslbp::{
+    Channel as Line, Layout, LocalLocation, Port, PortLink, RemoteAccess, StartFailure,
+    StartFailureReason,
+};
 
 /// Longer than the inventory of a port takes, however bad its wires are.
 const AT_MOST: Duration = Duration::from_secs(40);
@@ -46,7 +50,7 @@ pub fn take<B: RegisterBus + Clock>(
 ) -> Taken<Inventory, B> {
     let firmware = HostMot2::identify(bus)?;
     check_modes::<B>(&firmware, modes)?;
-    let mut ports = Vec::new();
+    let (mut ports, mut findings) = (Vec::new(), Vec::new());
     for (gtag, number) in serial_ports(&firmware) {
         if !goes_on() {
             break;
@@ -57,10 +61,12 @@ pub fn take<B: RegisterBus + Clock>(
             number,
             modes,
         };
-        ports.push(port.take(bus)?);
+        let (port, odd) = port.take(bus)?;
+        ports.push(port);
+        findings.extend(odd);
     }
     let mut inventory = Inventory {
-        findings: Vec::new(),
+        findings,
         ethernet,
         firmware: of_firmware(&firmware),
         serial_ports: ports,
@@ -137,6 +143,9 @@ fn of_firmware(firmware: &HostMot2) -> Firmware {
     }
 }
 
+/// A port, and what of its channels a person should look at.
+type PortTaken = (SerialPort, Vec<String>);
+
 /// A serial port of the firmware, and the software modes to start remotes in.
 #[derive(Clone, Copy)]
 struct PortOf<'a> {
@@ -147,7 +156,7 @@ struct PortOf<'a> {
 }
 
 impl PortOf<'_> {
-    fn take<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<SerialPort, B> {
+    fn take<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
         let bus_failed = InventoryError::Bus;
         let mut io_ports = IoPorts::locate(self.firmware)?;
         let inputs = io_ports.clone();
@@ -173,7 +182,7 @@ impl PortOf<'_> {
         Ok(port)
     }
 
-    fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<SerialPort, B> {
+    fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
         let channels = self.firmware.sserial_channels(self.gtag, self.number);
         let module = self.firmware.require(self.gtag)?;
         let mut port = Port::new(Layout::new(module, self.number, channels)?);
@@ -190,7 +199,7 @@ fn take_remotes<B: RegisterBus + Clock>(
     bus: &mut B,
     port: &mut Port,
     modes: &BTreeMap<(u8, u8), u8>,
-) -> Taken<SerialPort, B> {
+) -> Taken<PortTaken, B> {
     let (number, channels) = (port.layout().instance, port.layout().channels);
     let parameters = port.on(bus).reset()?;
     let lines = (0..channels).filter_map(Line::new);
@@ -201,6 +210,15 @@ fn take_remotes<B: RegisterBus + Clock>(
         ..DiscoveryOptions::default()
     };
     let outcomes = discover_port(port, bus, &starts, &options)?;
+    let findings = starts
+        .iter()
+        .zip(&outcomes)
+        .filter_map(|(&(line, _), outcome)| {
+            let failure = outcome.as_ref().err()?;
+            let odd = not_started(&starts, &outcomes, line, failure.reason)?;
+            Some(format!("port {number}, channel {}: {odd}", line.index()))
+        });
+    let findings = findings.collect();
     let mut channels = Vec::new();
     for (&(line, _), outcome) in starts.iter().zip(outcomes) {
         channels.push(Channel {
@@ -211,12 +229,35 @@ fn take_remotes<B: RegisterBus + Clock>(
             },
         });
     }
-    Ok(SerialPort {
+    let port = SerialPort {
         port: number,
         sslbp: format!("{}.{}", parameters.major, parameters.minor),
         clock_hz: parameters.clock_hz,
         channels,
-    })
+    };
+    Ok((port, findings))
+}
+
+/// Why a channel on which nothing started is not in order: nothing need be plugged in, but what answers
+/// has to start, and so has each part of a card of which another does.
+fn not_started(
+    starts: &[(Line, u8)],
+    outcomes: &[Result<Discovered, StartFailure>],
+    line: Line,
+    reason: StartFailureReason,
+) -> Option<String> {
+    if reason != StartFailureReason::NoReply {
+        return Some(format!("nothing started: {reason}"));
+    }
+    let is = |channel, table: &RemoteTable| {
+        let mut all = starts.iter().zip(outcomes);
+        all.any(|((line, _), outcome)| {
+            let found = outcome.as_ref();
+            Some(line.index()) == channel
+                && found.is_ok_and(|found| table.matches(&found.descriptor))
+        })
+    };
+    silent_part(is, line.index()).map(|kind| kind.to_string())
 }
 
 /// What was found, and what its parameters are.

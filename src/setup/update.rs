@@ -397,9 +397,16 @@ impl Plan {
     fn behind_end<L: RemoteLink>(&self, link: &mut L, file: u32) -> Result<Option<u32>, L::Error> {
         let begin = file.next_multiple_of(self.write_size);
         let end = file.next_multiple_of(self.erase_size) + self.erase_size;
+        set_offset(link, 0)?;
+        let first = read_double(link, 0)?;
         for offset in (begin..end).step_by(self.write_size as usize) {
             set_offset(link, offset)?;
-            if read_double(link, 0)? != ERASED {
+            let read = read_double(link, 0)?;
+            // Behind its end the memory may begin anew.
+            if offset % self.erase_size == 0 && read == first {
+                break;
+            }
+            if read != ERASED {
                 return Ok(Some(offset));
             }
         }

@@ -86,7 +86,7 @@ impl Failure {
     fn new(why: Why, message: impl Display) -> Self {
         Self {
             why,
-            message: words::typed(message),
+            message: words::typed(&message),
         }
     }
 

@@ -65,37 +65,6 @@ fn breaking(line: &str, width: usize, is_first: bool) -> Option<usize> {
     at.filter(|&at| at > begin)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn long_lines_are_broken_at_gaps_and_nothing_is_lost() {
-        let text =
-            "short\n  hm2_7i97.0.encoder.00.count  s32   OUT  0   0.0 ms old  TB1 pin 1, 2 QA0\n";
-        for width in 40..100 {
-            let wrapped = wrapped(text, width);
-            assert!(
-                wrapped.lines().all(|line| line.chars().count() <= width),
-                "{width}: {wrapped}"
-            );
-            let words = |text: &str| {
-                text.split_whitespace()
-                    .map(str::to_owned)
-                    .collect::<Vec<_>>()
-            };
-            assert_eq!(words(&wrapped), words(text), "{width}");
-        }
-        assert_eq!(wrapped(text, 200), text);
-        let unbroken = "x".repeat(60) + "\n";
-        assert_eq!(wrapped(&unbroken, 40), unbroken);
-        assert_eq!(
-            wrapped("  ab  cdefghijkl mnopqrstuv wxyz ABCDEFGHIJK\n", 40),
-            "  ab  cdefghijkl mnopqrstuv wxyz\n      ABCDEFGHIJK\n"
-        );
-    }
-}
-
 /// Looks at how something was printed.
 pub fn printed(result: io::Result<()>) {
     let lost = result.err();
@@ -139,5 +108,36 @@ pub fn release() {
     let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
     for line in held.unwrap_or_default() {
         complain(line);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_broken_at_gaps_and_nothing_is_lost() {
+        let text =
+            "short\n  hm2_7i97.0.encoder.00.count  s32   OUT  0   0.0 ms old  TB1 pin 1, 2 QA0\n";
+        for width in 40..100 {
+            let wrapped = wrapped(text, width);
+            assert!(
+                wrapped.lines().all(|line| line.chars().count() <= width),
+                "{width}: {wrapped}"
+            );
+            let words = |text: &str| {
+                text.split_whitespace()
+                    .map(str::to_owned)
+                    .collect::<Vec<_>>()
+            };
+            assert_eq!(words(&wrapped), words(text), "{width}");
+        }
+        assert_eq!(wrapped(text, 200), text);
+        let unbroken = "x".repeat(60) + "\n";
+        assert_eq!(wrapped(&unbroken, 40), unbroken);
+        assert_eq!(
+            wrapped("  ab  cdefghijkl mnopqrstuv wxyz ABCDEFGHIJK\n", 40),
+            "  ab  cdefghijkl mnopqrstuv wxyz\n      ABCDEFGHIJK\n"
+        );
     }
 }

@@ -105,7 +105,7 @@ fn found(driver: &Driver<UdpBus>) -> String {
     for remark in driver.remarks() {
         let _ = writeln!(text, "Note: {remark}");
     }
-    words::typed(text)
+    words::typed(&text)
 }
 
 /// Whether nothing answers on a channel.

@@ -25,7 +25,7 @@ const TYPED: &[(&str, &str)] = &[
 ];
 
 /// A sentence of the library, with what to type instead of what to program.
-pub fn typed(text: impl ToString) -> String {
+pub fn typed(text: &impl ToString) -> String {
     let text = text.to_string();
     TYPED
         .iter()

@@ -109,7 +109,7 @@ fn doubts(firmware: &Firmware, plan: &Plan) -> Vec<String> {
     match plan.has_bootloader {
         Some(true) => {}
         Some(false) => {
-            doubts.push("the file begins with another bootloader than the card's".into())
+            doubts.push("the file begins with another bootloader than the card's".into());
         }
         None => doubts.push("the card does not show what it has, so nothing was compared".into()),
     }
@@ -312,7 +312,7 @@ impl Bar {
 impl Report {
     fn said_doubts(&self) -> String {
         let doubts = self.doubts.iter();
-        doubts.map(|doubt| format!(". NOTE: {doubt}")).collect()
+        doubts.map(|doubt| [". NOTE: ", doubt].concat()).collect()
     }
 }
 
