@@ -338,8 +338,8 @@ fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
 
 /// Waits until a write has begun to erase: the user area is not what it was.
 fn wait_until_erasing(process: &mut Process) {
-    // An erase takes 600 ms for each of two sectors; the process needs far less to get there.
-    std::thread::sleep(Duration::from_millis(700));
+    // It listens for other masters first; then an erase takes 600 ms for each of four sectors.
+    std::thread::sleep(Duration::from_millis(1500));
     let running = process.child().try_wait().expect("a child");
     assert!(running.is_none(), "it still writes");
 }

@@ -5,7 +5,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
-use crate::interop::{board::Board, mesa};
+use crate::interop::{Scratch, board::Board, mesa};
 use crate::run::hold_against_schema;
 use serde_json::Value;
 
@@ -197,17 +197,31 @@ fn arguments_that_make_no_sense_are_said_and_not_ignored() {
 
 #[test]
 fn a_mode_that_a_remote_has_not_is_not_in_order() {
-    let arguments = ["--sim", SIM, "--mode", "0.0=77"];
-    let output = info(&arguments);
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(output.status.code(), Some(1), "{text}");
-    assert!(text.starts_with("1 thing to look at: MESA7I92"), "{text}");
+    for (machine, mode, said) in [
+        ("7i97", "0.0=2", "nothing started in software mode 2"),
+        (SIM, "0.0=77", "software mode 77 is not one of"),
+    ] {
+        let output = info(&["--sim", machine, "--mode", mode]);
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        let mut lines = text.lines();
+        let judgement = lines.next().expect("a line");
+        assert!(judgement.contains(" to look at: MESA7I9"), "{judgement}");
+        assert_eq!(
+            lines
+                .filter(|line| line.starts_with("  port") && line.contains(said))
+                .count(),
+            1,
+            "{text}"
+        );
+    }
+    let arguments = ["--sim", "7i97", "--mode", "0.0=2"];
     let output = info(&[&arguments[..], &["--json"]].concat());
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     hold_against_schema("info", &value);
     let finding = value["findings"][0].as_str().expect("a finding");
-    assert!(finding.contains("no software mode 77"), "{finding}");
+    assert!(finding.contains("nothing started"), "{finding}");
 }
 
 #[test]
@@ -231,6 +245,47 @@ fn half_a_card_is_not_in_order_and_neither_is_one_in_its_bootloader() {
             serde_json::json!([])
         );
     }
+    board.stop("TERM");
+
+    let arguments = [
+        "--board",
+        "7i97",
+        "--port",
+        "0",
+        "--remote",
+        "0=7i77-io:setup",
+    ];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
+    let address = board.address.to_string();
+    let firmware = Scratch::new("7I77-nonsense.BIN");
+    let bytes: Vec<u8> = (0..9000_u32)
+        .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)
+        .collect();
+    std::fs::write(&firmware.0, bytes).expect("a scratch file");
+    let update = [
+        "update",
+        "7i77",
+        firmware.path(),
+        "--at",
+        "0.0",
+        "--addr",
+        &address,
+    ];
+    let asked = crate::run::run(&update);
+    assert_eq!(asked.code, Some(2), "{asked:?}");
+    for said in [
+        "only the file's name",
+        "another bootloader",
+        "something at 9216",
+    ] {
+        assert!(asked.err.contains(said), "{said}: {asked:?}");
+    }
+    let doubts = &crate::run::json(&[&update[..], &["--yes"]].concat())["doubts"];
+    assert_eq!(doubts.as_array().map(Vec::len), Some(3), "{doubts}");
+    board.console.run("jumper 0 operate");
+    let findings = json(&["--addr", &address])["findings"].to_string();
+    assert!(findings.contains("waits in its bootloader"), "{findings}");
+    assert!(!findings.contains("has_discovery"), "{findings}");
 }
 
 #[test]

@@ -132,13 +132,34 @@ fn an_error_names_its_line_its_key_and_what_is_allowed() {
             "switch.wire",
             "{ pin = N }",
         ),
+        ("device", "device = \"nowhere\"", "remote.device", "7i77-io"),
+        ("mode", "mode = 9", "remote.mode", "no mode 9"),
+        (
+            "wire = { input = 4 }",
+            "wire = { input = 15 }",
+            "input 15",
+            "already, in line",
+        ),
+        (
+            "wire = { input = 4 }",
+            "wire = { pin = 4 }",
+            "pin 4",
+            "output of a module",
+        ),
+        (
+            "wire = { input = 4 }",
+            "wire = { input = 40 }",
+            "input 40",
+            "this board has",
+        ),
+        ("cuts_field", "cuts_field = [5]", "cuts_field", "channel 5"),
         ("speed", "speed = 1e6", "wheel.speed", "1000 clicks"),
         ("cuts_drives", "cuts_drives = 1", "cuts_drives", "boolean"),
     ] {
         let (line, text) = changed(from, to);
         let error = parsed(&text).unwrap_err();
         // A value that does not go with another line's is told there.
-        if key != "axis.name" && key != "switch.name" {
+        if !["axis.name", "switch.name", "input 15"].contains(&key) {
             assert!(
                 error.starts_with(&format!("line {line}: ")),
                 "{to}: {error}"
