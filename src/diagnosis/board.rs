@@ -177,8 +177,8 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
         return Finding::good(check, "measured, and no fault reported");
     } else {
         let figure = "not measured in this software mode";
-        let advice =
-            "measure it at its terminals; a 7I77's field I/O measures it itself in modes 2 and 3";
+        let advice = "measure it at its terminals; a 7I77's field I/O measures it itself in software mode 2: \
+                      `mesa pins fieldvoltage --mode PORT.CHANNEL=2`";
         return Finding::new(Verdict::Unknown, check, figure, advice);
     };
     Finding::new(Verdict::Bad, check, figure, advice)

@@ -23,7 +23,7 @@ use why::Why;
 const PATIENCE: Duration = Duration::from_millis(200);
 
 const AFTER_HELP: &str = "\
-It asks the two addresses that boards come with, 192.168.1.121 and 10.10.10.10, and each that is given:
+It asks the two addresses that boards come with, 192.168.1.121 and 10.10.10.10, and those given:
 1 to 1024 addresses in all, 128 at a time, each for 200 ms. It writes nothing to a board: one that
 is running is not disturbed. Where none answers, it says why, and what to type on this computer.
 

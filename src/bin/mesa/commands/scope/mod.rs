@@ -94,7 +94,6 @@ struct Report {
 
 impl Scope {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
-        self.check_files()?;
         let found = self.target.find()?;
         let settings = Settings {
             period: Duration::from_micros(self.period.into()),
@@ -127,6 +126,7 @@ impl Scope {
         let mut scope =
             Recorder::new(pins, &recorded, trigger, (before, cycles)).map_err(Failure::usage)?;
         let trigger = info(pin)?.name;
+        self.check_files()?;
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());
         let runner = Runner::new(driver).stop_on(context.stop.clone());

@@ -39,7 +39,8 @@ is enabled for the time; so is every drive with the same enable, at 0 V: the que
 An I/O pin is made an output for the time; nothing else may drive it.
 
 What was set is read back where anything tells: if it was never so, that is said, and the exit code
-is 1. A remote that can not be reached at the end is named: its own watchdog switches its outputs off.
+is 1. A remote that can not be reached at the end is named: its own watchdog switches its outputs
+off.
 
 Examples:
   mesa set 7i77.0.0.output-03 on --for 2s --addr 10.10.10.10
