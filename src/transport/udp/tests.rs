@@ -104,7 +104,7 @@ fn a_lost_reply_is_an_error_that_says_so_and_the_words_stay() {
     let mut words = [7; 3];
     let error = bus.run(&cycle.read, &mut words).unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Lost);
-    assert!(error.to_string().contains("800µs"), "{error}");
+    assert!(error.to_string().contains("800 us"), "{error}");
     assert_eq!(words, [7; 3]);
     assert_eq!(bus.statistics().lost, 1);
     bus.run(&cycle.read, &mut words).unwrap();
