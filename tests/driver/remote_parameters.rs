@@ -117,8 +117,8 @@ fn what_can_not_be_written_is_an_error_with_a_reason_and_the_board_starts_all_th
             0,
             "nvwatchdogtimeout",
             65_536,
-            "port 0, channel 0, parameter nvwatchdogtimeout: 65536 does not fit: the parameter \
-             is u32, 16 bits wide",
+            "port 0, channel 0, parameter nvwatchdogtimeout: 65536 does not fit: allowed is \
+             0 to 65535",
         ),
         (
             0,

@@ -88,8 +88,8 @@ impl Machine {
         };
         let is_connected = |info: &&PinInfo| {
             let name = own(info).unwrap_or_default();
-            // I/O pins that no terminal is known of are those of a connector for a card.
-            let is_free = name.starts_with("gpio.") && info.place.terminal.is_empty();
+            // A 7I92's connectors are for cards alone; a 7I97's has pins of a header too.
+            let is_free = name.starts_with("gpio.") && !info.place.terminal.contains(", ");
             let is_taken = if groups.contains(&info.group) {
                 !is_one(&NOT_OF_REMOTES, &name)
             } else {
