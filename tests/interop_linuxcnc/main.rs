@@ -6,6 +6,7 @@
 //! type, direction and name of each pin; `NAME.params`), to compare other lists with.
 
 mod cost;
+mod expected;
 #[path = "../interop/mod.rs"]
 mod interop;
 mod linuxcnc;
@@ -16,7 +17,8 @@ mod skeleton;
 use std::time::{Duration, Instant};
 
 use crate::interop::console::Values;
-use linuxcnc::{Expected, Machine, SETTLE, alone, skipped};
+use expected::Expected;
+use linuxcnc::{Machine, SETTLE, alone, skipped};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::sim::{Motor, SimFpga, machines};

@@ -7,9 +7,10 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use crate::expected::Expected;
 use crate::interop::board::Board;
 use crate::interop::{Scratch, mesa};
-use crate::linuxcnc::{Expected, Machine, alone, skipped};
+use crate::linuxcnc::{Machine, alone, skipped};
 
 /// It is only looked for what is needed.
 const I7I72: &str = "param u32 RW 7i72.0.0.nvwatchdogtimeout";

@@ -62,100 +62,103 @@ fn changed(from: &str, to: &str) -> (usize, String) {
     (line + 1, text.join("\n"))
 }
 
+/// A line that begins so, what it becomes, and what the error names: the key, and what is allowed.
+const MISTAKES: &[(&str, &str, &str, &str)] = &[
+    ("board", "board = \"7i43\"", "board", "7i92-7i77"),
+    (
+        "board",
+        "bord = \"7i97\"",
+        "bord",
+        "expected one of `board`",
+    ),
+    ("mac", "mac = \"7\"", "mac", "00:60:0e:1b:00:97"),
+    ("channel", "channel = 8", "remote.channel", "0 to 7"),
+    ("name = \"y\"", "name = \"x\"", "axis.name", "another one"),
+    ("name = \"y\"", "name = \"a b\"", "axis.name", "letters"),
+    ("output", "output = 6", "axis.output", "0 to 5"),
+    ("output", "output = 1", "axis.name", "belongs to"),
+    (
+        "max_speed",
+        "max_speed = 0",
+        "axis.max_speed",
+        "more than 0",
+    ),
+    (
+        "max_speed",
+        "max_speed = \"1\"",
+        "max_speed",
+        "expected f64",
+    ),
+    ("max_speed", "top_speed = 1.0", "top_speed", "`max_speed`"),
+    (
+        "max_speed",
+        "max_speed = nan",
+        "axis.max_speed",
+        "more than 0",
+    ),
+    (
+        "counts_per_unit",
+        "counts_per_unit = 0",
+        "counts_per_unit",
+        "not 0",
+    ),
+    ("inertia", "inertia = -1", "axis.inertia", "1e-9 to 1e9"),
+    ("friction", "friction = -1", "axis.friction", "0 to 1e9"),
+    ("dead_band", "dead_band = 11", "axis.dead_band", "0 to 10"),
+    (
+        "stops",
+        "stops = [1.0, -1.0]",
+        "axis.stops",
+        "lower one first",
+    ),
+    (
+        "position",
+        "position = 600.0",
+        "axis.position",
+        "between the stops",
+    ),
+    ("axis = \"x\"", "axis = \"w\"", "switch.axis", "x, y, z"),
+    ("to = 0.0", "", "switch.name", "`from`, `to`"),
+    (
+        "bounce_ms",
+        "bounce_ms = -1",
+        "switch.bounce_ms",
+        "0 to 1000 ms",
+    ),
+    (
+        "wire",
+        "wire = { channel = 0 }",
+        "switch.wire",
+        "{ pin = N }",
+    ),
+    ("device", "device = \"nowhere\"", "remote.device", "7i77-io"),
+    ("mode", "mode = 9", "remote.mode", "no mode 9"),
+    (
+        "wire = { input = 4 }",
+        "wire = { input = 15 }",
+        "input 15",
+        "already, in line",
+    ),
+    (
+        "wire = { input = 4 }",
+        "wire = { pin = 4 }",
+        "pin 4",
+        "output of a module",
+    ),
+    (
+        "wire = { input = 4 }",
+        "wire = { input = 40 }",
+        "input 40",
+        "this board has",
+    ),
+    ("cuts_field", "cuts_field = [5]", "cuts_field", "channel 5"),
+    ("speed", "speed = 1e6", "wheel.speed", "1000 clicks"),
+    ("cuts_drives", "cuts_drives = 1", "cuts_drives", "boolean"),
+];
+
 #[test]
 fn an_error_names_its_line_its_key_and_what_is_allowed() {
-    for (from, to, key, allowed) in [
-        ("board", "board = \"7i43\"", "board", "7i92-7i77"),
-        (
-            "board",
-            "bord = \"7i97\"",
-            "bord",
-            "expected one of `board`",
-        ),
-        ("mac", "mac = \"7\"", "mac", "00:60:0e:1b:00:97"),
-        ("channel", "channel = 8", "remote.channel", "0 to 7"),
-        ("name = \"y\"", "name = \"x\"", "axis.name", "another one"),
-        ("name = \"y\"", "name = \"a b\"", "axis.name", "letters"),
-        ("output", "output = 6", "axis.output", "0 to 5"),
-        ("output", "output = 1", "axis.name", "belongs to"),
-        (
-            "max_speed",
-            "max_speed = 0",
-            "axis.max_speed",
-            "more than 0",
-        ),
-        (
-            "max_speed",
-            "max_speed = \"1\"",
-            "max_speed",
-            "expected f64",
-        ),
-        ("max_speed", "top_speed = 1.0", "top_speed", "`max_speed`"),
-        (
-            "max_speed",
-            "max_speed = nan",
-            "axis.max_speed",
-            "more than 0",
-        ),
-        (
-            "counts_per_unit",
-            "counts_per_unit = 0",
-            "counts_per_unit",
-            "not 0",
-        ),
-        ("inertia", "inertia = -1", "axis.inertia", "1e-9 to 1e9"),
-        ("friction", "friction = -1", "axis.friction", "0 to 1e9"),
-        ("dead_band", "dead_band = 11", "axis.dead_band", "0 to 10"),
-        (
-            "stops",
-            "stops = [1.0, -1.0]",
-            "axis.stops",
-            "lower one first",
-        ),
-        (
-            "position",
-            "position = 600.0",
-            "axis.position",
-            "between the stops",
-        ),
-        ("axis = \"x\"", "axis = \"w\"", "switch.axis", "x, y, z"),
-        ("to = 0.0", "", "switch.name", "`from`, `to`"),
-        (
-            "bounce_ms",
-            "bounce_ms = -1",
-            "switch.bounce_ms",
-            "0 to 1000 ms",
-        ),
-        (
-            "wire",
-            "wire = { channel = 0 }",
-            "switch.wire",
-            "{ pin = N }",
-        ),
-        ("device", "device = \"nowhere\"", "remote.device", "7i77-io"),
-        ("mode", "mode = 9", "remote.mode", "no mode 9"),
-        (
-            "wire = { input = 4 }",
-            "wire = { input = 15 }",
-            "input 15",
-            "already, in line",
-        ),
-        (
-            "wire = { input = 4 }",
-            "wire = { pin = 4 }",
-            "pin 4",
-            "output of a module",
-        ),
-        (
-            "wire = { input = 4 }",
-            "wire = { input = 40 }",
-            "input 40",
-            "this board has",
-        ),
-        ("cuts_field", "cuts_field = [5]", "cuts_field", "channel 5"),
-        ("speed", "speed = 1e6", "wheel.speed", "1000 clicks"),
-        ("cuts_drives", "cuts_drives = 1", "cuts_drives", "boolean"),
-    ] {
+    for &(from, to, key, allowed) in MISTAKES {
         let (line, text) = changed(from, to);
         let error = parsed(&text).unwrap_err();
         // A value that does not go with another line's is told there.
