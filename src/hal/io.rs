@@ -77,6 +77,11 @@ pub struct Counter {
     pub scale: Param<f64>,
     /// Counts of a revolution, of a counter without index; 0 is no revolutions.
     pub counts_per_rev: Option<Param<u32>>,
+    /// A home is lost, of an encoder of the FPGA: its counter was set up again (the board was reset, or
+    /// its watchdog has bitten, or the bus was down), and what it counted meanwhile is not known; or the
+    /// board was not heard for so long that the encoder may have turned further than 16 bits can
+    /// represent. `count` is as valid as before, and may be wrong. On until `reset` or index.
+    pub count_unsure: Option<Input<bool>>,
 }
 
 impl DigitalIn {
@@ -194,7 +199,7 @@ impl Counter {
     /// By what its pins' names begin with: `hm2_7i92.0.7i77.0.0.enc0`, `hm2_7i92.0.encoder.00`.
     ///
     /// # Errors
-    /// [`PinError`] if any of its pins is missing, but for `counts-per-rev`.
+    /// [`PinError`] if any of its pins is missing, but for `counts-per-rev` and `count-unsure`.
     pub fn find(pins: &Pins, stem: &str) -> Result<Self, PinError> {
         let reset = format!("{stem}.reset");
         Ok(Self {
@@ -207,10 +212,12 @@ impl Counter {
                 .or_else(|_| pins.inout(&reset).map(InOut::as_output))?,
             scale: pins.parameter(&format!("{stem}.scale"))?,
             counts_per_rev: pins.parameter(&format!("{stem}.counts-per-rev")).ok(),
+            count_unsure: pins.input(&format!("{stem}.count-unsure")).ok(),
         })
     }
 
-    /// Its position.
+    /// Its position, which is still from the same zero unless
+    /// [`count_unsure`](Self::count_unsure) is on.
     ///
     /// # Real time
     /// Constant time, no allocation.

@@ -211,6 +211,7 @@ impl Maker<'_> {
             reset: make.inout(".reset")?.as_output(),
             scale: make.setting(".scale", full_scale.unwrap_or(1.0))?,
             counts_per_rev: Some(make.setting(".counts-per-rev", 256)?),
+            count_unsure: None,
         };
         self.remote.counters.push(CounterPins {
             field,

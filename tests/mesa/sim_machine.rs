@@ -27,8 +27,13 @@ struct Travel {
 }
 
 fn drive_down(board: &Board) -> Travel {
-    let bus = UdpBus::connect(board.address, UdpConfig::default()).unwrap();
-    // While the watchdog has bitten, nobody selects encoders, and counts are lost.
+    // Counts are lost when the board is set up again, which a busy host must not cause: after reads
+    // that failed, or because the watchdog has bitten.
+    let config = UdpConfig {
+        cycle_deadline: Duration::from_secs(1),
+        ..UdpConfig::default()
+    };
+    let bus = UdpBus::connect(board.address, config).unwrap();
     let settings = Settings {
         watchdog: Some(Duration::from_secs(5)),
         ..Settings::default()
@@ -55,7 +60,8 @@ fn drive_down(board: &Board) -> Travel {
         }
         // A busy host is late now and then, and a remote's watchdog bites.
         let _ = driver.rearm();
-        own.analog_out[0].enable(driver.pins_mut(), true);
+        // Its first reading is where the driver begins to count.
+        own.analog_out[0].enable(driver.pins_mut(), !seen.is_empty());
         own.analog_out[0].set(driver.pins_mut(), -4.0);
         let _ = driver.write();
         std::thread::sleep(PERIOD);

@@ -28,9 +28,6 @@ pub struct EncoderPins {
     pub probe_invert: Output<bool>,
     /// A quadrature sequence error was seen.
     pub quad_error: Input<bool>,
-    /// The board was not heard for so long that the encoder may have turned further than its
-    /// counter can represent: `count` may be wrong by multiples of 65536. On until `reset` or index.
-    pub count_unsure: Input<bool>,
     /// Watches for sequence errors; turning it off clears `quad-error`, and the error in the board.
     pub quad_error_enable: Output<bool>,
     /// The encoder turns at nine tenths or more of `max-count-rate`, beyond which counts are garbage
@@ -80,6 +77,7 @@ impl EncoderPins {
                 reset: make.switch("reset", false)?,
                 scale: make.setting("scale", 1.0)?,
                 counts_per_rev: None,
+                count_unsure: Some(make.input("count-unsure")?),
             },
             rawlatch: make.input("rawlatch")?,
             count_latched: make.input("count-latched")?,
@@ -89,7 +87,6 @@ impl EncoderPins {
             probe_enable: make.switch("probe-enable", false)?,
             probe_invert: make.switch("probe-invert", false)?,
             quad_error: make.input("quad-error")?,
-            count_unsure: make.input("count-unsure")?,
             quad_error_enable: make.switch("quad-error-enable", false)?,
             near_max_count_rate: make.input("near-max-count-rate")?,
             input_a: make.input("input-a")?,
@@ -167,7 +164,9 @@ impl EncoderPins {
     /// has switched on since the last write.
     pub(super) fn publish(&self, pins: &mut PinStore, reading: &EncoderReading) {
         pins.publish(self.counter.rawcounts, reading.rawcounts as i32);
-        pins.publish(self.count_unsure, reading.is_unsure);
+        if let Some(pin) = self.counter.count_unsure {
+            pins.publish(pin, reading.is_unsure);
+        }
         pins.publish(self.counter.count, reading.count as i32);
         pins.publish(self.counter.position, reading.position);
         pins.publish(self.velocity, reading.velocity);

@@ -54,8 +54,8 @@ pub struct EncoderReading {
     /// Both inputs changed at once while errors were watched: counts may be wrong. Kept until they
     /// are not watched.
     pub quadrature_error: bool,
-    /// The time between two reads was so long that the encoder may have moved 32768 counts or more:
-    /// `count` may be wrong by multiples of 65536. Kept until the next reset or index.
+    /// The counter was set up again, or the time between two reads was so long that the encoder may
+    /// have moved 32768 counts or more: `count` may be wrong. Kept until the next reset or index.
     pub is_unsure: bool,
     /// It turns at nine tenths or more of the greatest rate that is followed: beyond that rate counts
     /// are garbage, and no error tells (FACTS 12.6).
