@@ -65,6 +65,7 @@ mod rows;
 mod setup_line;
 mod stop;
 mod trace;
+mod watchdogs;
 
 pub use crate::modules::encoder::EncoderSetup;
 pub use crate::modules::gpio::GpioConfig;

@@ -14,7 +14,7 @@ use crate::sslbp::{Port, PortError, PortLink, StartMode, StartedRemote};
 
 /// The board's watchdog while nobody feeds it: longer than everything can take together, accesses
 /// that are tried again included.
-const UNFED: Duration = Duration::from_secs(8);
+pub(super) const UNFED: Duration = Duration::from_secs(8);
 
 /// A parameter of a remote.
 #[derive(Clone, Copy, Debug)]
@@ -189,7 +189,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Feeds the board's watchdog, once, for this time. A bite stays to be seen, and so does a reset:
     /// the watchdog is restarted before it has the time.
-    fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
+    pub(super) fn feed_for(&mut self, time: Duration) -> Result<(), DriverError<B::Error>> {
         let watchdog = self.parts.watchdog.registers;
         let pet = (watchdog.reset, WatchdogRegisters::PET);
         let (accesses, mut words) = Access::writes([pet, (watchdog.time, watchdog.time_for(time))]);

@@ -78,7 +78,8 @@ impl fmt::Display for NotReached {
                 "its outputs are off only by its own watchdog, which is not known ({usual} ms as delivered)"
             ),
             RemoteWatchdog::Off => f.write_str(
-                "its own watchdog is off, so what was on stays on; switch off its power",
+                "its own watchdog is off, or has not bitten when it should have, so what was on stays on; \
+                 switch off its power",
             ),
         }
     }

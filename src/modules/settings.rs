@@ -118,8 +118,9 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The time after which the board's watchdog bites.
-    pub(crate) fn watchdog_time(&self) -> Duration {
+    /// The time after which the board's watchdog bites: what is set, or else five periods, and at least
+    /// 5 ms.
+    pub fn watchdog_time(&self) -> Duration {
         let follows = self.period.saturating_mul(5);
         let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
         self.watchdog.unwrap_or(follows.max(usual))

@@ -26,3 +26,4 @@ mod reset_in_read;
 mod set_up;
 mod trace;
 mod two_cards;
+mod watchdogs_proved;

@@ -106,6 +106,9 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
         &["flash", "backup", "--overwrite"][..],
         &["param", "save"],
         &["latency", "--plot"],
+        &["wiring", "--timeout", "1", "--report"],
+        &["scope", "input-02", "--trigger", "input-02", "--csv"],
+        &["doctor", "--passive", "--report"],
     ] {
         for (place, code, said) in [
             (directory, 2, "no regular file"),
@@ -117,6 +120,86 @@ fn a_place_for_a_file_that_is_none_is_refused_before_a_board_is_asked() {
             assert!(run.err.contains(said), "{before:?} {place}: {run:?}");
         }
     }
+}
+
+/// Every command that writes a file of its own, with what stands in front of its name.
+const WRITERS: [&[&str]; 5] = [
+    &["param", "save"],
+    &["latency", "--seconds", "0.1", "--plot"],
+    &["doctor", "--passive", "--report"],
+    &["wiring", "input-0?", "--timeout", "0.5", "--report"],
+    &["scope", "input-02", "--trigger", "input-02", "--csv"],
+];
+
+#[test]
+fn a_file_that_is_there_is_replaced_only_after_a_question() {
+    let scratch = Scratch::new("kept.txt");
+    fs::write(scratch.path(), "mine").expect("a scratch file");
+    for before in WRITERS {
+        let sim = ["--sim", "7i92-7i77"];
+        let refused = run(&[before, &[scratch.path()], &sim].concat());
+        assert_eq!(refused.code, Some(2), "{before:?}: {refused:?}");
+        let said = "is there already: it is replaced: nobody can be asked; give --yes";
+        assert!(refused.err.contains(said), "{before:?}: {refused:?}");
+        assert_eq!(refused.out, "", "{before:?}");
+    }
+    assert_eq!(
+        fs::read_to_string(scratch.path()).expect("it is there"),
+        "mine"
+    );
+}
+
+#[test]
+fn what_is_beside_a_file_that_is_written_and_where_a_link_leads_stays_as_it_is() {
+    let (saved, beside) = (
+        Scratch::new("cabinet.toml"),
+        Scratch::new("cabinet.toml.new"),
+    );
+    let elsewhere = Scratch::new("elsewhere");
+    let save = ["param", "save", saved.path(), "--sim", "7i92-7i77", "--yes"];
+    fs::write(beside.path(), "mine").expect("a scratch file");
+    done(&save);
+    assert_eq!(
+        fs::read_to_string(beside.path()).expect("it is there"),
+        "mine"
+    );
+    fs::write(elsewhere.path(), "mine").expect("a scratch file");
+    fs::remove_file(saved.path()).expect("it was saved");
+    std::os::unix::fs::symlink(elsewhere.path(), saved.path()).expect("a link");
+    done(&save);
+    assert_eq!(
+        fs::read_to_string(elsewhere.path()).expect("it is there"),
+        "mine"
+    );
+    assert!(
+        fs::read_to_string(saved.path())
+            .expect("it is saved")
+            .contains("7I77")
+    );
+}
+
+#[test]
+fn values_and_picture_do_not_take_each_others_place_whatever_they_are_called() {
+    let scratch = Scratch::new("a.csv");
+    let path = &scratch.0;
+    let folder = path.parent().expect("a folder");
+    let name = path.file_name().expect("a name");
+    let other = folder
+        .join(".")
+        .join("..")
+        .join(folder.file_name().expect("a name"));
+    let other = other.join(name).display().to_string();
+    let scope = [
+        "scope",
+        "input-02",
+        "--trigger",
+        "input-02",
+        "--addr",
+        "127.0.0.1:1",
+    ];
+    let refused = run(&[&scope[..], &["--csv", scratch.path(), "--plot", &other]].concat());
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.err.contains("need a file each"), "{refused:?}");
 }
 
 #[test]

@@ -4,7 +4,7 @@
 use std::net::Ipv4Addr;
 
 use crate::interop::board::Board;
-use crate::run::{done, json, run};
+use crate::run::{done, hold_against_schema, json, run};
 use crate::set::{OUTPUT, begin, board, ended, lit, wait_until};
 
 fn board_7i97() -> Board {
@@ -53,6 +53,72 @@ fn a_remote_whose_watchdog_is_off_or_slow_is_refused_without_its_flag_and_named_
             assert_eq!(lit(&mut board), ["remote.0.output-03"], "it said so");
         }
     }
+}
+
+/// What is written is used from the next power-up on: what is kept tells nothing of what is in use.
+#[test]
+fn a_watchdog_that_was_written_and_is_not_in_use_is_not_believed() {
+    for used in ["0", "5000"] {
+        let mut board = board();
+        let address = board.address.to_string();
+        let to = ["--addr", &address, "--yes"];
+        let name = "0.0.NVWatchDogTimeout";
+        done(&[&["param", "set", name, used], &to[..]].concat());
+        board.console.run("power 0 off");
+        board.console.run("power 0 on");
+        done(&[&["param", "set", name, "50"], &to[..]].concat());
+
+        let jog = [OUTPUT, "on", "--for", "60s"];
+        let wiring = ["wiring", OUTPUT, "--outputs", "--timeout", "1"];
+        for command in [&[&["set"], &jog[..]].concat(), &wiring[..]] {
+            let refused = run(&[command, &to[..]].concat());
+            assert_eq!(refused.code, Some(1), "{refused:?}");
+            let said =
+                "the own watchdog of the 7I77 on port 0, channel 0 has not shown that it bites";
+            assert!(refused.err.contains(said), "{refused:?}");
+            assert!(refused.err.contains("--slow-watchdog"), "{refused:?}");
+            assert_eq!(refused.out, "");
+            assert_eq!(lit(&mut board), [""; 0]);
+        }
+        let jog = begin(&board, &[&jog[..], &["--slow-watchdog", "--json"]].concat());
+        wait_until(&mut board, "0", "remote.0.output-03", "1");
+        board.console.run("unplug 0");
+        let run = ended(jog);
+        assert_eq!(run.code, Some(1), "{run:?}");
+        let said = "has not bitten when it should have, so what was on stays on";
+        assert!(run.err.contains(said), "{run:?}");
+        assert!(run.err.contains("all other outputs are off"), "{run:?}");
+        let told = serde_json::from_str(&run.out).expect("JSON");
+        hold_against_schema("set", &told);
+        assert!(
+            told["not_reached"][0].to_string().contains(said),
+            "{told:#}"
+        );
+        if used == "0" {
+            assert_eq!(lit(&mut board), ["remote.0.output-03"], "it said so");
+        }
+    }
+}
+
+/// The output is off by its time, and the cable breaks before the remote has been told.
+#[test]
+fn a_remote_that_is_lost_at_the_end_is_no_success() {
+    let mut board = board();
+    let mut jog = begin(&board, &[OUTPUT, "on", "--for", "60s", "--json"]);
+    wait_until(&mut board, "0", "remote.0.output-03", "1");
+    // Requests do not arrive; the failed transfers are not too many before the signal comes.
+    board.console.run("wire 0 remote lost chance 1");
+    jog.signal("INT");
+    let run = ended(jog);
+    assert_eq!(run.code, Some(1), "{run:?}");
+    let told = serde_json::from_str(&run.out).expect("JSON");
+    hold_against_schema("set", &told);
+    assert_ne!(told["outcome"], "done");
+    assert!(
+        told["not_reached"][0].to_string().contains("7I77"),
+        "{told:#}"
+    );
+    assert!(!run.err.contains("all outputs are off"), "{run:?}");
 }
 
 #[test]

@@ -173,11 +173,16 @@ fn what_was_written_is_kept_even_when_the_board_is_killed() {
 
     // What a power cut in the middle of a write leaves.
     let mut half = file.0.as_os_str().to_owned();
-    half.push(".new");
+    half.push(".9-0.new");
     fs::write(&half, &state[..state.len() / 2]).unwrap();
 
     let mut client = Client::start(&arguments);
-    assert!(!fs::exists(&half).unwrap(), "it is cleared away");
+    assert_eq!(
+        fs::read(&half).unwrap().len(),
+        state.len() / 2,
+        "it is nobody's"
+    );
+    fs::remove_file(&half).unwrap();
     let ask_address = [0x82, 0x49, 0x20, 0x00];
     assert_eq!(client.ask(&ask_address), [0x20, 0x00, 0xA8, 0xC0]);
     let remote = client.board.console.show("0");

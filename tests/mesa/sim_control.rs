@@ -78,13 +78,12 @@ fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
     assert!(answer.unwrap()[0].starts_with("motor.0.position "));
     let time: f64 = console.show("time")["time"].parse().unwrap();
     assert!(time > 0.3, "{time}");
-    console.run("at +1ms turn 99 1");
     console.run("at +2ms pin 40 low");
     console.run("wait until board.pin-040 0 within 20s");
     let agenda = values(console.command("agenda").unwrap());
     assert_eq!(
         (&*agenda["agenda.done"], &*agenda["agenda.failed"]),
-        ("3", "1")
+        ("2", "0")
     );
     for (bad, said) in [
         (
@@ -117,6 +116,90 @@ fn commands_are_done_at_their_time_and_waits_end_when_it_comes() {
     console.run("at +10ms quit");
     console.wait_for("summary");
     assert!(board.wait().success());
+}
+
+#[test]
+fn what_would_be_refused_at_its_time_is_refused_when_it_is_given_with_the_same_words() {
+    let mut board = start(&["--remote", "1=7i77-io", "--remote", "2=7i72"]);
+    let console = &mut board.console;
+    let bad = [
+        "jump",
+        "quit now",
+        "turn 99 1",
+        "turn 0 fast",
+        "turn 0 1e9",
+        "stall spindle",
+        "wheel 3",
+        "estop on",
+        "pin 400 low",
+        "pin 3 up",
+        "leds me",
+        "loss 2",
+        "late",
+        "input board 99 on",
+        "input board 3 maybe",
+        "input 1 32 on",
+        "input 2 0 on",
+        "input 7 0 on",
+        "volts 1 0 nan",
+        "field 1 much",
+        "field 5 24",
+        "power 1 up",
+        "jumper 1 gone",
+        "shorted 1 16 on",
+        "hot 2 48 on",
+        "unplug 5",
+        "unplug x",
+        "wire 1 nowhere lost 1",
+        "wire 1 remote eaten 1",
+        "wire 1 remote lost often",
+        "wire 1 remote lost chance 2",
+        "firmware 1 2000 /nowhere/7i77.bin",
+        "firmware 1 15 /nowhere/7i77.bin",
+    ];
+    for bad in bad {
+        let later = console.command(&format!("at +1h {bad}"));
+        assert!(later.is_err(), "{bad}: an hour has no such unit");
+        let later = console.command(&format!("at +3600s {bad}")).unwrap_err();
+        assert_eq!(console.command(bad).unwrap_err(), later, "{bad}");
+    }
+    let file = Scratch::new("later.bin");
+    let good = [
+        "turn 0 1",
+        "stall 5",
+        "pin 3 low",
+        "leds packets",
+        "loss 0.5",
+        "input board 3 on",
+        "input 1 31 on",
+        "volts 1 0 5",
+        "field 1 24",
+        "power 2 off",
+        "jumper 1 setup",
+        "shorted 1 15 on",
+        "hot 2 47 off",
+        "unplug 1",
+        "wire 1 fpga late=50 3",
+        "wire 1 heal",
+        &format!("firmware 1 15 {}", file.path()),
+        "quit",
+    ];
+    let before = console.show("all");
+    for good in good {
+        console.run(&format!("at +3600s {good}"));
+    }
+    let agenda = console.command("agenda").unwrap();
+    assert_eq!(agenda.len(), 2 + good.len(), "{agenda:?}");
+    assert!(!file.0.exists(), "nothing is done before its time");
+    let after = console.show("all");
+    let is_kept = |(name, value): (&String, &String)| {
+        let moves = ["time", "network.client.", "remote.", "motor."];
+        moves.iter().any(|begin| name.starts_with(begin)) || after[name] == *value
+    };
+    assert!(before.iter().all(is_kept), "{before:?} {after:?}");
+    let plugged = ["remote.1.plugged", "remote.1.powered", "remote.1.output-15"];
+    assert!(plugged.iter().all(|name| before[*name] == after[*name]));
+    board.stop("TERM");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::interop::board::Board;
-use crate::run::{hold_against_schema, run};
+use crate::run::{done, hold_against_schema, run};
 use crate::set::{board, lit, wait_for};
 use crate::terminal::Terminal;
 use crate::wiring::Guided;
@@ -103,6 +103,48 @@ fn a_signal_and_a_board_that_dies_end_it_with_the_output_off() {
     guided.types("q");
     let run = guided.ended();
     assert_eq!(run.code, Some(1), "{run:?}");
+}
+
+#[test]
+fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
+    let mut board = board();
+    let mut guided = Guided::begin(&board, &[OUTPUTS, "--outputs", "--for", "10", "--yes"]);
+    guided.says("[1/10] ");
+    wait_for(&mut board, 0, "output-00", "1");
+    board.console.run("unplug 0");
+    guided.says("  FAILED: ");
+    guided.types("q");
+    let said = guided.says("NOT REACHED: the 7I77 on port 0, channel 0");
+    assert!(!said.contains("all outputs are off"), "{said}");
+    let run = guided.ended();
+    assert_eq!(run.code, Some(1), "{run:?}");
+}
+
+#[test]
+fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
+    let mut board = board();
+    let address = board.address.to_string();
+    let to = ["--addr", &address, "--yes"];
+    let set = ["param", "set", "0.0.NVWatchDogTimeout", "0"];
+    done(&[&set[..], &to].concat());
+    let wiring = [
+        "wiring",
+        OUTPUTS,
+        "--outputs",
+        "--timeout",
+        "0.5",
+        "--for",
+        "0.1",
+    ];
+    let refused = run(&[&wiring[..], &to].concat());
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    assert!(refused.err.contains("NVWatchDogTimeout 0"), "{refused:?}");
+    assert_eq!((refused.out.as_str(), lit(&mut board)), ("", vec![]));
+    let driven = run(&[&wiring[..], &to, &["--slow-watchdog"]].concat());
+    assert!(
+        driven.err.contains("Beware: the own watchdog"),
+        "{driven:?}"
+    );
 }
 
 #[test]

@@ -14,8 +14,6 @@ use crate::{output, words};
 pub struct Context {
     /// For programs.
     pub json: bool,
-    /// Nobody is asked.
-    pub yes: bool,
     /// Whether a signal asks for the end.
     pub stop: Stop,
 }

@@ -1,9 +1,10 @@
 //! Files: whole, or not there.
 
-use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::context::Failure;
 
@@ -15,11 +16,24 @@ pub fn check(path: &Path) -> Result<(), Failure> {
         let what = "no regular file, and it stays what it is; name another";
         return Err(Failure::usage(format_args!("{shown}: {what}")));
     }
-    let tried = beside(path).and_then(|beside| {
-        File::create(&beside)?;
-        fs::remove_file(&beside)
-    });
-    tried.map_err(|error| Failure::refused(format_args!("{shown}: {error}")))
+    probe(path).map_err(|error| Failure::refused(format_args!("{shown}: {error}")))
+}
+
+/// Whether a file can be made beside this one.
+pub fn probe(path: &Path) -> io::Result<()> {
+    let (_, beside) = create_beside(path)?;
+    fs::remove_file(beside)
+}
+
+/// Whether two names are of one file, which may not be there yet.
+pub fn is_same(one: &Path, other: &Path) -> bool {
+    let whole = |path: &Path| {
+        let folder = path.parent().filter(|folder| *folder != Path::new(""));
+        let folder = fs::canonicalize(folder.unwrap_or(Path::new("."))).ok()?;
+        let path = folder.join(path.file_name()?);
+        Some(fs::canonicalize(&path).unwrap_or(path))
+    };
+    one == other || whole(one).is_some_and(|one| Some(one) == whole(other))
 }
 
 /// Writes a file, [whole](put) or not at all, where it [can be](check).
@@ -34,9 +48,8 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
 /// Writes a file beside its place, and puts it there when it is on the disk: whoever looks sees the
 /// old one, or the whole new one. Nothing is left beside it if that fails.
 pub fn put(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let beside = beside(path)?;
-    let written = File::create(&beside).and_then(|mut file| {
-        file.write_all(bytes)?;
+    let (mut file, beside) = create_beside(path)?;
+    let written = file.write_all(bytes).and_then(|()| {
         file.sync_all()?;
         fs::rename(&beside, path)
     });
@@ -46,15 +59,20 @@ pub fn put(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written
 }
 
-/// Where the next file is written before it takes the place of the last.
-pub fn beside(path: &Path) -> io::Result<PathBuf> {
-    let name = path.file_name().map(OsStr::to_owned);
-    let mut name = name.ok_or_else(|| {
+/// A new file beside this one, which takes its place when it is whole. Its name is nobody's: what is
+/// there already, or where a link leads to, stays what it is.
+fn create_beside(path: &Path) -> io::Result<(File, PathBuf)> {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let name = path.file_name().ok_or_else(|| {
         let reason = "this is no name of a file; name another";
         io::Error::new(io::ErrorKind::InvalidInput, reason)
     })?;
-    name.push(".new");
-    Ok(path.with_file_name(name))
+    let (process, next) = (process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+    let mut name = name.to_owned();
+    name.push(format!(".{process}-{next}.new"));
+    let beside = path.with_file_name(name);
+    let file = File::options().write(true).create_new(true).open(&beside)?;
+    Ok((file, beside))
 }
 
 /// Reads a file that may have so many bytes.

@@ -34,9 +34,9 @@ struct Cli {
     /// Print what was found as JSON, for programs
     #[arg(long, global = true)]
     json: bool,
-    /// Do what drives an output, stops a machine or writes to a memory without asking;
-    /// what only reads never asks
-    #[arg(long, global = true)]
+    /// As the `--yes` of the commands that ask: it may stand in front of them, and does nothing
+    /// for the others, whose help does not name it.
+    #[arg(long, global = true, hide = true)]
     yes: bool,
     #[command(subcommand)]
     command: Command,
@@ -97,7 +97,6 @@ fn main() -> ExitCode {
     };
     let context = Context {
         json: cli.json,
-        yes: cli.yes,
         stop,
     };
     match cli.command.run(&context) {

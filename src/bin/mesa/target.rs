@@ -12,6 +12,7 @@ use mesa_hal::lbp16;
 use mesa_hal::sim::{Mishaps, UdpFace};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 
+use crate::consent::Asks;
 use crate::context::Failure;
 use crate::output::complain;
 use crate::sim::machine::{Machine, MachineOptions};
@@ -40,6 +41,8 @@ pub struct ChangedTarget {
     /// Check everything, print what would be done, and do nothing
     #[arg(long)]
     pub dry_run: bool,
+    #[command(flatten)]
+    pub asks: Asks,
 }
 
 impl ChangedTarget {

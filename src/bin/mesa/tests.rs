@@ -84,6 +84,51 @@ fn every_command_says_what_its_exit_codes_mean() {
     assert!(AFTER_HELP.contains("Exits with 0"));
 }
 
+/// What asks takes `--yes` as its own argument: [`Asks`](crate::consent::Asks) is what asks.
+#[test]
+fn help_names_yes_where_something_is_asked_and_it_may_stand_anywhere() {
+    let asks: Vec<String> = commands()
+        .into_iter()
+        .filter(|(_, command)| {
+            let mut arguments = command.get_arguments();
+            arguments.any(|argument| argument.get_id() == "yes" && !argument.is_hide_set())
+        })
+        .map(|(name, _)| name)
+        .collect();
+    for name in ["set", "poke", "param set", "flash write", "reset", "doctor"] {
+        assert!(asks.contains(&format!("mesa {name}")), "{name}: {asks:?}");
+    }
+    for name in [
+        "",
+        " list",
+        " info",
+        " pins",
+        " watch",
+        " peek",
+        " param get",
+    ] {
+        assert!(!asks.contains(&format!("mesa{name}")), "{name}: {asks:?}");
+    }
+    for line in [
+        "mesa --yes list",
+        "mesa list --yes",
+        "mesa pins --yes --sim 7i97",
+    ] {
+        Cli::try_parse_from(words(line)).expect("it does nothing there");
+    }
+    let poke = "poke 0:0x1000 1 --addr 10.10.10.10";
+    for line in [format!("mesa --yes {poke}"), format!("mesa {poke} --yes")] {
+        let found = command_line().try_get_matches_from(words(&line));
+        let found = found.expect("a command line");
+        let (_, poke) = found.subcommand().expect("a command");
+        assert!(poke.get_flag("yes"), "{line}");
+    }
+    let mut list = command_line();
+    list.build();
+    let list = list.find_subcommand_mut("list").expect("a command");
+    assert!(!list.render_help().to_string().contains("--yes"));
+}
+
 #[test]
 fn every_number_has_its_range() {
     let numbers = [

@@ -1,12 +1,13 @@
 //! A port with its registers in the image and its remotes' pins.
 
 use alloc::vec::Vec;
+use core::time::Duration;
 
 use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, Served};
-use super::{PortStatistics, RemoteStatus, RemoteWatchdog};
+use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -147,6 +148,45 @@ impl SerialPort {
             remote.pins.publish_parameter(pins, name, raw);
             health.watchdog = RemoteWatchdog::of(&remote.pins);
         }
+    }
+
+    /// How long nothing may be sent to the remotes that run, so that their watchdogs must have bitten;
+    /// `None` if there is none whose watchdog is waited for.
+    pub(crate) fn silence(&self) -> Option<Duration> {
+        let running = self.recovery.remotes.iter().filter(|r| r.is_running());
+        let quick = running.filter(|remote| !remote.watchdog.is_slow());
+        quick.map(|remote| remote.watchdog.silence()).max()
+    }
+
+    /// The channels whose remotes transfer.
+    pub(crate) fn running(&self) -> ChannelMask {
+        self.recovery.running
+    }
+
+    /// Nothing was sent to these remotes for their [silence](Self::silence), and then they were asked:
+    /// the watchdog of one that did not report its bite counts as off. Those that did are restarted.
+    /// `silence` is for how long; one whose own time is much shorter may use any up to that.
+    pub(crate) fn judge_watchdogs(
+        &mut self,
+        asked: ChannelMask,
+        silence: Duration,
+        pins: &mut PinStore,
+        now: Instant,
+    ) {
+        for health in &mut self.recovery.remotes {
+            if !asked.contains(health.channel()) || health.watchdog.is_slow() {
+                continue;
+            }
+            let has_bitten = health.cause == Some(OfflineReason::Watchdog) && !health.is_running();
+            let own = health.watchdog.silence();
+            if !has_bitten {
+                health.watchdog = RemoteWatchdog::Off;
+            } else if silence > own.saturating_add(own / 4) {
+                health.watchdog = RemoteWatchdog::Known(silence);
+            }
+        }
+        let not_running = asked.difference(self.recovery.running);
+        self.restart(not_running, pins, now);
     }
 
     /// Nothing comes any more: failed transfers that were not told are told now.

@@ -18,7 +18,8 @@ pub enum RemoteWatchdog {
     Known(#[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))] Duration),
     /// It has no such parameter, or it was not read: [`USUAL`](Self::USUAL) is assumed.
     Assumed,
-    /// Its parameter is 0: it never bites. Nothing switches its outputs off when it can not be
+    /// It never bites: its parameter is 0, or it did not bite when that was
+    /// [tried](crate::Driver::prove_watchdogs). Nothing switches its outputs off when it can not be
     /// reached, or when it has a fault that START does not clear.
     Off,
 }

@@ -79,7 +79,7 @@ impl Ip {
                 pair(&after),
                 pair(&before)
             );
-            context.consent(&what, Some(&found))?;
+            self.target.asks.consent(context, &what, Some(&found))?;
             // The address last: until it is written, the board is found where it was.
             if let Some(netmask) = netmask {
                 board.set_eeprom_netmask(netmask)?;

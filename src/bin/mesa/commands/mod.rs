@@ -17,6 +17,7 @@ mod registers;
 mod restart;
 mod scope;
 mod set;
+mod slow_watchdog;
 mod update;
 mod watch;
 mod wiring;

@@ -9,6 +9,7 @@ use mesa_hal::lbp16::{Answered, MAX_PACKET, Operations};
 use mesa_hal::transport::udp::{Link, UdpLink};
 use serde::Serialize;
 
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::target::Target;
 
@@ -43,6 +44,8 @@ pub struct Raw {
     /// Print the commands, and send nothing
     #[arg(long)]
     dry_run: bool,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 /// A packet and its reply.
@@ -103,7 +106,7 @@ impl Raw {
         drop(found.open()?);
         if !writes.is_empty() {
             let what = format!("{}: writes {}", found.address, writes.join(", "));
-            context.consent(&what, Some(&found))?;
+            self.asks.consent(context, &what, Some(&found))?;
         }
         let mut link = UdpLink::connect(found.address)?;
         let mut buffer = [0; ROOM];

@@ -14,6 +14,7 @@ use mesa_hal::{Board, DriverError, Settings};
 use serde::Serialize;
 
 use crate::cabinet::CabinetTarget;
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
@@ -62,6 +63,8 @@ pub struct Update {
     /// Do not read the flash memory back
     #[arg(long)]
     no_verify: bool,
+    #[command(flatten)]
+    asks: Asks,
     #[command(flatten)]
     target: CabinetTarget,
 }
@@ -247,7 +250,7 @@ impl Update {
             self.file.display(),
             report.said_doubts()
         );
-        context.consent(&what, board)?;
+        self.asks.consent(context, &what, board)?;
         match plan.carry_out(link, firmware, is_verified, &mut on_progress) {
             Err(error @ UpdateError::Stopped { .. }) => return Ok(stopped(error)),
             done => done?,

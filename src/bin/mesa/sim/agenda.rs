@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::fmt::Write;
 use std::time::Duration;
 
-use super::console::{line, wrong};
+use super::console::line;
 
 /// The most commands that wait for their time.
 const MOST_COMMANDS: usize = 1000;
@@ -26,20 +26,23 @@ pub struct Agenda {
 }
 
 impl Agenda {
-    /// Puts a command where its time is: `2.5s` since the board's start, or `+2.5s` from now.
+    /// Whether a command is one that can be done later.
+    pub fn takes(command: &str) -> Result<(), String> {
+        match command.split_whitespace().next() {
+            None => Err("expected at TIME COMMAND".to_owned()),
+            Some(word @ ("at" | "wait" | "source" | "show" | "help" | "agenda" | "boards")) => {
+                Err(format!("`{word}` can not be done later"))
+            }
+            Some(_) => Ok(()),
+        }
+    }
+
+    /// Puts a command that it [takes](Self::takes) where its time is: `2.5s` since the board's start, or `+2.5s` from now.
     pub fn add(&mut self, now: u64, time: &str, command: &str) -> Result<(), String> {
         let at = match time.strip_prefix('+') {
             Some(after) => now.saturating_add(nanos(after)?),
             None => nanos(time)?,
         };
-        match command.split_whitespace().next() {
-            None => return Err("expected at TIME COMMAND".to_owned()),
-            Some(word @ ("at" | "wait" | "source" | "show" | "help" | "agenda" | "boards")) => {
-                return Err(format!("`{word}` can not be done later"));
-            }
-            Some(word @ "quit") if command.trim() != word => return Err(wrong(word)),
-            Some(_) => {}
-        }
         if at < now {
             let now = now as f64 / NANOS;
             return Err(format!(
@@ -165,7 +168,7 @@ mod tests {
             assert!(agenda.add(2 * SECOND, time, command).is_err(), "{time}");
         }
         for command in ["", "at 1s turn", "wait until x 1", "source x"] {
-            assert!(agenda.add(0, "1s", command).is_err(), "{command}");
+            assert!(Agenda::takes(command).is_err(), "{command}");
         }
         for _ in 0..MOST_COMMANDS {
             agenda.add(0, "1s", "a").unwrap();

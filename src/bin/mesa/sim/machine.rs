@@ -37,6 +37,8 @@ pub struct Machine {
     pub remotes: Vec<Plugged>,
     pub kind: Board,
     pub plan: Plan,
+    /// It is there to see what is refused: nothing outside of it changes.
+    pub is_rehearsal: bool,
 }
 
 /// What the parts of a state about a remote begin with.
@@ -68,6 +70,7 @@ impl Machine {
             remotes: Vec::new(),
             kind: options.board,
             plan: options.plan.clone(),
+            is_rehearsal: false,
         };
         machine.load_configurations();
         for remote in &wanted {

@@ -124,7 +124,8 @@ fn build(
         machine,
         address,
     } = board;
-    let mut machine = Machine::new(&machine)?;
+    let kind = machine;
+    let mut machine = Machine::new(&kind)?;
     let store = open_store(options, &mut machine)?;
     let mut face = UdpFace::bind(address, options.mishaps())
         .map_err(|error| Failure::refused(format_args!("{address}: {error}")))?;
@@ -138,7 +139,7 @@ fn build(
         face.local_addr()?,
         machine.inventory()
     );
-    Station::new(name, machine, face, store)
+    Station::new((name, kind), machine, face, store)
 }
 
 /// Does what standard input says, in a thread of its own.

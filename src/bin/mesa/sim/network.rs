@@ -86,6 +86,7 @@ impl Network {
             ["quit"] => Answer::quit(),
             ["help"] => Answer::of(Ok(HELP.to_owned())),
             ["boards"] => Answer::of(Ok(self.list())),
+            ["at", time, ref later @ ..] => link.put(time, &later.join(" ")),
             ["source", path] => Answer::of(self.source(path, board, depth)),
             ["quit" | "help" | "boards" | "source", ..] => {
                 Answer::refused(super::console::wrong(words[0]))

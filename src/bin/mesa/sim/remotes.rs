@@ -1,6 +1,7 @@
 //! Commands for the remotes, and what is shown of them.
 
 use std::fs;
+use std::path::Path;
 
 use mesa_hal::sim::{
     devices::{SignalValue, WorldError},
@@ -11,6 +12,7 @@ use super::{
     console::{line, number, on_off, wrong},
     machine::Machine,
 };
+use crate::files::probe;
 
 /// Does a command about the remote on a channel.
 pub fn command(
@@ -42,7 +44,12 @@ pub fn command(
         ("jumper", ["operate"]) => machine.device(channel)?.set_setup_jumper(now, false),
         ("firmware", [revision, file]) => {
             let image = firmware_file(machine.device(channel)?.card(), number(revision)?, 6000);
-            fs::write(file, image).map_err(|error| format!("{file}: {error}"))?;
+            let path = Path::new(file);
+            let done = match machine.is_rehearsal {
+                true => probe(path),
+                false => fs::write(path, image),
+            };
+            done.map_err(|error| format!("{file}: {error}"))?;
         }
         ("shorted", [n, state]) => {
             let (n, on) = (number(n)?, on_off(state)?);

@@ -10,7 +10,7 @@ use mesa_hal::sim::UdpFace;
 
 use super::agenda::{Agenda, Condition};
 use super::console::{self, Answer};
-use super::machine::Machine;
+use super::machine::{Machine, MachineOptions};
 use super::network::Shared;
 use super::store::Store;
 use crate::context::Failure;
@@ -40,6 +40,7 @@ struct Request {
 pub struct Link {
     pub name: String,
     pub address: SocketAddr,
+    options: Arc<MachineOptions>,
     inbox: SyncSender<Request>,
 }
 
@@ -62,6 +63,21 @@ pub struct Station {
 }
 
 impl Link {
+    /// Puts a command on the agenda of a board. What it would be refused for at its time it is refused
+    /// for now: it is tried on another machine of the same kind.
+    pub fn put(&self, time: &str, command: &str) -> Answer {
+        let tried = Agenda::takes(command).and_then(|()| {
+            let machine = Machine::new(&self.options);
+            let mut machine = machine.map_err(|error| error.to_string())?;
+            machine.is_rehearsal = true;
+            console::rehearse(&mut machine, command)
+        });
+        match tried {
+            Ok(()) => self.ask(&format!("at {time} {command}")),
+            Err(reason) => Answer::refused(reason),
+        }
+    }
+
     /// Has a board do what a line says, and waits for the answer.
     pub fn ask(&self, line: &str) -> Answer {
         let (answer, answers) = sync_channel(1);
@@ -82,7 +98,7 @@ impl Link {
 impl Station {
     /// A board that listens, and where its commands go.
     pub fn new(
-        name: String,
+        (name, options): (String, MachineOptions),
         machine: Machine,
         face: UdpFace,
         store: Option<Store>,
@@ -91,6 +107,7 @@ impl Station {
         let link = Link {
             name,
             address: face.local_addr()?,
+            options: options.into(),
             inbox: sender,
         };
         let station = Self {

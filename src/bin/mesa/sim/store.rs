@@ -1,7 +1,6 @@
 //! The state file: written beside, then put in place, so that a power cut leaves a whole one.
 
 use std::{
-    fs::{self, File},
     io,
     path::Path,
     sync::mpsc::{Receiver, Sender, channel},
@@ -9,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::files::{beside, bounded, put};
+use crate::files::{bounded, probe, put};
 use crate::output::complain;
 
 /// A first change is written at once. While more follow, so often, ...
@@ -89,9 +88,7 @@ impl Store {
 
 /// Says now, and not when there is something to lose, that the state can not be written.
 fn try_to_write(path: &Path) -> io::Result<()> {
-    let beside = beside(path)?;
-    let tried = File::create(&beside).and_then(|_| fs::remove_file(&beside));
-    tried.map_err(|error| {
+    probe(path).map_err(|error| {
         let reason = format!("the state could not be written beside it: {error}");
         io::Error::new(error.kind(), reason)
     })

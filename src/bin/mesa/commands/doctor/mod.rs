@@ -18,6 +18,7 @@ use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal::{BoardState, Driver, Settings};
 use serde::Serialize;
 
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
@@ -54,6 +55,8 @@ pub struct Doctor {
     /// --passive is given
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    asks: Asks,
     /// Where this computer's /proc and /sys are
     #[arg(long, value_name = "DIRECTORY", default_value = "/", hide = true)]
     root: PathBuf,
@@ -80,19 +83,23 @@ impl Doctor {
                 found.address
             );
             // It is opened after that, and what is found then is a finding.
-            context.consent(&what, None)?;
+            self.asks.consent(context, &what, None)?;
+        }
+        if let Some(path) = &self.report {
+            self.asks.replaces(context, path)?;
         }
         let address = *found.address.ip();
         let here = Network::below(&self.root).unwrap_or_default();
         let host = Host::below(&self.root);
         let mut findings = vec![network::way(&here, address)];
         self.look_at_the_board(context, &found, &mut findings);
+        let mut gathered = Ok(());
         if let Some(path) = self
             .report
             .as_ref()
             .filter(|_| context.stop.signal().is_none())
         {
-            self.gather(context, &found, path)?;
+            gathered = self.gather(context, &found, path);
         }
         findings.extend(computer::all(&host, network::interface(&here, address)));
         for finding in &mut findings {
@@ -109,6 +116,7 @@ impl Doctor {
             verdict,
             findings,
         })?;
+        gathered?;
         Ok(match context.ending() {
             Ending::Done if verdict == Verdict::Bad => Ending::Refused,
             ending => ending,
@@ -146,22 +154,27 @@ impl Doctor {
                 return;
             }
         };
-        let figure = "nobody sends as much as 100 packets a second";
-        findings.push(Finding::good("second master", figure));
-        if let Err(error) = self.ask(context, &mut bus, findings) {
-            findings.push(bad("board", error));
-            return;
-        }
+        let asked = self.ask(context, &mut bus, findings);
+        let mut alone = running::check_alone(&bus);
         // The deadline of a question is not that of a cycle.
         drop(bus);
-        if self.passive || context.stop.signal().is_some() {
-            return;
+        if let Err(error) = asked {
+            findings.push(bad("board", error));
+        } else if !self.passive && context.stop.signal().is_none() {
+            let started = found.open_with(UdpConfig::default());
+            let started = started.and_then(|bus| self.start(context, bus, findings));
+            match started {
+                Ok(during) => alone = alone.and(during),
+                Err(error) => findings.push(bad("start of the machine", error)),
+            }
         }
-        let started = found.open_with(UdpConfig::default());
-        let started = started.and_then(|bus| self.start(context, bus, findings));
-        if let Err(error) = started {
-            findings.push(bad("start of the machine", error));
-        }
+        findings.push(match alone {
+            Ok(()) => Finding::good(
+                "second master",
+                "nobody sends as much as 100 packets a second",
+            ),
+            Err(error) => bad("second master", error),
+        });
     }
 
     /// What can be read without changing anything.
@@ -182,27 +195,26 @@ impl Doctor {
         Ok(())
     }
 
-    /// Runs the machine for a moment, with nothing set, and looks at its remotes.
+    /// Runs the machine for a moment, with nothing set, and looks at its remotes; whether nobody else
+    /// drove it meanwhile.
     fn start(
         &self,
         context: &Context,
         bus: UdpBus,
         findings: &mut Vec<Finding>,
-    ) -> Result<(), Failure> {
+    ) -> Result<Result<(), Failure>, Failure> {
         let settings = Settings {
             period: self.period(),
             ..Settings::default()
         };
-        let watchdog = settings
-            .watchdog
-            .unwrap_or_else(|| (self.period() * 5).max(WatchdogRegisters::DEFAULT_TIMEOUT));
+        let watchdog = settings.watchdog_time();
         let mut driver = running::start(bus, settings)?;
         let (cycles, failed) = self.cycle(context, &mut driver);
         findings.extend(judge(&driver, self.period(), watchdog, (cycles, failed)));
-        let (_, stopped) = driver.shutdown();
+        let (bus, stopped) = driver.shutdown();
         stopped?;
-        complain("mesa: the machine is stopped, its outputs are off");
-        Ok(())
+        complain("mesa: the machine is stopped; no output was ever on");
+        Ok(running::check_alone(&bus))
     }
 
     /// Cycles, and those that brought nothing.

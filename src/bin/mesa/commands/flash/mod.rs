@@ -173,7 +173,10 @@ impl Write {
                 About::of(&bitfile),
                 risk(is_alone)
             );
-            context.consent(&what, Some(&found))?;
+            self.change
+                .target
+                .asks
+                .consent(context, &what, Some(&found))?;
             let mut progress = Progress::of_write(context, written, is_alone);
             let done = flash.program(&bitfile, area, |step, bytes| progress.step(step, bytes));
             progress.ended(done)?;

@@ -73,7 +73,10 @@ impl Restore {
                 places.join(", "),
                 risk(is_alone)
             );
-            context.consent(&what, Some(&found))?;
+            self.change
+                .target
+                .asks
+                .consent(context, &what, Some(&found))?;
             let mut done = 0;
             for (difference, &written) in differences.iter().zip(&report.areas) {
                 if let Some(signal) = context.stop.signal() {

@@ -12,6 +12,7 @@ use clap::Args;
 use mesa_hal::{Board, Settings};
 use serde::Serialize;
 
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::modes::Modes;
@@ -45,6 +46,8 @@ pub struct Hal {
     /// Write the files into this directory, which is made if it is not there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 /// What was written, or would be.
@@ -74,7 +77,7 @@ const NAMES: [&str; 5] = [
 impl Hal {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         if let Some(directory) = &self.out {
-            may_replace(directory, context)?;
+            may_replace(directory, self.asks, context)?;
         }
         let machine = self.look()?;
         if let Some(signal) = context.stop.signal() {
@@ -127,7 +130,7 @@ impl Hal {
 }
 
 /// Asks before files are replaced; something else than a file of such a name is never.
-fn may_replace(directory: &Path, context: &Context) -> Result<(), Failure> {
+fn may_replace(directory: &Path, asks: Asks, context: &Context) -> Result<(), Failure> {
     let mut there = Vec::new();
     for name in NAMES {
         match fs::metadata(directory.join(name)) {
@@ -144,7 +147,7 @@ fn may_replace(directory: &Path, context: &Context) -> Result<(), Failure> {
         return Ok(());
     }
     let (directory, there) = (directory.display(), there.join(", "));
-    context.consent(&format!("{directory}: replaces {there}"), None)
+    asks.consent(context, &format!("{directory}: replaces {there}"), None)
 }
 
 impl Skeleton {

@@ -13,8 +13,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use mesa_hal::driver::Pace;
 use mesa_hal::runner::Realtime;
 
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
-use crate::files;
 use crate::output::complain;
 use crate::target::Target;
 use measure::Measured;
@@ -70,6 +70,8 @@ pub struct Latency {
     /// begin earlier, and cost more CPU
     #[arg(long)]
     spin: bool,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -95,7 +97,7 @@ impl Paces {
 impl Latency {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         if let Some(file) = &self.plot {
-            files::check(file)?;
+            self.asks.replaces(context, file)?;
         }
         let found = self.target.find()?;
         let bus = found.open()?;

@@ -9,6 +9,7 @@ use mesa_hal::setup::{Match, SavedCabinet, SavedValue};
 use serde::Serialize;
 
 use super::{Where, warning};
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::files;
 use crate::output::complain;
@@ -22,6 +23,8 @@ const MOST_BYTES: u64 = 4 << 20;
 pub struct Save {
     /// The file: TOML if its name ends so, else JSON
     file: PathBuf,
+    #[command(flatten)]
+    asks: Asks,
     #[command(flatten)]
     at: Where,
 }
@@ -39,6 +42,8 @@ pub struct Restore {
     /// replaced by another of its kind
     #[arg(long)]
     by_place: bool,
+    #[command(flatten)]
+    asks: Asks,
     #[command(flatten)]
     at: Where,
 }
@@ -73,10 +78,7 @@ struct Differs {
 impl Save {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
         let path = &self.file;
-        files::check(path)?;
-        if path.is_file() {
-            context.consent(&format!("{}: is replaced", path.display()), None)?;
-        }
+        self.asks.replaces(context, path)?;
         let mut cabinet = self.at.cabinet.open()?;
         let saved = SavedCabinet::take(&mut cabinet)?;
         let text = if is_toml(path) {
@@ -156,7 +158,7 @@ impl Restore {
                 "writes {count} parameters in the non-volatile memory of remotes; they are used from \
                  the next power-up on{warnings}"
             );
-            context.consent(&what, cabinet.found())?;
+            self.asks.consent(context, &what, cabinet.found())?;
             for difference in &found.differences {
                 if context.stop.signal().is_some() {
                     break;

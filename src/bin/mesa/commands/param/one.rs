@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::list::Shown;
 use super::{Named, Where, go_on, named, warning};
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 
 /// One parameter
@@ -34,6 +35,8 @@ pub struct Set {
     /// shows
     #[arg(value_parser = parse, allow_negative_numbers = true)]
     value: AnyValue,
+    #[command(flatten)]
+    asks: Asks,
     #[command(flatten)]
     at: Where,
 }
@@ -106,7 +109,7 @@ impl Set {
                 "{place}, {}: writes {name} = {after} (now {before}), {kept}{warning}",
                 named.remote.name
             );
-            context.consent(&what, cabinet.found())?;
+            self.asks.consent(context, &what, cabinet.found())?;
             go_on(context)?;
             cabinet.write(place, name, self.value)?;
         }

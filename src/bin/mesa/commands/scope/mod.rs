@@ -15,6 +15,7 @@ use mesa_hal::transport::udp::UdpConfig;
 use serde::Serialize;
 
 use super::named;
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::target::Target;
 use crate::{files, running};
@@ -71,6 +72,8 @@ pub struct Scope {
     /// Where a picture of them goes
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -94,6 +97,7 @@ struct Report {
 
 impl Scope {
     pub fn run(&self, context: &Context) -> Result<Ending, Failure> {
+        self.check_files(context)?;
         let found = self.target.find()?;
         let settings = Settings {
             period: Duration::from_micros(self.period.into()),
@@ -126,7 +130,6 @@ impl Scope {
         let mut scope =
             Recorder::new(pins, &recorded, trigger, (before, cycles)).map_err(Failure::usage)?;
         let trigger = info(pin)?.name;
-        self.check_files()?;
         let begun = pins.now();
         let patience = Duration::from_secs(self.timeout.into());
         let runner = Runner::new(driver).stop_on(context.stop.clone());
@@ -180,25 +183,17 @@ impl Scope {
 
 impl Scope {
     /// Looks at what will be written before anything is waited for.
-    fn check_files(&self) -> Result<(), Failure> {
-        if self.plot.as_ref() == Some(&self.csv) {
+    fn check_files(&self, context: &Context) -> Result<(), Failure> {
+        if let Some(plot) = &self.plot
+            && files::is_same(plot, &self.csv)
+        {
             return Err(Failure::usage(format_args!(
                 "{}: values and picture need a file each",
                 self.csv.display()
             )));
         }
-        for file in std::iter::once(&self.csv).chain(&self.plot) {
-            let folder = file
-                .parent()
-                .filter(|folder| !folder.as_os_str().is_empty());
-            if folder.is_some_and(|folder| !folder.is_dir()) {
-                return Err(Failure::usage(format_args!(
-                    "{}: there is no such folder",
-                    file.display()
-                )));
-            }
-        }
-        Ok(())
+        let mut files = std::iter::once(&self.csv).chain(&self.plot);
+        files.try_for_each(|file| self.asks.replaces(context, file))
     }
 
     /// Refuses a level that the trigger never crosses.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use mesa_hal::bus::Instant;
 use mesa_hal::hal::{AnyValue, GroupId, PinId, PinInfo, Pins};
 use mesa_hal::modules::gpio::Gpio;
-use mesa_hal::runner::{Cycle, Ended, Runner};
+use mesa_hal::runner::{Cycle, Runner};
 use mesa_hal::transport::udp::UdpError;
 use mesa_hal::{Driver, UdpBus};
 
@@ -137,7 +137,10 @@ impl Jog {
         if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
         }
-        tell_end(&ended);
+        let not_reached = running::not_reached(&ended.driver, &self.groups);
+        for remote in &not_reached {
+            complain(format_args!("mesa: NOT REACHED: {remote}"));
+        }
         if let Err(error) = ended.stopped {
             return Err(Failure::refused(format_args!(
                 "{}: the ports could not be stopped: {error}; the board's outputs are off by its \
@@ -145,6 +148,10 @@ impl Jog {
                 info.name
             )));
         }
+        let other = if not_reached.is_empty() { "" } else { "other " };
+        complain(format_args!(
+            "mesa: all {other}outputs are off, and the ports are stopped"
+        ));
         // What it was told to do may have failed because of somebody else.
         if self.failure.is_some()
             && let Err(error @ UdpError::OtherHost { .. }) = ended.driver.into_bus().check_alone()
@@ -153,7 +160,8 @@ impl Jog {
         }
         let stopped = signal.map(|signal| signal.to_string());
         let is_contradicted = self.level.is_some_and(|level| level.contradictions > 0);
-        let outcome = match (self.failure, stopped) {
+        let lost = not_reached.first().cloned();
+        let outcome = match (self.failure.or(lost), stopped) {
             (Some(reason), _) if self.was_set => Outcome::Failed(reason),
             (None, Some(signal)) if self.was_set => Outcome::Stopped(signal),
             (None, None) if self.was_set => Outcome::Done,
@@ -190,6 +198,7 @@ impl Jog {
             self.time,
             outcome,
             (changes, not_seen),
+            not_reached,
         ))
     }
 
@@ -230,6 +239,8 @@ impl Jog {
         let is_over = |since: Instant, time| now.since(since) >= time;
         match self.phase {
             Phase::Start => {
+                // Everything is off: what has shown that its watchdog bites may be driven again.
+                cycle.pins_mut().rearm_all();
                 let reason = self.reason(cycle.driver);
                 self.look(cycle.pins(), |told| &mut told.before);
                 let is_seen = self.told.iter().all(|told| told.before.is_some());
@@ -377,16 +388,4 @@ fn level(driver: &Driver<UdpBus>, output: &Step) -> Option<Level> {
         expected: AnyValue::from(is_on != is_set(found.invert_output)),
         contradictions: 0,
     })
-}
-
-/// Says whether everything is off, and what only its own watchdog switches off.
-fn tell_end(ended: &Ended<UdpBus>) {
-    let mut but = "all outputs are off";
-    for remote in ended.driver.not_reached() {
-        but = "all other outputs are off";
-        complain(format_args!("mesa: NOT REACHED: {remote}"));
-    }
-    if ended.stopped.is_ok() {
-        complain(format_args!("mesa: {but}, and the ports are stopped"));
-    }
 }

@@ -6,12 +6,13 @@ mod report;
 use std::time::Duration;
 
 use clap::Args;
-use mesa_hal::driver::{FoundRemote, RemoteWatchdog};
 use mesa_hal::hal::{AnyValue, HalType, PinId, PinInfo, Pins, Role};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::UdpConfig;
 use mesa_hal::{Board, Rounded, Settings};
 
 use super::named;
+use super::slow_watchdog::SlowWatchdog;
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::output::complain;
 use crate::place;
@@ -37,6 +38,10 @@ A drive moves with a voltage on its input and its enable: --analog lets an analo
 is enabled for the time; so is every drive with the same enable, at 0 V: the question names them.
 
 An I/O pin is made an output for the time; nothing else may drive it.
+
+Before it drives an output of a remote, the remote gets no data until its own watchdog bites, with
+everything off: what it keeps as NVWatchDogTimeout is not what it uses until it was switched off and
+on.
 
 What was set is read back where anything tells: if it was never so, that is said, and the exit code
 is 1. A remote that can not be reached at the end is named: its own watchdog switches its outputs
@@ -66,10 +71,10 @@ pub struct Set {
     /// Let a drive be enabled
     #[arg(long)]
     drive_enable: bool,
-    /// Let an output be set whose remote has its own watchdog off, or longer than 1 s: when its cable
-    /// breaks, nothing else switches the output off
-    #[arg(long)]
-    slow_watchdog: bool,
+    #[command(flatten)]
+    slow_watchdog: SlowWatchdog,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 impl Set {
@@ -87,21 +92,26 @@ impl Set {
         let enables = pins.enables(pin).filter_map(|pin| pins.info_of(pin));
         let infos: Vec<_> = enables.collect();
         self.allow(&info, &infos)?;
-        let watchdog = self.allow_watchdog(&board, &info)?;
+        let group = [info.group];
+        let watchdog = self.slow_watchdog.check(&board, &group)?;
         let safe = pins.read_any(pin).value;
         let what = self.says(&info, (value, safe), &infos) + &watchdog;
-        context.consent(&format!("{}: {what}", found.address), Some(&found))?;
+        let what = format!("{}: {what}", found.address);
+        self.asks.consent(context, &what, Some(&found))?;
         if let Some(signal) = context.stop.signal() {
             complain(format_args!("mesa: ended by {signal}; nothing was set"));
             return Ok(Ending::Stopped(signal));
         }
-        let driver = running::go(board)?;
+        let mut driver = running::go(board)?;
         named::present(driver.missing(), &info.name)?;
+        self.slow_watchdog.prove(&mut driver, &group)?;
         let jog = jog::Jog::new(&driver, (pin, value, safe), self.time);
         let report = jog.run(driver, context, &info)?;
         context.print(&report)?;
-        match (context.stop.signal(), report.failure()) {
-            (None, Some(reason)) => Err(Failure::refused(reason)),
+        match report.failure() {
+            Some(reason) if context.stop.signal().is_none() || !report.not_reached.is_empty() => {
+                Err(Failure::refused(reason))
+            }
             _ => Ok(context.ending()),
         }
     }
@@ -148,35 +158,6 @@ impl Set {
                 ))
             }
         }
-    }
-
-    /// Nothing but a remote's own watchdog switches its outputs off when its cable breaks. What to say
-    /// of one that takes long.
-    fn allow_watchdog(&self, board: &Board<UdpBus>, info: &PinInfo) -> Result<String, Failure> {
-        let mut remotes = board.remotes();
-        let found = remotes.find(|(_, remote)| remote.pins.group == info.group);
-        let watchdog = found.map(|(_, remote)| FoundRemote::watchdog(remote));
-        let Some(watchdog) = watchdog.filter(|watchdog| watchdog.is_slow()) else {
-            return Ok(String::new());
-        };
-        let how = match watchdog {
-            RemoteWatchdog::Off => {
-                "is off (NVWatchDogTimeout 0): when its cable breaks, what is on stays on"
-                    .to_owned()
-            }
-            _ => format!(
-                "is slow (NVWatchDogTimeout): when its cable breaks, what is on stays on for {}",
-                Rounded(&watchdog.time().unwrap_or_default())
-            ),
-        };
-        if self.slow_watchdog {
-            return Ok(format!(". The own watchdog of its remote {how}"));
-        }
-        Err(Failure::refused(format_args!(
-            "{}: the own watchdog of its remote {how}. Set it (`mesa param set`), or give \
-             --slow-watchdog if that is meant",
-            info.name
-        )))
     }
 
     fn says(

@@ -35,6 +35,8 @@ pub struct Report {
     changes: Vec<Change>,
     /// Inputs that were not valid before it was set: what they did is not known.
     not_seen: usize,
+    /// Remotes that have not shown that they switched it off again.
+    pub not_reached: Vec<String>,
     #[serde(skip)]
     text: String,
 }
@@ -76,6 +78,7 @@ impl Report {
         time: Duration,
         outcome: Outcome,
         (changes, not_seen): (Vec<Change>, usize),
+        not_reached: Vec<String>,
     ) -> Self {
         Self {
             pin: info.name.clone(),
@@ -86,6 +89,7 @@ impl Report {
             outcome,
             changes,
             not_seen,
+            not_reached,
             text: named::text(value),
         }
     }

@@ -16,6 +16,8 @@ use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Board, Rounded, Settings};
 
 use super::set::{self, Hazard, hazard};
+use super::slow_watchdog::SlowWatchdog;
+use crate::consent::Asks;
 use crate::context::{Context, Ending, Failure};
 use crate::modes::Modes;
 use crate::output::complain;
@@ -79,6 +81,10 @@ pub struct Wiring {
     )]
     #[arg(value_parser = seconds::<100, 10_000>)]
     time: Duration,
+    #[command(flatten)]
+    slow_watchdog: SlowWatchdog,
+    #[command(flatten)]
+    asks: Asks,
 }
 
 /// So many milliseconds, given as seconds.
@@ -98,12 +104,8 @@ impl Wiring {
                 "nobody is at the keyboard; say with --timeout S how long each terminal is waited for",
             ));
         }
-        if let Some(path) = self.report.as_ref().filter(|path| path.is_file()) {
-            let path = path.display();
-            context.consent(
-                &format!("{path} is there already, and will be replaced"),
-                None,
-            )?;
+        if let Some(path) = &self.report {
+            self.asks.replaces(context, path)?;
         }
         let found = self.target.find()?;
         let address = found.address.to_string();
@@ -122,8 +124,12 @@ impl Wiring {
                 missing.concat()
             )));
         }
-        self.consent(context, &found, &items)?;
-        let driver = running::go(board)?;
+        let outputs = items.iter().filter(|item| item.is_output());
+        let groups: Vec<GroupId> = outputs.map(|item| item.info.group).collect();
+        let watchdogs = self.slow_watchdog.check(&board, &groups)?;
+        self.consent(context, &found, &items, &watchdogs)?;
+        let mut driver = running::go(board)?;
+        self.slow_watchdog.prove(&mut driver, &groups)?;
         let missing: Vec<String> = driver.missing().iter().map(Remark::to_string).collect();
         let is_incomplete = self.pattern.is_none() && driver.missing().iter().any(is_there);
         let name = driver.name().to_owned();
@@ -136,9 +142,10 @@ impl Wiring {
             Some(path) => report(session, outcome).write(path),
             None => Ok(()),
         };
-        let machine = Machine::start(driver, context, self.time);
+        let machine = Machine::start(driver, context, (self.time, groups));
         let (lines, parts) = (Lines::of_standard_input(is_terminal), (check, items));
         let mut session = Session::new(context, &machine, (lines, self.timeout), parts, name);
+        session.is_agreed = self.asks.yes;
         // Where it can not be kept is better known before the work is done.
         keep(&session, Outcome::Unfinished)?;
         let outcome = session.run(|session| {
@@ -202,10 +209,14 @@ impl Wiring {
     }
 
     /// Says which outputs are driven.
-    fn consent(&self, context: &Context, found: &Found, items: &[Item]) -> Result<(), Failure> {
-        let outputs = items
-            .iter()
-            .filter(|item| matches!(item.what, What::Output(_)));
+    fn consent(
+        &self,
+        context: &Context,
+        found: &Found,
+        items: &[Item],
+        watchdogs: &str,
+    ) -> Result<(), Failure> {
+        let outputs = items.iter().filter(|item| item.is_output());
         let count = outputs.clone().count();
         if count == 0 {
             return Ok(());
@@ -216,13 +227,13 @@ impl Wiring {
         };
         let what = format!(
             "{}: drives {} digital outputs one after the other, each for {} with all others off, \
-             no drive enables and no analog outputs: {}",
+             no drive enables and no analog outputs: {}{watchdogs}",
             found.address,
             count,
             Rounded(&self.time),
             place::short(&at)
         );
-        context.consent(&what, Some(found))
+        self.asks.consent(context, &what, Some(found))
     }
 }
 

@@ -66,6 +66,10 @@ pub enum Outcome {
 }
 
 impl Item {
+    pub const fn is_output(&self) -> bool {
+        matches!(self.what, What::Output(_))
+    }
+
     pub fn new(info: PinInfo, what: What) -> Self {
         Self {
             info,

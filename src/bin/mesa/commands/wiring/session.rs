@@ -54,6 +54,8 @@ pub struct Session<'a> {
     pub board: String,
     pub items: Vec<Item>,
     pub timeout: Option<Duration>,
+    /// Each output is driven without a question.
+    pub is_agreed: bool,
     clock: HostClock,
     seen: Option<Snapshot>,
 }
@@ -74,6 +76,7 @@ impl<'a> Session<'a> {
             board,
             items,
             timeout,
+            is_agreed: false,
             clock: HostClock::new(),
             seen: None,
         }
@@ -290,7 +293,7 @@ impl<'a> Session<'a> {
 
     /// Drives an output for a while, and asks whether it came on.
     fn output(&mut self, at: usize, pin: PinId) -> Result<Next, Outcome> {
-        if !self.context.yes {
+        if !self.is_agreed {
             self.say(at, "y and Enter drives it; Enter skips");
             loop {
                 match self.pass()?.0 {
