@@ -53,7 +53,7 @@ impl Terminals {
     }
 
     /// Three encoders on a block of 24 terminals, of which each third is ground or +5 V: A, B and
-    /// index of each.
+    /// index of each, as [`of_signal`](Self::of_signal) has them.
     pub const fn encoders(connector: &'static str, first: u16) -> Self {
         Self {
             connector,
@@ -73,6 +73,14 @@ impl Terminals {
     /// The terminals of thing `number`, one by one.
     pub fn each_of(ranges: &[Self], number: u16) -> impl Iterator<Item = Place> {
         Self::each(ranges).filter_map(move |(n, place)| (n == number).then_some(place))
+    }
+
+    /// The terminals of A, B or index (0 to 2) of counter `number`, one by one: a third of its
+    /// terminals each, in this order.
+    pub fn of_signal(ranges: &[Self], number: u16, signal: usize) -> impl Iterator<Item = Place> {
+        let all: Vec<Place> = Self::each_of(ranges, number).collect();
+        let each = all.len().div_ceil(3);
+        all.into_iter().skip(each * signal).take(each)
     }
 
     /// All terminals with the numbers of their things.

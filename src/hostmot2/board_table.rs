@@ -48,7 +48,8 @@ pub struct PwmTable {
 pub struct ModuleTerminals {
     /// The modules that may be there: the first of them that a firmware has is the one.
     pub modules: &'static [Gtag],
-    /// Encoder, input, output or I/O pin by its number.
+    /// Encoder, input, output or I/O pin by its number; of an encoder those of A, B and index, as
+    /// many of each ([`Terminals::of_signal`]).
     pub terminals: &'static [Terminals],
 }
 
@@ -145,13 +146,13 @@ impl BoardTable {
         entry.map_or(&[], |entry| entry.terminals)
     }
 
-    /// Where encoder `number` comes out: on the board itself, or on the card whose pins it has.
-    pub fn encoder_place(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> Place {
+    /// Where A, B and index of encoder `number` come out: on the board itself, or on the card whose
+    /// pins it has.
+    pub fn encoder_places(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> [Place; 3] {
         let on_card = |card: &&CardTable| Some((card.encoder(firmware, number)?, card.encoders));
-        match self.cards.iter().find_map(on_card) {
-            Some((encoder, terminals)) => Terminals::of(terminals, encoder),
-            None => self.place(firmware, (gtag, 0), number),
-        }
+        let found = self.cards.iter().find_map(on_card);
+        let (number, ranges) = found.unwrap_or_else(|| (number, self.ranges(firmware, gtag)));
+        [0, 1, 2].map(|signal| Terminals::of_signal(ranges, number, signal).collect())
     }
 }
 

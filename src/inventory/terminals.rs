@@ -38,13 +38,10 @@ fn of_module(board: &BoardTable, firmware: &HostMot2, pin: PinDescriptor) -> Vec
         (Gtag::PWM, 1) => nth(board.pwm.outputs, unit),
         (Gtag::PWM, 3) => nth(board.pwm.enables, unit),
         (Gtag::SSR | Gtag::OUT_M, 1..) => nth(ranges, function - 1),
-        // Two encoders share a pin: A, B and index have two terminals each.
+        // Two encoders share a pin.
         (Gtag::MUXED_ENCODER, 1..=3) => [2 * unit, 2 * unit + 1]
             .into_iter()
-            .flat_map(|encoder| {
-                let first = 2 * (usize::from(function) - 1);
-                Terminals::each_of(ranges, encoder).skip(first).take(2)
-            })
+            .flat_map(|encoder| Terminals::of_signal(ranges, encoder, usize::from(function) - 1))
             .collect(),
         // RX+, RX-, TX+, TX-.
         (Gtag::SSERIAL | Gtag::SSERIAL_B, 1) => {

@@ -57,7 +57,7 @@ fn every_pin_has_a_signal_with_its_terminal_and_drive_enables_have_none() {
             "\n# port 0, channel 0: 7I77, mode 2\n# port 0, channel 1: 7I77, mode 0\n# port 0, channel 2: 7I72",
             "\nloadrt hm2_eth board_ip=[HOSTMOT2]BOARD_IP config=[HOSTMOT2]CONFIG\n",
             "\nsetp hm2_7i92.0.encoder.05.scale [JOINT_5]ENCODER_SCALE\n",
-            "\nnet encoder-00-index-enable <=> hm2_7i92.0.encoder.00.index-enable  # TB3 pin 1, 2, 4, 5, 7, 8 QA0",
+            "\nnet encoder-00-index-enable <=> hm2_7i92.0.encoder.00.index-enable  # TB3 pin 7, 8 IDX0, /IDX0",
             "\nnet 7i77-0-0-input-02 <= hm2_7i92.0.7i77.0.0.input-02  # TB8 pin 3 INPUT2\n",
             "\nnet 7i77-0-0-output-10 => hm2_7i92.0.7i77.0.0.output-10  # TB7 pin 19 OUTPUT10\n",
             "\nnet 7i77-0-0-fieldvoltage <= hm2_7i92.0.7i77.0.0.fieldvoltage  # in ",

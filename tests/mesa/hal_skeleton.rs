@@ -29,17 +29,17 @@ struct Joint {
 #[allow(dead_code, reason = "take out what is not used")]
 struct Machine {
     joints: [Joint; 6],
-    /// TB3 pin 1, 2, 4, 5, 7, 8 QA0, /QA0, QB0, /QB0, IDX0, /IDX0.
+    /// TB3 pin 1, 2, 4, 5 QA0, /QA0, QB0, /QB0.
     encoder_00_velocity: Input<f64>,
-    /// TB3 pin 9, 10, 12, 13, 15, 16 QA1, /QA1, QB1, /QB1, IDX1, /IDX1.
+    /// TB3 pin 9, 10, 12, 13 QA1, /QA1, QB1, /QB1.
     encoder_01_velocity: Input<f64>,
-    /// TB3 pin 17, 18, 20, 21, 23, 24 QA2, /QA2, QB2, /QB2, IDX2, /IDX2.
+    /// TB3 pin 17, 18, 20, 21 QA2, /QA2, QB2, /QB2.
     encoder_02_velocity: Input<f64>,
-    /// TB4 pin 1, 2, 4, 5, 7, 8 QA3, /QA3, QB3, /QB3, IDX3, /IDX3.
+    /// TB4 pin 1, 2, 4, 5 QA3, /QA3, QB3, /QB3.
     encoder_03_velocity: Input<f64>,
-    /// TB4 pin 9, 10, 12, 13, 15, 16 QA4, /QA4, QB4, /QB4, IDX4, /IDX4.
+    /// TB4 pin 9, 10, 12, 13 QA4, /QA4, QB4, /QB4.
     encoder_04_velocity: Input<f64>,
-    /// TB4 pin 17, 18, 20, 21, 23, 24 QA5, /QA5, QB5, /QB5, IDX5, /IDX5.
+    /// TB4 pin 17, 18, 20, 21 QA5, /QA5, QB5, /QB5.
     encoder_05_velocity: Input<f64>,
     /// TB8 pin 17 OUTPUT0.
     i7i77_0_0_output_00: Output<bool>,

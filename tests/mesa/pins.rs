@@ -59,13 +59,11 @@ fn inputs_are_as_they_are_on_the_board() {
     assert_eq!(scale["direction"], "RW");
     assert_eq!(scale["age_us"], Value::Null);
     let count = by_name(&pins, "hm2_7i97.0.encoder.00.count");
-    assert!(
-        count["signal"]
-            .as_str()
-            .expect("text")
-            .starts_with("QA0, /QA0"),
-        "{count}"
-    );
+    assert_eq!(count["signal"], "QA0, /QA0, QB0, /QB0", "{count}");
+    let index = by_name(&pins, "hm2_7i97.0.encoder.00.index-enable");
+    assert_eq!(index["signal"], "IDX0, /IDX0", "{index}");
+    let probe = by_name(&pins, "hm2_7i97.0.encoder.00.probe-enable");
+    assert_eq!(probe["terminal"], "", "{probe}");
 
     // Nothing is left running, and nothing was driven.
     let truth = board.console.show("all");
@@ -101,7 +99,7 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
         !connector.is_empty() && connector.iter().all(is_its),
         "{connector:?}"
     );
-    // What this signal feeds, at its terminal.
+    // The pins that show this signal, at its terminals.
     let index = lines("IDX0");
     let names: Vec<_> = index
         .iter()
@@ -116,11 +114,12 @@ fn a_pattern_chooses_by_name_terminal_or_signal() {
     );
     assert!(index[1].ends_with("TB3 pin 7, 8 IDX0, /IDX0"), "{index:?}");
     let one = lines("/QA0");
-    assert_eq!(one.len(), 5, "{one:?}");
-    assert!(
-        one[4].contains(".input-a ") && one[4].ends_with("TB3 pin 2 /QA0"),
-        "{one:?}"
-    );
+    let at = |name: &str| one.iter().find(|line| line.contains(name));
+    let ends = |name: &str, place: &str| at(name).is_some_and(|line| line.ends_with(place));
+    assert!(ends(".input-a ", " TB3 pin 1, 2 QA0, /QA0"), "{one:?}");
+    let both = " TB3 pin 1, 2, 4, 5 QA0, /QA0, QB0, /QB0";
+    assert!(ends(".count ", both) && at("index").is_none(), "{one:?}");
+    assert_eq!(at("input-b"), None, "{one:?}");
     let block = lines("tb5 pin");
     assert!(
         block.iter().any(|line| line.contains("analogout0")),

@@ -223,7 +223,7 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     let mut guided = Guided::begin(&board, &["encoder", "--report", file.path()]);
     let first = guided.says("[1/6] ");
     assert!(
-        first.contains("TB3 pin 1, 2, 4, 5, 7, 8 QA0, /QA0"),
+        first.contains("TB3 pin 1, 2, 4, 5 QA0, /QA0, QB0, /QB0"),
         "{first}"
     );
     assert!(first.ends_with("turn it now by hand, in its positive direction"));

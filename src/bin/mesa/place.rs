@@ -1,45 +1,6 @@
 //! Terminals in few words.
 
-use mesa_hal::hal::{PinInfo, Place};
-
-use crate::pattern::Pattern;
-
-/// What of an encoder its signals feed; nothing else of it is at a terminal of its own.
-const FED_BY: [(&str, &str); 3] = [
-    ("QA", " rawcounts count position velocity input-a "),
-    ("QB", " rawcounts count position velocity input-b "),
-    ("IDX", " index-enable input-index "),
-];
-
-/// Where a pin is, as far as a pattern means it: all of its place if it means its name; if it means
-/// terminals or signals, these. `None` if it means neither, or signals that do not feed this pin.
-pub fn meant(info: &PinInfo, pattern: &Pattern) -> Option<Place> {
-    let Place { terminal, signal } = &info.place;
-    if pattern.fits_text(&info.name) {
-        return Some(info.place.clone());
-    }
-    let terminals: Vec<&str> = terminal.split(", ").collect();
-    let signals: Vec<&str> = signal.split(", ").collect();
-    if terminals.len() != signals.len() || signals.len() < 2 {
-        return pattern.fits(info).then(|| info.place.clone());
-    }
-    let short = info.name.rsplit('.').next().unwrap_or_default();
-    let feeds = |signal: &str| {
-        let own = signal.trim_start_matches('/');
-        let mut known = FED_BY.iter().filter(|(begin, _)| own.starts_with(begin));
-        let known = known.next();
-        known.is_none_or(|(_, fed)| fed.contains(&format!(" {short} ")))
-    };
-    let all = terminals.into_iter().zip(signals);
-    let fitting = all.filter(|(terminal, signal)| {
-        (pattern.fits_text(terminal) || pattern.fits_text(signal)) && feeds(signal)
-    });
-    let (terminals, signals): (Vec<_>, Vec<_>) = fitting.unzip();
-    (!signals.is_empty()).then(|| Place {
-        terminal: terminals.join(", "),
-        signal: signals.join(", "),
-    })
-}
+use mesa_hal::hal::Place;
 
 /// Connector, pins and signals; the name of a connector that several pins are on is there once: `TB1
 /// pin 1, 2, 4 QA0, /QA0, QB0`.

@@ -32,10 +32,16 @@ pub struct Point {
     card: Card,
 }
 
-/// Terminals of the same name are the same one if they are on the same card: that of a remote, or the
-/// part of the board's own pins, such as an encoder, that a name begins with.
+/// Terminals of the same name are the same one if they are on the same card.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Card(GroupId, Option<String>);
+enum Card {
+    /// That of a remote.
+    Remote(GroupId),
+    /// The part of the board's own pins that a name begins with.
+    Part(String),
+    /// Such a part that is one counter, as an encoder is: all its terminals change when it is turned.
+    Counter(String),
+}
 
 /// The inputs that can be checked, in the order of their pins: one for each terminal. Those that
 /// `fits` chooses are asked for, and the others are watched.
@@ -45,7 +51,7 @@ struct Card(GroupId, Option<String>);
 /// a handwheel's, only if these are not chosen. Digital inputs of `remotes` (the groups of their pins)
 /// need no terminal: that of a card that is not known has none.
 pub fn points(pins: &Pins, remotes: &[GroupId], fits: impl Fn(&PinInfo) -> bool) -> Vec<Point> {
-    let candidate = |(pin, info): (PinId, &PinInfo)| Point::new(pin, info, remotes);
+    let candidate = |(pin, info): (PinId, &PinInfo)| Point::new(pins, pin, info, remotes);
     let all = pins.ids().zip(pins.infos()).filter_map(candidate);
     let (asked, others): (Vec<_>, Vec<_>) = all.partition(|point| fits(&point.info));
     let mut points = one_for_each_terminal(asked);
@@ -61,7 +67,7 @@ pub fn points(pins: &Pins, remotes: &[GroupId], fits: impl Fn(&PinInfo) -> bool)
 }
 
 impl Point {
-    fn new(pin: PinId, info: &PinInfo, remotes: &[GroupId]) -> Option<Self> {
+    fn new(pins: &Pins, pin: PinId, info: &PinInfo, remotes: &[GroupId]) -> Option<Self> {
         if info.role != Role::Input {
             return None;
         }
@@ -75,13 +81,16 @@ impl Point {
         if info.place.terminal.is_empty() && !(is_of_remote && kind == Kind::Digital) {
             return None;
         }
-        let part = info.name.rsplit_once('.').map(|(part, _)| part.to_owned());
         Some(Self {
             pin,
             info: info.clone(),
             kind,
             is_asked: false,
-            card: Card(info.group, part.filter(|_| !is_of_remote)),
+            card: if is_of_remote {
+                Card::Remote(info.group)
+            } else {
+                Card::of_board(pins, &info.name)
+            },
         })
     }
 
@@ -95,14 +104,13 @@ impl Point {
     }
 
     fn shares_terminal(&self, other: &Self) -> bool {
-        self.card == other.card
-            && self
-                .terminals()
-                .any(|one| other.terminals().any(|two| one == two))
+        let is_other = |one: &str| other.terminals().any(|two| one == two);
+        self.card == other.card && (self.card.is_counter() || self.terminals().any(is_other))
     }
 
     fn is_at(&self, other: &Self) -> bool {
-        self.card == other.card && self.terminals().eq(other.terminals())
+        self.card == other.card
+            && (self.card.is_counter() || self.terminals().eq(other.terminals()))
     }
 
     /// Whether each of its terminals has an input of its own.
@@ -113,6 +121,21 @@ impl Point {
             .filter(|other| other.card == self.card && other.terminals().count() < count);
         let own: BTreeSet<&str> = own.flat_map(Self::terminals).collect();
         self.terminals().all(|terminal| own.contains(terminal))
+    }
+}
+
+impl Card {
+    /// The part that a pin of the board itself belongs to.
+    fn of_board(pins: &Pins, name: &str) -> Self {
+        let part = name.rsplit_once('.').map_or(name, |(part, _)| part);
+        match pins.id(&format!("{part}.count")) {
+            Ok(_) => Self::Counter(part.to_owned()),
+            Err(_) => Self::Part(part.to_owned()),
+        }
+    }
+
+    const fn is_counter(&self) -> bool {
+        matches!(self, Self::Counter(_))
     }
 }
 

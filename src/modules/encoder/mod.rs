@@ -186,10 +186,10 @@ impl Encoder {
         number: u8,
     ) -> Result<Self, RegisterError> {
         let (gtag, n) = (module.gtag, number.into());
-        let place = r.board.encoder_place(r.firmware, gtag, n);
-        let make = r.maker_at(&format!("encoder.{number:02}."), place);
+        let places = r.board.encoder_places(r.firmware, gtag, n);
+        let make = r.maker(&format!("encoder.{number:02}."));
         // What the manuals of multiplexed encoders promise needs the short filter.
-        let pins = EncoderPins::new(make, gtag != Gtag::MUXED_ENCODER)?;
+        let pins = EncoderPins::new(make, places, gtag != Gtag::MUXED_ENCODER)?;
         let config = pins.config(r.pins);
         let (count, control) = (module.register(0, number)?, module.register(1, number)?);
         let mode = r.image.setting(Stage::Configure, control, config.mode);

@@ -3,7 +3,9 @@
 use super::latch::LatchRequest;
 use super::registers::{bits, latch_timer, mux_skew};
 use super::state::{EncoderConfig, EncoderReading, EncoderState};
-use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Rejection};
+use crate::hal::{
+    Counter, Input, Output, Param, PinError, PinMaker, PinStore, Place, Rejection, Spec,
+};
 use crate::hostmot2::TickRate;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
@@ -67,13 +69,25 @@ pub(super) struct Command {
 }
 
 impl EncoderPins {
-    pub(super) fn new(mut make: PinMaker<'_>, has_filter: bool) -> Result<Self, PinError> {
-        Ok(Self {
+    /// Each is at the terminals of what it shows: `places` are those of A, B and index. Most are of
+    /// A and B together, and what is no signal of the encoder is at none.
+    pub(super) fn new(
+        make: PinMaker<'_>,
+        places: [Place; 3],
+        has_filter: bool,
+    ) -> Result<Self, PinError> {
+        let [a, b, index] = places;
+        let at = |place: &Place, name: &str| Spec {
+            place: place.clone(),
+            ..Spec::from(name)
+        };
+        let mut make = make.at([a.clone(), b.clone()].into_iter().collect());
+        let mut pins = Self {
             counter: Counter {
                 rawcounts: make.input("rawcounts")?,
                 count: make.input("count")?,
                 position: make.input("position")?,
-                index_enable: make.inout("index-enable")?,
+                index_enable: make.inout(at(&index, "index-enable"))?,
                 reset: make.switch("reset", false)?,
                 scale: make.setting("scale", 1.0)?,
                 counts_per_rev: None,
@@ -84,14 +98,12 @@ impl EncoderPins {
             position_latched: make.input("position-latched")?,
             velocity: make.input("velocity")?,
             velocity_rpm: make.input("velocity-rpm")?,
-            probe_enable: make.switch("probe-enable", false)?,
-            probe_invert: make.switch("probe-invert", false)?,
             quad_error: make.input("quad-error")?,
             quad_error_enable: make.switch("quad-error-enable", false)?,
             near_max_count_rate: make.input("near-max-count-rate")?,
-            input_a: make.input("input-a")?,
-            input_b: make.input("input-b")?,
-            input_index: make.input("input-index")?,
+            input_a: make.input(at(&a, "input-a"))?,
+            input_b: make.input(at(&b, "input-b"))?,
+            input_index: make.input(at(&index, "input-index"))?,
             index_invert: make.setting("index-invert", false)?,
             index_mask: make.setting("index-mask", false)?,
             index_mask_invert: make.setting("index-mask-invert", false)?,
@@ -99,7 +111,12 @@ impl EncoderPins {
             filter: make.setting("filter", has_filter)?,
             max_count_rate: make.property("max-count-rate", 0.0)?,
             vel_timeout: make.setting("vel-timeout", 0.5)?,
-        })
+            ..Self::default()
+        };
+        let mut make = make.at(Place::default());
+        pins.probe_enable = make.switch("probe-enable", false)?;
+        pins.probe_invert = make.switch("probe-invert", false)?;
+        Ok(pins)
     }
 
     /// How the encoder is to count, by its parameters.

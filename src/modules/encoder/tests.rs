@@ -18,7 +18,7 @@ impl Machine {
         let mut pins = PinStore::default();
         let group = pins.add_group();
         let make = PinMaker::new(&mut pins, group, "hm2_7i92.0.encoder.00.");
-        let handles = EncoderPins::new(make, true).unwrap();
+        let handles = EncoderPins::new(make, Default::default(), true).unwrap();
         Self {
             state: EncoderState::new(handles.config(&mut pins)),
             pins,

@@ -32,8 +32,8 @@ const AFTER_HELP: &str = "\
 It starts the machine with all outputs off, reads it for a while, and stops it. A board that another
 program drives is left alone.
 
-PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole. If
-it is a signal of an encoder, only the pins that this signal feeds are shown, at its terminals.
+PATTERN is a part of a pin's name, terminal or signal; with * or ? in it, a pattern of the whole. A
+signal of an encoder is at the pins that show it: QA0 at the count, IDX0 at index-enable.
 
 Exits with 1 if no pin fits.
 
@@ -122,8 +122,8 @@ impl Pins {
         let pattern = self.pattern.as_ref().unwrap_or(&all);
         let snapshot = reader.read()?;
         let rows = snapshot.pins().filter_map(|(info, reading)| {
-            let place = place::meant(info, pattern)?;
-            Some(Row::new(info, place, reading))
+            let fits = pattern.fits(info);
+            fits.then(|| Row::new(info, reading))
         });
         let rows = Rows(rows.collect());
         context.print(&rows)?;
@@ -136,15 +136,15 @@ impl Pins {
 }
 
 impl Row {
-    fn new(info: &PinInfo, place: Place, reading: Reading<AnyValue>) -> Self {
+    fn new(info: &PinInfo, reading: Reading<AnyValue>) -> Self {
         let age = reading.age.time;
         let has_age = !info.role.is_param() && age != Duration::MAX;
         Self {
             name: info.name.clone(),
             hal_type: info.hal_type.as_str(),
             direction: info.role.hal_direction(),
-            terminal: place.terminal,
-            signal: place.signal,
+            terminal: info.place.terminal.clone(),
+            signal: info.place.signal.clone(),
             value: value(reading.value),
             unit: info.unit.clone(),
             valid: reading.valid,

@@ -43,6 +43,10 @@ impl Cabinet {
             encoders.push(make.input("rawcounts").unwrap());
             make.input::<i32>("count").unwrap();
             make.input::<f64>("position").unwrap();
+            let mut make = make.at(place(&format!("TB3 pin {}", 2 * n + 1)));
+            make.input::<bool>("input-a").unwrap();
+            let mut make = make.at(place(&format!("TB3 pin {}", 10 + n)));
+            make.input::<bool>("input-index").unwrap();
         }
         for n in 0..4 {
             let at = place(&format!("TB8 pin {}", n + 1));
@@ -168,6 +172,11 @@ fn each_terminal_is_checked_by_one_pin_and_the_others_are_watched() {
         ["encoder.00.quad-error", "encoder.01.quad-error"]
     );
     assert_eq!(names(&other, false).len(), all.len() - 2);
+    // Whoever turns an encoder changes all its terminals: those that are not asked for are not watched.
+    let index = chosen("TB3 pin 10");
+    assert_eq!(names(&index, true), ["encoder.00.input-index"]);
+    assert_eq!(names(&index, false)[0], "encoder.01.rawcounts");
+    assert_eq!(names(&index, false).len(), all.len() - 1);
     assert_eq!(points(&cabinet.store, &remotes, |_| false).len(), all.len());
 }
 
