@@ -104,42 +104,16 @@ pub(crate) mod kind {
 
 #[cfg(test)]
 mod tests {
-    use alloc::string::{String, ToString};
+    use alloc::string::ToString;
     use core::time::Duration;
     use serde_json::{from_str, json, to_value};
 
-    use crate::boards::i7i77;
     use crate::bus::{BusErrorKind, BusStatistics, Instant};
     use crate::driver::{DriverStatistics, Event, EventKind, OfflineReason, RemoteState};
     use crate::driver::{EventMask, PortStatistics, TimeHistogram, TraceSettings};
     use crate::lbp::RemoteFaults;
     use crate::modules::events::tests::event;
-    use crate::{Pace, Presence, RemoteConfig, SerialConfig, Settings};
-
-    fn text(value: &impl serde::Serialize) -> String {
-        serde_json::to_string(value).expect("it can be said")
-    }
-
-    #[test]
-    fn settings_come_back_from_a_file_as_they_were() {
-        let mut port: SerialConfig = "20xxxxxx".parse().expect("modes");
-        let analog = RemoteConfig {
-            kind: Some(&i7i77::ANALOG),
-            presence: Presence::Optional,
-            ..RemoteConfig::default()
-        };
-        port.channels.insert(1, analog);
-        let settings = Settings {
-            period: Duration::from_micros(250),
-            pace: Pace::Board,
-            watchdog: Some(Duration::from_millis(7)),
-            serial_ports: [(0, port)].into(),
-            trace: Some(TraceSettings::default()),
-            ..Settings::default()
-        };
-        let back: Settings = from_str(&text(&settings)).expect("settings");
-        assert_eq!(alloc::format!("{back:?}"), alloc::format!("{settings:?}"));
-    }
+    use crate::{Pace, Settings};
 
     #[test]
     fn a_settings_file_says_what_differs_from_the_default_and_nothing_that_is_not_known() {

@@ -84,8 +84,13 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         if others > 0 {
             self.statistics.others += u64::from(others);
-            let packets = others;
-            self.events.tell(now, EventKind::OtherMaster { packets });
+            let (packets, row) = (others, &mut self.rows.others);
+            row.add(
+                &self.events,
+                now,
+                packets,
+                EventKind::OtherMaster { packets },
+            );
         }
         if beat.missed > 0 {
             let count = u32::try_from(beat.missed).unwrap_or(u32::MAX);

@@ -103,7 +103,9 @@ use rows::Rows;
 
 /// A board with everything on it, in the cycle.
 ///
-/// Dropping it stops every port and lets the watchdog bite: see [`shutdown`](Self::shutdown).
+/// End it with [`stop`](Self::stop) or [`shutdown`](Self::shutdown), which say what could not be
+/// stopped: outputs of a remote that was [not reached](Self::not_reached) may stay on. Dropping it does
+/// the same, and only logs that.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub struct Driver<B: RegisterBus + Clock> {

@@ -12,15 +12,17 @@ pub(super) struct Rows {
     pub failed_writes: Row,
     pub lost_writes: Row,
     pub missed_periods: Row,
+    pub others: Row,
 }
 
 impl Rows {
-    fn each(&mut self) -> [(&mut Row, Repeating); 4] {
+    fn each(&mut self) -> [(&mut Row, Repeating); 5] {
         [
             (&mut self.failed_reads, Repeating::FailedReads),
             (&mut self.failed_writes, Repeating::FailedWrites),
             (&mut self.lost_writes, Repeating::LostWrites),
             (&mut self.missed_periods, Repeating::MissedPeriods),
+            (&mut self.others, Repeating::OtherMaster),
         ]
     }
 

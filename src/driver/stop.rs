@@ -89,8 +89,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
     /// bites, so that the board drives nothing. Gives the bus back, and the first error of all steps.
     ///
-    /// Every step is tried, whatever became of those before. Dropping the driver does the same and
-    /// ignores errors.
+    /// Every step is tried, whatever became of those before. Dropping the driver does the same, and can
+    /// return nothing: what could not be stopped goes to the `log`, where there is one.
     ///
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
@@ -191,7 +191,12 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
 impl<B: RegisterBus + Clock> Drop for Driver<B> {
     fn drop(&mut self) {
-        // Nobody is left to tell; the watchdogs do the rest.
-        let _ = self.stop_all();
+        if self.is_stopped {
+            return;
+        }
+        // Nobody is left to tell but the log; the watchdogs do the rest.
+        let _result = self.stop_all();
+        #[cfg(feature = "log")]
+        super::messages::dropped(self, &_result);
     }
 }

@@ -3,6 +3,7 @@
 #[cfg(feature = "std")]
 use super::GroupId;
 use super::handle::Key;
+use super::rule::is_scale;
 use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, Value};
 
 /// A pin or parameter of any kind and type. The default is one of no store.
@@ -193,11 +194,13 @@ impl Pins {
 }
 
 impl PinInfo {
-    /// Whether an application may set it to a value of this type.
+    /// Whether an application may set it to this value. An output takes any of its type, and what it
+    /// can not put out becomes a safe value or a limit in the cycle: [`Pins::set`]. A setting stays as
+    /// it is.
     ///
     /// # Errors
     /// [`PinError::NotSettable`], [`PinError::ReadOnly`], [`PinError::InRemote`],
-    /// [`PinError::WrongType`].
+    /// [`PinError::WrongType`]; of a setting [`PinError::BadValue`] and [`PinError::BadScale`].
     pub fn check_settable(&self, value: AnyValue) -> Result<(), PinError> {
         match self.role {
             Role::Output | Role::InOut | Role::Setting => {}
@@ -205,13 +208,26 @@ impl PinInfo {
             Role::Property => return Err(PinError::ReadOnly),
             Role::InRemote => return Err(PinError::InRemote),
         }
-        if self.hal_type == value.hal_type {
+        if self.hal_type != value.hal_type {
+            return Err(PinError::WrongType {
+                expected: self.hal_type.as_str(),
+                actual: value.hal_type.as_str(),
+            });
+        }
+        if self.role != Role::Setting {
             return Ok(());
         }
-        Err(PinError::WrongType {
-            expected: self.hal_type.as_str(),
-            actual: value.hal_type.as_str(),
-        })
+        let number = value.as_f64();
+        let is_within = self
+            .limits
+            .is_none_or(|(min, max)| min <= number && number <= max);
+        if self.is_scale && !is_scale(number) {
+            Err(PinError::BadScale)
+        } else if !value.is_finite() || !is_within {
+            Err(PinError::BadValue)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -220,7 +236,7 @@ mod tests {
     use super::super::{PinMaker, PinStore, Spec};
     use super::*;
 
-    /// An input, an output, a setting from 0 to 10, and a property.
+    /// An input, an output, a setting from 0 to 10, a scale, and a property.
     fn store() -> PinStore {
         let mut store = PinStore::default();
         let group = store.add_group();
@@ -232,6 +248,7 @@ mod tests {
             ..Spec::from("setting")
         };
         make.setting(setting, 5.0).expect("made");
+        make.scale("scale", 1.0).expect("made");
         make.property("property", true).expect("made");
         store.group_good(group);
         store
@@ -267,10 +284,24 @@ mod tests {
             ("card.property", AnyValue::from(true), PinError::ReadOnly),
             ("card.setting", AnyValue::from(11.0), PinError::BadValue),
             ("card.setting", AnyValue::from(f64::NAN), PinError::BadValue),
+            ("card.scale", AnyValue::from(0.0), PinError::BadScale),
+            ("card.scale", AnyValue::from(-0.0), PinError::BadScale),
+            ("card.scale", AnyValue::from(5e-324), PinError::BadScale),
+            ("card.scale", AnyValue::from(f64::NAN), PinError::BadScale),
+            (
+                "card.scale",
+                AnyValue::from(f64::NEG_INFINITY),
+                PinError::BadScale,
+            ),
         ] {
             let pin = id(&pins, name);
             assert_eq!(pins.set_any(pin, value), Err(why), "{name}");
         }
+        let scale = id(&pins, "card.scale");
+        for number in [-1e100, -1e-100, 1e-100, 1e100] {
+            assert_eq!(pins.set_any(scale, number.into()), Ok(()), "{number}");
+        }
+        pins.set_any(scale, 1.0.into()).expect("a scale");
         let out = id(&pins, "card.out");
         let wrong = pins
             .set_any(out, AnyValue::from(1))

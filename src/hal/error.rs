@@ -83,6 +83,11 @@ pub enum PinError {
     /// The value is not finite, or outside what the parameter takes.
     #[error("the value is not finite, or outside the limits of the parameter (see its `PinInfo`)")]
     BadValue,
+    /// The value can be no scale.
+    #[error(
+        "a scale is never 0, and its size is from 1e-100 to 1e100: set how many counts, or volts, make one unit of the machine (the parameter keeps its value)"
+    )]
+    BadScale,
     /// The group does not run, so its outputs can not be armed.
     #[error(
         "the group does not run (its last transfer failed): it can be armed when its inputs are valid again"

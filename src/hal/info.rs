@@ -78,6 +78,8 @@ pub struct PinInfo {
     pub unit: String,
     /// The smallest and the largest value it can have, where there are such.
     pub limits: Option<(f64, f64)>,
+    /// It is a setting that others are divided by or multiplied with, and is never 0.
+    pub is_scale: bool,
     /// The group it belongs to.
     pub group: GroupId,
     /// What has to be on for the value of an output to reach its terminal: the enable of an analog

@@ -73,7 +73,7 @@ pub struct Counter {
     pub index_enable: InOut<bool>,
     /// Keeps `count` at 0.
     pub reset: Output<bool>,
-    /// Counts for one unit of position. 0 counts as 1.
+    /// Counts for one unit of position, never 0.
     pub scale: Param<f64>,
     /// Counts of a revolution, of a counter without index; 0 is no revolutions.
     pub counts_per_rev: Option<Param<u32>>,

@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use super::rule::make_slot;
+use super::rule::{is_scale, make_slot};
 use super::{
     AnyValue, FullScale, GroupId, HalType, Handle, InOut, Input, Invert, MAX_NAME, MAX_PINS,
     Output, Param, PinError, PinInfo, PinStore, Place, Role, Value,
@@ -134,6 +134,22 @@ impl<'a> PinMaker<'a> {
         self.add(Role::Setting, spec, initial)
     }
 
+    /// A setting that others are divided by or multiplied with. It is never 0, nor so near to 0 or so
+    /// large that what it makes of a number is none: 1e-100 to 1e100, or the same below 0.
+    ///
+    /// # Errors
+    /// [`PinError::BadScale`] if it begins with another.
+    pub fn scale(&mut self, spec: impl Into<Spec>, initial: f64) -> Result<Param<f64>, PinError> {
+        if !is_scale(initial) {
+            return Err(PinError::BadScale);
+        }
+        let param = self.setting(spec, initial)?;
+        if let Some(info) = self.store.infos.last_mut() {
+            info.is_scale = true;
+        }
+        Ok(param)
+    }
+
     /// A parameter that the application can only read.
     pub fn property<T: Value>(
         &mut self,
@@ -215,6 +231,7 @@ impl PinStore {
             place: spec.place,
             unit: spec.unit,
             limits: spec.limits.or(spec.range),
+            is_scale: false,
             group,
             enabled_by: None,
         });

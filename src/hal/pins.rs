@@ -170,26 +170,14 @@ impl Pins {
     /// Changes a setting.
     ///
     /// # Errors
-    /// [`PinError::ReadOnly`], [`PinError::InRemote`], [`PinError::BadValue`],
-    /// [`PinError::ForeignHandle`]. The setting then keeps its value.
+    /// Those of [`PinInfo::check_settable`], and [`PinError::ForeignHandle`]. The setting then keeps
+    /// its value.
     pub fn set_param<T: Value>(&mut self, param: Param<T>, value: T) -> Result<(), PinError> {
         let index = self.index(param.key).ok_or(PinError::ForeignHandle)?;
-        let (Some(info), Some(rule), Some(slot)) = (
-            self.infos.get(index),
-            self.rules.get(index),
-            self.slots.get_mut(index),
-        ) else {
+        let (Some(info), Some(slot)) = (self.infos.get(index), self.slots.get_mut(index)) else {
             return Err(PinError::ForeignHandle);
         };
-        match info.role {
-            Role::Setting => {}
-            Role::InRemote => return Err(PinError::InRemote),
-            _ => return Err(PinError::ReadOnly),
-        }
-        let within = T::from_bits(rule.min) <= value && value <= T::from_bits(rule.max);
-        if !AnyValue::from(value).is_finite() || !within {
-            return Err(PinError::BadValue);
-        }
+        info.check_settable(value.into())?;
         slot.bits = value.to_bits();
         self.changed(param.key);
         self.settings = self.settings.wrapping_add(1);

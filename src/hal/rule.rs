@@ -146,6 +146,11 @@ impl Rule {
     }
 }
 
+/// Whether a number can be a scale: what it makes of any count or voltage is a number.
+pub(super) fn is_scale(number: f64) -> bool {
+    (1e-100..=1e100).contains(&number.abs())
+}
+
 pub(super) const NONE: u32 = u32::MAX;
 
 /// The slot and the rule of a new pin.

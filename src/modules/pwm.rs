@@ -205,7 +205,7 @@ impl PwmPins {
         let stem = format!("pwmgen.{number:02}.");
         let full_scale = table.full_scale;
         let mut make = r.maker_at(&stem, output);
-        let scale = make.setting("scale", full_scale)?;
+        let scale = make.scale("scale", full_scale)?;
         let value = Spec {
             unit: table.unit.into(),
             range: Some((-full_scale, full_scale)),

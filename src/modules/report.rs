@@ -75,7 +75,8 @@ pub enum BoardState {
     /// The board's watchdog has bitten: all its I/O are inputs. Everything is safe until
     /// [`Driver::rearm`](crate::driver::Driver::rearm).
     WatchdogBitten,
-    /// The board was reset or has lost power. Everything is safe until
+    /// The board was reset or has lost power, or another program wrote its watchdog's time: it bites
+    /// with a time of his, and not with a silence of ours. Everything is safe until
     /// [`Driver::rearm`](crate::driver::Driver::rearm).
     Reset,
     /// The bus failed too often in too short a time, see
@@ -89,7 +90,9 @@ impl fmt::Display for BoardState {
         f.write_str(match self {
             Self::Running => "the board runs",
             Self::WatchdogBitten => "the board's watchdog has bitten",
-            Self::Reset => "the board was reset, or has lost power",
+            Self::Reset => {
+                "the board was reset or has lost power, or another program wrote its watchdog's time"
+            }
             Self::BusDown => "the board does not answer any more",
         })
     }

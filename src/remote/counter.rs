@@ -53,9 +53,7 @@ impl CounterPins {
             self.zero = now;
         }
         let count = now.wrapping_sub(self.zero);
-        // As in LinuxCNC, a scale of 0 would make no position at all, and counts as 1.
         let scale = pins.param(handles.scale);
-        let scale = if scale == 0.0 { 1.0 } else { scale };
         pins.publish(handles.rawcounts, now as i32);
         pins.publish(handles.count, count as i32);
         pins.publish(handles.position, count as f64 / scale);

@@ -146,7 +146,12 @@ impl Maker<'_> {
     fn number(&mut self) -> Result<Codec, PinError> {
         let scaling = Scaling::of(self.record);
         let Scaling { min, max, .. } = scaling;
-        let scale = self.setting("-scalemax", max)?;
+        let name = self.spec("-scalemax", None);
+        // A number whose largest value is 0 has no other scale.
+        let scale = match self.maker().scale(name.clone(), max) {
+            Err(PinError::BadScale) => self.maker().property(name, max),
+            made => made,
+        }?;
         let mut spec = Spec {
             range: Some((min, max)),
             ..self.spec("", None)
@@ -200,7 +205,7 @@ impl Maker<'_> {
         let Some(field) = Field::new(self.element.input, self.element.bits) else {
             return Ok(());
         };
-        let full_scale = Some(f64::from(self.record.max)).filter(|max| max.is_finite());
+        let full_scale = f64::from(self.record.max);
         let place = self.place(None);
         let mut make = self.maker().at(place);
         let handles = Counter {
@@ -209,7 +214,11 @@ impl Maker<'_> {
             position: make.input(".position")?,
             index_enable: make.inout(".index-enable")?,
             reset: make.inout(".reset")?.as_output(),
-            scale: make.setting(".scale", full_scale.unwrap_or(1.0))?,
+            // As in LinuxCNC, 0 counts as 1.
+            scale: match make.scale(".scale", full_scale) {
+                Err(PinError::BadScale) => make.scale(".scale", 1.0),
+                made => made,
+            }?,
             counts_per_rev: Some(make.setting(".counts-per-rev", 256)?),
             count_unsure: None,
         };

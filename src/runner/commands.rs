@@ -102,8 +102,8 @@ pub struct CommandStatistics {
     pub sent: u64,
     /// Taken by the cycle.
     pub taken: u64,
-    /// Of those, commands that the driver refused: a value outside the limits of a parameter, or a
-    /// group that does not run and can not be armed.
+    /// Of those, commands that the driver refused: what was sent before a fault, or a group that does
+    /// not run and can not be armed.
     pub refused: u64,
 }
 
@@ -234,7 +234,7 @@ impl CommandSender {
         self.set_any(pin.into(), value.into())
     }
 
-    /// Changes a setting. One outside its limits is refused by the cycle, and counted there.
+    /// Changes a setting.
     pub fn set_param<T: Value>(&self, param: Param<T>, value: T) -> Result<(), CommandError> {
         self.set_any(param.into(), value.into())
     }

@@ -97,7 +97,8 @@ use crate::sslbp::PortError;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
-/// Dropping it stops the driver, as dropping the driver does.
+/// Dropping it stops the driver as dropping the driver does: what could not be stopped is only logged,
+/// where [`Ended`] says it.
 #[derive(Debug)]
 pub struct Runner<B: RegisterBus + Clock> {
     driver: Driver<B>,

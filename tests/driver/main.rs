@@ -6,11 +6,14 @@ mod cycle;
 mod cycle_7i97;
 mod devices;
 mod dpll_lock;
+#[cfg(feature = "log")]
+mod dropped;
 mod events;
 mod events_by_fault;
 mod faults_board;
 mod faults_outputs;
 mod faults_remote;
+mod foreign_watchdog;
 mod index_on_network;
 mod manifest;
 mod only_what_changed;

@@ -10,8 +10,10 @@ use std::time::{Duration, Instant};
 use crate::interop::board::Board;
 use crate::interop::tools::{has_program, skip};
 use crate::interop::{Process, Scratch};
-use crate::run::{Run, command, done, run};
+use crate::run::{Run, command, done, hold_against_schema, run};
 use crate::terminal::Terminal;
+use crate::wiring::Guided;
+use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 const SAID: &str = "somebody else drives this board";
@@ -130,6 +132,72 @@ fn a_screen_ends_with_the_reason() {
     let text = terminal.wait_for_text("exit code 1");
     assert!(text.contains("somebody else drives"), "{text}");
     drop(master);
+}
+
+#[test]
+fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
+    let mut board = board();
+    let arguments = format!("watch --addr {}", board.address);
+    let Some(terminal) = Terminal::start("again", &arguments) else {
+        return;
+    };
+    terminal.wait_for_text("0.0 7I77  running");
+    let mut is_bitten = || board.console.show("all")["board.watchdog-bitten"] == "1";
+    assert!(!is_bitten());
+    terminal.signal("STOP");
+    let begun = Instant::now();
+    while !is_bitten() {
+        assert!(begun.elapsed() < PATIENCE, "nobody feeds the watchdog");
+    }
+    let master = Master::start(board.address);
+    terminal.signal("CONT");
+    let mut text = terminal.text();
+    let begun = Instant::now();
+    while !text.contains("exit code") {
+        assert!(begun.elapsed() < PATIENCE, "{text}");
+        assert!(is_bitten(), "it was set up again: {text}");
+        text = terminal.text();
+    }
+    assert!(text.contains("exit code 1"), "{text}");
+    assert!(text.contains("somebody else drives"), "{text}");
+    drop(master);
+}
+
+#[test]
+fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
+    let driving = ["*.7i77.0.0.output-03", "--outputs", "--yes", "--for", "10"];
+    for (arguments, waits) in [
+        (&["*7i77.0.0.input-0?"][..], "actuate it now"),
+        (&driving, "driven; did it come on?"),
+    ] {
+        let mut board = board();
+        let file = Scratch::new("second-master.json");
+        let keep = ["--json", "--report", file.path()];
+        let guided = Guided::begin(&board, &[arguments, &keep].concat());
+        guided.says(waits);
+        let begun = Instant::now();
+        let is_on = |board: &mut Board| board.console.show("0")["remote.0.output-03"] == "1";
+        while arguments.len() > 1 && !is_on(&mut board) {
+            assert!(begun.elapsed() < PATIENCE, "it is not driven");
+        }
+        let master = Master::start(board.address);
+        let said = guided.says(SAID);
+        assert!(said.starts_with("mesa: "), "{said}");
+        let ended = guided.ended();
+        drop(master);
+        assert_eq!(ended.code, Some(1), "{ended:?}");
+        is_off(&mut board);
+        let report: Value = serde_json::from_str(&ended.out).expect("JSON");
+        let kept = std::fs::read_to_string(&file.0).expect("a report");
+        let kept: Value = serde_json::from_str(&kept).expect("JSON");
+        for report in [report, kept] {
+            hold_against_schema("wiring", &report);
+            assert_eq!(
+                [&report["outcome"], &report["ok"]],
+                [&json!("failed"), &json!(false)]
+            );
+        }
+    }
 }
 
 #[test]

@@ -3,15 +3,13 @@
 use super::latch::LatchRequest;
 use super::registers::{bits, latch_timer, mux_skew};
 use super::state::{EncoderConfig, EncoderReading, EncoderState};
-use crate::hal::{
-    Counter, Input, Output, Param, PinError, PinMaker, PinStore, Place, Rejection, Spec,
-};
+use crate::hal::{Counter, Input, Output, Param, PinError, PinMaker, PinStore, Place, Spec};
 use crate::hostmot2::TickRate;
 
 /// The pins of one encoder: `hm2_7i92.0.encoder.00.count` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderPins {
-    /// Count, position, index and reset. Its scale of 0 is refused: it becomes 1, and is counted.
+    /// Count, position, index and reset.
     pub counter: Counter,
     /// `rawcounts` at the last latch.
     pub rawlatch: Input<i32>,
@@ -55,9 +53,12 @@ pub struct EncoderPins {
     pub filter: Param<bool>,
     /// The most counts in a second that are followed, by sample frequency and filter.
     pub max_count_rate: Param<f64>,
-    /// Seconds without a count after which velocity is 0.
+    /// Seconds without a count after which velocity is 0: 0 to 3600.
     pub vel_timeout: Param<f64>,
 }
+
+/// The largest `vel-timeout`, in seconds.
+const LONGEST_IDLE: f64 = 3600.0;
 
 /// What an encoder is asked for in each cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,6 +82,11 @@ impl EncoderPins {
             place: place.clone(),
             ..Spec::from(name)
         };
+        let vel_timeout = Spec {
+            unit: "s".into(),
+            limits: Some((0.0, LONGEST_IDLE)),
+            ..Spec::from("vel-timeout")
+        };
         let mut make = make.at([a.clone(), b.clone()].into_iter().collect());
         let mut pins = Self {
             counter: Counter {
@@ -89,7 +95,7 @@ impl EncoderPins {
                 position: make.input("position")?,
                 index_enable: make.inout(at(&index, "index-enable"))?,
                 reset: make.switch("reset", false)?,
-                scale: make.setting("scale", 1.0)?,
+                scale: make.scale("scale", 1.0)?,
                 counts_per_rev: None,
                 count_unsure: Some(make.input("count-unsure")?),
             },
@@ -110,7 +116,7 @@ impl EncoderPins {
             counter_mode: make.setting("counter-mode", false)?,
             filter: make.setting("filter", has_filter)?,
             max_count_rate: make.property("max-count-rate", 0.0)?,
-            vel_timeout: make.setting("vel-timeout", 0.5)?,
+            vel_timeout: make.setting(vel_timeout, 0.5)?,
             ..Self::default()
         };
         let mut make = make.at(Place::default());
@@ -138,17 +144,14 @@ impl EncoderPins {
         for (param, bit) in flags {
             mode |= if pins.param(param) { bit } else { 0 };
         }
-        let scale = pins.param(self.counter.scale);
-        let is_usable = scale.is_finite() && scale != 0.0;
         EncoderConfig {
             mode,
-            scale: if is_usable { scale } else { 1.0 },
+            scale: pins.param(self.counter.scale),
             idle_time: pins.param(self.vel_timeout),
         }
     }
 
-    /// What the pins ask of the encoder. A scale of 0 becomes 1 as in LinuxCNC, and is counted. A
-    /// request for a probe that is not there is not made: in the control register it would look as if
+    /// What the pins ask of the encoder. A request for a probe that is not there is not made: in the control register it would look as if
     /// it had happened at once (FACTS 12.5).
     pub(super) fn command(
         &self,
@@ -156,10 +159,6 @@ impl EncoderPins {
         state: &mut EncoderState,
         has_probe: bool,
     ) -> Command {
-        if pins.param(self.counter.scale) == 0.0 {
-            pins.count_rejection(self.counter.scale, Rejection::OutOfRange);
-            pins.publish(self.counter.scale, 1.0);
-        }
         state.config = self.config(pins);
         state.watches_errors = pins.fetch(self.quad_error_enable);
         state.is_awake = true;

@@ -67,9 +67,11 @@ pub enum EventKind {
         /// Its channel.
         channel: u8,
     },
-    /// The board's watchdog was found to have bitten. Everything is safe.
+    /// The board's watchdog was found to have bitten: the host was late, or another program let it.
+    /// Everything is safe.
     WatchdogBitten,
-    /// The board was found to have been reset, or to have lost power. Everything is safe.
+    /// The board was found to have been reset, or to have lost power, or the time of its watchdog is not
+    /// ours: another program wrote it. Everything is safe.
     BoardReset,
     /// The bus failed too often in too short a time. Everything is safe.
     BusDown,
@@ -125,9 +127,9 @@ pub enum EventKind {
         /// How many.
         count: u32,
     },
-    /// Somebody else drives the board as well. Told again in each second in which he does.
+    /// Somebody else drives the board as well; the first of a row.
     OtherMaster {
-        /// How many packets are his, so far in this second.
+        /// How many packets were his when he was noticed.
         packets: u32,
     },
 }
@@ -153,6 +155,8 @@ pub enum Repeating {
     LostWrites,
     /// [`EventKind::MissedPeriods`].
     MissedPeriods,
+    /// [`EventKind::OtherMaster`], of which each second tells its packets.
+    OtherMaster,
 }
 
 impl fmt::Display for Repeating {
@@ -163,6 +167,7 @@ impl fmt::Display for Repeating {
             Self::FailedWrites => "writes failed",
             Self::LostWrites => "writes were lost",
             Self::MissedPeriods => "periods went by without a good read",
+            Self::OtherMaster => "packets of somebody else came",
         })
     }
 }
@@ -292,10 +297,11 @@ impl fmt::Display for EventKind {
             Self::RemoteRearmed { .. } => f.write_str("re-armed, its outputs follow again"),
             Self::WatchdogBitten => f.write_str(
                 "the board's watchdog has bitten: everything is safe until re-armed; find out why \
-                 the host was late",
+                 the host was late, or which other program lets it bite",
             ),
             Self::BoardReset => f.write_str(
-                "the board was reset or lost power: everything is safe until re-armed",
+                "the board was reset or lost power, or another program wrote its watchdog's time: \
+                 everything is safe until re-armed; check its supply, and end the other program",
             ),
             Self::BusDown => f.write_str(
                 "the bus failed too often: everything is safe until re-armed; check cable and power",

@@ -158,6 +158,7 @@ impl Repeating {
             Self::FailedWrites => 2,
             Self::LostWrites => 3,
             Self::MissedPeriods => 4,
+            Self::OtherMaster => 5,
         }
     }
 
@@ -168,6 +169,7 @@ impl Repeating {
             2 => Self::FailedWrites,
             3 => Self::LostWrites,
             4 => Self::MissedPeriods,
+            5 => Self::OtherMaster,
             _ => return None,
         })
     }
@@ -204,11 +206,11 @@ mod tests {
             assert_eq!(kind.mask().bits(), 1 << bit, "{kind:?}");
         }
         assert_eq!(EventKind::from_words([word(19), 0, 0]), None);
-        for number in 0..5 {
+        for number in 0..6 {
             let what = Repeating::from_number(number, (1, 2)).expect("something");
             assert_eq!(what.number(), number, "{what:?}");
         }
-        assert_eq!(Repeating::from_number(5, (0, 0)), None);
+        assert_eq!(Repeating::from_number(6, (0, 0)), None);
     }
 
     #[test]

@@ -1,0 +1,103 @@
+//! A driver that is dropped says in the log what `stop` would have returned.
+
+use std::cell::RefCell;
+
+use crate::common::machine::{ANALOG, FIELD, Machine, fpga};
+use log::{Level, LevelFilter, Log, Metadata, Record};
+use mesa_hal::bus::BusErrorKind;
+use mesa_hal::transport::{Fault, Faulty};
+
+thread_local! {
+    /// Errors that were logged by this thread, which runs one test.
+    static ERRORS: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
+}
+
+struct Errors;
+
+impl Log for Errors {
+    fn enabled(&self, _: &Metadata<'_>) -> bool {
+        true
+    }
+
+    fn log(&self, record: &Record<'_>) {
+        if record.level() == Level::Error {
+            ERRORS.with_borrow_mut(|errors| errors.push(record.args().to_string()));
+        }
+    }
+
+    fn flush(&self) {}
+}
+
+/// What is logged as an error meanwhile.
+fn logged(work: impl FnOnce()) -> Vec<String> {
+    // Another test may have done it.
+    let _ = log::set_logger(&Errors);
+    log::set_max_level(LevelFilter::Info);
+    ERRORS.take();
+    work();
+    ERRORS.take()
+}
+
+/// Outputs are on, and two cards are not to be reached any more.
+fn cut_off() -> Machine {
+    let mut machine = Machine::new();
+    machine.cards.set_one_of_each(machine.driver.pins_mut());
+    machine.cycles(5);
+    for channel in [FIELD, ANALOG] {
+        let _ = machine.fpga().plug(0, channel, None);
+    }
+    machine
+}
+
+#[test]
+fn a_dropped_driver_logs_the_remotes_that_stop_would_have_named() {
+    let mut told = Vec::new();
+    let log = logged(|| {
+        let (stopped, result) = cut_off().driver.stop();
+        assert!(result.is_ok(), "{result:?}");
+        let name = stopped.name().to_owned();
+        told.extend(
+            stopped
+                .not_reached()
+                .map(|remote| format!("{name}: {remote}")),
+        );
+    });
+    assert_eq!(log, [""; 0], "who stops is told, and nothing is said twice");
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(
+        told[0].contains("its outputs are off only by its own watchdog"),
+        "{told:?}"
+    );
+    assert_eq!(logged(|| drop(cut_off().driver)), told);
+}
+
+#[test]
+fn a_dropped_driver_whose_board_does_not_answer_logs_the_error() {
+    let log = logged(|| {
+        let mut machine: Machine<_> = Machine::on(Faulty::new(fpga(), 1), |_| {});
+        machine.cycles(5);
+        let lost = Fault::NotExecuted(BusErrorKind::Unreachable);
+        machine.driver.bus_mut().fail_randomly(lost, 1.0);
+        drop(machine.driver);
+    });
+    let [first, remotes @ ..] = &log[..] else {
+        panic!("nothing was logged");
+    };
+    let begin = "hm2_7i92.0: was dropped, and not all of it could be stopped: ";
+    assert!(
+        first.starts_with(begin) && first.contains("Unreachable"),
+        "{log:?}"
+    );
+    assert_eq!(remotes.len(), 3, "{log:?}");
+}
+
+#[test]
+fn a_driver_that_could_be_stopped_says_nothing() {
+    let log = logged(|| {
+        let mut machine = Machine::new();
+        machine.cards.set_one_of_each(machine.driver.pins_mut());
+        machine.cycles(5);
+        drop(machine.driver);
+    });
+    assert_eq!(log, [""; 0]);
+}
