@@ -38,7 +38,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if !self.is_running() {
             return Err(DriverError::NotRunning { state: self.state });
         }
-        let asked = self.parts.ports.iter().map(|port| port.running());
+        let asked = self.parts.ports.iter().map(SerialPort::running);
         let asked: alloc::vec::Vec<_> = asked.collect();
         let usual = self.parts.watchdog.timeout();
         self.feed_for(super::parameters::UNFED)?;
