@@ -175,7 +175,7 @@ impl RemoteHandles for I7i77Field {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct I7i77Analog {
     /// AOUT0 to AOUT5, in volts while `-scalemax` is 10. Those of AOUT0 to AOUT4 have the same
-    /// enable.
+    /// enable, and [`AnalogOut::enable`] is of one of them all the same.
     pub analog_out: [AnalogOut; 6],
     /// ENA0 to ENA4, switched together.
     pub analogena: DigitalOut,

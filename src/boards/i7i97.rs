@@ -111,7 +111,7 @@ pub struct I7i97 {
     /// The six encoders.
     pub encoders: [Counter; 6],
     /// AOUT0 to AOUT5, in volts. Each has 0 V while its own `enable` is false; AOUT0 to AOUT3 also
-    /// while [`enable_0_to_3`](Self::enable_0_to_3) is.
+    /// while [`enable_0_to_3`](Self::enable_0_to_3) is. [`AnalogOut::enable`] switches both.
     pub analog_out: [AnalogOut; 6],
     /// The switches ENA0 to ENA3, which are one output of the FPGA. It follows generator 0: this is
     /// the `enable` of AOUT0. Those of AOUT1 to AOUT3 have no switch, they only make 0 V.

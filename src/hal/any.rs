@@ -129,8 +129,9 @@ impl Pins {
         core::iter::successors(next(&pin), next).take(MOST_ENABLES)
     }
 
-    /// Reads a pin, or what the application has set an output to. A parameter, whose value does not
-    /// depend on transfers, is always valid.
+    /// Reads a pin, or what the application has set an output to: one that is
+    /// [not enabled](super::AnalogOut::enable) beside others is safe. A parameter, whose value does
+    /// not depend on transfers, is always valid.
     ///
     /// One of another store gives a bit that is off, not valid, and is counted in
     /// [`foreign_handles`](Self::foreign_handles).
@@ -142,10 +143,13 @@ impl Pins {
         let reading: Reading<u64> = self.read(super::Input::new(pin.0));
         let info = self.info_of(pin);
         let is_param = info.is_some_and(|info| info.role.is_param());
+        let slot = self
+            .index(pin.0)
+            .and_then(|n| Some((n, self.slots.get(n)?)));
         Reading {
             value: AnyValue {
                 hal_type: info.map_or(HalType::Bit, |info| info.hal_type),
-                bits: reading.value,
+                bits: slot.map_or(reading.value, |(index, slot)| self.shown(index, slot)),
             },
             valid: reading.valid || is_param,
             age: reading.age,

@@ -1,6 +1,7 @@
 //! Handles that belong together: the same shape for the same function on every board.
 //!
-//! An application that takes an [`AnalogOut`] works with one of a 7I97 and with one of a 7I77:
+//! An application that takes an [`AnalogOut`] works with one of a 7I97 and with one of a 7I77, where
+//! several axes share an enable:
 //!
 //! ```
 //! use mesa_hal::hal::{AnalogOut, DigitalIn, Pins};
@@ -48,8 +49,9 @@ pub struct AnalogIn {
 pub struct AnalogOut {
     /// The voltage, while `full_scale` is what it was at first.
     pub volts: Output<f64>,
-    /// What has to be on for it to have its voltage. Several outputs may share it; where the switch of
-    /// the drive follows another one besides, [`Pins::enables`] tells.
+    /// What has to be on for it to have its voltage. Several outputs may share it, which
+    /// [`enable`](Self::enable) knows; where the switch of the drive follows another one besides,
+    /// [`Pins::enables`] tells.
     pub enable: Output<bool>,
     /// The value that goes out as the end of the range.
     pub full_scale: Param<f64>,
@@ -186,12 +188,20 @@ impl AnalogOut {
         pins.set(self.volts, volts);
     }
 
-    /// Switches its drive, and all that share the enable.
+    /// Enables it, alone: it has 0 V (its safe value) while it is not enabled, whatever it is
+    /// [set](Self::set) to and whatever other outputs share its enable. After a fault it has to be
+    /// enabled again.
+    ///
+    /// The pin [`enable`](Self::enable), and those that this one needs in its turn, are on while any
+    /// output that shares them is enabled: a drive beside an enabled one sees its enable, and 0 V.
+    /// Whoever sets these pins directly, as a program for LinuxCNC does, switches them until the next
+    /// call of this for one of the outputs: off, all drives are off. On, those have their voltage that
+    /// were enabled here; all have it while none was ever enabled or disabled here.
     ///
     /// # Real time
     /// Constant time, no allocation.
     pub fn enable(self, pins: &mut Pins, on: bool) {
-        pins.set(self.enable, on);
+        pins.enable_alone(self.volts.key, self.enable.key, on);
     }
 }
 

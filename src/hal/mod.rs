@@ -27,6 +27,7 @@
 //! ```
 
 mod any;
+mod enabling;
 mod error;
 mod handle;
 mod info;

@@ -62,6 +62,8 @@ pub struct Pins<End: ?Sized = [()]> {
     pub(super) parts: Vec<Part>,
     /// Rises when a parameter changes.
     pub(super) settings: u64,
+    /// Rises when an output is enabled or held that was not.
+    pub(super) switches: u64,
     pub(super) cycle: u64,
     pub(super) now: Instant,
     pub(super) totals: Rejections,
@@ -109,9 +111,9 @@ impl Pins {
     /// What all of them hold, in the order of [`infos`](Self::infos).
     pub fn values(&self) -> impl Iterator<Item = AnyValue> + '_ {
         let infos = self.infos.iter().zip(&self.slots);
-        infos.map(|(info, slot)| AnyValue {
+        infos.zip(0..).map(|((info, slot), index)| AnyValue {
             hal_type: info.hal_type,
-            bits: slot.bits,
+            bits: self.shown(index, slot),
         })
     }
 
@@ -254,7 +256,8 @@ impl Pins {
     /// refused or withheld.
     #[cfg(feature = "std")]
     pub(crate) fn kept(&self) -> impl Iterator<Item = (u64, bool)> + '_ {
-        self.slots.iter().map(|slot| (slot.bits, slot.bad))
+        let slots = self.slots.iter().zip(0..);
+        slots.map(|(slot, index)| (self.shown(index, slot), slot.bad))
     }
 
     /// The input of that name.
@@ -366,6 +369,19 @@ impl Pins {
         self.foreign.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// What it shows of itself: its value, and of an output that is held its safe value.
+    #[inline]
+    pub(super) fn shown(&self, index: usize, slot: &Slot) -> u64 {
+        if !slot.is_free
+            && slot.role == Role::Output
+            && self.is_held(index)
+            && let Some(rule) = self.rules.get(index)
+        {
+            return rule.safe;
+        }
+        slot.bits
+    }
+
     fn value<T: Value>(&self, key: Key) -> T {
         let slot = self.slot(key);
         slot.map_or_else(T::default, |(slot, _)| T::from_bits(slot.bits))
@@ -386,12 +402,14 @@ impl Pins {
     pub(super) fn forget_commands(&mut self, index: usize) -> Option<&mut Group> {
         let group = self.groups.get_mut(index)?;
         group.epoch = group.epoch.wrapping_add(1);
+        self.switches = self.switches.wrapping_add(1);
         for &output in &group.outputs {
             if let Some(slot) = self.slots.get_mut(output as usize)
-                && let Some(rule) = self.rules.get(output as usize)
+                && let Some(rule) = self.rules.get_mut(output as usize)
                 && !slot.exempt
             {
                 slot.bits = rule.safe;
+                rule.enabling.forget();
             }
         }
         Some(group)

@@ -1,5 +1,6 @@
 //! What an output may be, and what becomes of values that it may not.
 
+use super::enabling::Enabling;
 use super::handle::Key;
 use super::{
     AnyValue, GroupId, HalType, Output, Param, PinError, Pins, Rejection, Rejections, Role, Spec,
@@ -72,6 +73,7 @@ pub(super) struct Rule {
     /// The ends of that on the wire.
     pub wire: (f64, f64),
     pub rejections: Rejections,
+    pub enabling: Enabling,
     /// The state of the parameters from which the rest was computed.
     pub settings: u64,
     /// The limits as the parameters narrow them.
@@ -207,6 +209,7 @@ pub(super) fn make_slot<T: Value>(
         scale,
         wire,
         rejections: Rejections::default(),
+        enabling: Enabling::NONE,
         settings: u64::MAX,
         lowest: min,
         highest: max,

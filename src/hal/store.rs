@@ -93,6 +93,9 @@ impl PinStore {
             && are_own
         {
             info.enabled_by = Some(by);
+            if let Some(rule) = self.rules.get_mut(output.index()) {
+                rule.enabling.by = by.index() as u32;
+            }
         }
     }
 
@@ -201,11 +204,13 @@ impl PinStore {
     pub fn output_version(&self, group: GroupId) -> Option<u64> {
         let part = self.part(group)?;
         let epoch = self.groups.get(part.group as usize)?.epoch;
-        Some(part.version.wrapping_add(epoch))
+        let others = epoch.wrapping_add(self.switches);
+        Some(part.version.wrapping_add(others))
     }
 
     /// What an output must be now: sanitised, limited, and inverted where asked for. The safe
-    /// value if its group is not armed.
+    /// value if its group is not armed, or others that share its enable are enabled and it is not:
+    /// [`AnalogOut::enable`](super::AnalogOut::enable).
     ///
     /// Not finite: the safe value. Out of range: the nearest limit. Both are counted, for the pin and
     /// in total, each time the driver takes such a value. Nothing ever wraps round.
@@ -236,6 +241,7 @@ impl PinStore {
         let Some(index) = self.index(key) else {
             return T::default();
         };
+        let follows = follows && !self.is_held(index);
         let pins = &mut self.pins;
         let Some(rule) = pins.rules.get_mut(index) else {
             return T::default();

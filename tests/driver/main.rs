@@ -8,6 +8,7 @@ mod devices;
 mod dpll_lock;
 #[cfg(feature = "log")]
 mod dropped;
+mod enabling;
 mod events;
 mod events_by_fault;
 mod faults_board;
