@@ -1,8 +1,7 @@
 //! What a driver that has been built, or is dropped, writes to the log. Never in the cycle.
 
-use super::Driver;
+use super::{Driver, StopError};
 use crate::bus::{Clock, RegisterBus};
-use crate::sslbp::PortError;
 
 /// What was found, and what is odd about it.
 pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
@@ -26,18 +25,7 @@ pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     }
 }
 
-/// What a driver that nobody has stopped could not stop: what `stop` returns, and `not_reached`.
-pub(super) fn dropped<B: RegisterBus + Clock>(
-    driver: &Driver<B>,
-    stopped: &Result<(), PortError<B::Error>>,
-) {
-    if let Err(error) = stopped {
-        log::error!(
-            "{}: was dropped, and not all of it could be stopped: {error}",
-            driver.name()
-        );
-    }
-    for remote in driver.not_reached() {
-        log::error!("{}: {remote}", driver.name());
-    }
+/// What of a driver that nobody has stopped could not be stopped.
+pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError<B::Error>) {
+    log::error!("{}: was dropped: {error}", driver.name());
 }

@@ -83,7 +83,7 @@ pub use error::{CycleError, DriverError};
 pub(crate) use remark::silent_part;
 pub use remark::{Remark, RemarkKind};
 pub use report::{DriverStatistics, Rearmed};
-pub use stop::{NotReached, Stopped};
+pub use stop::{NotReached, StopError, Stopped};
 pub use trace::{Cause, Trace};
 
 use alloc::{boxed::Box, string::String, vec::Vec};
@@ -104,8 +104,8 @@ use rows::Rows;
 /// A board with everything on it, in the cycle.
 ///
 /// End it with [`stop`](Self::stop) or [`shutdown`](Self::shutdown), which say what could not be
-/// stopped: outputs of a remote that was [not reached](Self::not_reached) may stay on. Dropping it does
-/// the same, and only logs that.
+/// stopped: outputs of a remote that was [not reached](NotReached) may stay on. Dropping it does the
+/// same, and only logs that.
 #[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub struct Driver<B: RegisterBus + Clock> {

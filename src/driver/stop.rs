@@ -1,11 +1,12 @@
 //! The end: outputs off, ports stopped, watchdog bitten.
 
+use alloc::vec::Vec;
 use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
 use super::{CycleError, Driver, RemoteState, RemoteWatchdog, SerialPort};
-use crate::bus::{Clock, RegisterBus};
+use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::sslbp::{PortError, RemoteName};
 
 /// How often the last transfer is tried: over a network one packet may be lost.
@@ -19,8 +20,7 @@ const MOST_CYCLES: u32 = 1000;
 const LAST_TRANSFER: Duration = Duration::from_millis(2);
 
 /// A driver that has stopped, to be looked at: what it counted, its pins as they were last, its events
-/// and its trace. Its outputs are off, but for those of remotes that were
-/// [not reached](Driver::not_reached), and nothing can be asked of its board any more.
+/// and its trace. Nothing can be asked of its board any more.
 #[derive(Debug)]
 pub struct Stopped<B: RegisterBus + Clock>(Driver<B>);
 
@@ -39,8 +39,37 @@ impl<B: RegisterBus + Clock> Deref for Stopped<B> {
     }
 }
 
-/// A remote that has not shown that it took its safe values when the driver was stopped: what it had
-/// on is off only by its own watchdog.
+/// What of a driver could not be stopped. Everything else is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct StopError<E: BusError> {
+    /// The first step that failed. The outputs of the board itself are off by its watchdog.
+    pub failed: Option<PortError<E>>,
+    /// The remotes that may have an output on still.
+    pub not_reached: Vec<NotReached>,
+}
+
+impl<E: BusError> fmt::Display for StopError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut between = "";
+        if let Some(failed) = &self.failed {
+            let own = "the board's own outputs are off by its watchdog";
+            write!(f, "not all of it could be stopped: {failed}; {own}")?;
+            between = "; ";
+        }
+        for remote in &self.not_reached {
+            write!(f, "{between}{remote}")?;
+            between = "; ";
+        }
+        Ok(())
+    }
+}
+
+impl<E: BusError> core::error::Error for StopError<E> {}
+
+/// A remote that may have an output on when the driver was stopped: it has not shown that it took its
+/// safe values, and its own watchdog, which switches it off, is not known to have bitten yet. A remote
+/// that was not driven, or has been offline for longer than that takes, is none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct NotReached {
@@ -87,35 +116,40 @@ impl fmt::Display for NotReached {
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Stops: safe values to all outputs, every port stopped, all pins inputs, and the watchdog
-    /// bites, so that the board drives nothing. Gives the bus back, and the first error of all steps.
+    /// bites, so that the board drives nothing. Gives the bus back.
     ///
     /// Every step is tried, whatever became of those before. Dropping the driver does the same, and can
     /// return nothing: what could not be stopped goes to the `log`, where there is one.
     ///
+    /// # Errors
+    /// [`StopError`]: the first error of all steps, and the remotes that were not reached, of which an
+    /// output may be on: until their own watchdogs bite, or for ever where those are off.
+    ///
     /// # Real time
     /// Not for the cycle. Bounded: 20 ms where a remote is being restarted, some milliseconds for
     /// each port, or the bus's own time-outs.
-    pub fn shutdown(self) -> (B, Result<(), PortError<B::Error>>) {
+    pub fn shutdown(self) -> (B, Result<(), StopError<B::Error>>) {
         let (stopped, result) = self.stop();
         (stopped.into_bus(), result)
     }
 
     /// The same, and the driver can be looked at afterwards.
     ///
+    /// # Errors
+    /// As [`shutdown`](Self::shutdown).
+    ///
     /// # Real time
     /// As [`shutdown`](Self::shutdown).
-    pub fn stop(mut self) -> (Stopped<B>, Result<(), PortError<B::Error>>) {
+    pub fn stop(mut self) -> (Stopped<B>, Result<(), StopError<B::Error>>) {
         let result = self.stop_all();
         (Stopped(self), result)
     }
 
-    /// Remotes that have run and were not seen to take what was written last: the last read brought no
-    /// good transfer of theirs. Of a driver that has stopped, those that were not seen to switch off.
-    pub fn not_reached(&self) -> impl Iterator<Item = NotReached> {
+    fn not_reached(&self, now: Instant) -> impl Iterator<Item = NotReached> {
         let ports = self.parts.ports.iter();
-        ports.flat_map(|port| {
+        ports.flat_map(move |port| {
             let number = port.layout().instance;
-            port.not_served().map(move |remote| NotReached {
+            port.not_reached(now).map(move |remote| NotReached {
                 port: number,
                 channel: remote.started.channel.index(),
                 name: remote.descriptor.name,
@@ -124,16 +158,19 @@ impl<B: RegisterBus + Clock> Driver<B> {
         })
     }
 
-    fn stop_all(&mut self) -> Result<(), PortError<B::Error>> {
+    fn stop_all(&mut self) -> Result<(), StopError<B::Error>> {
         if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
         let mut first = self.last_transfer();
         for _ in 1..LAST_TRIES {
             // A remote that runs may have missed one.
+            let now = self.bus.now();
             let mut ports = self.parts.ports.iter();
-            let missed =
-                |port: &SerialPort| port.not_served().any(|r| r.state == RemoteState::Running);
+            let missed = |port: &SerialPort| {
+                let mut missed = port.not_reached(now);
+                missed.any(|remote| remote.state == RemoteState::Running)
+            };
             if first.is_err() || self.is_running() && ports.any(missed) {
                 first = self.last_transfer();
             }
@@ -148,7 +185,15 @@ impl<B: RegisterBus + Clock> Driver<B> {
         for port in &mut self.parts.ports {
             port.end_rows(now);
         }
-        first.and(released)
+        let failed = first.and(released).err();
+        let not_reached: Vec<_> = self.not_reached(now).collect();
+        if failed.is_none() && not_reached.is_empty() {
+            return Ok(());
+        }
+        Err(StopError {
+            failed,
+            not_reached,
+        })
     }
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
@@ -195,8 +240,9 @@ impl<B: RegisterBus + Clock> Drop for Driver<B> {
             return;
         }
         // Nobody is left to tell but the log; the watchdogs do the rest.
-        let _result = self.stop_all();
-        #[cfg(feature = "log")]
-        super::messages::dropped(self, &_result);
+        if let Err(_error) = self.stop_all() {
+            #[cfg(feature = "log")]
+            super::messages::dropped(self, &_error);
+        }
     }
 }

@@ -91,9 +91,8 @@ use core::ops::ControlFlow;
 use core::time::Duration;
 
 use crate::bus::{Clock, Instant, RegisterBus};
-use crate::driver::{CycleError, CycleReport, Driver, Pace, Stopped};
+use crate::driver::{CycleError, CycleReport, Driver, Pace, StopError, Stopped};
 use crate::hal::Pins;
-use crate::sslbp::PortError;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
@@ -183,8 +182,9 @@ pub struct Ended<B: RegisterBus + Clock> {
     /// The driver, to be looked at: what it counted, its pins as they were last, its events, its
     /// trace. It gives the bus back.
     pub driver: Stopped<B>,
-    /// All outputs are safe and all ports stopped, or the first error of [`Driver::stop`].
-    pub stopped: Result<(), PortError<B::Error>>,
+    /// All outputs are safe and all ports stopped; or what was not, and the remotes that may have an
+    /// output on still: see [`Driver::stop`].
+    pub stopped: Result<(), StopError<B::Error>>,
     /// What the runner counted.
     pub statistics: RunStatistics,
     /// The signal that ended it; `None`: the application did.

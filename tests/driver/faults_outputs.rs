@@ -6,14 +6,14 @@ use core::any::Any;
 use core::ops::RangeInclusive;
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
-use mesa_hal::driver::{Board, OfflineReason, RemoteState, Settings};
+use mesa_hal::driver::{Board, OfflineReason, RemoteState, Settings, StopError};
 use mesa_hal::lbp::RemoteFaults;
-use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
 use mesa_hal::sim::remote::{Application, Remote};
 use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal::sim::{SimError, SimFpga};
 
-const MS: u64 = 1_000_000;
+pub const MS: u64 = 1_000_000;
 /// The remote's own 50 ms, and what lies between a fault and the reply that tells it: one period.
 const OFF_WITHIN: u64 = 61 * MS;
 const STEP: u64 = 250_000;
@@ -112,7 +112,7 @@ fn on(machine: &Machine, channel: usize) -> Vec<usize> {
     on_board(machine.driver.bus(), channel)
 }
 
-fn on_board(fpga: &SimFpga, channel: usize) -> Vec<usize> {
+pub fn on_board(fpga: &SimFpga, channel: usize) -> Vec<usize> {
     let world = device(fpga, channel).world();
     let (digital, analog) = match channel {
         FIELD => (16, 0),
@@ -149,7 +149,7 @@ fn busy_machine() -> Machine {
 }
 
 /// One period of 1 ms in small steps; `look` is called after each.
-fn cycle(machine: &mut Machine, mut look: impl FnMut(&Machine)) {
+pub fn cycle(machine: &mut Machine, mut look: impl FnMut(&Machine)) {
     let end = (machine.now() / MS + 1) * MS;
     let _ = machine.driver.read().expect("the bus does not fail");
     look(machine);
@@ -219,6 +219,29 @@ fn comes_back(machine: &mut Machine, channel: usize, what: &str, mut look: impl 
     assert_eq!(on(machine, channel), all_of(channel), "{what}");
 }
 
+/// The channels that `stop` names, and with them every one that has an output on.
+pub fn named(stopped: Result<(), StopError<SimError>>, fpga: &SimFpga, what: &str) -> Vec<usize> {
+    let not_reached = stopped.map_or_else(
+        |error| {
+            assert_eq!(error.failed, None, "{what}: the bus does not fail");
+            error.not_reached
+        },
+        |()| Vec::new(),
+    );
+    let named: Vec<_> = not_reached
+        .iter()
+        .map(|remote| usize::from(remote.channel))
+        .collect();
+    for channel in [FIELD, ANALOG, OUTPUTS] {
+        let is_off = on_board(fpga, channel).is_empty();
+        assert!(
+            is_off || named.contains(&channel),
+            "{what}: {channel} is on"
+        );
+    }
+    named
+}
+
 #[test]
 fn shutdown_does_not_keep_the_outputs_of_a_faulty_remote_alive() {
     for channel in [FIELD, ANALOG, OUTPUTS] {
@@ -229,7 +252,9 @@ fn shutdown_does_not_keep_the_outputs_of_a_faulty_remote_alive() {
                 cycle(&mut machine, |_| {});
             }
             let (mut fpga, stopped) = machine.driver.shutdown();
-            stopped.unwrap();
+            let what = format!("channel {channel}, {cause:?}, {n} cycles");
+            let named = named(stopped, &fpga, &what);
+            assert!(named.iter().all(|&other| other == channel), "{what}");
             let from = fpga.now() + OFF_WITHIN;
             fpga.advance_to(from);
             for _ in 0..100 * MS / STEP {
@@ -263,7 +288,8 @@ fn shutdown_switches_the_others_off_at_once_while_a_remote_is_being_restarted() 
             let what = format!("absent: {is_absent}, {wait} cycles");
             let begin = machine.now();
             let (fpga, stopped) = machine.driver.shutdown();
-            stopped.expect(&what);
+            let named = named(stopped, &fpga, &what);
+            assert!(named.iter().all(|&channel| channel == FIELD), "{what}");
             // A START that waits for a remote which does not answer takes 17 ms (FACTS 5.7).
             let took = fpga.now() - begin;
             assert!(took < 20 * MS, "{what}: {took} ns");
@@ -381,7 +407,7 @@ fn every_bit_of_the_fault_byte_has_a_name() {
 }
 
 /// A 7I72 that has been powered up with this watchdog, and drives all its outputs.
-fn busy_machine_with_watchdog(millis: u32) -> Machine {
+pub fn busy_machine_with_watchdog(millis: u32) -> Machine {
     let settings = Settings {
         watchdog: Some(std::time::Duration::from_secs(1)),
         ..Settings::default()

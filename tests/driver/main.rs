@@ -28,6 +28,7 @@ mod reset_evidence;
 mod reset_forgets;
 mod reset_in_read;
 mod set_up;
+mod stop_tells;
 mod trace;
 mod two_cards;
 mod watchdogs_proved;

@@ -5,6 +5,7 @@ use serde_json::Value;
 use crate::interop::board::Board;
 use crate::run::{done, hold_against_schema, run};
 use crate::set::{board, lit, wait_for};
+use crate::set_safety::board_without_watchdog;
 use crate::terminal::Terminal;
 use crate::wiring::Guided;
 
@@ -107,17 +108,20 @@ fn a_signal_and_a_board_that_dies_end_it_with_the_output_off() {
 
 #[test]
 fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
-    let mut board = board();
-    let mut guided = Guided::begin(&board, &[OUTPUTS, "--outputs", "--for", "10", "--yes"]);
+    let mut board = board_without_watchdog();
+    let flags = ["--for", "10", "--yes", "--slow-watchdog"];
+    let mut guided = Guided::begin(&board, &[&[OUTPUTS, "--outputs"], &flags[..]].concat());
     guided.says("[1/10] ");
     wait_for(&mut board, 0, "output-00", "1");
     board.console.run("unplug 0");
     guided.says("  FAILED: ");
     guided.types("q");
-    let said = guided.says("NOT REACHED: the 7I77 on port 0, channel 0");
+    let said = guided.says("the 7I77 on port 0, channel 0 was not reached");
     assert!(!said.contains("all outputs are off"), "{said}");
+    assert!(said.contains("switch off its power"), "{said}");
     let run = guided.ended();
     assert_eq!(run.code, Some(1), "{run:?}");
+    assert_eq!(lit(&mut board), ["remote.0.output-00"], "it said so");
 }
 
 #[test]

@@ -4,9 +4,8 @@ use std::fmt::Write;
 use std::time::Duration;
 
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::driver::{EventKind, NotReached};
-use mesa_hal::hal::GroupId;
-use mesa_hal::transport::udp::UdpBus;
+use mesa_hal::driver::{EventKind, StopError};
+use mesa_hal::transport::udp::{UdpBus, UdpError};
 use mesa_hal::{Board, BoardState, Driver, Settings};
 
 use crate::context::Failure;
@@ -76,14 +75,13 @@ impl Keeper {
     }
 }
 
-/// Remotes of these outputs that have not shown, when the driver was stopped, that they switched them off.
-pub fn not_reached(driver: &Driver<UdpBus>, groups: &[GroupId]) -> Vec<String> {
-    let of = |lost: &NotReached| {
-        let remote = driver.remote(lost.port, lost.channel);
-        remote.is_none_or(|remote| groups.contains(&remote.pins.group))
-    };
-    let lost = driver.not_reached().filter(of);
-    lost.map(|lost| words::typed(&lost)).collect()
+/// Remotes of which an output may be on still, if nothing else went wrong at the end.
+pub fn not_reached(stopped: Result<(), StopError<UdpError>>) -> Result<Vec<String>, Failure> {
+    match stopped {
+        Ok(()) => Ok(Vec::new()),
+        Err(error) if error.failed.is_some() => Err(error.into()),
+        Err(error) => Ok(error.not_reached.iter().map(words::typed).collect()),
+    }
 }
 
 /// What a driver found on each channel, for people.

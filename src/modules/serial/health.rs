@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use super::watchdog::Outputs;
 use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::modules::events::{EventKind, Repeating, Row, Sink};
@@ -46,6 +47,7 @@ pub(crate) struct Health {
     /// number or tables that are not known, and of the unit number the class in the top byte.
     pub started: StartedRemote,
     pub watchdog: RemoteWatchdog,
+    pub outputs: Outputs,
     pub state: RemoteState,
     /// Why it went offline last.
     pub cause: Option<OfflineReason>,
@@ -84,6 +86,7 @@ impl Health {
         Self {
             started,
             watchdog,
+            outputs: Outputs::Off,
             state: RemoteState::Running,
             cause: None,
             first_fault: None,
@@ -125,6 +128,8 @@ impl Health {
             _ => self.watchdog.silence(),
         };
         self.silent_until = now.after(silence);
+        self.outputs
+            .silent(reason, self.watchdog, self.silent_until);
         if self.is_running() && good >= HEALTHY {
             self.pause = policy.first_backoff;
         }
@@ -162,6 +167,9 @@ impl Health {
     /// The application has switched its port off; it is tried when it is on again.
     pub fn stop_for_good(&mut self, now: Instant) {
         self.is_asked_for = true;
+        let bitten = now.after(self.watchdog.silence());
+        self.outputs
+            .silent(OfflineReason::Stopped, self.watchdog, bitten);
         self.show(now, OfflineReason::Stopped, Some(self.silent_until));
     }
 
@@ -232,6 +240,7 @@ impl Health {
         let is = self.started;
         self.started = StartedRemote::new((is.channel, is.software_mode), told, is.sizes, is.cs);
         self.state = RemoteState::Running;
+        self.outputs = Outputs::Off;
         self.has_failed = false;
         self.is_asked_for = false;
         let has_run = core::mem::replace(&mut self.has_run, true);

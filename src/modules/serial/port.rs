@@ -7,6 +7,7 @@ use super::health::Health;
 use super::pins::PortPins;
 use super::recovery::{Recovery, is_transferring};
 use super::remote::{FoundRemote, Served};
+use super::watchdog::Outputs;
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
 use crate::hal::PinStore;
@@ -216,10 +217,13 @@ impl Module for SerialPort {
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
         let stale_after = self.recovery.policy.stale_after;
-        for (served, health) in self.remotes.iter_mut().zip(&self.recovery.remotes) {
+        for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
             served.has_news = outcome.good.contains(channel);
             if served.has_news {
+                if !served.drives {
+                    health.outputs = Outputs::Off;
+                }
                 served.take(cycle);
                 let reads_before = u64::from(outcome.reads_before);
                 cycle
@@ -260,9 +264,14 @@ impl Module for SerialPort {
         }
         let machine = &mut self.port.machine;
         let operation = self.recovery.next(machine, cycle.now, cycle.hold);
-        for remote in &mut self.remotes {
+        for (remote, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             match operation {
-                Some(Operation::Transfer(_)) => remote.put(cycle),
+                Some(Operation::Transfer(mask)) => {
+                    remote.put(cycle);
+                    if remote.drives && mask.contains(remote.channel) {
+                        health.outputs = Outputs::Driven;
+                    }
+                }
                 Some(Operation::Start(_, mask)) if mask.contains(remote.channel) => {
                     remote.put_mode(cycle);
                 }
@@ -330,11 +339,12 @@ impl SerialPort {
         })
     }
 
-    /// Remotes that have run, and of which the last read brought no good transfer: whether they have
-    /// taken what was written last is not known.
-    pub(crate) fn not_served(&self) -> impl Iterator<Item = RemoteStatus<'_>> {
+    /// Remotes that may have an output on which was on before the last write: the last read brought no
+    /// good transfer of theirs, and nothing else says that all are off.
+    pub(crate) fn not_reached(&self, now: Instant) -> impl Iterator<Item = RemoteStatus<'_>> {
         let pairs = self.remotes.iter().zip(&self.recovery.remotes);
-        let not = pairs.map(|(served, health)| !served.has_news && health.has_run);
+        let not =
+            pairs.map(move |(served, health)| !served.has_news && !health.outputs.are_off(now));
         let not = self.remotes().zip(not);
         not.filter_map(|(status, is_not)| is_not.then_some(status))
     }

@@ -58,6 +58,8 @@ pub(super) struct Served {
     pub has_news: bool,
     /// The version of the outputs that are in the image.
     put: Option<u64>,
+    /// Those are not all 0, as they are after START.
+    pub drives: bool,
 }
 
 impl Served {
@@ -88,6 +90,7 @@ impl Served {
             without_news: 0,
             has_news: false,
             put: None,
+            drives: false,
         })
     }
 
@@ -124,6 +127,7 @@ impl Served {
         self.put = version;
         let mut words = [0; REGISTERS];
         self.pins.put_outputs(cycle.pins, &mut words);
+        self.drives = words != [0; REGISTERS];
         for (word, &slot) in words.into_iter().zip(&self.outputs) {
             cycle.words.put(slot, word);
         }

@@ -2,7 +2,9 @@
 
 use core::time::Duration;
 
+use super::OfflineReason;
 use super::remote::WATCHDOG_PARAMETER;
+use crate::bus::Instant;
 use crate::remote::RemotePins;
 
 /// How long a remote's outputs stay on without process data, as far as it is known.
@@ -68,6 +70,37 @@ impl RemoteWatchdog {
     pub fn silence(self) -> Duration {
         self.time()
             .map_or(Duration::ZERO, |time| time.saturating_add(time / 5))
+    }
+}
+
+/// Whether a remote has an output on, as far as it is known from what it got and what it told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outputs {
+    /// None is on: what it took last is 0, as after START, or it told that its watchdog has bitten.
+    Off,
+    /// None is on from then on: it gets nothing, and its watchdog must have bitten.
+    OffFrom(Instant),
+    /// One may be on.
+    Driven,
+}
+
+impl Outputs {
+    pub fn are_off(self, now: Instant) -> bool {
+        match self {
+            Self::Off => true,
+            Self::OffFrom(from) => from <= now,
+            Self::Driven => false,
+        }
+    }
+
+    /// It gets nothing more, for this reason; its watchdog, if that is known, has bitten at `bitten`. A
+    /// START that follows switches nothing on.
+    pub fn silent(&mut self, reason: OfflineReason, watchdog: RemoteWatchdog, bitten: Instant) {
+        *self = match (*self, reason, watchdog) {
+            (_, OfflineReason::Watchdog, _) => Self::Off,
+            (Self::Driven, _, RemoteWatchdog::Known(_)) => Self::OffFrom(bitten),
+            (before, ..) => before,
+        };
     }
 }
 

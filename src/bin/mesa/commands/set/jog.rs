@@ -137,16 +137,9 @@ impl Jog {
         if let Some(signal) = signal {
             complain(format_args!("mesa: ended by {signal}"));
         }
-        let not_reached = running::not_reached(&ended.driver, &self.groups);
+        let not_reached = running::not_reached(ended.stopped)?;
         for remote in &not_reached {
             complain(format_args!("mesa: NOT REACHED: {remote}"));
-        }
-        if let Err(error) = ended.stopped {
-            return Err(Failure::refused(format_args!(
-                "{}: the ports could not be stopped: {error}; the board's outputs are off by its \
-                 watchdog",
-                info.name
-            )));
         }
         let other = if not_reached.is_empty() { "" } else { "other " };
         complain(format_args!(

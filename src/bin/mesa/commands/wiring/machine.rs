@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use mesa_hal::bus::Instant;
 use mesa_hal::driver::RemoteState;
-use mesa_hal::hal::{GroupId, PinId, PinInfo, Pins};
+use mesa_hal::hal::{PinId, PinInfo, Pins};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 use mesa_hal::{Driver, UdpBus};
 
@@ -32,12 +32,8 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// `time` is how long an output is on, and `groups` those that it may drive.
-    pub fn start(
-        driver: Driver<UdpBus>,
-        context: &Context,
-        (time, groups): (Duration, Vec<GroupId>),
-    ) -> Self {
+    /// `time` is how long an output is on.
+    pub fn start(driver: Driver<UdpBus>, context: &Context, time: Duration) -> Self {
         let mut runner = Runner::new(driver).stop_on(context.stop.clone());
         let reader = runner.snapshot();
         let is_over = Arc::new(AtomicBool::new(false));
@@ -77,18 +73,7 @@ impl Machine {
         };
         let cycle = std::thread::spawn(move || {
             let ended = runner.run(work);
-            ended.stopped.map_err(|error| {
-                Failure::refused(format_args!(
-                    "the ports could not be stopped: {error}; the watchdogs switch all outputs off"
-                ))
-            })?;
-            let lost = running::not_reached(&ended.driver, &groups);
-            if !lost.is_empty() {
-                return Err(Failure::refused(format_args!(
-                    "NOT REACHED: {}",
-                    lost.join("; ")
-                )));
-            }
+            ended.stopped?;
             running::check_alone(ended.driver.bus())
         });
         Self {

@@ -142,7 +142,7 @@ impl Wiring {
             Some(path) => report(session, outcome).write(path),
             None => Ok(()),
         };
-        let machine = Machine::start(driver, context, (self.time, groups));
+        let machine = Machine::start(driver, context, self.time);
         let (lines, parts) = (Lines::of_standard_input(is_terminal), (check, items));
         let mut session = Session::new(context, &machine, (lines, self.timeout), parts, name);
         session.is_agreed = self.asks.yes;
