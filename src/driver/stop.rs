@@ -240,9 +240,12 @@ impl<B: RegisterBus + Clock> Drop for Driver<B> {
             return;
         }
         // Nobody is left to tell but the log; the watchdogs do the rest.
-        if let Err(_error) = self.stop_all() {
-            #[cfg(feature = "log")]
-            super::messages::dropped(self, &_error);
+        let result = self.stop_all();
+        #[cfg(feature = "log")]
+        if let Err(error) = &result {
+            super::messages::dropped(self, error);
         }
+        #[cfg(not(feature = "log"))]
+        let _ = result;
     }
 }
