@@ -54,9 +54,12 @@
 //! simulator shares wire formats and register addresses with the driver and nothing else, so that the
 //! two can not agree on the same mistake.
 //!
-//! Pages with code that runs: [faults and re-arm](driver::faults),
+//! Pages with code that runs: [home an axis on its index](driver::homing),
+//! [faults and re-arm](driver::faults), [several boards](driver::several_boards),
+//! threads and realtime set-up on Linux (`runner::linux`, feature `realtime`),
 //! [parameters of remotes](guides::parameters), [your own module](guides::own_module),
-//! [your own card](guides::own_card), [LinuxCNC and the simulated board](guides::linuxcnc).
+//! [your own card](guides::own_card), [LinuxCNC and the simulated board](guides::linuxcnc). What a remote
+//! that fails costs the others of its port is on [a page](driver::neighbours) without.
 //!
 //! # Words
 //! | word | means |
@@ -109,8 +112,14 @@
 //!
 //! # Features
 //! - `std` (default): [`transport`] and [`sim`]. Without it the core needs `alloc`, at set-up only.
-//! - `log` (default): messages at set-up, never in the cycle; and events, when they are asked for.
+//! - `log` (default): messages at set-up and where a driver is dropped, never in the cycle; and events,
+//!   when they are asked for ([`Events::log`](driver::Events::log)). Their target is `mesa_hal`. A program
+//!   that uses `tracing` gets them by its bridge (crate `tracing-log`, which `tracing_subscriber::fmt::init`
+//!   sets up).
 //! - `serde`: inventory, events, statistics, states and settings can be sent, and kept in files.
+//! - `realtime`: a [`runner`] that stops on a signal, and on Linux what its thread asks of the kernel:
+//!   priority, locked memory, CPUs.
+//! - `cli`: the command `mesa`; nothing for users of the library.
 //!
 //! # Safety
 //! These boards move heavy machines. Never depend on software to disable a motor when somebody

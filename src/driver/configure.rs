@@ -278,6 +278,7 @@ fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<
     }
     let of = "the board's watchdog (`Settings::watchdog`)";
     DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
+    settings.check()?;
     let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);
     settings.fault_policy.rest = rest.max(period * 3 / 4);
     Ok(settings)

@@ -7,25 +7,26 @@ use crate::bus::{Clock, RegisterBus};
 pub(super) fn found<B: RegisterBus + Clock>(driver: &Driver<B>) {
     let firmware = driver.firmware();
     log::info!(
+        target: "mesa_hal",
         "{}: firmware for {} with {}",
         driver.name(),
         firmware.idrom.board_name,
         firmware.gtags()
     );
     for warning in &firmware.warnings {
-        log::warn!("{}: {warning}", driver.name());
+        log::warn!(target: "mesa_hal", "{}: {warning}", driver.name());
     }
     for (number, port) in driver.ports().iter().enumerate() {
         for remote in port.remotes() {
-            log::info!("{} port {number}: {}", driver.name(), remote.started);
+            log::info!(target: "mesa_hal", "{} port {number}: {}", driver.name(), remote.started);
         }
     }
     for remark in driver.remarks().iter().chain(driver.missing()) {
-        log::warn!("{}: {remark}", driver.name());
+        log::warn!(target: "mesa_hal", "{}: {remark}", driver.name());
     }
 }
 
 /// What of a driver that nobody has stopped could not be stopped.
 pub(super) fn dropped<B: RegisterBus + Clock>(driver: &Driver<B>, error: &StopError<B::Error>) {
-    log::error!("{}: was dropped: {error}", driver.name());
+    log::error!(target: "mesa_hal", "{}: was dropped: {error}", driver.name());
 }

@@ -48,13 +48,17 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     /// Restarts the remote on `channel` (0 to 7) of `port` in the next cycles, which clears the
     /// faults it reports: at once, but for one that is offline not before its own watchdog must have
-    /// bitten. Its outputs are safe until it is re-armed. Does nothing if none takes part there.
-    pub fn restart(&mut self, port: u8, channel: u8) {
+    /// bitten. Its outputs are safe until it is re-armed. `false`, and nothing is done, if none takes
+    /// part there.
+    pub fn restart(&mut self, port: u8, channel: u8) -> bool {
         let now = self.bus.now();
         let port = self.parts.ports.get_mut(usize::from(port));
-        if let (Some(port), Some(channel)) = (port, Channel::new(channel)) {
-            port.restart(channel.mask(), &mut self.pins, now);
-        }
+        let Some((port, channel)) = port.zip(Channel::new(channel)) else {
+            return false;
+        };
+        let is_there = port.remote(channel).is_some();
+        port.restart(channel.mask(), &mut self.pins, now);
+        is_there
     }
 
     pub(super) fn is_running(&self) -> bool {

@@ -1,11 +1,13 @@
 //! What an application asks for before a board is configured.
 
 use alloc::collections::BTreeMap;
+use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 use core::str::FromStr;
 use core::time::Duration;
 
+use super::RegisterError;
 use super::encoder::EncoderSetup;
 use super::events::EventMask;
 use super::gpio::GpioConfig;
@@ -53,7 +55,8 @@ pub struct Settings {
     /// The time after which the board's watchdog bites without a write. `None`, the default: five
     /// periods, and at least 5 ms. It runs from the first write on.
     ///
-    /// Less than two periods are refused, because one write that is lost must not let it bite.
+    /// Less than two periods are refused, because one write that is lost must not let it bite; and so
+    /// is more than 4.29 s.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::some_seconds"))]
     pub watchdog: Option<Duration>,
     /// Which channels of serial ports are used, and how, by the number of the port.
@@ -125,7 +128,45 @@ impl Settings {
         let usual = WatchdogRegisters::DEFAULT_TIMEOUT;
         self.watchdog.unwrap_or(follows.max(usual))
     }
+
+    /// Refuses numbers that mean nothing, whatever the board.
+    pub(crate) fn check(&self) -> Result<(), RegisterError> {
+        let refused = |what, found, expected: &str| {
+            let expected = expected.into();
+            Err(RegisterError::Setting {
+                what,
+                found,
+                expected,
+            })
+        };
+        let watchdog = self.watchdog_time();
+        if watchdog > LONGEST_WATCHDOG {
+            return refused(
+                "the board's watchdog (`Settings::watchdog`)",
+                format!("{watchdog:?}"),
+                "at most 4.29 s, as many nanoseconds as its parameter holds",
+            );
+        }
+        if self.bus_error_limit == 0 {
+            return refused(
+                "failures in a row that make everything safe (`Settings::bus_error_limit`)",
+                "0".into(),
+                "at least 1",
+            );
+        }
+        match self.trace {
+            Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
+                "what a trace keeps (`Settings::trace`)",
+                format!("{cycles} cycles, {after} of them after the event"),
+                "at least 1 cycle, and fewer after the event than in all",
+            ),
+            _ => Ok(()),
+        }
+    }
 }
+
+/// What the parameter `watchdog.timeout_ns` holds.
+const LONGEST_WATCHDOG: Duration = Duration::from_nanos(u32::MAX as u64);
 
 /// What a [`Trace`](crate::driver::Trace) keeps, and when it stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -125,7 +125,8 @@ pub struct Cycle<'a, B: RegisterBus + Clock> {
     /// How much later than planned it began. Zero where the [board paces](Pace::Board).
     pub late: Duration,
     /// What the cycle before took, from the begin of its read to the end of its write; zero in the
-    /// first.
+    /// first. Where the [board paces](Pace::Board), with the wait for its clock: what was left of the
+    /// period is in [`CycleReport::slack`].
     pub took: Duration,
     /// What was counted in the cycles before.
     pub statistics: RunStatistics,
@@ -160,10 +161,11 @@ pub struct RunStatistics {
     /// where the [host paces](Pace::Host); else see
     /// [`DriverStatistics::missed_periods`](crate::driver::DriverStatistics::missed_periods).
     pub skipped_periods: u64,
-    /// How much later than planned a cycle began at most.
+    /// How much later than planned a cycle began at most; zero where the [board paces](Pace::Board).
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub latest: Duration,
-    /// What a cycle took at most, from the begin of its read to the end of its write.
+    /// What a cycle took at most, from the begin of its read to the end of its write; with the wait for
+    /// its clock where the [board paces](Pace::Board).
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub longest: Duration,
     /// How much later than planned the last cycle began.
@@ -280,7 +282,10 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 break;
             }
             let begun = self.wait_until(planned);
-            let late = begun.since(planned);
+            let late = match self.driver.pace() {
+                Pace::Host => begun.since(planned),
+                Pace::Board => Duration::ZERO,
+            };
             let read = self.driver.read();
             self.statistics.failed_reads += u64::from(read.is_err());
             if let Some(commands) = &mut self.commands {

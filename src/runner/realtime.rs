@@ -1,9 +1,10 @@
 use alloc::vec::Vec;
+use core::fmt;
 use std::io;
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, getrlimit};
-use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_setaffinity};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
 use thread_priority::{
     RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
     set_thread_priority_and_policy, thread_native_id,
@@ -69,6 +70,9 @@ pub enum RealtimeError {
         /// How much.
         bytes: u64,
     },
+    /// Several things, each with its reason.
+    #[error("{}", Lines(.0))]
+    Several(Vec<RealtimeError>),
     /// The CPUs.
     #[error("running on the CPUs {cpus:?}: {source}; `nproc --all` tells how many there are")]
     Cpus {
@@ -80,21 +84,31 @@ pub enum RealtimeError {
 }
 
 impl Realtime {
-    /// Asks for it, for the calling thread; locked memory is that of the whole process.
+    /// Asks for all of it, for the calling thread; locked memory is that of the whole process.
     ///
     /// # Errors
-    /// [`RealtimeError`]: the first that is refused. What was granted before stays.
+    /// [`RealtimeError`]: what is refused, [`Several`](RealtimeError::Several) where that is more than one
+    /// thing. What is granted stays.
     ///
     /// # Real time
     /// Before the cycle.
     pub fn apply(&self) -> Result<(), RealtimeError> {
-        if let Some(priority) = self.priority {
-            self::set_priority(priority)?;
+        let memory = if self.lock_memory {
+            lock_memory()
+        } else {
+            Ok(())
+        };
+        let results = [
+            self.priority.map_or(Ok(()), set_priority),
+            memory,
+            self.set_cpus(),
+        ];
+        let mut refused: Vec<_> = results.into_iter().filter_map(Result::err).collect();
+        match refused.len() {
+            0 => Ok(()),
+            1 => refused.pop().map_or(Ok(()), Err),
+            _ => Err(RealtimeError::Several(refused)),
         }
-        if self.lock_memory {
-            self::lock_memory()?;
-        }
-        self.set_cpus()
     }
 
     fn set_cpus(&self) -> Result<(), RealtimeError> {
@@ -112,7 +126,28 @@ impl Realtime {
             }
             set.set(cpu);
         }
-        sched_setaffinity(None, &set).map_err(|error| refused(error.into()))
+        sched_setaffinity(None, &set).map_err(|error| refused(error.into()))?;
+        // It takes those that there are.
+        let granted = sched_getaffinity(None).map_err(|error| refused(error.into()))?;
+        match self.cpus.iter().find(|&&cpu| !granted.is_set(cpu)) {
+            Some(cpu) => Err(refused(io::Error::other(std::format!(
+                "CPU {cpu} is not there"
+            )))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Errors, one after the other.
+struct Lines<'a>(&'a [RealtimeError]);
+
+impl fmt::Display for Lines<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (n, error) in self.0.iter().enumerate() {
+            let separator = if n > 0 { "; and " } else { "" };
+            write!(f, "{separator}{error}")?;
+        }
+        Ok(())
     }
 }
 
@@ -191,6 +226,31 @@ mod tests {
                 let error = asked.apply().expect_err("no such CPU").to_string();
                 assert!(error.contains("nproc"), "{error}");
             }
+        });
+    }
+
+    #[test]
+    fn what_is_granted_is_granted_beside_what_is_refused_and_all_refusals_are_told() {
+        in_a_thread(|| {
+            let before = sched_getaffinity(None).expect("readable");
+            let cpu = (0..CpuSet::MAX_CPU).rfind(|&cpu| before.is_set(cpu));
+            let cpu = cpu.expect("one");
+            let mut asked = Realtime {
+                priority: Some(100),
+                lock_memory: false,
+                cpus: std::vec![cpu],
+            };
+            let error = asked.apply().expect_err("no priority");
+            assert!(matches!(error, RealtimeError::NoPriority { .. }), "{error}");
+            let after = sched_getaffinity(None).expect("readable");
+            assert_eq!(after.count(), 1, "it runs there all the same");
+            asked.cpus.push(CpuSet::MAX_CPU - 1);
+            let error = asked.apply().expect_err("two things").to_string();
+            let parts: Vec<_> = error.split("; and ").collect();
+            assert_eq!(parts.len(), 2, "{error}");
+            assert!(parts[0].contains("from 1 to 99"), "{error}");
+            let last = std::format!("CPU {} is not there", CpuSet::MAX_CPU - 1);
+            assert!(parts[1].contains(&last), "{error}");
         });
     }
 

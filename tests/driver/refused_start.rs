@@ -8,7 +8,7 @@ use mesa_hal::bus::Phase;
 use mesa_hal::bus::{Access, AccessList, Clock, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
-    Board, Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig,
+    Board, Driver, DriverError, Presence, RemarkKind, RemoteConfig, SerialConfig, TraceSettings,
 };
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, Registrar};
@@ -134,4 +134,40 @@ fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stoppe
         assert_eq!(cs & 0xFFFF, 0xC100, "channel {channel}");
     }
     assert_eq!(bus.0.read_register(0x1100), 0, "all pins are inputs");
+}
+
+#[test]
+fn settings_that_mean_nothing_are_refused_with_what_they_may_be() {
+    let trace = |cycles, after| {
+        let of = TraceSettings::default();
+        Some(TraceSettings {
+            cycles,
+            after,
+            ..of
+        })
+    };
+    let mut settings = [(); 4].map(|()| Settings::default());
+    settings[0].bus_error_limit = 0;
+    settings[1].watchdog = Some(Duration::from_secs(3600));
+    settings[2].trace = trace(0, 0);
+    settings[3].trace = trace(5, 5);
+    let said = [
+        "at least 1",
+        "at most 4.29 s",
+        "at least 1 cycle",
+        "fewer after the event",
+    ];
+    for (settings, said) in settings.into_iter().zip(said) {
+        let error = Driver::start(fpga(), settings).expect_err(said).to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+#[test]
+fn a_restart_of_a_channel_without_a_remote_says_so() {
+    let mut driver = start(fpga(), |_| {}).expect("it runs");
+    assert!(driver.restart(0, OUTPUTS as u8));
+    for (port, channel) in [(0, 7), (0, 200), (7, 0)] {
+        assert!(!driver.restart(port, channel), "{port}.{channel}");
+    }
 }

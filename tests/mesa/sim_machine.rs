@@ -35,7 +35,7 @@ fn drive_down(board: &Board) -> Travel {
     };
     let bus = UdpBus::connect(board.address, config).unwrap();
     let settings = Settings {
-        watchdog: Some(Duration::from_secs(5)),
+        watchdog: Some(Duration::from_secs(4)),
         ..Settings::default()
     };
     let mut driver = Driver::start(bus, settings).unwrap();

@@ -232,7 +232,8 @@ impl Events {
         &self.0.board
     }
 
-    /// Takes all events, and writes them to the log: faults as warnings, the others as information.
+    /// Takes all events, and writes them to the log: faults as warnings, the others as information, all
+    /// with the target `mesa_hal`.
     ///
     /// # Real time
     /// Not for the cycle: what the log does with it is its own affair.
@@ -244,7 +245,7 @@ impl Events {
             } else {
                 log::Level::Info
             };
-            log::log!(level, "{}: {event}", self.board());
+            log::log!(target: "mesa_hal", level, "{}: {event}", self.board());
         }
     }
 }

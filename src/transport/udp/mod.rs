@@ -121,7 +121,7 @@ impl UdpBus<UdpLink> {
         let link = UdpLink::connect(address)?;
         #[cfg(feature = "log")]
         for option in &link.refused {
-            log::info!("{address}: this host does not allow {option}; round trips may be longer");
+            log::info!(target: "mesa_hal", "{address}: this host does not allow {option}; round trips may be longer");
         }
         Self::new(link, config)
     }

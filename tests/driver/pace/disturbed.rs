@@ -104,7 +104,7 @@ fn shown(driver: &Machine, inputs: &[Input<bool>; 32]) -> Option<(u32, Duration)
 fn disturb(driver: &mut Machine, chance: &mut Chance) {
     match chance.below(40) {
         0 => drop(driver.rearm()),
-        1 => driver.restart(0, chance.below(3) as u8),
+        1 => assert!(driver.restart(0, chance.below(3) as u8)),
         2 => driver.request_read(),
         3 => drop(driver.wait_transfers(PERIOD)),
         4 => driver

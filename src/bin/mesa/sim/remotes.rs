@@ -45,9 +45,10 @@ pub fn command(
         ("firmware", [revision, file]) => {
             let image = firmware_file(machine.device(channel)?.card(), number(revision)?, 6000);
             let path = Path::new(file);
-            let done = match machine.is_rehearsal {
-                true => probe(path),
-                false => fs::write(path, image),
+            let done = if machine.is_rehearsal {
+                probe(path)
+            } else {
+                fs::write(path, image)
             };
             done.map_err(|error| format!("{file}: {error}"))?;
         }
