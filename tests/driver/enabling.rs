@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mesa_hal::hal::{AnalogOut, Output};
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 use mesa_hal::{Clock, Driver, I7i77Analog, I7i97, Settings};
 
 struct Axes {
@@ -16,8 +16,8 @@ struct Axes {
 /// A 7I97, whose first four axes share an enable, and a 7I77, whose first five do.
 fn both() -> [Axes; 2] {
     let start = |fpga| Driver::start(fpga, Settings::default()).expect("a board");
-    let i7i97 = start(machines::six_axes_7i97(Default::default()));
-    let i7i77 = start(machines::six_axes_7i92(Default::default()));
+    let i7i97 = start(machines::six_axes_7i97(Motor::default()));
+    let i7i77 = start(machines::six_axes_7i92(Motor::default()));
     let card: I7i97 = i7i97.attach_board().expect("a 7I97");
     let analog: I7i77Analog = i7i77.attach(0, 1).expect("a 7I77");
     [
