@@ -109,8 +109,10 @@ pub fn watchdog(whose: &str, time: Option<Duration>, period: Duration) -> Findin
     const LONG: Duration = Duration::from_millis(200);
     let check = format!("{whose} against period");
     let Some(time) = time else {
-        let advice = "outputs stay on when the cable breaks: set its time";
-        return Finding::new(Verdict::Bad, check, "it never bites", advice);
+        let advice =
+            "outputs stay on when the cable breaks: set its time, and switch it off and on";
+        let figure = "it never bites, or has not bitten in its time";
+        return Finding::new(Verdict::Bad, check, figure, advice);
     };
     let figure = format!("{}, period {}", Rounded(&time), Rounded(&period));
     if time < period * 2 {

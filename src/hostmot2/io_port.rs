@@ -115,6 +115,19 @@ impl IoPorts {
         })
     }
 
+    /// Whether any pin is an output on the board as it stands.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn drives<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, B::Error> {
+        for port in &self.ports {
+            if bus.read(port.address.direction)? != 0 {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// Where I/O pin `pin` is; `None` beyond the last.
     pub fn place(&self, pin: u16) -> Option<PinPlace> {
         self.taken.get(usize::from(pin))?;

@@ -14,6 +14,7 @@ use alloc::string::{String, ToString};
 use alloc::vec::Vec;
 use core::fmt;
 
+use crate::driver::RemoteWatchdog;
 use crate::ethernet::{Counters, EthernetBoard, EthernetError, Identity, Lbp16Board};
 use crate::ethernet::{LedMode, LedTime};
 use crate::lbp16::Space;
@@ -336,6 +337,25 @@ impl Ethernet {
     }
 }
 
+impl Remote {
+    /// What is to be said of a watchdog that leaves outputs on.
+    fn slow_watchdog(&self) -> Option<String> {
+        let mut parameters = self.parameters.iter();
+        let name = crate::modules::serial::WATCHDOG_PARAMETER;
+        let found = parameters.find(|parameter| parameter.data.name.eq_ignore_ascii_case(name));
+        let millis = found.and_then(|parameter| parameter.raw)?;
+        let watchdog = RemoteWatchdog::longer_of(millis, millis);
+        watchdog.is_slow().then(|| match watchdog.time() {
+            None => format!(
+                "its own watchdog is off ({name} 0): what is on when it is lost stays on, and may be on now"
+            ),
+            Some(_) => format!(
+                "its own watchdog is slow ({name} {millis}): what is on when it is lost stays on for {millis} ms"
+            ),
+        })
+    }
+}
+
 impl Inventory {
     /// Its remotes, with their port and channel.
     pub fn remotes(&self) -> impl Iterator<Item = (u8, u8, &Remote)> {
@@ -365,6 +385,11 @@ impl Inventory {
                 let error = parameter.error.as_ref()?;
                 Some(format!("{}: {error}", parameter.data.name))
             });
+            findings.extend(
+                remote
+                    .slow_watchdog()
+                    .map(|text| format!("{place}: {text}")),
+            );
             let texts = faults.chain(&remote.problems).chain(&remote.differences);
             findings.extend(
                 texts

@@ -1,5 +1,6 @@
 //! Taking the inventory: identification, then discovery port by port.
 
+use alloc::borrow::ToOwned;
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
 use alloc::format;
@@ -21,8 +22,8 @@ use crate::hostmot2::{Gtag, HostMot2, IoPorts};
 use crate::lbp::{RemoteFaults, RemoteLink};
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::sslbp::{
-    Channel as Line, Layout, LocalLocation, Port, PortLink, RemoteAccess, StartFailure,
-    StartFailureReason,
+    Channel as Line, ComState, CsStatus, Layout, LocalLocation, Port, PortLink, RemoteAccess,
+    StartFailure, StartFailureReason,
 };
 
 /// Longer than the inventory of a port takes, however bad its wires are.
@@ -50,7 +51,8 @@ pub fn take<B: RegisterBus + Clock>(
 ) -> Taken<Inventory, B> {
     let firmware = HostMot2::identify(bus)?;
     check_modes::<B>(&firmware, modes)?;
-    let (mut ports, mut findings) = (Vec::new(), Vec::new());
+    let left = left_behind(bus, &firmware)?;
+    let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
     for (gtag, number) in serial_ports(&firmware) {
         if !goes_on() {
             break;
@@ -73,6 +75,44 @@ pub fn take<B: RegisterBus + Clock>(
     };
     inventory.judge();
     Ok(inventory)
+}
+
+/// What a program has left that ended without stopping the board: read before anything is changed.
+fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option<String>, B> {
+    let bus_failed = InventoryError::Bus;
+    let watchdog = WatchdogRegisters::locate(firmware)?;
+    let status = bus.read(watchdog.status).map_err(bus_failed)?;
+    let drives = IoPorts::locate(firmware)?.drives(bus);
+    let drives = drives.map_err(bus_failed)?;
+    let mut runs = false;
+    for (gtag, number) in serial_ports(firmware) {
+        let channels = firmware.sserial_channels(gtag, number);
+        let layout = Layout::new(firmware.require(gtag)?, number, channels)?;
+        for line in (0..channels).filter_map(Line::new) {
+            let Some(registers) = layout.channel(line) else {
+                continue;
+            };
+            let cs = CsStatus(bus.read(registers.cs).map_err(bus_failed)?);
+            // In setup mode it would drive nothing.
+            runs |= matches!(cs.state(), ComState::Chatter | ComState::ProcessData);
+        }
+    }
+    let has_bitten = status & WatchdogRegisters::HAS_BIT != 0;
+    // A bite makes all pins inputs: what is an output was made one since.
+    Ok(match (drives, runs, has_bitten) {
+        (false, false, _) => None,
+        (false, true, true) => Some(
+            "it was not stopped: the program that drove it was killed, or its packets did not arrive. \
+             The board's watchdog has bitten, so that its own outputs are off; those of a remote are off \
+             by its own watchdog. The ports are stopped by now"
+                .to_owned(),
+        ),
+        _ => Some(
+            "it was not stopped, and nothing has switched it off: outputs may have been on until this \
+             looked. They are off by now, those of a remote by its own watchdog"
+                .to_owned(),
+        ),
+    })
 }
 
 /// A mode for a channel that does not exist is a slip of the pen.

@@ -6,7 +6,7 @@ use std::{
 };
 
 use crate::interop::{Scratch, board::Board, mesa};
-use crate::run::hold_against_schema;
+use crate::run::{done, hold_against_schema};
 use serde_json::Value;
 
 fn info(arguments: &[&str]) -> Output {
@@ -117,6 +117,38 @@ fn what_a_person_should_look_at_is_on_top() {
     );
     let found = json(&["--addr", &address]);
     assert_eq!(found["findings"].as_array().map(Vec::len), Some(2));
+}
+
+#[test]
+fn what_a_program_left_that_was_killed_is_said_once_and_a_watchdog_that_leaves_outputs_on() {
+    let mut board = crate::set::board();
+    let address = board.address.to_string();
+    let found = |address: &str| json(&["--addr", address])["findings"].to_string();
+    assert_eq!(found(&address), "[]", "nobody has begun");
+    done(&["param", "list", "--addr", &address]);
+    assert_eq!(found(&address), "[]", "what only read leaves nothing");
+    let jog = [crate::set::OUTPUT, "on", "--for", "60s"];
+    let mut killed = crate::set::begin(&board, &jog);
+    crate::set::wait_for(&mut board, 0, "output-03", "1");
+    killed.signal("KILL");
+    let _ = killed.output();
+    crate::set::wait_until(&mut board, "board", "board.watchdog-bitten", "1");
+    let left = found(&address);
+    assert!(left.contains("it was not stopped"), "{left}");
+    assert!(left.contains("watchdog has bitten"), "{left}");
+    assert_eq!(found(&address), "[]", "it is stopped by now");
+    // A pin of the board that nobody stops.
+    done(&["poke", "0:0x1100", "1", "--addr", &address, "--yes"]);
+    let left = found(&address);
+    assert!(left.contains("outputs may have been on"), "{left}");
+    assert_eq!(found(&address), "[]", "it is an input by now");
+
+    let name = "0.0.NVWatchDogTimeout";
+    for (millis, said) in [("0", "watchdog is off"), ("5000", "stays on for 5000 ms")] {
+        done(&["param", "set", name, millis, "--addr", &address, "--yes"]);
+        let found = found(&address);
+        assert!(found.contains(said), "{found}");
+    }
 }
 
 #[test]

@@ -227,6 +227,29 @@ fn who_is_asked_and_takes_his_time_is_looked_at_again() {
     assert!(done(&peek).contains("0x0000  0"));
 }
 
+/// All boards come with the same address.
+#[test]
+fn what_was_agreed_to_is_not_done_to_another_board_that_has_the_address_by_then() {
+    let at = Ipv4Addr::new(127, 93, 0, 78);
+    let mut first = Board::start(at, &["--board", "7i97"]);
+    let address = first.address.to_string();
+    let poke = format!("poke 6:0x14 0 --addr {address}");
+    let Some(terminal) = Terminal::start("swapped", &poke) else {
+        return;
+    };
+    terminal.wait_for_text("Go on? [y/N]");
+    first.kill();
+    let second = Board::start(at, &["--board", "7i92-7i77"]);
+    terminal.type_keys(&["y", "Enter"]);
+    let text = terminal.wait_for_text("exit code");
+    assert!(text.contains("exit code 1"), "{text}");
+    let text = text.replace('\n', " ");
+    assert!(text.contains("another board answers here by now"), "{text}");
+    let peek = ["peek", "6:0x14", "--addr", &address];
+    assert!(done(&peek).contains("0x0001  1"), "nothing was written");
+    drop(second);
+}
+
 #[test]
 fn who_only_looks_at_a_board_stops_nothing() {
     // mesaflash knows one port only.

@@ -164,6 +164,62 @@ fn an_enable_that_reaches_no_terminal_is_refused_and_the_one_that_does_is_named(
     assert_eq!(refused.out, "");
 }
 
+/// What says how outputs are made moves those that it is about: an offset, an inversion, a limit.
+#[test]
+fn what_is_no_output_is_refused_and_nothing_moves() {
+    let flags = ["--analog", "--drive-enable", "--slow-watchdog", "--yes"];
+    for (mut board, pins, all) in [
+        (
+            board_7i97(),
+            &[
+                ("pwmgen.00.offset-mode", "0"),
+                ("pwmgen.00.output-type", "1"),
+                ("pwmgen.00.scale", "0.1"),
+                ("pwmgen.pwm_frequency", "1000"),
+                ("gpio.034.is_output", "on"),
+                ("gpio.034.invert_output", "on"),
+                ("gpio.034.is_opendrain", "on"),
+                ("ssr.00.invert-00", "on"),
+                ("ssr.00.rate", "1"),
+                ("dpll.01.timer-us", "1"),
+                ("encoder.00.scale", "0"),
+            ][..],
+            "board",
+        ),
+        (
+            board(),
+            &[
+                ("7i77.0.1.analogena-invert", "on"),
+                ("7i77.0.1.spinena-invert", "on"),
+                ("7i77.0.1.analogout0-minlim", "5"),
+                ("7i77.0.0.output-03-invert", "on"),
+            ],
+            "1",
+        ),
+    ] {
+        let address = board.address.to_string();
+        let before = board.console.show(all);
+        for &(pin, value) in pins {
+            let jog = ["set", pin, value, "--for", "300ms", "--addr", &address];
+            let refused = run(&[&jog[..], &flags].concat());
+            assert_eq!(refused.code, Some(2), "{pin}: {refused:?}");
+            let said = "says how the board makes its outputs";
+            assert!(refused.err.contains(said), "{pin}: {refused:?}");
+            assert_eq!(refused.out, "", "{pin}");
+        }
+        let after = board.console.show(all);
+        let is_driven = |(name, _): &(&String, &String)| {
+            ["pin-", "output", "analog", "enable"]
+                .iter()
+                .any(|part| name.contains(part))
+        };
+        let driven = before.iter().filter(is_driven);
+        let driven: Vec<_> = driven.collect();
+        assert!(driven.len() > 5, "{before:?}");
+        assert!(driven.iter().all(|(name, value)| after[*name] == **value));
+    }
+}
+
 #[test]
 fn an_analog_output_that_is_not_enabled_has_0_volts_and_is_refused() {
     for (sim, pin, enable) in [

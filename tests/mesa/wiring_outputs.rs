@@ -124,6 +124,42 @@ fn a_remote_that_is_lost_while_its_output_is_on_is_named_and_no_success() {
     assert_eq!(lit(&mut board), ["remote.0.output-00"], "it said so");
 }
 
+/// Whoever agreed may have his hands at the plug by now.
+#[test]
+fn an_output_that_can_not_be_driven_now_is_not_driven_later_without_another_question() {
+    let mut board = board();
+    let arguments = format!(
+        "wiring '{OUTPUTS}' --outputs --for 1 --addr {}",
+        board.address
+    );
+    let Some(terminal) = Terminal::start("wiring-away", &arguments) else {
+        return;
+    };
+    terminal.wait_for_text("Go on? [y/N]");
+    terminal.type_keys(&["y", "Enter"]);
+    terminal.wait_for_text("[1/10] TB8 pin 17 OUTPUT0 (7i77.0.0.output-00): y and Enter drives it");
+    board.console.run("unplug 0");
+    terminal.wait_for_text("NOT VALID: the 7I77 on port 0, channel 0 is offline");
+    terminal.type_keys(&["y", "Enter"]);
+    std::thread::sleep(std::time::Duration::from_millis(500));
+    board.console.run("plug 0");
+    let asked = |text: String| text.matches("y and Enter drives it").count();
+    let begun = std::time::Instant::now();
+    let is_again = || asked(terminal.wait_for_text("NOT VALID")) == 2;
+    while !is_again() || begun.elapsed().as_secs() < 2 {
+        assert!(begun.elapsed().as_secs() < 30, "it is not asked anew");
+        assert_eq!(lit(&mut board), [""; 0], "it has to be asked anew");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    terminal.type_keys(&["y", "Enter"]);
+    terminal.wait_for_text("driven; did it come on?");
+    terminal.type_keys(&["y", "Enter"]);
+    terminal.wait_for_text("[2/10] ");
+    terminal.type_keys(&["q", "Enter"]);
+    terminal.wait_for_text("exit code 1");
+    assert_eq!(lit(&mut board), [""; 0]);
+}
+
 #[test]
 fn outputs_whose_remote_has_its_watchdog_off_are_not_driven_without_the_flag() {
     let mut board = board();

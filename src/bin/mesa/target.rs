@@ -1,5 +1,6 @@
 //! Which board a command is for.
 
+use std::cell::OnceCell;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,14 +9,19 @@ use std::time::Duration;
 
 use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
+use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
 use mesa_hal::sim::{Mishaps, UdpFace};
+use mesa_hal::transport::search::{self, Asked};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 
 use crate::consent::Asks;
 use crate::context::Failure;
 use crate::output::complain;
 use crate::sim::machine::{Machine, MachineOptions};
+
+/// How long a board may take to say again who it is.
+const AGAIN: Duration = Duration::from_millis(100);
 
 /// Environment variable with the address of the board.
 const ADDRESS: &str = "MESA_ADDR";
@@ -57,6 +63,8 @@ impl ChangedTarget {
 pub struct Found {
     /// Where it is.
     pub address: SocketAddrV4,
+    /// Card and MAC address of what answered there first.
+    who: OnceCell<(String, MacAddress)>,
     // Ends when nobody talks to it any more.
     _simulated: Option<Embedded>,
 }
@@ -68,6 +76,7 @@ impl Target {
             let embedded = Embedded::start(machine)?;
             return Ok(Found {
                 address: embedded.address,
+                who: OnceCell::new(),
                 _simulated: Some(embedded),
             });
         }
@@ -77,6 +86,7 @@ impl Target {
         };
         Ok(Found {
             address,
+            who: OnceCell::new(),
             _simulated: None,
         })
     }
@@ -92,17 +102,49 @@ impl Found {
     pub fn open_with(&self, config: UdpConfig) -> Result<UdpBus, Failure> {
         let tries = config.setup_tries;
         let bus = UdpBus::connect(self.address, config);
-        bus.map_err(|error| self.refuses(tries, error))
+        let mut bus = bus.map_err(|error| self.refuses(tries, error))?;
+        let is = EthernetBoard::new(&mut bus).identity()?;
+        self.check_same(is)?;
+        Ok(bus)
     }
 
-    /// Looks again whether another program drives the board, before something is done to it. Nothing
-    /// is changed there.
+    /// Boards come with the same address: what is done is done to the one that was looked at.
+    fn check_same(&self, is: Identity) -> Result<(), Failure> {
+        let is = (is.card, is.mac);
+        let was = self.who.get_or_init(|| is.clone());
+        if *was == is {
+            return Ok(());
+        }
+        let ((card, mac), (other, its)) = (was, is);
+        Err(Failure::refused(format_args!(
+            "{}: another board answers here by now: a {other} with the MAC address {its}; it was a {card} \
+             with {mac}. Nothing was done to it",
+            self.address
+        )))
+    }
+
+    /// Looks again whether another program drives the board, and whether it still is that one, before
+    /// something is done to it. Nothing is changed there.
     pub fn check_free(&self) -> Result<(), Failure> {
         let config = UdpConfig::default();
         let free = UdpLink::connect(self.address)
             .map_err(UdpError::from)
             .and_then(|link| UdpBus::check_free(link, config));
-        free.map_err(|error| self.refuses(config.setup_tries, error))
+        free.map_err(|error| self.refuses(config.setup_tries, error))?;
+        if self.who.get().is_none() {
+            return Ok(());
+        }
+        // With no bus, which would clear what another one counts on.
+        for _ in 0..config.setup_tries {
+            let asked = search::ask(&[self.address], AGAIN)?;
+            if let Some(Asked { found: Ok(is), .. }) = asked.into_iter().next() {
+                return self.check_same(is);
+            }
+        }
+        let address = self.address;
+        Err(Failure::refused(format_args!(
+            "{address}: no board answers any more; nothing was done"
+        )))
     }
 
     fn refuses(&self, tries: u32, error: UdpError) -> Failure {

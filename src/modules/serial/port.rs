@@ -182,7 +182,9 @@ impl SerialPort {
             let own = health.watchdog.silence();
             if !has_bitten {
                 health.watchdog = RemoteWatchdog::Off;
-            } else if silence > own.saturating_add(own / 4) {
+            } else if silence > own.saturating_add(own / 4)
+                || health.watchdog == RemoteWatchdog::Assumed
+            {
                 health.watchdog = RemoteWatchdog::Known(silence);
             }
         }

@@ -97,6 +97,10 @@ impl Restart {
         }
         let begun = Instant::now();
         restart(&mut bus, &identity)?;
+        complain(format_args!(
+            "mesa: the {action} is sent; {}",
+            outputs(action)
+        ));
         let limit = Duration::from_secs(self.wait);
         loop {
             match EthernetBoard::new(&mut bus).restarted(&before) {
@@ -110,8 +114,9 @@ impl Restart {
             if let Some(signal) = context.stop.signal() {
                 complain(format_args!(
                     "mesa: ended by {signal}: nobody waits for the board any more, which has not \
-                     answered yet; the {action} is on its way and can not be taken back. `mesa info` \
-                     tells whether it is there"
+                     answered yet; the {action} is on its way and can not be taken back; {}. \
+                     `mesa info` tells whether it is there",
+                    outputs(action)
                 ));
                 return Ok(context.ending());
             }
@@ -122,6 +127,19 @@ impl Restart {
             answered_after_s: begun.elapsed().as_secs_f64(),
         })?;
         Ok(context.ending())
+    }
+}
+
+/// What becomes of the outputs.
+fn outputs(action: &str) -> &'static str {
+    match action {
+        "reload" => {
+            "all outputs are off when the FPGA loads, those of remotes by their own watchdogs"
+        }
+        _ => {
+            "outputs stay as they are, because the FPGA goes on: what was on is on until its watchdog \
+             bites"
+        }
     }
 }
 

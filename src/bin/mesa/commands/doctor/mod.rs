@@ -209,6 +209,14 @@ impl Doctor {
         };
         let watchdog = settings.watchdog_time();
         let mut driver = running::start(bus, settings)?;
+        if let Err(error) = driver.prove_watchdogs() {
+            findings.push(Finding::new(
+                Verdict::Unknown,
+                "remotes: whether their watchdogs bite",
+                error.to_string(),
+                "mend that first, and run this again",
+            ));
+        }
         let (cycles, failed) = self.cycle(context, &mut driver);
         findings.extend(judge(&driver, self.period(), watchdog, (cycles, failed)));
         let (bus, stopped) = driver.shutdown();

@@ -15,8 +15,8 @@ use crate::context::{Context, Failure};
 use crate::output::complain;
 use crate::running;
 
-/// How long everything may take until it runs.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// How long everything may take until it runs, of a machine that was started just now.
+pub const PATIENCE: Duration = Duration::from_secs(5);
 /// How long inputs are looked at before, with everything off, and afterwards.
 const REST: Duration = Duration::from_millis(200);
 /// How long inputs may take until they are valid; those that are not then are not told about.
@@ -30,6 +30,7 @@ pub struct Jog {
     /// output itself.
     steps: Vec<Step>,
     time: Duration,
+    patience: Duration,
     groups: Vec<GroupId>,
     level: Option<Level>,
     phase: Phase,
@@ -80,11 +81,11 @@ struct Told {
 
 impl Jog {
     /// Sets the output and what it is [enabled](Pins::enables) by: whoever calls it has consent for
-    /// those as well.
+    /// those as well. It is on for `time`, and not at all if it can not be set within `patience`.
     pub fn new(
         driver: &Driver<UdpBus>,
         (pin, value, safe): (PinId, AnyValue, AnyValue),
-        time: Duration,
+        (time, patience): (Duration, Duration),
     ) -> Self {
         let pins = driver.pins();
         let enables = pins.enables(pin).map(|pin| Step {
@@ -109,6 +110,7 @@ impl Jog {
             groups: groups.collect(),
             steps,
             time,
+            patience,
             phase: Phase::Start,
             begun: None,
             told: told.collect(),
@@ -204,11 +206,16 @@ impl Jog {
     }
 
     fn end(&self, cycle: &mut Cycle<'_, UdpBus>) -> ControlFlow<()> {
-        // A parameter, such as an inversion, would hold for the last words as well.
+        // A parameter, such as the direction of an I/O pin, would hold for the last words as well.
         for step in &self.steps {
             let _ = cycle.pins_mut().set_any(step.pin, step.safe);
         }
         ControlFlow::Break(())
+    }
+
+    /// Whether it was seen to have what it was set to.
+    pub const fn is_confirmed(&self) -> bool {
+        self.was_set
     }
 
     /// Why it was over before its time.
@@ -239,7 +246,7 @@ impl Jog {
                 let is_seen = self.told.iter().all(|told| told.before.is_some());
                 if reason.is_none() && (is_seen || is_over(begun, SETTLE)) {
                     self.phase = Phase::Before(now);
-                } else if is_over(begun, PATIENCE) {
+                } else if is_over(begun, self.patience) {
                     self.failure = reason;
                     return ControlFlow::Break(());
                 }

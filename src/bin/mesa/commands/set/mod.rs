@@ -57,7 +57,7 @@ Examples:
 pub struct Set {
     #[command(flatten)]
     target: Target,
-    /// The output, or a parameter that can be set
+    /// The output; parameters and inversions are not set
     pin: String,
     /// What to set it to: on or off, or a number within its range
     #[arg(allow_negative_numbers = true)]
@@ -105,7 +105,7 @@ impl Set {
         let mut driver = running::go(board)?;
         named::present(driver.missing(), &info.name)?;
         self.slow_watchdog.prove(&mut driver, &group)?;
-        let jog = jog::Jog::new(&driver, (pin, value, safe), self.time);
+        let jog = jog::Jog::new(&driver, (pin, value, safe), (self.time, jog::PATIENCE));
         let report = jog.run(driver, context, &info)?;
         context.print(&report)?;
         match report.failure() {
@@ -128,6 +128,14 @@ impl Set {
         let what = match hazard(info) {
             Hazard::Watchdog => {
                 return refuse("is what makes the board safe; it is not set by hand".to_owned());
+            }
+            Hazard::Making => {
+                return refuse(
+                    "says how the board makes its outputs, or counts, and drives none by itself: an \
+                     inversion or a limit would switch outputs that nobody named. Set the output, or \
+                     let a program set this"
+                        .to_owned(),
+                );
             }
             Hazard::DriveEnable => "can enable a drive",
             Hazard::Analog => "is an analog output",
@@ -230,6 +238,8 @@ pub enum Hazard {
     Analog,
     DriveEnable,
     Watchdog,
+    /// It is no output: it changes what others are.
+    Making,
 }
 
 /// By the name, because remotes that nobody knows have enables as well: rather too often than not.
@@ -242,28 +252,25 @@ pub fn hazard(info: &PinInfo) -> Hazard {
         "latch-enable",
     ];
     let is_enable = last.contains("ena") && !harmless.contains(&last);
-    // What inverts an I/O pin may invert the one that a drive is enabled by.
-    let turns_pin = info.name.contains(".gpio.") && info.role.is_param() && last != "is_output";
-    let is_param = info.role.is_param();
+    let inverts = last.starts_with("invert") || last.ends_with("-invert");
+    let is_number = info.hal_type != HalType::Bit && info.role != Role::Input;
     if info.name.contains(".watchdog.") {
         Hazard::Watchdog
-    } else if is_enable || turns_pin {
+    } else if info.role.is_param() || inverts || is_number && is_rate(&info.name) {
+        Hazard::Making
+    } else if is_enable {
         Hazard::DriveEnable
-    } else if (info.hal_type != HalType::Bit && info.role != Role::Input && !is_param)
-        || last.starts_with("analogout")
-        || (is_param && (info.name.contains(".pwmgen.") || bounds_output(last)))
-    {
+    } else if is_number || last.starts_with("analogout") {
         Hazard::Analog
     } else {
         Hazard::None
     }
 }
 
-/// Limits and scales of an output: a least value above 0 is what the output has then.
-fn bounds_output(last: &str) -> bool {
-    ["-minlim", "-maxlim", "-scalemax"]
-        .iter()
-        .any(|end| last.ends_with(end))
+/// Whether a number says how fast a module of the board works, and not what an output has.
+fn is_rate(name: &str) -> bool {
+    let modules = [".dpll.", ".encoder.", ".ssr.", ".inmux.", ".packet-"];
+    modules.iter().any(|module| name.contains(module))
 }
 
 /// Pins that tell what an output did: inputs at terminals, and read-back of I/O pins.

@@ -8,9 +8,8 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use mesa_hal::bus::Instant;
 use mesa_hal::driver::RemoteState;
-use mesa_hal::hal::{PinId, PinInfo, Pins};
+use mesa_hal::hal::{PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 use mesa_hal::{Driver, UdpBus};
 
@@ -18,16 +17,26 @@ use crate::commands::set::jog::Jog;
 use crate::context::{Context, Failure};
 use crate::running::{self, Keeper};
 
-/// How long a remote that had a fault may take until it can be driven again.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// How long an output may take until it can be driven: whoever agreed to it is at the wires. A single
+/// transfer may fail, and the host be late.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// What becomes of an output.
+pub enum Driven {
+    /// It was seen to be on.
+    On,
+    /// It is off again.
+    Off,
+    /// Why it was off before its time, or never on.
+    Failed(String),
+}
 
 /// A running machine. Whoever drops it stops it, with all outputs off.
 pub struct Machine {
     pub reader: SnapshotReader,
     is_over: Arc<AtomicBool>,
     orders: SyncSender<PinId>,
-    /// An output is off again, or why it was off before its time.
-    done: Receiver<Result<(), String>>,
+    done: Receiver<Driven>,
     cycle: Option<JoinHandle<Result<(), Failure>>>,
 }
 
@@ -39,11 +48,10 @@ impl Machine {
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         let (orders, wanted) = sync_channel(1);
-        let (tell, done) = sync_channel(1);
+        let (tell, done) = sync_channel(4);
         let mut keeper = Keeper::default();
-        // What is to be driven, and since when.
-        let mut order: Option<(PinId, Instant)> = None;
         let mut jog: Option<Jog> = None;
+        let mut is_told = false;
         let work = move |cycle: &mut Cycle<'_, UdpBus>| {
             let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
             if over.load(Ordering::Relaxed) || !is_alone {
@@ -53,20 +61,24 @@ impl Machine {
                 keeper.look_after(cycle.driver);
                 // Everything is off: what a fault has disarmed may be driven again.
                 cycle.pins_mut().rearm_all();
-                let now = cycle.pins().now();
-                order = order.or_else(|| Some((wanted.try_recv().ok()?, now)));
-                let is_due = |&mut (pin, since): &mut (PinId, Instant)| {
-                    is_armed(cycle.pins(), pin) || now.since(since) >= PATIENCE
-                };
-                // What is not armed fails, and says why.
-                let due = order.take_if(is_due);
+                let order: Option<PinId> = wanted.try_recv().ok();
                 let values = |pin| (pin, true.into(), false.into());
-                jog = due.map(|(pin, _)| Jog::new(cycle.driver, values(pin), time));
+                jog = order.map(|pin| Jog::new(cycle.driver, values(pin), (time, PATIENCE)));
+                is_told = false;
                 return ControlFlow::Continue(());
             };
-            if running.step(cycle).is_break() {
+            let is_over = running.step(cycle).is_break();
+            if running.is_confirmed() && !is_told {
+                is_told = true;
+                let _ = tell.try_send(Driven::On);
+            }
+            if is_over {
                 let failure = running.failure().map(str::to_owned);
-                let _ = tell.try_send(failure.map_or(Ok(()), Err));
+                let _ = tell.try_send(match failure {
+                    Some(reason) => Driven::Failed(reason),
+                    None if is_told => Driven::Off,
+                    None => Driven::Failed("nothing has shown that it was on".to_owned()),
+                });
                 jog = None;
             }
             ControlFlow::Continue(())
@@ -91,8 +103,8 @@ impl Machine {
         let _ = self.orders.try_send(pin);
     }
 
-    /// Whether the output is off again, or why it was before its time; told once.
-    pub fn driven(&self) -> Option<Result<(), String>> {
+    /// What has become of the output; told once.
+    pub fn driven(&self) -> Option<Driven> {
         self.done.try_recv().ok()
     }
 
@@ -117,10 +129,13 @@ impl Drop for Machine {
     }
 }
 
-fn is_armed(pins: &Pins, pin: PinId) -> bool {
-    let info = pins.info_of(pin);
-    let state = info.and_then(|info| pins.group_state(info.group));
-    state.is_some_and(|state| state.armed)
+/// Whether an output can be driven.
+pub fn is_ready(snapshot: &Snapshot, info: &PinInfo) -> bool {
+    let mut remotes = snapshot.remotes();
+    let remote = remotes.find(|remote| remote.group == info.group);
+    let runs = remote
+        .is_none_or(|remote| remote.state == RemoteState::Running && remote.first_fault.is_none());
+    runs && running::trouble(snapshot.board().0).is_none()
 }
 
 /// Why what a pin shows is not valid.

@@ -8,7 +8,7 @@ use mesa_hal::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdi
 use mesa_hal::hal::PinId;
 use mesa_hal::runner::Snapshot;
 
-use super::machine::{self, Machine};
+use super::machine::{self, Driven, Machine};
 use super::report::{Item, Mark, Names, Not, Outcome, What, text};
 use crate::context::Context;
 use crate::output::complain;
@@ -16,6 +16,9 @@ use crate::sim::console;
 
 /// How often inputs, keys and signals are looked at.
 const LOOK: Duration = Duration::from_millis(5);
+
+/// Remotes that were just started, or had a fault, are back within that.
+const COMES_BACK: Duration = Duration::from_secs(1);
 
 /// What somebody types, line by line.
 pub struct Lines {
@@ -291,48 +294,100 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Drives an output for a while, and asks whether it came on.
-    fn output(&mut self, at: usize, pin: PinId) -> Result<Next, Outcome> {
-        if !self.is_agreed {
-            self.say(at, "y and Enter drives it; Enter skips");
-            loop {
-                match self.pass()?.0 {
-                    Typed::Text(line) if is_yes(&line) => break,
-                    Typed::Nothing => {}
-                    Typed::Back => return Ok(Next::Back),
-                    Typed::Skip | Typed::Text(_) => {
-                        self.mark(at, Mark::Judged(Verdict::Skipped), None);
-                        return Ok(Next::Forward);
-                    }
+    /// Waits until an output can be driven, and somebody agrees to it; where to go on if nobody does.
+    /// What somebody agreed to while it could not be driven is forgotten.
+    fn may_drive(&mut self, at: usize) -> Result<Option<Next>, Outcome> {
+        let (mut is_said, mut is_asked) = (false, false);
+        let mut away = Instant::now();
+        loop {
+            let (typed, _) = self.pass()?;
+            let is_ready = self.is_ready(at);
+            if is_ready {
+                (away, is_said) = (Instant::now(), false);
+            } else if is_asked || !is_said && away.elapsed() >= COMES_BACK {
+                (is_said, is_asked) = (true, false);
+                let reason = self.reason(at);
+                self.say(at, &format!("NOT VALID: {reason}; it is not driven"));
+            }
+            if is_ready && !is_asked {
+                if self.is_agreed {
+                    return Ok(None);
                 }
+                is_asked = true;
+                self.forget_typed();
+                self.say(at, "y and Enter drives it; Enter skips");
+                continue;
+            }
+            match typed {
+                Typed::Text(line) if is_yes(&line) && is_ready => return Ok(None),
+                Typed::Text(line) if is_yes(&line) => {}
+                Typed::Back => return Ok(Some(Next::Back)),
+                Typed::Skip | Typed::Text(_) => {
+                    self.mark(at, Mark::Judged(Verdict::Skipped), None);
+                    return Ok(Some(Next::Forward));
+                }
+                Typed::Nothing if !is_ready && self.is_timeout(away) => {
+                    let reason = self.reason(at);
+                    self.mark(at, Mark::Not(Not::Failed), Some(reason));
+                    self.tell_words(at);
+                    return Ok(Some(Next::Forward));
+                }
+                Typed::Nothing => {}
             }
         }
+    }
+
+    fn is_ready(&self, at: usize) -> bool {
+        let found = self.seen.as_ref().zip(self.items.get(at));
+        found.is_some_and(|(seen, item)| machine::is_ready(seen, &item.info))
+    }
+
+    /// What a person typed before a question is no answer to it.
+    fn forget_typed(&self) {
+        while self.lines.is_terminal && self.lines.lines.try_recv().is_ok() {
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Drives an output for a while, and asks whether it came on.
+    fn output(&mut self, at: usize, pin: PinId) -> Result<Next, Outcome> {
+        if let Some(next) = self.may_drive(at)? {
+            return Ok(next);
+        }
         self.machine.drive(pin);
-        self.say(
-            at,
-            "driven; did it come on? y, n, or what came on instead; a: once more",
-        );
+        let mut was_on = false;
         let mut ended: Option<Instant> = None;
         let mut answer = None;
         loop {
             let (typed, _) = self.pass()?;
             match self.machine.driven() {
-                Some(Err(reason)) => {
+                Some(Driven::Failed(reason)) => {
                     self.mark(at, Mark::Not(Not::Failed), Some(reason));
                     self.tell_words(at);
                     return Ok(Next::Forward);
                 }
-                Some(Ok(())) => ended = Some(Instant::now()),
-                None => {}
+                Some(Driven::On) if !was_on => {
+                    was_on = true;
+                    self.forget_typed();
+                    self.say(
+                        at,
+                        "driven; did it come on? y, n, or what came on instead; a: once more",
+                    );
+                    continue;
+                }
+                Some(Driven::Off) => ended = Some(Instant::now()),
+                Some(Driven::On) | None => {}
             }
             match typed {
                 Typed::Text(line) if line == "a" => {
-                    if ended.take().is_some() {
+                    let is_over = ended.take().is_some();
+                    if is_over {
                         self.machine.drive(pin);
                     }
                 }
                 Typed::Nothing => {}
-                typed => answer = Some(typed),
+                typed if was_on => answer = Some(typed),
+                _ => {}
             }
             // The next one only when this one is off.
             let Some(since) = ended else {
