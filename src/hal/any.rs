@@ -182,6 +182,12 @@ impl Pins {
         }
     }
 
+    /// Whether what an output is set to goes out: its group is armed, or faults do not touch it.
+    pub(crate) fn follows(&self, output: PinId) -> bool {
+        self.slot(output.0)
+            .is_some_and(|(slot, group)| group.armed || slot.exempt)
+    }
+
     fn set_as<T: Value>(
         &mut self,
         pin: PinId,

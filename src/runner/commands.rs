@@ -9,7 +9,9 @@ use std::sync::{Mutex, PoisonError};
 use crate::bus::{Clock, RegisterBus};
 use crate::driver::Driver;
 use crate::hal::kind::Settable;
-use crate::hal::{AnyValue, GroupId, HalType, Handle, Param, PinError, PinId, PinInfo, Value};
+use crate::hal::{
+    AnyValue, GroupId, HalType, Handle, Param, PinError, PinId, PinInfo, Pins, Role, Value,
+};
 
 /// The most commands that one cycle takes.
 pub const COMMANDS_IN_A_CYCLE: u32 = 16;
@@ -47,8 +49,10 @@ const LARGEST: usize = 1 << 16;
 #[derive(Debug)]
 pub struct CommandQueue {
     shared: Arc<Shared>,
-    /// How often faults have disarmed groups, when commands were taken last.
+    /// How often faults have disarmed groups, when it was looked at last.
     faults: u64,
+    /// How often that was more than before: what re-arms counts only if it was sent after the last.
+    epoch: u64,
 }
 
 /// Asks the thread of the cycle to do something; in any other thread.
@@ -102,8 +106,8 @@ pub struct CommandStatistics {
     pub sent: u64,
     /// Taken by the cycle.
     pub taken: u64,
-    /// Of those, commands that the driver refused: what was sent before a fault, or a group that does
-    /// not run and can not be armed.
+    /// Of those, commands that had no effect: an output whose group is not armed, a group that does not
+    /// run and can not be armed, and what re-arms but was sent before the last fault.
     pub refused: u64,
 }
 
@@ -111,8 +115,9 @@ pub struct CommandStatistics {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Command {
     Set(PinId, AnyValue),
-    Rearm,
-    RearmGroup(GroupId),
+    /// After so many epochs of faults.
+    Rearm(u64),
+    RearmGroup(GroupId, u64),
     Restart(u8, u8),
 }
 
@@ -124,6 +129,8 @@ struct Shared {
     sent: AtomicU64,
     taken: AtomicU64,
     refused: AtomicU64,
+    /// The epoch that senders know of.
+    epoch: AtomicU64,
     /// Held by senders only.
     sending: Mutex<()>,
     has_ended: AtomicBool,
@@ -150,6 +157,7 @@ impl CommandQueue {
                 sent: AtomicU64::new(0),
                 taken: AtomicU64::new(0),
                 refused: AtomicU64::new(0),
+                epoch: AtomicU64::new(0),
                 sending: Mutex::new(()),
                 has_ended: AtomicBool::new(false),
                 infos: pins.infos().to_vec(),
@@ -157,6 +165,7 @@ impl CommandQueue {
                 remotes: remotes.collect(),
             }),
             faults: faults(driver),
+            epoch: 0,
         }
     }
 
@@ -170,27 +179,32 @@ impl CommandQueue {
     /// Does what was asked for, between the read and the write of a cycle: at most 16 commands, and
     /// none after one that re-arms everything. How many it were.
     ///
-    /// What was sent before a fault is void after it, and counted as refused: it was meant for a
-    /// machine that stands otherwise now, and a re-arming among it for a fault before. So is what was
-    /// sent for another driver.
+    /// A re-arming that was sent before a fault is void after it, and counted as refused: it was meant
+    /// for a fault before. So is what sets an output whose group is not armed, which nobody would
+    /// follow, and what was sent for another driver. Everything else is done whatever has failed: what
+    /// switches an output off must not be lost because a remote elsewhere went offline.
     ///
     /// # Real time
     /// Bounded, no allocation. Re-arming a board that has lost its set-up takes the time of
     /// [`Driver::rearm`].
     pub fn take<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) -> u32 {
         let is_other = driver.pins().ids().next().unwrap_or_default() != self.shared.pin;
-        if is_other || self.faults != faults(driver) {
+        if is_other {
             self.shared.refuse_all();
+            return 0;
         }
+        self.look(driver);
         let mut count = 0;
         while count < COMMANDS_IN_A_CYCLE
             && let Some(command) = self.shared.next()
         {
             count += 1;
             let is_done = match command {
-                Command::Set(pin, value) => driver.pins_mut().set_any(pin, value).is_ok(),
-                Command::Rearm => driver.rearm().is_ok(),
-                Command::RearmGroup(group) => driver.pins_mut().rearm(group).is_ok(),
+                Command::Set(pin, value) => set(driver.pins_mut(), pin, value),
+                Command::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
+                Command::RearmGroup(group, epoch) => {
+                    epoch == self.epoch && driver.pins_mut().rearm(group).is_ok()
+                }
                 Command::Restart(port, channel) => {
                     driver.restart(port, channel);
                     true
@@ -199,7 +213,7 @@ impl CommandQueue {
             if !is_done {
                 self.shared.refused.fetch_add(1, Ordering::Relaxed);
             }
-            if command == Command::Rearm {
+            if matches!(command, Command::Rearm(_)) {
                 break;
             }
         }
@@ -207,6 +221,25 @@ impl CommandQueue {
         self.faults = faults(driver);
         count
     }
+
+    /// Looks for faults since the last look: what re-arms is void if it was sent before now. A
+    /// [`Runner`](super::Runner) looks after its write, before others can see what the write has
+    /// found; [`take`](Self::take) looks by itself.
+    pub(super) fn look<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
+        let faults = faults(driver);
+        if core::mem::replace(&mut self.faults, faults) != faults {
+            self.epoch = self.epoch.wrapping_add(1);
+            self.shared.epoch.store(self.epoch, Ordering::Release);
+        }
+    }
+}
+
+/// Sets a pin or a setting, if that has an effect.
+fn set(pins: &mut Pins, pin: PinId, value: AnyValue) -> bool {
+    let is_output = pins
+        .info_of(pin)
+        .is_some_and(|info| info.role == Role::Output);
+    (!is_output || pins.follows(pin)) && pins.set_any(pin, value).is_ok()
 }
 
 /// How often faults have disarmed groups of pins.
@@ -225,7 +258,7 @@ impl Drop for CommandQueue {
 
 impl CommandSender {
     /// Sets an output, or a pin that both sides set. A value out of range is limited and counted, as
-    /// always.
+    /// always. The cycle refuses an output whose group is not armed then, and counts that.
     pub fn set<K: Settable, T: Value>(
         &self,
         pin: Handle<K, T>,
@@ -250,7 +283,7 @@ impl CommandSender {
 
     /// Re-arms everything: [`Driver::rearm`].
     pub fn rearm(&self) -> Result<(), CommandError> {
-        self.send(Command::Rearm)
+        self.send(Command::Rearm(self.epoch()))
     }
 
     /// Re-arms one group: [`Pins::rearm`](crate::hal::Pins::rearm).
@@ -258,7 +291,7 @@ impl CommandSender {
         if !PinId::from_word(group.to_word()).is_beside(self.shared.pin) {
             return Err(PinError::ForeignHandle.into());
         }
-        self.send(Command::RearmGroup(group))
+        self.send(Command::RearmGroup(group, self.epoch()))
     }
 
     /// Restarts the remote on `channel` (0 to 7) of `port`: [`Driver::restart`].
@@ -280,6 +313,10 @@ impl CommandSender {
             taken,
             refused,
         }
+    }
+
+    fn epoch(&self) -> u64 {
+        self.shared.epoch.load(Ordering::Acquire)
     }
 
     fn send(&self, command: Command) -> Result<(), CommandError> {
@@ -348,8 +385,8 @@ const TYPES: [HalType; 6] = [
 impl Command {
     fn to_words(self) -> [u64; 3] {
         match self {
-            Self::Rearm => [0, 0, 0],
-            Self::RearmGroup(group) => [1, group.to_word(), 0],
+            Self::Rearm(epoch) => [0, 0, epoch],
+            Self::RearmGroup(group, epoch) => [1, group.to_word(), epoch],
             Self::Restart(port, channel) => [2, port.into(), channel.into()],
             Self::Set(pin, value) => {
                 let number = TYPES.iter().position(|&other| other == value.hal_type);
@@ -361,8 +398,8 @@ impl Command {
 
     fn from_words([kind, one, other]: [u64; 3]) -> Self {
         match kind {
-            0 => Self::Rearm,
-            1 => Self::RearmGroup(GroupId::from_word(one)),
+            0 => Self::Rearm(other),
+            1 => Self::RearmGroup(GroupId::from_word(one), other),
             2 => Self::Restart(one as u8, other as u8),
             _ => {
                 let hal_type = TYPES.get((kind - 3) as usize);

@@ -106,14 +106,19 @@ impl Histogram {
         }
     }
 
-    /// How many were longer than `time`; those in the bucket of `time` itself are not counted, unless
-    /// it is the longest that is there.
+    /// How many were longer than `time`. Those in the bucket of `time` are counted with them, if any
+    /// of them can be: never too few, and only such too many as are less than 3 % shorter.
     pub fn longer_than(&self, time: Duration) -> u64 {
-        let longer = self.buckets.iter().skip(bucket_of(time) + 1).sum();
-        if longer == 0 {
-            return u64::from(self.max() > time);
+        if self.max() <= time {
+            return 0;
         }
-        longer
+        let bucket = bucket_of(time);
+        let first = if edge(bucket + 1) > time + Duration::from_nanos(1) {
+            bucket
+        } else {
+            bucket + 1
+        };
+        self.buckets.iter().skip(first).sum()
     }
 
     /// How many there were from each of these times to before the next, and from the last on;

@@ -35,7 +35,8 @@
 //!     commands.set(lamp, true).expect("the queue is empty");
 //!     while !snapshots.has_ended() {
 //!         if let Ok(seen) = snapshots.read() {
-//!             println!("cycle {}: lamp {}", seen.cycle(), seen.read(lamp).value);
+//!             // Of a cycle that hangs or has ended nothing is valid.
+//!             println!("cycle {}: lamp {:?}", seen.cycle(), seen.read(lamp).ok());
 //!         }
 //!         std::thread::sleep(std::time::Duration::from_millis(20));
 //!     }
@@ -209,8 +210,8 @@ impl<B: RegisterBus + Clock> Runner<B> {
         }
     }
 
-    /// Shows all pins, states and statistics to other threads after the write of each cycle. Who does
-    /// not ask for it pays nothing.
+    /// Shows all pins, states and statistics to other threads after the write of each cycle, and when
+    /// the driver was stopped. Who does not ask for it pays nothing.
     ///
     /// # Real time
     /// Set-up: allocates. For the cycle see [`SnapshotWriter`].
@@ -313,6 +314,10 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 let _ = self.driver.wait_transfers(limit);
                 ended = self.driver.bus_mut().now();
             }
+            if let Some(commands) = &mut self.commands {
+                // What readers see from here on is known to who sends commands.
+                commands.look(&self.driver);
+            }
             if let Some(snapshot) = &mut self.snapshot {
                 // It is of this driver, which is what it could refuse.
                 let _ = snapshot.publish_run(&self.driver, &self.statistics);
@@ -322,6 +327,10 @@ impl<B: RegisterBus + Clock> Runner<B> {
         // Nothing is taken any more.
         drop(self.commands.take());
         let (driver, stopped) = self.driver.stop();
+        if let Some(mut snapshot) = self.snapshot.take() {
+            // The last one shows what the stop has left; then readers learn that it was the last.
+            let _ = snapshot.publish_run(&driver, &self.statistics);
+        }
         Ended {
             driver,
             stopped,

@@ -9,6 +9,7 @@ use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::slice;
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
+use core::time::Duration;
 
 use super::RunStatistics;
 use super::packed::{Packed, Sink};
@@ -16,6 +17,10 @@ use crate::bus::{Clock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
 use crate::sslbp::RemoteName;
+
+/// What was published so long ago is not valid any more; 3 periods, if these are longer.
+const FRESH: Duration = Duration::from_millis(100);
+const FRESH_PERIODS: u32 = 3;
 
 /// How often a reader tries to get a whole set.
 const TRIES: u32 = 100;
@@ -95,6 +100,11 @@ pub enum SnapshotError {
 struct Shared {
     sequence: AtomicU64,
     words: Box<[AtomicU64]>,
+    /// When they were published, in nanoseconds from `begin` on.
+    published: AtomicU64,
+    begin: std::time::Instant,
+    /// The words are fresh for so long.
+    fresh: Duration,
     has_ended: AtomicBool,
     layout: Layout,
 }
@@ -153,6 +163,9 @@ impl SnapshotWriter {
             shared: Arc::new(Shared {
                 sequence: AtomicU64::new(0),
                 words,
+                published: AtomicU64::new(0),
+                begin: std::time::Instant::now(),
+                fresh: FRESH.max(driver.period().saturating_mul(FRESH_PERIODS)),
                 has_ended: AtomicBool::new(false),
                 layout,
             }),
@@ -197,15 +210,27 @@ impl SnapshotWriter {
         }
         self.since.look(driver);
         let Shared {
-            sequence, words, ..
+            sequence,
+            words,
+            published,
+            ..
         } = &*self.shared;
+        let now = self.shared.now();
         sequence.store(self.sequence.wrapping_add(1), Ordering::Relaxed);
         // Nobody sees a new word before the odd number.
         fence(Ordering::Release);
         record(driver, run, &self.since, &mut Words(words.iter()));
+        published.store(now, Ordering::Relaxed);
         self.sequence = self.sequence.wrapping_add(2);
         sequence.store(self.sequence, Ordering::Release);
         Ok(())
+    }
+}
+
+impl Shared {
+    /// Nanoseconds from its begin on, on the clock of this host.
+    fn now(&self) -> u64 {
+        u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 }
 
@@ -350,7 +375,8 @@ impl SnapshotReader {
         &self.shared.layout.infos
     }
 
-    /// What the cycle showed last.
+    /// What the cycle showed last. When the cycle has ended, or hangs, that is old: see
+    /// [`Snapshot::is_fresh`].
     ///
     /// # Errors
     /// [`SnapshotError`].
@@ -362,6 +388,8 @@ impl SnapshotReader {
         let mut snapshot = Snapshot {
             shared: Arc::clone(&self.shared),
             words: Vec::new(),
+            age: Duration::MAX,
+            has_ended: false,
         };
         self.read_into(&mut snapshot)?;
         Ok(snapshot)
@@ -384,12 +412,17 @@ impl SnapshotReader {
                 return Err(SnapshotError::NotYet);
             }
             if before.is_multiple_of(2) {
+                // An end that is seen was before what is read now.
+                snapshot.has_ended = self.has_ended();
                 for (copy, word) in snapshot.words.iter_mut().zip(&shared.words) {
                     *copy = word.load(Ordering::Relaxed);
                 }
+                let published = shared.published.load(Ordering::Relaxed);
                 // No word is loaded after the number.
                 fence(Ordering::Acquire);
                 if shared.sequence.load(Ordering::Relaxed) == before {
+                    let age = shared.now().saturating_sub(published);
+                    snapshot.age = Duration::from_nanos(age);
                     return Ok(());
                 }
             }

@@ -89,7 +89,7 @@ pub(super) struct Csv<'a>(pub &'a Trace);
 
 impl fmt::Display for Csv<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("cycle,read,read_at_ns,write,written_at_ns")?;
+        f.write_str("cycle,read,read_failed,read_at_ns,write,write_failed,written_at_ns")?;
         for column in &self.0.columns {
             let way = match column.exchanged.way {
                 Way::Read => "read",
@@ -103,7 +103,9 @@ impl fmt::Display for Csv<'_> {
         for (row, words) in self.0.in_order() {
             let (read, write) = (word(row.read), word(row.write));
             let (read_at, written_at) = (row.read_at.as_nanos(), row.written_at.as_nanos());
-            write!(f, "{},{read},{read_at},{write},{written_at}", row.cycle)?;
+            let (why, why_not) = (Why(row.read), Why(row.write));
+            write!(f, "{},{read},{why},{read_at},", row.cycle)?;
+            write!(f, "{write},{why_not},{written_at}")?;
             for (column, word) in self.0.columns.iter().zip(words) {
                 if row.knows(column.exchanged.way) {
                     write!(f, ",{word:#010X}")?;
@@ -114,6 +116,18 @@ impl fmt::Display for Csv<'_> {
             writeln!(f)?;
         }
         Ok(())
+    }
+}
+
+/// Why an exchange failed, in words without a comma; nothing if it did not.
+struct Why(Outcome);
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Outcome::Failed(why) => write!(f, "{why}"),
+            Outcome::NotTried | Outcome::Done => Ok(()),
+        }
     }
 }
 

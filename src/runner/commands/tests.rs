@@ -62,21 +62,85 @@ fn what_was_sent_before_a_fault_or_for_another_driver_is_void() {
     sender.rearm().expect("there is room");
     assert_eq!(cycle(&mut driver, &mut queue), 16);
     assert!(is_armed(&driver));
-    // The other five wait when the fault is found.
+    // The other five wait when the fault is found: nobody follows these outputs now.
     driver.restart(0, 0);
     assert!(!is_armed(&driver));
-    assert_eq!(cycle(&mut driver, &mut queue), 0);
+    assert_eq!(cycle(&mut driver, &mut queue), 5);
     assert!(!is_armed(&driver));
     assert_eq!(sender.statistics().refused, 5);
-    // What is sent afterwards counts again.
+    // What is sent afterwards counts again, once the group is armed.
+    for _ in 0..200 {
+        cycle(&mut driver, &mut queue);
+    }
     sender.set(output, true).expect("there is room");
     assert_eq!(cycle(&mut driver, &mut queue), 1);
+    assert_eq!(sender.statistics().refused, 6);
+    sender.rearm_group(group).expect("there is room");
+    sender.set(output, true).expect("there is room");
+    assert_eq!(cycle(&mut driver, &mut queue), 2);
+    assert!(is_armed(&driver) && driver.pins().commanded(output));
+    assert_eq!(sender.statistics().refused, 6);
 
     let mut other = self::driver();
     other.restart(0, 0);
     sender.rearm().expect("there is room");
     assert_eq!(cycle(&mut other, &mut queue), 0);
-    assert_eq!(sender.statistics().refused, 6);
+    assert_eq!(sender.statistics().refused, 7);
+}
+
+#[test]
+fn an_output_is_switched_off_whatever_else_fails_meanwhile() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 8);
+    let sender = queue.sender();
+    let name = "hm2_7i92.0.7i77.0.0.output-00";
+    let coolant = driver.pins().output::<bool>(name).expect("there");
+    sender.set(coolant, true).expect("there is room");
+    cycle(&mut driver, &mut queue);
+    assert!(driver.pins().commanded(coolant));
+    // In the same cycle the other half of the card fails.
+    sender.set(coolant, false).expect("there is room");
+    driver.restart(0, 1);
+    assert_eq!(cycle(&mut driver, &mut queue), 1);
+    assert!(!driver.pins().commanded(coolant));
+    assert_eq!(sender.statistics().refused, 0);
+}
+
+#[test]
+fn what_re_arms_is_done_if_it_was_sent_after_the_fault_was_shown() {
+    for is_after in [true, false] {
+        let mut runner = crate::runner::Runner::new(driver());
+        let (reader, sender) = (runner.snapshot(), runner.commands(4));
+        let mut states = Vec::new();
+        let ended = runner.run(|cycle| {
+            states.push(cycle.driver.board_state());
+            let shown = reader.read().map(|seen| seen.board().0);
+            let is_shown = shown == Ok(BoardState::WatchdogBitten);
+            if cycle.number == 10 {
+                if !is_after {
+                    sender.rearm().expect("there is room");
+                }
+                cycle
+                    .driver
+                    .bus_mut()
+                    .wait(core::time::Duration::from_secs(1));
+            } else if is_after && is_shown && states.len() < 15 {
+                sender.rearm().expect("there is room");
+            }
+            match cycle.number {
+                0..30 => core::ops::ControlFlow::Continue(()),
+                _ => core::ops::ControlFlow::Break(()),
+            }
+        });
+        assert_eq!(ended.stopped, Ok(()));
+        assert!(states.contains(&BoardState::WatchdogBitten), "{states:?}");
+        let expected = if is_after {
+            BoardState::Running
+        } else {
+            BoardState::WatchdogBitten
+        };
+        assert_eq!(states.last(), Some(&expected), "{is_after}: {states:?}");
+    }
 }
 
 #[test]

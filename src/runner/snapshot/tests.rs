@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::driver::Settings;
-use crate::hal::Output;
+use crate::hal::{Age, Output};
 use crate::runner::Runner;
 use crate::sim::remote::Cable;
 use crate::sim::{Motor, SimFpga, devices, machines};
@@ -110,7 +110,7 @@ fn a_snapshot_says_of_every_pin_group_and_remote_what_the_driver_says() {
             driver.pins_mut().set(output, volts);
         }
         cycle(&mut driver, &mut writer);
-        same(&driver, &reader.read().expect("it was published"));
+        same(&driver, &fresh(&driver, &mut writer));
     }
     let remotes: Vec<_> = reader.read().expect("published").remotes().collect();
     assert!(matches!(remotes[0].state, RemoteState::Offline { .. }));
@@ -119,7 +119,83 @@ fn a_snapshot_says_of_every_pin_group_and_remote_what_the_driver_says() {
     assert!(offline.contains(&since), "{since:?}");
     drop(writer);
     assert!(reader.has_ended());
-    same(&driver, &reader.read().expect("the last one stays"));
+    let last = reader.read().expect("the last one stays");
+    assert_eq!(last.cycle(), driver.pins().cycle());
+    is_not_fresh(&last);
+}
+
+/// A snapshot of now, also on a host that is busy.
+fn fresh(driver: &Driver<SimFpga>, writer: &mut SnapshotWriter) -> Snapshot {
+    let mut tries = 0..1000;
+    loop {
+        writer.publish(driver).expect("its driver");
+        let seen = writer.reader().read().expect("it was published");
+        if seen.is_fresh() {
+            return seen;
+        }
+        assert!(tries.next().is_some(), "never fresh: {:?}", seen.age());
+    }
+}
+
+/// No pin is valid and no group armed, and all of it is as old as the snapshot.
+fn is_not_fresh(seen: &Snapshot) {
+    assert!(!seen.is_fresh());
+    for (info, reading) in seen.pins() {
+        assert_eq!(reading.valid, info.role.is_param(), "{}", info.name);
+        assert!(reading.age.time >= seen.age(), "{}", info.name);
+        let group = seen.group_state(info.group).expect("its group");
+        assert!(!group.valid && !group.armed, "{}", info.name);
+    }
+}
+
+#[test]
+fn what_a_cycle_that_hangs_has_shown_is_not_valid_and_gets_older() {
+    let mut driver = driver();
+    let mut writer = SnapshotWriter::new(&driver);
+    let reader = writer.reader();
+    for _ in 0..5 {
+        cycle(&mut driver, &mut writer);
+    }
+    let before = fresh(&driver, &mut writer);
+    let input = driver.pins().input("hm2_7i92.0.7i77.0.0.input-02");
+    let input: crate::hal::Input<bool> = input.expect("there");
+    assert!(before.read(input).valid);
+    thread::sleep(FRESH + Duration::from_millis(10));
+    let seen = reader.read().expect("the last one stays");
+    assert!(!seen.has_ended && seen.age() > FRESH);
+    is_not_fresh(&seen);
+    assert!(before.read(input).valid, "as it was when it was taken");
+    same(&driver, &fresh(&driver, &mut writer));
+}
+
+#[test]
+fn a_run_that_ends_or_panics_leaves_nothing_that_looks_valid() {
+    let name = "hm2_7i92.0.7i77.0.0.output-03";
+    for panics in [false, true] {
+        let mut runner = Runner::new(driver());
+        let reader = runner.snapshot();
+        let output = runner.driver.pins().output::<bool>(name).expect("there");
+        let mut was_on = false;
+        let run = std::panic::AssertUnwindSafe(|| {
+            runner.run(|cycle| {
+                cycle.pins_mut().set(output, true);
+                if cycle.number == 20 {
+                    was_on = reader.read().expect("published").read(output).value;
+                    assert!(!panics, "a defect of the application");
+                    return ControlFlow::Break(());
+                }
+                ControlFlow::Continue(())
+            })
+        });
+        let ended = std::panic::catch_unwind(run);
+        assert_eq!(ended.is_err(), panics);
+        assert!(was_on);
+        let last = reader.read().expect("the last one stays");
+        is_not_fresh(&last);
+        if !panics {
+            assert!(!last.read(output).value, "what the stop has left");
+        }
+    }
 }
 
 fn same(driver: &Driver<SimFpga>, seen: &Snapshot) {
@@ -129,12 +205,21 @@ fn same(driver: &Driver<SimFpga>, seen: &Snapshot) {
     assert_eq!(seen.driver_statistics(), driver.statistics());
     assert_eq!(seen.bus_statistics(), driver.bus().statistics());
     assert_eq!(seen.pins().count(), pins.infos().len());
+    // Ages are counted up to when it was taken.
+    let later = |age: Age| Age {
+        time: age.time.saturating_add(seen.age()),
+        ..age
+    };
     for (id, (info, reading)) in pins.ids().zip(seen.pins()) {
         assert_eq!(Some(info), pins.info_of(id));
-        assert_eq!(reading, pins.read_any(id), "{}", info.name);
+        let mut is = pins.read_any(id);
+        is.age = later(is.age);
+        assert_eq!(reading, is, "{}", info.name);
     }
     for group in pins.groups() {
-        assert_eq!(seen.group_state(group), pins.group_state(group));
+        let mut is = pins.group_state(group).expect("its own");
+        is.age = later(is.age);
+        assert_eq!(seen.group_state(group), Some(is));
     }
     let remotes: Vec<_> = remotes(driver).collect();
     assert_eq!(remotes.len(), seen.remotes().count());

@@ -2,6 +2,7 @@
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
+use core::time::Duration;
 
 use super::Shared;
 use crate::bus::{BusStatistics, Instant};
@@ -16,10 +17,16 @@ use crate::runner::packed::Packed;
 use crate::sslbp::{RemoteFaults, RemoteName};
 
 /// What the cycle showed, all of one moment: after the write of a cycle.
+///
+/// Its ages are those of the moment in which it was taken, the time since then is not in them. Once it
+/// is not [fresh](Self::is_fresh), no pin is valid and no group is armed, whatever the cycle showed
+/// last.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     pub(super) shared: Arc<Shared>,
     pub(super) words: Vec<u64>,
+    pub(super) age: Duration,
+    pub(super) has_ended: bool,
 }
 
 /// A remote, as a [`Snapshot`] shows it.
@@ -72,6 +79,19 @@ impl Snapshot {
         &self.shared.layout.infos
     }
 
+    /// How long before it was taken the cycle had shown it, on the clock of this host: less than a
+    /// period while the cycle runs.
+    pub fn age(&self) -> Duration {
+        self.age
+    }
+
+    /// Whether the cycle had not ended, and had shown it not longer ago than 100 ms, or 3 periods if
+    /// these are longer. A cycle that hangs looks like one that was not there: its board's watchdog has
+    /// bitten.
+    pub fn is_fresh(&self) -> bool {
+        !self.has_ended && self.age <= self.shared.fresh
+    }
+
     /// The number of the cycle, from 1 on.
     pub fn cycle(&self) -> u64 {
         self.head().cycle
@@ -82,7 +102,7 @@ impl Snapshot {
         self.head().time
     }
 
-    /// The state of the board, and since when.
+    /// The state of the board as the cycle saw it last, and since when.
     pub fn board(&self) -> (BoardState, Instant) {
         self.head().board
     }
@@ -186,7 +206,12 @@ impl Snapshot {
         let layout = &self.shared.layout;
         let words = layout.remotes_at - layout.groups_at;
         let each = words / layout.groups.len().max(1);
-        GroupState::unpack(&mut self.from(layout.groups_at + number * each))
+        let mut state = GroupState::unpack(&mut self.from(layout.groups_at + number * each));
+        let is_fresh = self.is_fresh();
+        state.valid &= is_fresh;
+        state.armed &= is_fresh;
+        state.age.time = state.age.time.saturating_add(self.age);
+        state
     }
 
     fn reading(&self, pin: PinId) -> Option<Reading<(HalType, u64)>> {

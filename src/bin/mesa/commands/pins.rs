@@ -102,13 +102,15 @@ impl Pins {
         let reader = runner.snapshot();
         let cycles = (self.seconds / PERIOD.as_secs_f64()).ceil() as u64;
         let mut checked = Ok(());
+        let mut seen = None;
         let ended = runner.run(|cycle| {
             checked = running::check(cycle.driver);
             if cycle.number <= cycles && checked.is_ok() {
-                ControlFlow::Continue(())
-            } else {
-                ControlFlow::Break(())
+                return ControlFlow::Continue(());
             }
+            // While it runs: afterwards nothing is valid.
+            seen = Some(reader.read());
+            ControlFlow::Break(())
         });
         checked?;
         ended.stopped?;
@@ -120,7 +122,7 @@ impl Pins {
         }
         let all = Pattern::default();
         let pattern = self.pattern.as_ref().unwrap_or(&all);
-        let snapshot = reader.read()?;
+        let snapshot = seen.unwrap_or_else(|| reader.read())?;
         let rows = snapshot.pins().filter_map(|(info, reading)| {
             let fits = pattern.fits(info);
             fits.then(|| Row::new(info, reading))
