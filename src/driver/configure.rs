@@ -16,7 +16,7 @@ use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
 use crate::discovery::RemoteTable;
 use crate::hal::{GroupId, PinStore, Pins};
-use crate::hostmot2::{HostMot2, IoPorts};
+use crate::hostmot2::{HostMot2, IoPorts, Known};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
 use crate::modules::events::Sink;
@@ -38,6 +38,7 @@ pub struct Board<B: RegisterBus + Clock> {
     pub(super) stages: Vec<PortStage>,
     parts: Parts,
     connection: Connection,
+    description: Known<B::List>,
     is_discovered: bool,
 }
 
@@ -78,7 +79,8 @@ impl<B: RegisterBus + Clock> Board<B> {
             return Err(DriverError::NotPaced { why });
         }
         bus.set_cycle(settings.period, None);
-        let firmware = HostMot2::identify(&mut bus)?;
+        let (firmware, description) = HostMot2::describe(&mut bus)?;
+        let description = description.known(&mut bus).map_err(DriverError::Bus)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
         let mut bus = Held::new(bus, &ports, &watchdog);
@@ -96,6 +98,7 @@ impl<B: RegisterBus + Clock> Board<B> {
                 modules: Vec::new(),
             },
             connection,
+            description,
             is_discovered: false,
         };
         board.add_built_in()?;
@@ -247,6 +250,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             phase_error_us: dpll.map(|dpll| dpll.pins.phase_error_us),
             parts: self.parts,
             connection: self.connection,
+            description: self.description,
             missing: plan.missing,
             remarks: plan.remarks,
             state: BoardState::Running,

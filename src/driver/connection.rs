@@ -130,7 +130,7 @@ impl Connection {
     /// Shows the state of the board. Once, so that the error stays cleared when the application
     /// clears it to go on.
     pub fn show(&self, pins: &mut PinStore, state: BoardState) {
-        let is_error = matches!(state, BoardState::BusDown | BoardState::Reset);
+        let is_error = !matches!(state, BoardState::Running | BoardState::WatchdogBitten);
         pins.publish(self.io_error, is_error);
     }
 

@@ -175,6 +175,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if self.wants_restore() && self.write_set_up().is_ok() {
             now = self.bus.now();
         }
+        if self.state == BoardState::OtherFirmware {
+            // What its registers do is not known.
+            self.written(now, false);
+            return Ok(());
+        }
         let was_running = self.is_running();
         self.put(now);
         self.is_repeated |= self.image.words.has_news();

@@ -197,14 +197,20 @@ pub enum CycleError<E: BusError> {
         /// How many reads in a row have failed, this one included.
         consecutive: u32,
     },
+    /// Another board, or another firmware, answers than the driver was started with. It did not get
+    /// this driver's set-up.
+    #[error(
+        "another board, or another firmware, answers than this driver was started with, and gets          none of its set-up: stop the driver and start it anew"
+    )]
+    OtherFirmware,
 }
 
 impl<E: BusError> CycleError<E> {
-    /// What the bus says; of a board that is not there, that it is the device's error.
+    /// What the bus says; of a board that is not there or another one, that it is the device's error.
     pub fn kind(&self) -> BusErrorKind {
         match self {
             Self::Read { source, .. } | Self::Write { source, .. } => source.kind(),
-            Self::NotThere { .. } => BusErrorKind::Device,
+            Self::NotThere { .. } | Self::OtherFirmware => BusErrorKind::Device,
         }
     }
 }

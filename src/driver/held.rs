@@ -42,6 +42,11 @@ impl<B: RegisterBus> Held<B> {
         }
     }
 
+    /// Nothing is written any more: the board is another one.
+    pub fn keep_off(&mut self) {
+        self.words.clear();
+    }
+
     /// The bus itself, taken out once, before this is dropped.
     pub fn take(&mut self) -> B {
         self.bus.take().unwrap_or_else(|| gone())

@@ -92,7 +92,7 @@ use core::time::Duration;
 
 use crate::bus::{Clock, CycleLists, Image, RegisterBus};
 use crate::hal::{GroupId, Input, PinStore, Pins};
-use crate::hostmot2::HostMot2;
+use crate::hostmot2::{HostMot2, Known};
 use crate::modules::Module;
 use crate::modules::events::Sink;
 use crate::modules::watchdog::Watchdog;
@@ -117,6 +117,8 @@ pub struct Driver<B: RegisterBus + Clock> {
     group: GroupId,
     parts: Parts,
     connection: Connection,
+    /// What the firmware said of itself when it was set up.
+    description: Known<B::List>,
     /// How late the last read was for the phase-locked loop.
     phase_error_us: Option<Input<f64>>,
     missing: Vec<Remark>,

@@ -9,23 +9,20 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
     /// A board that has lost its set-up gets it back first, all of it in one exchange, and is asked
-    /// whether it has it. What was set before this call is forgotten, be it before the fault, while
+    /// whether it has it; if it is the same firmware that answers. What was set before this call is forgotten, be it before the fault, while
     /// it lasted or in the same cycle: outputs that were not armed start from their safe values and
     /// follow what is set from now on. Remotes that do not run yet are counted as waiting; so is
     /// everything, if the board has lost its set-up again meanwhile.
     ///
     /// # Errors
-    /// Those of the bus; then nothing is armed.
+    /// Those of the bus, and [`CycleError::OtherFirmware`]; then nothing is armed.
     ///
     /// # Real time
-    /// As `write`, and three more exchanges when the board has to be set up again, after the reply that
+    /// As `write`, and seven more exchanges when the board has to be set up again, after the reply that
     /// is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
         if !self.is_running() {
-            self.write_set_up().map_err(|source| CycleError::Write {
-                source,
-                consecutive: self.write_failures.saturating_add(1),
-            })?;
+            self.write_set_up()?;
         }
         let mut armed = 0;
         if self.is_running() {
@@ -71,13 +68,44 @@ impl<B: RegisterBus + Clock> Driver<B> {
         match self.state {
             BoardState::Running => false,
             BoardState::WatchdogBitten => self.parts.watchdog.is_cleared(&self.pins),
-            BoardState::Reset | BoardState::BusDown => self.connection.is_cleared(&self.pins),
+            BoardState::Reset | BoardState::BusDown | BoardState::OtherFirmware => {
+                self.connection.is_cleared(&self.pins)
+            }
         }
     }
 
     /// Writes the set-up that the board has lost. If the board shows that it has it, it runs, and so
-    /// does its watchdog; else everything stays as it is.
-    pub(super) fn write_set_up(&mut self) -> Result<(), B::Error> {
+    /// does its watchdog; else everything stays as it is. Another firmware gets nothing: its registers
+    /// have other meanings, and its pins other wires.
+    pub(super) fn write_set_up(&mut self) -> Result<(), CycleError<B::Error>> {
+        let is_same = self.set_up_same();
+        match is_same {
+            Ok(true) => Ok(()),
+            Ok(false) => {
+                self.is_other_firmware();
+                Err(CycleError::OtherFirmware)
+            }
+            Err(source) => Err(CycleError::Write {
+                source,
+                consecutive: self.write_failures.saturating_add(1),
+            }),
+        }
+    }
+
+    /// Another firmware answers. The application has to clear the error before it is asked again.
+    pub(super) fn is_other_firmware(&mut self) {
+        let state = BoardState::OtherFirmware;
+        if core::mem::replace(&mut self.state, state) != state {
+            let now = self.bus.now();
+            self.events.tell(now, EventKind::OtherFirmware);
+        }
+        // The flag again, also if it was shown before.
+        self.shown = None;
+        self.publish();
+    }
+
+    /// False if another firmware answers.
+    fn set_up_same(&mut self) -> Result<bool, B::Error> {
         let now = self.bus.now();
         let Self { bus, image, .. } = self;
         // What was asked for before says nothing of the board as it is now.
@@ -86,7 +114,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
         // take the end of the set-up, which drives the pins, without its beginning.
         image.read_status(&mut **bus)?;
         if self.connection.check(&image.words).is_err() {
-            return Ok(());
+            return Ok(true);
+        }
+        if !self.description.is_still(&mut **bus)? {
+            return Ok(false);
         }
         let is_set_up = image
             .set_up(&mut **bus)
@@ -94,7 +125,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if !matches!(is_set_up, Ok(true)) {
             // It may be set up, and nobody feeds it.
             let _ = image.quiesce(&mut **bus);
-            return is_set_up.map(|_| ());
+            return is_set_up.map(|_| true);
         }
         image.words.all_set();
         self.look_closely = true;
@@ -106,7 +137,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.connection.level = 0;
         self.read_failures = 0;
         self.write_failures = 0;
-        Ok(())
+        Ok(true)
     }
 
     /// Writes settings that drive pins, where they have changed. That could drive what the rest of
@@ -188,7 +219,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                     (&mut statistics.watchdog_bites, EventKind::WatchdogBitten)
                 }
                 BoardState::Reset => (&mut statistics.resets, EventKind::BoardReset),
-                BoardState::BusDown | BoardState::Running => {
+                BoardState::BusDown | BoardState::Running | BoardState::OtherFirmware => {
                     (&mut statistics.bus_down, EventKind::BusDown)
                 }
             };

@@ -5,7 +5,7 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::{CycleError, Driver, RemoteState, RemoteWatchdog, SerialPort};
+use super::{BoardState, CycleError, Driver, RemoteState, RemoteWatchdog, SerialPort};
 use crate::bus::{BusError, Clock, Instant, RegisterBus};
 use crate::sslbp::{PortError, RemoteName};
 
@@ -162,6 +162,29 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if core::mem::replace(&mut self.is_stopped, true) {
             return Ok(());
         }
+        let stopped = if self.answers_as_another() {
+            self.bus.keep_off();
+            Ok(())
+        } else {
+            self.stop_board()
+        };
+        let now = self.bus.now();
+        self.rows.end(&self.events, now);
+        for port in &mut self.parts.ports {
+            port.end_rows(now);
+        }
+        let failed = stopped.err();
+        let not_reached: Vec<_> = self.not_reached(now).collect();
+        if failed.is_none() && not_reached.is_empty() {
+            return Ok(());
+        }
+        Err(StopError {
+            failed,
+            not_reached,
+        })
+    }
+
+    fn stop_board(&mut self) -> Result<(), PortError<B::Error>> {
         let mut first = self.last_transfer();
         for _ in 1..LAST_TRIES {
             // A remote that runs may have missed one.
@@ -180,20 +203,16 @@ impl<B: RegisterBus + Clock> Driver<B> {
             first = first.and(stopped);
         }
         let released = self.bus.release().map_err(PortError::Bus);
-        let now = self.bus.now();
-        self.rows.end(&self.events, now);
-        for port in &mut self.parts.ports {
-            port.end_rows(now);
+        first.and(released)
+    }
+
+    /// Whether it is not the board that the driver was started with which answers: that one has its
+    /// watchdogs, and this one is not ours to touch. A board that runs is the same one.
+    fn answers_as_another(&mut self) -> bool {
+        if !self.is_running() && matches!(self.description.is_still(&mut *self.bus), Ok(false)) {
+            self.is_other_firmware();
         }
-        let failed = first.and(released).err();
-        let not_reached: Vec<_> = self.not_reached(now).collect();
-        if failed.is_none() && not_reached.is_empty() {
-            return Ok(());
-        }
-        Err(StopError {
-            failed,
-            not_reached,
-        })
+        self.state == BoardState::OtherFirmware
     }
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.
@@ -202,7 +221,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let result = self.transfer_safe_values();
         self.is_last = false;
         match result {
-            Ok(()) | Err(CycleError::NotThere { .. }) => Ok(()),
+            Ok(()) | Err(CycleError::NotThere { .. } | CycleError::OtherFirmware) => Ok(()),
             Err(CycleError::Read { source, .. } | CycleError::Write { source, .. }) => {
                 Err(PortError::Bus(source))
             }

@@ -4,6 +4,7 @@ use super::idrom::{IDROM_WORDS, name};
 use super::module::MODULE_WORDS;
 use super::{Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor};
 use crate::bus::{Access, RegisterBus};
+use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec;
@@ -58,15 +59,26 @@ impl HostMot2 {
     /// # Real time
     /// For set-up: allocates.
     pub fn identify<B: RegisterBus>(bus: &mut B) -> Result<Self, IdentifyError<B::Error>> {
+        Ok(Self::describe(bus)?.0)
+    }
+
+    /// The same, with the words that say it.
+    ///
+    /// # Errors
+    /// As [`identify`](Self::identify).
+    pub(crate) fn describe<B: RegisterBus>(
+        bus: &mut B,
+    ) -> Result<(Self, Description), IdentifyError<B::Error>> {
+        let mut description = Description::default();
         let mut words = [0; 4];
-        read(bus, COOKIE_ADDRESS, &mut words)?;
+        description.read(bus, COOKIE_ADDRESS, &mut words)?;
         let start = idrom_address(words)?;
         let mut words = [0; IDROM_WORDS];
-        read_part(bus, "header", start, 0, &mut words)?;
+        description.read_part(bus, "header", start, 0, &mut words)?;
         let idrom = Idrom::parse(words)?;
         let mut words = [0; MAX_MODULES * MODULE_WORDS];
         let offset = idrom.offset_to_modules;
-        read_part(bus, "module descriptors", start, offset, &mut words)?;
+        description.read_part(bus, "module descriptors", start, offset, &mut words)?;
         let (descriptors, _) = words.as_chunks();
         let descriptors = descriptors.iter().enumerate();
         let modules = descriptors
@@ -74,14 +86,15 @@ impl HostMot2 {
             .collect::<Result<Vec<_>, _>>()?;
         let mut words = vec![0; idrom.io_width as usize];
         let offset = idrom.offset_to_pins;
-        read_part(bus, "pin descriptors", start, offset, &mut words)?;
+        description.read_part(bus, "pin descriptors", start, offset, &mut words)?;
         let pins: Vec<_> = words.into_iter().map(PinDescriptor::parse).collect();
-        Ok(Self {
+        let found = Self {
             warnings: warnings(&idrom, &modules, &pins),
             idrom,
             modules,
             pins,
-        })
+        };
+        Ok((found, description))
     }
 
     /// The kinds of modules and how many there are of each, for people: `Watchdog (02) x1, …`.
@@ -160,47 +173,103 @@ fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Er
     Ok(start)
 }
 
-/// Reads a part of the IDROM, if it lies in the address space.
-fn read_part<B: RegisterBus>(
-    bus: &mut B,
-    part: &str,
-    start: u32,
-    offset: u32,
-    words: &mut [u32],
-) -> Result<(), IdentifyError<B::Error>> {
-    let place = u64::from(start) + u64::from(offset);
-    let end = place + 4 * words.len() as u64;
-    match u16::try_from(place) {
-        Ok(address) if address.is_multiple_of(4) && end <= 0x1_0000 => read(bus, address, words),
-        _ => {
-            let found = format!("{} words at {place:#X}", words.len());
-            let expected = "a multiple of 4 in the 16-bit address space";
-            let what = format!("IDROM {part}");
-            Err(HostMot2Error::description(&what, found, expected).into())
+/// The words in which a firmware describes itself.
+#[derive(Debug, Default)]
+pub(crate) struct Description(Vec<(Vec<Access>, Box<[u32]>)>);
+
+/// Tells whether the same firmware answers later.
+#[derive(Debug)]
+pub(crate) struct Known<L> {
+    parts: Vec<(L, Box<[u32]>)>,
+    /// As long as the longest part.
+    now: Box<[u32]>,
+}
+
+impl<L> Known<L> {
+    /// Whether the board still describes itself in these words.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    ///
+    /// # Real time
+    /// Four exchanges. No allocation.
+    pub fn is_still<B: RegisterBus<List = L>>(&mut self, bus: &mut B) -> Result<bool, B::Error> {
+        for (list, words) in &self.parts {
+            let Some(now) = self.now.get_mut(..words.len()) else {
+                return Ok(false);
+            };
+            bus.run(list, now)?;
+            if *now != **words {
+                return Ok(false);
+            }
         }
+        Ok(true)
     }
 }
 
-/// Reads neighbouring registers in one exchange of accesses that every bus can move.
-fn read<B: RegisterBus>(
-    bus: &mut B,
-    address: u16,
-    words: &mut [u32],
-) -> Result<(), IdentifyError<B::Error>> {
-    let count = words.len() as u16;
-    let accesses: Vec<_> = (0..count)
-        .step_by(ACCESS_WORDS as usize)
-        .map(|first| {
-            let size = ACCESS_WORDS.min(count - first);
-            Access::read(address + 4 * first, first, size)
+impl Description {
+    /// To be read again on this bus.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known<B::List>, B::Error> {
+        let longest = self.0.iter().map(|(_, words)| words.len()).max();
+        let parts = self.0.into_iter();
+        let parts = parts.map(|(accesses, words)| Ok((bus.prepare(&accesses, None)?, words)));
+        Ok(Known {
+            parts: parts.collect::<Result<_, _>>()?,
+            now: vec![0; longest.unwrap_or_default()].into(),
         })
-        .collect();
-    bus.exchange(&accesses, words)
-        .map_err(|source| IdentifyError::Bus {
-            address,
-            count,
-            source,
-        })
+    }
+
+    /// Reads a part of the IDROM, if it lies in the address space.
+    fn read_part<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        part: &str,
+        start: u32,
+        offset: u32,
+        words: &mut [u32],
+    ) -> Result<(), IdentifyError<B::Error>> {
+        let place = u64::from(start) + u64::from(offset);
+        let end = place + 4 * words.len() as u64;
+        match u16::try_from(place) {
+            Ok(address) if address.is_multiple_of(4) && end <= 0x1_0000 => {
+                self.read(bus, address, words)
+            }
+            _ => {
+                let found = format!("{} words at {place:#X}", words.len());
+                let expected = "a multiple of 4 in the 16-bit address space";
+                let what = format!("IDROM {part}");
+                Err(HostMot2Error::description(&what, found, expected).into())
+            }
+        }
+    }
+
+    /// Reads neighbouring registers in one exchange of accesses that every bus can move.
+    fn read<B: RegisterBus>(
+        &mut self,
+        bus: &mut B,
+        address: u16,
+        words: &mut [u32],
+    ) -> Result<(), IdentifyError<B::Error>> {
+        let count = words.len() as u16;
+        let accesses: Vec<_> = (0..count)
+            .step_by(ACCESS_WORDS as usize)
+            .map(|first| {
+                let size = ACCESS_WORDS.min(count - first);
+                Access::read(address + 4 * first, first, size)
+            })
+            .collect();
+        bus.exchange(&accesses, words)
+            .map_err(|source| IdentifyError::Bus {
+                address,
+                count,
+                source,
+            })?;
+        self.0.push((accesses, (&*words).into()));
+        Ok(())
+    }
 }
 
 /// The versions that real clients take without a word (FACTS 9.5); `None` where they do not care.

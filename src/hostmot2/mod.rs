@@ -14,7 +14,7 @@ mod tick_rate;
 pub use error::{HostMot2Error, IdentifyError};
 pub use gtag::Gtag;
 pub use identify::HostMot2;
-pub(crate) use identify::{COOKIE, COOKIE_ADDRESS};
+pub(crate) use identify::{COOKIE, COOKIE_ADDRESS, Known};
 pub use idrom::Idrom;
 pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
 pub use module::ModuleDescriptor;

@@ -83,6 +83,10 @@ pub enum BoardState {
     /// [`Settings::bus_error_limit`](crate::driver::Settings::bus_error_limit). Everything is safe, and the watchdog is not fed, until
     /// [`Driver::rearm`](crate::driver::Driver::rearm).
     BusDown,
+    /// Another board, or another firmware, answered when it was to be set up again. Everything is safe,
+    /// and nothing is written, until [`Driver::rearm`](crate::driver::Driver::rearm) finds the one that
+    /// the driver was started with.
+    OtherFirmware,
 }
 
 impl fmt::Display for BoardState {
@@ -94,6 +98,7 @@ impl fmt::Display for BoardState {
                 "the board was reset or has lost power, or another program wrote its watchdog's time"
             }
             Self::BusDown => "the board does not answer any more",
+            Self::OtherFirmware => "another board or another firmware answers than before",
         })
     }
 }

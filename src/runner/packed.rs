@@ -146,6 +146,7 @@ impl Packed for BoardState {
             Self::WatchdogBitten => 1,
             Self::Reset => 2,
             Self::BusDown => 3,
+            Self::OtherFirmware => 4,
         });
     }
 
@@ -154,7 +155,8 @@ impl Packed for BoardState {
             0 => Self::Running,
             1 => Self::WatchdogBitten,
             2 => Self::Reset,
-            _ => Self::BusDown,
+            3 => Self::BusDown,
+            _ => Self::OtherFirmware,
         }
     }
 }
@@ -235,7 +237,7 @@ mod tests {
 
     #[test]
     fn every_reason_and_state_comes_back_as_it_was() {
-        use BoardState::{BusDown, Reset, Running, WatchdogBitten};
+        use BoardState::{BusDown, OtherFirmware, Reset, Running, WatchdogBitten};
         assert_eq!(again(&None::<OfflineReason>), None);
         let reasons = every_reason(5, 0x1234_5678);
         assert!(reasons.len() > 10);
@@ -252,7 +254,7 @@ mod tests {
             assert_eq!(again(&state), state);
         }
         assert_eq!(again(&RemoteState::Running), RemoteState::Running);
-        for state in [Running, WatchdogBitten, Reset, BusDown] {
+        for state in [Running, WatchdogBitten, Reset, BusDown, OtherFirmware] {
             assert_eq!(again(&state), state);
         }
         for (valid, armed) in [(false, true), (true, false)] {

@@ -19,6 +19,7 @@ mod index_on_network;
 mod manifest;
 mod only_what_changed;
 mod optional_remotes;
+mod other_board;
 mod outputs_forgotten;
 mod pace;
 mod refused_start;

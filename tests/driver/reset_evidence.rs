@@ -13,6 +13,7 @@ use crate::common::watch::Watch;
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
+use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::{DEFAULT_ACCESS_COST, Motor, SimFpga, machines};
 
 const BOARD: &str = "hm2_7i97.0";
@@ -344,9 +345,13 @@ fn over_ethernet_a_reset_at_any_moment_of_a_cycle_is_seen_whatever_the_write_hol
 
 #[test]
 fn a_reset_right_after_the_set_up_was_restored_is_seen_as_well() {
-    // From the first write of the set-up on, which comes after a look at the cookie: what was lost
-    // before is set up by it.
-    for delay in (4 * DEFAULT_ACCESS_COST..40_000).step_by(1_300) {
+    // From the first write of the set-up on, which comes after a look at the cookie and at what the
+    // firmware says of itself: what was lost before is set up by it.
+    let mut machine = Machine::running(world(false), false, "a look".into());
+    let begin = SimFpga::now(machine.fpga());
+    HostMot2::identify(machine.fpga()).expect("a firmware");
+    let looks = SimFpga::now(machine.fpga()) - begin + 4 * DEFAULT_ACCESS_COST;
+    for delay in (looks..looks + 40_000).step_by(1_300) {
         let mut machine = Machine::running(world(false), false, format!("{delay} ns"));
         let before = machine.counts();
         machine.fpga().reload();

@@ -102,6 +102,7 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::BoardReset,
         EventKind::BusDown,
         EventKind::BoardSetUp,
+        EventKind::OtherFirmware,
         EventKind::Rearmed {
             armed: 3,
             waiting: 1,

@@ -89,7 +89,7 @@ pub(super) struct Csv<'a>(pub &'a Trace);
 
 impl fmt::Display for Csv<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("cycle,read,read_failed,read_at_ns,write,write_failed,written_at_ns")?;
+        f.write_str("cycle,read,read_at_ns,write,written_at_ns,read_failed,write_failed")?;
         for column in &self.0.columns {
             let way = match column.exchanged.way {
                 Way::Read => "read",
@@ -104,8 +104,8 @@ impl fmt::Display for Csv<'_> {
             let (read, write) = (word(row.read), word(row.write));
             let (read_at, written_at) = (row.read_at.as_nanos(), row.written_at.as_nanos());
             let (why, why_not) = (Why(row.read), Why(row.write));
-            write!(f, "{},{read},{why},{read_at},", row.cycle)?;
-            write!(f, "{write},{why_not},{written_at}")?;
+            write!(f, "{},{read},{read_at},{write},{written_at}", row.cycle)?;
+            write!(f, ",{why},{why_not}")?;
             for (column, word) in self.0.columns.iter().zip(words) {
                 if row.knows(column.exchanged.way) {
                     write!(f, ",{word:#010X}")?;

@@ -77,6 +77,9 @@ pub enum EventKind {
     BusDown,
     /// The board got back the set-up that it had lost.
     BoardSetUp,
+    /// Another board, or another firmware, answers than the driver was started with. It got none of the
+    /// driver's set-up, and everything stays safe.
+    OtherFirmware,
     /// [`Driver::rearm`](crate::driver::Driver::rearm) let outputs follow the application again.
     Rearmed {
         /// Groups that were armed.
@@ -214,6 +217,8 @@ bitflags! {
         const DROPPED = 1 << 17;
         /// [`EventKind::OtherMaster`].
         const OTHER_MASTER = 1 << 18;
+        /// [`EventKind::OtherFirmware`].
+        const OTHER_FIRMWARE = 1 << 19;
         /// Everything after which outputs are safe until they are re-armed.
         const OUTPUTS_SAFE = Self::REMOTE_OFFLINE.bits()
             | Self::WATCHDOG_BITTEN.bits()
@@ -245,6 +250,7 @@ impl EventKind {
             Self::MissedPeriods { .. } => EventMask::MISSED_PERIODS,
             Self::Dropped { .. } => EventMask::DROPPED,
             Self::OtherMaster { .. } => EventMask::OTHER_MASTER,
+            Self::OtherFirmware => EventMask::OTHER_FIRMWARE,
         }
     }
 
@@ -307,6 +313,10 @@ impl fmt::Display for EventKind {
                 "the bus failed too often: everything is safe until re-armed; check cable and power",
             ),
             Self::BoardSetUp => f.write_str("the board has its set-up again"),
+            Self::OtherFirmware => f.write_str(
+                "another board, or another firmware, answers than before, and gets no set-up: \
+                 everything stays safe; start the driver anew",
+            ),
             Self::Rearmed { armed, waiting: 0 } => {
                 write!(f, "re-armed; groups that follow again: {armed}")
             }

@@ -96,7 +96,8 @@ impl EventKind {
             | Self::WatchdogBitten
             | Self::BoardReset
             | Self::BusDown
-            | Self::BoardSetUp => (0, 0, 0),
+            | Self::BoardSetUp
+            | Self::OtherFirmware => (0, 0, 0),
         };
         let bit = self.mask().bits().trailing_zeros() as u8;
         [u32::from_le_bytes([bit, port, channel, number]), one, other]
@@ -145,6 +146,7 @@ impl EventKind {
             16 => Self::MissedPeriods { count: one },
             17 => Self::Dropped { count: one },
             18 => Self::OtherMaster { packets: one },
+            19 => Self::OtherFirmware,
             _ => return None,
         })
     }
@@ -201,11 +203,11 @@ mod tests {
     #[test]
     fn every_kind_of_event_has_words() {
         let word = |bit| u32::from_le_bytes([bit, 1, 2, 0]);
-        for bit in 0..19 {
+        for bit in 0..20 {
             let kind = EventKind::from_words([word(bit), 1, 2]).expect("a kind");
             assert_eq!(kind.mask().bits(), 1 << bit, "{kind:?}");
         }
-        assert_eq!(EventKind::from_words([word(19), 0, 0]), None);
+        assert_eq!(EventKind::from_words([word(20), 0, 0]), None);
         for number in 0..6 {
             let what = Repeating::from_number(number, (1, 2)).expect("something");
             assert_eq!(what.number(), number, "{what:?}");

@@ -134,6 +134,7 @@ impl Pins {
             BoardState::WatchdogBitten => ("WATCHDOG HAS BITTEN", Color::Red),
             BoardState::Reset => ("WAS RESET", Color::Red),
             BoardState::BusDown => ("NOT REACHED", Color::Red),
+            BoardState::OtherFirmware => ("ANOTHER FIRMWARE ANSWERS", Color::Red),
             _ => ("?", Color::Red),
         };
         let since = short_time(seen.time().since(since));

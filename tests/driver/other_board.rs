@@ -1,0 +1,116 @@
+//! Another board, or another firmware, answers where the driver's own was.
+
+use std::time::Duration;
+
+use crate::common::machine::{Machine, fpga};
+use mesa_hal::Clock;
+use mesa_hal::driver::{BoardState, CycleError, EventKind};
+use mesa_hal::hal::Param;
+use mesa_hal::hostmot2::HostMot2;
+use mesa_hal::sim::{SimFpga, machines};
+
+/// Puts another board in the place of the machine's, at a later time of its clock.
+fn swap(machine: &mut Machine, mut board: SimFpga) -> SimFpga {
+    let bus = machine.driver.bus_mut();
+    let late = Duration::from_nanos(bus.now().as_nanos()) + Duration::from_secs(1);
+    board.wait(late);
+    core::mem::replace(bus, board)
+}
+
+fn i7i97() -> SimFpga {
+    machines::i7i97(1)
+}
+
+/// What the board drives, and whether its watchdog was ever set.
+fn driven(board: &SimFpga) -> (usize, bool) {
+    let pins = 0..board.firmware().pins.len();
+    let driven = pins.filter(|&pin| board.is_driven(pin)).count();
+    (driven, board.watchdog().is_running())
+}
+
+fn running() -> Machine {
+    let mut machine = Machine::new();
+    machine.cards.set_one_of_each(machine.driver.pins_mut());
+    machine.cycles(20);
+    assert!(driven(machine.driver.bus()).0 > 0);
+    machine
+}
+
+/// Cycles that may fail.
+fn cycles(machine: &mut Machine, count: usize) {
+    for _ in 0..count {
+        let _ = machine.driver.read();
+        machine.finish();
+    }
+}
+
+#[test]
+fn another_board_gets_none_of_the_set_up_and_nothing_of_it_is_valid() {
+    let mut machine = running();
+    let mut events = machine.driver.events();
+    let own = swap(&mut machine, i7i97());
+    cycles(&mut machine, 10);
+    assert_ne!(machine.driver.board_state(), BoardState::Running);
+    events.by_ref().for_each(drop);
+    let io_error: Param<bool> = machine.param("io_error");
+    for by_flag in [false, true, false] {
+        if by_flag {
+            machine.set_param(io_error, false);
+            machine.driver.write().expect("the bus is well");
+        } else {
+            assert_eq!(machine.driver.rearm(), Err(CycleError::OtherFirmware));
+        }
+        cycles(&mut machine, 50);
+        assert_eq!(machine.driver.board_state(), BoardState::OtherFirmware);
+        assert!(machine.driver.pins().param(io_error), "the flag is back");
+        assert_eq!(driven(machine.driver.bus()), (0, false), "{by_flag}");
+        let pins = machine.driver.pins();
+        for id in pins.ids() {
+            let info = pins.info_of(id).expect("its own");
+            let is_board = info.group == machine.driver.group();
+            let is_remote = info.name.contains(".7i");
+            let is_input = !info.role.is_param();
+            if is_input && (is_board || is_remote) {
+                assert!(!pins.read_any(id).valid, "{}", info.name);
+            }
+        }
+    }
+    let told: Vec<_> = events.by_ref().map(|event| event.kind).collect();
+    let others = told
+        .iter()
+        .filter(|&&kind| kind == EventKind::OtherFirmware);
+    assert_eq!(others.count(), 1, "{told:?}");
+
+    // The driver's own board is there again, without its set-up.
+    swap(&mut machine, fpga());
+    drop(own);
+    machine.rearm_all(300);
+    assert_eq!(machine.driver.board_state(), BoardState::Running);
+    assert!(driven(machine.driver.bus()).0 > 0);
+}
+
+#[test]
+fn one_word_of_its_description_makes_it_another_firmware() {
+    let mut machine = running();
+    let mut other = fpga();
+    let firmware = HostMot2::identify(&mut other).expect("a firmware");
+    // The last pin descriptor.
+    let last = 4 * (firmware.pins.len() as u16 - 1);
+    let at = 0x0400 + firmware.idrom.offset_to_pins as u16 + last;
+    other.override_rom(at, 0x1234_5678);
+    swap(&mut machine, other);
+    cycles(&mut machine, 10);
+    assert_eq!(machine.driver.rearm(), Err(CycleError::OtherFirmware));
+    assert_eq!(driven(machine.driver.bus()), (0, false));
+}
+
+#[test]
+fn the_end_of_a_driver_leaves_another_board_alone() {
+    let mut machine = running();
+    swap(&mut machine, i7i97());
+    cycles(&mut machine, 3);
+    let (board, stopped) = machine.driver.shutdown();
+    assert_eq!(stopped, Ok(()));
+    assert_eq!(driven(&board), (0, false));
+    assert!(!board.watchdog().has_bitten(), "it was never touched");
+}
