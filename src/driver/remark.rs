@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
-use crate::modules::serial::FoundRemote;
+use crate::modules::serial::{FoundRemote, RemoteWatchdog, WATCHDOG_PARAMETER};
 use crate::remote::RemoteError;
 use crate::sslbp::{MAX_CHANNELS, RemoteName, StartFailure, StartFailureReason, StartedRemote};
 
@@ -87,6 +87,22 @@ pub enum RemarkKind {
         other: &'static str,
         /// Where that is.
         beside: u8,
+    },
+    /// Its own watchdog is off, or [slow](RemoteWatchdog::is_slow): when nothing reaches it any more,
+    /// its outputs stay on.
+    #[error(
+        "when nothing reaches this {name} any more, its outputs {}: set {WATCHDOG_PARAMETER} (50 ms as \
+         delivered) and switch the card off and on",
+        match .watchdog.time() {
+            Some(time) => alloc::format!("stay on for {}", crate::Rounded(&time)),
+            None => "stay on for ever, because its own watchdog is off".into(),
+        }
+    )]
+    SlowWatchdog {
+        /// Its name.
+        name: RemoteName,
+        /// Its watchdog.
+        watchdog: RemoteWatchdog,
     },
     /// Its name is that of a card whose parts differ in the unit number, and its unit number
     /// is none of theirs: it has no terminals and no safe values of its own.

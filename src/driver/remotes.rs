@@ -172,6 +172,12 @@ impl Plan {
             match outcome {
                 Ok(mut remote) => {
                     self.read_parameters(bus, &mut stage.port, &mut remote)?;
+                    let (watchdog, name) = (remote.watchdog(), remote.descriptor.name);
+                    if watchdog.is_slow() {
+                        let kind = RemarkKind::SlowWatchdog { name, watchdog };
+                        let channel = remote.started.channel.index();
+                        self.remarks.push(stage.remark(channel, kind));
+                    }
                     stage.remotes.push(remote);
                 }
                 Err(missing) => absent.push(missing),

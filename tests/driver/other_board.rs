@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::common::machine::{Machine, fpga};
 use mesa_hal::Clock;
 use mesa_hal::driver::{BoardState, CycleError, EventKind};
-use mesa_hal::hal::Param;
+use mesa_hal::hal::{Param, Role};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::sim::{SimFpga, machines};
 
@@ -65,15 +65,19 @@ fn another_board_gets_none_of_the_set_up_and_nothing_of_it_is_valid() {
         assert!(machine.driver.pins().param(io_error), "the flag is back");
         assert_eq!(driven(machine.driver.bus()), (0, false), "{by_flag}");
         let pins = machine.driver.pins();
+        let mut looked = 0;
         for id in pins.ids() {
             let info = pins.info_of(id).expect("its own");
+            // What the driver itself knows, such as faults, it goes on to say.
             let is_board = info.group == machine.driver.group();
-            let is_remote = info.name.contains(".7i");
-            let is_input = !info.role.is_param();
-            if is_input && (is_board || is_remote) {
+            let kinds = [".input-", ".analogin", ".enc"];
+            let is_remote = kinds.iter().any(|kind| info.name.contains(kind));
+            if info.role == Role::Input && (is_board || is_remote) {
                 assert!(!pins.read_any(id).valid, "{}", info.name);
+                looked += 1;
             }
         }
+        assert!(looked > 60, "{looked}");
     }
     let told: Vec<_> = events.by_ref().map(|event| event.kind).collect();
     let others = told
@@ -110,7 +114,9 @@ fn the_end_of_a_driver_leaves_another_board_alone() {
     swap(&mut machine, i7i97());
     cycles(&mut machine, 3);
     let (board, stopped) = machine.driver.shutdown();
-    assert_eq!(stopped, Ok(()));
+    // Nobody has seen its own remotes switch off.
+    let error = stopped.expect_err("remotes that were not reached");
+    assert_eq!((error.failed, error.not_reached.len()), (None, 3));
     assert_eq!(driven(&board), (0, false));
     assert!(!board.watchdog().has_bitten(), "it was never touched");
 }

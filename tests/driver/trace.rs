@@ -40,6 +40,7 @@ fn nobody_who_does_not_ask_for_it_has_one() {
 fn it_holds_the_words_of_the_last_cycles_as_they_were_on_the_bus() {
     let mut machine = machine(TraceSettings {
         cycles: 8,
+        after: 0,
         ..TraceSettings::default()
     });
     machine.cycles(20);
@@ -137,6 +138,7 @@ fn a_read_that_fails_shows_as_failed_with_what_the_bus_said() {
 fn it_can_be_frozen_by_call_given_away_and_given_back() {
     let settings = TraceSettings {
         cycles: 4,
+        after: 0,
         ..TraceSettings::default()
     };
     let mut machine = machine(settings);
@@ -176,6 +178,7 @@ fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
     for (cycles, before) in [(4, 2_u16), (4, 3), (4, 4), (4, 9), (1, 5)] {
         let mut machine = machine(TraceSettings {
             cycles,
+            after: 0,
             ..TraceSettings::default()
         });
         machine.cycles(before.into());
@@ -207,6 +210,7 @@ fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
 fn a_write_without_a_read_has_no_words_of_an_older_one() {
     let mut machine = machine(TraceSettings {
         cycles: 4,
+        after: 0,
         ..TraceSettings::default()
     });
     machine.cycles(9);
