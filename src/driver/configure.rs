@@ -262,6 +262,8 @@ impl<B: RegisterBus + Clock> Board<B> {
             pacer: Pacer::new(pace, period),
             read_failures: 0,
             write_failures: 0,
+            writes_since_read: 0,
+            stale_after: plan.settings.fault_policy.stale_after.max(1),
             is_repeated: false,
             look_closely: true,
             wants_extra: false,

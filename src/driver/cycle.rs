@@ -34,6 +34,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     fn read_board(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
         self.statistics.reads += 1;
+        self.writes_since_read = 0;
         self.events.begin_cycle(self.statistics.reads);
         let asked = self.wants_closer_look();
         let Answer { extra, at, result } = self.pacer.read(&mut *self.bus, &mut self.image, asked);
@@ -153,6 +154,10 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// A port's transfer is started only when the last read has seen the one before end; otherwise
     /// its remotes keep what they have.
     ///
+    /// A write without a read before it is a cycle without news: ages grow. After
+    /// [`stale_after`](super::FaultPolicy::stale_after) of them in a row no input is valid and
+    /// everything is safe until it is read again and re-armed: [`EventKind::NotRead`].
+    ///
     /// # Errors
     /// [`CycleError::Write`]: the outputs may not have arrived; the next read finds out.
     ///
@@ -172,6 +177,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     fn write_board(&mut self) -> Result<(), CycleError<B::Error>> {
         let mut now = self.bus.now();
         self.statistics.writes += 1;
+        self.count_write(now);
         if self.wants_restore() && self.write_set_up().is_ok() {
             now = self.bus.now();
         }

@@ -133,6 +133,10 @@ pub struct Driver<B: RegisterBus + Clock> {
     pacer: Pacer,
     read_failures: u32,
     write_failures: u32,
+    /// Writes since the last read; the last one belongs to it.
+    writes_since_read: u32,
+    /// Cycles without news after which inputs are not valid.
+    stale_after: u32,
     /// Settings were written since the modules took their inputs.
     is_repeated: bool,
     /// The next read holds all evidence: something happened since the last one that did which may

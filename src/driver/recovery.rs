@@ -203,6 +203,22 @@ impl<B: RegisterBus + Clock> Driver<B> {
         self.read_failures
     }
 
+    /// Nobody reads what he acts on: as good as a read that failed, but for its cause.
+    pub(super) fn count_write(&mut self, now: Instant) {
+        let missed = self.writes_since_read;
+        self.writes_since_read = missed.saturating_add(1);
+        if missed == 0 || self.is_last {
+            return;
+        }
+        self.pins.begin_cycle(now);
+        self.not_read();
+        if missed == self.stale_after {
+            let writes = self.writes_since_read;
+            self.events.tell(now, EventKind::NotRead { writes });
+            self.make_safe();
+        }
+    }
+
     pub(super) fn not_read(&mut self) {
         for part in self.parts.each() {
             part.not_read(&mut self.pins);

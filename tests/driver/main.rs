@@ -32,4 +32,5 @@ mod set_up;
 mod stop_tells;
 mod trace;
 mod two_cards;
+mod unread;
 mod watchdogs_proved;

@@ -124,6 +124,7 @@ fn events_are_as_they_are_written_and_come_back() {
         EventKind::MissedPeriods { count: 2 },
         EventKind::Dropped { count: 9 },
         EventKind::OtherMaster { packets: 5 },
+        EventKind::NotRead { writes: 6 },
     ];
     let all = kinds
         .iter()

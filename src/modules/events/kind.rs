@@ -135,6 +135,11 @@ pub enum EventKind {
         /// How many packets were his when he was noticed.
         packets: u32,
     },
+    /// The application writes and does not read: no input is valid, and everything is safe.
+    NotRead {
+        /// Writes since the last read.
+        writes: u32,
+    },
 }
 
 /// What may happen in every cycle.
@@ -219,11 +224,14 @@ bitflags! {
         const OTHER_MASTER = 1 << 18;
         /// [`EventKind::OtherFirmware`].
         const OTHER_FIRMWARE = 1 << 19;
+        /// [`EventKind::NotRead`].
+        const NOT_READ = 1 << 20;
         /// Everything after which outputs are safe until they are re-armed.
         const OUTPUTS_SAFE = Self::REMOTE_OFFLINE.bits()
             | Self::WATCHDOG_BITTEN.bits()
             | Self::BOARD_RESET.bits()
-            | Self::BUS_DOWN.bits();
+            | Self::BUS_DOWN.bits()
+            | Self::NOT_READ.bits();
     }
 }
 
@@ -251,6 +259,7 @@ impl EventKind {
             Self::Dropped { .. } => EventMask::DROPPED,
             Self::OtherMaster { .. } => EventMask::OTHER_MASTER,
             Self::OtherFirmware => EventMask::OTHER_FIRMWARE,
+            Self::NotRead { .. } => EventMask::NOT_READ,
         }
     }
 
@@ -352,6 +361,11 @@ impl fmt::Display for EventKind {
                 "somebody else drives this board: within a second it received {packets} packets that \
                  are not ours; end the other program (LinuxCNC, mesaflash, another driver), also \
                  on other hosts"
+            ),
+            Self::NotRead { writes } => write!(
+                f,
+                "the application has written {writes} times and not read: no input is valid, and \
+                 everything is safe until re-armed; call `read` before each `write`"
             ),
         }
     }

@@ -89,7 +89,8 @@ impl EventKind {
             | Self::LostWrites { count: one }
             | Self::MissedPeriods { count: one }
             | Self::Dropped { count: one }
-            | Self::OtherMaster { packets: one } => (0, one, 0),
+            | Self::OtherMaster { packets: one }
+            | Self::NotRead { writes: one } => (0, one, 0),
             Self::RemoteBack { .. }
             | Self::RemoteUp { .. }
             | Self::RemoteRearmed { .. }
@@ -147,6 +148,7 @@ impl EventKind {
             17 => Self::Dropped { count: one },
             18 => Self::OtherMaster { packets: one },
             19 => Self::OtherFirmware,
+            20 => Self::NotRead { writes: one },
             _ => return None,
         })
     }
@@ -203,11 +205,11 @@ mod tests {
     #[test]
     fn every_kind_of_event_has_words() {
         let word = |bit| u32::from_le_bytes([bit, 1, 2, 0]);
-        for bit in 0..20 {
+        for bit in 0..21 {
             let kind = EventKind::from_words([word(bit), 1, 2]).expect("a kind");
             assert_eq!(kind.mask().bits(), 1 << bit, "{kind:?}");
         }
-        assert_eq!(EventKind::from_words([word(20), 0, 0]), None);
+        assert_eq!(EventKind::from_words([word(21), 0, 0]), None);
         for number in 0..6 {
             let what = Repeating::from_number(number, (1, 2)).expect("something");
             assert_eq!(what.number(), number, "{what:?}");

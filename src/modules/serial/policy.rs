@@ -55,7 +55,8 @@ pub struct FaultPolicy {
     /// three quarters of the period if that is longer.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub rest: Duration,
-    /// Cycles without a new transfer after which inputs are no longer valid.
+    /// Cycles without a new transfer after which inputs are no longer valid; at least 1. Also writes
+    /// without a [read](crate::driver::Driver::read), after which everything is safe.
     pub stale_after: u32,
 }
 
