@@ -130,8 +130,9 @@ impl Pins {
     }
 
     /// Reads a pin, or what the application has set an output to: one that is
-    /// [not enabled](super::AnalogOut::enable) beside others is safe. A parameter, whose value does
-    /// not depend on transfers, is always valid.
+    /// [not enabled](super::AnalogOut::enable) beside others is safe, and one whose group is not
+    /// armed is not valid: it is safe, whatever it was set to. A parameter, whose value does not
+    /// depend on transfers, is always valid.
     ///
     /// One of another store gives a bit that is off, not valid, and is counted in
     /// [`foreign_handles`](Self::foreign_handles).

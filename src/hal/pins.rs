@@ -156,7 +156,11 @@ impl Pins {
         }
     }
 
-    /// What the application last set an output to; after a fault, its safe value.
+    /// What the application last set an output to; a fault and re-arming set it to its safe value.
+    ///
+    /// What is set while the group is not armed is shown here as well, though the output stays safe
+    /// and re-arming forgets it: [`group_state`](Self::group_state) tells, and an output that is
+    /// [read](Self::read_any) then is not valid.
     pub fn commanded<K: Settable, T: Value>(&self, pin: Handle<K, T>) -> T {
         self.value(pin.key)
     }
@@ -392,14 +396,15 @@ impl Pins {
     fn arm(&mut self, index: usize) -> bool {
         let waits = |group: &Group| group.valid && !group.armed;
         let is_due = self.groups.get(index).is_some_and(waits);
-        if is_due && let Some(group) = self.forget_commands(index) {
+        if is_due && let Some(group) = self.forget_commands(index, true) {
             group.armed = true;
         }
         is_due
     }
 
-    /// Sets the outputs of a group to their safe values, but for those that faults do not touch.
-    pub(super) fn forget_commands(&mut self, index: usize) -> Option<&mut Group> {
+    /// Sets the outputs of a group to their safe values, but for those that faults do not touch. While
+    /// they do not follow what is set, what they were set to is nothing valid.
+    pub(super) fn forget_commands(&mut self, index: usize, follow: bool) -> Option<&mut Group> {
         let group = self.groups.get_mut(index)?;
         group.epoch = group.epoch.wrapping_add(1);
         self.switches = self.switches.wrapping_add(1);
@@ -409,6 +414,7 @@ impl Pins {
                 && !slot.exempt
             {
                 slot.bits = rule.safe;
+                slot.bad = slot.role == Role::Output && !follow;
                 rule.enabling.forget();
             }
         }

@@ -50,7 +50,8 @@ pub(super) struct Slot {
     pub part: u32,
     /// The parameter that inverts it; `NONE` where there is none.
     pub invert: u32,
-    /// The last value published for an input was not finite, or is withheld.
+    /// The last value published for an input was not finite, or is withheld; or it is an output of a
+    /// group that is not armed.
     pub bad: bool,
     /// An output that a fault does not silence, such as `run`.
     pub exempt: bool,

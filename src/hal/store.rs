@@ -189,7 +189,7 @@ impl PinStore {
         let Some(index) = self.group_index(group) else {
             return self.count_foreign();
         };
-        if let Some(group) = self.forget_commands(index)
+        if let Some(group) = self.forget_commands(index, false)
             && core::mem::replace(&mut group.armed, false)
         {
             group.faults = group.faults.saturating_add(1);

@@ -17,6 +17,7 @@ mod faults_remote;
 mod foreign_watchdog;
 mod index_on_network;
 mod manifest;
+mod not_armed;
 mod only_what_changed;
 mod optional_remotes;
 mod other_board;

@@ -101,11 +101,13 @@ fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_bac
         0.0,
         "not armed: what is set has no effect"
     );
+    assert!(!pins.read_any(drive.into()).valid);
     assert_eq!(pins.rearm(group), Err(PinError::NotRunning));
 
     pins.begin_cycle(at(2));
     pins.group_good(group);
     assert_eq!(pins.fetch(drive), 0.0, "running again is not armed again");
+    assert!(!pins.read_any(drive.into()).valid && !pins.read_any(lamp.into()).valid);
     pins.set(drive, 8.0);
     assert_eq!(pins.rearm(group), Ok(()));
     assert_eq!(
@@ -114,6 +116,7 @@ fn after_a_fault_outputs_are_safe_until_rearmed_and_old_commands_do_not_come_bac
         "what was set before re-arming is forgotten, whenever it was"
     );
     assert_eq!(pins.commanded(drive), 0.0);
+    assert!(pins.read_any(drive.into()).valid);
     pins.set(drive, 9.0);
     assert_eq!(pins.fetch(drive), 9.0);
     assert_eq!(pins.rearm(group), Ok(()), "armed already");
