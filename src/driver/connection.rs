@@ -51,7 +51,7 @@ const READ_TIMEOUT: i32 = 80;
 
 impl Connection {
     pub fn register(r: &mut Registrar<'_>) -> Result<Self, RegisterError> {
-        let errors = i32::try_from(r.settings.bus_error_limit.max(1)).unwrap_or(i32::MAX);
+        let errors = i32::try_from(r.settings.bus_error_limit).unwrap_or(i32::MAX);
         let limit = INCREMENT.saturating_mul(errors);
         let (cookie, group) = (r.image.read(Phase::Status, COOKIE_ADDRESS), r.group);
         let mut make = r.maker("");

@@ -105,7 +105,7 @@ impl Trace {
         };
         let columns: Vec<_> = image.exchanged().into_iter().map(column).collect();
         let is_read = |column: &&Column| column.exchanged.way == Way::Read;
-        let cycles = usize::from(settings.cycles.max(1));
+        let cycles = usize::from(settings.cycles);
         let trace = Self {
             board: board.into(),
             settings,
@@ -198,15 +198,8 @@ impl Trace {
         if self.state == State::Recording
             && let Some(event) = self.sink.caught()
         {
-            self.state = State::Ending(self.after(), Cause::Event(event));
+            self.state = State::Ending(self.settings.after, Cause::Event(event));
         }
-    }
-
-    /// How many cycles follow the one with the cause: that one stays in the ring.
-    fn after(&self) -> u16 {
-        self.settings
-            .after
-            .min(self.settings.cycles.saturating_sub(1))
     }
 
     pub(super) fn freeze(&mut self) {
