@@ -2,7 +2,7 @@
 
 use alloc::string::String;
 
-use super::{MAX_NAME, PinInfo};
+use super::{MAX_NAME, Pins};
 
 /// More names than this are not compared.
 const MOST_NAMES: usize = 10_000;
@@ -11,14 +11,13 @@ const MOST_NAMES: usize = 10_000;
 /// point, or else the one that is the fewest changes of a character away, or whose end is, if that is
 /// not more than a third of them.
 ///
-/// Bounded by 10,000 names of 47 characters. Allocates: for set-up.
-pub(super) fn nearest(infos: &[PinInfo], wanted: &str) -> Option<String> {
-    let names = infos.iter().take(MOST_NAMES).map(|info| &*info.name);
-    let is_end = |name: &&str| {
-        let stem = name.strip_suffix(wanted);
-        !wanted.is_empty() && stem.is_some_and(|stem| stem.ends_with('.'))
-    };
-    if let Some(name) = names.clone().find(is_end) {
+/// Upper and lower case are the same. Bounded by 10,000 names of 47 characters. Allocates: for set-up.
+pub(crate) fn nearest<'a>(
+    names: impl Iterator<Item = &'a str> + Clone,
+    wanted: &str,
+) -> Option<String> {
+    let names = names.take(MOST_NAMES);
+    if let Some(name) = names.clone().find(|name| is_end(name, wanted)) {
         return Some(name.into());
     }
     let most = wanted.len().min(MAX_NAME) / 3;
@@ -34,6 +33,34 @@ pub(super) fn nearest(infos: &[PinInfo], wanted: &str) -> Option<String> {
         .min_by_key(|(changes, _)| *changes);
     near.filter(|(changes, _)| *changes <= most)
         .map(|(_, name)| name.into())
+}
+
+impl Pins {
+    /// The name that somebody may have meant: of an output's enable what does enable it, whatever its
+    /// name, else the [nearest](nearest).
+    pub(super) fn nearest(&self, wanted: &str) -> Option<String> {
+        let (stem, suffix) = wanted.rsplit_once(['-', '.']).unwrap_or_default();
+        let is_enable = suffix
+            .get(..3)
+            .is_some_and(|s| s.eq_ignore_ascii_case("ena"));
+        let mut outputs = self.infos().iter().filter(|_| is_enable);
+        let output = outputs.find(|info| {
+            info.enabled_by.is_some()
+                && (info.name.eq_ignore_ascii_case(stem) || is_end(&info.name, stem))
+        });
+        let enable = output.and_then(|output| self.info_of(output.enabled_by?));
+        let enable = enable.map(|enable| enable.name.clone());
+        enable.or_else(|| nearest(self.infos().iter().map(|info| &*info.name), wanted))
+    }
+}
+
+/// Whether a name ends so behind a point.
+fn is_end(name: &str, wanted: &str) -> bool {
+    let at = name.len().checked_sub(wanted.len());
+    let parts = at.and_then(|at| name.split_at_checked(at));
+    parts.is_some_and(|(stem, end)| {
+        !end.is_empty() && end.eq_ignore_ascii_case(wanted) && stem.ends_with('.')
+    })
 }
 
 /// The end of a name that has so many points.
@@ -62,7 +89,7 @@ fn changes(one: &[u8], other: &[u8]) -> usize {
         {
             let above = *slot;
             if let Some(own) = own {
-                let replaced = corner + usize::from(own != letter);
+                let replaced = corner + usize::from(!own.eq_ignore_ascii_case(letter));
                 left = replaced.min(above + 1).min(left + 1);
                 corner = above;
             }
@@ -86,7 +113,7 @@ mod tests {
         for &name in names {
             make.input::<bool>(name).expect("made");
         }
-        nearest(store.infos(), wanted)
+        store.nearest(wanted)
     }
 
     #[test]
@@ -104,11 +131,38 @@ mod tests {
             ("7i77.0.0.input-7", Some(names[0])),
             ("outputt-07", Some(names[1])),
             ("put-07", Some(names[0])),
+            ("HM2_7I92.0.7I77.0.0.INPUT-07", Some(names[0])),
+            ("OUTPUT-07", Some(names[1])),
+            ("OUTPUT-7", Some(names[1])),
             ("ut-07", None),
             ("", None),
             ("spindle", None),
         ] {
             assert_eq!(nearest_of(&names, wanted).as_deref(), meant, "{wanted}");
+        }
+    }
+
+    #[test]
+    fn the_enable_of_an_output_is_what_enables_it_whatever_its_name() {
+        let mut store = PinStore::default();
+        let group = store.add_group();
+        let mut make = PinMaker::new(&mut store, group, "hm2_7i92.0.7i77.0.1.");
+        let volts = make.output("analogout0", 0.0).expect("made");
+        make.setting("analogout0-maxlim", 10.0).expect("made");
+        let enable = make.output("analogena", false).expect("made");
+        store.enabled_by(volts, enable);
+        let meant = Some("hm2_7i92.0.7i77.0.1.analogena".into());
+        for wanted in [
+            "hm2_7i92.0.7i77.0.1.analogout0-enable",
+            "analogout0-enable",
+            "7i77.0.1.ANALOGOUT0.ENA",
+        ] {
+            assert_eq!(store.nearest(wanted), meant, "{wanted}");
+        }
+        let limit = Some("hm2_7i92.0.7i77.0.1.analogout0-maxlim".into());
+        assert_eq!(store.nearest("analogout0-maxlm"), limit);
+        for wanted in ["-ena", ".", "ena", "", "-"] {
+            let _ = store.nearest(wanted);
         }
     }
 

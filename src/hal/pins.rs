@@ -7,7 +7,6 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use super::handle::Key;
 use super::kind::{Readable, Settable};
-use super::nearest::nearest;
 use super::rule::{Rule, Slot};
 use super::{
     Age, AnyValue, GroupId, GroupState, Handle, InOut, Input, Output, Param, PinError, PinInfo,
@@ -315,7 +314,7 @@ impl Pins {
     pub(super) fn not_found(&self, name: &str) -> PinError {
         PinError::NotFound {
             name: name.into(),
-            nearest: nearest(&self.infos, name),
+            nearest: self.nearest(name),
         }
     }
 }
