@@ -97,6 +97,11 @@ use crate::hal::Pins;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
+/// On a simulated board without a network between ([`machines`](crate::sim::machines)) time passes only
+/// with accesses to its registers, and the runner's waiting: whatever the application takes, no cycle
+/// is late there, no period is skipped and no watchdog bites. To try overruns, take one behind a socket
+/// (`mesa sim`, or [`UdpFace`](crate::sim::UdpFace)), which runs in the time of this computer.
+///
 /// Dropping it stops the driver as dropping the driver does: what could not be stopped is only logged,
 /// where [`Ended`] says it.
 #[derive(Debug)]
@@ -147,7 +152,8 @@ impl<B: RegisterBus + Clock> Cycle<'_, B> {
     }
 }
 
-/// What a runner counts.
+/// What a runner counts. Times are those of the bus's clock: on an embedded simulator the application
+/// takes none ([`Runner`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
