@@ -273,17 +273,32 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// What happened, event by event: for this thread between two cycles, or for another one.
     ///
     /// ```
-    /// # use mesa_hal::{Driver, Settings, sim::machines};
+    /// # use mesa_hal::{Clock, Driver, Settings, sim::machines};
     /// # let bus = machines::six_axes_7i92(Default::default());
     /// let mut driver = Driver::start(bus, Settings::default())?;
     /// let mut events = driver.events();
     /// let logger = std::thread::spawn(move || {
-    ///     for event in &mut events {
-    ///         println!("{event}"); // cycle 5021, 5.020113 s: port 0, channel 1: ...
+    ///     let mut lines = Vec::new();
+    ///     loop {
+    ///         let is_last = events.has_ended(); // before the last events are taken
+    ///         // cycle 5021, 5.020113 s: port 0, channel 1: ...
+    ///         lines.extend(events.by_ref().map(|event| event.to_string()));
+    ///         if is_last {
+    ///             return lines;
+    ///         }
+    ///         std::thread::sleep(std::time::Duration::from_millis(20));
     ///     }
-    ///     events.log(); // or all that came since to the `log`
     /// });
-    /// # logger.join().expect("it ends");
+    /// # for cycle in 0..100 {
+    /// #     let _ = driver.read()?;
+    /// #     driver.write()?;
+    /// #     let is_stall = cycle == 50; // the watchdog bites
+    /// #     driver.bus_mut().wait(driver.period() * if is_stall { 50 } else { 1 });
+    /// # }
+    /// // ... the cycle, in this thread
+    /// driver.shutdown().1?;
+    /// let lines = logger.join().expect("it ends with the driver");
+    /// # assert!(lines[0].contains("watchdog has bitten"), "{lines:?}");
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///

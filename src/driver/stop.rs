@@ -173,6 +173,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         for port in &mut self.parts.ports {
             port.end_rows(now);
         }
+        self.events.end();
         let failed = stopped.err();
         let not_reached: Vec<_> = self.not_reached(now).collect();
         if failed.is_none() && not_reached.is_empty() {

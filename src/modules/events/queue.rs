@@ -34,6 +34,8 @@ struct Queue {
     first_dropped: Slot,
     /// The number of the cycle: its low and its high half.
     cycle: [AtomicU32; 2],
+    /// Nothing is put in any more.
+    has_ended: AtomicBool,
     /// The kinds of events of which the first is caught.
     watched: AtomicU32,
     has_caught: AtomicBool,
@@ -164,6 +166,7 @@ impl Sink {
             known: AtomicU32::new(0),
             first_dropped: Slot::default(),
             cycle: [AtomicU32::new(0), AtomicU32::new(0)],
+            has_ended: AtomicBool::new(false),
             watched: AtomicU32::new(0),
             has_caught: AtomicBool::new(false),
             caught: Slot::default(),
@@ -203,6 +206,11 @@ impl Sink {
         has_caught.then(|| take(&self.0.caught)).flatten()
     }
 
+    /// Nothing is put in any more.
+    pub fn end(&self) {
+        self.0.has_ended.store(true, Ordering::Release);
+    }
+
     /// Whether both put into the same queue.
     pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
@@ -215,7 +223,8 @@ impl Sink {
 }
 
 /// What happened since it was asked last: an iterator that takes events out of the driver's queue,
-/// and ends when the queue is empty. It can be asked again later.
+/// and ends when the queue is empty. It can be asked again later, until the driver
+/// [has stopped](Self::has_ended).
 ///
 /// It may go to another thread, which takes events while the cycle runs; the cycle never waits for
 /// it. Several share the queue: each event goes to one of them. When the queue is full, newer
@@ -230,6 +239,15 @@ impl Events {
     /// What the names of the board's pins begin with, for example `hm2_7i92.0`.
     pub fn board(&self) -> &str {
         &self.0.board
+    }
+
+    /// Whether its driver has stopped, so that nothing comes after the events that are in the queue. Ask
+    /// this first and take the events then: none is left.
+    ///
+    /// Nothing wakes a thread that waits for events, because the cycle would pay for it: look again
+    /// after a pause, as in the example of [`Driver::events`](crate::driver::Driver::events).
+    pub fn has_ended(&self) -> bool {
+        self.0.has_ended.load(Ordering::Acquire)
     }
 
     /// Takes all events, and writes them to the log: faults as warnings, the others as information, all
