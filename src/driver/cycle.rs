@@ -132,6 +132,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             now,
             certain,
             repeated: self.is_repeated,
+            is_running: self.state == BoardState::Running,
             report,
         };
         for port in &mut self.parts.ports {

@@ -85,6 +85,8 @@ pub struct ReadCycle<'a> {
     pub certain: bool,
     /// Settings were written since the last read, some of them perhaps again and unchanged.
     pub repeated: bool,
+    /// The board is set up, so that its lines are lines.
+    pub is_running: bool,
     /// The report to the application.
     pub report: &'a mut CycleReport,
 }

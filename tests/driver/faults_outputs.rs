@@ -108,7 +108,7 @@ fn causes(channel: usize) -> Vec<Cause> {
 }
 
 /// Which outputs are on, counted as the device has them.
-fn on(machine: &Machine, channel: usize) -> Vec<usize> {
+pub fn on(machine: &Machine, channel: usize) -> Vec<usize> {
     on_board(machine.driver.bus(), channel)
 }
 
@@ -124,7 +124,7 @@ pub fn on_board(fpga: &SimFpga, channel: usize) -> Vec<usize> {
     switches.chain(volts.map(|n| 100 + n)).collect()
 }
 
-fn all_of(channel: usize) -> Vec<usize> {
+pub fn all_of(channel: usize) -> Vec<usize> {
     match channel {
         FIELD => (0..16).collect(),
         OUTPUTS => (0..48).collect(),

@@ -16,6 +16,7 @@ mod faults_outputs;
 mod faults_remote;
 mod foreign_watchdog;
 mod index_on_network;
+mod late_host;
 mod manifest;
 mod not_armed;
 mod only_what_changed;

@@ -266,10 +266,11 @@ impl Health {
     }
 
     /// A failed transfer: what LinuxCNC's `fault-count` does, by `increment` for each cycle without
-    /// data. After another failure the idle interval between them is one as well.
-    pub fn count_fault(&mut self, now: Instant, failure: Failure, increment: u32) {
+    /// data. After another failure the idle interval between them is one as well. It is told if it is
+    /// the remote's own.
+    pub fn count_fault(&mut self, now: Instant, own: Option<Failure>, increment: u32) {
         let (port, channel) = self.place();
-        if let Some((sink, _)) = &self.told {
+        if let (Some((sink, _)), Some(failure)) = (&self.told, own) {
             let kind = EventKind::TransferFailed {
                 port,
                 channel,

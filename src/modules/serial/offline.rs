@@ -81,6 +81,10 @@ pub enum OfflineReason {
     /// The application asked for a restart.
     #[error("the application asked for a restart")]
     Requested,
+    /// Nothing was heard of it while everything was safe because of the board, whose lines are dead when
+    /// its watchdog has bitten or it was reset. That says nothing of the remote.
+    #[error("the board does not run, and its lines may be dead with it; re-arm")]
+    BoardDown,
 }
 
 impl OfflineReason {
@@ -144,6 +148,7 @@ impl OfflineReason {
             Self::PortStuck => (11, 0, 0),
             Self::Stopped => (12, 0, 0),
             Self::Requested => (13, 0, 0),
+            Self::BoardDown => (14, 0, 0),
         }
     }
 
@@ -178,6 +183,7 @@ impl OfflineReason {
             11 => Self::PortStuck,
             12 => Self::Stopped,
             13 => Self::Requested,
+            14 => Self::BoardDown,
             _ => return None,
         })
     }
@@ -198,7 +204,7 @@ pub(crate) mod tests {
     #[test]
     fn every_reason_comes_back_from_its_numbers() {
         let reasons = every_reason(7, 0xFEDC_0904);
-        assert_eq!(reasons.len(), 14);
+        assert_eq!(reasons.len(), 15);
         for (number, reason) in (0..).zip(reasons) {
             let words = reason.to_words();
             assert_eq!(words.0, number, "{reason:?}");

@@ -215,6 +215,7 @@ impl Module for SerialPort {
     fn read(&mut self, cycle: &mut ReadCycle<'_>) {
         self.note_armed(cycle.pins, cycle.now);
         let (machine, seen) = (&mut self.port.machine, (cycle.words, &self.slots));
+        self.recovery.is_board_running = cycle.is_running;
         let outcome = self
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
@@ -304,6 +305,7 @@ impl Module for SerialPort {
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
+        self.recovery.forget_failures();
         let not_running = self.recovery.known.difference(self.recovery.running);
         self.restart(not_running, pins, now);
     }

@@ -67,6 +67,8 @@ pub(crate) struct Recovery {
     parameters: PortParameters,
     pub policy: FaultPolicy,
     pub run: bool,
+    /// The board is set up, so that a failed transfer is the remote's own.
+    pub is_board_running: bool,
     /// The port is switched off, and safe values were sent to its remotes.
     is_safe_sent: bool,
     pub statistics: PortStatistics,
@@ -99,6 +101,7 @@ impl Recovery {
             parameters,
             policy,
             run: true,
+            is_board_running: true,
             is_safe_sent: false,
             statistics: PortStatistics::default(),
             restart: Restart::None,
@@ -116,6 +119,14 @@ impl Recovery {
         self.running = self.mask(Health::is_running);
         self.troubled = self.mask(Health::is_troubled);
         self.marked = self.mask(|remote| remote.is_running() && remote.first_fault.is_some());
+    }
+
+    /// The board is set up again: what failed meanwhile was not the remotes' own.
+    pub fn forget_failures(&mut self) {
+        for remote in &mut self.remotes {
+            remote.fault_count = 0;
+        }
+        self.update();
     }
 
     /// The channels for which `condition` holds.
@@ -254,9 +265,13 @@ impl Recovery {
                 Verdict::Failed(failure) => {
                     outcome.failed = outcome.failed.union(mask);
                     remote.rest_until = now.after(policy.rest);
-                    remote.count_fault(now, failure, policy.fault_inc);
-                    (remote.fault_count >= policy.fault_lim)
-                        .then_some(OfflineReason::TooManyFailures(failure))
+                    let (own, reason) = if self.is_board_running {
+                        (Some(failure), OfflineReason::TooManyFailures(failure))
+                    } else {
+                        (None, OfflineReason::BoardDown)
+                    };
+                    remote.count_fault(now, own, policy.fault_inc);
+                    (remote.fault_count >= policy.fault_lim).then_some(reason)
                 }
             };
             if let Some(reason) = reason {

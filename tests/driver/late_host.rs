@@ -1,0 +1,109 @@
+//! One bad remote does not stop its port, however late the host and the network are, and no remote is
+//! blamed for them. The truth is what the cables have lost, and what stands on the simulated terminals.
+
+use std::time::Duration;
+
+use crate::common::chance::Chance;
+use crate::common::ethernet::{SimLink, WIRE, connect};
+use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
+use crate::faults_outputs::{all_of, on};
+use mesa_hal::BoardState;
+use mesa_hal::driver::{EventKind, OfflineReason, Settings};
+
+const MS: u64 = 1_000_000;
+
+fn settings(settings: &mut Settings) {
+    settings.watchdog = Some(Duration::from_millis(100));
+}
+
+/// Cycles of a host that is late by 5 to 10 ms now and then, before a write or after it.
+fn late_cycles<B: World>(machine: &mut Machine<B>, chance: &mut Chance, count: usize) {
+    for _ in 0..count {
+        let _ = machine.driver.read();
+        let place = chance.below(100);
+        let late = (5 + chance.below(6)) * MS;
+        if place == 0 {
+            machine.pass_nanos(late);
+        }
+        machine.cards.set_all(machine.driver.pins_mut());
+        let _ = machine.driver.write();
+        if place == 1 || place == 2 {
+            machine.pass_nanos(late);
+        }
+        machine.rest();
+    }
+}
+
+#[test]
+fn a_late_host_and_a_remote_without_a_cable_take_nothing_from_the_others() {
+    for seed in 0..20 {
+        let mut machine = Machine::build(settings);
+        let mut chance = Chance(seed);
+        late_cycles(&mut machine, &mut chance, 200);
+        machine.cable(FIELD).unplug();
+        for _ in 0..60 {
+            late_cycles(&mut machine, &mut chance, 50);
+            for channel in [ANALOG, OUTPUTS] {
+                assert_eq!(machine.status(channel).first_fault, None, "seed {seed}");
+                assert_eq!(on(&machine, channel), all_of(channel), "seed {seed}");
+            }
+        }
+        assert!(!machine.is_running(FIELD));
+    }
+}
+
+/// Replies and requests that are late as well bring the bus down, after which the board's watchdog bites.
+#[test]
+fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
+    let mut downs = 0;
+    for seed in 0..12 {
+        let mut machine: Machine<_> = Machine::on(connect(SimLink::new(fpga())), settings);
+        let mut events = machine.driver.events();
+        let late = |seed| {
+            let mut chance = Chance(seed);
+            Box::new(move |_: u64, _: &[u8]| {
+                let late = if chance.one_in(8) {
+                    chance.below(3 * MS)
+                } else {
+                    0
+                };
+                vec![WIRE + late]
+            })
+        };
+        let link = machine.driver.bus_mut().link();
+        (link.to_board, link.to_host) = (late(seed + 100), late(seed + 200));
+        machine.cable(FIELD).unplug();
+        let mut chance = Chance(seed);
+        late_cycles(&mut machine, &mut chance, 2000);
+        downs += usize::from(machine.driver.board_state() == BoardState::BusDown);
+        for event in &mut events {
+            if let EventKind::RemoteOffline {
+                channel, reason, ..
+            } = event.kind
+            {
+                let is_blamed = matches!(reason, OfflineReason::TooManyFailures(_));
+                assert!(
+                    !is_blamed || usize::from(channel) == FIELD,
+                    "{seed}: {event}"
+                );
+            }
+        }
+        // With a good network everything but the one without a cable is back.
+        let link = machine.driver.bus_mut().link();
+        let good = || Box::new(|_: u64, _: &[u8]| vec![WIRE]);
+        (link.to_board, link.to_host) = (good(), good());
+        for _ in 0..300 {
+            let _ = machine.driver.read();
+            let _ = machine.driver.rearm();
+            let _ = machine.driver.write();
+            machine.rest();
+        }
+        for channel in [ANALOG, OUTPUTS] {
+            assert!(
+                machine.is_armed(channel) && machine.is_valid(channel),
+                "{seed}"
+            );
+        }
+    }
+    assert!(downs > 3, "{downs} of 12 went down");
+}
