@@ -176,7 +176,17 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Makes everything safe if the board is not set up any more.
     pub(super) fn found(&mut self, failure: Option<BoardState>) {
         if let Some(state) = failure {
+            self.note_reset();
             self.fail(state);
+        }
+    }
+
+    /// A board that is back without its set-up after it was not heard, or had bitten, was reset as well:
+    /// that is told beside what was first.
+    fn note_reset(&mut self) {
+        let was_silent = matches!(self.state, BoardState::BusDown | BoardState::WatchdogBitten);
+        if was_silent && self.parts.watchdog.shows_reset(&self.image.words) {
+            self.enter(BoardState::Reset);
         }
     }
 
@@ -228,22 +238,26 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// The board leaves the running state; everything is safe from now on.
     pub(super) fn fail(&mut self, state: BoardState) {
         if self.is_running() {
-            self.state = state;
-            let statistics = &mut self.statistics;
-            let (count, kind) = match state {
-                BoardState::WatchdogBitten => {
-                    (&mut statistics.watchdog_bites, EventKind::WatchdogBitten)
-                }
-                BoardState::Reset => (&mut statistics.resets, EventKind::BoardReset),
-                BoardState::BusDown | BoardState::Running | BoardState::OtherFirmware => {
-                    (&mut statistics.bus_down, EventKind::BusDown)
-                }
-            };
-            *count += 1;
-            let now = self.bus.now();
-            self.events.tell(now, kind);
+            self.enter(state);
         }
         self.make_safe();
+    }
+
+    fn enter(&mut self, state: BoardState) {
+        self.state = state;
+        let statistics = &mut self.statistics;
+        let (count, kind) = match state {
+            BoardState::WatchdogBitten => {
+                (&mut statistics.watchdog_bites, EventKind::WatchdogBitten)
+            }
+            BoardState::Reset => (&mut statistics.resets, EventKind::BoardReset),
+            BoardState::BusDown | BoardState::Running | BoardState::OtherFirmware => {
+                (&mut statistics.bus_down, EventKind::BusDown)
+            }
+        };
+        *count += 1;
+        let now = self.bus.now();
+        self.events.tell(now, kind);
     }
 
     /// All inputs are not valid, all outputs safe until re-armed.

@@ -154,6 +154,12 @@ impl Watchdog {
         None
     }
 
+    /// Whether it is as a reset leaves it: without a bite, and without the time that a set-up gives it.
+    pub(crate) fn shows_reset(&self, words: &Words) -> bool {
+        let (status, time) = (words.word(self.status), words.word(self.time_left));
+        self.stage != Stage::Disabled && !has_bitten(status) && !WatchdogRegisters::runs(time)
+    }
+
     /// After a reset the next write makes the watchdog bite at once, without a time of its own; a
     /// bite of a board that was set up needs a silence that is longer than its time.
     fn who_bit(&self, time: u32, now: Instant, is_certain: bool) -> BoardState {

@@ -53,6 +53,7 @@ enum Restart {
 }
 
 /// The remotes of a port.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 pub(crate) struct Recovery {
     pub remotes: Vec<Health>,
