@@ -6,9 +6,9 @@ use std::{
 };
 
 use super::{
-    Process,
+    Process, Scratch,
     console::{Console, Values, values},
-    mesa,
+    mesa, wait_until,
 };
 
 /// A running board with its console.
@@ -16,6 +16,8 @@ pub struct Board {
     process: Process,
     pub console: Console,
     pub address: SocketAddrV4,
+    /// What it keeps its state in.
+    state: Option<Scratch>,
 }
 
 impl Board {
@@ -39,7 +41,31 @@ impl Board {
             process: Process::new(child),
             console,
             address,
+            state: None,
         }
+    }
+
+    /// One that keeps its state in a file, for as long as it is there.
+    pub fn start_from(state: Scratch, address: Ipv4Addr, arguments: &[&str]) -> Self {
+        let keep = [arguments, &["--state", state.path()]].concat();
+        let mut board = Self::start(address, &keep);
+        board.state = Some(state);
+        board
+    }
+
+    /// Packets that it has received.
+    pub fn received(&mut self) -> u64 {
+        let network = self.console.show("network");
+        let packets = network["network.received.packets"].parse();
+        packets.expect("it is a count")
+    }
+
+    /// Waits until it has received so many more packets: somebody is at work with it.
+    pub fn wait_for_packets(&mut self, more: u64) {
+        let before = self.received();
+        wait_until(format_args!("{more} packets more"), || {
+            self.received() >= before + more
+        });
     }
 
     /// As a power cut does.

@@ -4,11 +4,9 @@ use std::{
     collections::BTreeMap,
     io::{BufRead, BufReader, Read, Write},
     sync::mpsc::{Receiver, channel},
-    time::Duration,
 };
 
-/// How long an answer may take.
-const PATIENCE: Duration = Duration::from_secs(20);
+use super::PATIENCE;
 
 /// Values that `show` printed, by name.
 pub type Values = BTreeMap<String, String>;

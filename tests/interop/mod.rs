@@ -14,11 +14,25 @@ pub mod mesaflash;
 pub mod tools;
 
 use std::{
+    fmt::Display,
     fs,
     path::{Path, PathBuf},
     process::{Child, Command, Output},
     sync::OnceLock,
+    time::{Duration, Instant},
 };
+
+/// How long anything may take on a slow and busy machine.
+pub const PATIENCE: Duration = Duration::from_secs(90);
+
+/// Waits until something is so.
+pub fn wait_until(what: impl Display, mut is_so: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_so() {
+        assert!(begun.elapsed() < PATIENCE, "never: {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
 
 /// The program `mesa` in the profile of this test, built if it is not there or is old.
 pub fn mesa() -> &'static Path {
@@ -89,10 +103,40 @@ impl Process {
         self.0.as_mut().expect("it runs")
     }
 
+    /// Sends it a signal, as soon as it catches it: before, it would just die. One that has ended
+    /// already gets none.
     pub fn signal(&mut self, name: &str) {
+        let signal = match name {
+            "HUP" => 1,
+            "INT" => 2,
+            "TERM" => 15,
+            _ => panic!("no program here catches SIG{name}"),
+        };
+        wait_until(format_args!("SIG{name} is caught"), || {
+            self.has_ended() || self.catches(signal)
+        });
+        if self.has_ended() {
+            return;
+        }
         let kill = format!("kill -{name} {}", self.child().id());
         let killed = Command::new("sh").args(["-c", &kill]).status();
         assert!(killed.expect("a shell").success());
+    }
+
+    pub fn has_ended(&mut self) -> bool {
+        self.child().try_wait().expect("a child").is_some()
+    }
+
+    fn catches(&mut self, signal: u32) -> bool {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child().id()));
+        let status = status.unwrap_or_default();
+        let mut caught = status
+            .lines()
+            .filter_map(|line| line.strip_prefix("SigCgt:"));
+        let caught = caught
+            .next()
+            .map(|mask| u64::from_str_radix(mask.trim(), 16));
+        matches!(caught, Some(Ok(mask)) if mask & (1 << (signal - 1)) != 0)
     }
 
     /// Closes the end that it prints to.

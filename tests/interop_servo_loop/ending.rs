@@ -7,10 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::interop::{Process, board::Board, console::Values, example, mesa};
-
-/// How long anything may take on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(30);
+use crate::interop::{PATIENCE, Process, board::Board, console::Values, example, mesa};
 
 const I7I92: [&str; 4] = ["--board", "7i92-7i77", "--remote", "2=7i72"];
 const I7I97: [&str; 6] = [

@@ -3,7 +3,6 @@
 use std::fs;
 use std::net::Ipv4Addr;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use serde_json::Value;
 
@@ -251,9 +250,18 @@ fn where_no_board_is_the_network_and_the_computer_are_looked_at_all_the_same() {
 
 #[test]
 fn ctrl_c_ends_it_with_what_was_found_and_nothing_running() {
-    let ask = ["doctor", "--sim", "7i97", "--exchanges", "100000", "--yes"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let address = board.address.to_string();
+    let ask = [
+        "doctor",
+        "--addr",
+        &address,
+        "--exchanges",
+        "100000",
+        "--yes",
+    ];
     let mut process = Process::new(command(&ask).spawn().expect("mesa starts"));
-    std::thread::sleep(Duration::from_secs(2));
+    board.wait_for_packets(1000);
     process.signal("INT");
     let ended = Run::from(process.output());
     assert_eq!(ended.code, Some(130), "{ended:?}");
@@ -263,7 +271,7 @@ fn ctrl_c_ends_it_with_what_was_found_and_nothing_running() {
 
 #[test]
 fn a_board_that_another_program_drives_is_left_alone() {
-    let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
     let address = board.address.to_string();
     let other = [
         "doctor",
@@ -274,7 +282,7 @@ fn a_board_that_another_program_drives_is_left_alone() {
         "100000",
     ];
     let mut other = Process::new(command(&other).spawn().expect("mesa starts"));
-    std::thread::sleep(Duration::from_secs(2));
+    board.wait_for_packets(1000);
     let (code, found, _) = diagnosis(&["--addr", &address, "--yes"]);
     other.signal("INT");
     other.output();

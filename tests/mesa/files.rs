@@ -2,13 +2,9 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::process::Stdio;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
-use crate::interop::{Process, Scratch};
+use crate::interop::{Process, Scratch, wait_until};
 use crate::run::{Run, command, done, run};
-
-const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Every command that reads a file, with what stands in front of its name and behind it.
 const READERS: [(&[&str], &[&str]); 6] = [
@@ -29,11 +25,7 @@ const READERS: [(&[&str], &[&str]); 6] = [
 /// How a command ends that may read for ever.
 fn ended(arguments: &[&str]) -> Run {
     let mut process = Process::new(command(arguments).spawn().expect("mesa starts"));
-    let begun = Instant::now();
-    while process.child().try_wait().expect("a child").is_none() {
-        assert!(begun.elapsed() < PATIENCE, "{arguments:?} does not end");
-        sleep(Duration::from_millis(10));
-    }
+    wait_until(format_args!("{arguments:?} ends"), || process.has_ended());
     process.output().into()
 }
 

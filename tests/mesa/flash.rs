@@ -2,14 +2,13 @@
 
 use std::fs;
 use std::net::Ipv4Addr;
-use std::time::{Duration, Instant};
 
 use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 use crate::interop::mesaflash::{Mesaflash, bitfile, configuration, free_address};
 use crate::interop::tools::{has_program, skip};
-use crate::interop::{Process, Scratch, board::Board};
+use crate::interop::{Process, Scratch, board::Board, wait_until};
 use crate::run::{Run, command, done, json, run};
 
 const USER: usize = 0x10_0000;
@@ -32,10 +31,14 @@ fn file(name: &str, bytes: &[u8]) -> Scratch {
 
 /// Writes an area, as somebody with a JTAG programmer does.
 fn put(board: &Board, area: Area, data: &[u8]) {
+    put_at(board, area, 0, data);
+}
+
+fn put_at(board: &Board, area: Area, offset: u32, data: &[u8]) {
     let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
     let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
     let mut flash = flash.expect("a 7I97");
-    let start = flash.layout().addresses(area).start;
+    let start = flash.layout().addresses(area).start + offset;
     let written = flash.write(area, start, data, |_, _| {});
     written.expect("it is written");
 }
@@ -336,25 +339,34 @@ fn the_user_area_is_written_only_beside_a_fallback_unless_that_is_allowed() {
     done(&["flash", "verify", kept.path(), "--addr", &address]);
 }
 
-/// Waits until a write has begun to erase: the user area is not what it was.
-fn wait_until_erasing(process: &mut Process) {
-    // It listens for other masters first; then an erase takes 600 ms for each of four sectors.
-    std::thread::sleep(Duration::from_millis(1500));
-    let running = process.child().try_wait().expect("a child");
-    assert!(running.is_none(), "it still writes");
+/// A board with a boot block and a fallback, and a write to its user area that has begun to erase.
+fn begun(name: &str) -> (Board, Process, Scratch, String) {
+    let state = Scratch::new(&format!("{name}.state"));
+    let path = state.0.clone();
+    let address = free_address();
+    let board = Board::start_from(state, address, &["--board", "7i97"]);
+    let address = address.to_string();
+    erase(&board);
+    give_boot_block_and_fallback(&board);
+    // Something that an erase takes away, behind the first sector.
+    put_at(&board, Area::User, 0x1_0000, &[0x5A; 256]);
+    let is_filled = || {
+        let state = fs::read(&path).unwrap_or_default();
+        state.windows(256).any(|part| part == [0x5A; 256])
+    };
+    wait_until("its state is kept", is_filled);
+    let new = bitfile("7i97.ncd", PART, &configuration(200_000));
+    let file = file(&format!("{name}.bit"), &new);
+    let write = ["flash", "write", file.path(), "--addr", &address, "--yes"];
+    let mut process = Process::new(command(&write).spawn().expect("mesa starts"));
+    wait_until("it erases", || !is_filled());
+    assert!(!process.has_ended(), "it still writes");
+    (board, process, file, address)
 }
 
 #[test]
 fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
-    let (board, address) = board();
-    give_boot_block_and_fallback(&board);
-    let good = file(
-        "flash-ctrl-c.bit",
-        &bitfile("7i97.ncd", PART, &configuration(200_000)),
-    );
-    let write = ["flash", "write", good.path(), "--addr", &address, "--yes"];
-    let mut process = Process::new(command(&write).spawn().expect("mesa starts"));
-    wait_until_erasing(&mut process);
+    let (_board, mut process, good, address) = begun("flash-ctrl-c");
     process.signal("INT");
     let ended = Run::from(process.output());
     assert_eq!(ended.code, Some(130), "{ended:?}");
@@ -364,15 +376,7 @@ fn ctrl_c_in_the_middle_finishes_the_area_and_says_so() {
 
 #[test]
 fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_half_file() {
-    let (mut board, address) = board();
-    give_boot_block_and_fallback(&board);
-    let good = file(
-        "flash-cut.bit",
-        &bitfile("7i97.ncd", PART, &configuration(200_000)),
-    );
-    let write = ["flash", "write", good.path(), "--addr", &address, "--yes"];
-    let mut process = Process::new(command(&write).spawn().expect("mesa starts"));
-    wait_until_erasing(&mut process);
+    let (mut board, process, ..) = begun("flash-cut");
     board.kill();
     let ended = Run::from(process.output());
     assert_eq!(ended.code, Some(1), "{ended:?}");
@@ -386,20 +390,14 @@ fn a_write_that_is_cut_off_says_what_the_memory_holds_and_a_backup_leaves_no_hal
 
     // A network that loses so much that a backup takes longer than it takes to press Ctrl-C.
     let bad = &["--board", "7i97", "--port", "0", "--loss", "0.2"];
-    let board = Board::start(Ipv4Addr::LOCALHOST, bad);
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, bad);
     let (half, address) = (Scratch::new("flash-half.bin"), board.address.to_string());
     let backup = ["flash", "backup", half.path(), "--addr", &address];
     let mut process = Process::new(command(&backup).spawn().expect("mesa starts"));
-    std::thread::sleep(Duration::from_secs(1));
+    board.wait_for_packets(20);
     process.signal("INT");
-    let begun = Instant::now();
     let ended = Run::from(process.output());
-    assert_eq!(
-        ended.code,
-        Some(130),
-        "{ended:?} after {:?}",
-        begun.elapsed()
-    );
+    assert_eq!(ended.code, Some(130), "{ended:?}");
     assert!(ended.err.contains("no file was written"), "{ended:?}");
     assert!(!half.0.exists());
 }

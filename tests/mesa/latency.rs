@@ -1,16 +1,13 @@
 //! `mesa latency`.
 
 use std::net::Ipv4Addr;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use serde_json::Value;
 
 use crate::interop::board::Board;
-use crate::interop::{Process, Scratch};
+use crate::interop::{PATIENCE, Process, Scratch};
 use crate::run::{Run, command, done, json, run};
-
-/// How long anything may take on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(20);
 
 fn number(value: &Value) -> f64 {
     value
@@ -119,15 +116,7 @@ fn a_remote_that_goes_offline_meanwhile_is_said_and_no_rate_is_judged() {
         board.console.run("plug 0");
         let child = command(&[&latency[..], arguments].concat()).spawn();
         let child = Process::new(child.expect("mesa starts"));
-        let end = Instant::now() + PATIENCE;
-        let transfers = |board: &mut Board| {
-            let all = board.console.show("all");
-            all["network.received.packets"].parse::<u64>().unwrap_or(0)
-        };
-        let before = transfers(&mut board);
-        while transfers(&mut board) < before + 600 {
-            assert!(Instant::now() < end, "it does not run");
-        }
+        board.wait_for_packets(600);
         board.console.run("unplug 0");
         let ended = Run::from(child.output());
         assert_eq!(ended.code, Some(1), "{ended:?}");

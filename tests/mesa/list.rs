@@ -5,8 +5,8 @@ use std::process::Stdio;
 
 use mesa_hal::lbp16;
 
-use crate::interop::Process;
 use crate::interop::board::Board;
+use crate::interop::{PATIENCE, Process};
 use crate::run::{Run, command, hold_against_schema, json, run};
 
 /// The addresses that are always asked, as the JSON has them.
@@ -121,7 +121,8 @@ fn a_signal_ends_it_with_what_was_found_so_far() {
         .stdout(Stdio::piped())
         .spawn();
     let mut process = Process::new(command.expect("mesa starts"));
-    std::thread::sleep(std::time::Duration::from_millis(400));
+    silent.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+    silent.recv(&mut [0; 64]).expect("somebody is asked");
     process.signal("INT");
     let run = Run::from(process.output());
     assert_eq!(run.code, Some(130), "{run:?}");

@@ -1,9 +1,9 @@
 //! `mesa raw`.
 
-use std::net::{Ipv4Addr, UdpSocket};
-use std::time::{Duration, Instant};
+use std::net::Ipv4Addr;
 
-use crate::interop::{Process, board::Board};
+use crate::interop::{PATIENCE, Process, board::Board};
+use crate::restart::{Between, between};
 use crate::run::{Run, command, done, json, run};
 
 /// Manual: 7I97, "ELBPCOM": the cookie of HostMot2, and the IP address in the EEPROM.
@@ -77,49 +77,21 @@ fn what_is_no_packet_is_refused_and_nothing_is_sent() {
     }
 }
 
-/// A board that answers whoever opens it, and then no more: it forwards to a simulated one until a
-/// packet begins with `last`.
-fn falls_silent(board: &Board, last: &'static [u8]) -> String {
-    let face = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-    let address = face.local_addr().expect("an address").to_string();
-    let behind = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
-    behind.connect(board.address).expect("the board");
-    let patience = Some(Duration::from_millis(20));
-    behind.set_read_timeout(patience).expect("a timeout");
-    std::thread::spawn(move || {
-        let mut buffer = [0; 2048];
-        while let Ok((len, from)) = face.recv_from(&mut buffer) {
-            if buffer[..len].starts_with(last) {
-                continue;
-            }
-            let _ = behind.send(&buffer[..len]);
-            if let Ok(len) = behind.recv(&mut buffer) {
-                let _ = face.send_to(&buffer[..len], from);
-            }
-        }
-    });
-    address
-}
-
 #[test]
 fn no_reply_is_said_and_ctrl_c_ends_the_waiting() {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
-    let address = falls_silent(&board, &[0x01, 0x42, 0x00, 0x01]);
+    // It answers whoever opens it, and then no more.
+    let Between { address, losses } = between(&board, &[0x01, 0x42, 0x00, 0x01], false);
     let ask = ["raw", QUESTIONS[0], "--addr", &address, "--timeout"];
     let silent = run(&[&ask[..], &["0.2"]].concat());
     assert_eq!(silent.code, Some(1), "{silent:?}");
     assert!(silent.err.contains("no reply within 200 ms"), "{silent:?}");
 
-    let begun = Instant::now();
+    while losses.try_recv().is_ok() {}
     let waiting = command(&[&ask[..], &["10"]].concat()).spawn();
     let mut waiting = Process::new(waiting.expect("mesa starts"));
-    std::thread::sleep(Duration::from_millis(500));
+    losses.recv_timeout(PATIENCE).expect("it asks");
     waiting.signal("INT");
     let ended = Run::from(waiting.output());
-    assert_eq!(
-        ended.code,
-        Some(130),
-        "{ended:?} after {:?}",
-        begun.elapsed()
-    );
+    assert_eq!(ended.code, Some(130), "{ended:?}");
 }

@@ -1,12 +1,13 @@
 //! `mesa reset` and `mesa reload`.
 
 use std::net::{Ipv4Addr, UdpSocket};
-use std::time::Duration;
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
 
 use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
-use crate::interop::{Process, board::Board};
+use crate::interop::{PATIENCE, Process, board::Board};
 use crate::run::{Run, command, done, json, run};
 
 fn board() -> (Board, String) {
@@ -88,30 +89,50 @@ fn a_reload_needs_something_to_load_and_takes_the_outputs() {
     assert_eq!(board.stop("TERM")["board.reloads"], "1");
 }
 
+/// Somebody between a client and a simulated board, who loses packets.
+pub struct Between {
+    pub address: String,
+    /// Each time that a packet is lost.
+    pub losses: Receiver<()>,
+}
+
 /// Forwards to a simulated board, but for packets that begin with `lost`, after which it forwards
 /// nothing more if `is_last`.
-fn between(board: &Board, lost: &'static [u8], is_last: bool) -> String {
+pub fn between(board: &Board, lost: &'static [u8], is_last: bool) -> Between {
     let face = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
     let address = face.local_addr().expect("an address").to_string();
+    let back = face.try_clone().expect("a socket");
     let behind = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a free port");
     behind.connect(board.address).expect("the board");
-    let patience = Some(Duration::from_millis(50));
-    behind.set_read_timeout(patience).expect("a timeout");
+    let replies = behind.try_clone().expect("a socket");
+    let client = Arc::new(Mutex::new(None));
+    let last = Arc::clone(&client);
+    let (told, losses) = channel();
     std::thread::spawn(move || {
         let (mut buffer, mut is_over) = ([0; 2048], false);
         while let Ok((len, from)) = face.recv_from(&mut buffer) {
             let is_lost = buffer[..len].starts_with(lost);
             is_over |= is_lost && is_last;
             if is_lost || is_over {
+                let _ = told.send(());
                 continue;
             }
+            *client.lock().expect("nobody panics") = Some(from);
             let _ = behind.send(&buffer[..len]);
-            if let Ok(len) = behind.recv(&mut buffer) {
-                let _ = face.send_to(&buffer[..len], from);
-            }
         }
     });
-    address
+    std::thread::spawn(move || {
+        let mut buffer = [0; 2048];
+        loop {
+            // Where a board has ended, the error is that of an earlier packet.
+            let Ok(len) = replies.recv(&mut buffer) else {
+                continue;
+            };
+            let to = *last.lock().expect("nobody panics");
+            let _ = to.map(|to| back.send_to(&buffer[..len], to));
+        }
+    });
+    Between { address, losses }
 }
 
 /// A write of one word to LBPReset. Manual: 7I97, "MEMORY SPACE 6 LAYOUT".
@@ -120,7 +141,7 @@ const RESET: &[u8] = &[0x01, 0xD9, 0x1C, 0x00];
 #[test]
 fn a_reset_that_was_lost_on_its_way_is_noticed() {
     let (board, _) = board();
-    let address = between(&board, RESET, false);
+    let Between { address, .. } = between(&board, RESET, false);
     let lost = run(&["reset", "--addr", &address, "--yes"]);
     assert_eq!(lost.code, Some(1), "{lost:?}");
     assert!(lost.err.contains("has not restarted"), "{lost:?}");
@@ -129,7 +150,7 @@ fn a_reset_that_was_lost_on_its_way_is_noticed() {
 #[test]
 fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
     let (board, _) = board();
-    let address = between(&board, RESET, true);
+    let Between { address, .. } = between(&board, RESET, true);
     let gone = run(&["reset", "--addr", &address, "--yes", "--wait", "1"]);
     assert_eq!(gone.code, Some(1), "{gone:?}");
     for said in [
@@ -139,10 +160,10 @@ fn a_board_that_does_not_come_back_is_given_up_and_ctrl_c_ends_the_waiting() {
     ] {
         assert!(gone.err.contains(said), "{said}: {gone:?}");
     }
-    let address = between(&board, RESET, true);
+    let Between { address, losses } = between(&board, RESET, true);
     let waiting = command(&["reset", "--addr", &address, "--yes", "--wait", "60"]).spawn();
     let mut waiting = Process::new(waiting.expect("mesa starts"));
-    std::thread::sleep(Duration::from_millis(1500));
+    losses.recv_timeout(PATIENCE).expect("it has reset it");
     waiting.signal("INT");
     let ended = Run::from(waiting.output());
     assert_eq!(ended.code, Some(130), "{ended:?}");

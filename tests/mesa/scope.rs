@@ -5,10 +5,8 @@ use std::net::Ipv4Addr;
 use std::time::{Duration, Instant};
 
 use crate::interop::board::Board;
-use crate::interop::{Process, Scratch};
+use crate::interop::{PATIENCE, Process, Scratch};
 use crate::run::{Run, command, hold_against_schema, run};
-
-const PATIENCE: Duration = Duration::from_secs(20);
 
 fn board() -> Board {
     let card = ["--board", "7i92-7i77", "--port", "0"];
@@ -134,17 +132,7 @@ fn without_its_trigger_nothing_is_written() {
         &address,
     ];
     let mut scope = Process::new(command(&arguments).spawn().expect("mesa starts"));
-    let begun = Instant::now();
-    let asked = |board: &mut Board| {
-        let counts = board.console.show("network");
-        counts["network.received.packets"]
-            .parse::<u64>()
-            .expect("a number")
-    };
-    while asked(&mut board) < 1500 {
-        assert!(begun.elapsed() < PATIENCE, "it never runs");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    board.wait_for_packets(1500);
     scope.signal("INT");
     let run: Run = scope.output().into();
     assert_eq!(run.code, Some(130), "{run:?}");

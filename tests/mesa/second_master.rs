@@ -5,17 +5,16 @@ use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::interop::board::Board;
 use crate::interop::tools::{has_program, skip};
-use crate::interop::{Process, Scratch};
+use crate::interop::{Process, Scratch, wait_until};
 use crate::run::{Run, command, done, hold_against_schema, run};
 use crate::terminal::Terminal;
 use crate::wiring::Guided;
 use serde_json::{Value, json};
 
-const PATIENCE: Duration = Duration::from_secs(20);
 const SAID: &str = "somebody else drives this board";
 
 fn board() -> Board {
@@ -63,7 +62,6 @@ fn begin(board: &mut Board, arguments: &[&str]) -> Process {
     let address = board.address.to_string();
     let all = [arguments, &["--addr", &address, "--yes"]].concat();
     let process = Process::new(command(&all).spawn().expect("mesa starts"));
-    let begun = Instant::now();
     let runs = |board: &mut Board| {
         let values = board.console.show("all");
         let received = values["network.received.packets"].parse();
@@ -73,9 +71,7 @@ fn begin(board: &mut Board, arguments: &[&str]) -> Process {
             _ => received > 1000,
         }
     };
-    while !runs(board) {
-        assert!(begun.elapsed() < PATIENCE, "{arguments:?} does not run");
-    }
+    wait_until(format_args!("{arguments:?} runs"), || runs(board));
     process
 }
 

@@ -10,7 +10,7 @@ use std::{
 
 use crate::common::chance::Chance;
 use crate::interop::{
-    Process, Scratch,
+    PATIENCE, Process, Scratch,
     board::Board,
     console::{Console, values},
 };
@@ -38,9 +38,7 @@ impl Client {
         let board = Board::start(Ipv4Addr::LOCALHOST, &arguments);
         let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         socket.connect(board.address).unwrap();
-        socket
-            .set_read_timeout(Some(Duration::from_secs(5)))
-            .unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
         Self { board, socket }
     }
 

@@ -5,16 +5,14 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::{Ipv4Addr, SocketAddrV4, TcpStream, UdpSocket};
 use std::os::unix::net::UnixStream;
 use std::process::{Command, Stdio};
-use std::time::Duration;
 
 use serde_json::{Value, json};
 
 use crate::interop::board::Board;
 use crate::interop::console::{Console, Values, values};
-use crate::interop::{Process, Scratch};
+use crate::interop::{PATIENCE, Process, Scratch};
 use crate::run::{SIM_7I97, command, hold_against_schema, run};
 
-const PATIENCE: Duration = Duration::from_secs(20);
 const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
 const COOKIE: [u8; 4] = [0xFE, 0xCA, 0xAA, 0x55];
 

@@ -7,12 +7,11 @@ use std::time::{Duration, Instant};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 use mesa_hal::{Driver, I7i77Field, I7i97, Settings};
 
-use crate::interop::Scratch;
 use crate::interop::board::Board;
+use crate::interop::{PATIENCE, Scratch};
 use crate::run::{done, json, run};
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
-const PATIENCE: Duration = Duration::from_secs(20);
 const PERIOD: Duration = Duration::from_millis(1);
 
 fn mill() -> Board {

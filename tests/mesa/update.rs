@@ -3,18 +3,14 @@
 
 use std::fs;
 use std::net::Ipv4Addr;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
 use mesa_hal::sim::devices::{FieldIo, Outputs48};
 use mesa_hal::sim::remote::firmware_file;
 
 use crate::interop::board::Board;
-use crate::interop::{Process, Scratch};
+use crate::interop::{Process, Scratch, wait_until};
 use crate::pty::Card;
 use crate::run::{Run, command, done, json, run};
-
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A firmware file for a card.
 fn file(name: &str, card: [u8; 4], revision: u8, body: usize) -> Scratch {
@@ -31,11 +27,9 @@ fn revision(card: &Card) -> u8 {
 fn begun(card: &Card, arguments: &[&str]) -> Process {
     card.with(|device, _| assert!(device.is_program_whole()));
     let child = Process::new(command(arguments).spawn().expect("mesa starts"));
-    let since = Instant::now();
-    while card.with(|device, _| device.is_program_whole()) {
-        assert!(since.elapsed() < PATIENCE, "it erases nothing");
-        sleep(Duration::from_millis(2));
-    }
+    wait_until("it erases", || {
+        card.with(|device, _| !device.is_program_whole())
+    });
     child
 }
 

@@ -165,11 +165,12 @@ fn loose_wires_and_connected_ones_are_not_in_order() {
     guided.types("");
     guided.says("  UNSTABLE: it changes by itself");
     guided.says("[2/10] ");
-    for (ms, level) in [(500, "on"), (1500, "off")] {
+    let now: f64 = board.console.show("time")["time"].parse().expect("seconds");
+    for (later, level) in [(1.0, "on"), (2.0, "off")] {
+        let time = now + later;
         for input in [1, 8] {
-            board
-                .console
-                .run(&format!("at +{ms}ms input 0 {input} {level}"));
+            let change = format!("at {time:.6}s input 0 {input} {level}");
+            board.console.run(&change);
         }
     }
     guided.says("  CHANGED TOGETHER with TB8 pin 9 INPUT8 (7i77.0.0.input-08): connected?");
@@ -426,11 +427,11 @@ fn nobody_reads_what_it_prints_and_it_goes_on_all_the_same() {
 
 #[test]
 fn a_board_that_another_program_drives_is_left_alone() {
-    let board = board();
+    let mut board = board();
     let address = board.address.to_string();
     let other = ["pins", "--addr", &address, "--seconds", "600"];
     let mut other = Process::new(command(&other).spawn().expect("mesa starts"));
-    std::thread::sleep(Duration::from_secs(3));
+    board.wait_for_packets(1000);
     let refused = run(&["wiring", "--addr", &address, "--timeout", "1"]);
     other.signal("INT");
     let other = Run::from(other.output());

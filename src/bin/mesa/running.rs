@@ -47,6 +47,10 @@ pub fn check(driver: &Driver<UdpBus>) -> Result<(), Failure> {
     trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))
 }
 
+/// The board's watchdog where no output is ever on, so that it turns nothing off: a thread like any
+/// other is late at times, and that shall not end it.
+pub const WATCHDOG: Duration = Duration::from_millis(800);
+
 /// How long a board that lost its set-up is left alone before it is set up again.
 const AGAIN: Duration = Duration::from_secs(1);
 

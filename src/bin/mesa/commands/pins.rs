@@ -25,8 +25,6 @@ use crate::target::Target;
 const PERIOD: Duration = Duration::from_millis(4);
 /// How long a reply is waited for: a cycle that is late is better than none.
 const DEADLINE: Duration = Duration::from_millis(20);
-/// The board's watchdog, which turns nothing off here: no output is on.
-const WATCHDOG: Duration = Duration::from_millis(800);
 
 const AFTER_HELP: &str = "\
 It starts the machine with all outputs off, reads it for a while, and stops it. A board that another
@@ -88,8 +86,7 @@ impl Pins {
         let found = self.target.find()?;
         let mut settings = Settings {
             period: PERIOD,
-            // A thread like any other is late at times.
-            watchdog: Some(WATCHDOG),
+            watchdog: Some(running::WATCHDOG),
             ..Settings::default()
         };
         self.modes.put(&mut settings);

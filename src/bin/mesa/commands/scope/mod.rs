@@ -101,8 +101,7 @@ impl Scope {
         let found = self.target.find()?;
         let settings = Settings {
             period: Duration::from_micros(self.period.into()),
-            // A thread like any other is late at times.
-            watchdog: Some(Duration::from_millis(100)),
+            watchdog: Some(running::WATCHDOG),
             ..Settings::default()
         };
         let bus = found.open_with(UdpConfig {

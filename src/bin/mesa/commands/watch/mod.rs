@@ -22,9 +22,6 @@ use crate::running::{self, Keeper};
 use crate::target::Target;
 use screen::Pins;
 
-/// The board's watchdog, which turns nothing off here: no output is on.
-const WATCHDOG: Duration = Duration::from_millis(800);
-
 const AFTER_HELP: &str = "\
 It starts the machine with all outputs off and drives nothing. A board that another program drives
 is left alone. Keys: / filter while typing, Enter done; arrows, PgUp, PgDn, Home, End scroll; q, Esc
@@ -60,7 +57,7 @@ impl Watch {
         let found = self.target.find()?;
         let mut settings = Settings {
             period: Duration::from_millis(self.period),
-            watchdog: Some(WATCHDOG),
+            watchdog: Some(running::WATCHDOG),
             ..Settings::default()
         };
         self.modes.put(&mut settings);

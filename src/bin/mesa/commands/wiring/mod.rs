@@ -28,9 +28,6 @@ use machine::Machine;
 use report::{Item, Outcome, Report, What};
 use session::{Lines, Session};
 
-/// The board's watchdog, which turns nothing off where nothing is driven.
-const WATCHDOG: Duration = Duration::from_millis(800);
-
 const AFTER_HELP: &str = "\
 It names one terminal after the other, and waits until the input there has changed and is back; of
 an encoder, until it has counted and stands. If another input changes instead, it says which, and
@@ -178,7 +175,7 @@ impl Wiring {
     fn settings(&self) -> Settings {
         let mut settings = set::settings();
         if !self.outputs {
-            settings.watchdog = Some(WATCHDOG);
+            settings.watchdog = Some(running::WATCHDOG);
         }
         self.modes.put(&mut settings);
         settings
