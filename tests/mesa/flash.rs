@@ -4,12 +4,12 @@ use std::fs;
 use std::net::Ipv4Addr;
 
 use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::UdpBus;
 
 use crate::interop::mesaflash::{Mesaflash, bitfile, configuration, free_address};
 use crate::interop::tools::{has_program, skip};
 use crate::interop::{Process, Scratch, board::Board, wait_until};
-use crate::run::{Run, command, done, json, run};
+use crate::run::{Run, command, done, json, patient, run};
 
 const USER: usize = 0x10_0000;
 const FALLBACK: usize = 0x1_0000;
@@ -35,7 +35,7 @@ fn put(board: &Board, area: Area, data: &[u8]) {
 }
 
 fn put_at(board: &Board, area: Area, offset: u32, data: &[u8]) {
-    let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
     let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
     let mut flash = flash.expect("a 7I97");
     let start = flash.layout().addresses(area).start + offset;

@@ -5,10 +5,10 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 
 use mesa_hal::ethernet::{Area, EthernetBoard, FlashLayout};
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::UdpBus;
 
 use crate::interop::{PATIENCE, Process, board::Board};
-use crate::run::{Run, command, done, json, run};
+use crate::run::{Run, command, done, json, patient, run};
 
 fn board() -> (Board, String) {
     let board = Board::start(Ipv4Addr::LOCALHOST, &["--board", "7i97", "--port", "0"]);
@@ -39,7 +39,7 @@ fn a_reset_needs_consent_and_is_waited_for() {
 #[test]
 fn a_reload_needs_something_to_load_and_takes_the_outputs() {
     let (mut board, address) = board();
-    let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
     let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
     let mut flash = flash.expect("a 7I97");
     for area in [Area::User, Area::Fallback] {
@@ -56,7 +56,7 @@ fn a_reload_needs_something_to_load_and_takes_the_outputs() {
         "{refused:?}"
     );
 
-    let mut bus = UdpBus::connect(board.address, UdpConfig::default()).expect("a board");
+    let mut bus = UdpBus::connect(board.address, patient()).expect("a board");
     let flash = EthernetBoard::new(&mut bus).into_flash(FlashLayout::I7I97);
     let mut flash = flash.expect("a 7I97");
     let data = [

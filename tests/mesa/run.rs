@@ -1,7 +1,9 @@
 //! Runs of the command, and what is looked at afterwards.
 
 use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
+use mesa_hal::transport::udp::UdpConfig;
 use serde_json::Value;
 
 use crate::interop::mesa;
@@ -16,6 +18,15 @@ pub const SIM_7I97: [&str; 7] = [
     "--port",
     "0",
 ];
+
+/// How long a test waits for a simulated board that a busy machine holds up.
+pub fn patient() -> UdpConfig {
+    UdpConfig {
+        cycle_deadline: Duration::from_secs(1),
+        setup_deadline: Duration::from_secs(1),
+        ..UdpConfig::default()
+    }
+}
 
 /// How a run ended: its exit code, and what it printed.
 #[derive(Debug)]

@@ -141,19 +141,14 @@ fn a_screen_does_not_set_a_board_up_again_that_somebody_else_drives_by_then() {
     let mut is_bitten = || board.console.show("all")["board.watchdog-bitten"] == "1";
     assert!(!is_bitten());
     terminal.signal("STOP");
-    let begun = Instant::now();
-    while !is_bitten() {
-        assert!(begun.elapsed() < PATIENCE, "nobody feeds the watchdog");
-    }
+    wait_until("nobody feeds the watchdog", &mut is_bitten);
     let master = Master::start(board.address);
     terminal.signal("CONT");
-    let mut text = terminal.text();
-    let begun = Instant::now();
-    while !text.contains("exit code") {
-        assert!(begun.elapsed() < PATIENCE, "{text}");
-        assert!(is_bitten(), "it was set up again: {text}");
-        text = terminal.text();
-    }
+    let text = terminal.wait_for("the end", |text| {
+        let has_ended = text.contains("exit code");
+        assert!(has_ended || is_bitten(), "it was set up again: {text}");
+        has_ended
+    });
     assert!(text.contains("exit code 1"), "{text}");
     assert!(text.contains("somebody else drives"), "{text}");
     drop(master);
@@ -171,11 +166,8 @@ fn a_check_of_the_wiring_ends_with_the_reason_its_report_and_everything_off() {
         let keep = ["--json", "--report", file.path()];
         let guided = Guided::begin(&board, &[arguments, &keep].concat());
         guided.says(waits);
-        let begun = Instant::now();
         let is_on = |board: &mut Board| board.console.show("0")["remote.0.output-03"] == "1";
-        while arguments.len() > 1 && !is_on(&mut board) {
-            assert!(begun.elapsed() < PATIENCE, "it is not driven");
-        }
+        wait_until("it is driven", || arguments.len() == 1 || is_on(&mut board));
         let master = Master::start(board.address);
         let said = guided.says(SAID);
         assert!(said.starts_with("mesa: "), "{said}");

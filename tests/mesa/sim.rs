@@ -14,13 +14,13 @@ use crate::interop::{
     board::Board,
     console::{Console, values},
 };
-use crate::run::{Run, SIM_7I97, command, done, run};
+use crate::run::{Run, SIM_7I97, command, done, patient, run};
 use mesa_hal::{
     bus::RegisterBus,
     discovery::{DiscoveryOptions, discover_port},
     hostmot2::HostMot2,
     sslbp::{Channel, Layout, Port, PortLink},
-    transport::udp::{UdpBus, UdpConfig},
+    transport::udp::UdpBus,
 };
 
 const ASK_COOKIE: [u8; 4] = [0x01, 0x42, 0x00, 0x01];
@@ -124,7 +124,7 @@ fn changed(file: &Scratch, before: &[u8]) -> Vec<u8> {
 
 /// Sets a non-volatile parameter of the remote on channel 0, over the network.
 fn set_parameter(address: SocketAddrV4, name: &str, value: f64) {
-    let mut bus = UdpBus::connect(address, UdpConfig::default()).unwrap();
+    let mut bus = UdpBus::connect(address, patient()).unwrap();
     let hostmot2 = HostMot2::identify(&mut bus).unwrap();
     // TX and TXEN of TB4.
     for register in [0x1204, 0x1104] {

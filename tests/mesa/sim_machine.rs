@@ -4,12 +4,12 @@ use std::fs;
 use std::net::Ipv4Addr;
 use std::time::{Duration, Instant};
 
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Driver, I7i77Field, I7i97, Settings};
 
 use crate::interop::board::Board;
 use crate::interop::{PATIENCE, Scratch};
-use crate::run::{done, json, run};
+use crate::run::{done, json, patient, run};
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
 const PERIOD: Duration = Duration::from_millis(1);
@@ -28,11 +28,7 @@ struct Travel {
 fn drive_down(board: &Board) -> Travel {
     // Counts are lost when the board is set up again, which a busy host must not cause: after reads
     // that failed, or because the watchdog has bitten.
-    let config = UdpConfig {
-        cycle_deadline: Duration::from_secs(1),
-        ..UdpConfig::default()
-    };
-    let bus = UdpBus::connect(board.address, config).unwrap();
+    let bus = UdpBus::connect(board.address, patient()).unwrap();
     let settings = Settings {
         watchdog: Some(Duration::from_secs(4)),
         ..Settings::default()

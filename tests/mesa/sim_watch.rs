@@ -8,12 +8,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::UdpBus;
 use mesa_hal::{Driver, I7i97, Settings};
 
 use crate::interop::Scratch;
 use crate::interop::console::Console;
-use crate::run::{command, run};
+use crate::run::{command, patient, run};
 use crate::terminal::Terminal;
 
 const MILL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/mill.toml");
@@ -55,7 +55,7 @@ struct Controller {
 
 impl Controller {
     fn start(board: &str, volts: f64) -> Self {
-        let bus = UdpBus::connect(board.parse().unwrap(), UdpConfig::default()).unwrap();
+        let bus = UdpBus::connect(board.parse().unwrap(), patient()).unwrap();
         let settings = Settings {
             watchdog: Some(Duration::from_secs(1)),
             ..Settings::default()

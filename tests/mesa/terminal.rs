@@ -8,7 +8,7 @@ use crate::interop::mesa;
 use crate::interop::tools::{has_program, skip};
 
 /// How often the screen is looked at, ten times a second.
-const LOOKS: u32 = 300;
+const LOOKS: u32 = 900;
 
 /// A terminal of 120 by 40 that a command runs in. Ends with it.
 pub struct Terminal {
@@ -27,7 +27,7 @@ impl Terminal {
             socket: format!("mesa-{name}-{}", std::process::id()),
         };
         let command = format!(
-            "{} {arguments}; echo exit code $?; sleep 60",
+            "{} {arguments}; echo exit code $?; sleep 600",
             mesa().display()
         );
         let size = ["-x", "120", "-y", "40"];
@@ -89,7 +89,7 @@ impl Terminal {
     }
 
     /// Waits until the screen is as it has to be, and returns it.
-    pub fn wait_for(&self, what: &str, is: impl Fn(&str) -> bool) -> String {
+    pub fn wait_for(&self, what: &str, mut is: impl FnMut(&str) -> bool) -> String {
         let mut text = String::new();
         for _ in 0..LOOKS {
             text = self.text();
