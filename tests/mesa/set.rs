@@ -38,7 +38,7 @@ pub fn board() -> Board {
 }
 
 /// As it comes: they wait 50 ms.
-fn impatient_board() -> Board {
+pub fn impatient_board() -> Board {
     Board::start(Ipv4Addr::LOCALHOST, &CARD)
 }
 

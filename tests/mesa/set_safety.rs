@@ -5,7 +5,7 @@ use std::net::Ipv4Addr;
 
 use crate::interop::board::Board;
 use crate::run::{done, hold_against_schema, json, run};
-use crate::set::{OUTPUT, begin, board, ended, lit, wait_until};
+use crate::set::{OUTPUT, begin, ended, impatient_board as board, lit, wait_until};
 
 fn board_7i97() -> Board {
     let card = ["--board", "7i97", "--port", "0"];
