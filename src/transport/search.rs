@@ -39,6 +39,10 @@ pub enum Silence {
     /// Something came back that no board sends.
     #[error("something else than a board answers")]
     Foreign,
+    /// This computer lets no packets out to this address. LinuxCNC's driver makes it so for the
+    /// interface of its board, with the chain `hm2-eth-rules-output` of the firewall.
+    #[error("this computer lets no packets out to this address")]
+    Blocked,
     /// The operating system can not send there.
     #[error("the operating system can not send there: {0}")]
     Unreachable(ErrorKind),
@@ -131,6 +135,7 @@ fn lasting(error: io::Error) -> Option<Result<Identity, Silence>> {
 fn failed(error: io::Error) -> Result<Identity, Silence> {
     Err(match error.kind() {
         ErrorKind::ConnectionRefused => Silence::Refused,
+        ErrorKind::PermissionDenied => Silence::Blocked,
         kind => Silence::Unreachable(kind),
     })
 }

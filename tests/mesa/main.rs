@@ -5,6 +5,7 @@
 mod common;
 mod doctor;
 mod files;
+mod firewall;
 mod flash;
 mod hal;
 mod info;

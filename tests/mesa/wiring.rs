@@ -193,11 +193,9 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     guided.says("NOT VALID, and waited for: the 7I77 on port 0, channel 0 ");
     board.console.run("input 0 0 on");
     board.console.run("plug 0");
-    guided.says("INPUT0 (7i77.0.0.input-00): actuate it now; it is on");
+    guided.says("INPUT0 (7i77.0.0.input-00): let it go first: it is on, and was not before");
     board.console.run("input 0 0 off");
-    guided.says("  off; let it go");
-    board.console.run("input 0 0 on");
-    guided.says("  ok: on to off");
+    guided.actuates(&mut board, 0);
     guided.says("[2/10] ");
     board.console.run("field 0 0");
     let told = guided.says("NOT VALID, and waited for: ");
@@ -307,6 +305,49 @@ fn a_script_waits_for_each_terminal_so_long_and_no_longer() {
         let name = terminal["pin"].as_str().expect("a name");
         assert!(name.contains(".inmux.00.input-"), "filtered: {name}");
     }
+}
+
+#[test]
+fn the_example_of_its_help_has_terminals_and_one_that_is_stuck_is_told() {
+    let help = run(&["wiring", "--help"]).out;
+    let example = help
+        .lines()
+        .find(|line| line.contains("--json"))
+        .expect("an example");
+    let example = example
+        .trim()
+        .strip_prefix("mesa ")
+        .expect("of mesa")
+        .replace("< /dev/null", "");
+    let words = example
+        .replace('\'', "")
+        .replace("--timeout 2", "--timeout 0.5");
+    let run_of_help = run(&words.split_whitespace().collect::<Vec<_>>());
+    let report: Value = serde_json::from_str(&run_of_help.out)
+        .unwrap_or_else(|error| panic!("{error}: {run_of_help:?}"));
+    assert_eq!(verdicts(&report).len(), 10, "{report:#}");
+    let reason = &entry(&report, "input-01")["reason"];
+    assert_eq!(reason, "it was off all the time", "{report:#}");
+
+    let mut board = board();
+    board.console.run("input 0 2 on");
+    let address = board.address.to_string();
+    let stuck = run(&["wiring", "input-02", "--addr", &address, "--timeout", "2"]);
+    let line = stuck.out.lines().find(|line| line.contains("input-02"));
+    assert!(
+        line.is_some_and(|line| line.ends_with("NO CHANGE: it was on all the time")),
+        "{stuck:?}"
+    );
+    let none = run(&["wiring", "input-0?", "--addr", &address, "--timeout", "2"]);
+    assert!(
+        none.err
+            .contains("a pattern with * or ? is of a whole name"),
+        "{none:?}"
+    );
+    assert!(
+        !none.err.contains("channel 2"),
+        "nothing is plugged in there: {none:?}"
+    );
 }
 
 #[test]

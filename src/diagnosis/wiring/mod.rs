@@ -97,6 +97,8 @@ pub enum News {
     Ready(AnyValue),
     /// What it shows is not valid.
     NotValid,
+    /// It was not valid for a while, and is not where it rested before: it has to be let go first.
+    Held(AnyValue),
     /// It has changed, and can be let go.
     Changed(AnyValue),
     /// Another one changed instead.
@@ -131,6 +133,8 @@ struct Ask {
     ready: Option<Instant>,
     /// Was told.
     is_invalid: bool,
+    /// Was told.
+    is_held: bool,
     has_changed: bool,
     dithers: bool,
     others: Vec<usize>,
@@ -164,6 +168,7 @@ impl Check {
             point,
             ready: None,
             is_invalid: false,
+            is_held: false,
             has_changed: false,
             dithers: false,
             others: Vec::new(),
@@ -197,10 +202,16 @@ impl Check {
         judgement
     }
 
+    /// What an input shows.
+    pub fn value(&self, point: usize) -> Option<AnyValue> {
+        self.tracks.get(point)?.value()
+    }
+
     /// Ends the ask: the judgement as far as it is known. `is_skipped`: a person has given up, and no
-    /// timeout.
+    /// timeout. If it is asked for again, it rests where it is then.
     pub fn give_up(&mut self, is_skipped: bool) -> Option<Judgement> {
         let ask = self.ask.take()?;
+        self.tracks.get_mut(ask.point).map(Track::let_go);
         self.last = ask.has_changed.then_some(ask.point);
         let track = self.tracks.get(ask.point)?;
         let mut moved = None;
@@ -254,12 +265,16 @@ impl Check {
                 self.news.push_back(News::NotValid);
             }
             ask.is_invalid = !track.is_valid(now);
-            (ask.ready, ask.has_changed) = (None, false);
+            (ask.ready, ask.has_changed, ask.is_held) = (None, false, false);
             return None;
         }
         ask.is_invalid = false;
         let Some(ready) = ask.ready else {
-            if track.rests(now) {
+            if track.rests(now) && track.is_held() {
+                let told = std::mem::replace(&mut ask.is_held, true);
+                self.news
+                    .extend(track.value().filter(|_| !told).map(News::Held));
+            } else if track.rests(now) {
                 ask.ready = Some(now);
                 self.news.extend(track.value().map(News::Ready));
                 self.tracks.iter_mut().for_each(Track::begin);

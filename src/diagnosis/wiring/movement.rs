@@ -40,12 +40,35 @@ pub(super) struct Level {
     edge: Option<Instant>,
     settled: Option<bool>,
     rest: Option<bool>,
+    /// It was lost, and has not been seen since where it rested before.
+    is_held: bool,
 }
 
 impl Level {
-    /// It rests where it is.
+    /// It rests where it is, unless it was lost and may be held.
     pub fn begin(&mut self) {
-        self.rest = self.settled;
+        if !self.is_held {
+            self.rest = self.settled;
+        }
+    }
+
+    /// The same one, of which only is known where it rested.
+    pub fn anew(&self) -> Self {
+        Self {
+            rest: self.rest,
+            is_held: self.rest.is_some(),
+            ..Self::default()
+        }
+    }
+
+    /// Whether it was lost, and is not where it rested before.
+    pub fn is_held(&self) -> bool {
+        self.is_held && self.settled != self.rest
+    }
+
+    /// It rests where it is: nobody holds it.
+    pub fn let_go(&mut self) {
+        self.is_held = false;
     }
 
     pub fn take(&mut self, now: Instant, value: bool) -> Option<Turn> {
@@ -60,6 +83,7 @@ impl Level {
             return None;
         }
         let before = self.settled.replace(value);
+        self.is_held &= self.rest != Some(value);
         let (at, before) = self.edge.take().zip(before)?;
         let way = if before == value {
             Way::Spike

@@ -80,7 +80,7 @@ impl Track {
         let Some(value) = value.filter(|value| value.is_finite()) else {
             self.lost.get_or_insert(now);
             if !self.is_valid(now) {
-                // What it shows next is where it rests, and no change.
+                // What it shows next is no change, and of a number where it rests.
                 self.forget();
             }
             return;
@@ -126,7 +126,7 @@ impl Track {
     fn forget(&mut self) {
         (self.left, self.back) = (None, None);
         match &mut self.shape {
-            Shape::Level(level) => *level = Level::default(),
+            Shape::Level(level) => *level = level.anew(),
             Shape::Number(number) => *number = number.anew(),
         }
     }
@@ -147,6 +147,18 @@ impl Track {
             Shape::Number(number) => number.rests(),
         };
         rests && self.is_valid(now) && !self.is_restless(now)
+    }
+
+    /// Whether it was lost, and is back elsewhere than it rested: somebody holds it.
+    pub fn is_held(&self) -> bool {
+        matches!(&self.shape, Shape::Level(level) if level.is_held())
+    }
+
+    /// It rests where it is: nobody holds it.
+    pub fn let_go(&mut self) {
+        if let Shape::Level(level) = &mut self.shape {
+            level.let_go();
+        }
     }
 
     /// How long ago it turned last.

@@ -95,11 +95,7 @@ pub enum UdpError {
         within: Duration,
     },
     /// The packet could not be sent or received.
-    #[error(
-        "{} ({} after the request); check the board's IP address and its cable",
-        reason(*kind),
-        Rounded(.waited)
-    )]
+    #[error("{} ({} after the request); {}", reason(*kind), Rounded(.waited), advice(*kind))]
     Link {
         /// What the operating system said.
         kind: ErrorKind,
@@ -194,6 +190,25 @@ fn reason(kind: ErrorKind) -> String {
         BusErrorKind::Unreachable => {
             "no way to this address: is the network interface up and in the same network?".into()
         }
+        _ if is_blocked(kind) => "this computer lets no packets out to this address".into(),
         _ => format!("the operating system reports: {kind}"),
     }
 }
+
+fn advice(kind: ErrorKind) -> &'static str {
+    if is_blocked(kind) {
+        BLOCKED
+    } else {
+        "check the board's IP address and its cable"
+    }
+}
+
+/// Whether the firewall of this computer refuses to send: the same every time.
+pub(super) fn is_blocked(kind: ErrorKind) -> bool {
+    kind == ErrorKind::PermissionDenied
+}
+
+/// What to do where this computer lets no packets out to a board.
+pub const BLOCKED: &str = "LinuxCNC on this computer keeps its board for itself: end it. If it has \
+    ended and left its firewall behind: `sudo iptables -F hm2-eth-rules-output`; else it is another \
+    rule of `sudo iptables -S`";

@@ -17,7 +17,7 @@ mod others;
 mod receiving;
 
 pub use encoding::UdpList;
-pub use error::UdpError;
+pub use error::{BLOCKED, UdpError};
 pub(super) use link::poll_for;
 pub use link::{Link, UdpLink};
 
@@ -223,7 +223,9 @@ impl<L: Link> UdpBus<L> {
         tries: &mut u32,
     ) -> Result<(), UdpError> {
         while let Err(error) = self.transact(list, words, deadline) {
-            let lasts = matches!(error.kind(), BusErrorKind::Occupied | BusErrorKind::Invalid);
+            let kind = error.kind();
+            let lasts = matches!(kind, BusErrorKind::Occupied | BusErrorKind::Invalid)
+                || matches!(error, UdpError::Link { kind, .. } if error::is_blocked(kind));
             if lasts || *tries <= 1 {
                 return Err(error);
             }

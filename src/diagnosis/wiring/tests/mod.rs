@@ -391,16 +391,20 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     let expected = [
         News::Ready(false.into()),
         News::NotValid,
-        News::Ready(true.into()),
+        News::Held(true.into()),
     ];
     assert_eq!(cabinet.said, expected);
+    // Where it rests is what it was before.
+    cabinet.set(1, false);
+    cabinet.run(300);
+    assert_eq!(cabinet.said.pop(), Some(News::Ready(false.into())));
     // A transfer that is lost is nothing.
     cabinet.store.invalidate(cabinet.remote);
     cabinet.run(20);
     cabinet.store.group_good(cabinet.remote);
     cabinet.run(100);
     assert_eq!(cabinet.said.len(), 3, "{:?}", cabinet.said);
-    cabinet.set(1, false);
+    cabinet.set(1, true);
     cabinet.run(300);
     cabinet.store.fault(cabinet.remote);
     cabinet.run(300);
@@ -413,6 +417,40 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
     never.check.ask(0);
     never.run(1000);
     assert_eq!(never.said, [News::NotValid]);
+}
+
+#[test]
+fn a_switch_that_is_held_while_its_remote_drops_out_is_no_normally_closed_one() {
+    let mut cabinet = Cabinet::new();
+    cabinet.ask(1);
+    cabinet.set(1, true);
+    cabinet.run(300);
+    cabinet.store.fault(cabinet.remote);
+    cabinet.run(300);
+    cabinet.store.group_good(cabinet.remote);
+    cabinet.run(300);
+    assert_eq!(cabinet.said.last(), Some(&News::Held(true.into())));
+    cabinet.set(1, false);
+    cabinet.run(500);
+    assert_eq!(cabinet.said.last(), Some(&News::Ready(false.into())));
+    assert_eq!(cabinet.found, None, "a half is no whole");
+    cabinet.press(&[1]);
+    let found = cabinet.found.take().expect("a judgement");
+    assert_eq!(found.verdict, Verdict::Ok);
+    assert_eq!(found.moved, Some((false.into(), true.into())));
+    // Of one that really is elsewhere since then, somebody says so by giving up, and is asked again.
+    cabinet.ask(2);
+    cabinet.store.fault(cabinet.remote);
+    cabinet.set(2, true);
+    cabinet.run(300);
+    cabinet.store.group_good(cabinet.remote);
+    cabinet.run(300);
+    assert_eq!(cabinet.said.last(), Some(&News::Held(true.into())));
+    assert_eq!(cabinet.check.value(SWITCH + 2), Some(true.into()));
+    assert_eq!(cabinet.give_up().verdict, Verdict::NoChange);
+    cabinet.check.ask(SWITCH + 2);
+    cabinet.run(300);
+    assert_eq!(cabinet.said.last(), Some(&News::Ready(true.into())));
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::net::Ipv4Addr;
 
 use mesa_hal::transport::network::{Interface, Network, Way};
 use mesa_hal::transport::search::Silence;
+use mesa_hal::transport::udp::BLOCKED;
 
 /// A reason, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,6 +30,10 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             reason: format!("a route of this computer discards what is sent to {route}"),
             advice: format!("sudo ip route del {route}"),
         },
+        (Silence::Blocked, _) => Why {
+            reason: silence.to_string(),
+            advice: BLOCKED.to_owned(),
+        },
         (Silence::Nothing | Silence::Refused, Way::Here) => Why {
             reason: "no simulated board listens there on this computer".to_owned(),
             advice: format!("mesa sim --board 7i97 --listen {address}"),
@@ -41,10 +46,9 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
             reason: silence.to_string(),
             advice: "choose another address of 127.0.0.0/8".to_owned(),
         },
-        (_, Way::Direct(route)) => match network.interface(&route.interface) {
-            Some(interface) => in_network(interface),
-            None => other_network(network, address, "no interface is in its network"),
-        },
+        (_, Way::Direct(route)) => {
+            in_network(&route.interface, network.interface(&route.interface))
+        }
         (_, Way::Gateway(route)) => {
             let (gateway, interface) = (route.gateway, &route.interface);
             let reason = format!(
@@ -57,15 +61,15 @@ pub fn of(network: &Network, address: Ipv4Addr, silence: Silence) -> Why {
     }
 }
 
-/// The interface is in the network of the board.
-fn in_network(interface: &Interface) -> Why {
-    let name = &interface.name;
-    if !interface.is_up {
+/// The interface is in the network of the board. What else is known of it may be hidden, as in a
+/// container.
+fn in_network(name: &str, interface: Option<&Interface>) -> Why {
+    if interface.is_some_and(|interface| !interface.is_up) {
         Why {
             reason: format!("the interface {name} is down"),
             advice: format!("sudo ip link set {name} up"),
         }
-    } else if !interface.has_link {
+    } else if interface.is_some_and(|interface| !interface.has_link) {
         Why {
             reason: format!("the interface {name} has no link"),
             advice: "check the cable and the board's power".to_owned(),
@@ -159,6 +163,12 @@ mod tests {
             (
                 vec![interface("eth1", true, true)],
                 vec![beside.clone()],
+                "no answer on eth1, which is in its network",
+                "check the board's power",
+            ),
+            (
+                vec![interface("eth0", true, true)],
+                vec![default.clone(), beside.clone()],
                 "no answer on eth1, which is in its network",
                 "check the board's power",
             ),

@@ -46,7 +46,7 @@ Exits with 1 if a terminal is not in order, or was not checked.
 Examples:
   mesa wiring TB8 --addr 10.10.10.10 --report cabinet.txt
   mesa wiring output --outputs --sim 7i92-7i77
-  mesa wiring 'input-0?' --sim 7i92-7i77 --timeout 2 --json < /dev/null";
+  mesa wiring '*.input-0?' --sim 7i92-7i77 --timeout 2 --json < /dev/null";
 
 /// A guided check of the wiring: which terminal changes when it is actuated
 #[derive(Debug, Args)]
@@ -111,13 +111,11 @@ impl Wiring {
         board.discover()?;
         let (check, items) = self.terminals(&board);
         if items.is_empty() {
-            let missing = board
-                .missing()
-                .iter()
-                .map(|one| format!("; missing: {one}"));
-            let missing: Vec<String> = missing.collect();
+            let missing = board.missing().iter().filter(|one| is_there(one));
+            let missing: Vec<String> = missing.map(|one| format!("; missing: {one}")).collect();
             return Err(Failure::refused(format_args!(
-                "no terminal fits that could be checked; `mesa pins` has all pins{}",
+                "no terminal fits that could be checked; `mesa pins` has all pins, and a pattern with * or \
+                 ? is of a whole name{}",
                 missing.concat()
             )));
         }

@@ -122,7 +122,10 @@ impl Item {
                     format!("ok{}{before}", self.path())
                 }
                 Verdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
-                Verdict::NoChange => "NO CHANGE".to_owned(),
+                Verdict::NoChange => match &*reason() {
+                    "" => "NO CHANGE".to_owned(),
+                    reason => format!("NO CHANGE: {reason}"),
+                },
                 Verdict::OtherChanged if is_output => format!("INSTEAD CAME ON: {}", said()),
                 Verdict::OtherChanged => format!("INSTEAD CHANGED: {}", others()),
                 Verdict::Together => {

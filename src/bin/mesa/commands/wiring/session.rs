@@ -157,8 +157,10 @@ impl<'a> Session<'a> {
                 self.seen = Some(seen);
             }),
         };
-        // What could not be read is looked at again a moment later.
-        read.ok()?;
+        // What could not be read is looked at again a moment later; what is half read is of no cycle.
+        if read.is_err() {
+            self.seen = None;
+        }
         let seen = self.seen.as_ref()?;
         let now = self.clock.now();
         self.check.observe(now, |pin| seen.read_any(pin)?.ok())
@@ -227,6 +229,11 @@ impl<'a> Session<'a> {
             (News::Ready(value), Kind::Analog) => {
                 self.say(at, &format!("change it now; it is {}", text(value)));
             }
+            (News::Held(value), _) => {
+                let value = text(value);
+                let what = format!("let it go first: it is {value}, and was not before");
+                self.say(at, &what);
+            }
             (News::NotValid, _) => {
                 self.say(
                     at,
@@ -263,6 +270,7 @@ impl<'a> Session<'a> {
                 Some(DITHERS.to_owned())
             }
             Verdict::Unstable => Some("it changes by itself".to_owned()),
+            Verdict::NoChange => self.stuck(at),
             _ => None,
         };
         self.mark(at, Mark::Judged(found.verdict), reason);
@@ -270,6 +278,15 @@ impl<'a> Session<'a> {
             item.judgement = Some(found);
         }
         self.tell_words(at);
+    }
+
+    /// Where a level was that did not change.
+    fn stuck(&self, at: usize) -> Option<String> {
+        let What::Input(point, Kind::Digital) = self.items.get(at)?.what else {
+            return None;
+        };
+        let value = text(self.check.value(point)?);
+        Some(format!("it was {value} all the time"))
     }
 
     fn is_restless(&self, at: usize) -> bool {
