@@ -184,7 +184,10 @@ impl Pins {
     }
 
     /// Whether what an output is set to goes out: its group is armed, or faults do not touch it.
-    pub(crate) fn follows(&self, output: PinId) -> bool {
+    ///
+    /// # Real time
+    /// Constant time, no allocation.
+    pub fn follows(&self, output: PinId) -> bool {
         self.slot(output.0)
             .is_some_and(|(slot, group)| group.armed || slot.exempt)
     }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use mesa_hal::hal::{PinId, Pins, Role};
 use mesa_hal::runner::SnapshotWriter;
-use mesa_hal::sim::{self, SimFpga, machines};
+use mesa_hal::sim::{self, Motor, SimFpga, machines};
 use mesa_hal::{Clock, Driver, I7i77Field, Settings};
 
 fn cycles(driver: &mut Driver<SimFpga>, field: &I7i77Field, count: usize) {
@@ -50,7 +50,7 @@ fn others(pins: &Pins, field: &I7i77Field) -> Vec<PinId> {
 
 #[test]
 fn an_output_that_is_not_armed_is_not_valid_whatever_it_is_set_to() {
-    let board = machines::six_axes_7i92(Default::default());
+    let board = machines::six_axes_7i92(Motor::default());
     let mut driver = Driver::start(board, Settings::default()).expect("a 7I92");
     let field: I7i77Field = driver.attach(0, 0).expect("a 7I77");
     let mut writer = SnapshotWriter::new(&driver);

@@ -5,7 +5,7 @@ use crate::common::ethernet::{SimLink, WIRE, connect};
 use crate::common::machine::{World, start};
 use mesa_hal::UdpBus;
 use mesa_hal::driver::{BoardState, Driver, EventKind};
-use mesa_hal::sim::machines;
+use mesa_hal::sim::{Motor, machines};
 
 const MS: u64 = 1_000_000;
 
@@ -43,7 +43,7 @@ fn check<B: World>((driver, told): (Driver<B>, Vec<EventKind>), is_long: bool, w
 fn a_reset_is_named_however_long_it_lasts() {
     for away in [1, 4, 8, 12, 30, 300] {
         for offset in [0, 5_000, 200_000, 500_000, 900_000] {
-            let fpga = machines::six_axes_7i97(Default::default());
+            let fpga = machines::six_axes_7i97(Motor::default());
             let ended = run(fpga, |fpga| fpga.reset_for(away * MS + offset));
             check(ended, away > 10, &format!("{away} ms and {offset} ns"));
         }
@@ -53,7 +53,7 @@ fn a_reset_is_named_however_long_it_lasts() {
 #[test]
 fn a_reset_of_a_board_on_ethernet_is_named_however_long_it_lasts() {
     for away in [1, 30, 300] {
-        let bus = connect(SimLink::new(machines::six_axes_7i97(Default::default())));
+        let bus = connect(SimLink::new(machines::six_axes_7i97(Motor::default())));
         let ended = run(bus, |bus: &mut UdpBus<SimLink>| {
             let link = bus.link();
             let now = link.time();
@@ -67,7 +67,7 @@ fn a_reset_of_a_board_on_ethernet_is_named_however_long_it_lasts() {
 #[test]
 fn a_bus_that_was_down_is_no_reset() {
     for down in [20, 60, 300] {
-        let bus = connect(SimLink::new(machines::six_axes_7i97(Default::default())));
+        let bus = connect(SimLink::new(machines::six_axes_7i97(Motor::default())));
         let (driver, told) = run(bus, |bus: &mut UdpBus<SimLink>| {
             let link = bus.link();
             let until = link.time() + down * MS;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mesa_hal::driver::{BoardState, EventKind};
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal::sim::{Motor, SimFpga, machines};
 use mesa_hal::{Clock, Driver, I7i77Analog, I7i77Field, I7i97, Settings};
 
 const STALE_AFTER: u32 = 5;
@@ -29,7 +29,7 @@ fn drive(driver: &mut Driver<SimFpga>) -> (f64, bool) {
 
 #[test]
 fn who_writes_and_does_not_read_has_no_valid_inputs_and_a_drive_that_stops() {
-    let mut driver = started(machines::six_axes_7i97(Default::default()));
+    let mut driver = started(machines::six_axes_7i97(Motor::default()));
     let card: I7i97 = driver.attach_board().expect("a 7I97");
     let (axis, count) = (card.analog_out[0], card.encoders[0].count);
     let mut events = driver.events();
@@ -83,7 +83,7 @@ fn who_writes_and_does_not_read_has_no_valid_inputs_and_a_drive_that_stops() {
 
 #[test]
 fn remotes_that_are_not_read_are_not_valid_and_off() {
-    let mut driver = started(machines::six_axes_7i92(Default::default()));
+    let mut driver = started(machines::six_axes_7i92(Motor::default()));
     let field: I7i77Field = driver.attach(0, 0).expect("a 7I77");
     let analog: I7i77Analog = driver.attach(0, 1).expect("a 7I77");
     let axis = analog.analog_out[0];

@@ -127,6 +127,7 @@ pub struct Check {
 }
 
 #[derive(Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 struct Ask {
     point: usize,
     /// Since when it could be actuated.
