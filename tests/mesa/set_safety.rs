@@ -182,7 +182,7 @@ fn what_is_no_output_is_refused_and_nothing_moves() {
                 ("ssr.00.invert-00", "on"),
                 ("ssr.00.rate", "1"),
                 ("dpll.01.timer-us", "1"),
-                ("encoder.00.scale", "0"),
+                ("encoder.00.scale", "2"),
             ][..],
             "board",
         ),
