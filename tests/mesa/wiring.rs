@@ -446,7 +446,7 @@ fn a_board_that_dies_is_no_change_and_the_report_is_kept() {
     guided.types("");
     guided.says("  NOT VALID: the board does not answer any more");
     guided.types("q");
-    guided.says("could not be stopped");
+    guided.says("not all of it could be stopped");
     let run = guided.ended();
     assert_eq!(run.code, Some(1), "{run:?}");
     assert!(run.out.contains("1 of 10 terminals in order"), "{run:?}");
