@@ -47,7 +47,7 @@ struct Run {
     /// When a reply was made late by about a period or more.
     last_late: u32,
     /// Reads besides those of the cycles, since inputs were new.
-    extra_reads: u32,
+    extra_calls: u32,
     /// Steps since anything happened on purpose.
     log: Vec<(u32, String)>,
 }
@@ -77,7 +77,7 @@ impl Run {
             fresh: 0,
             driven: [0; 3],
             last_late: 0,
-            extra_reads: 0,
+            extra_calls: 0,
             log: Vec::new(),
         }
     }
@@ -120,11 +120,13 @@ impl Run {
     fn besides(&mut self) {
         match self.chance.below(100) {
             0 | 1 => {
-                self.extra_reads += 1;
+                self.extra_calls += 1;
                 let _ = self.within(100_000, |driver| driver.read().is_ok());
                 self.check_age();
             }
             2 | 3 => {
+                // A cycle without news, as it is counted.
+                self.extra_calls += 1;
                 let _ = self.within(100_000, |driver| driver.write().is_ok());
             }
             4 | 5 => {
@@ -149,14 +151,14 @@ impl Run {
         };
         let cycles = u32::try_from(age.cycles).expect("valid is young");
         let oldest = self.cycle - 1 - cycles;
-        let possible = oldest..=(oldest + self.extra_reads).min(self.cycle - 1);
+        let possible = oldest..=(oldest + self.extra_calls).min(self.cycle - 1);
         let context = self.context();
         assert!(
             possible.contains(&stamp),
             "{context}: {stamp} of {cycles} cycles ago"
         );
         if cycles == 0 {
-            self.extra_reads = 0;
+            self.extra_calls = 0;
             self.fresh += 1;
         }
     }

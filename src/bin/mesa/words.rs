@@ -8,6 +8,8 @@ const TYPED: &[(&str, &str)] = &[
         "another period or rate",
     ),
     (" (`Settings::watchdog`)", ""),
+    (" (`Settings::bus_error_limit`)", ""),
+    (" (`Settings::trace`)", ""),
     (
         "leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)",
         "it takes no part. If an update of its firmware was cut off, give `mesa update` again",
