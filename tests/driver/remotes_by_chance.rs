@@ -150,7 +150,7 @@ impl Run {
             return;
         };
         let cycles = u32::try_from(age.cycles).expect("valid is young");
-        let oldest = self.cycle - 1 - cycles;
+        let oldest = (self.cycle - 1).saturating_sub(cycles);
         let possible = oldest..=(oldest + self.extra_calls).min(self.cycle - 1);
         let context = self.context();
         assert!(
