@@ -293,7 +293,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// #     let _ = driver.read()?;
     /// #     driver.write()?;
     /// #     let is_stall = cycle == 50; // the watchdog bites
-    /// #     driver.bus_mut().wait(driver.period() * if is_stall { 50 } else { 1 });
+    /// #     let pause = driver.period() * if is_stall { 50 } else { 1 };
+    /// #     driver.bus_mut().wait(pause);
     /// # }
     /// // ... the cycle, in this thread
     /// driver.shutdown().1?;

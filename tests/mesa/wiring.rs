@@ -312,12 +312,9 @@ fn the_example_of_its_help_has_terminals_and_one_that_is_stuck_is_told() {
     let help = run(&["wiring", "--help"]).out;
     let example = help
         .lines()
+        .filter_map(|line| line.trim().strip_prefix("mesa "))
         .find(|line| line.contains("--json"))
-        .expect("an example");
-    let example = example
-        .trim()
-        .strip_prefix("mesa ")
-        .expect("of mesa")
+        .expect("an example")
         .replace("< /dev/null", "");
     let words = example
         .replace('\'', "")
