@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::driver::{EventKind, StopError};
+use mesa_hal::runner::Ended;
 use mesa_hal::transport::udp::{UdpBus, UdpError};
 use mesa_hal::{Board, BoardState, Driver, Settings};
 
@@ -41,7 +42,23 @@ pub fn check_alone(bus: &UdpBus) -> Result<(), Failure> {
     }
 }
 
-/// The same, and fails if the board does not run any more.
+/// How a run has ended. Somebody else who drives the board is the reason, and whatever could not be
+/// stopped because of him is told before it.
+pub fn check_end(ended: &Ended<UdpBus>) -> Result<(), Failure> {
+    let alone = check_alone(ended.driver.bus());
+    match (alone, ended.stopped.clone()) {
+        (Err(other), Err(error)) => {
+            complain(format_args!("mesa: {error}"));
+            Err(other)
+        }
+        (alone, stopped) => {
+            alone?;
+            Ok(stopped?)
+        }
+    }
+}
+
+/// Fails if somebody else drives the board, or it does not run any more.
 pub fn check(driver: &Driver<UdpBus>) -> Result<(), Failure> {
     check_alone(driver.bus())?;
     trouble(driver.board_state()).map_or(Ok(()), |trouble| Err(Failure::refused(trouble)))

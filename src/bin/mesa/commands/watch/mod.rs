@@ -74,9 +74,8 @@ impl Watch {
         let ended = cycle
             .join()
             .map_err(|_| Failure::refused("the cycle's thread panicked"))?;
-        ended.stopped?;
+        running::check_end(&ended)?;
         shown?;
-        running::check_alone(ended.driver.bus())?;
         complain("mesa: outputs were never on; the ports are stopped");
         Ok(context.ending())
     }

@@ -85,8 +85,7 @@ impl Machine {
         };
         let cycle = std::thread::spawn(move || {
             let ended = runner.run(work);
-            ended.stopped?;
-            running::check_alone(ended.driver.bus())
+            running::check_end(&ended)
         });
         Self {
             reader,
