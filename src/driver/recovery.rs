@@ -9,9 +9,9 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
     ///
     /// A board that has lost its set-up gets it back first, all of it in one exchange, and is asked
-    /// whether it has it; if it is the same firmware that answers. What was set before this call is forgotten, be it before the fault, while
-    /// it lasted or in the same cycle: outputs that were not armed start from their safe values and
-    /// follow what is set from now on. Remotes that do not run yet are counted as waiting; so is
+    /// whether it has it; if it is the same firmware that answers. What was set before this call is
+    /// forgotten, be it before the fault, while it lasted or in the same cycle: outputs that were not
+    /// armed start from their safe values and follow what is set from now on. Remotes that do not run yet are counted as waiting; so is
     /// everything, if the board has lost its set-up again meanwhile.
     ///
     /// # Errors
