@@ -13,7 +13,7 @@ use core::time::Duration;
 
 use super::RunStatistics;
 use super::packed::{Packed, Sink};
-use crate::bus::{Clock, Instant, RegisterBus};
+use crate::bus::{Clock, HostClock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
 use crate::sslbp::RemoteName;
@@ -100,9 +100,9 @@ pub enum SnapshotError {
 struct Shared {
     sequence: AtomicU64,
     words: Box<[AtomicU64]>,
-    /// When they were published, in nanoseconds from `begin` on.
+    /// When they were published, in nanoseconds on `clock`.
     published: AtomicU64,
-    begin: std::time::Instant,
+    clock: HostClock,
     /// The words are fresh for so long.
     fresh: Duration,
     has_ended: AtomicBool,
@@ -164,7 +164,7 @@ impl SnapshotWriter {
                 sequence: AtomicU64::new(0),
                 words,
                 published: AtomicU64::new(0),
-                begin: std::time::Instant::now(),
+                clock: HostClock::new(),
                 fresh: FRESH.max(driver.period().saturating_mul(FRESH_PERIODS)),
                 has_ended: AtomicBool::new(false),
                 layout,
@@ -228,9 +228,9 @@ impl SnapshotWriter {
 }
 
 impl Shared {
-    /// Nanoseconds from its begin on, on the clock of this host.
+    /// Nanoseconds on the clock of this host.
     fn now(&self) -> u64 {
-        u64::try_from(self.begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
+        self.clock.read().as_nanos()
     }
 }
 
