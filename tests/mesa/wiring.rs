@@ -226,11 +226,13 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
         "{first}"
     );
     assert!(first.ends_with("turn it now by hand, in its positive direction"));
-    for (axis, speed, way) in [(0, "5", "up"), (1, "-5", "down")] {
+    let in_order = "ok: counts up, 0 to ";
+    let wrong_way = "COUNTS DOWN, 0 to -";
+    for (axis, speed, verdict) in [(0, "5", in_order), (1, "-5", wrong_way)] {
         board.console.run(&format!("turn {axis} {speed}"));
         guided.says("  it moves; let it rest");
         board.console.run(&format!("turn {axis} 0"));
-        guided.says(&format!("  ok: counts {way}, 0 to "));
+        guided.says(&format!("  {verdict}"));
         guided.says(&format!("[{}/6] ", axis + 2));
     }
     board.console.run("turn 4 5");
@@ -243,7 +245,7 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     assert_eq!(run.code, Some(1), "{run:?}");
     assert_eq!(fs::read_to_string(&file.0).expect("a report"), run.out);
     let head = format!(
-        "{}: 2 of 6 terminals in order; ended before all were checked\nMISSING, ",
+        "{}: 1 of 6 terminals in order; ended before all were checked\nMISSING, ",
         board.address
     );
     assert!(run.out.starts_with(&head), "{run:?}");
@@ -252,7 +254,8 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
         .lines()
         .filter(|line| line.contains("(enc"))
         .collect();
-    assert!(lines[1].contains("  ok: counts down, 0 to -"), "{run:?}");
+    assert!(lines[1].contains("  COUNTS DOWN, 0 to -"), "{run:?}");
+    assert!(lines[1].contains("exchange A and B"), "{run:?}");
     assert!(lines[2].contains("  INSTEAD CHANGED: TB4 pin 9"), "{run:?}");
     assert!(lines[3].ends_with("  not checked"), "{run:?}");
 }

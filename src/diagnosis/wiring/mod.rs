@@ -63,6 +63,9 @@ const LET_GO: Duration = Duration::from_secs(2);
 pub enum Verdict {
     /// It changed, and came back; no other did so with it.
     Ok,
+    /// It counted down, though it was turned in its positive direction: A and B are exchanged, or its
+    /// scale has to be negative. A drive that is enabled so runs away.
+    CountsDown,
     /// It did not change.
     NoChange,
     /// It did not change, but others did.
@@ -316,15 +319,20 @@ impl Check {
             }
         });
         let with_it: Vec<usize> = with_it.map(|(n, _)| n).collect();
-        let (verdict, others) = if with_it.is_empty() {
-            (Verdict::Ok, ask.others.clone())
-        } else {
+        let moved = track.moved();
+        let is_counter = self.points.get(ask.point)?.kind == Kind::Counter;
+        let is_down = moved.is_some_and(|(from, to)| to.as_f64() < from.as_f64());
+        let (verdict, others) = if !with_it.is_empty() {
             (Verdict::Together, with_it)
+        } else if is_counter && is_down {
+            (Verdict::CountsDown, ask.others.clone())
+        } else {
+            (Verdict::Ok, ask.others.clone())
         };
         Some(Judgement {
             verdict,
             others,
-            moved: track.moved(),
+            moved,
         })
     }
 

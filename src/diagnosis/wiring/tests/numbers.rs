@@ -22,8 +22,8 @@ impl Cabinet {
 }
 
 #[test]
-fn an_encoder_is_in_order_when_it_has_counted_and_stands_and_says_which_way() {
-    for to in [2000, -2000] {
+fn an_encoder_is_in_order_when_it_has_counted_up_and_stands_and_not_when_it_counted_down() {
+    for (to, verdict) in [(2000, Verdict::Ok), (-2000, Verdict::CountsDown)] {
         let mut cabinet = Cabinet::new();
         // It stands on an edge.
         for count in [1, 0, 1, 0] {
@@ -38,7 +38,7 @@ fn an_encoder_is_in_order_when_it_has_counted_and_stands_and_says_which_way() {
         // Its switches are on the way.
         cabinet.press(&[1]);
         let found = cabinet.found.take().expect("a judgement");
-        assert_eq!(found.verdict, Verdict::Ok);
+        assert_eq!(found.verdict, verdict);
         assert_eq!(found.moved, Some((0.into(), to.into())));
     }
 }

@@ -121,6 +121,10 @@ impl Item {
                     };
                     format!("ok{}{before}", self.path())
                 }
+                Verdict::CountsDown => format!(
+                    "COUNTS DOWN, {}: exchange A and B, or give it a negative scale, before a drive is enabled",
+                    self.range().unwrap_or_default()
+                ),
                 Verdict::NoChange if is_output => "DID NOT COME ON".to_owned(),
                 Verdict::NoChange => match &*reason() {
                     "" => "NO CHANGE".to_owned(),
@@ -140,17 +144,20 @@ impl Item {
     }
 
     fn path(&self) -> String {
-        let Some((before, after)) = self.moved() else {
+        let Some(range) = self.range() else {
             return String::new();
         };
-        let way = match (self.what, self.direction()) {
-            (What::Input(_, Kind::Counter), Some(way)) => format!("counts {way}, "),
-            _ => String::new(),
-        };
-        let (before, after) = (text(before), text(after));
-        format!(": {way}{before} to {after} {}", self.info.unit)
-            .trim_end()
-            .to_owned()
+        match (self.what, self.direction()) {
+            (What::Input(_, Kind::Counter), Some(way)) => format!(": counts {way}, {range}"),
+            _ => format!(": {range}"),
+        }
+    }
+
+    /// Where it rested, and the farthest from there that it was.
+    fn range(&self) -> Option<String> {
+        let (before, after) = self.moved()?;
+        let range = format!("{} to {} {}", text(before), text(after), self.info.unit);
+        Some(range.trim_end().to_owned())
     }
 }
 
