@@ -24,7 +24,9 @@ pub const BOARD: BoardTable = BoardTable {
     // Manual: 7I97, "SUGGESTED PWM SETUP".
     pwm: PwmTable {
         hz: 48_000,
-        hz_dither: 96_000,
+        // The second is of the 7I97T, whose clock is 160 MHz.
+        hz_dither: &[96_000, 75_000],
+        generators: 6,
         full_scale: 10.0,
         unit: "V",
         is_offset: true,

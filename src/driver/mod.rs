@@ -76,7 +76,7 @@ pub use crate::modules::serial::{
 pub use crate::modules::{BoardState, CycleReport};
 pub use crate::modules::{Event, EventKind, EventMask, Events, Repeating};
 pub use crate::modules::{
-    Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings, TraceSettings,
+    Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
 pub use configure::Board;
 pub use error::{CycleError, DriverError};

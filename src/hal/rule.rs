@@ -3,8 +3,8 @@
 use super::enabling::Enabling;
 use super::handle::Key;
 use super::{
-    AnyValue, GroupId, HalType, Output, Param, PinError, Pins, Rejection, Rejections, Role, Spec,
-    Value,
+    AnyValue, GroupId, HalType, Output, Param, PinError, Pins, Rejection, Rejections, Role,
+    ShortName, Spec, Value,
 };
 
 /// What inverts a digital output: a parameter, or a pin that faults do not touch.
@@ -150,7 +150,7 @@ impl Rule {
 }
 
 /// Whether a number can be a scale: what it makes of any count or voltage is a number.
-pub(super) fn is_scale(number: f64) -> bool {
+pub(crate) fn is_scale(number: f64) -> bool {
     (1e-100..=1e100).contains(&number.abs())
 }
 
@@ -186,7 +186,11 @@ pub(super) fn make_slot<T: Value>(
         limits.map_or_else(T::bounds, |(min, max)| (T::from_f64(min), T::from_f64(max)));
     let is_within = min <= initial && initial <= max && AnyValue::from(initial).is_finite();
     if are_finite != [true; 4] || !is_within || (scale != NONE && !is_real) {
-        return Err(PinError::BadLimits);
+        return Err(PinError::BadLimits {
+            name: ShortName::new(&spec.name),
+            initial: initial.into(),
+            limits,
+        });
     }
     let safe = initial.to_bits();
     let slot = Slot {

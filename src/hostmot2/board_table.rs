@@ -23,12 +23,19 @@ pub struct BoardTable {
 }
 
 /// What the PWM generators of a board are for.
+///
+/// The frequency is one for all generators of a firmware. All else is of the first
+/// [`generators`](Self::generators) of them, which drive circuits on the board; what a firmware has
+/// beyond them is on connectors, and starts as [`PLAIN`](Self::PLAIN).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PwmTable {
-    /// The usual frequency.
+    /// The usual frequency in Hz.
     pub hz: u32,
-    /// The same of firmware whose generators dither, and so keep their resolution at a higher one.
-    pub hz_dither: u32,
+    /// The same of firmware whose generators dither, and so keep their resolution at a higher one:
+    /// the first of these at which the firmware's clock leaves 11 bits, or else the last.
+    pub hz_dither: &'static [u32],
+    /// How many generators, from 0 on, drive circuits on the board.
+    pub generators: u8,
     /// Full scale, at first.
     pub full_scale: f64,
     /// The unit of the value.
@@ -98,10 +105,12 @@ pub struct FlashLayout {
 }
 
 impl PwmTable {
-    /// Generators of which nothing is known: LinuxCNC's frequency.
+    /// Generators of which nothing is known start as LinuxCNC's do: sign and magnitude, scale 1,
+    /// 20 kHz.
     pub const PLAIN: Self = Self {
         hz: 20_000,
-        hz_dither: 20_000,
+        hz_dither: &[20_000],
+        generators: 0,
         full_scale: 1.0,
         unit: "",
         is_offset: false,
@@ -109,6 +118,15 @@ impl PwmTable {
         enables: &[],
         common_enable: &[],
     };
+
+    /// What a generator is for: this, or a connector.
+    pub fn of(&self, generator: u8) -> &Self {
+        if generator < self.generators {
+            self
+        } else {
+            &Self::PLAIN
+        }
+    }
 
     /// The generator whose enable output switches the drive of generator `n`, if that has none of
     /// its own.

@@ -25,7 +25,7 @@ pub use events::{Event, EventKind, EventMask, Events, Repeating};
 pub use registrar::Registrar;
 pub use report::{BoardState, CycleReport};
 pub use settings::{
-    Pace, ParseError, Presence, RemoteConfig, SerialConfig, Settings, TraceSettings,
+    Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
 
 use core::any::Any;

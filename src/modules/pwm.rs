@@ -21,7 +21,8 @@ pub struct PwmPins {
     /// the generator's enable output is off, if it has one: the hardware's own enable leaves the
     /// PWM as it is. FACTS 12.3.
     pub enable: Output<bool>,
-    /// 0 is half scale on the wire: for analog outputs of both signs.
+    /// 0 is half scale on the wire: for analog outputs of both signs. At first it is true of the
+    /// generators that drive analog outputs on the board, and false of all others.
     pub offset_mode: Param<bool>,
     /// The value that is full scale.
     pub scale: Param<f64>,
@@ -87,8 +88,34 @@ impl Pwm {
         module.expect_version(module.version, 0..=1)?;
         let (clock_hz, dithers) = (module.clock_hz, module.version >= 1);
         let table = &r.board.pwm;
-        let usual = if dithers { table.hz_dither } else { table.hz };
+        let usual = if dithers {
+            let keeps = |hz: &&u32| PwmRate::new(clock_hz, f64::from(**hz)).bits >= DITHER_BITS;
+            let offered = table.hz_dither;
+            let usual = offered.iter().find(keeps).or(offered.last());
+            usual.copied().unwrap_or(table.hz)
+        } else {
+            table.hz
+        };
         let hz = (r.settings.pwm_hz.unwrap_or(usual), 20_000);
+        let fastest = PwmRate::fastest(clock_hz);
+        if !(1..=fastest).contains(&hz.0) {
+            return Err(RegisterError::Setting {
+                what: "PWM frequency (`Settings::pwm_hz`)",
+                found: format!("{} Hz", hz.0),
+                expected: format!("1 to {fastest} Hz, which this firmware's clock allows"),
+            });
+        }
+        let beyond = r.settings.pwm.keys().find(|&&n| n >= module.instances);
+        if let Some(beyond) = beyond {
+            return Err(RegisterError::Setting {
+                what: "a PWM generator (`Settings::pwm`)",
+                found: format!("{beyond}"),
+                expected: format!(
+                    "less than {}, the generators of this firmware",
+                    module.instances
+                ),
+            });
+        }
         let mut make = r.maker("pwmgen.");
         let bank = PwmBankPins {
             pwm_frequency: make.setting("pwm_frequency", hz.0)?,
@@ -180,7 +207,7 @@ impl Generator {
         bits: u8,
     ) -> Result<Self, RegisterError> {
         r.use_io(Gtag::PWM, number)?;
-        let table = &r.board.pwm;
+        let table = r.board.pwm.of(number);
         let pins = PwmPins::new(r, number, table)?;
         let shape = pins.shape(r.pins, bits, module.version >= 1);
         let (value, mode) = (module.register(0, number)?, module.register(1, number)?);
@@ -203,9 +230,11 @@ impl PwmPins {
         let [output, enable] =
             [table.outputs, table.enables].map(|ranges| Terminals::of(ranges, number.into()));
         let stem = format!("pwmgen.{number:02}.");
-        let full_scale = table.full_scale;
+        let asked = r.settings.pwm.get(&number).copied().unwrap_or_default();
+        let scale = asked.scale.unwrap_or(table.full_scale);
+        let full_scale = scale.abs();
         let mut make = r.maker_at(&stem, output);
-        let scale = make.scale("scale", full_scale)?;
+        let scale = make.scale("scale", scale)?;
         let value = Spec {
             unit: table.unit.into(),
             range: Some((-full_scale, full_scale)),
@@ -222,9 +251,10 @@ impl PwmPins {
         Ok(Self {
             value,
             enable: make.output("enable", false)?,
-            offset_mode: make.setting("offset-mode", table.is_offset)?,
+            offset_mode: make
+                .setting("offset-mode", asked.offset_mode.unwrap_or(table.is_offset))?,
             scale,
-            output_type: make.setting("output-type", 1)?,
+            output_type: make.setting("output-type", asked.output_type.unwrap_or(1))?,
         })
     }
 
@@ -256,6 +286,11 @@ pub struct PwmRate {
 }
 
 impl PwmRate {
+    /// The highest frequency in Hz that a clock allows: 9 bits are left of the duty then.
+    fn fastest(clock_hz: u32) -> u32 {
+        (u64::from(clock_hz) * u64::from(u16::MAX) >> 25) as u32
+    }
+
     /// The widest duty that gives `hz`; what the hardware can not do becomes the nearest that it
     /// can, values that are not finite the slowest.
     pub fn new(clock_hz: u32, hz: f64) -> Self {
@@ -275,6 +310,11 @@ fn to_rate(rate: f64) -> u16 {
     (libm::round(rate).clamp(0.0, f64::from(u16::MAX)) as u16).max(1)
 }
 
+/// The carry of a fraction is added to the duty without saturation, and outlives a load: with more
+/// than this, a step to full scale has one period of 0 %. Mesa's VHDL, `dpwmpdmgenh`.
+const DITHER_HEADROOM: f64 = 1.0625;
+/// What a duty that dithers keeps at its usual frequency.
+const DITHER_BITS: u8 = 11;
 /// The output type of which the duty has 12 bits.
 const PDM: i32 = 3;
 /// A change of a value waits for the end of a period.
@@ -320,7 +360,11 @@ impl PwmShape {
         } else {
             (fraction.abs() * (steps - 1.0), fraction < 0.0)
         };
-        let largest = steps - 1.0;
+        let largest = if self.dither {
+            steps - DITHER_HEADROOM
+        } else {
+            steps - 1.0
+        };
         // Whole steps, or with 16 bits of fraction if it dithers.
         let word = if self.dither {
             (duty.min(largest) * 65_536.0 + 0.5) as u32
@@ -355,6 +399,31 @@ mod tests {
         assert_eq!((fast.bits, fast.rate), (11, 64_425));
         // One step of 4096 at each tick, as LinuxCNC counts.
         assert_eq!(pdm_word(CLOCK, 6_000_000), 1_966);
+    }
+
+    #[test]
+    fn a_duty_that_dithers_ends_where_its_carry_can_not_wrap() {
+        for (bits, largest) in [(12, 0x0FFE_F000), (11, 0x07FE_F000), (9, 0x01FE_F000)] {
+            let shape = PwmShape {
+                bits,
+                ..shape(true)
+            };
+            assert_eq!(shape.encode(1.0), largest);
+            let signed = PwmShape {
+                offset: false,
+                ..shape
+            };
+            assert_eq!(signed.encode(-1.0), largest | 1 << 31);
+        }
+    }
+
+    #[test]
+    fn the_fastest_rate_is_the_last_that_is_reached() {
+        let fastest = PwmRate::fastest(CLOCK);
+        assert_eq!(fastest, 390_619);
+        let rate = |hz: u32| PwmRate::new(CLOCK, hz.into()).rate;
+        assert_eq!((rate(fastest), rate(fastest + 6)), (65_535, 65_535));
+        assert!(rate(fastest - 6) < 65_535);
     }
 
     #[test]
@@ -432,6 +501,9 @@ mod tests {
             let step = if offset { 2.0 / steps } else { 1.0 / (steps - 1.0) };
             // The upper end of offset mode is one step below full scale.
             let fraction = if offset { fraction.min(1.0 - step) } else { fraction };
+            // With dither the duty ends 1/16 of a step earlier.
+            let end = 1.0 - step * if offset { 1.0625 } else { 0.0625 };
+            let fraction = if dither { fraction.clamp(if offset { -1.0 } else { -end }, end) } else { fraction };
             let step = if dither { step / 65_536.0 } else { step };
             let back = decode(shape, shape.encode(fraction));
             prop_assert!((back - fraction).abs() <= step * 0.500_001);

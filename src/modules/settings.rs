@@ -15,6 +15,7 @@ use super::serial::FaultPolicy;
 use super::watchdog::WatchdogRegisters;
 
 use crate::discovery::RemoteTable;
+use crate::hal::is_scale;
 use crate::hostmot2::board_table::BoardTable;
 use crate::sslbp::MAX_CHANNELS;
 
@@ -69,8 +70,13 @@ pub struct Settings {
     /// How the encoders are set up.
     pub encoders: EncoderSetup,
     /// The PWM frequency of all generators in Hz. `None`, the default, is what the board is made
-    /// for: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it; else 20 kHz.
+    /// for: on a 7I97 48 kHz, or 96 kHz with dither where the firmware has it (75 kHz on a 7I97T);
+    /// else 20 kHz. What the firmware's clock does not allow is refused.
     pub pwm_hz: Option<u32>,
+    /// How PWM generators begin, by their number. The others begin as the board needs them where they
+    /// drive its analog outputs, and else as LinuxCNC's do: sign and magnitude, scale 1. A generator
+    /// that the firmware does not have is refused.
+    pub pwm: BTreeMap<u8, PwmConfig>,
     /// How I/O pins begin, by their number: pins that no module uses. The others are inputs.
     pub gpio: Vec<(u16, GpioConfig)>,
     /// Leaves the phase-locked loop alone: for a period that it can not follow.
@@ -109,6 +115,7 @@ impl Default for Settings {
             fault_policy: FaultPolicy::default(),
             encoders: EncoderSetup::default(),
             pwm_hz: None,
+            pwm: BTreeMap::new(),
             gpio: Vec::new(),
             no_dpll: false,
             bus_error_limit: 5,
@@ -154,6 +161,32 @@ impl Settings {
                 "at least 1",
             );
         }
+        let policy = &self.fault_policy;
+        if policy.fault_lim == 0 || policy.fault_inc == 0 {
+            return refused(
+                "counters of failed transfers (`Settings::fault_policy`)",
+                format!(
+                    "fault_inc {}, fault_lim {}",
+                    policy.fault_inc, policy.fault_lim
+                ),
+                "both at least 1: else a remote goes offline without a failure, or never",
+            );
+        }
+        if !(1..=LONGEST_STALE).contains(&policy.stale_after) {
+            return refused(
+                "cycles after which inputs are no longer valid (`FaultPolicy::stale_after`)",
+                format!("{}", policy.stale_after),
+                "1 to 1000",
+            );
+        }
+        let mut scales = self.pwm.values().filter_map(|config| config.scale);
+        if let Some(scale) = scales.find(|&scale| !is_scale(scale)) {
+            return refused(
+                "the scale of a PWM generator (`Settings::pwm`)",
+                format!("{scale}"),
+                "a number other than 0, its size from 1e-100 to 1e100",
+            );
+        }
         match self.trace {
             Some(TraceSettings { cycles, after, .. }) if after >= cycles => refused(
                 "what a trace keeps (`Settings::trace`)",
@@ -163,6 +196,40 @@ impl Settings {
             _ => Ok(()),
         }
     }
+}
+
+/// The most cycles that old inputs may count as valid.
+const LONGEST_STALE: u32 = 1_000;
+
+/// How a PWM generator begins. `None` is what the board needs, or LinuxCNC's value.
+///
+/// ```
+/// use mesa_hal::Settings;
+/// use mesa_hal::driver::PwmConfig;
+///
+/// // Generator 6 is on an expansion connector: a spindle of 24000 rpm, direction on a pin of its own.
+/// let spindle = PwmConfig {
+///     scale: Some(24_000.0),
+///     ..PwmConfig::default()
+/// };
+/// let settings = Settings {
+///     pwm: [(6, spindle)].into(),
+///     ..Settings::default()
+/// };
+/// # let _ = settings;
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+pub struct PwmConfig {
+    /// The parameter [`output-type`](super::pwm::PwmPins::output_type).
+    pub output_type: Option<i32>,
+    /// The parameter [`offset-mode`](super::pwm::PwmPins::offset_mode): with it the pin is high half
+    /// of the time while the value is 0 and while the generator is not enabled.
+    pub offset_mode: Option<bool>,
+    /// The parameter [`scale`](super::pwm::PwmPins::scale): the value that is full scale. Its size is
+    /// also the limit of the value.
+    pub scale: Option<f64>,
 }
 
 /// What the parameter `watchdog.timeout_ns` holds.
@@ -400,6 +467,40 @@ mod tests {
             let error = modes(text).unwrap_err();
             assert_eq!(error.found, text);
         }
+    }
+
+    #[test]
+    fn numbers_that_mean_nothing_are_refused_and_named() {
+        let with = |change: fn(&mut Settings)| {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            settings.check().map_err(|error| error.to_string())
+        };
+        assert_eq!(with(|_| {}), Ok(()));
+        assert_eq!(with(|s| s.fault_policy.fault_lim = u32::MAX), Ok(()));
+        assert_eq!(with(|s| s.fault_policy.stale_after = 1_000), Ok(()));
+        let wrong: [(fn(&mut Settings), &str); 8] = [
+            (|s| s.bus_error_limit = 0, "`Settings::bus_error_limit`"),
+            (|s| s.fault_policy.fault_lim = 0, "fault_lim 0"),
+            (|s| s.fault_policy.fault_inc = 0, "fault_inc 0"),
+            (|s| s.fault_policy.stale_after = 0, "1 to 1000"),
+            (|s| s.fault_policy.stale_after = u32::MAX, "4294967295"),
+            (|s| s.watchdog = Some(Duration::from_secs(5)), "4.29 s"),
+            (|s| spindle(s, 0.0), "`Settings::pwm`"),
+            (|s| spindle(s, f64::NAN), "NaN"),
+        ];
+        for (change, named) in wrong {
+            let refused = with(change).unwrap_err();
+            assert!(refused.contains(named), "{refused}");
+        }
+    }
+
+    fn spindle(settings: &mut Settings, scale: f64) {
+        let config = PwmConfig {
+            scale: Some(scale),
+            ..PwmConfig::default()
+        };
+        settings.pwm.insert(6, config);
     }
 
     proptest! {

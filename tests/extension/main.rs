@@ -318,7 +318,8 @@ const OTHER: BoardTable = BoardTable {
     encoder_rate: TickRate(30),
     pwm: PwmTable {
         hz: 24_000,
-        hz_dither: 24_000,
+        hz_dither: &[24_000],
+        generators: 6,
         full_scale: 5.0,
         unit: "V",
         is_offset: true,

@@ -4,7 +4,7 @@ use alloc::format;
 
 use super::health::Health;
 use super::recovery::{Recovery, is_stopping};
-use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore, Spec};
+use crate::hal::{GroupId, Input, Output, Param, PinError, PinMaker, PinStore};
 use crate::modules::{RegisterError, Registrar};
 use crate::sslbp::{Link, Machine, RemoteFaults};
 
@@ -59,15 +59,11 @@ impl PortPins {
         let (status, board) = (r.status, r.name);
         let part = r.pins.add_part(status)?;
         let stem = format!("{board}.sserial.port-{port}.");
-        let count = |name: &str| Spec {
-            limits: Some((0.0, 65_535.0)),
-            ..Spec::from(name)
-        };
         let mut make = PinMaker::new(r.pins, part, stem.clone());
         let run = make.switch("run", true)?;
-        let fault_inc = make.setting(count("fault-inc"), policy.fault_inc)?;
-        let fault_dec = make.setting(count("fault-dec"), policy.fault_dec)?;
-        let fault_lim = make.setting(count("fault-lim"), policy.fault_lim)?;
+        let fault_inc = make.setting("fault-inc", policy.fault_inc)?;
+        let fault_dec = make.setting("fault-dec", policy.fault_dec)?;
+        let fault_lim = make.setting("fault-lim", policy.fault_lim)?;
         let mut make = PinMaker::new(r.pins, status, stem);
         Ok(Self {
             run,

@@ -1,7 +1,9 @@
 //! The analog outputs: voltages, enables, and the PWM behind them.
 
 use mesa_hal::boards::PwmTable;
+use mesa_hal::driver::PwmConfig;
 use mesa_hal::hal::Value;
+use mesa_hal::sim::{PinDescriptor, gtag};
 
 use super::*;
 use crate::common::watch::Watch;
@@ -286,4 +288,123 @@ fn the_pwm_frequency_is_what_the_manual_says_and_can_be_changed() {
     dithers.cycles(1);
     let volts = dithers.fpga().analog_output(0).volts;
     assert!((volts - 1.234_567).abs() < 1e-6, "{volts}");
+}
+
+/// A 7I97 whose firmware has two PWM generators more, on expansion pins: output, direction.
+fn with_spindles() -> SimFpga {
+    let mut firmware = machines::firmware_7i97(1);
+    firmware.module_mut(gtag::PWM).expect("PWM").instances = 8;
+    for (n, unit, function) in [(34, 6, 0x81), (35, 6, 0x82), (36, 7, 0x81), (37, 7, 0x82)] {
+        firmware.pins[n] = PinDescriptor::new(gtag::PWM, unit, function);
+    }
+    let mut fpga = SimFpga::new(firmware);
+    fpga.set_access_cost(20);
+    fpga
+}
+
+/// The part of a period of 48 kHz in which an I/O pin is high.
+fn high_part(fpga: &mut SimFpga, pin: usize) -> f64 {
+    let from = SimFpga::now(fpga);
+    let times = (from..from + 10 * 20_833).step_by(100);
+    let count = times.clone().count() as f64;
+    let high = times.filter(|&time| {
+        fpga.advance_to(time);
+        fpga.pin_level(pin)
+    });
+    high.count() as f64 / count
+}
+
+#[test]
+fn generators_on_expansion_pins_are_off_and_plain_until_somebody_asks_for_more() {
+    let mut driver = Driver::start(with_spindles(), Settings::default()).expect("a 7I97");
+    let pins = driver.pins();
+    let param = |n: u8, name: &str| {
+        let id = pins.id(&format!("hm2_7i97.0.pwmgen.{n:02}.{name}"));
+        pins.read_any(id.expect("a pin")).value.to_string()
+    };
+    let card = ["true", "10", "1"].map(String::from);
+    let plain = ["false", "1", "1"].map(String::from);
+    for n in 0..8 {
+        let found = ["offset-mode", "scale", "output-type"].map(|name| param(n, name));
+        assert_eq!(
+            found,
+            if n < 6 { card.clone() } else { plain.clone() },
+            "{n}"
+        );
+    }
+    let value = pins.output::<f64>("hm2_7i97.0.pwmgen.06.value");
+    let info = pins.info(value.expect("a pin")).expect("a pin");
+    assert_eq!((&*info.unit, info.limits), ("", Some((-1.0, 1.0))));
+    for cycle in 0..3 {
+        for pin in 34..38 {
+            assert!(
+                high_part(driver.bus_mut(), pin) < 1e-9,
+                "pin {pin}, cycle {cycle}"
+            );
+        }
+        let _ = driver.read();
+        driver.write().expect("the bus does not fail");
+    }
+}
+
+#[test]
+fn a_generator_begins_as_the_settings_say_and_one_that_is_not_there_is_refused() {
+    let config = |output_type, offset_mode, scale| PwmConfig {
+        output_type: Some(output_type),
+        offset_mode: Some(offset_mode),
+        scale: Some(scale),
+    };
+    let with = |pwm: &[(u8, PwmConfig)]| Settings {
+        pwm: pwm.iter().copied().collect(),
+        ..Settings::default()
+    };
+    let settings = with(&[(6, config(2, false, 24_000.0)), (7, config(1, true, -5.0))]);
+    let mut driver = Driver::start(with_spindles(), settings).expect("a 7I97");
+    let _ = driver.read();
+    for (n, value) in [(6, 18_000.0), (7, 2.5)] {
+        let pins = driver.pins_mut();
+        let name = |name| format!("hm2_7i97.0.pwmgen.{n:02}.{name}");
+        let output = pins.output(&name("value")).expect("a pin");
+        let enable = pins.output(&name("enable")).expect("a pin");
+        pins.set(output, value);
+        pins.set(enable, true);
+    }
+    driver.write().expect("the bus does not fail");
+    driver.bus_mut().wait(Duration::from_micros(100));
+    let fpga = driver.bus_mut();
+    // Up and down: positive values on the second pin; a negative scale turns the other round.
+    for (pin, part) in [(34, 0.0), (35, 0.75), (36, 0.25)] {
+        let found = high_part(fpga, pin);
+        assert!((found - part).abs() < 0.01, "pin {pin}: {found}");
+    }
+    let refused = Driver::start(with_spindles(), with(&[(8, PwmConfig::default())]));
+    let error = refused.err().expect("8 generators").to_string();
+    assert!(
+        error.contains("`Settings::pwm`") && error.contains('8'),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_frequency_that_the_clock_does_not_allow_is_refused_and_a_7i97t_has_its_own() {
+    for hz in [0, 390_620, 4_000_000_000] {
+        let settings = Settings {
+            pwm_hz: Some(hz),
+            ..Settings::default()
+        };
+        let refused = Driver::start(machines::i7i97(1), settings).err();
+        let error = refused.expect("no such frequency").to_string();
+        assert!(error.contains("`Settings::pwm_hz`"), "{error}");
+        assert!(error.contains("1 to 390619 Hz"), "{error}");
+    }
+    for (version, hz) in [(0, 48_000), (1, 75_000)] {
+        let mut firmware = machines::firmware_7i97(1);
+        firmware.clock_high = 160_000_000;
+        firmware.module_mut(6).expect("PWM").version = version;
+        let driver = Driver::start(SimFpga::new(firmware), Settings::default());
+        let driver = driver.expect("a 7I97T");
+        let pins = driver.pins();
+        let frequency = pins.parameter::<u32>("hm2_7i97.0.pwmgen.pwm_frequency");
+        assert_eq!(pins.param(frequency.expect("PWM")), hz);
+    }
 }
