@@ -200,7 +200,7 @@ pub enum CycleError<E: BusError> {
     /// Another board, or another firmware, answers than the driver was started with. It did not get
     /// this driver's set-up.
     #[error(
-        "another board, or another firmware, answers than this driver was started with, and gets          none of its set-up: stop the driver and start it anew"
+        "another board, or another firmware, answers than this driver was started with, and gets none of its set-up: stop the driver and start it anew"
     )]
     OtherFirmware,
 }

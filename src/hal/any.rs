@@ -4,7 +4,7 @@
 use super::GroupId;
 use super::handle::Key;
 use super::rule::is_scale;
-use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, Value};
+use super::{AnyValue, HalType, Handle, PinError, PinInfo, Pins, Reading, Role, ShortName, Value};
 
 /// A pin or parameter of any kind and type. The default is one of no store.
 ///
@@ -131,7 +131,8 @@ impl Pins {
 
     /// Reads a pin, or what the application has set an output to: one that is
     /// [not enabled](super::AnalogOut::enable) beside others is safe, and one whose group is not
-    /// armed is not valid: it is safe, whatever it was set to. A parameter, whose value does not
+    /// armed, or that was set to NaN or infinity, is not valid: it is safe, whatever it was set to.
+    /// A parameter, whose value does not
     /// depend on transfers, is always valid.
     ///
     /// One of another store gives a bit that is off, not valid, and is counted in
@@ -147,12 +148,14 @@ impl Pins {
         let slot = self
             .index(pin.0)
             .and_then(|n| Some((n, self.slots.get(n)?)));
+        let value = AnyValue {
+            hal_type: info.map_or(HalType::Bit, |info| info.hal_type),
+            bits: slot.map_or(reading.value, |(index, slot)| self.shown(index, slot)),
+        };
         Reading {
-            value: AnyValue {
-                hal_type: info.map_or(HalType::Bit, |info| info.hal_type),
-                bits: slot.map_or(reading.value, |(index, slot)| self.shown(index, slot)),
-            },
-            valid: reading.valid || is_param,
+            value,
+            // An output that was set to what is no number is safe, and does not have that value.
+            valid: (reading.valid || is_param) && value.is_finite(),
             age: reading.age,
         }
     }
@@ -236,9 +239,16 @@ impl PinInfo {
             .limits
             .is_none_or(|(min, max)| min <= number && number <= max);
         if self.is_scale && !is_scale(number) {
-            Err(PinError::BadScale)
+            Err(PinError::BadScale {
+                name: ShortName::new(&self.name),
+                value,
+            })
         } else if !value.is_finite() || !is_within {
-            Err(PinError::BadValue)
+            Err(PinError::BadValue {
+                name: ShortName::new(&self.name),
+                value,
+                limits: self.limits,
+            })
         } else {
             Ok(())
         }
@@ -288,6 +298,21 @@ mod tests {
         assert_eq!(pins.read_any(input.into()).value, AnyValue::from(-3));
     }
 
+    fn bad_value(value: f64) -> PinError {
+        PinError::BadValue {
+            name: ShortName::new("card.setting"),
+            value: value.into(),
+            limits: Some((0.0, 10.0)),
+        }
+    }
+
+    fn bad_scale(value: f64) -> PinError {
+        PinError::BadScale {
+            name: ShortName::new("card.scale"),
+            value: value.into(),
+        }
+    }
+
     #[test]
     fn what_can_not_be_set_stays_and_says_why() {
         let mut pins = store();
@@ -296,16 +321,20 @@ mod tests {
         for (name, value, why) in [
             ("card.in", AnyValue::from(1), PinError::NotSettable),
             ("card.property", AnyValue::from(true), PinError::ReadOnly),
-            ("card.setting", AnyValue::from(11.0), PinError::BadValue),
-            ("card.setting", AnyValue::from(f64::NAN), PinError::BadValue),
-            ("card.scale", AnyValue::from(0.0), PinError::BadScale),
-            ("card.scale", AnyValue::from(-0.0), PinError::BadScale),
-            ("card.scale", AnyValue::from(5e-324), PinError::BadScale),
-            ("card.scale", AnyValue::from(f64::NAN), PinError::BadScale),
+            ("card.setting", AnyValue::from(11.0), bad_value(11.0)),
+            (
+                "card.setting",
+                AnyValue::from(f64::NAN),
+                bad_value(f64::NAN),
+            ),
+            ("card.scale", AnyValue::from(0.0), bad_scale(0.0)),
+            ("card.scale", AnyValue::from(-0.0), bad_scale(-0.0)),
+            ("card.scale", AnyValue::from(5e-324), bad_scale(5e-324)),
+            ("card.scale", AnyValue::from(f64::NAN), bad_scale(f64::NAN)),
             (
                 "card.scale",
                 AnyValue::from(f64::NEG_INFINITY),
-                PinError::BadScale,
+                bad_scale(f64::NEG_INFINITY),
             ),
         ] {
             let pin = id(&pins, name);

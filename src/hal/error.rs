@@ -2,10 +2,12 @@
 
 use alloc::string::String;
 
+use super::{AnyValue, MAX_NAME};
+
 /// Why a pin or parameter was not made, not found or not changed.
 ///
 /// Nothing in the cycle returns it: there, a bad value becomes a safe one and is counted.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PinError {
     /// The name is empty, longer than LinuxCNC takes, or has characters that HAL files can not hold.
@@ -66,12 +68,20 @@ pub enum PinError {
         "the handle belongs to another driver's pins, or to none; ask this driver for it by name"
     )]
     ForeignHandle,
-    /// The limits or the full scale of an output are not finite and in order, or its safe value is
-    /// outside of them.
+    /// The limits or the full scale of a pin or parameter are not finite and in order, or its first
+    /// value is outside of them.
     #[error(
-        "the limits of an output must be finite, in order, and have its safe value between them"
+        "`{name}` can not begin at {initial}: its limits and its full scale must be finite, the limits in order, and what it begins with between them{}",
+        Limits(*.limits)
     )]
-    BadLimits,
+    BadLimits {
+        /// Its name.
+        name: ShortName,
+        /// What it was to begin with, which is the safe value of an output.
+        initial: AnyValue,
+        /// Its limits, if it has any.
+        limits: Option<(f64, f64)>,
+    },
     /// The parameter can not be written.
     #[error("the parameter is read-only: it shows a value, and can not be set")]
     ReadOnly,
@@ -81,18 +91,90 @@ pub enum PinError {
     )]
     InRemote,
     /// The value is not finite, or outside what the parameter takes.
-    #[error("the value is not finite, or outside the limits of the parameter (see its `PinInfo`)")]
-    BadValue,
+    #[error(
+        "`{name}` can not be set to {value}: it takes a finite number{}; it keeps its value",
+        Limits(*.limits)
+    )]
+    BadValue {
+        /// The parameter.
+        name: ShortName,
+        /// The value.
+        value: AnyValue,
+        /// Its limits, if it has any.
+        limits: Option<(f64, f64)>,
+    },
     /// The value can be no scale.
     #[error(
-        "a scale is never 0, and its size is from 1e-100 to 1e100: set how many counts, or volts, make one unit of the machine (the parameter keeps its value)"
+        "`{name}` can not be set to {value}: it is a scale (how many counts, or volts, make one unit of the machine), which takes a number from 1e-100 to 1e100, or the same below 0; it keeps its value"
     )]
-    BadScale,
+    BadScale {
+        /// The parameter.
+        name: ShortName,
+        /// The value.
+        value: AnyValue,
+    },
     /// The group does not run, so its outputs can not be armed.
     #[error(
         "the group does not run (its last transfer failed): it can be armed when its inputs are valid again"
     )]
     NotRunning,
+}
+
+/// The name of a pin or parameter, kept in place: an error of the cycle allocates nothing.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct ShortName {
+    length: usize,
+    bytes: [u8; MAX_NAME],
+}
+
+impl ShortName {
+    /// A name; what is beyond [`MAX_NAME`] characters is left out.
+    pub fn new(name: &str) -> Self {
+        let mut bytes = [0; MAX_NAME];
+        let mut length = 0;
+        for (kept, byte) in bytes.iter_mut().zip(name.bytes()) {
+            *kept = byte;
+            length += 1;
+        }
+        Self { length, bytes }
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        let kept = self.bytes.get(..self.length).unwrap_or_default();
+        match core::str::from_utf8(kept) {
+            Ok(name) => name,
+            // A character of several bytes was cut.
+            Err(error) => {
+                let whole = kept.get(..error.valid_up_to()).unwrap_or_default();
+                core::str::from_utf8(whole).unwrap_or_default()
+            }
+        }
+    }
+}
+
+impl core::fmt::Debug for ShortName {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        core::fmt::Debug::fmt(self.as_str(), f)
+    }
+}
+
+impl core::fmt::Display for ShortName {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// The end of a message about a number.
+struct Limits(Option<(f64, f64)>);
+
+impl core::fmt::Display for Limits {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            Some((min, max)) => write!(f, " (its limits are {min} to {max})"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// The end of a message about a name that does not exist.

@@ -5,7 +5,7 @@ use alloc::string::String;
 use super::rule::{is_scale, make_slot};
 use super::{
     AnyValue, FullScale, GroupId, HalType, Handle, InOut, Input, Invert, MAX_NAME, MAX_PINS,
-    Output, Param, PinError, PinInfo, PinStore, Place, Role, Value,
+    Output, Param, PinError, PinInfo, PinStore, Place, Role, ShortName, Value,
 };
 
 /// What a pin or parameter is to be beside its type. A name alone is one at the maker's terminal,
@@ -140,8 +140,13 @@ impl<'a> PinMaker<'a> {
     /// # Errors
     /// [`PinError::BadScale`] if it begins with another.
     pub fn scale(&mut self, spec: impl Into<Spec>, initial: f64) -> Result<Param<f64>, PinError> {
+        let spec = spec.into();
         if !is_scale(initial) {
-            return Err(PinError::BadScale);
+            let name = [&*self.stem, &*spec.name].concat();
+            return Err(PinError::BadScale {
+                name: ShortName::new(&name),
+                value: initial.into(),
+            });
         }
         let param = self.setting(spec, initial)?;
         if let Some(info) = self.store.infos.last_mut() {

@@ -149,7 +149,7 @@ impl Maker<'_> {
         let name = self.spec("-scalemax", None);
         // A number whose largest value is 0 has no other scale.
         let scale = match self.maker().scale(name.clone(), max) {
-            Err(PinError::BadScale) => self.maker().property(name, max),
+            Err(PinError::BadScale { .. }) => self.maker().property(name, max),
             made => made,
         }?;
         let mut spec = Spec {
@@ -216,7 +216,7 @@ impl Maker<'_> {
             reset: make.inout(".reset")?.as_output(),
             // As in LinuxCNC, 0 counts as 1.
             scale: match make.scale(".scale", full_scale) {
-                Err(PinError::BadScale) => make.scale(".scale", 1.0),
+                Err(PinError::BadScale { .. }) => make.scale(".scale", 1.0),
                 made => made,
             }?,
             counts_per_rev: Some(make.setting(".counts-per-rev", 256)?),

@@ -48,7 +48,7 @@ pub struct RemotePins {
 }
 
 /// Why the pins of a remote were not made.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{name}: {source}")]
 pub struct RemoteError {
     /// What the names of the pins of the element begin with, or the name of the parameter.

@@ -69,7 +69,7 @@ pub struct CommandSender {
 }
 
 /// Why a command was not sent.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CommandError {
     /// As many commands wait as the queue holds.

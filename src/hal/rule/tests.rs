@@ -65,7 +65,10 @@ fn limit_parameters_narrow_an_output_but_never_widen_it() {
         -10.0,
         "limits the wrong way round stay inside"
     );
-    assert_eq!(pins.set_param(max, f64::NAN), Err(PinError::BadValue));
+    assert!(matches!(
+        pins.set_param(max, f64::NAN),
+        Err(PinError::BadValue { .. })
+    ));
 }
 
 #[test]
@@ -168,13 +171,10 @@ fn only_a_real_number_has_a_full_scale() {
         ..Spec::from(name)
     };
     let mut make = maker(&mut m.pins, m.group);
-    let refused = Err(PinError::BadLimits);
-    assert_eq!(
-        make.output(full_scale("a", 1.0), false).map(|_| ()),
-        refused
-    );
+    let is_refused = |error| matches!(error, Some(PinError::BadLimits { .. }));
+    assert!(is_refused(make.output(full_scale("a", 1.0), false).err()));
     let infinite = full_scale("a", f64::INFINITY);
-    assert_eq!(make.output(infinite, 0.0).map(|_| ()), refused);
+    assert!(is_refused(make.output(infinite, 0.0).err()));
     assert!(make.output(full_scale("a", 1.0), 0.0).is_ok());
     let mut other = remote();
     let mut make = maker(&mut other.pins, other.group);
