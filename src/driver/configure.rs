@@ -264,7 +264,6 @@ impl<B: RegisterBus + Clock> Board<B> {
             write_failures: 0,
             writes_since_read: 0,
             stale_after: plan.settings.fault_policy.stale_after.max(1),
-            is_repeated: false,
             look_closely: true,
             wants_extra: false,
             is_last: false,

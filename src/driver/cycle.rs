@@ -131,7 +131,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
             pins: &mut self.pins,
             now,
             certain,
-            repeated: self.is_repeated,
             is_running: self.state == BoardState::Running,
             report,
         };
@@ -142,7 +141,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if appears_reset(&self.parts.ports) {
             self.fail(BoardState::Reset);
         } else if is_running {
-            self.is_repeated = false;
             for part in &mut self.parts.modules {
                 part.module.read(&mut cycle);
             }
@@ -189,7 +187,6 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         let was_running = self.is_running();
         self.put(now);
-        self.is_repeated |= self.image.words.has_news();
         // What fails is tried again with the next write; this one goes on without it.
         let _ = self.write_guarded();
         self.keep_quiet();

@@ -137,8 +137,6 @@ pub struct Driver<B: RegisterBus + Clock> {
     writes_since_read: u32,
     /// Cycles without news after which inputs are not valid.
     stale_after: u32,
-    /// Settings were written since the modules took their inputs.
-    is_repeated: bool,
     /// The next read holds all evidence: something happened since the last one that did which may
     /// have blurred what every cycle reads.
     look_closely: bool,

@@ -83,8 +83,6 @@ pub struct ReadCycle<'a> {
     /// All writes have arrived, the newest last. Otherwise others than the newest may have been
     /// executed, or the newest not: the network lost, delayed or duplicated packets.
     pub certain: bool,
-    /// Settings were written since the last read, some of them perhaps again and unchanged.
-    pub repeated: bool,
     /// The board is set up, so that its lines are lines.
     pub is_running: bool,
     /// The report to the application.

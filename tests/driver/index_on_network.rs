@@ -20,10 +20,10 @@ const WIDTH: i64 = 2;
 
 type Machine = Driver<UdpBus<SimLink>>;
 
-fn motor() -> Motor {
+fn motor(per_turn: u32) -> Motor {
     let config = MotorConfig {
         counts_per_unit: 1.0,
-        counts_per_revolution: PER_TURN,
+        counts_per_revolution: per_turn,
         ..MotorConfig::default()
     };
     Motor::new(config).unwrap()
@@ -43,8 +43,8 @@ fn fates(seed: u64, n: u64) -> Fate {
     })
 }
 
-fn machine() -> Machine {
-    let fpga = machines::six_axes_7i97(motor());
+fn machine(per_turn: u32) -> Machine {
+    let fpga = machines::six_axes_7i97(motor(per_turn));
     let link = SimLink::new(fpga);
     let config = UdpConfig {
         cycle_deadline: PERIOD * 3 / 5,
@@ -109,7 +109,7 @@ fn counts(driver: &mut Machine, axis: usize) -> i64 {
 
 /// Six shafts at different speeds, asked for their index again and again; how many zeroes.
 fn run(seed: u64, cycles: u32, n: u64) -> u32 {
-    let mut driver = machine();
+    let mut driver = machine(PER_TURN);
     let mut chance = Chance(seed);
     let encoders = driver
         .modules::<Encoders>()
@@ -183,7 +183,7 @@ fn no_delayed_duplicate_or_lost_write_makes_a_false_zero() {
 #[test]
 fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
     for work in [50, 300, 600, 900_u64] {
-        let mut driver = machine();
+        let mut driver = machine(PER_TURN);
         let (pins, bank) = {
             let encoders = driver.modules::<Encoders>().next().expect("encoders");
             (encoders.pins().next().expect("one"), encoders.bank)
@@ -233,5 +233,97 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
             );
         }
         assert!(shaft.zeroes >= 39, "{}", shaft.zeroes);
+    }
+}
+
+/// What disturbs the cycles in which an axis approaches its mark.
+#[derive(Clone, Copy, Debug)]
+enum Disturbance {
+    Nothing,
+    LostWrites,
+    AnotherSetting,
+    AnotherAxis,
+}
+
+/// One cycle: all axes turn at `speed` counts in a second, every other one the other way round.
+fn turn_all(driver: &mut Machine, speed: f64, disturbance: Disturbance, cycle: u32) {
+    for axis in 0..6 {
+        let speed = if axis % 2 == 0 { speed } else { -speed };
+        let motor = fpga(driver).motor(axis).expect("an axis");
+        motor.turn_by_hand(Some(speed));
+    }
+    let _ = driver.read();
+    let encoders = driver.modules::<Encoders>().next().expect("encoders");
+    let (bank, last) = (encoders.bank, encoders.pins().last().expect("six"));
+    match disturbance {
+        Disturbance::AnotherSetting => driver.pins_mut().set(bank.hires_timestamp, cycle % 2 == 0),
+        Disturbance::AnotherAxis => {
+            let pins = driver.pins_mut();
+            pins.set(last.counter.index_enable, cycle % 2 == 0);
+        }
+        Disturbance::LostWrites => {
+            // The read is the other packet of the cycle.
+            let mut chance = Chance(u64::from(cycle));
+            let fate = move |_, _: &[u8]| if chance.one_in(3) { vec![] } else { vec![WIRE] };
+            driver.bus_mut().link().to_board = Box::new(fate);
+        }
+        Disturbance::Nothing => {}
+    }
+    let _ = driver.write();
+    driver.bus_mut().link().to_board = Box::new(|_, _| vec![WIRE]);
+    let now = driver.bus_mut().now().as_nanos();
+    let period = PERIOD.as_nanos() as u64;
+    driver
+        .bus_mut()
+        .wait(Duration::from_nanos(period - now % period));
+}
+
+/// Five axes home at once, move away by more than 16 bits count, and home again in the same direction.
+/// Their marks are a million counts apart: nothing but the mark at 0 is near.
+#[test]
+fn an_index_is_not_found_65536_counts_from_the_mark_whatever_is_written_there() {
+    for disturbance in [
+        Disturbance::Nothing,
+        Disturbance::LostWrites,
+        Disturbance::AnotherSetting,
+        Disturbance::AnotherAxis,
+    ] {
+        for forth in [1.0, -1.0] {
+            homes_at_the_mark_only(disturbance, forth * 400_000.0);
+        }
+    }
+}
+
+fn homes_at_the_mark_only(disturbance: Disturbance, speed: f64) {
+    let mut driver = machine(1_000_000);
+    let encoders = driver.modules::<Encoders>().next().expect("encoders");
+    let pins: Vec<EncoderPins> = encoders.pins().take(5).collect();
+    let quiet = Disturbance::Nothing;
+    turn_all(&mut driver, 0.0, quiet, 0);
+    // Away from the mark first, and beyond 16 bits of counts after the first time.
+    for (round, away) in [(1, 10), (2, 200), (3, 190)] {
+        for cycle in 0..away {
+            turn_all(&mut driver, -speed, quiet, cycle);
+        }
+        turn_all(&mut driver, 0.0, quiet, 0);
+        for pins in &pins {
+            driver.pins_mut().set(pins.counter.index_enable, true);
+        }
+        turn_all(&mut driver, 0.0, quiet, 0);
+        for cycle in 0..away + 10 {
+            turn_all(&mut driver, speed, disturbance, cycle);
+        }
+        turn_all(&mut driver, 0.0, quiet, 0);
+        turn_all(&mut driver, 0.0, quiet, 0);
+        for (axis, pins) in pins.iter().enumerate() {
+            let told = format!("{disturbance:?}, {speed}, round {round}, encoder {axis}");
+            let read = driver.pins();
+            assert!(!read.read(pins.counter.index_enable).value, "{told}");
+            let unsure = pins.counter.count_unsure.expect("it has the pin");
+            assert!(!read.read(unsure).value, "{told}");
+            let count = i64::from(read.read(pins.counter.count).value);
+            let zero = counts(&mut driver, axis) - count;
+            assert!(zero.abs() <= WIDTH, "{told}: zero {zero} from the mark");
+        }
     }
 }

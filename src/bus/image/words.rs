@@ -185,6 +185,11 @@ impl Words {
         self.has_news
     }
 
+    /// Whether a setting is to be written with the next write.
+    pub fn is_news(&self, setting: Setting) -> bool {
+        self.is_asked(setting.0, By::Cycle)
+    }
+
     /// Whether settings wait for a [guarded](super::Image::write_guarded) write.
     pub(crate) fn has_guarded_news(&self) -> bool {
         self.has_guarded_news

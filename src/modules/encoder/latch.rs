@@ -62,7 +62,11 @@ enum Stage {
 /// An index that was passed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Passed {
-    count: u16,
+    /// The latched count, 16 bits of the counter.
+    latched: u16,
+    /// Where it is, in counts without wrap-around: indexes that are 65,536 counts apart are latched
+    /// with the same count.
+    at: i64,
     upwards: bool,
 }
 
@@ -84,7 +88,7 @@ pub(super) struct Latch {
     previous_for: u32,
     /// Since the last read, other writes than the newest may have been executed.
     pub is_doubtful: bool,
-    /// Since the last read, the control word was written again unchanged.
+    /// Since the last read, the control word of this encoder was written, perhaps again and unchanged.
     pub is_repeated: bool,
 }
 
@@ -136,8 +140,14 @@ impl Latch {
     }
 
     /// Takes what a read showed, after the counter went `from` one count `to` another since the read
-    /// before; gives the latched count once the latch has happened.
-    pub fn observe(&mut self, control: u32, from: u16, to: u16) -> Option<u16> {
+    /// before, both without wrap-around; `behind` is how far a latched count is behind `to`. Gives the
+    /// latched count once the latch has happened.
+    pub fn observe(
+        &mut self,
+        control: u32,
+        (from, to): (i64, i64),
+        behind: impl Fn(u16) -> i64,
+    ) -> Option<u16> {
         let is_trusted = self.is_trusted();
         let is_suspect = take(&mut self.is_doubtful) | take(&mut self.is_repeated);
         self.previous_for = self.previous_for.saturating_sub(1);
@@ -163,16 +173,17 @@ impl Latch {
         if !is_trusted {
             return None;
         }
-        let step = to.wrapping_sub(from) as i16;
+        let latched = latched(control);
         if self.wanted == LatchRequest::Index {
-            self.index = (step != 0).then_some(Passed {
-                count: latched(control),
-                upwards: step > 0,
+            self.index = (to != from).then(|| Passed {
+                latched,
+                at: to.wrapping_sub(behind(latched)),
+                upwards: to > from,
             });
         }
         self.end();
         self.wanted = LatchRequest::None;
-        Some(latched(control))
+        Some(latched)
     }
 
     /// Whether what this read shows comes from this request, and not from a late write of the one
@@ -184,21 +195,17 @@ impl Latch {
 
     /// Whether the movement went over the index that was latched before, in the same direction,
     /// while the latch was armed: it was taken with the same count.
-    fn has_passed_again(&self, from: u16, to: u16) -> bool {
-        let Some(index) = self.index.filter(|index| index.count == self.before) else {
+    fn has_passed_again(&self, from: i64, to: i64) -> bool {
+        let Some(index) = self.index.filter(|index| index.latched == self.before) else {
             return false;
         };
-        let ahead = |count: u16| {
-            let (near, far) = if index.upwards {
-                (from, count)
-            } else {
-                (count, from)
-            };
-            far.wrapping_sub(near) as i16
+        let is_over = if index.upwards {
+            from < to && (from..=to).contains(&index.at)
+        } else {
+            to < from && (to..=from).contains(&index.at)
         };
-        let (step, index) = (ahead(to), ahead(index.count));
         let is_asked_for = self.wanted == LatchRequest::Index && self.stage == Stage::Armed;
-        is_asked_for && step > 0 && (0..=step).contains(&index)
+        is_asked_for && is_over
     }
 
     fn end(&mut self) {

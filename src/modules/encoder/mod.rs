@@ -230,6 +230,7 @@ impl Encoder {
         if state.latch.is_unsettled() {
             cycle.words.repeat(self.mode);
         }
+        state.latch.is_repeated |= cycle.words.is_news(self.mode);
     }
 }
 
@@ -262,7 +263,6 @@ impl Module for Encoders {
                 at: cycle.now,
             };
             encoder.state.latch.is_doubtful |= !cycle.certain;
-            encoder.state.latch.is_repeated |= cycle.repeated;
             encoder.read(cycle.pins, sample);
         }
     }

@@ -54,8 +54,10 @@ pub struct EncoderReading {
     /// Both inputs changed at once while errors were watched: counts may be wrong. Kept until they
     /// are not watched.
     pub quadrature_error: bool,
-    /// The counter was set up again, or the time between two reads was so long that the encoder may
-    /// have moved 32768 counts or more: `count` may be wrong. Kept until the next reset or index.
+    /// The counter was set up again; or the time between two reads was so long that the encoder may
+    /// have moved 32768 counts or more; or it was near the greatest rate that is followed, and seems
+    /// to have stopped from one read to the next, as beyond that rate. `count` may be wrong. Kept until
+    /// the next reset or index.
     pub is_unsure: bool,
     /// It turns at nine tenths or more of the greatest rate that is followed: beyond that rate counts
     /// are garbage, and no error tells (FACTS 12.6).
@@ -207,8 +209,9 @@ impl EncoderState {
         self.clears_error |= self.last.is_none();
         self.clears_error &= has_error;
         let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
+        let from = self.reading.rawcounts;
         self.advance(last, ticks, sample);
-        let index_came = self.check_latch(sample, last.count as u16);
+        let index_came = self.check_latch(sample, from);
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
         self.reading = EncoderReading {
@@ -224,6 +227,13 @@ impl EncoderState {
         self.reading
     }
 
+    /// Whether counts stopped to come from one read to the next, at a rate near to the greatest one: the
+    /// encoder is beyond that rate rather than still.
+    fn has_gone_beyond(&self, change: i64, elapsed: u64) -> bool {
+        let fewest = 0.5 * NEAR * self.max_count_rate() * (elapsed as f64 / self.tick_hz);
+        self.reading.is_near_max && fewest >= FEWEST && (change.unsigned_abs() as f64) < fewest
+    }
+
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
         let change = i64::from((sample.count as u16).wrapping_sub(last.count as u16) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
@@ -234,6 +244,7 @@ impl EncoderState {
         let age = if age > u16::MAX - READ_SKEW { 0 } else { age };
         let elapsed = ticks.saturating_sub(last_ticks);
         let changed_at = ticks.saturating_sub(u64::from(age).min(elapsed));
+        self.reading.is_unsure |= self.has_gone_beyond(change, elapsed);
         self.reading.rawcounts = self.reading.rawcounts.wrapping_add(change);
         self.reading.count = self.reading.count.wrapping_add(change);
         let (hz, idle_time) = (self.tick_hz, self.config.idle_time);
@@ -243,12 +254,14 @@ impl EncoderState {
     }
 
     /// Makes the count 0 at an index that came, and keeps where a probe did. Whether an index came.
-    fn check_latch(&mut self, sample: EncoderSample, from: u16) -> bool {
+    fn check_latch(&mut self, sample: EncoderSample, from: i64) -> bool {
         let (wanted, count) = (self.latch.wanted, sample.count as u16);
-        let Some(latched) = self.latch.observe(sample.control, from, count) else {
+        let moved = (from, self.reading.rawcounts);
+        let behind = |latched: u16| i64::from(count.wrapping_sub(latched) as i16);
+        let Some(latched) = self.latch.observe(sample.control, moved, behind) else {
             return false;
         };
-        let behind = i64::from(count.wrapping_sub(latched) as i16);
+        let behind = behind(latched);
         let is_index = wanted == LatchRequest::Index;
         if is_index {
             (self.reading.count, self.reading.is_unsure) = (behind, false);
@@ -260,6 +273,9 @@ impl EncoderState {
 
 /// The part of the greatest count rate from which on it is near.
 const NEAR: f64 = 0.9;
+
+/// So many counts at least have to be missing before an encoder is taken to be beyond that rate.
+const FEWEST: f64 = 4.0;
 
 /// This number of counts between two reads may as well be as many in the other direction.
 const AMBIGUOUS: f64 = 32_768.0;

@@ -439,3 +439,26 @@ fn an_error_that_nobody_watches_is_cleared_in_the_board_when_it_shows() {
         "a changed word is written"
     );
 }
+
+#[test]
+fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_brakes_is_not() {
+    // 6 million samples in a second and the long filter: 800 counts in a millisecond are the most.
+    let run = |changes: &[i64]| {
+        let (mut hardware, mut encoder) = (Hardware::default(), encoder());
+        encoder.set_rates(HZ, 6e6);
+        let _ = encoder.read(hardware.sample());
+        let read = |&change: &i64| encoder.read(hardware.step(change, 1_000));
+        changes.iter().map(read).collect::<Vec<_>>()
+    };
+    for way in [1, -1] {
+        let beyond = [600, 740, 740, 1, 0, 0].map(|change| way * change);
+        let unsure: Vec<_> = run(&beyond).iter().map(|seen| seen.is_unsure).collect();
+        assert_eq!(unsure, [false, false, false, true, true, true]);
+        // Half of its speed in 3 ms.
+        let brakes = [740, 740, 620, 500, 380, 260, 140, 20, 0].map(|change| way * change);
+        assert!(run(&brakes).iter().all(|seen| !seen.is_unsure));
+        let slower = [600, 600, 1, 0].map(|change| way * change);
+        let seen = run(&slower);
+        assert!(seen.iter().all(|seen| !seen.is_unsure), "{seen:?}");
+    }
+}
