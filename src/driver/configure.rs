@@ -79,8 +79,7 @@ impl<B: RegisterBus + Clock> Board<B> {
             return Err(DriverError::NotPaced { why });
         }
         bus.set_cycle(settings.period, None);
-        let (firmware, description) = HostMot2::describe(&mut bus)?;
-        let description = description.known(&mut bus).map_err(DriverError::Bus)?;
+        let (firmware, description) = identify_steady(&mut bus)?;
         let ports = IoPorts::locate(&firmware).map_err(RegisterError::from)?;
         let watchdog = WatchdogRegisters::locate(&firmware).map_err(RegisterError::from)?;
         let mut bus = Held::new(bus, &ports, &watchdog);
@@ -191,7 +190,13 @@ impl<B: RegisterBus + Clock> Board<B> {
         // The board's timer comes once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.plan.settings;
         let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
-        self.plan.image.freeze(bus, held).map_err(DriverError::Bus)
+        let image = self
+            .plan
+            .image
+            .freeze(bus, held)
+            .map_err(DriverError::Bus)?;
+        self.expect_set_up(STARTED)?;
+        Ok(image)
     }
 
     /// Sets the board up, with everything off, and finds out what remotes there are. They stay in
@@ -216,16 +221,58 @@ impl<B: RegisterBus + Clock> Board<B> {
         // I/O pins come last, when everybody has taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
         self.is_discovered = true;
-        let bus = &mut *self.bus;
-        self.plan.image.set_up(bus).map_err(DriverError::Bus)?;
-        self.plan.image.watch(bus).map_err(DriverError::Bus)?;
+        self.set_up()?;
+        self.plan
+            .image
+            .watch(&mut *self.bus)
+            .map_err(DriverError::Bus)?;
+        self.expect_set_up("it was set up")?;
         for stage in &mut self.stages {
-            self.plan.discover(bus, stage)?;
+            self.plan.discover(&mut *self.bus, stage)?;
         }
         Ok(())
     }
 
+    /// Writes the set-up, until the board has all of it. A reset in the middle leaves the end of it
+    /// without its beginning: pins that are driven, by modules that are not set up.
+    fn set_up(&mut self) -> Result<(), DriverError<B::Error>> {
+        for _ in 0..TRIES {
+            self.plan
+                .image
+                .set_up(&mut *self.bus)
+                .map_err(DriverError::Bus)?;
+            if self.is_set_up().map_err(DriverError::Bus)? {
+                return Ok(());
+            }
+        }
+        self.expect_set_up("it was set up")
+    }
+
+    /// Fails if the board has lost its set-up since it was written. Then it drives nothing.
+    fn expect_set_up(&mut self, during: &'static str) -> Result<(), DriverError<B::Error>> {
+        if self.is_set_up().map_err(DriverError::Bus)? {
+            return Ok(());
+        }
+        // What fails here leaves the rest to the watchdog.
+        let _ = self.bus.release();
+        Err(DriverError::Unsteady { during })
+    }
+
+    /// Whether the board has not been reset since its set-up began. What is read in the middle of a
+    /// reset is no evidence, so the board has to describe itself as before first.
+    fn is_set_up(&mut self) -> Result<bool, B::Error> {
+        let bus = &mut *self.bus;
+        Ok(self.description.is_still(bus)? && self.parts.watchdog.registers.are_at_first(bus)?)
+    }
+
+    /// What a start that failed returns. What a port or a remote did after a reset is not its own
+    /// failure.
     fn stopped(&mut self, error: DriverError<B::Error>) -> DriverError<B::Error> {
+        let is_of_port = matches!(error, DriverError::Port(_) | DriverError::Missing(_));
+        if is_of_port && let Err(reset @ DriverError::Unsteady { .. }) = self.expect_set_up(STARTED)
+        {
+            return reset;
+        }
         for stage in &mut self.stages {
             // The error counts; whatever can still be stopped is stopped.
             let _ = stage.port.on(&mut *self.bus).stop_all();
@@ -273,6 +320,28 @@ impl<B: RegisterBus + Clock> Board<B> {
         super::messages::found(&driver);
         driver
     }
+}
+
+/// What is done after the set-up.
+const STARTED: &str = "its remotes were started";
+
+/// How often a board is identified, or set up, that is reset meanwhile.
+const TRIES: u32 = 3;
+
+/// What firmware the board has, read twice with the same result: what is read around a reset is no
+/// firmware.
+fn identify_steady<B: RegisterBus>(
+    bus: &mut B,
+) -> Result<(HostMot2, Known<B::List>), DriverError<B::Error>> {
+    for _ in 0..TRIES {
+        let (firmware, description) = HostMot2::describe(bus)?;
+        let mut description = description.known(bus).map_err(DriverError::Bus)?;
+        if description.is_still(bus).map_err(DriverError::Bus)? {
+            return Ok((firmware, description));
+        }
+    }
+    let during = "its firmware was identified";
+    Err(DriverError::Unsteady { during })
 }
 
 /// Refuses times that do not fit each other, and completes what follows the period.

@@ -33,6 +33,14 @@ pub enum DriverError<E: BusError> {
     /// A serial port does not obey.
     #[error(transparent)]
     Port(PortError<E>),
+    /// The board was reset, or lost its power, in the middle of the start. It drives nothing.
+    #[error(
+        "the board was reset, or lost power, while {during}, and drives nothing: check its supply, and that no other program drives it; then start again"
+    )]
+    Unsteady {
+        /// What was done then.
+        during: &'static str,
+    },
     /// A serial port was configured that the firmware does not have.
     #[error(
         "there is no serial port {port}: this firmware has {ports}; leave its configuration out"

@@ -30,6 +30,7 @@ mod remotes_by_chance;
 mod reset_evidence;
 mod reset_forgets;
 mod reset_in_read;
+mod reset_in_start;
 mod reset_named;
 mod set_up;
 mod stop_tells;

@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use crate::bus::RegisterBus;
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error};
 
 /// The registers of the watchdog.
@@ -79,6 +80,16 @@ impl WatchdogRegisters {
         Some(Duration::from_nanos(
             nanos.checked_div(self.clock_hz.into())?,
         ))
+    }
+
+    /// Whether the watchdog is as the first set-up leaves it, before the cycle: disabled, and without a
+    /// bite. A reset leaves another time.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub(crate) fn are_at_first<B: RegisterBus>(&self, bus: &mut B) -> Result<bool, B::Error> {
+        let status = bus.read(self.status)?;
+        Ok(bus.read(self.time)? == Self::DISABLED && status & Self::HAS_BIT == 0)
     }
 
     /// Whether the watchdog runs with this time, or has it left: it is neither disabled, nor bitten,
