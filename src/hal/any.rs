@@ -195,6 +195,17 @@ impl Pins {
             .is_some_and(|(slot, group)| group.armed || slot.exempt)
     }
 
+    /// How often faults have made an output safe that they touch; `None` for one that they do not, for
+    /// a parameter, and for a value that is safe.
+    #[cfg(feature = "std")]
+    pub(crate) fn faults_against(&self, pin: PinId, value: AnyValue) -> Option<u64> {
+        let info = self.info_of(pin)?;
+        let (slot, group) = self.slot(pin.0)?;
+        let is_output = matches!(info.role, Role::Output | Role::InOut);
+        let safe = self.rules.get(self.index(pin.0)?)?.safe;
+        (is_output && !slot.exempt && value.bits != safe).then_some(group.faults)
+    }
+
     fn set_as<T: Value>(
         &mut self,
         pin: PinId,

@@ -107,14 +107,19 @@ pub struct CommandStatistics {
     /// Taken by the cycle.
     pub taken: u64,
     /// Of those, commands that had no effect: an output whose group is not armed, a group that does not
-    /// run and can not be armed, and what re-arms but was sent before the last fault.
+    /// run and can not be armed, and what was sent before the last fault but re-arms, or sets an output
+    /// that this fault made safe to something else.
     pub refused: u64,
 }
+
+/// Words of a command.
+const WORDS: usize = 4;
 
 /// What the cycle is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Command {
-    Set(PinId, AnyValue),
+    /// After so many faults of its group.
+    Set(PinId, AnyValue, u64),
     /// After so many epochs of faults.
     Rearm(u64),
     RearmGroup(GroupId, u64),
@@ -124,13 +129,15 @@ enum Command {
 /// A ring: senders write behind a lock of their own, the cycle reads without one.
 #[derive(Debug)]
 struct Shared {
-    slots: Box<[[AtomicU64; 3]]>,
+    slots: Box<[[AtomicU64; WORDS]]>,
     /// Commands that were sent, and of them those that were taken.
     sent: AtomicU64,
     taken: AtomicU64,
     refused: AtomicU64,
     /// The epoch that senders know of.
     epoch: AtomicU64,
+    /// How often faults have disarmed each group, as far as senders know.
+    faults: Box<[(GroupId, AtomicU64)]>,
     /// Held by senders only.
     sending: Mutex<()>,
     has_ended: AtomicBool,
@@ -144,16 +151,21 @@ struct Shared {
 impl CommandQueue {
     /// For a driver. It holds `capacity` commands: 1 to 65,536, or else the nearest of these.
     pub fn new<B: RegisterBus + Clock>(driver: &Driver<B>, capacity: usize) -> Self {
-        let slots = (0..capacity.clamp(1, LARGEST)).map(|_| <[AtomicU64; 3]>::default());
+        let slots = (0..capacity.clamp(1, LARGEST)).map(|_| <[AtomicU64; WORDS]>::default());
         let pins = driver.pins();
         let remotes = driver.ports().iter().flat_map(|port| {
             let number = port.layout().instance;
             port.remotes()
                 .map(move |remote| (number, remote.started.channel.index()))
         });
+        let groups = pins.groups().map(|group| {
+            let faults = pins.group_state(group).map_or(0, |state| state.faults);
+            (group, AtomicU64::new(faults))
+        });
         Self {
             shared: Arc::new(Shared {
                 slots: slots.collect(),
+                faults: groups.collect(),
                 sent: AtomicU64::new(0),
                 taken: AtomicU64::new(0),
                 refused: AtomicU64::new(0),
@@ -181,8 +193,9 @@ impl CommandQueue {
     ///
     /// A re-arming that was sent before a fault is void after it, and counted as refused: it was meant
     /// for a fault before. So is what sets an output whose group is not armed, which nobody would
-    /// follow, and what was sent for another driver. Everything else is done whatever has failed: what
-    /// switches an output off must not be lost because a remote elsewhere went offline.
+    /// follow, or one that a fault made safe since it was sent, whoever has re-armed it meanwhile; and
+    /// what was sent for another driver. Everything else is done whatever has failed: what switches an
+    /// output off (sets it to its safe value) must not be lost because something failed.
     ///
     /// # Real time
     /// Bounded, no allocation. Re-arming a board that has lost its set-up takes the time of
@@ -200,13 +213,17 @@ impl CommandQueue {
         {
             count += 1;
             let is_done = match command {
-                Command::Set(pin, value) => set(driver.pins_mut(), pin, value),
+                Command::Set(pin, value, faults) => set(driver.pins_mut(), (pin, value), faults),
                 Command::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
                 Command::RearmGroup(group, epoch) => {
                     epoch == self.epoch && driver.pins_mut().rearm(group).is_ok()
                 }
                 Command::Restart(port, channel) => {
+                    // What this disarms was asked for, and is no fault.
+                    let before = faults(driver);
                     driver.restart(port, channel);
+                    let more = faults(driver).wrapping_sub(before);
+                    self.faults = self.faults.wrapping_add(more);
                     true
                 }
             };
@@ -217,8 +234,7 @@ impl CommandQueue {
                 break;
             }
         }
-        // A restart that was asked for disarms as well.
-        self.faults = faults(driver);
+        self.look(driver);
         count
     }
 
@@ -231,15 +247,25 @@ impl CommandQueue {
             self.epoch = self.epoch.wrapping_add(1);
             self.shared.epoch.store(self.epoch, Ordering::Release);
         }
+        for (group, known) in &self.shared.faults {
+            if let Some(state) = driver.pins().group_state(*group) {
+                known.store(state.faults, Ordering::Release);
+            }
+        }
     }
 }
 
-/// Sets a pin or a setting, if that has an effect.
-fn set(pins: &mut Pins, pin: PinId, value: AnyValue) -> bool {
+/// Sets a pin or a setting, if that has an effect. `faults`: how often faults had disarmed its group when
+/// it was sent.
+fn set(pins: &mut Pins, (pin, value): (PinId, AnyValue), faults: u64) -> bool {
     let is_output = pins
         .info_of(pin)
         .is_some_and(|info| info.role == Role::Output);
-    (!is_output || pins.follows(pin)) && pins.set_any(pin, value).is_ok()
+    let is_meant = match pins.faults_against(pin, value) {
+        Some(now) => now == faults && (!is_output || pins.follows(pin)),
+        None => true,
+    };
+    is_meant && pins.set_any(pin, value).is_ok()
 }
 
 /// How often faults have disarmed groups of pins.
@@ -277,8 +303,12 @@ impl CommandSender {
         let shared = &*self.shared;
         let info = shared.infos.get(pin.index());
         let info = info.filter(|_| pin.is_beside(shared.pin));
-        info.ok_or(PinError::ForeignHandle)?.check_settable(value)?;
-        self.send(Command::Set(pin, value))
+        let info = info.ok_or(PinError::ForeignHandle)?;
+        info.check_settable(value)?;
+        let mut faults = shared.faults.iter();
+        let faults = faults.find(|(group, _)| *group == info.group);
+        let faults = faults.map_or(0, |(_, faults)| faults.load(Ordering::Acquire));
+        self.send(Command::Set(pin, value, faults))
     }
 
     /// Re-arms everything: [`Driver::rearm`].
@@ -367,7 +397,7 @@ impl Shared {
         self.taken.store(sent, Ordering::Release);
     }
 
-    fn slot(&self, number: u64) -> Option<&[AtomicU64; 3]> {
+    fn slot(&self, number: u64) -> Option<&[AtomicU64; WORDS]> {
         let index = number.checked_rem(self.slots.len() as u64)?;
         self.slots.get(index as usize)
     }
@@ -383,20 +413,20 @@ const TYPES: [HalType; 6] = [
 ];
 
 impl Command {
-    fn to_words(self) -> [u64; 3] {
+    fn to_words(self) -> [u64; WORDS] {
         match self {
-            Self::Rearm(epoch) => [0, 0, epoch],
-            Self::RearmGroup(group, epoch) => [1, group.to_word(), epoch],
-            Self::Restart(port, channel) => [2, port.into(), channel.into()],
-            Self::Set(pin, value) => {
+            Self::Rearm(epoch) => [0, 0, epoch, 0],
+            Self::RearmGroup(group, epoch) => [1, group.to_word(), epoch, 0],
+            Self::Restart(port, channel) => [2, port.into(), channel.into(), 0],
+            Self::Set(pin, value, faults) => {
                 let number = TYPES.iter().position(|&other| other == value.hal_type);
                 let number = number.unwrap_or_default() as u64;
-                [3 + number, pin.to_word(), value.bits]
+                [3 + number, pin.to_word(), value.bits, faults]
             }
         }
     }
 
-    fn from_words([kind, one, other]: [u64; 3]) -> Self {
+    fn from_words([kind, one, other, faults]: [u64; WORDS]) -> Self {
         match kind {
             0 => Self::Rearm(other),
             1 => Self::RearmGroup(GroupId::from_word(one), other),
@@ -407,7 +437,7 @@ impl Command {
                     hal_type: hal_type.copied().unwrap_or(HalType::Bit),
                     bits: other,
                 };
-                Self::Set(PinId::from_word(one), value)
+                Self::Set(PinId::from_word(one), value, faults)
             }
         }
     }

@@ -106,6 +106,66 @@ fn an_output_is_switched_off_whatever_else_fails_meanwhile() {
     assert_eq!(sender.statistics().refused, 0);
 }
 
+/// Switched on in a queue of 300 commands; a fault; re-armed by the application itself, while the rest of
+/// the queue waits.
+#[test]
+fn an_output_is_not_switched_on_by_what_was_sent_before_a_fault_that_was_re_armed_since() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 400);
+    let sender = queue.sender();
+    let name = "hm2_7i92.0.7i77.0.0.output-00";
+    let coolant = driver.pins().output::<bool>(name).expect("there");
+    let group = driver.pins().info(coolant).expect("there").group;
+    for n in 0..300 {
+        sender.set(coolant, n < 299).expect("there is room");
+    }
+    cycle(&mut driver, &mut queue);
+    driver.restart(0, 0);
+    while driver.pins_mut().rearm(group).is_err() {
+        let _ = driver.read().expect("the bus does not fail");
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(core::time::Duration::from_millis(1));
+    }
+    for _ in 0..20 {
+        cycle(&mut driver, &mut queue);
+        assert!(!driver.pins().commanded(coolant));
+    }
+    let statistics = sender.statistics();
+    assert_eq!((statistics.taken, statistics.refused), (300, 283));
+    // What is sent now was sent after the fault.
+    sender.set(coolant, true).expect("there is room");
+    cycle(&mut driver, &mut queue);
+    assert!(driver.pins().commanded(coolant));
+}
+
+#[test]
+fn what_makes_safe_is_never_refused() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 8);
+    let sender = queue.sender();
+    let name = "hm2_7i92.0.7i77.0.0.output-00";
+    let coolant = driver.pins().output::<bool>(name).expect("there");
+    let group = driver.pins().info(coolant).expect("there").group;
+    cycle(&mut driver, &mut queue);
+    // Sent before the fault, or while nobody follows it: off is off.
+    sender.set(coolant, false).expect("there is room");
+    driver.restart(0, 0);
+    cycle(&mut driver, &mut queue);
+    sender.set(coolant, false).expect("there is room");
+    cycle(&mut driver, &mut queue);
+    // Sent before, taken when the application has switched it on again.
+    sender.set(coolant, false).expect("there is room");
+    while driver.pins_mut().rearm(group).is_err() {
+        let _ = driver.read().expect("the bus does not fail");
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(core::time::Duration::from_millis(1));
+    }
+    driver.pins_mut().set(coolant, true);
+    cycle(&mut driver, &mut queue);
+    assert!(!driver.pins().commanded(coolant));
+    assert_eq!(sender.statistics().refused, 0);
+}
+
 #[test]
 fn what_re_arms_is_done_if_it_was_sent_after_the_fault_was_shown() {
     for is_after in [true, false] {
