@@ -15,6 +15,8 @@ use crate::drives::Drives;
 use crate::machine::{AXES, World};
 use crate::timed::Timed;
 
+/// Cycles without news of a position after which an axis stands.
+const DEBOUNCE: u64 = 3;
 /// Encoder counts for a unit of position, and units per second at full scale: the motors' data.
 const COUNTS_PER_UNIT: f64 = 1000.0;
 const FULL_SPEED: f64 = 100.0;
@@ -184,11 +186,13 @@ impl Control {
     }
 
     fn close_loops(&mut self, pins: &mut Pins, time: f64) {
-        let mut all_valid = true;
+        let mut all_known = true;
         for (n, (axis, drive)) in self.axes.iter_mut().zip(self.drives.outputs).enumerate() {
             let (target, velocity) = trajectory(n, time);
             let position = axis.encoder.read(pins);
-            all_valid &= position.valid;
+            // A reply that is lost once does not stop the axes.
+            let is_known = position.within(DEBOUNCE).is_some();
+            all_known &= is_known;
             let error = target - position.value;
             if time >= SETTLED {
                 axis.worst = axis.worst.max(error.abs());
@@ -196,7 +200,7 @@ impl Control {
                 axis.samples += 1;
             }
             let speed = velocity + GAIN * error;
-            let volts = if position.valid {
+            let volts = if is_known {
                 speed / FULL_SPEED * FULL_SCALE
             } else {
                 0.0
@@ -205,7 +209,7 @@ impl Control {
             drive.set(pins, volts);
         }
         for drive in self.drives.outputs {
-            drive.enable(pins, all_valid);
+            drive.enable(pins, all_known);
         }
     }
 

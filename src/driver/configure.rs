@@ -310,7 +310,6 @@ impl<B: RegisterBus + Clock> Board<B> {
             read_failures: 0,
             write_failures: 0,
             writes_since_read: 0,
-            stale_after: plan.settings.fault_policy.stale_after.max(1),
             look_closely: true,
             wants_extra: false,
             is_last: false,
@@ -362,11 +361,14 @@ impl Plan {
     fn new(firmware: HostMot2, io: IoPorts, settings: Settings) -> Self {
         let name = format!("hm2_{}.{}", firmware.idrom.board(), settings.board_number);
         let mut pins = PinStore::default();
+        pins.set_stale_after(settings.fault_policy.stale_after);
+        let (status, group) = (pins.add_group(), pins.add_group());
+        pins.keep_valid(status);
         let tables = settings.remotes.iter().copied().chain(REMOTES).collect();
         Self {
             table: BoardTable::for_firmware(&firmware, &settings.boards),
-            status: pins.add_group(),
-            group: pins.add_group(),
+            status,
+            group,
             pins,
             io,
             image: ImagePlan::default(),

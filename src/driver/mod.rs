@@ -135,8 +135,6 @@ pub struct Driver<B: RegisterBus + Clock> {
     write_failures: u32,
     /// Writes since the last read; the last one belongs to it.
     writes_since_read: u32,
-    /// Cycles without news after which inputs are not valid.
-    stale_after: u32,
     /// The next read holds all evidence: something happened since the last one that did which may
     /// have blurred what every cycle reads.
     look_closely: bool,

@@ -222,7 +222,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         }
         self.pins.begin_cycle(now);
         self.not_read();
-        if missed == self.stale_after {
+        if missed == self.pins.stale_after() {
             let writes = self.writes_since_read;
             self.events.tell(now, EventKind::NotRead { writes });
             self.make_safe();

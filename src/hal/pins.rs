@@ -64,6 +64,8 @@ pub struct Pins<End: ?Sized = [()]> {
     /// Rises when an output is enabled or held that was not.
     pub(super) switches: u64,
     pub(super) cycle: u64,
+    /// The age in cycles from which on inputs are not valid; 0 for never.
+    pub(super) stale_after: u32,
     pub(super) now: Instant,
     pub(super) totals: Rejections,
     pub(super) foreign: AtomicU32,
@@ -75,7 +77,11 @@ pub struct Pins<End: ?Sized = [()]> {
 
 #[derive(Debug)]
 pub(super) struct Group {
-    pub valid: bool,
+    /// The last transfer that counts was good. Valid are its inputs only until they are stale: see
+    /// [`Pins::is_valid`].
+    pub is_good: bool,
+    /// It does not become stale: what the driver knows by itself.
+    pub is_own: bool,
     pub armed: bool,
     pub last_good: Option<(u64, Instant)>,
     pub faults: u64,
@@ -133,8 +139,12 @@ impl Pins {
         };
         Reading {
             value: T::from_bits(slot.bits),
-            valid: group.valid && !slot.bad,
-            age: self.age(group),
+            valid: self.is_valid(group) && !slot.bad,
+            age: if slot.bad {
+                Age::NEVER
+            } else {
+                self.age(group)
+            },
         }
     }
 
@@ -193,7 +203,7 @@ impl Pins {
     pub fn group_state(&self, group: GroupId) -> Option<GroupState> {
         let group = self.groups.get(self.group_index(group)?)?;
         Some(GroupState {
-            valid: group.valid,
+            valid: self.is_valid(group),
             armed: group.armed,
             age: self.age(group),
             faults: group.faults,
@@ -210,7 +220,11 @@ impl Pins {
     /// [`PinError::NotRunning`] while its transfers fail; [`PinError::ForeignHandle`].
     pub fn rearm(&mut self, group: GroupId) -> Result<(), PinError> {
         let index = self.group_index(group).ok_or(PinError::ForeignHandle)?;
-        if !self.groups.get(index).is_some_and(|group| group.valid) {
+        if !self
+            .groups
+            .get(index)
+            .is_some_and(|group| self.is_valid(group))
+        {
             return Err(PinError::NotRunning);
         }
         self.arm(index);
@@ -393,7 +407,7 @@ impl Pins {
     /// Arms a group that runs and is disarmed: its outputs follow what is set from now on. Returns
     /// whether it was such a group.
     fn arm(&mut self, index: usize) -> bool {
-        let waits = |group: &Group| group.valid && !group.armed;
+        let waits = |group: &Group| self.is_valid(group) && !group.armed;
         let is_due = self.groups.get(index).is_some_and(waits);
         if is_due && let Some(group) = self.forget_commands(index, true) {
             group.armed = true;
@@ -426,6 +440,14 @@ impl Pins {
         if let Some(part) = part.and_then(|index| self.parts.get_mut(index)) {
             part.version = part.version.wrapping_add(1);
         }
+    }
+
+    /// Whether the inputs of a group are valid: the one place that knows when they are stale.
+    fn is_valid(&self, group: &Group) -> bool {
+        let is_stale = self.stale_after > 0
+            && !group.is_own
+            && self.age(group).cycles >= u64::from(self.stale_after);
+        group.is_good && !is_stale
     }
 
     fn age(&self, group: &Group) -> Age {

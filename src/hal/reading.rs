@@ -56,9 +56,11 @@ impl Age {
 pub struct Reading<T> {
     /// The value: the last good one if `valid` is false, or the type's zero if there never was one.
     pub value: T,
-    /// Whether it is from a transfer that succeeded, and the group has not failed since.
+    /// Whether it is from a transfer that succeeded, the group has not failed since, and it is younger
+    /// than [`stale_after`](crate::driver::FaultPolicy::stale_after) cycles.
     pub valid: bool,
-    /// How long ago that transfer was.
+    /// How long ago that transfer was; [`NEVER`](Age::NEVER) of a value that was none, or is not known
+    /// yet.
     pub age: Age,
 }
 
@@ -67,13 +69,36 @@ impl<T> Reading<T> {
     pub fn ok(self) -> Option<T> {
         self.valid.then_some(self.value)
     }
+
+    /// The last good value, if it is at most `cycles` cycles old: of a pin that is not valid, too.
+    ///
+    /// A wire that is sound loses a reply now and then, which makes a remote's inputs
+    /// [not valid](Self::valid) for one cycle. A drive enable, or a limit switch that stops the machine,
+    /// must not follow that: it takes the value of the cycle before, and reacts as many cycles later
+    /// when the remote is really gone. 3 is a good choice at 1 kHz.
+    ///
+    /// ```
+    /// # use mesa_hal::hal::{Age, Reading};
+    /// # use core::time::Duration;
+    /// let lost = Reading {
+    ///     value: true,
+    ///     valid: false, // the wire has lost this cycle's reply
+    ///     age: Age { cycles: 1, time: Duration::from_millis(1) },
+    /// };
+    /// assert_eq!((lost.ok(), lost.within(3), lost.within(0)), (None, Some(true), None));
+    /// ```
+    pub fn within(self, cycles: u64) -> Option<T> {
+        let is_known = self.age.cycles < Age::NEVER.cycles;
+        (is_known && self.age.cycles <= cycles).then_some(self.value)
+    }
 }
 
 /// The state of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct GroupState {
-    /// Its last transfer succeeded.
+    /// Its last transfer succeeded, and is younger than
+    /// [`stale_after`](crate::driver::FaultPolicy::stale_after) cycles.
     pub valid: bool,
     /// Its outputs follow the application; otherwise they have their safe values.
     pub armed: bool,

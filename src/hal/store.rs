@@ -62,7 +62,8 @@ impl PinStore {
     pub fn add_group(&mut self) -> GroupId {
         let (group, part) = (self.groups.len() as u32, self.parts.len() as u32);
         self.groups.push(Group {
-            valid: false,
+            is_good: false,
+            is_own: false,
             armed: true,
             last_good: None,
             faults: 0,
@@ -71,6 +72,24 @@ impl PinStore {
             epoch: 0,
         });
         self.push_part(group)
+    }
+
+    /// Inputs are valid while they are younger than so many cycles; 0, as at first, for however old
+    /// they are.
+    pub fn set_stale_after(&mut self, cycles: u32) {
+        self.stale_after = cycles;
+    }
+
+    /// The age in cycles from which on inputs are not valid; 0 for never.
+    pub const fn stale_after(&self) -> u32 {
+        self.pins.stale_after
+    }
+
+    /// The inputs of a group do not become stale: they are what the driver itself knows.
+    pub fn keep_valid(&mut self, group: GroupId) {
+        if let Some(group) = self.group_mut(group) {
+            group.is_own = true;
+        }
     }
 
     /// A new part of a group, for pins whose changes are to be noticed apart from those of the rest:
@@ -163,7 +182,7 @@ impl PinStore {
     pub fn group_good_since(&mut self, group: GroupId, cycles: u64, started: Instant) {
         let good = (self.cycle.saturating_sub(cycles), started.min(self.now));
         if let Some(group) = self.group_mut(group) {
-            group.valid = true;
+            group.is_good = true;
             group.last_good = Some(good);
         }
     }
@@ -171,7 +190,7 @@ impl PinStore {
     /// The inputs of a group are no longer valid: a transfer failed. Outputs are not touched.
     pub fn invalidate(&mut self, group: GroupId) {
         if let Some(group) = self.group_mut(group) {
-            group.valid = false;
+            group.is_good = false;
         }
     }
 

@@ -33,6 +33,7 @@ mod reset_in_read;
 mod reset_in_start;
 mod reset_named;
 mod set_up;
+mod stale;
 mod stop_tells;
 mod trace;
 mod two_cards;

@@ -55,8 +55,9 @@ pub struct FaultPolicy {
     /// three quarters of the period if that is longer.
     #[cfg_attr(feature = "serde", serde(with = "crate::serial_form::seconds"))]
     pub rest: Duration,
-    /// Cycles without a new transfer after which inputs are no longer valid; at least 1. Also writes
-    /// without a [read](crate::driver::Driver::read), after which everything is safe.
+    /// Inputs, of remotes and of the board itself, are valid while they are younger than so many cycles:
+    /// 1 to 1000. Also writes without a [read](crate::driver::Driver::read), after which everything is
+    /// safe.
     pub stale_after: u32,
 }
 

@@ -219,7 +219,6 @@ impl Module for SerialPort {
         let outcome = self
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
-        let stale_after = self.recovery.policy.stale_after;
         for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
             served.has_news = outcome.good.contains(channel);
@@ -236,8 +235,6 @@ impl Module for SerialPort {
                 served.lost(cycle.pins);
             } else if outcome.failed.contains(channel) {
                 cycle.pins.invalidate(group);
-            } else {
-                served.no_news(cycle.pins, stale_after);
             }
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);
@@ -250,12 +247,10 @@ impl Module for SerialPort {
         report.too_short += u32::from(outcome.too_short);
     }
 
-    fn not_read(&mut self, pins: &mut PinStore) {
+    fn not_read(&mut self, _: &mut PinStore) {
         self.port.machine.not_observed();
-        let stale_after = self.recovery.policy.stale_after;
         for served in &mut self.remotes {
             served.has_news = false;
-            served.no_news(pins, stale_after);
         }
     }
 

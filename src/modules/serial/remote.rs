@@ -52,8 +52,6 @@ pub(super) struct Served {
     outputs: Vec<WriteSlot>,
     mode: Setting,
     mode_word: u32,
-    /// Reads in a row without a new transfer.
-    without_news: u32,
     /// The last read brought a good transfer.
     pub has_news: bool,
     /// The version of the outputs that are in the image.
@@ -87,7 +85,6 @@ impl Served {
                 .collect(),
             mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
-            without_news: 0,
             has_news: false,
             put: None,
             drives: false,
@@ -101,15 +98,6 @@ impl Served {
             *word = cycle.words.word(slot);
         }
         self.pins.take_inputs(cycle.pins, &words);
-        self.without_news = 0;
-    }
-
-    /// Its inputs grow older.
-    pub fn no_news(&mut self, pins: &mut PinStore, stale_after: u32) {
-        self.without_news = self.without_news.saturating_add(1);
-        if self.without_news >= stale_after {
-            pins.invalidate(self.pins.group);
-        }
     }
 
     /// It went offline: what it counted may be anywhere when it comes back.

@@ -225,10 +225,14 @@ impl Snapshot {
         let flags = self.words.get(layout.flags_at + index / 64)?;
         let is_bad = flags >> (index % 64) & 1 != 0;
         let group = self.group(*layout.group_of.get(index)? as usize);
+        let any = AnyValue {
+            hal_type: info.hal_type,
+            bits: *value,
+        };
         Some(Reading {
             value: (info.hal_type, *value),
-            valid: info.role.is_param() || group.valid && !is_bad,
-            age: group.age,
+            valid: (info.role.is_param() || group.valid && !is_bad) && any.is_finite(),
+            age: if is_bad { Age::NEVER } else { group.age },
         })
     }
 }

@@ -259,10 +259,8 @@ impl Recovery {
                     Some(OfflineReason::of_faults(faults))
                 }
                 Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs)),
-                Verdict::Failed(Failure::Doubtful) => {
-                    outcome.failed = outcome.failed.union(mask);
-                    None
-                }
+                // Nothing failed on the wire: the network lost a write, and its cycle is missed.
+                Verdict::Failed(Failure::Doubtful) => None,
                 Verdict::Failed(failure) => {
                     outcome.failed = outcome.failed.union(mask);
                     remote.rest_until = now.after(policy.rest);
