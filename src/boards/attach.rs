@@ -1,5 +1,6 @@
 //! Handles of a board or a card: one way to find them, whatever they are of.
 
+use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
 
@@ -123,7 +124,7 @@ pub enum AttachError {
         /// The kind of board or remote.
         kind: &'static str,
         /// Why.
-        source: PinError,
+        source: Box<PinError>,
     },
 }
 
@@ -154,7 +155,7 @@ impl<'a> Finder<'a> {
         find(self.pins, &name).map_err(|source| AttachError::Pin {
             name,
             kind: self.kind,
-            source,
+            source: source.into(),
         })
     }
 

@@ -327,11 +327,12 @@ const STARTED: &str = "its remotes were started";
 /// How often a board is identified, or set up, that is reset meanwhile.
 const TRIES: u32 = 3;
 
+/// A firmware, and the words that it is known by.
+type Identified<B> = (HostMot2, Known<<B as RegisterBus>::List>);
+
 /// What firmware the board has, read twice with the same result: what is read around a reset is no
 /// firmware.
-fn identify_steady<B: RegisterBus>(
-    bus: &mut B,
-) -> Result<(HostMot2, Known<B::List>), DriverError<B::Error>> {
+fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<Identified<B>, DriverError<B::Error>> {
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
         let mut description = description.known(bus).map_err(DriverError::Bus)?;

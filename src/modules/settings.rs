@@ -471,7 +471,8 @@ mod tests {
 
     #[test]
     fn numbers_that_mean_nothing_are_refused_and_named() {
-        let with = |change: fn(&mut Settings)| {
+        type Change = fn(&mut Settings);
+        let with = |change: Change| {
             let mut settings = Settings::default();
             change(&mut settings);
             settings.check().map_err(|error| error.to_string())
@@ -479,7 +480,7 @@ mod tests {
         assert_eq!(with(|_| {}), Ok(()));
         assert_eq!(with(|s| s.fault_policy.fault_lim = u32::MAX), Ok(()));
         assert_eq!(with(|s| s.fault_policy.stale_after = 1_000), Ok(()));
-        let wrong: [(fn(&mut Settings), &str); 8] = [
+        let wrong: [(Change, &str); 8] = [
             (|s| s.bus_error_limit = 0, "`Settings::bus_error_limit`"),
             (|s| s.fault_policy.fault_lim = 0, "fault_lim 0"),
             (|s| s.fault_policy.fault_inc = 0, "fault_inc 0"),

@@ -15,6 +15,7 @@ use self::field::Field;
 pub use parameter::{ParameterError, ParameterValue, RemoteParameter};
 pub use scaling::Scaling;
 
+use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec::Vec;
@@ -54,7 +55,7 @@ pub struct RemoteError {
     /// What the names of the pins of the element begin with, or the name of the parameter.
     pub name: String,
     /// Why.
-    pub source: PinError,
+    pub source: Box<PinError>,
 }
 
 impl RemotePins {
@@ -99,7 +100,10 @@ impl RemotePins {
             };
             let made = maker.make();
             let name = maker.stem;
-            made.map_err(|source| RemoteError { name, source })?;
+            made.map_err(|source| RemoteError {
+                name,
+                source: source.into(),
+            })?;
         }
         for known in table.iter().flat_map(|table| table.elements) {
             let id = |name| pins.id(&format!("{}.{}", remote.prefix, hal_name(name)));
@@ -111,7 +115,10 @@ impl RemotePins {
         for record in &descriptor.parameters {
             let name = format!("{}.{}", remote.prefix, hal_name(&record.name));
             let made = RemoteParameter::new(pins, remote.group, &name, record);
-            let made = made.map_err(|source| RemoteError { name, source })?;
+            let made = made.map_err(|source| RemoteError {
+                name,
+                source: source.into(),
+            })?;
             remote.parameters.extend(made);
         }
         Ok(remote)

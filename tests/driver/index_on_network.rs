@@ -206,7 +206,7 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
             // at every time of the period.
             let pair = (swing + 1) / 2;
             let speed = (25_000 + pair * 7_919 % 20_000) as f64;
-            for cycle in 0..14 {
+            for cycle in 0..14_u32 {
                 let speed = match cycle {
                     2..12 if swing == 0 => 20_000.0,
                     2..12 if upwards => speed,
@@ -219,7 +219,9 @@ fn an_index_is_not_missed_where_the_settings_are_written_again_as_it_passes() {
                 let now = counts(&mut driver, 0);
                 shaft.check(&driver, now, &format!("work {work} us, swing {swing}"));
                 driver.bus_mut().wait(Duration::from_micros(work));
-                driver.pins_mut().set(bank.hires_timestamp, cycle % 2 == 0);
+                driver
+                    .pins_mut()
+                    .set(bank.hires_timestamp, cycle.is_multiple_of(2));
                 driver.write().expect("the board is there");
                 driver
                     .bus_mut()
@@ -256,10 +258,12 @@ fn turn_all(driver: &mut Machine, speed: f64, disturbance: Disturbance, cycle: u
     let encoders = driver.modules::<Encoders>().next().expect("encoders");
     let (bank, last) = (encoders.bank, encoders.pins().last().expect("six"));
     match disturbance {
-        Disturbance::AnotherSetting => driver.pins_mut().set(bank.hires_timestamp, cycle % 2 == 0),
+        Disturbance::AnotherSetting => driver
+            .pins_mut()
+            .set(bank.hires_timestamp, cycle.is_multiple_of(2)),
         Disturbance::AnotherAxis => {
             let pins = driver.pins_mut();
-            pins.set(last.counter.index_enable, cycle % 2 == 0);
+            pins.set(last.counter.index_enable, cycle.is_multiple_of(2));
         }
         Disturbance::LostWrites => {
             // The read is the other packet of the cycle.

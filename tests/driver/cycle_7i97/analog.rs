@@ -378,7 +378,7 @@ fn a_generator_begins_as_the_settings_say_and_one_that_is_not_there_is_refused()
         assert!((found - part).abs() < 0.01, "pin {pin}: {found}");
     }
     let refused = Driver::start(with_spindles(), with(&[(8, PwmConfig::default())]));
-    let error = refused.err().expect("8 generators").to_string();
+    let error = refused.expect_err("8 generators").to_string();
     assert!(
         error.contains("`Settings::pwm`") && error.contains('8'),
         "{error}"

@@ -253,14 +253,13 @@ impl Recovery {
             }
             let link = machine.link(channel);
             let reason = match link.verdict {
-                Verdict::Good => None,
                 Verdict::Faulty(faults) => {
                     remote.faults = faults;
                     Some(OfflineReason::of_faults(faults))
                 }
                 Verdict::Failed(Failure::NotRunning) => Some(OfflineReason::NotRunning(link.cs)),
                 // Nothing failed on the wire: the network lost a write, and its cycle is missed.
-                Verdict::Failed(Failure::Doubtful) => None,
+                Verdict::Good | Verdict::Failed(Failure::Doubtful) => None,
                 Verdict::Failed(failure) => {
                     outcome.failed = outcome.failed.union(mask);
                     remote.rest_until = now.after(policy.rest);
