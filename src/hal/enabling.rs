@@ -69,7 +69,7 @@ impl Pins {
             own(self, 0);
             self.each_enable(by, |enable| {
                 enable.round = enable.round.max(1);
-                enable.wanted += u32::from(on);
+                enable.wanted = enable.wanted.saturating_add(u32::from(on));
             });
             let round = self.enabling(by).map_or(0, |by| by.round);
             own(self, if on { round } else { 0 });

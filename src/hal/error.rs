@@ -131,11 +131,10 @@ impl ShortName {
     /// A name; what is beyond [`MAX_NAME`] characters is left out.
     pub fn new(name: &str) -> Self {
         let mut bytes = [0; MAX_NAME];
-        let mut length = 0;
         for (kept, byte) in bytes.iter_mut().zip(name.bytes()) {
             *kept = byte;
-            length += 1;
         }
+        let length = name.len().min(MAX_NAME);
         Self { length, bytes }
     }
 

@@ -26,6 +26,9 @@
 //! # }
 //! ```
 
+// The cycle runs it.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod any;
 mod enabling;
 mod error;

@@ -66,7 +66,7 @@ fn is_end(name: &str, wanted: &str) -> bool {
 /// The end of a name that has so many points.
 fn end(name: &str, points: usize) -> &str {
     let before = name.rmatch_indices('.').nth(points);
-    let end = before.and_then(|(at, _)| name.get(at + 1..));
+    let end = before.and_then(|(at, _)| name.get(at.saturating_add(1)..));
     end.unwrap_or(name)
 }
 
@@ -81,16 +81,17 @@ fn changes(one: &[u8], other: &[u8]) -> usize {
     for (index, slot) in row.iter_mut().enumerate() {
         *slot = index;
     }
-    for (count, letter) in (1..).zip(other) {
-        let (mut left, mut corner) = (count, count - 1);
+    for (before, letter) in (0_usize..).zip(other) {
+        let (mut left, mut corner) = (before.saturating_add(1), before);
         for (slot, own) in row
             .iter_mut()
             .zip(core::iter::once(None).chain(one.iter().map(Some)))
         {
             let above = *slot;
             if let Some(own) = own {
-                let replaced = corner + usize::from(!own.eq_ignore_ascii_case(letter));
-                left = replaced.min(above + 1).min(left + 1);
+                let is_other = usize::from(!own.eq_ignore_ascii_case(letter));
+                let replaced = corner.saturating_add(is_other);
+                left = replaced.min(above.min(left).saturating_add(1));
                 corner = above;
             }
             *slot = left;

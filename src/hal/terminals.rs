@@ -80,7 +80,7 @@ impl Terminals {
     pub fn of_signal(ranges: &[Self], number: u16, signal: usize) -> impl Iterator<Item = Place> {
         let all: Vec<Place> = Self::each_of(ranges, number).collect();
         let each = all.len().div_ceil(3);
-        all.into_iter().skip(each * signal).take(each)
+        all.into_iter().skip(each.saturating_mul(signal)).take(each)
     }
 
     /// All terminals with the numbers of their things.

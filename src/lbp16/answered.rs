@@ -44,7 +44,7 @@ impl<'a> Operations<'a> {
         for operation in self.clone() {
             let command = operation?.command;
             if !command.write {
-                len += command.data_len();
+                len = command.data_len().saturating_add(len);
             }
         }
         Ok(len)

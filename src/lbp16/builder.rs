@@ -55,7 +55,7 @@ impl RequestBuilder {
         address: u16,
         data: &[u8],
     ) -> Result<Range<usize>, Lbp16Error> {
-        let count = data.len() / space.element().bytes();
+        let count = data.len().checked_div(space.element().bytes()).unwrap_or(0);
         let count = u8::try_from(count).unwrap_or(u8::MAX);
         self.command(Command::write(space, count), address, data)
     }
@@ -97,7 +97,7 @@ impl RequestBuilder {
             return start..self.bytes.len();
         }
         let start = self.reply_len;
-        self.reply_len += command.data_len();
+        self.reply_len = start.saturating_add(command.data_len());
         start..self.reply_len
     }
 }

@@ -182,7 +182,7 @@ impl Command {
 
     /// Bytes that are transferred: behind the command in a request, or in the reply.
     pub const fn data_len(&self) -> usize {
-        self.count as usize * self.size.bytes()
+        (self.count as usize).saturating_mul(self.size.bytes())
     }
 
     /// Bytes of data that follow the command in a request: none for a read.

@@ -71,7 +71,7 @@ impl<'a> Operations<'a> {
             expected,
             found: rest.len(),
         })?;
-        self.offset += expected;
+        self.offset = self.offset.saturating_add(expected);
         Ok(taken)
     }
 }

@@ -106,7 +106,7 @@ impl BitInputs {
     fn publish(&self, pins: &mut PinStore, bits: u64, mut changed: u64) {
         while changed != 0 {
             let bit = changed.trailing_zeros();
-            changed &= changed - 1;
+            changed &= changed.wrapping_sub(1);
             if let Some(&(pin, not)) = self.pins.get(bit as usize) {
                 let value = bits >> bit & 1 != 0;
                 pins.publish(pin, value);

@@ -3,7 +3,7 @@
 use core::cmp::Ordering;
 
 use super::Field;
-use super::scaling::sign_extend;
+use super::scaling::{mask, sign_extend};
 use crate::hal::{Counter, PinStore};
 
 /// A counter of a remote: its bits, and the count of 64 bits behind its pins.
@@ -64,8 +64,8 @@ impl CounterPins {
         if self.high_bits == 0 {
             return bits;
         }
-        let low_bits = self.field.bits - self.high_bits;
-        let high = bits & (u64::MAX >> (64 - u32::from(self.high_bits)));
+        let low_bits = self.field.bits.saturating_sub(self.high_bits);
+        let high = bits & mask(self.high_bits);
         high << low_bits | bits >> self.high_bits
     }
 }
@@ -78,7 +78,7 @@ fn passed(before: i64, now: i64, revolution: i64) -> Option<i64> {
     let (from, to) = (before.div_euclid(revolution), now.div_euclid(revolution));
     match to.cmp(&from) {
         Ordering::Greater => Some(to.wrapping_mul(revolution)),
-        Ordering::Less => Some((to + 1).wrapping_mul(revolution)),
+        Ordering::Less => Some(to.wrapping_add(1).wrapping_mul(revolution)),
         Ordering::Equal => None,
     }
 }

@@ -38,8 +38,9 @@ impl Field {
     /// The bits, as an unsigned number.
     pub fn get(self, words: &[u32]) -> u64 {
         let first = self.word as usize;
-        let word = |index: usize| u128::from(words.get(first + index).copied().unwrap_or(0));
-        if self.shift + self.bits <= 32 {
+        let word =
+            |index: usize| u128::from(words.get(first.wrapping_add(index)).copied().unwrap_or(0));
+        if self.shift.wrapping_add(self.bits) <= 32 {
             return (word(0) >> self.shift) as u64 & self.mask;
         }
         let wide = word(0) | word(1) << 32 | word(2) << 64;
@@ -48,7 +49,7 @@ impl Field {
 
     /// Sets the bits to the low bits of `value`; no other bit changes.
     pub fn put(self, words: &mut [u32], value: u64) {
-        if self.shift + self.bits <= 32 {
+        if self.shift.wrapping_add(self.bits) <= 32 {
             // Most fields, and the quicker way.
             if let Some(word) = words.get_mut(self.word as usize) {
                 let mask = (self.mask as u32) << self.shift;
@@ -59,8 +60,7 @@ impl Field {
         let mask = u128::from(self.mask) << self.shift;
         let value = u128::from(value & self.mask) << self.shift;
         let touched = words.iter_mut().skip(self.word as usize).take(3);
-        for (index, word) in touched.enumerate() {
-            let part = 32 * index as u32;
+        for (part, word) in (0_u32..).step_by(32).zip(touched) {
             *word = *word & !((mask >> part) as u32) | (value >> part) as u32;
         }
     }

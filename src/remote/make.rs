@@ -101,7 +101,7 @@ impl Maker<'_> {
     fn bits(&mut self) -> Result<(), PinError> {
         let Element { bits, .. } = self.element;
         let [input, output] = [self.element.input, self.element.output];
-        let one = |first: Option<u16>, bit: u16| Field::new(Some(first? + bit), 1);
+        let one = |first: Option<u16>, bit: u16| Field::new(Some(first?.saturating_add(bit)), 1);
         let mut together = Vec::new();
         for bit in 0..bits {
             let (pin, not) = self.bit(&format!("-{bit:02}"), Some(bit))?;
@@ -112,7 +112,7 @@ impl Maker<'_> {
         }
         let fields = (0..bits).step_by(usize::from(Field::MAX_BITS));
         for (first, pins) in fields.zip(together.chunks(usize::from(Field::MAX_BITS))) {
-            let input = input.map(|input| input + first);
+            let input = input.map(|input| input.saturating_add(first));
             let bits = Field::new(input, pins.len() as u16).map(|field| BitInputs {
                 field,
                 pins: pins.to_vec(),

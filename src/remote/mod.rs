@@ -4,6 +4,9 @@
 //! makes a value of the bits of an element, and bits of a value. Parameters are read and written by their record:
 //! [`DataRecord::read_parameter`](crate::discovery::DataRecord::read_parameter).
 
+// The cycle runs it.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod binding;
 mod counter;
 mod field;

@@ -137,9 +137,9 @@ impl Scaling {
             Form::Signed => {
                 let (fraction, highest) = (value / self.max, (self.mask() >> 1) as i64);
                 let number = match fraction.min(1.0) {
-                    ..=-1.0 => -highest - 1,
+                    ..=-1.0 => !highest,
                     fraction if self.bits < 32 => {
-                        (fraction * 2_147_483_647.0) as i64 >> (32 - self.bits)
+                        (fraction * 2_147_483_647.0) as i64 >> 32_u8.wrapping_sub(self.bits)
                     }
                     fraction => libm::round(fraction * self.half()) as i64,
                 };
@@ -156,17 +156,17 @@ impl Scaling {
 
     /// 2^(n-1)
     fn half(self) -> f64 {
-        (1_u64 << (self.bits - 1)) as f64
+        (1_u64 << self.bits.wrapping_sub(1)) as f64
     }
 }
 
 /// The smallest and the largest number of `bits` (1 to 64) bits.
 pub(super) fn whole_range(bits: u8, signed: bool) -> (i128, i128) {
     if signed {
-        let half = 1_i128 << (bits - 1);
-        (-half, half - 1)
+        let highest = i128::from(mask(bits) >> 1);
+        (!highest, highest)
     } else {
-        (0, (1_i128 << bits) - 1)
+        (0, i128::from(mask(bits)))
     }
 }
 
@@ -195,7 +195,7 @@ pub(super) fn narrow_limits(bits: u8, signed: bool) -> Option<(f64, f64)> {
 pub(super) const fn mask(bits: u8) -> u64 {
     match bits {
         0 => 1,
-        1..64 => (1 << bits) - 1,
+        1..64 => !(u64::MAX << bits),
         _ => u64::MAX,
     }
 }

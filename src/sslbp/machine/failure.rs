@@ -87,15 +87,16 @@ impl FailureCounts {
 
     pub(super) fn add(&mut self, failure: Failure) {
         if let Some(count) = self.counts.get_mut(failure as usize) {
-            *count += 1;
+            *count = count.wrapping_add(1);
         }
-        self.total += u64::from(failure != Failure::Doubtful);
+        let counted = u64::from(failure != Failure::Doubtful);
+        self.total = self.total.wrapping_add(counted);
     }
 
     /// A reply that was taken for lost turns out to be late.
     pub(super) fn lost_was_late(&mut self) {
         let [no_reply, late, ..] = &mut self.counts;
         *no_reply = no_reply.saturating_sub(1);
-        *late += 1;
+        *late = late.wrapping_add(1);
     }
 }

@@ -74,10 +74,10 @@ impl Link {
 
     /// Judges a transfer that is complete: CS, and the channel's bit in DATA.
     pub(super) fn judge(&mut self, cs: CsStatus, has_failed: bool) -> Verdict {
-        self.transfers += 1;
+        self.transfers = self.transfers.wrapping_add(1);
         if cs == self.cs && self.verdict == Verdict::Good && !has_failed && self.discard == 0 {
             // As the one before.
-            self.good += 1;
+            self.good = self.good.wrapping_add(1);
             return Verdict::Good;
         }
         self.cs = cs;
@@ -95,14 +95,14 @@ impl Link {
             let failure = self.kind_of_failure(cs, new_faults);
             self.failed(failure)
         } else if self.discard > 0 {
-            self.discard -= 1;
+            self.discard = self.discard.wrapping_sub(1);
             self.last_failure = None;
             self.failures.add(Failure::Doubtful);
             self.reported()
                 .unwrap_or(Verdict::Failed(Failure::Doubtful))
         } else {
             self.last_failure = None;
-            self.good += 1;
+            self.good = self.good.wrapping_add(1);
             self.reported().unwrap_or(Verdict::Good)
         };
         self.verdict

@@ -6,6 +6,9 @@
 //! [`written`](Machine::written). [`Port`](super::Port) runs it to its end over a bus, for set-up;
 //! the cycle does one step for each read and write.
 
+// The cycle runs it.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod failure;
 mod link;
 
