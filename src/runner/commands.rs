@@ -12,6 +12,7 @@ use crate::hal::kind::Settable;
 use crate::hal::{
     AnyValue, GroupId, HalType, Handle, Param, PinError, PinId, PinInfo, Pins, Role, Value,
 };
+use crate::tally::Tally;
 
 /// The most commands that one cycle takes.
 pub const COMMANDS_IN_A_CYCLE: u32 = 16;
@@ -211,7 +212,7 @@ impl CommandQueue {
         while count < COMMANDS_IN_A_CYCLE
             && let Some(command) = self.shared.next()
         {
-            count += 1;
+            count.tally(1);
             let is_done = match command {
                 Command::Set(pin, value, faults) => set(driver.pins_mut(), (pin, value), faults),
                 Command::Rearm(epoch) => epoch == self.epoch && driver.rearm().is_ok(),
@@ -370,7 +371,7 @@ impl CommandSender {
             slot.store(word, Ordering::Relaxed);
         }
         // After it the words are the cycle's, ...
-        shared.sent.store(sent + 1, Ordering::Release);
+        shared.sent.store(sent.wrapping_add(1), Ordering::Release);
         Ok(())
     }
 }
@@ -385,7 +386,7 @@ impl Shared {
         let words = self.slot(taken)?.each_ref();
         let words = words.map(|word| word.load(Ordering::Relaxed));
         // ... and after this the senders' again.
-        self.taken.store(taken + 1, Ordering::Release);
+        self.taken.store(taken.wrapping_add(1), Ordering::Release);
         Some(Command::from_words(words))
     }
 
@@ -421,7 +422,7 @@ impl Command {
             Self::Set(pin, value, faults) => {
                 let number = TYPES.iter().position(|&other| other == value.hal_type);
                 let number = number.unwrap_or_default() as u64;
-                [3 + number, pin.to_word(), value.bits, faults]
+                [number.wrapping_add(3), pin.to_word(), value.bits, faults]
             }
         }
     }
@@ -432,7 +433,7 @@ impl Command {
             1 => Self::RearmGroup(GroupId::from_word(one), other),
             2 => Self::Restart(one as u8, other as u8),
             _ => {
-                let hal_type = TYPES.get((kind - 3) as usize);
+                let hal_type = TYPES.get(kind.wrapping_sub(3) as usize);
                 let value = AnyValue {
                     hal_type: hal_type.copied().unwrap_or(HalType::Bit),
                     bits: other,

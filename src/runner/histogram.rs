@@ -3,6 +3,8 @@
 use alloc::boxed::Box;
 use core::time::Duration;
 
+use crate::tally::Tally;
+
 /// Buckets of each doubling of the time: a bucket is 1/32 of its times wide, about 3 %.
 const STEPS: usize = 1 << STEP_BITS;
 const STEP_BITS: u32 = 5;
@@ -57,12 +59,12 @@ impl Histogram {
     /// # Real time
     /// Constant time, no allocation.
     pub fn record(&mut self, time: Duration) {
-        self.count += 1;
+        self.count.tally(1);
         self.sum = self.sum.saturating_add(time);
         let (min, max) = self.range.unwrap_or((time, time));
         self.range = Some((min.min(time), max.max(time)));
         if let Some(bucket) = self.buckets.get_mut(bucket_of(time)) {
-            *bucket += 1;
+            bucket.tally(1);
         }
     }
 
@@ -82,10 +84,10 @@ impl Histogram {
         let wanted = libm::ceil(self.count as f64 * share.clamp(0.0, 1.0)) as u64;
         let mut seen = 0;
         let bucket = self.buckets.iter().position(|&count| {
-            seen += count;
+            seen.tally(count);
             seen >= wanted.max(1)
         });
-        Some(bucket.map_or(max, |bucket| edge(bucket + 1).clamp(min, max)))
+        Some(bucket.map_or(max, |bucket| edge(bucket.saturating_add(1)).clamp(min, max)))
     }
 
     /// What all of it comes to.
@@ -94,7 +96,11 @@ impl Histogram {
             return Distribution::default();
         };
         let quantile = |share| self.quantile(share).unwrap_or(max);
-        let mean = self.sum.as_nanos() / u128::from(self.count.max(1));
+        let mean = self
+            .sum
+            .as_nanos()
+            .checked_div(self.count.into())
+            .unwrap_or(0);
         Distribution {
             count: self.count,
             min,
@@ -113,10 +119,11 @@ impl Histogram {
             return 0;
         }
         let bucket = bucket_of(time);
-        let first = if edge(bucket + 1) > time + Duration::from_nanos(1) {
+        let next = bucket.saturating_add(1);
+        let first = if edge(next) > time.saturating_add(Duration::from_nanos(1)) {
             bucket
         } else {
-            bucket + 1
+            next
         };
         self.buckets.iter().skip(first).sum()
     }
@@ -147,7 +154,7 @@ fn bucket_of(time: Duration) -> usize {
     let step = (nanos >> doublings) as usize;
     let bucket = match doublings {
         0 => step,
-        _ => (doublings as usize) * STEPS + step,
+        _ => (doublings as usize).wrapping_mul(STEPS).wrapping_add(step),
     };
     bucket.min(BUCKETS - 1)
 }
@@ -155,7 +162,7 @@ fn bucket_of(time: Duration) -> usize {
 /// Where a bucket begins.
 fn edge(bucket: usize) -> Duration {
     let doublings = (bucket / STEPS).saturating_sub(1);
-    let step = bucket - doublings * STEPS;
+    let step = bucket.wrapping_sub(doublings.wrapping_mul(STEPS));
     Duration::from_nanos((step as u64) << doublings)
 }
 

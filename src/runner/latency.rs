@@ -6,6 +6,7 @@ use core::time::Duration;
 use super::{Cycle, Histogram};
 use crate::bus::{Clock, Instant, RegisterBus};
 use crate::driver::{Driver, Pace};
+use crate::tally::Tally;
 
 /// Measures the cycles of a [`Runner`](super::Runner).
 ///
@@ -132,13 +133,13 @@ impl Latency {
         self.used.record(before.late.saturating_add(cycle.took));
         match before.round_trip {
             Some(time) => self.round_trip.record(time),
-            None => self.failed += 1,
+            None => self.failed.tally(1),
         }
     }
 
     fn at_the_boards_pace<B: RegisterBus + Clock>(&mut self, cycle: &Cycle<'_, B>) {
         let Ok(report) = &cycle.read else {
-            self.failed += u64::from(self.arrived.is_some());
+            self.failed.tally(self.arrived.is_some().into());
             return;
         };
         let now = cycle.pins().now();
@@ -191,7 +192,7 @@ impl Latency {
     /// Whether as many cycles per second can be kept as `rate` says, by what was measured at whatever
     /// rate.
     pub fn verdict(&self, rate: u32) -> Verdict {
-        let period = Duration::from_secs(1) / rate.max(1);
+        let period = period_of(rate);
         let cycles = self.used.count();
         let late = match period.checked_sub(self.transfer) {
             Some(room) => self.used.longer_than(room),
@@ -227,10 +228,16 @@ impl Display for Judgement {
     }
 }
 
+/// The period of `rate` cycles in a second.
+fn period_of(rate: u32) -> Duration {
+    let second = Duration::from_secs(1);
+    second.checked_div(rate).unwrap_or(second)
+}
+
 impl Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let micros = |time: Duration| time.as_nanos().div_ceil(1000);
-        let period = Duration::from_secs(1) / self.rate.max(1);
+        let period = period_of(self.rate);
         let (period_us, needs) = (micros(period), micros(self.needs));
         if self.cycles == 0 {
             return write!(f, "no cycle was measured: {} reads failed", self.failed);

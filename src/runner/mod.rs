@@ -58,6 +58,9 @@
 //! worth depends on the thread: with the feature `realtime` one that is scheduled before all others,
 //! with its memory locked, on a CPU of its own (`Realtime`; the page `runner::linux` says what else).
 
+// The cycle runs it.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod commands;
 mod histogram;
 mod latency;
@@ -94,6 +97,7 @@ use core::time::Duration;
 use crate::bus::{Clock, Instant, RegisterBus};
 use crate::driver::{CycleError, CycleReport, Driver, Pace, StopError, Stopped};
 use crate::hal::Pins;
+use crate::tally::Tally;
 
 /// Runs the cycle of a driver until the application, or a signal, ends it.
 ///
@@ -294,7 +298,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 Pace::Board => Duration::ZERO,
             };
             let read = self.driver.read();
-            self.statistics.failed_reads += u64::from(read.is_err());
+            self.statistics.failed_reads.tally(read.is_err().into());
             if let Some(commands) = &mut self.commands {
                 commands.take(&mut self.driver);
             }
@@ -312,7 +316,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
                 break;
             }
             write = self.driver.write();
-            self.statistics.failed_writes += u64::from(write.is_err());
+            self.statistics.failed_writes.tally(write.is_err().into());
             let mut ended = self.driver.bus_mut().now();
             took = ended.since(begun);
             self.count(late, took);
@@ -364,7 +368,7 @@ impl<B: RegisterBus + Clock> Runner<B> {
 
     fn count(&mut self, late: Duration, took: Duration) {
         let statistics = &mut self.statistics;
-        statistics.cycles += 1;
+        statistics.cycles.tally(1);
         statistics.latest = statistics.latest.max(late);
         statistics.longest = statistics.longest.max(took);
         (statistics.last_late, statistics.last_took) = (late, took);
@@ -375,9 +379,10 @@ impl<B: RegisterBus + Clock> Runner<B> {
         if self.driver.pace() == Pace::Board {
             return now;
         }
-        let behind = now.since(planned).as_nanos() / period.as_nanos().max(1);
+        let behind = now.since(planned).as_nanos();
+        let behind = behind.checked_div(period.as_nanos()).unwrap_or(0);
         let skipped = u64::try_from(behind).unwrap_or(u64::MAX);
-        self.statistics.skipped_periods += skipped;
+        self.statistics.skipped_periods.tally(skipped);
         let periods = u32::try_from(skipped.saturating_add(1)).unwrap_or(u32::MAX);
         planned.after(period.saturating_mul(periods))
     }

@@ -7,6 +7,7 @@ use crate::bus::{BusStatistics, Instant};
 use crate::driver::{BoardState, DriverStatistics, OfflineReason, RemoteState};
 use crate::hal::{Age, GroupState};
 use crate::sslbp::RemoteFaults;
+use crate::tally::Tally;
 
 /// Where words go.
 pub(super) trait Sink {
@@ -16,7 +17,7 @@ pub(super) trait Sink {
 /// How many there are.
 impl Sink for usize {
     fn put(&mut self, _: u64) {
-        *self += 1;
+        self.tally(1);
     }
 }
 

@@ -1,9 +1,11 @@
 //! Records cycles around a trigger.
 
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use crate::bus::Instant;
 use crate::hal::{AnyValue, HalType, PinId, Pins};
+use crate::tally::Tally;
 
 /// The most pins of a [`Scope`].
 pub const MAX_SCOPE_PINS: usize = 16;
@@ -161,7 +163,7 @@ impl Scope {
             trigger,
             before,
             cycles,
-            words: alloc::vec![0; cycles * (HEAD + count)],
+            words: alloc::vec![0; cycles.saturating_mul(HEAD.saturating_add(count))],
             written: 0,
             last: None,
             triggered: None,
@@ -178,8 +180,7 @@ impl Scope {
             return ScopeState::Done;
         }
         self.look(pins);
-        let size = HEAD + self.pins.len();
-        let at = self.written % self.cycles * size;
+        let at = self.row(self.written).start;
         let (mut valid, mut words) = (0, self.words.iter_mut().skip(at));
         let mut put = |word| {
             if let Some(slot) = words.next() {
@@ -195,14 +196,28 @@ impl Scope {
         for &(pin, _) in &self.pins {
             put(pins.read_any(pin).value.bits);
         }
-        self.written += 1;
+        self.written.tally(1);
         self.state()
+    }
+
+    /// The words of a row, of which the oldest is overwritten by the newest.
+    fn row(&self, number: usize) -> Range<usize> {
+        let size = HEAD.saturating_add(self.pins.len());
+        let place = number.checked_rem(self.cycles).unwrap_or(0);
+        let at = place.saturating_mul(size);
+        at..at.saturating_add(size)
+    }
+
+    fn rows_from(&self, row: usize) -> usize {
+        self.written.saturating_sub(row)
     }
 
     /// What it does.
     pub fn state(&self) -> ScopeState {
         match self.triggered {
-            Some(row) if self.written - row >= self.cycles - self.before => ScopeState::Done,
+            Some(row) if self.rows_from(row) >= self.cycles.saturating_sub(self.before) => {
+                ScopeState::Done
+            }
             Some(_) => ScopeState::Triggered,
             None if self.written < self.before => ScopeState::Filling,
             None => ScopeState::Waiting,
@@ -211,15 +226,14 @@ impl Scope {
 
     /// What was recorded: all of it when it is [done](ScopeState::Done), nothing before the trigger.
     pub fn rows(&self) -> impl Iterator<Item = ScopeRow<'_>> + '_ {
-        let size = HEAD + self.pins.len();
-        let trigger = self.triggered.unwrap_or(self.written + self.before);
+        let trigger = self.written.saturating_add(self.before);
+        let trigger = self.triggered.unwrap_or(trigger);
         let rows = trigger.saturating_sub(self.before)..self.written;
         rows.filter_map(move |row| {
-            let at = row % self.cycles * size;
-            let words = self.words.get(at..at + size)?;
+            let words = self.words.get(self.row(row))?;
             let (&[cycle, nanos, valid], values) = words.split_first_chunk()?;
             Some(ScopeRow {
-                offset: row as i64 - trigger as i64,
+                offset: (row as i64).wrapping_sub(trigger as i64),
                 cycle,
                 time: Instant::from_nanos(nanos),
                 pins: &self.pins,

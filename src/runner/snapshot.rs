@@ -17,6 +17,7 @@ use crate::bus::{Clock, HostClock, Instant, RegisterBus};
 use crate::driver::{BoardState, Driver, RemoteState, RemoteStatus, SerialPort};
 use crate::hal::{GroupId, PinError, PinId, PinInfo, Pins};
 use crate::sslbp::RemoteName;
+use crate::tally::Tally;
 
 /// What was published so long ago is not valid any more; 3 periods, if these are longer.
 const FRESH: Duration = Duration::from_millis(100);
@@ -317,7 +318,7 @@ fn record_flags(pins: &Pins, to: &mut impl Sink) {
     let (mut flags, mut count) = (0, 0);
     for (_, is_bad) in pins.kept() {
         flags |= u64::from(is_bad) << count;
-        count += 1;
+        count.tally(1);
         if count == u64::BITS {
             to.put(flags);
             (flags, count) = (0, 0);

@@ -43,7 +43,7 @@ pub struct Signal(i32);
 impl Signal {
     /// What shells expect of a program that a signal has ended: 128 and its number.
     pub fn exit_code(self) -> ExitCode {
-        ExitCode::from(128 + self.0 as u8)
+        ExitCode::from(128_u8.wrapping_add(self.0 as u8))
     }
 }
 

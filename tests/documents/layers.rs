@@ -37,8 +37,8 @@ const LAYERS: [(&str, &[&str]); 14] = [
     ("sim", &["bus", "lbp", "lbp16", "transport"]),
 ];
 
-/// No layers: the forms in which settings and events are kept, and numbers for people.
-const FORMS: [&str; 2] = ["serial_form", "Rounded"];
+/// No layers: the forms in which settings and events are kept, numbers for people, and counters.
+const FORMS: [&str; 3] = ["serial_form", "Rounded", "tally"];
 
 #[test]
 fn a_layer_knows_only_those_below_it() {

@@ -204,9 +204,10 @@ impl Snapshot {
 
     fn group(&self, number: usize) -> GroupState {
         let layout = &self.shared.layout;
-        let words = layout.remotes_at - layout.groups_at;
-        let each = words / layout.groups.len().max(1);
-        let mut state = GroupState::unpack(&mut self.from(layout.groups_at + number * each));
+        let words = layout.remotes_at.saturating_sub(layout.groups_at);
+        let each = words.checked_div(layout.groups.len()).unwrap_or(0);
+        let at = number.saturating_mul(each).saturating_add(layout.groups_at);
+        let mut state = GroupState::unpack(&mut self.from(at));
         let is_fresh = self.is_fresh();
         state.valid &= is_fresh;
         state.armed &= is_fresh;
@@ -221,8 +222,8 @@ impl Snapshot {
             .infos
             .get(index)
             .filter(|_| pin.is_beside(layout.pin))?;
-        let value = self.words.get(layout.values_at + index)?;
-        let flags = self.words.get(layout.flags_at + index / 64)?;
+        let value = self.words.get(layout.values_at.saturating_add(index))?;
+        let flags = self.words.get(layout.flags_at.saturating_add(index / 64))?;
         let is_bad = flags >> (index % 64) & 1 != 0;
         let group = self.group(*layout.group_of.get(index)? as usize);
         let any = AnyValue {
