@@ -17,8 +17,8 @@ const PLACES: [&str; 7] = [
 ];
 const MANUALS: [&str; 4] = ["7I72", "7I77", "7I77D", "7I97"];
 /// Names of recordings begin so, and go on with two digits or three.
-const FAMILIES: [&str; 13] = [
-    "t", "u", "r", "wd", "io", "enc", "qc", "pwm", "dpll", "im", "in", "ssr", "led",
+const FAMILIES: [&str; 14] = [
+    "t", "u", "v", "r", "wd", "io", "enc", "qc", "pwm", "dpll", "im", "in", "ssr", "led",
 ];
 
 #[test]

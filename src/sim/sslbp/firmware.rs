@@ -86,7 +86,7 @@ impl Firmware {
             config,
             clock,
             cycle: timing::RESET_FIRST_CLEAR,
-            memory: Memory::new(config.channels() as u8, timing::DEFAULT_BAUD_RATE),
+            memory: Memory::new(),
             host: HostRegisters::new(),
             timer: TickTimer::new(),
             uarts: core::array::from_fn(|_| Uart {
@@ -193,18 +193,19 @@ impl Firmware {
         match self.phase {
             Phase::Reset | Phase::Asleep { .. } | Phase::Hung => {}
             Phase::Released => {
-                if self.is_idle() {
+                // Memory is still as the program before the reset left it.
+                if self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
                     let now = self.now();
                     self.host.clear_command(now);
                 }
-                let channels = self.config.channels() as u64;
-                let memory = timing::RESET_MEMORY + timing::RESET_MEMORY_CHANNEL * channels;
+                let channels = self.config.channels();
+                self.memory
+                    .set_up(channels as u8, timing::DEFAULT_BAUD_RATE);
+                let memory = timing::RESET_MEMORY + timing::RESET_MEMORY_CHANNEL * channels as u64;
                 self.spend(memory - timing::RESET_FIRST_CLEAR);
                 self.phase = Phase::MemorySetup;
             }
             Phase::MemorySetup => {
-                let channels = self.config.channels() as u8;
-                self.memory = Memory::new(channels, timing::DEFAULT_BAUD_RATE);
                 let now = self.now();
                 self.host.clear_command(now);
                 self.spend(timing::RESET_DATA);

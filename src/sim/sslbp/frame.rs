@@ -2,11 +2,9 @@
 
 use super::firmware::Firmware;
 use super::memory::{channel, global};
-use super::start::PROCESS_DATA_RPC;
 use super::state::{self, error, status};
 use super::{timing, uart};
 use crate::lbp::crc8;
-use crate::sim::wire::Nanos;
 
 /// The longest frame: a command, 28 characters and a CRC.
 const MAX_FRAME: usize = 32;
@@ -15,25 +13,22 @@ impl Firmware {
     /// Sends `bytes` and their CRC, and goes to `next`; `more` is what this frame costs more
     /// than a single command.
     ///
-    /// Characters that wait are extra and thrown away; one that comes between that look and the
-    /// next, a moment later, is an overrun (FACTS 11.8). That was seen with process data only: a
-    /// line held low gives none in START (T:t20).
+    /// Characters that wait are extra: they are counted, and the FIFO is cleared. Right after that
+    /// bit 0 of the FIFO's count is looked at: a character that completed since the clear, or since the
+    /// first look if none waited, is an overrun (FACTS 11.8).
     pub(super) fn send(&mut self, index: usize, bytes: &[u8], next: u8, more: u64) {
         self.wait_for_transmitter(index);
         let (until_look, rest) = timing::SEND_BEFORE;
+        let (until_branch, until_second_look) = timing::SEND_LOOKS;
         self.spend(until_look);
-        let is_process_data = bytes.first() == Some(&PROCESS_DATA_RPC);
-        let earlier = if is_process_data {
-            timing::LOOK_EARLIER
-        } else {
-            0
-        };
-        let first_look = self.clock.nanos(self.cycle.saturating_sub(earlier));
-        if self.has_characters(index, first_look) {
+        let has_extra = self.waiting_characters(index) != 0;
+        self.spend(until_branch);
+        if has_extra {
             self.count_error(index, channel::EXTRA_CHARACTERS, error::EXTRA_CHARACTER);
+        } else {
+            self.spend(until_second_look);
         }
-        let now = self.now();
-        if is_process_data && self.has_characters(index, now) {
+        if self.waiting_characters(index) & 1 == 1 {
             self.count_error(index, channel::OVERRUNS, error::OVERRUN);
         }
         self.spend(rest);
@@ -66,9 +61,10 @@ impl Firmware {
         self.go_to(index, next);
     }
 
-    fn has_characters(&mut self, index: usize, at: Nanos) -> bool {
+    fn waiting_characters(&mut self, index: usize) -> usize {
+        let now = self.now();
         let uart = self.uarts.get_mut(index);
-        uart.is_some_and(|uart| uart.receiver.count(at) != 0)
+        uart.map_or(0, |uart| uart.receiver.count(now))
     }
 
     /// The firmware does nothing else while a FIFO is still giving characters away.
@@ -211,6 +207,8 @@ impl Firmware {
 
     /// Counts an error; the one after the limit is one too many. FACTS 4.4.
     pub(super) fn count_error(&mut self, index: usize, counter: u16, bit: u8) {
+        let (until_clear, rest) = timing::COUNT_ERROR;
+        self.spend(until_clear);
         let count = self.memory.channel(index, counter);
         if count < self.memory.channel(index, channel::ERROR_LIMIT) {
             self.memory.set_channel(index, counter, count + 1);
@@ -218,7 +216,7 @@ impl Firmware {
             self.set_error(index, error::TOO_MANY);
         }
         self.set_error(index, bit);
-        self.spend(timing::COUNT_ERROR);
+        self.spend(rest);
     }
 
     /// Notes an error: a DOIT does not wait for this channel any longer, and what was received is

@@ -73,7 +73,7 @@ pub(super) mod channel {
     pub const CRC_ERRORS: u16 = 0x14;
     /// Wrong cookies.
     pub const COOKIE_ERRORS: u16 = 0x15;
-    /// Characters that came between two looks.
+    /// Characters that completed between the clearing of the FIFO and the look after it.
     pub const OVERRUNS: u16 = 0x16;
     /// Replies that did not come in time.
     pub const TIMEOUTS: u16 = 0x17;
@@ -117,6 +117,9 @@ pub(super) const CHANNEL_START: u16 = 0x70;
 pub(super) const CHANNEL_STRIDE: u16 = 0x32;
 
 const SIZE: usize = 1024;
+/// What a reset of the processor clears: the variables of the port and of channels 0 to 2, those of
+/// channel 2 up to its name. FACTS 11.2.
+const CLEARED: usize = 0x100;
 
 /// 1024 bytes of data memory.
 #[derive(Clone, Debug)]
@@ -125,9 +128,17 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// Memory as the firmware sets it up after reset.
-    pub fn new(channels: u8, baud_rate: u32) -> Self {
-        let mut memory = Self { bytes: [0; SIZE] };
+    /// Memory at power-up.
+    pub fn new() -> Self {
+        Self { bytes: [0; SIZE] }
+    }
+
+    /// Sets memory up as the firmware does it after each reset; what is beyond [`CLEARED`] stays.
+    pub fn set_up(&mut self, channels: u8, baud_rate: u32) {
+        let memory = self;
+        for byte in memory.bytes.iter_mut().take(CLEARED) {
+            *byte = 0;
+        }
         memory.set(global::INTERFACE_TYPE, 0x12);
         memory.set(global::INTERFACE_WIDTH, 8);
         memory.set(global::MAJOR_REVISION, 1);
@@ -146,7 +157,6 @@ impl Memory {
                 memory.set_channel(index, offset, byte);
             }
         }
-        memory
     }
 
     /// The byte at `address`; addresses wrap round.

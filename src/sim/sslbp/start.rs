@@ -250,9 +250,10 @@ impl Firmware {
         let name = self.memory.channel_long(index, channel::NAME);
         self.host.set_outward(index, 2, name);
         self.spend(timing::COMPARE_8I20);
-        self.go_to(index, CHECK_7I64);
         if self.is_named(index, 0) {
             self.set_identity(index, which, IDENTITY_8I20, SEND_CLEAR_8I20);
+        } else {
+            self.go_to(index, CHECK_7I64);
         }
     }
 
@@ -274,14 +275,16 @@ impl Firmware {
         })
     }
 
-    /// A remote with a path of its own: fixed sizes, no mode, no discovery. FACTS 4.7.
+    /// A remote with a path of its own: fixed sizes, no mode, no discovery. FACTS 4.7. A START that is
+    /// neither setup nor normal stays in this state (FACTS 11.12 for the 7I64; taken to be so for the
+    /// 8I20).
     fn set_identity(&mut self, index: usize, which: u8, identity: u8, next: u8) {
         self.memory.set_channel(index, channel::IDENTITY, identity);
         self.memory.set_channel(index, channel::RECEIVE_SIZE, 8);
         self.memory.set_channel(index, channel::TRANSMIT_SIZE, 4);
         if self.is_setup() {
             self.finish_setup(index, which);
-        } else {
+        } else if self.memory.get(global::START_TYPE) == NORMAL_START {
             let mut known = status::NO_IDENTITY;
             if identity == IDENTITY_7I64 {
                 known |= status::REMOTE_FAULT;

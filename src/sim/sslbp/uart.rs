@@ -111,10 +111,17 @@ pub(super) struct Receiver {
     queue: [Option<Burst>; MAX_QUEUED],
     /// From when on the receiver looks for the next start bit.
     idle_from: Nanos,
-    /// Since when the line is held low.
-    low_since: Option<Nanos>,
+    /// When the line was held low last.
+    low: Option<Low>,
     /// From the middle of a stop bit until the character is counted.
     delay: Nanos,
+}
+
+/// A time in which the line is held low.
+#[derive(Clone, Copy, Debug)]
+struct Low {
+    since: Nanos,
+    until: Option<Nanos>,
 }
 
 impl Receiver {
@@ -130,7 +137,7 @@ impl Receiver {
             flags: 0,
             queue: [None; MAX_QUEUED],
             idle_from: 0,
-            low_since: None,
+            low: None,
             delay,
         }
     }
@@ -147,14 +154,19 @@ impl Receiver {
         }
     }
 
-    /// Says whether the line is held low from `now` on.
+    /// Says whether the line is held low from `now` on. What a burst has on the line meanwhile is
+    /// lost.
     pub fn hold_low(&mut self, now: Nanos, low: bool) {
-        match (low, self.low_since) {
-            (true, None) => self.low_since = Some(now),
-            (false, Some(_)) => {
+        let is_held = self.low.is_some_and(|low| low.until.is_none());
+        match (low, &mut self.low) {
+            (true, _) if !is_held => {
                 self.listen(now);
-                self.low_since = None;
+                self.low = Some(Low {
+                    since: now,
+                    until: None,
+                });
             }
+            (false, Some(held)) if is_held => held.until = Some(now),
             _ => {}
         }
     }
@@ -208,36 +220,27 @@ impl Receiver {
 
     /// Receives everything whose stop bit is sampled up to `now`.
     fn listen(&mut self, now: Nanos) {
-        if self.rate.bit() == 0 {
+        let bit = self.rate.bit();
+        if bit == 0 {
             return;
         }
-        self.listen_to_bursts(now);
-        if let Some(since) = self.low_since {
-            self.listen_to_low_line(since, now);
-        }
-    }
-
-    fn listen_to_low_line(&mut self, since: Nanos, now: Nanos) {
-        let character = self.rate.bit() * 19 / 2;
-        let from = self.idle_from.max(since);
-        let received = now.saturating_sub(from) / character.max(1);
-        if received > 0 {
-            for _ in 0..received.min(self.capacity as u64) {
-                self.push(0);
-            }
-            self.flags |= BREAK;
-            self.idle_from = from + received * character;
-        }
-    }
-
-    fn listen_to_bursts(&mut self, now: Nanos) {
-        while let Some(burst) = self.oldest() {
-            let Some(edge) = low_from(&burst, self.idle_from) else {
-                self.remove(&burst);
+        let character = 9 * bit + bit / 2;
+        // bounded: each turn goes on by half a bit at least, and a line held low is one turn
+        while let Some(edge) = self.next_edge() {
+            let zeros = self.zeros(edge, now, character);
+            if zeros > 0 {
+                for _ in 0..zeros.min(self.capacity as u64) {
+                    self.push(0);
+                }
+                self.flags |= BREAK;
+                self.idle_from = edge + zeros * character;
                 continue;
+            }
+            let burst = self.oldest();
+            let sample = |n: u64| {
+                let time = edge + n * bit + bit / 2;
+                burst.is_none_or(|burst| level(&burst, time)) && !self.is_low(time)
             };
-            let bit = self.rate.bit();
-            let sample = |n: u64| level(&burst, edge + n * bit + bit / 2);
             if sample(0) {
                 if edge + bit / 2 > now {
                     return;
@@ -246,17 +249,52 @@ impl Receiver {
                 self.idle_from = edge + bit / 2;
                 continue;
             }
-            let end = edge + 9 * bit + bit / 2;
+            let end = edge + character;
             if end + self.delay > now {
                 return;
             }
             let byte = (1..=8).fold(0, |byte, n| byte >> 1 | u8::from(sample(n)) << 7);
+            let has_stop_bit = sample(9);
             self.push(byte);
-            if !sample(9) {
+            if !has_stop_bit {
                 self.flags |= BREAK;
             }
             self.idle_from = end;
         }
+    }
+
+    /// When the line goes low next, or is low already, from `idle_from` on.
+    fn next_edge(&mut self) -> Option<Nanos> {
+        let of_low = self.low.and_then(|low| {
+            let edge = low.since.max(self.idle_from);
+            low.until.is_none_or(|until| edge < until).then_some(edge)
+        });
+        while let Some(burst) = self.oldest() {
+            if let Some(of_burst) = low_from(&burst, self.idle_from) {
+                return Some(of_low.map_or(of_burst, |edge| edge.min(of_burst)));
+            }
+            self.remove(&burst);
+        }
+        of_low
+    }
+
+    /// Number of characters received up to `now` that begin at `edge` and are held low throughout.
+    fn zeros(&self, edge: Nanos, now: Nanos, character: Nanos) -> u64 {
+        let Some(low) = self.low.filter(|low| low.since <= edge) else {
+            return 0;
+        };
+        let received = now.saturating_sub(self.delay + edge) / character;
+        // The stop bit is sampled before the line rises.
+        let held = low.until.map_or(Nanos::MAX, |until| {
+            until.saturating_sub(edge + 1) / character
+        });
+        received.min(held)
+    }
+
+    /// Whether the line is held low at `time`.
+    fn is_low(&self, time: Nanos) -> bool {
+        self.low
+            .is_some_and(|low| low.since <= time && low.until.is_none_or(|until| time < until))
     }
 
     fn oldest(&self) -> Option<Burst> {
@@ -362,9 +400,35 @@ mod tests {
         receiver.hold_low(0, true);
         assert_eq!(receiver.count(8_000), 2);
         assert_eq!(receiver.count(1_000_000), 16);
-        receiver.clear(1_000_000);
         receiver.hold_low(1_000_000, false);
+        // The character that had begun still ends.
+        receiver.clear(1_004_000);
         assert_eq!(receiver.count(2_000_000), 0);
+    }
+
+    #[test]
+    fn a_line_that_goes_low_inside_a_burst_takes_the_rest_of_it() {
+        let mut receiver = receiver(2_500_000);
+        receiver.expect(Burst::new(1_000, 400, &[0x5A; 4]));
+        // In the start bit of the third character.
+        receiver.hold_low(9_100, true);
+        assert_eq!(receiver.count(20_000), 4);
+        let received: [u8; 4] = core::array::from_fn(|_| receiver.pop());
+        assert_eq!(received, [0x5A, 0x5A, 0, 0]);
+        assert_eq!(receiver.flags(20_000), BREAK);
+    }
+
+    #[test]
+    fn a_line_that_is_low_for_a_moment_damages_the_character_that_it_meets() {
+        let mut receiver = receiver(2_500_000);
+        receiver.expect(Burst::new(1_000, 400, &[0x5A, 0xFF, 0xA5]));
+        // Bits 2 and 3 of the second character.
+        receiver.hold_low(6_100, true);
+        receiver.hold_low(7_000, false);
+        assert_eq!(receiver.count(20_000), 3);
+        let received: [u8; 3] = core::array::from_fn(|_| receiver.pop());
+        assert_eq!(received, [0x5A, 0xF3, 0xA5]);
+        assert_eq!(receiver.flags(20_000), 0);
     }
 
     #[test]

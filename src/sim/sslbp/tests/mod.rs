@@ -1,5 +1,8 @@
 //! Behaviour of a whole port with remotes on its lines.
 
+mod line;
+mod reset;
+
 use proptest::prelude::*;
 
 use super::{InterfaceRegisters, Lines, NoLines, PortConfig, Register, SslbpPort};
@@ -15,6 +18,8 @@ type Ends = [Option<Box<dyn RemoteEnd>>; 8];
 struct Tapped {
     ends: Ends,
     sent: Vec<(usize, Burst)>,
+    /// The channel whose receive line is held low.
+    low: Option<usize>,
 }
 
 impl Lines for Tapped {
@@ -25,6 +30,10 @@ impl Lines for Tapped {
 
     fn receive(&mut self, channel: usize) -> Option<Burst> {
         self.ends.receive(channel)
+    }
+
+    fn held_low(&mut self, channel: usize, now: Nanos) -> bool {
+        self.low == Some(channel) || self.ends.held_low(channel, now)
     }
 }
 
@@ -50,6 +59,7 @@ impl Bench {
             lines: Tapped {
                 ends,
                 sent: Vec::new(),
+                low: None,
             },
             now: 0,
         };
