@@ -207,8 +207,10 @@ pub enum StartFailureReason {
     /// Too many replies with more characters than they should have.
     #[error("replies are too long; check for noise, and for two remotes on one line")]
     ExtraCharacters,
-    /// Too many characters that came faster than they were read.
-    #[error("characters come too fast; check the baud rate")]
+    /// Characters that come while a request is sent, and nothing else.
+    #[error(
+        "characters come while a request is sent; check for noise, and for two remotes on one line"
+    )]
     Overrun,
     /// The remote's LBP status does not become clear.
     #[error("the remote keeps reporting LBP errors; power it off and on, then check the cable")]
@@ -277,11 +279,17 @@ impl StartFailureReason {
             _ if local.contains(LocalFaults::INVALID_COOKIE) => Self::WrongCookie,
             _ if local.contains(LocalFaults::CRC) => Self::BadCrc,
             _ if local.contains(LocalFaults::EXTRA_CHARACTER) => Self::ExtraCharacters,
-            _ if local.contains(LocalFaults::OVERRUN) => Self::Overrun,
             _ if local.contains(LocalFaults::REMOTE_FAULT) => Self::StatusStuck,
-            _ if !local.contains(LocalFaults::TIMEOUT) => Self::Unknown,
-            _ if is_identified => Self::StoppedAnswering,
-            _ => Self::NoReply,
+            // By itself no reason to give up (FACTS 11.8), so that everything else goes first.
+            _ if local.contains(LocalFaults::TIMEOUT) => {
+                if is_identified {
+                    Self::StoppedAnswering
+                } else {
+                    Self::NoReply
+                }
+            }
+            _ if local.contains(LocalFaults::OVERRUN) => Self::Overrun,
+            _ => Self::Unknown,
         }
     }
 }
@@ -319,6 +327,10 @@ mod tests {
         assert_eq!(reason(0x0001_E188, none, 0, 0), R::NoReply);
         assert_eq!(reason(0x0002_E188, none, 0, 0), R::NoReply);
         assert_eq!(reason(0x0001_E188, known, 5, 2), R::StoppedAnswering);
+        // An overrun beside it hides nothing (FACTS 11.8).
+        assert_eq!(reason(0x0001_E18C, none, 0, 0), R::NoReply);
+        assert_eq!(reason(0x0001_E1C4, none, 0, 0), R::StatusStuck);
+        assert_eq!(reason(0x0004_E1B4, none, 0, 0), R::LineLow);
         assert_eq!(reason(0x0001_E182, none, 0, 0), R::WrongCookie);
         assert_eq!(reason(0x0001_E1C0, none, 0, 0), R::StatusStuck);
         assert_eq!(reason(0x000D_E188, none, 0, 0), R::NoUnitNumber);

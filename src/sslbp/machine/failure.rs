@@ -18,7 +18,8 @@ pub enum Failure {
     ExtraCharacters,
     /// The line was held low.
     Break,
-    /// Characters came faster than the gateware read them.
+    /// A character that came in the moment in which the request was sent, and nothing else: noise, or a
+    /// reply that overlaps the next request. No sign of damaged data (FACTS 11.8).
     Overrun,
     /// A damaged reply; the sticky bits of CS are set already, so that the kind does not show.
     Damaged,

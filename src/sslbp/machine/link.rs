@@ -35,6 +35,8 @@ pub struct Link {
     pub(super) has_fault_byte: bool,
     /// Sticky bits as they were before the last transfer.
     known_faults: LocalFaults,
+    /// Bits set by the present run of failures.
+    run_faults: LocalFaults,
     last_failure: Option<Failure>,
     /// Good transfers that are still to be discarded.
     discard: u8,
@@ -53,6 +55,7 @@ impl Link {
             verdict: Verdict::Failed(Failure::NotRunning),
             cs: CsStatus(0),
             known_faults: LocalFaults::empty(),
+            run_faults: LocalFaults::empty(),
             last_failure: None,
             discard: 0,
             good: 0,
@@ -66,6 +69,7 @@ impl Link {
         self.cs = cs;
         self.told = told;
         self.known_faults = cs.local_faults();
+        self.run_faults = LocalFaults::empty();
         self.verdict = Verdict::Failed(Failure::NotRunning);
         self.last_failure = None;
         self.discard = 0;
@@ -83,6 +87,11 @@ impl Link {
         self.cs = cs;
         let new_faults = cs.local_faults().difference(self.known_faults);
         self.known_faults = cs.local_faults();
+        if has_failed {
+            self.run_faults |= new_faults;
+        } else {
+            self.run_faults = LocalFaults::empty();
+        }
         self.verdict = if !cs.transfers_data() {
             // A chatter reply was lost just before the first DOIT, which the channel then left out.
             let is_left_out = cs.has_started(StartMode::Normal);
@@ -139,13 +148,18 @@ impl Link {
     }
 
     fn kind_of_failure(&self, cs: CsStatus, new_faults: LocalFaults) -> Failure {
+        let has_overrun = new_faults.contains(LocalFaults::OVERRUN);
+        let fresh = kinds_of(new_faults.difference(LocalFaults::OVERRUN)).next();
+        let of_run = kinds_of(self.run_faults).next();
         let mut sticky = kinds_of(cs.local_faults());
-        let kind = match (kinds_of(new_faults).next(), sticky.next(), sticky.next()) {
+        let kind = match (fresh, of_run, sticky.next(), sticky.next()) {
             (Some(kind), ..) => kind,
-            (None, ..) if !is_damaged(cs) => Failure::NoReply,
-            // The bit was set before: it tells the kind only if it is alone.
-            (None, Some(only), None) => only,
-            (None, ..) => Failure::Damaged,
+            (None, ..) if !is_damaged(cs) && !has_overrun => Failure::NoReply,
+            // What began the run goes on: a line that is low sets no bit twice.
+            (None, Some(kind), ..) => kind,
+            // The bit was set before: it tells the kind only if no other but an overrun is set.
+            (None, None, Some(only), None | Some(Failure::Overrun)) => only,
+            (None, None, ..) => Failure::Damaged,
         };
         let late = self.last_failure == Some(Failure::NoReply)
             && matches!(kind, Failure::ExtraCharacters | Failure::Damaged);
@@ -159,12 +173,14 @@ fn is_damaged(cs: CsStatus) -> bool {
     cs.state_code() & 1 == 1
 }
 
-/// The kinds of damaged replies, by what decides first.
+/// The kinds of damaged replies, by what decides first. An overrun decides last: a character that comes
+/// within a few nanoseconds of a request sets it, whatever the cause, and it damages nothing (FACTS
+/// 11.8).
 const KINDS: [(LocalFaults, Failure); 4] = [
     (LocalFaults::SERIAL_BREAK, Failure::Break),
     (LocalFaults::EXTRA_CHARACTER, Failure::ExtraCharacters),
-    (LocalFaults::OVERRUN, Failure::Overrun),
     (LocalFaults::CRC, Failure::Crc),
+    (LocalFaults::OVERRUN, Failure::Overrun),
 ];
 
 fn kinds_of(faults: LocalFaults) -> impl Iterator<Item = Failure> {
@@ -218,6 +234,59 @@ mod tests {
             ]
         );
         assert_eq!(link.failures.total(), 5);
+    }
+
+    /// Judges transfers that all fail; the last one's failure.
+    fn last_failure(words: &[u32]) -> Verdict {
+        let mut link = Link::new();
+        link.judge(cs(0x0042_0000), false);
+        let verdicts = words.iter().map(|&word| link.judge(cs(word), true));
+        verdicts.last().expect("a transfer")
+    }
+
+    /// Gateware transcript u06, read before and after the timeout, and the overrun of FACTS 11.8.
+    #[test]
+    fn a_line_held_low_is_told_as_that_and_an_overrun_changes_nothing() {
+        let low = Verdict::Failed(Failure::Break);
+        let lost = Verdict::Failed(Failure::NoReply);
+        for overrun in [0, 0x04] {
+            let first = 0x0043_2030 | overrun;
+            assert_eq!(last_failure(&[first]), low, "{first:08X}");
+            let later = 0x0043_2038 | overrun;
+            assert_eq!(last_failure(&[0x0043_2030, later]), low, "{later:08X}");
+            assert_eq!(last_failure(&[first, 0x0043_2038 | overrun]), low);
+            // Read before the break shows.
+            let only_extra = 0x0043_2010 | overrun;
+            let extra = Verdict::Failed(Failure::ExtraCharacters);
+            assert_eq!(last_failure(&[only_extra]), extra, "{only_extra:08X}");
+            assert_eq!(last_failure(&[only_extra, later, later]), low);
+        }
+        // Read after the timeout: a low line does not answer.
+        assert_eq!(last_failure(&[0x0042_2038]), low);
+        assert_eq!(last_failure(&[0x0042_2038, 0x0042_2038]), lost);
+        assert_eq!(last_failure(&[0x0042_2038, 0x0042_203C]), low);
+    }
+
+    /// FACTS 11.8.
+    #[test]
+    fn an_overrun_hides_no_kind_and_is_one_only_by_itself() {
+        let failed = Verdict::Failed;
+        assert_eq!(last_failure(&[0x0043_2004]), failed(Failure::Overrun));
+        assert_eq!(
+            last_failure(&[0x0043_2004, 0x0043_2005]),
+            failed(Failure::Crc)
+        );
+        let mut link = Link::new();
+        let steps = [
+            (0x0043_2005, true, failed(Failure::Crc)),
+            (0x0042_2005, false, Verdict::Good),
+            (0x0043_2005, true, failed(Failure::Crc)),
+            (0x0042_2005, false, Verdict::Good),
+            (0x0042_200D, true, failed(Failure::NoReply)),
+        ];
+        for (step, (word, has_failed, expected)) in steps.into_iter().enumerate() {
+            assert_eq!(link.judge(cs(word), has_failed), expected, "step {step}");
+        }
     }
 
     /// Gateware transcript t11: DATA stays 00.
