@@ -1,6 +1,7 @@
 //! `mesa wiring`: what a person actuates is what the simulated board's console is told.
 
 use std::fs;
+use std::net::Ipv4Addr;
 use std::process::Stdio;
 use std::time::Duration;
 
@@ -219,7 +220,7 @@ fn what_is_not_valid_is_no_change_nor_is_what_it_shows_next() {
 fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     let mut board = board();
     let file = Scratch::new("wiring.txt");
-    let mut guided = Guided::begin(&board, &["encoder", "--report", file.path()]);
+    let mut guided = Guided::begin(&board, &["*.rawcounts", "--report", file.path()]);
     let first = guided.says("[1/6] ");
     assert!(
         first.contains("TB3 pin 1, 2, 4, 5 QA0, /QA0, QB0, /QB0"),
@@ -258,6 +259,74 @@ fn an_encoder_is_turned_by_hand_and_says_which_way_it_counts() {
     assert!(lines[1].contains("exchange A and B"), "{run:?}");
     assert!(lines[2].contains("  INSTEAD CHANGED: TB4 pin 9"), "{run:?}");
     assert!(lines[3].ends_with("  not checked"), "{run:?}");
+}
+
+/// The first axis has an index every 4000 counts, the index of the second one is not wired.
+const INDEXES: &str = r#"
+board = "7i92-7i77"
+
+[[axis]]
+name = "x"
+output = 0
+encoder = 0
+counts_per_index = 4000
+position = 1.0
+
+[[axis]]
+name = "y"
+output = 1
+encoder = 1
+counts_per_index = 0
+"#;
+
+#[test]
+fn an_index_is_latched_when_its_encoder_is_turned_past_it_and_one_that_is_not_wired_is_told() {
+    let file = Scratch::new("indexes.toml");
+    fs::write(&file.0, INDEXES).expect("a scratch file");
+    let machine = ["--machine", file.path(), "--port", "0"];
+    let mut board = Board::start(Ipv4Addr::LOCALHOST, &machine);
+    let mut guided = Guided::begin(&board, &["*.encoder.0?.*", "--json"]);
+    guided.says("[1/12] ");
+    guided.types("");
+    // The encoder is asked for before its index.
+    let asked = guided.says("turn the encoder past its index, by hand");
+    assert!(
+        asked.contains("[2/12] ") && asked.contains("IDX0"),
+        "{asked}"
+    );
+    board.console.run("turn x 2");
+    guided.says("  the encoder moves");
+    guided.says("  ok: it came, the encoder counted 0 to ");
+    board.console.run("turn x 0");
+    guided.says("[3/12] ");
+    guided.types("");
+    guided.says("[4/12] ");
+    board.console.run("turn y 10");
+    guided.says("  the encoder moves");
+    board.console.run("turn y 0");
+    guided.says("and its index did not come; turn it on, by more than a turn");
+    guided.types("");
+    guided.says("  NO CHANGE: the encoder counted 0 to ");
+    guided.says("[5/12] ");
+    let report = ends(guided);
+    assert_eq!(
+        verdicts(&report)[..5],
+        ["skipped", "ok", "skipped", "no_change", "not_checked"],
+        "{report:#}"
+    );
+    let passed = entry(&report, "encoder.00.index-enable");
+    assert_eq!(passed["kind"], "index");
+    let counted = passed["after"].as_f64().expect("a count");
+    assert!(
+        counted >= 2_990.0,
+        "the index is 3000 counts away: {report:#}"
+    );
+    let missing = entry(&report, "encoder.01.index-enable");
+    let reason = missing["reason"].as_str().expect("a reason");
+    assert!(
+        reason.ends_with("its index did not come: is it wired?"),
+        "{reason}"
+    );
 }
 
 #[test]

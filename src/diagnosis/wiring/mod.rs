@@ -28,6 +28,7 @@
 //! # }
 //! ```
 
+mod index;
 mod movement;
 mod points;
 #[cfg(test)]
@@ -37,6 +38,7 @@ mod track;
 use core::time::Duration;
 use std::collections::{BTreeSet, VecDeque};
 
+use self::index::Latch;
 use self::track::Track;
 use crate::bus::Instant;
 use crate::hal::{AnyValue, PinId};
@@ -61,12 +63,12 @@ const LET_GO: Duration = Duration::from_secs(2);
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Verdict {
-    /// It changed, and came back; no other did so with it.
+    /// It changed, and came back; no other did so with it. An index was latched while its encoder moved.
     Ok,
     /// It counted down, though it was turned in its positive direction: A and B are exchanged, or its
     /// scale has to be negative. A drive that is enabled so runs away.
     CountsDown,
-    /// It did not change.
+    /// It did not change; an index did not come, whether its encoder was turned or not.
     NoChange,
     /// It did not change, but others did.
     OtherChanged,
@@ -74,7 +76,8 @@ pub enum Verdict {
     Together,
     /// It changed, and did not come back; or it counts and does not rest.
     NotBack,
-    /// It changes by itself, or counts up and down and gets nowhere.
+    /// It changes by itself, or counts up and down and gets nowhere; an index came while its encoder
+    /// stood.
     Unstable,
     /// It was skipped.
     Skipped,
@@ -89,7 +92,8 @@ pub struct Judgement {
     pub verdict: Verdict,
     /// Others that changed while it was asked for: their numbers.
     pub others: Vec<usize>,
-    /// Where it rested, and the farthest from there that it was: for a counter, which way it counts.
+    /// Where it rested, and the farthest from there that it was: for a counter, which way it counts. For
+    /// an index, where its encoder was when its latch was armed, and where it was when this ended.
     pub moved: Option<(AnyValue, AnyValue)>,
 }
 
@@ -110,6 +114,8 @@ pub enum News {
     Restless(usize),
     /// It counts up and down, and gets nowhere: one of A and B does not arrive.
     Dithers,
+    /// The encoder was turned from here to there, and its index has not come.
+    NoIndex(AnyValue, AnyValue),
 }
 
 /// A guided check of the wiring of inputs.
@@ -127,6 +133,8 @@ pub struct Check {
     /// Those of which was told that they change by themselves.
     restless: BTreeSet<usize>,
     news: VecDeque<News>,
+    /// Each `index-enable` that is to be set, and its value.
+    requests: VecDeque<(PinId, bool)>,
 }
 
 #[derive(Debug)]
@@ -142,6 +150,7 @@ struct Ask {
     has_changed: bool,
     dithers: bool,
     others: Vec<usize>,
+    latch: Latch,
 }
 
 impl Check {
@@ -155,6 +164,7 @@ impl Check {
             last: None,
             restless: BTreeSet::new(),
             news: VecDeque::new(),
+            requests: VecDeque::new(),
         }
     }
 
@@ -163,7 +173,8 @@ impl Check {
         &self.points
     }
 
-    /// Asks for an input, from now on.
+    /// Asks for an input, from now on. The latch of an index has to be armed for it: see
+    /// [`index_enable`](Self::index_enable).
     pub fn ask(&mut self, point: usize) {
         self.news.clear();
         // It is told of this one again.
@@ -176,6 +187,7 @@ impl Check {
             has_changed: false,
             dithers: false,
             others: Vec::new(),
+            latch: Latch::default(),
         });
     }
 
@@ -215,6 +227,10 @@ impl Check {
     /// timeout. If it is asked for again, it rests where it is then.
     pub fn give_up(&mut self, is_skipped: bool) -> Option<Judgement> {
         let ask = self.ask.take()?;
+        if self.is_index(ask.point) {
+            self.last = None;
+            return self.give_up_index(&ask, is_skipped);
+        }
         self.tracks.get_mut(ask.point).map(Track::let_go);
         self.last = ask.has_changed.then_some(ask.point);
         let track = self.tracks.get(ask.point)?;
@@ -270,9 +286,13 @@ impl Check {
             }
             ask.is_invalid = !track.is_valid(now);
             (ask.ready, ask.has_changed, ask.is_held) = (None, false, false);
+            ask.latch = Latch::default();
             return None;
         }
         ask.is_invalid = false;
+        if self.is_index(ask.point) {
+            return self.follow_index(ask);
+        }
         let Some(ready) = ask.ready else {
             if track.rests(now) && track.is_held() {
                 let told = std::mem::replace(&mut ask.is_held, true);

@@ -11,6 +11,9 @@ use crate::hal::{GroupId, HalType, PinId, PinInfo, Pins, Role};
 pub enum Kind {
     /// It counts when an encoder is turned.
     Counter,
+    /// The latch of an encoder's index, which goes off when the encoder is turned past it. Its pin is
+    /// `index-enable`.
+    Index,
     /// It is on or off.
     Digital,
     /// It has a value between limits.
@@ -41,19 +44,30 @@ enum Card {
     Part(String),
     /// Such a part that is one counter, as an encoder is: all its terminals change when it is turned.
     Counter(String),
+    /// The index of such a part, if that has a latch.
+    Index(String),
 }
+
+/// The pins of an encoder's index: its latch, and its level.
+const LATCH: &str = "index-enable";
+const LEVEL: &str = "input-index";
 
 /// The inputs that can be checked, in the order of their pins: one for each terminal. Those that
 /// `fits` chooses are asked for, and the others are watched.
 ///
 /// A terminal that has several pins is checked by the first one of those that `fits` chooses: its
 /// counter if it is an encoder's, else its level, else its value; a counter on digital inputs, such as
-/// a handwheel's, only if these are not chosen. Digital inputs of `remotes` (the groups of their pins)
+/// a handwheel's, only if these are not chosen. The index of an encoder on the board is checked by its
+/// latch, whichever of its pins is chosen. Digital inputs of `remotes` (the groups of their pins)
 /// need no terminal: that of a card that is not known has none.
 pub fn points(pins: &Pins, remotes: &[GroupId], fits: impl Fn(&PinInfo) -> bool) -> Vec<Point> {
     let candidate = |(pin, info): (PinId, &PinInfo)| Point::new(pins, pin, info, remotes);
     let all = pins.ids().zip(pins.infos()).filter_map(candidate);
-    let (asked, others): (Vec<_>, Vec<_>) = all.partition(|point| fits(&point.info));
+    let is_chosen = |point: &Point| {
+        let level = point.index_level(pins);
+        fits(&point.info) || level.is_some_and(&fits)
+    };
+    let (asked, others): (Vec<_>, Vec<_>) = all.partition(is_chosen);
     let mut points = one_for_each_terminal(asked);
     for point in &mut points {
         point.is_asked = true;
@@ -68,6 +82,15 @@ pub fn points(pins: &Pins, remotes: &[GroupId], fits: impl Fn(&PinInfo) -> bool)
 
 impl Point {
     fn new(pins: &Pins, pin: PinId, info: &PinInfo, remotes: &[GroupId]) -> Option<Self> {
+        if let Some(part) = index_part(pins, info, remotes) {
+            return (info.role == Role::InOut).then(|| Self {
+                pin,
+                info: info.clone(),
+                kind: Kind::Index,
+                is_asked: false,
+                card: Card::Index(part),
+            });
+        }
         if info.role != Role::Input {
             return None;
         }
@@ -92,6 +115,23 @@ impl Point {
                 Card::of_board(pins, &info.name)
             },
         })
+    }
+
+    /// The pin that shows the level of an index.
+    fn index_level<'a>(&self, pins: &'a Pins) -> Option<&'a PinInfo> {
+        let Card::Index(part) = &self.card else {
+            return None;
+        };
+        let level = pins.id(&format!("{part}.{LEVEL}")).ok()?;
+        pins.info_of(level)
+    }
+
+    /// Whether it is the counter of an index's encoder.
+    pub(super) fn counts_for(&self, index: &Self) -> bool {
+        match (&self.card, &index.card) {
+            (Card::Counter(one), Card::Index(two)) => self.kind == Kind::Counter && one == two,
+            _ => false,
+        }
     }
 
     /// Terminals, or the name of a level where none is known.
@@ -137,6 +177,17 @@ impl Card {
     const fn is_counter(&self) -> bool {
         matches!(self, Self::Counter(_))
     }
+}
+
+/// The encoder of which a pin is the index's latch or its level, if the board has such a latch and a
+/// terminal for it.
+fn index_part(pins: &Pins, info: &PinInfo, remotes: &[GroupId]) -> Option<String> {
+    let (part, name) = info.name.rsplit_once('.')?;
+    let is_index = matches!(name, LATCH | LEVEL)
+        && !info.place.terminal.is_empty()
+        && !remotes.contains(&info.group);
+    let is_there = |pin: &str| pins.id(&format!("{part}.{pin}")).is_ok();
+    (is_index && is_there("count") && is_there(LATCH)).then(|| part.to_owned())
 }
 
 /// The first of the best kind at each place.

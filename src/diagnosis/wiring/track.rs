@@ -42,6 +42,8 @@ pub(super) struct Track {
 enum Shape {
     Level(Level),
     Number(Number),
+    /// An index's latch: the driver sets it on and off, and no hand does.
+    Latch(Option<bool>),
 }
 
 impl Track {
@@ -50,6 +52,7 @@ impl Track {
         let shape = match point.kind {
             Kind::Digital => Shape::Level(Level::default()),
             Kind::Counter => Shape::Number(Number::new(COUNTS)),
+            Kind::Index => Shape::Latch(None),
             Kind::Analog => {
                 let (min, max) = info.limits.unwrap_or((0.0, 1.0));
                 Shape::Number(Number::new((max - min) * PART))
@@ -72,6 +75,7 @@ impl Track {
         match &mut self.shape {
             Shape::Level(level) => level.begin(),
             Shape::Number(number) => number.begin(),
+            Shape::Latch(_) => {}
         }
     }
 
@@ -90,6 +94,10 @@ impl Track {
         let turn = match &mut self.shape {
             Shape::Level(level) => level.take(now, value != 0.0),
             Shape::Number(number) => number.take(now, value),
+            Shape::Latch(latch) => {
+                *latch = Some(value != 0.0);
+                None
+            }
         };
         if let Some(turn) = turn {
             self.turned(now, turn);
@@ -98,6 +106,7 @@ impl Track {
             Shape::Level(level) if level.chatters(now) => true,
             Shape::Level(_) => turn.is_some() && self.is_restless(now),
             Shape::Number(number) => !number.rests() && self.is_restless(now),
+            Shape::Latch(_) => false,
         };
         if goes_on || turn.is_some() && is_quiet {
             self.restless = Some(now);
@@ -128,6 +137,7 @@ impl Track {
         match &mut self.shape {
             Shape::Level(level) => *level = level.anew(),
             Shape::Number(number) => *number = number.anew(),
+            Shape::Latch(latch) => *latch = None,
         }
     }
 
@@ -145,6 +155,7 @@ impl Track {
         let rests = match &self.shape {
             Shape::Level(level) => level.rests(),
             Shape::Number(number) => number.rests(),
+            Shape::Latch(latch) => latch.is_some(),
         };
         rests && self.is_valid(now) && !self.is_restless(now)
     }
@@ -180,6 +191,7 @@ impl Track {
         match &self.shape {
             Shape::Level(level) => level.value.map(AnyValue::from),
             Shape::Number(number) => number.value.map(|value| self.any(value)),
+            Shape::Latch(latch) => latch.map(AnyValue::from),
         }
     }
 
@@ -191,6 +203,7 @@ impl Track {
             Shape::Number(number) => number
                 .moved()
                 .map(|(from, to)| (self.any(from), self.any(to))),
+            Shape::Latch(_) => None,
         }
     }
 

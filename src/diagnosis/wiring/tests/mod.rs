@@ -1,9 +1,10 @@
 //! A cabinet whose wires somebody has laid, and somebody who actuates what is asked for.
 
+mod index;
 mod numbers;
 
 use super::*;
-use crate::hal::{GroupId, Input, PinInfo, PinMaker, PinStore, Place, Spec};
+use crate::hal::{GroupId, InOut, Input, PinInfo, PinMaker, PinStore, Place, Spec};
 
 /// Four switches and two analog inputs of a remote, two encoders of the board.
 struct Cabinet {
@@ -12,6 +13,7 @@ struct Cabinet {
     remote: GroupId,
     switches: Vec<Input<bool>>,
     encoders: Vec<Input<i32>>,
+    latches: Vec<InOut<bool>>,
     volts: Vec<Input<f64>>,
     check: Check,
     ms: u64,
@@ -21,7 +23,9 @@ struct Cabinet {
     found: Option<Judgement>,
 }
 
-const SWITCH: usize = 2;
+/// Behind two encoders with an index each.
+const SWITCH: usize = 4;
+const VOLTS: usize = 8;
 
 fn place(terminal: &str) -> Place {
     Place {
@@ -35,6 +39,7 @@ impl Cabinet {
         let mut store = PinStore::default();
         let (board, remote) = (store.add_group(), store.add_group());
         let (mut encoders, mut switches, mut volts) = (Vec::new(), Vec::new(), Vec::new());
+        let mut latches = Vec::new();
         for n in 0..2 {
             let stem = format!("hm2.encoder.0{n}.");
             let at = place(&format!("TB3 pin {}, TB3 pin {}", 2 * n + 1, 2 * n + 2));
@@ -43,6 +48,11 @@ impl Cabinet {
             encoders.push(make.input("rawcounts").unwrap());
             make.input::<i32>("count").unwrap();
             make.input::<f64>("position").unwrap();
+            let spec = Spec {
+                place: place(&format!("TB3 pin {}", 10 + n)),
+                ..Spec::from("index-enable")
+            };
+            latches.push(make.inout(spec).unwrap());
             let mut make = make.at(place(&format!("TB3 pin {}", 2 * n + 1)));
             make.input::<bool>("input-a").unwrap();
             let mut make = make.at(place(&format!("TB3 pin {}", 10 + n)));
@@ -73,6 +83,7 @@ impl Cabinet {
             remote,
             switches,
             encoders,
+            latches,
             volts,
             check,
             ms: 0,
@@ -99,7 +110,14 @@ impl Cabinet {
             while let Some(news) = self.check.news() {
                 self.said.push(news);
             }
+            self.set_latches();
             self.found = self.found.take().or(found);
+        }
+    }
+
+    fn set_latches(&mut self) {
+        while let Some((pin, on)) = self.check.index_enable() {
+            self.store.set_any(pin, on.into()).expect("index-enable");
         }
     }
 
@@ -131,7 +149,9 @@ impl Cabinet {
     }
 
     fn give_up(&mut self) -> Judgement {
-        self.check.give_up(false).expect("something was asked for")
+        let found = self.check.give_up(false).expect("something was asked for");
+        self.set_latches();
+        found
     }
 }
 
@@ -146,7 +166,9 @@ fn each_terminal_is_checked_by_one_pin_and_the_others_are_watched() {
     let cabinet = Cabinet::new();
     let all = [
         "encoder.00.rawcounts",
+        "encoder.00.index-enable",
         "encoder.01.rawcounts",
+        "encoder.01.index-enable",
         "card.input-00",
         "card.input-01",
         "card.input-02",
@@ -173,10 +195,19 @@ fn each_terminal_is_checked_by_one_pin_and_the_others_are_watched() {
     );
     assert_eq!(names(&other, false).len(), all.len() - 2);
     // Whoever turns an encoder changes all its terminals: those that are not asked for are not watched.
-    let index = chosen("TB3 pin 10");
-    assert_eq!(names(&index, true), ["encoder.00.input-index"]);
-    assert_eq!(names(&index, false)[0], "encoder.01.rawcounts");
-    assert_eq!(names(&index, false).len(), all.len() - 1);
+    let a = chosen("input-a");
+    assert_eq!(
+        names(&a, true),
+        ["encoder.00.input-a", "encoder.01.input-a"]
+    );
+    assert_eq!(names(&a, false).len(), all.len() - 2);
+    // An index is checked by its latch, and its encoder is watched.
+    for part in ["TB3 pin 10", "encoder.00.input-index"] {
+        let index = chosen(part);
+        assert_eq!(names(&index, true), ["encoder.00.index-enable"], "{part}");
+        assert_eq!(names(&index, false)[0], "encoder.00.rawcounts");
+        assert_eq!(names(&index, false).len(), all.len() - 1);
+    }
     assert_eq!(points(&cabinet.store, &remotes, |_| false).len(), all.len());
 }
 
@@ -288,7 +319,7 @@ fn exchanged_wires_are_told_and_paired() {
         judged.push(Some(found));
     }
     let of = |n: usize| judged.get(n.checked_sub(SWITCH)?)?.as_ref();
-    assert_eq!(exchanged(of, 8), [(SWITCH + 1, SWITCH + 2)]);
+    assert_eq!(exchanged(of, VOLTS), [(SWITCH + 1, SWITCH + 2)]);
     // The right one changes after all.
     cabinet.ask(3);
     cabinet.press(&[0]);

@@ -3,7 +3,7 @@
 use super::*;
 
 impl Cabinet {
-    fn turn(&mut self, encoder: usize, from: i32, to: i32) {
+    pub(super) fn turn(&mut self, encoder: usize, from: i32, to: i32) {
         let step = if to > from { 25 } else { -25 };
         let mut count = from;
         while count != to {
@@ -13,7 +13,7 @@ impl Cabinet {
         }
     }
 
-    fn ask_for(&mut self, point: usize) {
+    pub(super) fn ask_for(&mut self, point: usize) {
         self.run(HANDS_OFF.as_millis() as u64);
         self.check.ask(point);
         self.run(50);
@@ -49,7 +49,7 @@ fn another_encoder_that_counts_instead_is_told_and_one_that_goes_along_too() {
     cabinet.ask_for(0);
     cabinet.turn(1, 0, 500);
     cabinet.run(1000);
-    assert_eq!(cabinet.said, [News::Instead(1)]);
+    assert_eq!(cabinet.said, [News::Instead(2)]);
     assert_eq!(cabinet.give_up().verdict, Verdict::OtherChanged);
     cabinet.ask_for(0);
     for count in (0..500).step_by(10) {
@@ -59,7 +59,7 @@ fn another_encoder_that_counts_instead_is_told_and_one_that_goes_along_too() {
     }
     cabinet.run(1000);
     let found = cabinet.found.take().expect("a judgement");
-    assert_eq!((found.verdict, found.others), (Verdict::Together, vec![1]));
+    assert_eq!((found.verdict, found.others), (Verdict::Together, vec![2]));
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn an_encoder_that_counts_by_itself_or_gets_nowhere_is_not_in_order() {
 #[test]
 fn an_analog_input_is_in_order_when_it_has_moved_by_a_part_of_its_range() {
     let mut cabinet = Cabinet::new();
-    let (first, second) = (6, 7);
+    let (first, second) = (VOLTS, VOLTS + 1);
     cabinet.store.publish(cabinet.volts[0], 5.0);
     cabinet.ask_for(first);
     for volts in [5.1, 5.0, 4.9, 5.0] {

@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use mesa_hal::driver::RemoteState;
-use mesa_hal::hal::{PinId, PinInfo};
+use mesa_hal::hal::{AnyValue, PinId, PinInfo};
 use mesa_hal::runner::{Cycle, Runner, Snapshot, SnapshotReader};
 use mesa_hal::{Driver, UdpBus};
 
@@ -36,6 +36,7 @@ pub struct Machine {
     pub reader: SnapshotReader,
     is_over: Arc<AtomicBool>,
     orders: SyncSender<PinId>,
+    requests: SyncSender<(PinId, bool)>,
     done: Receiver<Driven>,
     cycle: Option<JoinHandle<Result<(), Failure>>>,
 }
@@ -48,6 +49,7 @@ impl Machine {
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         let (orders, wanted) = sync_channel(1);
+        let (requests, requested) = sync_channel(8);
         let (tell, done) = sync_channel(4);
         let mut keeper = Keeper::default();
         let mut jog: Option<Jog> = None;
@@ -56,6 +58,10 @@ impl Machine {
             let is_alone = running::check_alone(cycle.driver.bus()).is_ok();
             if over.load(Ordering::Relaxed) || !is_alone {
                 return ControlFlow::Break(());
+            }
+            while let Ok((pin, on)) = requested.try_recv() {
+                // One that is refused is never seen to be on, and no index is told to have come.
+                let _ = cycle.pins_mut().set_any(pin, AnyValue::from(on));
             }
             let Some(running) = &mut jog else {
                 keeper.look_after(cycle.driver);
@@ -91,6 +97,7 @@ impl Machine {
             reader,
             is_over,
             orders,
+            requests,
             done,
             cycle: Some(cycle),
         }
@@ -100,6 +107,12 @@ impl Machine {
     pub fn drive(&self, pin: PinId) {
         // If nobody takes it any more, the reader has ended.
         let _ = self.orders.try_send(pin);
+    }
+
+    /// Arms the latch of an encoder's index, or takes that back.
+    pub fn set_index_enable(&self, pin: PinId, on: bool) {
+        // What no cycle takes is requested again.
+        let _ = self.requests.try_send((pin, on));
     }
 
     /// What has become of the output; told once.

@@ -30,7 +30,8 @@ use session::{Lines, Session};
 
 const AFTER_HELP: &str = "\
 It names one terminal after the other, and waits until the input there has changed and is back; of
-an encoder, until it has counted and stands. If another input changes instead, it says which, and
+an encoder, until it has counted and stands; of its index, until the encoder was turned past it and
+the index was latched, as homing does it. If another input changes instead, it says which, and
 goes on waiting. What changes by itself, or is not valid, does not count. Keys: Enter skips a
 terminal, b and Enter goes back, q and Enter ends with the report; so does Ctrl-C.
 

@@ -149,6 +149,7 @@ impl Item {
         };
         match (self.what, self.direction()) {
             (What::Input(_, Kind::Counter), Some(way)) => format!(": counts {way}, {range}"),
+            (What::Input(_, Kind::Index), _) => format!(": it came, the encoder counted {range}"),
             _ => format!(": {range}"),
         }
     }
@@ -281,6 +282,7 @@ impl Row {
             kind: match item.what {
                 What::Input(_, Kind::Digital) => "digital",
                 What::Input(_, Kind::Counter) => "counter",
+                What::Input(_, Kind::Index) => "index",
                 What::Input(_, Kind::Analog) => "analog",
                 What::Output(_) => "output",
             },

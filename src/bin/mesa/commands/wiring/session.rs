@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use mesa_hal::bus::{Clock, HostClock};
 use mesa_hal::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict};
-use mesa_hal::hal::PinId;
+use mesa_hal::hal::{AnyValue, PinId};
 use mesa_hal::runner::Snapshot;
 
 use super::machine::{self, Driven, Machine};
@@ -163,7 +163,11 @@ impl<'a> Session<'a> {
         }
         let seen = self.seen.as_ref()?;
         let now = self.clock.now();
-        self.check.observe(now, |pin| seen.read_any(pin)?.ok())
+        let judgement = self.check.observe(now, |pin| seen.read_any(pin)?.ok());
+        while let Some((pin, on)) = self.check.index_enable() {
+            self.machine.set_index_enable(pin, on);
+        }
+        judgement
     }
 
     fn say(&self, at: usize, what: &str) {
@@ -226,6 +230,9 @@ impl<'a> Session<'a> {
             (News::Ready(_), Kind::Counter) => {
                 self.say(at, "turn it now by hand, in its positive direction");
             }
+            (News::Ready(_), Kind::Index) => {
+                self.say(at, "turn the encoder past its index, by hand");
+            }
             (News::Ready(value), Kind::Analog) => {
                 self.say(at, &format!("change it now; it is {}", text(value)));
             }
@@ -252,7 +259,12 @@ impl<'a> Session<'a> {
             (News::Changed(level), Kind::Digital) => {
                 complain(format_args!("  {}; let it go", text(level)));
             }
+            (News::Changed(_), Kind::Index) => complain("  the encoder moves"),
             (News::Changed(_), _) => complain("  it moves; let it rest"),
+            (News::NoIndex(from, to), _) => complain(format_args!(
+                "  {}; turn it on, by more than a turn",
+                no_index((from, to))
+            )),
             (News::Instead(other), _) => {
                 complain(format_args!(
                     "  {} changed instead: exchanged?",
@@ -266,6 +278,13 @@ impl<'a> Session<'a> {
     fn judged(&mut self, at: usize, found: Judgement) {
         let reason = match found.verdict {
             Verdict::NotValid => Some(self.reason(at)),
+            Verdict::Unstable if self.is_index(at) => {
+                Some("it came while the encoder stood: noise, or an open wire?".to_owned())
+            }
+            Verdict::NoChange if self.is_index(at) => Some(match found.moved {
+                Some(path) => format!("{}: is it wired?", no_index(path)),
+                None => "the encoder was not turned".to_owned(),
+            }),
             Verdict::Unstable if found.moved.is_none() && !self.is_restless(at) => {
                 Some(DITHERS.to_owned())
             }
@@ -287,6 +306,11 @@ impl<'a> Session<'a> {
         };
         let value = text(self.check.value(point)?);
         Some(format!("it was {value} all the time"))
+    }
+
+    fn is_index(&self, at: usize) -> bool {
+        let item = self.items.get(at);
+        item.is_some_and(|item| matches!(item.what, What::Input(_, Kind::Index)))
     }
 
     fn is_restless(&self, at: usize) -> bool {
@@ -436,6 +460,15 @@ impl<'a> Session<'a> {
         self.tell_words(at);
         Next::Forward
     }
+}
+
+/// Of an encoder that was turned, and its index did not come.
+fn no_index((from, to): (AnyValue, AnyValue)) -> String {
+    format!(
+        "the encoder counted {} to {}, and its index did not come",
+        text(from),
+        text(to)
+    )
 }
 
 const DITHERS: &str = "it counts up and down, and gets nowhere: does one of A and B not arrive?";
