@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use mesa_hal::sim::wire::Nanos;
 use mesa_hal::sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
 
-use crate::Replay;
 use crate::bench::{Bench, FpgaBench};
-use crate::common::recording::Outcome;
+use crate::common::recording::{Outcome, Recording, files, own_directory};
 use crate::register::Register;
 use crate::runner::{self, Rules, Watch};
 use crate::transcript::{Entry, Event, Level, Transcript};
+use crate::{DIRECTORY, Replay, family};
 
 /// To the clock; reads that differ are right if they are so within one period of the divider.
 pub const REPLAY: Replay = replay;
@@ -30,8 +30,24 @@ const CLOCK_NANOS: Nanos = 10;
 /// Lines of a pin that are not farther apart show every edge between them.
 const WINDOW: Nanos = 1_000;
 
-fn replay(transcript: &Transcript) -> Outcome {
-    let rules = Rules {
+/// The project's own recordings need no tolerance, wherever the dividers stand.
+#[test]
+fn reads_of_the_recordings_are_right_to_the_clock() {
+    let mut reads = 0;
+    for path in files(&own_directory(DIRECTORY)) {
+        let transcript = Transcript::load(&path).expect("a recording");
+        if matches!(family(&transcript.name), Some(("enc" | "qc", _))) {
+            let mut exact = EncoderBench::new(&firmware(&transcript));
+            let outcome = runner::replay(&transcript, &mut exact, rules(&transcript));
+            assert_eq!(outcome.differences, [], "{}", transcript.name);
+            reads += outcome.compared;
+        }
+    }
+    assert!(reads > 900, "{reads} reads");
+}
+
+fn rules(transcript: &Transcript) -> Rules {
+    Rules {
         step: None,
         watch: Watch::AtLines,
         skip: if counts_are_followed(transcript) {
@@ -39,7 +55,11 @@ fn replay(transcript: &Transcript) -> Outcome {
         } else {
             |entry| matches!(&entry.event, Event::Read { register, .. } if is_count(*register))
         },
-    };
+    }
+}
+
+fn replay(transcript: &Transcript) -> Outcome {
+    let rules = rules(transcript);
     let firmware = firmware(transcript);
     let bench = || EncoderBench::new(&firmware);
     let mut exact = bench();

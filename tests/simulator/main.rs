@@ -3,6 +3,7 @@
 mod arbitrary_accesses;
 #[path = "../common/mod.rs"]
 mod common;
+mod encoders;
 mod identity;
 mod modules;
 mod remotes;

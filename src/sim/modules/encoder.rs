@@ -1,6 +1,6 @@
 //! Quadrature encoders, plain and multiplexed.
 //!
-//! FACTS 12.5 to 12.8, 13.4; recordings of the enc and qc families,
+//! FACTS 12.5 to 12.8, 12.12, 13.4; recordings of the enc and qc families,
 //! which it follows to the clock. Not simulated is the skew of the multiplexer, the delay of the
 //! sample after the select edge: cables are too short for it here.
 
@@ -11,8 +11,8 @@ use crate::sim::fpga::UNDRIVEN;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
 use crate::sim::wire::Nanos;
 use crate::sim::world::Segment;
-use clocks::{Clock, Divider, Stamps, period};
-use counter::{Abz, Counter, Place, TO_SELECT};
+use clocks::{Clock, Clocks, Divider, Stamps, period};
+use counter::{Abz, Change, Counter, Place, TO_SELECT};
 
 const COUNT: u8 = 0;
 const CONTROL: u8 = 1;
@@ -33,6 +33,10 @@ const PLAIN_RATE: u32 = 4;
 const HIGH_HALF: u32 = UNDRIVEN & 0xFFFF_0000;
 const LATCHED_BY_TIMER: u32 = 1 << 15;
 const TIMERS: u8 = 4;
+
+/// From the clock edge at which something happens in a counter to the one at which a read shows it:
+/// the registers that are read are copies. What is written takes as long.
+const TO_READ: Clocks = 2;
 
 /// All encoders of one module.
 #[derive(Clone, Debug)]
@@ -58,6 +62,8 @@ pub struct EncoderBank {
     /// For each encoder the pin of the select line it depends on.
     select_pins: Vec<Option<usize>>,
     probe: bool,
+    /// The time up to which lines and registers are known.
+    now: Nanos,
 }
 
 /// What a timer has latched: COUNT and CONTROL of each counter.
@@ -103,6 +109,7 @@ impl EncoderBank {
             sees: (0..count).collect(),
             select_pins: select_pins(firmware, count),
             probe: true,
+            now: 0,
         };
         bank.configure(firmware, 0);
         bank
@@ -116,6 +123,7 @@ impl EncoderBank {
 
     fn configure(&mut self, firmware: &Firmware, now: Nanos) {
         self.clock.restart(now);
+        self.now = now;
         self.stamps = Stamps::new();
         self.rate = if self.multiplexed {
             firmware.mux_rate
@@ -128,20 +136,18 @@ impl EncoderBank {
         // The dividers of plain encoders begin with a whole period.
         let divider = Divider::new(self.rate, u64::from(self.multiplexed));
         self.select = divider;
-        let (has_probe, mask, multiplexed) = (self.has_probe, self.has_mask, self.multiplexed);
+        let (has_probe, mask, probe) = (self.has_probe, self.has_mask, self.probe);
         let lines = &self.lines;
         self.counters.clear();
         self.counters
             .extend(self.sees.iter().enumerate().map(|(number, &source)| {
-                let place = match (multiplexed, number % 2) {
+                let place = match (self.multiplexed, number % 2) {
                     (false, _) => Place::Plain,
                     (true, 0) => Place::Even,
                     (true, _) => Place::Odd,
                 };
                 let line = lines.get(source).copied().unwrap_or_default();
-                let mut counter = Counter::new(place, divider, has_probe, mask, line);
-                counter.set_probe(self.probe);
-                counter
+                Counter::new(place, divider, has_probe, mask, probe).with_lines(line)
             }));
     }
 
@@ -191,19 +197,26 @@ impl EncoderBank {
         }
     }
 
-    /// Lets everything happen that happens up to `now`.
+    /// Lets everything happen that a read at `now` shows.
     pub(crate) fn advance(&mut self, now: Nanos) {
-        let clock = self.clock.passed(now);
+        self.now = now;
+        let edge = self.clock.passed(now).saturating_sub(TO_READ);
         for counter in &mut self.counters {
-            counter.advance(clock, &self.stamps);
+            counter.run_to(edge, &self.stamps);
         }
     }
 
     pub(crate) fn read(&mut self, now: Nanos, register: u8, instance: u8) -> u32 {
         let number = usize::from(instance);
         let clock = self.clock.passed(now);
+        let mut edge = clock.saturating_sub(TO_READ);
         if let Some(counter) = self.counters.get_mut(number) {
-            counter.advance(clock, &self.stamps);
+            if counter.changes_at(clock) {
+                // An access that takes no time after a write, which a real bus has not, finds it
+                // done.
+                edge = clock;
+            }
+            counter.run_to(edge, &self.stamps);
         }
         let is_latched = self.latching_timer().is_some();
         let latched = self.latched.words.get(number).filter(|_| is_latched);
@@ -211,11 +224,11 @@ impl EncoderBank {
         match register {
             COUNT => match latched {
                 Some([word, _]) => *word,
-                None => counter.map_or(UNDRIVEN, |counter| counter.count_word(clock)),
+                None => counter.map_or(UNDRIVEN, Counter::count_word),
             },
             CONTROL => match latched {
                 Some([_, word]) => *word,
-                None => counter.map_or(UNDRIVEN, Counter::control_word),
+                None => counter.map_or(UNDRIVEN, |counter| counter.control_word(edge)),
             },
             STAMP_DIVIDER => HIGH_HALF | u32::from(self.stamps.register()),
             STAMP_COUNTER if is_latched => HIGH_HALF | u32::from(self.latched.stamp),
@@ -228,16 +241,16 @@ impl EncoderBank {
     pub(crate) fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
         self.advance(now);
         let clock = self.clock.passed(now);
-        let counter = self.counters.get_mut(usize::from(instance));
-        match register {
-            COUNT => counter.into_iter().for_each(|counter| counter.clear(clock)),
-            CONTROL => counter
-                .into_iter()
-                .for_each(|counter| counter.set_control(value)),
-            STAMP_DIVIDER => self.stamps.write(clock, value as u16),
-            RATE => self.set_rate(now, value),
-            TIMER => self.set_timer(now, value),
-            _ => {}
+        let change = match register {
+            COUNT => Change::Clear,
+            CONTROL => Change::Control(value),
+            STAMP_DIVIDER => return self.stamps.write(clock, value as u16),
+            RATE => return self.set_rate(now, value),
+            TIMER => return self.set_timer(now, value),
+            _ => return,
+        };
+        if let Some(counter) = self.counters.get_mut(usize::from(instance)) {
+            counter.change(clock, change, &self.stamps);
         }
     }
 
@@ -272,8 +285,10 @@ impl EncoderBank {
         self.advance(now);
         let clock = self.clock.passed(now);
         self.latched.stamp = self.stamps.after(clock) as u16;
-        for (counter, words) in self.counters.iter().zip(&mut self.latched.words) {
-            *words = [counter.count_word(clock), counter.control_word()];
+        let counters = self.counters.iter_mut();
+        for (counter, words) in counters.zip(&mut self.latched.words) {
+            counter.run_to(clock, &self.stamps);
+            *words = [counter.count_word(), counter.control_word(clock)];
         }
     }
 
@@ -364,9 +379,10 @@ impl EncoderBank {
     }
 
     fn change_line(&mut self, now: Nanos, counter: usize, abz: Abz) {
+        self.now = self.now.max(now);
         let (passed, next) = (self.clock.passed(now), self.clock.next(now));
         if let Some(counter) = self.counters.get_mut(counter) {
-            counter.advance(passed, &self.stamps);
+            counter.run_to(passed.saturating_sub(TO_READ), &self.stamps);
             counter.set_lines(next, abz);
         }
     }
@@ -389,20 +405,23 @@ impl EncoderBank {
     }
 
     /// Sets the probe input of all encoders; nothing happens where the firmware has none. Nobody
-    /// drives it at first: high.
+    /// drives it at first: high. It is filtered as the other lines are: a pulse of fewer than three
+    /// samples does nothing.
     pub fn set_probe(&mut self, level: bool) {
         self.probe = level;
+        let next = self.clock.next(self.now);
         for counter in &mut self.counters {
-            counter.set_probe(level);
+            counter.change(next, Change::Probe(level), &self.stamps);
         }
     }
 
     /// Sets the index mask input of an encoder. Firmware without the pin has it always low, and
     /// with it nobody drives it: high.
     pub fn set_index_mask(&mut self, instance: usize, level: bool) {
+        let next = self.clock.next(self.now);
         let counter = self.counters.get_mut(instance).filter(|_| self.has_mask);
         if let Some(counter) = counter {
-            counter.set_mask(level);
+            counter.change(next.saturating_sub(1), Change::Mask(level), &self.stamps);
         }
     }
 

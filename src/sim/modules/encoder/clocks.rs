@@ -152,20 +152,53 @@ pub(super) fn period(register: u32) -> Clocks {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stamps {
     register: u16,
-    /// The counter after the clock edge `.1`, and the edge at which it counts next.
-    base: (u64, Clocks),
-    next: Clocks,
+    present: Stretch,
+    /// What the counter does after the first count with the divisor that was written last.
+    following: Stretch,
+}
+
+/// The counter from an edge on that it counts at.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    /// The clock edge of the first count, and the counter after it.
+    first: Clocks,
+    count: u64,
+    period: Clocks,
+}
+
+impl Stretch {
+    fn after(self, clock: Clocks) -> u64 {
+        let counts = clock.saturating_sub(self.first) / self.period;
+        self.count + counts
+    }
+
+    /// The first count after a clock edge, and what follows it with another period.
+    fn followed(self, clock: Clocks, period: Clocks) -> Self {
+        let counts = (clock + self.period).saturating_sub(self.first) / self.period;
+        Self {
+            first: self.first + counts * self.period,
+            count: self.count + counts,
+            period,
+        }
+    }
 }
 
 impl Stamps {
     /// Divides by the clock itself.
     const UNDIVIDED: u16 = 0x8000;
+    /// From the write of the divider to the last count that it does not change.
+    const TO_LOAD: Clocks = 1;
 
     pub fn new() -> Self {
+        let present = Stretch {
+            first: 0,
+            count: 0,
+            period: Self::period(0),
+        };
         Self {
             register: 0,
-            base: (0, 0),
-            next: 2,
+            present,
+            following: present,
         }
     }
 
@@ -173,37 +206,30 @@ impl Stamps {
         self.register
     }
 
-    /// A new divisor holds from the next count on; the clock itself at once.
+    /// A count in progress still comes; a new divisor holds from there on.
     pub fn write(&mut self, now: Clocks, register: u16) {
-        // A count in progress still comes.
-        let soon = now + 1;
-        self.base = (self.after(soon), soon);
-        self.next = if self.register & Self::UNDIVIDED != 0 || self.next > soon {
-            self.next.max(soon + 1)
-        } else {
-            let period = self.period();
-            self.next + ((soon - self.next) / period + 1) * period
-        };
         self.register = register;
-        if register & Self::UNDIVIDED != 0 {
-            self.next = soon + 1;
+        let (last, period) = (now + Self::TO_LOAD, Self::period(register));
+        if self.following.first <= last {
+            self.present = self.following;
         }
+        self.following = self.present.followed(last, period);
     }
 
     /// The counter after a clock edge, which is not before the last write.
     pub fn after(&self, clock: Clocks) -> u64 {
-        let (count, _) = self.base;
-        if clock < self.next {
-            return count;
+        if clock < self.following.first {
+            self.present.after(clock)
+        } else {
+            self.following.after(clock)
         }
-        count + 1 + (clock - self.next) / self.period()
     }
 
-    fn period(&self) -> Clocks {
-        if self.register & Self::UNDIVIDED != 0 {
+    fn period(register: u16) -> Clocks {
+        if register & Self::UNDIVIDED != 0 {
             1
         } else {
-            Clocks::from(self.register) + 2
+            Clocks::from(register) + 2
         }
     }
 }

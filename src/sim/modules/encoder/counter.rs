@@ -1,14 +1,15 @@
-//! One counter with its three lines: samples, filters, quadrature, index and latch.
+//! One counter with its three lines and its probe: samples, filters, quadrature, index and latch.
 //!
-//! All steps are those of the gateware, sample by sample (recordings of the enc and qc families).
-//! While nothing moves, no sample is looked at.
+//! All steps are those of the gateware, sample by sample (FACTS 12.12; recordings of the enc and qc
+//! families). The index is gated and given its polarity in front of its filter, and the probe has a
+//! filter too. While nothing moves, no sample is looked at.
 
 use super::clocks::{Clocks, Divider, Stamps};
 
 const QUADRATURE_ERROR: u32 = 1 << 15;
 const AB_POLARITY: u32 = 1 << 14;
-pub(super) const LATCH_ON_PROBE: u32 = 1 << 13;
-pub(super) const PROBE_POLARITY: u32 = 1 << 12;
+const LATCH_ON_PROBE: u32 = 1 << 13;
+const PROBE_POLARITY: u32 = 1 << 12;
 const LONG_FILTER: u32 = 1 << 11;
 const UP_DOWN: u32 = 1 << 10;
 const USE_MASK: u32 = 1 << 9;
@@ -22,21 +23,30 @@ const LIVE: u32 = 0b111;
 
 /// From a load of the divider to the change of the select line, and to the sample before it.
 pub(super) const TO_SELECT: Clocks = 2;
-/// From a load of the divider to the moment at which the sample counts: multiplexed, and plain.
-const TO_COUNT: [Clocks; 2] = [6, 4];
+/// From a load of the divider to the filters' tick: multiplexed, and plain.
+const TO_TICK: [Clocks; 2] = [2, 0];
+/// From a tick to the clock edge at which the levels of the filters show as live bits, and to the
+/// one at which they are counted.
+const TO_LIVE: Clocks = 1;
+const TO_COUNT: Clocks = 2;
 /// How long before a sample a line has to be at its level: multiplexed, and plain.
 const AHEAD: [Clocks; 2] = [3, 1];
-/// From the write of COUNT to the moment at which the count is cleared.
-const TO_CLEAR: Clocks = 2;
 
 /// Levels of A, B and index.
 pub(super) type Abz = [bool; 3];
+
+/// Levels of A, B, the conditioned index and the probe.
+type Levels = [bool; 4];
 
 /// Changes of the lines that no sample has seen yet. More than these within two samples are
 /// glitches that none will see.
 const WAITING: usize = 8;
 
-/// One counter.
+/// Capacity of the queue of changes: the most that a bus and the pins make within
+/// two clocks.
+const QUEUED: usize = 4;
+
+/// One counter, at a clock edge up to which all has happened.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "they are lines")]
 pub(super) struct Counter {
@@ -55,14 +65,29 @@ pub(super) struct Counter {
     line: Abz,
     waiting: [(Clocks, Abz); WAITING],
     pending: usize,
-    filters: [Filter; 3],
-    /// A and B as they were counted last.
-    counted: [bool; 2],
-    /// The index as the control bits condition it: an event comes when it rises.
-    index: bool,
+    filters: [Filter; 4],
+    /// The levels that were counted last.
+    counted: Levels,
+    /// The levels that are counted next, and at which clock edge.
+    due: Option<(Clocks, Levels)>,
     /// The first sample after configuration is not counted.
     is_started: bool,
-    clears_at: Option<Clocks>,
+    /// Changes that are to come, each after a clock edge; the oldest first.
+    changes: [(Clocks, Change); QUEUED],
+    queued: usize,
+}
+
+/// A change of what a counter works with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Change {
+    /// CONTROL is written.
+    Control(u32),
+    /// COUNT is written.
+    Clear,
+    /// The level of the probe's pin.
+    Probe(bool),
+    /// The level of the index mask's pin.
+    Mask(bool),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +97,8 @@ pub(super) enum Place {
     Plain,
 }
 
-/// Counts up while its line is high and down while it is low; follows at the ends.
+/// Counts up while its line is high and down while it is low. The level follows at the ends, one
+/// tick later.
 #[derive(Clone, Copy, Debug, Default)]
 struct Filter {
     samples: u8,
@@ -81,13 +107,13 @@ struct Filter {
 
 impl Filter {
     fn take(&mut self, line: bool, length: u8) {
-        if line {
-            self.samples = self.samples.max((self.samples + 1).min(length));
-            self.level |= self.samples >= length;
+        let samples = self.samples;
+        self.level = (self.level || samples >= length) && samples > 0;
+        self.samples = if line {
+            samples.max((samples + 1).min(length))
         } else {
-            self.samples = self.samples.saturating_sub(1);
-            self.level &= self.samples > 0;
-        }
+            samples.saturating_sub(1)
+        };
     }
 
     fn is_settled(self, line: bool, length: u8) -> bool {
@@ -101,7 +127,7 @@ impl Filter {
 }
 
 impl Counter {
-    pub fn new(place: Place, divider: Divider, has_probe: bool, mask: bool, line: Abz) -> Self {
+    pub fn new(place: Place, divider: Divider, has_probe: bool, mask: bool, probe: bool) -> Self {
         Self {
             place,
             divider,
@@ -111,49 +137,57 @@ impl Counter {
             latch: 0,
             has_probe,
             mask,
-            probe: false,
-            line,
-            waiting: [(0, line); WAITING],
+            probe,
+            line: [false; 3],
+            waiting: [(0, [false; 3]); WAITING],
             pending: 0,
-            filters: [Filter::default(); 3],
-            counted: [false; 2],
-            index: false,
+            filters: [Filter::default(); 4],
+            counted: [false; 4],
+            due: None,
             is_started: false,
-            clears_at: None,
+            changes: [(0, Change::Clear); QUEUED],
+            queued: 0,
         }
+    }
+
+    /// The lines, from before configuration on.
+    pub fn with_lines(self, line: Abz) -> Self {
+        Self { line, ..self }
     }
 
     /// The lines have been like this for long, and nothing was counted.
     pub fn settle(&mut self, line: Abz) {
-        let [a, b, _] = line;
         self.line = line;
         self.pending = 0;
         let length = self.filter_length();
-        self.filters = line.map(|level| Filter {
+        let inputs = self.inputs();
+        self.filters = inputs.map(|level| Filter {
             samples: if level { length } else { 0 },
             level,
         });
-        self.counted = [a, b];
-        self.index = self.conditioned_index();
+        self.counted = inputs;
+        self.due = None;
     }
 
-    /// What COUNT reads at the clock edge `now`. An access that takes no time after the write of
-    /// COUNT, which a real bus has not, finds it done.
-    pub fn count_word(&self, now: Clocks) -> u32 {
-        let is_cleared = self.clears_at == Some(now + TO_CLEAR);
-        let count = if is_cleared { 0 } else { self.count };
-        u32::from(count) | u32::from(self.stamp) << 16
+    /// What COUNT holds.
+    pub fn count_word(&self) -> u32 {
+        u32::from(self.count) | u32::from(self.stamp) << 16
     }
 
-    /// What CONTROL reads. Without a probe pin the bits of the probe read 0.
-    pub fn control_word(&self) -> u32 {
+    /// What CONTROL holds at the clock edge `now`. Without a probe pin the bits of the probe read
+    /// 0.
+    pub fn control_word(&self, now: Clocks) -> u32 {
         let absent = if self.has_probe {
             0
         } else {
             LATCH_ON_PROBE | PROBE_POLARITY
         };
-        let [a, b, _] = self.filters.map(|filter| u32::from(filter.level));
-        let live = a | b << 1 | u32::from(self.index) << 2;
+        let live = match self.due {
+            Some((at, levels)) if at <= now + TO_COUNT - TO_LIVE => levels,
+            _ => self.counted,
+        };
+        let [a, b, index, _] = live.map(u32::from);
+        let live = a | b << 1 | index << 2;
         u32::from(self.latch) << 16 | self.control & !absent | live
     }
 
@@ -161,48 +195,51 @@ impl Counter {
         self.divider.write(now, register);
     }
 
-    pub fn set_mask(&mut self, level: bool) {
-        self.mask = level;
-    }
-
-    /// COUNT was written.
-    pub fn clear(&mut self, now: Clocks) {
-        self.clears_at = Some(now + TO_CLEAR);
-    }
-
-    /// CONTROL was written.
-    pub fn set_control(&mut self, value: u32) {
-        // Writing a 1 takes back the quadrature error.
-        let error = self.control & QUADRATURE_ERROR & !value;
-        self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR) | error;
-    }
-
     pub fn disturb(&mut self) {
         self.control |= QUADRATURE_ERROR;
     }
 
-    pub fn set_probe(&mut self, level: bool) {
-        let is_edge = level != core::mem::replace(&mut self.probe, level);
-        let is_active = level == (self.control & PROBE_POLARITY != 0);
-        let is_wanted = self.has_probe && self.control & LATCH_ON_PROBE != 0;
-        if is_edge && is_active && is_wanted {
-            self.latch = self.count;
-            if self.control & JUST_ONCE != 0 {
-                self.control &= !LATCH_ON_PROBE;
+    /// Something changes after the clock edge `at`, which is not before an earlier one.
+    pub fn change(&mut self, at: Clocks, change: Change, stamps: &Stamps) {
+        if let [(oldest, _), ..] = self.changes
+            && self.queued == QUEUED
+        {
+            self.run_to(oldest, stamps);
+        }
+        if let Some(place) = self.changes.get_mut(self.queued) {
+            *place = (at, change);
+            self.queued += 1;
+        }
+    }
+
+    /// Whether something changes after the clock edge `at` that was asked for at this very edge.
+    pub fn changes_at(&self, at: Clocks) -> bool {
+        let mut changes = self.changes.iter().take(self.queued);
+        changes.any(|&(edge, _)| edge == at)
+    }
+
+    fn apply(&mut self, change: Change) {
+        match change {
+            Change::Control(value) => {
+                // Writing a 1 takes back the quadrature error.
+                let error = self.control & QUADRATURE_ERROR & !value;
+                self.control = value & 0xFFFF & !(LIVE | QUADRATURE_ERROR) | error;
             }
+            Change::Clear => {
+                self.count = 0;
+                if self.control & JUST_ONCE != 0 {
+                    self.control &= !CLEAR_ON_INDEX;
+                }
+            }
+            Change::Probe(level) => self.probe = level,
+            Change::Mask(level) => self.mask = level,
         }
     }
 
     /// The lines change, so that samples from the clock edge `next` on can see it: the first edge
     /// that is not before the change.
     pub fn set_lines(&mut self, next: Clocks, abz: Abz) {
-        let [muxed, plain] = AHEAD;
-        let seen = next
-            + if self.place == Place::Plain {
-                plain
-            } else {
-                muxed
-            };
+        let seen = next + self.of_place(AHEAD);
         let last = self.pending.min(WAITING - 1);
         if let Some(place) = self.waiting.get_mut(last) {
             *place = (seen, abz);
@@ -210,26 +247,22 @@ impl Counter {
         self.pending = last + 1;
     }
 
-    /// Takes all samples that count up to the clock edge `to`.
-    pub fn advance(&mut self, to: Clocks, stamps: &Stamps) {
-        if let Some(at) = self.clears_at.filter(|&at| at <= to) {
-            self.sample_to(at.saturating_sub(1), stamps);
-            self.clears_at = None;
-            self.count = 0;
-            if self.control & JUST_ONCE != 0 {
-                self.control &= !CLEAR_ON_INDEX;
-            }
+    /// Lets everything happen up to the clock edge `to`, that included.
+    pub fn run_to(&mut self, to: Clocks, stamps: &Stamps) {
+        while let [(at, change), ..] = self.changes
+            && self.queued > 0
+            && at <= to
+        {
+            self.tick_to(at, stamps);
+            self.apply(change);
+            self.changes.rotate_left(1);
+            self.queued -= 1;
         }
-        self.sample_to(to, stamps);
+        self.tick_to(to, stamps);
     }
 
-    fn sample_to(&mut self, to: Clocks, stamps: &Stamps) {
-        let [muxed, plain] = TO_COUNT;
-        let delay = if self.place == Place::Plain {
-            plain
-        } else {
-            muxed
-        };
+    fn tick_to(&mut self, to: Clocks, stamps: &Stamps) {
+        let delay = self.of_place(TO_TICK);
         loop {
             if self.pending == 0 && self.is_settled() {
                 self.divider.skip(to.saturating_sub(delay), 2);
@@ -241,32 +274,41 @@ impl Counter {
                 divider.step();
             }
             let [load, before, second] = divider.loaded();
-            if load + delay > to {
+            let tick = load + delay;
+            let ends = |&mut (at, _): &mut (Clocks, Levels)| at <= to || tick <= to;
+            if let Some((at, levels)) = self.due.take_if(ends) {
+                self.count(levels, stamps.after(at + 1) as u16);
+            }
+            if tick > to {
                 return;
             }
             self.divider = divider;
-            let sampled = match self.place {
+            self.look(match self.place {
                 Place::Plain => load,
                 Place::Even => before + TO_SELECT,
                 Place::Odd => second + TO_SELECT,
-            };
-            self.look(sampled);
-            let stamp = stamps.after((load + delay).saturating_sub(1));
-            self.count(stamp as u16);
+            });
+            self.tick(tick);
+        }
+    }
+
+    fn of_place(&self, [muxed, plain]: [Clocks; 2]) -> Clocks {
+        if self.place == Place::Plain {
+            plain
+        } else {
+            muxed
         }
     }
 
     /// Whether samples of the present lines change nothing.
     fn is_settled(&self) -> bool {
         let length = self.filter_length();
-        let filters = self.filters.iter().zip(self.line);
-        let [a, b, _] = self.line;
+        let filters = self.filters.iter().zip(self.inputs());
         self.is_started
+            && self.due.is_none()
             && filters
                 .into_iter()
-                .all(|(f, line)| f.is_settled(line, length))
-            && self.counted == [a, b]
-            && self.index == self.conditioned_index()
+                .all(|(filter, line)| filter.is_settled(line, length))
     }
 
     /// The lines at the clock edge of a sample.
@@ -283,32 +325,46 @@ impl Counter {
         self.pending -= seen;
     }
 
-    /// What the filters have let through is counted; then the filters take the sample.
-    fn count(&mut self, stamp: u16) {
+    /// The filters take a sample.
+    fn tick(&mut self, tick: Clocks) {
         if !core::mem::replace(&mut self.is_started, true) {
             return;
         }
-        let [a, b, _] = self.filters.map(|filter| filter.level);
-        let before = core::mem::replace(&mut self.counted, [a, b]);
+        let length = self.filter_length();
+        let inputs = self.inputs();
+        for (filter, line) in self.filters.iter_mut().zip(inputs) {
+            filter.take(line, length);
+        }
+        let levels = self.filters.map(|filter| filter.level);
+        self.due = (levels != self.counted).then_some((tick + TO_COUNT, levels));
+    }
+
+    /// What the filters have let through is counted. Whatever latches takes the count before it.
+    fn count(&mut self, levels: Levels, stamp: u16) {
+        let before = core::mem::replace(&mut self.counted, levels);
+        let [a, b, index, probe] = levels;
+        let [a_before, b_before, index_before, probe_before] = before;
         let held = self.count;
-        let step = self.step(before, [a, b]);
+        let step = self.step([a_before, b_before], [a, b]);
         if step != 0 {
             self.count = self.count.wrapping_add_signed(step);
             self.stamp = stamp;
         }
-        self.look_at_index(held);
-        let length = self.filter_length();
-        for (filter, line) in self.filters.iter_mut().zip(self.line) {
-            filter.take(line, length);
+        if index && !index_before {
+            self.index(held);
+        }
+        let is_edge = probe != probe_before;
+        if is_edge && probe == (self.control & PROBE_POLARITY != 0) {
+            self.probe(held);
         }
     }
 
     fn step(&mut self, before: [bool; 2], after: [bool; 2]) -> i16 {
         if self.control & UP_DOWN != 0 {
-            // A counts on its rising edge; up when B is high.
+            // A counts on its rising edge; up when B was high before it.
             return match (before, after) {
-                ([false, _], [true, true]) => 1,
-                ([false, _], [true, false]) => -1,
+                ([false, true], [true, _]) => 1,
+                ([false, false], [true, _]) => -1,
                 _ => 0,
             };
         }
@@ -332,23 +388,21 @@ impl Counter {
         }
     }
 
-    /// Polarity, and the gate with A and B.
-    fn conditioned_index(&self) -> bool {
-        let [a, b, index] = self.filters.map(|filter| filter.level);
+    /// What the filters take: A, B, the index with its polarity and its gate, and the probe.
+    fn inputs(&self) -> Levels {
+        let [a, b, index] = self.line;
         let polarity = self.control & AB_POLARITY != 0;
-        let gated = self.control & GATE_WITH_AB != 0;
+        let is_gated = self.control & GATE_WITH_AB != 0;
         let is_active = index == (self.control & INDEX_POLARITY != 0);
-        is_active && (!gated || (a == polarity && b == polarity))
+        let index = is_active && (!is_gated || (a == polarity && b == polarity));
+        [a, b, index, self.probe]
     }
 
-    /// An index that comes together with a count latches the count before it, and swallows it when
-    /// it clears (FACTS 12.5).
-    fn look_at_index(&mut self, held: u16) {
-        let index = self.conditioned_index();
-        let rises = index && !self.index;
-        self.index = index;
+    /// The conditioned index has risen. One that comes together with a count swallows it when it
+    /// clears (FACTS 12.5).
+    fn index(&mut self, held: u16) {
         let mask = self.control & MASK_POLARITY != 0;
-        if !rises || (self.control & USE_MASK != 0 && self.mask != mask) {
+        if self.control & USE_MASK != 0 && self.mask != mask {
             return;
         }
         if self.control & LATCH_ON_INDEX != 0 {
@@ -359,6 +413,17 @@ impl Counter {
         }
         if self.control & JUST_ONCE != 0 {
             self.control &= !(LATCH_ON_INDEX | CLEAR_ON_INDEX);
+        }
+    }
+
+    /// The probe has changed to its active level.
+    fn probe(&mut self, held: u16) {
+        if !self.has_probe || self.control & LATCH_ON_PROBE == 0 {
+            return;
+        }
+        self.latch = held;
+        if self.control & JUST_ONCE != 0 {
+            self.control &= !LATCH_ON_PROBE;
         }
     }
 }
