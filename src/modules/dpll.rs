@@ -204,7 +204,7 @@ impl DpllConfig {
     /// - control 1: time constant; the low byte reads the size of the DDS;
     /// - timers 2 and 1, timers 4 and 3.
     ///
-    /// Prescale and base rate are cut off as LinuxCNC does.
+    /// All are truncated as LinuxCNC does, the timers toward zero.
     ///
     /// # Errors
     /// The prescale and base rate that would be needed: one of them is out of reach, or the DDS is
@@ -234,9 +234,10 @@ impl DpllConfig {
 
 /// A timer as a fraction of the period in 1/65536. The register says how long **before** the read
 /// the timer rises, so that its sign is the other one: -100 us of 1 ms are 0x1999 (FACTS 12.4).
-/// Whole periods are left out; what is not a number becomes 0.
+/// It is truncated toward zero, as LinuxCNC does: both signs have the same size. Whole periods are
+/// left out; what is not a number becomes 0.
 fn timer_of(us: f64, hz: f64) -> u16 {
-    let fraction = libm::floor(-us * hz * 65_536.0 / 1e6);
+    let fraction = libm::trunc(-us * hz * 65_536.0 / 1e6);
     let within = fraction - 65_536.0 * libm::floor(fraction / 65_536.0);
     if within.is_nan() { 0 } else { within as u16 }
 }
@@ -330,12 +331,32 @@ mod tests {
             ..CONFIG
         };
         let words = words(42, &config).unwrap();
-        assert_eq!(words[3..], [0xE666_1999, 0x0000_C000]);
+        assert_eq!(words[3..], [0xE667_1999, 0x0000_C000]);
         let timer = |us: f64| timer_of(us, 1_000.0);
         let halves = [timer(0.0), timer(-500.0), timer(500.0)];
         assert_eq!(halves, [0, 0x8000, 0x8000]);
-        assert_eq!([timer(-600.0), timer(400.0)], [0x9999, 0x9999]);
         assert_eq!([timer(-1e9), timer(f64::INFINITY)], [0, 0]);
+    }
+
+    #[test]
+    fn timers_of_both_signs_are_truncated_toward_zero() {
+        // -us * hz * 65536 / 1e6, by hand.
+        for (us, hz, word) in [
+            (-100.0, 1_000.0, 6_553),   // 6553.6
+            (100.0, 1_000.0, 0xE667),   // -6553.6
+            (-50.0, 1_000.0, 3_276),    // 3276.8
+            (50.0, 1_000.0, 0xF334),    // -3276.8
+            (-350.0, 1_000.0, 22_937),  // 22937.6
+            (400.0, 1_000.0, 0x999A),   // -26214.4
+            (-600.0, 1_000.0, 39_321),  // 39321.6
+            (-100.0, 2_000.0, 13_107),  // 13107.2
+            (100.0, 2_000.0, 0xCCCD),   // -13107.2
+            (-0.01, 1_000.0, 0),        // 0.65
+            (0.01, 1_000.0, 0),         // -0.65
+            (1_100.0, 1_000.0, 0xE667), // -72089.6, a period and the same
+        ] {
+            assert_eq!(timer_of(us, hz), word, "{us} us at {hz} Hz");
+        }
     }
 
     #[test]

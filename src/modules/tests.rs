@@ -177,8 +177,8 @@ fn input_scans_and_the_dpll_are_set_up_from_what_the_hardware_says() {
         words[2..],
         [
             (0x7300, 2000 << 16),
-            (0x7400, 0xE666_E666),
-            (0x7500, 0xE666_E666)
+            (0x7400, 0xE667_E667),
+            (0x7500, 0xE667_E667)
         ]
     );
 }
