@@ -2,6 +2,7 @@
 
 mod analog;
 mod digital;
+mod dither;
 mod encoders;
 mod other_firmware;
 

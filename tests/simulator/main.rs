@@ -3,6 +3,7 @@
 mod arbitrary_accesses;
 #[path = "../common/mod.rs"]
 mod common;
+mod dither;
 mod encoders;
 mod identity;
 mod modules;

@@ -4,9 +4,12 @@ use super::divider::Divider;
 
 const SYMMETRICAL: u32 = 1 << 2;
 const DOUBLE_BUFFERED: u32 = 1 << 5;
-const DITHER: u32 = 1 << 6;
+pub(super) const DITHER: u32 = 1 << 6;
 const NEGATIVE: u32 = 1 << 31;
 const PDM_STEPS: u32 = 4096;
+/// The register that holds duty and carry has 12 bits.
+const GREATEST_DUTY: u32 = 0xFFF;
+const FRACTIONS: u64 = 0x1_0000;
 
 /// Clocks from a write to the moment at which the generator has it.
 const TAKEN_AFTER: u64 = 2;
@@ -65,6 +68,16 @@ pub(super) struct Stage {
     /// It begins because a value was loaded that had waited.
     is_load: bool,
     /// The PDM adder at the beginning: after this many ticks, with the carry of the last one.
+    ticks: u64,
+    sum: u32,
+    carry: bool,
+    /// The same of the adder of the fraction, which takes a step at each end of a period.
+    fraction: Fraction,
+}
+
+/// The adder that dithers, at the beginning of a stage: after this many ticks of the reference.
+#[derive(Clone, Copy, Debug, Default)]
+struct Fraction {
     ticks: u64,
     sum: u32,
     carry: bool,
@@ -152,7 +165,9 @@ impl Generator {
     pub(super) fn next_change(&self, seen: u64, reference: &Reference) -> Option<u64> {
         let stages = self.past.iter().map(|stage| stage.from);
         let load = self.load(reference).map(|stage| stage.from);
-        stages.chain(load).filter(|&from| from > seen).min()
+        let unwraps = self.newest().wrapped_until(reference);
+        let changes = stages.chain(load).chain(unwraps);
+        changes.filter(|&from| from > seen).min()
     }
 
     /// The level of the first pin at a clock, or of the second.
@@ -161,7 +176,9 @@ impl Generator {
         let now = at(SIGN_DELAY);
         let compared = || {
             let ticks = reference.pwm.ticks(clock.saturating_sub(COMPARE_DELAY));
-            at(COMPARE_DELAY).compares(at(TURN_DELAY).ramp(ticks))
+            let stage = at(COMPARE_DELAY);
+            let (_, carry) = stage.dither(clock.saturating_sub(COMPARE_DELAY), reference);
+            stage.compares(at(TURN_DELAY).ramp(ticks), carry)
         };
         match (now.style(), second) {
             (Style::Magnitude, false) | (Style::Swapped, true) => compared(),
@@ -223,20 +240,24 @@ impl Stage {
         1 << (9 + (self.mode & 3))
     }
 
-    /// The part of the time in which the first pin is high, 0 to 1. A value of as many steps as
-    /// there are or more is constantly on.
-    pub(super) fn high_part(&self, dithers: bool) -> f64 {
-        let fraction = if dithers && self.mode & DITHER != 0 {
-            f64::from(self.value & 0xFFFF) / 65_536.0
-        } else {
-            0.0
+    /// The part of the time in which the first pin is high at a clock, 0 to 1. A value of as many
+    /// steps as there are or more is constantly on.
+    ///
+    /// It is the mean of the periods that dither, but for one that a carry of the value before has
+    /// wrapped to 0.
+    pub(super) fn high_part(&self, clock: u64, reference: &Reference) -> f64 {
+        let part = |duty: u32| (f64::from(duty) / f64::from(self.steps())).min(1.0);
+        let mean = || {
+            let more = self.added() as f64 / FRACTIONS as f64;
+            let carried = (self.duty() + 1) & GREATEST_DUTY;
+            part(self.duty()) * (1.0 - more) + part(carried) * more
         };
-        let value = f64::from(self.duty()) + fraction;
         match self.style() {
-            Style::Pdm => value / f64::from(PDM_STEPS),
+            Style::Pdm => f64::from(self.duty()) / f64::from(PDM_STEPS),
             Style::Swapped => f64::from(u8::from(self.negative())),
             Style::UpDown if !self.negative() => 0.0,
-            _ => (value / f64::from(self.steps())).min(1.0),
+            _ if self.wrapped_until(reference).is_some_and(|end| clock < end) => 0.0,
+            _ => mean(),
         }
     }
 
@@ -284,9 +305,46 @@ impl Stage {
         }
     }
 
-    /// The PWM signal: high while the value is more than the reference.
-    fn compares(&self, ramp: u64) -> bool {
-        u64::from(self.duty()) > ramp & u64::from(self.steps() - 1)
+    /// The PWM signal: high while the value and its carry are more than the reference. The carry is
+    /// added without saturation: Mesa's VHDL, `dpwmpdmgenh`.
+    fn compares(&self, ramp: u64, carry: bool) -> bool {
+        let carry = carry && self.mode & DITHER != 0;
+        let value = (self.duty() + u32::from(carry)) & GREATEST_DUTY;
+        u64::from(value) > ramp & u64::from(self.steps() - 1)
+    }
+
+    /// What is added at the end of each period, in 65536ths.
+    fn added(&self) -> u64 {
+        if self.mode & DITHER == 0 {
+            return 0;
+        }
+        u64::from(self.value) % FRACTIONS
+    }
+
+    /// The adder of the fraction at a clock, and the carry that is added to the duty while it
+    /// dithers: that of the last end of a period, whichever value that had.
+    fn dither(&self, clock: u64, reference: &Reference) -> (u32, bool) {
+        let Fraction { ticks, sum, carry } = self.fraction;
+        if self.mode & DITHER == 0 {
+            return (sum, carry);
+        }
+        let now = reference.pwm.ticks(clock.saturating_sub(LOADED_AFTER));
+        let ends = (now / self.period()).saturating_sub(ticks / self.period());
+        if ends == 0 {
+            return (sum, carry);
+        }
+        let before = (u64::from(sum) + (ends - 1) % FRACTIONS * self.added()) % FRACTIONS;
+        let sum = before + self.added();
+        ((sum % FRACTIONS) as u32, sum >= FRACTIONS)
+    }
+
+    /// The clock at which the period ends in which it began, if a carry of the value before wraps
+    /// the duty to 0 until then.
+    fn wrapped_until(&self, reference: &Reference) -> Option<u64> {
+        let wraps = self.mode & DITHER != 0 && self.duty() == GREATEST_DUTY && self.fraction.carry;
+        let ends = self.fraction.ticks / self.period() + 1;
+        let end = reference.pwm.reaches(ends * self.period());
+        end.filter(|_| wraps).map(|end| end + LOADED_AFTER)
     }
 
     /// The PDM adder after this many ticks, and its carry, which is the PDM signal.
@@ -314,12 +372,18 @@ impl Stage {
     fn followed(&self, from: u64, reference: &Reference) -> Self {
         let ticks = reference.pdm.ticks(from.saturating_sub(1 + ADDED_AHEAD));
         let (sum, carry) = self.adder(ticks);
+        let (fraction_sum, fraction_carry) = self.dither(from, reference);
         Self {
             from,
             is_load: false,
             ticks,
             sum,
             carry,
+            fraction: Fraction {
+                ticks: reference.pwm.ticks(from.saturating_sub(LOADED_AFTER)),
+                sum: fraction_sum,
+                carry: fraction_carry,
+            },
             ..*self
         }
     }

@@ -11,7 +11,7 @@ use crate::sim::fpga::UNDRIVEN;
 use crate::sim::fpga::firmware::{Firmware, ModuleDescriptor};
 use crate::sim::wire::Nanos;
 use divider::Divider;
-use generator::{Generator, Reference, Style};
+use generator::{DITHER, Generator, Reference, Style};
 
 const VALUE: u8 = 0;
 const MODE: u8 = 1;
@@ -41,6 +41,9 @@ struct Pins {
 }
 
 /// All PWM generators. FACTS 12.3, 13.5.
+///
+/// Those of module version 1 can dither: at the end of each period the fraction of the value is added
+/// up, and the carry is added to the duty of the next period.
 ///
 /// They run from configuration on, enabled or not: the enables only drive pins of their own, low
 /// while the bit is set. What a pin shows is computed when somebody looks, to the clock.
@@ -102,9 +105,12 @@ impl Pwm {
             generator.settle(clock, &reference);
         }
         let generator = self.generators.get_mut(usize::from(instance));
+        let without = if self.dithers { 0 } else { DITHER };
         match (register, generator) {
             (VALUE, Some(generator)) => generator.write_value(clock, value, &reference),
-            (MODE, Some(generator)) => generator.write_mode(clock, value & 0x7F, &reference),
+            (MODE, Some(generator)) => {
+                generator.write_mode(clock, value & 0x7F & !without, &reference);
+            }
             (MASTER_RATE, _) => {
                 let divider = &mut self.reference.pwm;
                 divider.set_rate(clock, clock + RATE_AFTER, value & 0xFFFF);
@@ -181,7 +187,7 @@ impl Pwm {
                 let high = if rate == 0 {
                     f64::from(u8::from(self.level(unit as u8, PIN_OUT, now)))
                 } else {
-                    stage.high_part(self.dithers)
+                    stage.high_part(clock, &self.reference)
                 };
                 (high, inverted)
             }
