@@ -309,6 +309,7 @@ impl Player {
             FaultKind::RemoteHighVoltage | FaultKind::RemoteLowVoltage => {
                 let device = find_mut(self.end(fpga, target)).expect("a device");
                 let _ = device.set_field_volts(now, 24.0);
+                self.set_newest(fpga, target);
             }
             FaultKind::RemotePowerOff => {
                 let device = find_mut(self.end(fpga, target)).expect("a device");
@@ -352,13 +353,16 @@ impl Player {
         self.end(fpga, target).advance(now);
         // Whatever ended meanwhile ended for the card that is on the channel.
         self.repair(fpga, target);
-        if self.plan.card(target) == Card::Field {
-            let stage = self.stage.clone();
-            let newest = stage.lock().truth.fields[target].last().copied();
-            set_field(
-                self.end(fpga, target),
-                newest.map_or(0, |(_, pattern)| pattern),
-            );
+        self.set_newest(fpga, target);
+    }
+
+    /// Gives the inputs of a card the levels that they have now, from the field power of now: switches
+    /// are wired to it.
+    fn set_newest(&self, fpga: &mut SimFpga, target: usize) {
+        if self.plan.card(target) == Card::Field && !self.aside.contains_key(&target) {
+            let newest = self.stage.lock().truth.fields[target].last().copied();
+            let pattern = newest.map_or(0, |(_, pattern)| pattern);
+            set_field(self.end(fpga, target), pattern);
         }
     }
 }
