@@ -48,6 +48,8 @@ pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> Str
 
 /// A remote switches off after 50 ms; the rest is for the cycles around it.
 const OFF_AFTER: u64 = 60 * MILLI;
+/// A packet that drives pins ends by letting a board bite that was reset: it is executed within this.
+const PACKET: u64 = 20 * MICRO;
 /// Over-temperature and over-current: the outputs concerned switch off at once.
 const TRIPS: u8 = 0x0C;
 /// Commands older than this are of no interest.
@@ -76,6 +78,8 @@ struct Track {
     limit: u64,
     /// The first fault since it was re-armed, and when all has to be off because of it.
     fault: Option<(u64, u64, &'static str)>,
+    /// Until then a packet from before the fault may come that drives pins while it is executed.
+    packet_until: u64,
 }
 
 impl Track {
@@ -90,6 +94,7 @@ impl Track {
             since: 0,
             limit,
             fault: None,
+            packet_until: 0,
         }
     }
 
@@ -138,7 +143,8 @@ impl Track {
             return Ok(());
         }
         if let Some((at, until, what)) = self.fault {
-            ensure(now <= until, Promise::Safe, now, || {
+            let in_packet = self.since <= self.packet_until && now <= self.since + PACKET;
+            ensure(now <= until || in_packet, Promise::Safe, now, || {
                 format!(
                     "{}: {:x?} is on, {} us after {what} at {at}, and was not re-armed since",
                     self.name,
@@ -306,6 +312,10 @@ impl Oracle {
                 };
                 for track in &mut self.board {
                     track.fault(at, self.in_flight, what);
+                }
+                // The direction of an I/O pin was changed just before.
+                for track in self.board.iter_mut().take(PORTS) {
+                    track.packet_until = at + self.lateness + PACKET;
                 }
                 for track in &mut self.remotes {
                     track.fault(at, OFF_AFTER + self.period, what);
