@@ -17,6 +17,7 @@ mod faults_remote;
 mod foreign_watchdog;
 mod index_on_network;
 mod late_host;
+mod late_reply;
 mod manifest;
 mod not_armed;
 mod only_what_changed;

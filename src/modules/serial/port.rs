@@ -219,6 +219,7 @@ impl Module for SerialPort {
         let outcome = self
             .recovery
             .observe(machine, cycle.now, &seen, cycle.certain);
+        let reads_before = u64::from(outcome.reads_before);
         for (served, health) in self.remotes.iter_mut().zip(&mut self.recovery.remotes) {
             let (channel, group) = (served.channel, served.pins.group);
             served.has_news = outcome.good.contains(channel);
@@ -227,14 +228,18 @@ impl Module for SerialPort {
                     health.outputs = Outputs::Off;
                 }
                 served.take(cycle);
-                let reads_before = u64::from(outcome.reads_before);
-                cycle
-                    .pins
-                    .group_good_since(group, reads_before, outcome.started);
+                let due = cycle.pins.cycle().saturating_sub(reads_before);
+                // The reply can be the late one to the transfer that failed before: nothing on the
+                // wire numbers them (FACTS 5.4).
+                let (due, started) = served.unanswered.take().unwrap_or((due, outcome.started));
+                let cycles = cycle.pins.cycle().saturating_sub(due);
+                cycle.pins.group_good_since(group, cycles, started);
             } else if outcome.offline.contains(channel) {
                 served.lost(cycle.pins);
             } else if outcome.failed.contains(channel) {
                 cycle.pins.invalidate(group);
+                let due = cycle.pins.cycle().saturating_sub(reads_before);
+                served.unanswered = Some((due, outcome.started));
             }
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);

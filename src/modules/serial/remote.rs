@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use super::RemoteWatchdog;
 use super::pins::RemoteFaultPins;
-use crate::bus::{Phase, ReadSlot, Setting, WriteSlot};
+use crate::bus::{Instant, Phase, ReadSlot, Setting, WriteSlot};
 use crate::discovery::RemoteDescriptor;
 use crate::hal::PinStore;
 use crate::modules::{ReadCycle, RegisterError, Registrar, WriteCycle};
@@ -54,6 +54,8 @@ pub(super) struct Served {
     mode_word: u32,
     /// The last read brought a good transfer.
     pub has_news: bool,
+    /// The last transfer, if it failed: the cycle in which its data was due, and when it was started.
+    pub unanswered: Option<(u64, Instant)>,
     /// The version of the outputs that are in the image.
     put: Option<u64>,
     /// Those are not all 0, as they are after START.
@@ -86,6 +88,7 @@ impl Served {
             mode: r.image.on_demand(registers.cs),
             mode_word: software_mode_word(started.software_mode),
             has_news: false,
+            unanswered: None,
             put: None,
             drives: false,
         })
@@ -103,6 +106,7 @@ impl Served {
     /// It went offline: what it counted may be anywhere when it comes back.
     pub fn lost(&mut self, pins: &mut PinStore) {
         pins.fault(self.pins.group);
+        self.unanswered = None;
         self.pins.restarted();
     }
 
