@@ -11,36 +11,48 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// A board that has lost its set-up gets it back first, all of it in one exchange, and is asked
     /// whether it has it; if it is the same firmware that answers. What was set before this call is
     /// forgotten, be it before the fault, while it lasted or in the same cycle: outputs that were not
-    /// armed start from their safe values and follow what is set from now on. Remotes that do not run yet are counted as waiting; so is
-    /// everything, if the board has lost its set-up again meanwhile.
+    /// armed start from their safe values and follow what is set from now on.
+    ///
+    /// After a bite or a reset the board's own outputs follow with the next good read, and remotes
+    /// when they run again: they are counted as coming, and armed by this call, unless a fault comes
+    /// before. What is set until then is forgotten as well. Other remotes that do not run yet are
+    /// counted as waiting only; so is everything, if the board has lost its set-up again meanwhile.
     ///
     /// # Errors
     /// Those of the bus, and [`CycleError::OtherFirmware`]; then nothing is armed.
     ///
     /// # Real time
-    /// As `write`, and seven more exchanges when the board has to be set up again, after the reply that
+    /// As `write`, and eight more exchanges when the board has to be set up again, after the reply that
     /// is waited for where the board paces. No allocation.
     pub fn rearm(&mut self) -> Result<Rearmed, CycleError<B::Error>> {
         if !self.is_running() {
             self.write_set_up()?;
         }
-        let mut armed = 0;
+        let (mut armed, mut is_news) = (0, false);
         if self.is_running() {
             armed = self.pins.rearm_all();
+            is_news = self.pins.arm_when_good(self.group);
+            for port in &self.parts.ports {
+                is_news |= port.arm_what_comes(&mut self.pins);
+            }
         }
-        let waiting = self
-            .pins
-            .groups()
-            .filter_map(|group| self.pins.group_state(group))
-            .filter(|state| !state.armed)
-            .count();
-        if armed > 0 {
+        let (mut waiting, mut coming) = (0, 0);
+        for group in self.pins.groups() {
+            let state = self.pins.group_state(group);
+            waiting += usize::from(state.is_some_and(|state| !state.armed));
+            coming += usize::from(self.pins.is_awaited(group));
+        }
+        if armed > 0 || is_news {
             let [armed, waiting] =
                 [armed, waiting].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
             let now = self.bus.now();
             self.events.tell(now, EventKind::Rearmed { armed, waiting });
         }
-        Ok(Rearmed { armed, waiting })
+        Ok(Rearmed {
+            armed,
+            waiting,
+            coming,
+        })
     }
 
     /// Restarts the remote on `channel` (0 to 7) of `port` in the next cycles, which clears the

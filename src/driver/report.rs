@@ -37,6 +37,9 @@ pub struct DriverStatistics {
 pub struct Rearmed {
     /// Groups whose outputs follow the application again.
     pub armed: usize,
-    /// Groups whose outputs are still safe: they do not run yet. Call it again in a later cycle.
+    /// Groups whose outputs are still safe: they do not run yet.
     pub waiting: usize,
+    /// Of those, groups that come up because the board got its set-up back: each is armed by this call
+    /// as soon as it runs, unless a fault comes before. For the others call it again in a later cycle.
+    pub coming: usize,
 }

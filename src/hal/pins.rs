@@ -83,6 +83,8 @@ pub(super) struct Group {
     /// It does not become stale: what the driver knows by itself.
     pub is_own: bool,
     pub armed: bool,
+    /// It is armed with its next good transfer, unless a fault comes before.
+    pub is_awaited: bool,
     pub last_good: Option<(u64, Instant)>,
     pub faults: u64,
     /// Its outputs, for resetting them.
@@ -406,11 +408,12 @@ impl Pins {
 
     /// Arms a group that runs and is disarmed: its outputs follow what is set from now on. Returns
     /// whether it was such a group.
-    fn arm(&mut self, index: usize) -> bool {
+    pub(super) fn arm(&mut self, index: usize) -> bool {
         let waits = |group: &Group| self.is_valid(group) && !group.armed;
         let is_due = self.groups.get(index).is_some_and(waits);
         if is_due && let Some(group) = self.forget_commands(index, true) {
             group.armed = true;
+            group.is_awaited = false;
         }
         is_due
     }

@@ -65,6 +65,7 @@ impl PinStore {
             is_good: false,
             is_own: false,
             armed: true,
+            is_awaited: false,
             last_good: None,
             faults: 0,
             outputs: Vec::new(),
@@ -181,10 +182,35 @@ impl PinStore {
     /// could only be taken `cycles` cycles after it was due: its data is as old as that.
     pub fn group_good_since(&mut self, group: GroupId, cycles: u64, started: Instant) {
         let good = (self.cycle.saturating_sub(cycles), started.min(self.now));
-        if let Some(group) = self.group_mut(group) {
-            group.is_good = true;
-            group.last_good = Some(good);
+        let Some(index) = self.group_index(group) else {
+            return self.count_foreign();
+        };
+        let Some(group) = self.groups.get_mut(index) else {
+            return;
+        };
+        group.is_good = true;
+        group.last_good = Some(good);
+        if group.is_awaited {
+            self.arm(index);
         }
+    }
+
+    /// A group that is not armed is armed with its next good transfer, unless it
+    /// [fails](Self::disarm) before. What was set up to then is forgotten. True if it was neither armed
+    /// nor awaited.
+    pub fn arm_when_good(&mut self, group: GroupId) -> bool {
+        let Some(group) = self.group_mut(group) else {
+            return false;
+        };
+        let is_news = !group.armed && !group.is_awaited;
+        group.is_awaited |= is_news;
+        is_news
+    }
+
+    /// True if a group is armed [with its next good transfer](Self::arm_when_good).
+    pub fn is_awaited(&self, group: GroupId) -> bool {
+        let group = self.group_index(group).and_then(|n| self.groups.get(n));
+        group.is_some_and(|group| group.is_awaited)
     }
 
     /// The inputs of a group are no longer valid: a transfer failed. Outputs are not touched.
@@ -208,10 +234,11 @@ impl PinStore {
         let Some(index) = self.group_index(group) else {
             return self.count_foreign();
         };
-        if let Some(group) = self.forget_commands(index, false)
-            && core::mem::replace(&mut group.armed, false)
-        {
-            group.faults = group.faults.saturating_add(1);
+        if let Some(group) = self.forget_commands(index, false) {
+            group.is_awaited = false;
+            if core::mem::replace(&mut group.armed, false) {
+                group.faults = group.faults.saturating_add(1);
+            }
         }
     }
 

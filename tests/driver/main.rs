@@ -25,6 +25,7 @@ mod optional_remotes;
 mod other_board;
 mod outputs_forgotten;
 mod pace;
+mod rearmed_once;
 mod refused_start;
 mod remote_parameters;
 mod remotes_by_chance;

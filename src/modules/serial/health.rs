@@ -60,6 +60,9 @@ pub(crate) struct Health {
     pub faults: RemoteFaults,
     /// It has run before, so that its sizes are known to be right, and it can have been stopped.
     pub has_run: bool,
+    /// The board got its set-up back, and this one has not transferred since: it comes up because of
+    /// that, unless it has a fault of its own.
+    pub comes_with_board: bool,
     /// It is left out of transfers until then. After a failed one the line needs an idle interval,
     /// in which a late reply or extra characters show themselves: a transfer at once could have
     /// the reply of the one before (FACTS 5.4).
@@ -94,6 +97,7 @@ impl Health {
             fault_count: 0,
             faults: RemoteFaults::empty(),
             has_run: true,
+            comes_with_board: false,
             rest_until: Instant::default(),
             has_just_failed: false,
             failures: Row::default(),
@@ -310,6 +314,19 @@ impl Health {
     /// not come.
     pub const fn is_troubled(&self) -> bool {
         self.fault_count > 0 || self.has_just_failed || self.failures.is_open()
+    }
+
+    /// True if it runs, or is offline for nothing but what a board does that has lost its set-up: no
+    /// transfers, and a watchdog that bites because of that.
+    pub fn is_of_board(&self) -> bool {
+        use OfflineReason::{BoardDown, NotRunning, Requested, Watchdog};
+        let is_of_board = |cause| {
+            matches!(
+                cause,
+                Some(BoardDown | NotRunning(_) | Requested | Watchdog)
+            )
+        };
+        self.is_running() || is_of_board(self.cause)
     }
 
     pub fn is_running(&self) -> bool {

@@ -192,6 +192,16 @@ impl SerialPort {
         self.restart(not_running, pins, now);
     }
 
+    /// Remotes that come up because the board has its set-up again are armed with their first good
+    /// transfer. True if that is new of one.
+    pub(crate) fn arm_what_comes(&self, pins: &mut PinStore) -> bool {
+        let remotes = self.remotes.iter().zip(&self.recovery.remotes);
+        let coming = remotes.filter(|(_, health)| health.comes_with_board);
+        coming.fold(false, |is_news, (served, _)| {
+            pins.arm_when_good(served.pins.group) | is_news
+        })
+    }
+
     /// Nothing comes any more: failed transfers that were not told are told now.
     pub(crate) fn end_rows(&mut self, now: Instant) {
         for health in &mut self.recovery.remotes {
@@ -234,12 +244,22 @@ impl Module for SerialPort {
                 let (due, started) = served.unanswered.take().unwrap_or((due, outcome.started));
                 let cycles = cycle.pins.cycle().saturating_sub(due);
                 cycle.pins.group_good_since(group, cycles, started);
+                health.comes_with_board = false;
             } else if outcome.offline.contains(channel) {
+                let is_awaited = health.is_of_board() && cycle.pins.is_awaited(group);
                 served.lost(cycle.pins);
+                if is_awaited {
+                    cycle.pins.arm_when_good(group);
+                }
             } else if outcome.failed.contains(channel) {
                 cycle.pins.invalidate(group);
                 let due = cycle.pins.cycle().saturating_sub(reads_before);
                 served.unanswered = Some((due, outcome.started));
+            }
+            if health.comes_with_board && !health.is_of_board() {
+                // A fault of its own voids what it was to be armed by.
+                health.comes_with_board = false;
+                cycle.pins.disarm(group);
             }
             let link = machine.link(channel);
             served.fault_pins.publish(cycle.pins, health, link);
@@ -302,6 +322,9 @@ impl Module for SerialPort {
     /// All remotes that do not run are restarted in the next cycles.
     fn restored(&mut self, pins: &mut PinStore, now: Instant) {
         self.port.machine.doubt();
+        for health in &mut self.recovery.remotes {
+            health.comes_with_board = health.is_of_board();
+        }
         for remote in &mut self.remotes {
             remote.pins.restarted();
         }
