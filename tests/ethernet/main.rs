@@ -2,6 +2,7 @@
 
 mod bad_network;
 mod board;
+mod bursts;
 #[path = "../common/mod.rs"]
 mod common;
 mod registers;
