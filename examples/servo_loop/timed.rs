@@ -3,7 +3,9 @@
 use std::ops::{Deref, DerefMut};
 use std::time::{Duration, Instant};
 
-use mesa_hal::bus::{Access, BusStatistics, Clock, Hold, RegisterBus, Reply};
+use mesa_hal::bus::{
+    Access, BoardIdentity, BusStatistics, Clock, Effort, Hold, RegisterBus, Reply,
+};
 
 #[derive(Debug)]
 pub struct Timed<B> {
@@ -73,6 +75,10 @@ impl<B: RegisterBus> RegisterBus for Timed<B> {
 
     fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
         self.bus.set_cycle(period, deadline);
+    }
+
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, B::Error> {
+        self.bus.board(effort)
     }
 
     fn statistics(&self) -> BusStatistics {

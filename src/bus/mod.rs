@@ -168,6 +168,26 @@ impl Reply {
     }
 }
 
+/// Which board is at the end of a bus: what no other board has, whatever its firmware.
+///
+/// The default is that of a bus whose board cannot be exchanged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct BoardIdentity {
+    /// The MAC address, high byte first.
+    pub mac: [u8; 6],
+    /// The card's name as the board pads it.
+    pub card: [u8; 16],
+}
+
+/// How much an exchange outside of lists is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// One try with the deadline of the cycle, without allocation.
+    Once,
+    /// As an [`exchange`](RegisterBus::exchange): repeated when it is lost.
+    Repeated,
+}
+
 /// The list of a bus that has no form of its own for lists, and [holds](RegisterBus::CAN_HOLD) nothing
 /// back.
 pub type AccessList = Box<[Access]>;
@@ -361,6 +381,16 @@ pub trait RegisterBus {
     /// nothing can be late ignores it.
     fn set_cycle(&mut self, _period: Duration, _deadline: Option<Duration>) {}
 
+    /// Which board answers: a driver compares it with the board that it was started with before it
+    /// writes a set-up again. A bus behind which another board can answer implements it, and one
+    /// that is around another bus passes it on.
+    ///
+    /// # Errors
+    /// Those of an exchange.
+    fn board(&mut self, _effort: Effort) -> Result<BoardIdentity, Self::Error> {
+        Ok(BoardIdentity::default())
+    }
+
     /// What was counted so far: for people. What to do next, a [`Reply`] tells.
     fn statistics(&self) -> BusStatistics {
         BusStatistics::default()
@@ -407,6 +437,10 @@ impl<B: RegisterBus + ?Sized> RegisterBus for &mut B {
 
     fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
         (**self).set_cycle(period, deadline);
+    }
+
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, B::Error> {
+        (**self).board(effort)
     }
 
     fn statistics(&self) -> BusStatistics {

@@ -13,7 +13,7 @@ use super::{
     Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
-use crate::bus::{BusError, Clock, Image, ImagePlan, RegisterBus};
+use crate::bus::{BusError, Clock, Effort, Image, ImagePlan, RegisterBus};
 use crate::discovery::RemoteTable;
 use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{HostMot2, IoPorts, Known};
@@ -262,7 +262,8 @@ impl<B: RegisterBus + Clock> Board<B> {
     /// reset is no evidence, so the board has to describe itself as before first.
     fn is_set_up(&mut self) -> Result<bool, B::Error> {
         let bus = &mut *self.bus;
-        Ok(self.description.is_still(bus)? && self.parts.watchdog.registers.are_at_first(bus)?)
+        Ok(self.description.is_still(bus, Effort::Repeated)?
+            && self.parts.watchdog.registers.are_at_first(bus)?)
     }
 
     /// What a start that failed returns. What a port or a remote did after a reset is not its own
@@ -336,7 +337,8 @@ fn identify_steady<B: RegisterBus>(bus: &mut B) -> Result<Identified<B>, DriverE
     for _ in 0..TRIES {
         let (firmware, description) = HostMot2::describe(bus)?;
         let mut description = description.known(bus).map_err(DriverError::Bus)?;
-        if description.is_still(bus).map_err(DriverError::Bus)? {
+        let is_still = description.is_still(bus, Effort::Repeated);
+        if is_still.map_err(DriverError::Bus)? {
             return Ok((firmware, description));
         }
     }

@@ -1,7 +1,7 @@
 //! How everything becomes safe, and comes back.
 
 use super::{BoardState, CycleError, Driver, EventKind, Rearmed};
-use crate::bus::{Clock, Instant, RegisterBus};
+use crate::bus::{Clock, Effort, Instant, RegisterBus};
 use crate::modules::Module;
 use crate::sslbp::Channel;
 
@@ -128,7 +128,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if self.connection.check(&image.words).is_err() {
             return Ok(true);
         }
-        if !self.description.is_still(&mut **bus)? {
+        if !self.description.is_still(&mut **bus, Effort::Once)? {
             return Ok(false);
         }
         let is_set_up = image

@@ -3,7 +3,7 @@
 use super::idrom::{IDROM_WORDS, name};
 use super::module::MODULE_WORDS;
 use super::{Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor};
-use crate::bus::{Access, RegisterBus};
+use crate::bus::{Access, BoardIdentity, Effort, RegisterBus};
 use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::{String, ToString};
@@ -177,28 +177,38 @@ fn idrom_address([cookie, low, high, start]: [u32; 4]) -> Result<u32, HostMot2Er
 #[derive(Debug, Default)]
 pub(crate) struct Description(Vec<(Vec<Access>, Box<[u32]>)>);
 
-/// Tells whether the same firmware answers later.
+/// Tells whether the same board with the same firmware answers later.
 #[derive(Debug)]
 pub(crate) struct Known<L> {
+    board: BoardIdentity,
     parts: Vec<(L, Box<[u32]>)>,
     /// As long as the longest part.
     now: Box<[u32]>,
 }
 
-impl<L> Known<L> {
-    /// Whether the board still describes itself in these words.
+impl<L: AsRef<[Access]>> Known<L> {
+    /// True if it is the same board, and it still describes itself in these words.
     ///
     /// # Errors
     /// Those of the bus.
     ///
     /// # Real time
-    /// Four exchanges. No allocation.
-    pub fn is_still<B: RegisterBus<List = L>>(&mut self, bus: &mut B) -> Result<bool, B::Error> {
+    /// With [`Effort::Once`] five exchanges, without allocation.
+    pub fn is_still<B>(&mut self, bus: &mut B, effort: Effort) -> Result<bool, B::Error>
+    where
+        B: RegisterBus<List = L>,
+    {
+        if bus.board(effort)? != self.board {
+            return Ok(false);
+        }
         for (list, words) in &self.parts {
             let Some(now) = self.now.get_mut(..words.len()) else {
                 return Ok(false);
             };
-            bus.run(list, now)?;
+            match effort {
+                Effort::Once => drop(bus.run(list, now)?),
+                Effort::Repeated => bus.exchange(list.as_ref(), now)?,
+            }
             if *now != **words {
                 return Ok(false);
             }
@@ -213,10 +223,12 @@ impl Description {
     /// # Errors
     /// Those of the bus.
     pub fn known<B: RegisterBus>(self, bus: &mut B) -> Result<Known<B::List>, B::Error> {
+        let board = bus.board(Effort::Repeated)?;
         let longest = self.0.iter().map(|(_, words)| words.len()).max();
         let parts = self.0.into_iter();
         let parts = parts.map(|(accesses, words)| Ok((bus.prepare(&accesses, None)?, words)));
         Ok(Known {
+            board,
             parts: parts.collect::<Result<_, _>>()?,
             now: vec![0; longest.unwrap_or_default()].into(),
         })

@@ -5,8 +5,8 @@ use core::time::Duration;
 use thiserror::Error;
 
 use crate::bus::{
-    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
-    Reply,
+    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
+    Instant, RegisterBus, Reply,
 };
 
 /// Injects faults into a bus: at given exchanges, or at random from a seed.
@@ -239,6 +239,10 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
     }
 
     /// Those of the bus inside, and the injected faults.
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, Self::Error> {
+        Ok(self.inner.board(effort)?)
+    }
+
     fn statistics(&self) -> BusStatistics {
         let inner = self.inner.statistics();
         BusStatistics {

@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 use std::io;
 
 use crate::bus::{
-    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
-    Reply,
+    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
+    Instant, RegisterBus, Reply,
 };
 
 /// Keeps the last accesses of a bus: when, where, and which value.
@@ -168,6 +168,10 @@ impl<B: RegisterBus + Clock> RegisterBus for Recording<B> {
 
     fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
         self.inner.set_cycle(period, deadline);
+    }
+
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, B::Error> {
+        self.inner.board(effort)
     }
 
     fn statistics(&self) -> BusStatistics {

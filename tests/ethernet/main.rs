@@ -5,4 +5,5 @@ mod board;
 mod bursts;
 #[path = "../common/mod.rs"]
 mod common;
+mod other_board;
 mod registers;

@@ -6,8 +6,9 @@ use core::time::Duration;
 use super::UdpError;
 use super::ledger::{Account, Details, Kind, SLOTS};
 use super::receiving::Wait;
+use crate::bus::BoardIdentity;
 use crate::bus::{Access, Direction, Hold};
-use crate::lbp16::registers::{control, timer};
+use crate::lbp16::registers::{control, eeprom, read_only, timer};
 use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, RequestBuilder, Space};
 
 /// Scratch registers of the board: the writes' turns, the last write, and the request.
@@ -175,6 +176,27 @@ impl UdpList {
     /// The packet that only asks for the board's account.
     pub(super) fn question() -> Result<Self, UdpError> {
         Self::answered(None, &[], 0)
+    }
+
+    /// The packet that asks which [board](Self::board) it is.
+    pub(super) fn identity() -> Result<Self, UdpError> {
+        let mut request = RequestBuilder::default();
+        request.push(Command::read(Space::Eeprom, 3), eeprom::MAC, &[]);
+        let name = Command::read(Space::ReadOnly, 8);
+        request.push(name, read_only::CARD_NAME, &[]);
+        Self::answered(None, &request.bytes, request.reply_len)
+    }
+
+    /// What the reply to that says.
+    pub(super) fn board(reply: &[u8]) -> BoardIdentity {
+        let mut board = BoardIdentity::default();
+        let (mac, card) = reply.split_at_checked(board.mac.len()).unwrap_or_default();
+        // The low byte of the low word comes first.
+        for (byte, told) in board.mac.iter_mut().rev().zip(mac) {
+            *byte = *told;
+        }
+        put(&mut board.card, 0, card.get(..16).unwrap_or_default());
+        board
     }
 
     /// The packet that clears the numbers of all writes. It may be executed more than once.

@@ -25,8 +25,8 @@ use core::time::Duration;
 use std::net::SocketAddrV4;
 
 use crate::bus::{
-    Access, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant, RegisterBus,
-    Reply,
+    Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
+    Instant, RegisterBus, Reply,
 };
 use crate::ethernet::Lbp16Board;
 use crate::lbp16::MAX_PACKET;
@@ -107,6 +107,8 @@ pub struct UdpBus<L: Link = UdpLink> {
     news: Reply,
     /// The packet of writes that are made for once.
     once: UdpList,
+    /// The packet that asks which board it is.
+    identity: UdpList,
     packet: Box<[u8; MAX_PACKET]>,
     reply: Box<[u8; RECEIVE_BUFFER]>,
 }
@@ -141,6 +143,7 @@ impl<L: Link> UdpBus<L> {
         // Without these, numbers that an earlier program left would look like writes that were
         // executed, or like a lost one.
         bus.set_up(&UdpList::clearing()?, &mut [])?;
+        bus.identity = UdpList::identity()?;
         let contact = UdpList::answered(Some(Kind::Acknowledged), &[], 0)?;
         bus.set_up(&contact, &mut [])?;
         (bus.statistics, bus.others) = Default::default();
@@ -166,6 +169,7 @@ impl<L: Link> UdpBus<L> {
             is_cyclic: false,
             news: Reply::CERTAIN,
             once: UdpList::with_room(),
+            identity: UdpList::default(),
             packet: Box::new([0; MAX_PACKET]),
             reply: Box::new([0; RECEIVE_BUFFER]),
         }
@@ -395,6 +399,18 @@ impl<L: Link> RegisterBus for UdpBus<L> {
         if let Some(deadline) = deadline.or_else(|| is_default.then(following)) {
             self.config.cycle_deadline = deadline;
         }
+    }
+
+    /// By its MAC address and its card's name (manual: 7I97, "ETHERNET EEPROM LAYOUT" and "SPACE 7:
+    /// LBP READ ONLY AREA").
+    fn board(&mut self, effort: Effort) -> Result<BoardIdentity, UdpError> {
+        let list = core::mem::take(&mut self.identity);
+        let result = match effort {
+            Effort::Once => self.transact(&list, &mut [], self.config.cycle_deadline),
+            Effort::Repeated => self.set_up(&list, &mut []),
+        };
+        self.identity = list;
+        result.map(|()| UdpList::board(self.reply.as_slice()))
     }
 
     fn statistics(&self) -> BusStatistics {
