@@ -52,6 +52,23 @@ pub enum UdpError {
         /// How long was waited.
         waited: Duration,
     },
+    /// An exchange of set-up was repeated, and none of its tries had a reply in time.
+    #[error(
+        "request {request}: no reply in time in {tries} tries within {}, at the last {last}; \
+         check the board's power, cable, IP address and jumpers, or allow a longer deadline",
+        Rounded(.within)
+    )]
+    GaveUp {
+        /// Number of the last request.
+        request: u32,
+        /// How often it was tried.
+        tries: u32,
+        /// The time from the first try to the end of the last.
+        within: Duration,
+        /// What happened to the last try: [`BusErrorKind::Lost`], [`BusErrorKind::Late`] or
+        /// [`BusErrorKind::Stale`].
+        last: BusErrorKind,
+    },
     /// Datagrams came, but none was a reply to any request.
     #[error(
         "request {request}: within {} came {datagrams} datagrams, and none is a reply: \
@@ -154,10 +171,32 @@ impl From<io::Error> for UdpError {
     }
 }
 
+impl UdpError {
+    /// The error of an exchange of which this is the last of several tries.
+    pub(super) fn of_tries(self, tries: u32, within: Duration) -> Self {
+        match self {
+            Self::Lost { request, .. }
+            | Self::Late { request, .. }
+            | Self::Stale { request, .. }
+                if tries > 1 =>
+            {
+                Self::GaveUp {
+                    request,
+                    tries,
+                    within,
+                    last: self.kind(),
+                }
+            }
+            other => other,
+        }
+    }
+}
+
 impl BusError for UdpError {
     fn kind(&self) -> BusErrorKind {
         match self {
             Self::Lost { .. } | Self::Foreign { .. } => BusErrorKind::Lost,
+            Self::GaveUp { last, .. } => *last,
             Self::Late { .. } => BusErrorKind::Late,
             Self::Stale { .. } => BusErrorKind::Stale,
             Self::Short { .. } => BusErrorKind::Short,

@@ -213,8 +213,23 @@ impl<L: Link> UdpBus<L> {
 
     /// An exchange of set-up, repeated until it is done or the tries are used up.
     fn set_up(&mut self, list: &UdpList, words: &mut [u32]) -> Result<(), UdpError> {
-        let (deadline, mut tries) = (self.config.setup_deadline, self.config.setup_tries);
-        self.with_retries(list, words, deadline, &mut tries)
+        self.repeated(list, words, self.config.setup_deadline)
+    }
+
+    /// An exchange whose error says how often and for how long it was tried.
+    fn repeated(
+        &mut self,
+        list: &UdpList,
+        words: &mut [u32],
+        deadline: Duration,
+    ) -> Result<(), UdpError> {
+        let start = self.link.now();
+        let mut left = self.config.setup_tries;
+        let done = self.with_retries(list, words, deadline, &mut left);
+        done.map_err(|last| {
+            let tries = self.config.setup_tries.saturating_sub(left) + 1;
+            last.of_tries(tries, self.link.now().since(start))
+        })
     }
 
     /// What writes is repeated only if the board says that it has not executed it; if it has, and
@@ -302,8 +317,7 @@ impl<L: Link> Lbp16Board for UdpBus<L> {
         deadline: Duration,
     ) -> Result<(), UdpError> {
         let list = UdpList::answered(None, commands, reply.len())?;
-        let mut tries = self.config.setup_tries;
-        self.with_retries(&list, &mut [], deadline, &mut tries)?;
+        self.repeated(&list, &mut [], deadline)?;
         for (target, byte) in reply.iter_mut().zip(self.reply.iter()) {
             *target = *byte;
         }

@@ -312,6 +312,15 @@ fn an_unreachable_board_is_said_after_a_bounded_number_of_tries() {
     };
     let error = UdpBus::new(network, UdpConfig::default()).unwrap_err();
     assert_eq!(error.kind(), BusErrorKind::Lost);
+    let (tries, within) = (10, Duration::from_millis(200));
+    assert!(
+        matches!(error, UdpError::GaveUp { tries: 10, within: time, .. } if time == within),
+        "{tries} tries within {within:?}: {error:?}"
+    );
+    assert!(
+        error.to_string().contains("10 tries within 200 ms"),
+        "{error}"
+    );
     let network = Network {
         refuses: true,
         ..Network::default()
