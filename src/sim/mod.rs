@@ -43,7 +43,8 @@ pub use fpga::{
     gtag,
 };
 pub use modules::{
-    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial,
+    Source as PinSource, Watchdog,
 };
 pub use serial_face::SerialFace;
 pub use world::{

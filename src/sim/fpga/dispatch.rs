@@ -46,8 +46,11 @@ impl SimFpga {
                 serial.map_or(0, |serial| serial.read(now, register, instance))
             }
             _ => {
+                self.settle_foreign();
                 let foreign = self.foreign.get_mut(gtag);
-                foreign.map_or(0, |module| module.read(now, register, instance))
+                let word = foreign.map_or(0, |module| module.read(now, register, instance));
+                self.plant.modules_changed(&self.foreign, &self.io);
+                word
             }
         }
     }
@@ -117,9 +120,11 @@ impl SimFpga {
                 }
             }
             _ => {
+                self.settle_foreign();
                 if let Some(module) = self.foreign.get_mut(gtag) {
                     module.write(now, register, instance, value);
                 }
+                self.plant.modules_changed(&self.foreign, &self.io);
             }
         }
     }
@@ -159,6 +164,13 @@ impl SimFpga {
                 let foreign = self.foreign.get(gtag);
                 foreign.is_none_or(|module| module.level(self.now, pin.unit, pin.pin))
             }
+        }
+    }
+
+    /// Moves motors up to the present before a module that may drive one is accessed.
+    fn settle_foreign(&mut self) {
+        if self.plant.is_driven_by_modules() {
+            self.settle();
         }
     }
 

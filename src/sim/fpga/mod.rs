@@ -236,7 +236,8 @@ impl SimFpga {
             let ports = self.serial.iter();
             let remotes = ports.filter_map(SmartSerial::remotes_due).min();
             let latch = self.next_latch().map(|(_, edge)| edge);
-            let due = [remotes, latch].into_iter().flatten().min();
+            let module = self.next_foreign_change();
+            let due = [remotes, latch, module].into_iter().flatten().min();
             let due = due.unwrap_or(Nanos::MAX).min(self.plant.due());
             let step = to.min(due.max(self.now + 1));
             self.run_ports(step);
@@ -288,7 +289,15 @@ impl SimFpga {
             }
         }
         self.plant.advance(self.now);
+        self.plant.modules_changed(&self.foreign, &self.io);
         self.take_signals();
+    }
+
+    /// When a module from outside next gives another signal to a drive by itself.
+    fn next_foreign_change(&self) -> Option<Nanos> {
+        let drives = self.plant.is_driven_by_modules();
+        let change = || self.foreign.next_change(self.now);
+        drives.then(change).flatten()
     }
 
     /// When a timer latches encoders next, from where the motors are now, and of which module.
@@ -308,6 +317,7 @@ impl SimFpga {
         if let Some(pwm) = &self.pwm {
             self.plant.pwm_changed(pwm, &self.io);
         }
+        self.plant.modules_changed(&self.foreign, &self.io);
         for inputs in [&mut self.in_mux, &mut self.in_m].into_iter().flatten() {
             inputs.pins_changed(self.now, &self.io);
         }

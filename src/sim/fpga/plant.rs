@@ -2,7 +2,7 @@
 
 use super::firmware::{Firmware, gtag};
 use crate::sim::devices::find_mut;
-use crate::sim::modules::{EncoderBank, IoPorts, Pwm, SelectLine, Watcher};
+use crate::sim::modules::{EncoderBank, ForeignModules, IoPorts, Pwm, SelectLine, Watcher};
 use crate::sim::wire::{Nanos, RemoteEnd};
 use crate::sim::world::{Change, Installation, Motor, Terminal};
 
@@ -42,6 +42,15 @@ pub enum DriveSource {
     Pwm {
         /// The generator.
         unit: usize,
+    },
+    /// An output of a module from outside: what its
+    /// [`drive_signal`](crate::sim::ForeignModule::drive_signal) returns. Without the module the
+    /// drive has no signal.
+    Module {
+        /// The GTAG with which the module was added.
+        gtag: u8,
+        /// The output, as the module numbers them.
+        output: u8,
     },
 }
 
@@ -200,6 +209,22 @@ impl Plant {
                 axis.motor.command(pwm.volts(unit, io, self.now), enabled);
             }
         }
+    }
+
+    /// Takes over what modules from outside put out.
+    pub(super) fn modules_changed(&mut self, modules: &ForeignModules, io: &IoPorts) {
+        for axis in &mut self.axes {
+            if let DriveSource::Module { gtag, output } = axis.source {
+                let signal = modules.drive_signal(gtag, self.now, output, io);
+                axis.motor.command(signal.volts, signal.enabled);
+            }
+        }
+    }
+
+    /// Whether a module from outside drives an axis.
+    pub(super) fn is_driven_by_modules(&self) -> bool {
+        let mut axes = self.axes.iter();
+        axes.any(|axis| matches!(axis.source, DriveSource::Module { .. }))
     }
 
     /// Takes over what a remote puts out.

@@ -73,9 +73,11 @@ impl SimFpga {
     }
 
     /// Adds a module that the simulator does not know, in the place of the firmware's module with
-    /// this GTAG.
+    /// this GTAG. It can drive a motor: [`DriveSource::Module`].
     pub fn add_module(&mut self, gtag: u8, module: Box<dyn ForeignModule>) {
+        self.settle();
         self.foreign.add(gtag, module);
+        self.settle();
     }
 
     /// A module that was added.
@@ -164,6 +166,10 @@ impl SimFpga {
         let signal = match self.plant.source(axis)? {
             DriveSource::Nothing => DriveSignal::default(),
             DriveSource::Pwm { unit } => self.analog_output(unit),
+            DriveSource::Module { gtag, output } => {
+                let (foreign, now) = (&self.foreign, self.now);
+                foreign.drive_signal(gtag, now, output, &self.io)
+            }
             DriveSource::Remote {
                 port,
                 channel,

@@ -3,6 +3,8 @@
 use core::any::Any;
 use core::fmt;
 
+use super::IoPorts;
+use crate::sim::fpga::DriveSignal;
 use crate::sim::wire::Nanos;
 
 /// A module of somebody's own gateware, for the address space of a [`SimFpga`](crate::sim::SimFpga).
@@ -22,6 +24,28 @@ pub trait ForeignModule: Any + fmt::Debug + Send {
 
     /// The FPGA is configured again: everything is as after power-up.
     fn reload(&mut self, now: Nanos);
+
+    /// The signal that a drive gets from output `output`, which the circuit behind the module's pins
+    /// makes: for an axis whose [`DriveSource`](crate::sim::DriveSource) is this module. The outputs
+    /// are the module's to number.
+    ///
+    /// `io` tells by [`IoPorts::source`] what the pins of the circuit are driven from: a module's
+    /// signal does not get out of a pin that is an input, as after a bite of the watchdog.
+    ///
+    /// The simulator takes the signal whenever the host has accessed the module, set up a pin or let
+    /// the watchdog bite, each millisecond, and at [`next_change`](Self::next_change). Without an
+    /// implementation the drive has 0 V and is not enabled.
+    fn drive_signal(&self, now: Nanos, output: u8, io: &IoPorts) -> DriveSignal {
+        let _ = (now, output, io);
+        DriveSignal::default()
+    }
+
+    /// The time, later than `now`, at which a signal of its outputs next changes by itself. Without
+    /// an implementation none does.
+    fn next_change(&self, now: Nanos) -> Option<Nanos> {
+        let _ = now;
+        None
+    }
 }
 
 /// All that were added, with their GTAGs.
@@ -42,6 +66,26 @@ impl ForeignModules {
     pub(crate) fn get_mut(&mut self, gtag: u8) -> Option<&mut dyn ForeignModule> {
         let found = self.0.iter_mut().find(|(other, _)| *other == gtag);
         found.map(|(_, module)| &mut **module)
+    }
+
+    /// The signal of an output; none if the module is not there.
+    pub(crate) fn drive_signal(
+        &self,
+        gtag: u8,
+        now: Nanos,
+        output: u8,
+        io: &IoPorts,
+    ) -> DriveSignal {
+        let module = self.get(gtag);
+        module.map_or(DriveSignal::default(), |module| {
+            module.drive_signal(now, output, io)
+        })
+    }
+
+    /// The first time after `now` at which an output changes by itself.
+    pub(crate) fn next_change(&self, now: Nanos) -> Option<Nanos> {
+        let modules = self.0.iter();
+        modules.filter_map(|(_, one)| one.next_change(now)).min()
     }
 
     pub(crate) fn reload(&mut self, now: Nanos) {

@@ -20,7 +20,7 @@ struct Port {
 
 /// What the FPGA drives a pin from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Source {
+pub enum Source {
     /// It does not drive it.
     Nobody,
     /// A plain output.
@@ -142,8 +142,9 @@ impl IoPorts {
         }
     }
 
-    /// What the FPGA drives a pin from. An open-drain pin that is 1 stands at its pull-up.
-    pub(crate) fn source(&self, pin: Option<usize>) -> Source {
+    /// What the FPGA drives an I/O pin from; nobody drives a pin that the firmware does not have. An
+    /// open-drain pin that is 1 stands at its pull-up.
+    pub fn source(&self, pin: Option<usize>) -> Source {
         let Some((port, mask)) = pin.and_then(|pin| self.locate(pin)) else {
             return Source::Nobody;
         };

@@ -18,7 +18,7 @@ pub(crate) use encoder::SelectLine;
 pub use foreign::ForeignModule;
 pub(crate) use foreign::ForeignModules;
 pub use inputs::Inputs;
-pub use io_ports::IoPorts;
+pub use io_ports::{IoPorts, Source};
 pub use outputs::{Leds, Outputs};
 pub use pwm::Pwm;
 pub use smart_serial::SmartSerial;
