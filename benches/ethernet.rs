@@ -21,25 +21,25 @@ use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig, UdpList};
 const READS: [(u16, u16); 10] = [
     (0x0D00, 1),
     (0x1000, 3),
-    (0x3500, 6),
+    (0x3600, 6),
     (0x8200, 1),
     (0x8400, 1),
-    (0x5A00, 1),
     (0x5B00, 1),
-    (0x5C00, 3),
+    (0x5C00, 1),
     (0x5D00, 3),
-    (0x5E00, 1),
+    (0x5E00, 3),
+    (0x5F00, 1),
 ];
 /// Writes of one cycle: watchdog, ports, analog outputs, SSR, remotes, DOIT.
 const WRITES: [(u16, u16); 8] = [
     (0x0E00, 1),
     (0x1000, 3),
-    (0x4000, 6),
-    (0x4400, 1),
+    (0x4100, 6),
+    (0x4500, 1),
     (0x7D00, 1),
-    (0x5D00, 3),
     (0x5E00, 3),
-    (0x5A00, 1),
+    (0x5F00, 3),
+    (0x5B00, 1),
 ];
 
 struct Cycle {

@@ -98,8 +98,9 @@ impl HostMot2 {
     }
 
     /// The kinds of modules and how many there are of each, for people: `Watchdog (02) x1, …`.
+    /// Descriptors without instances are left out.
     pub fn gtags(&self) -> String {
-        let modules = self.modules.iter();
+        let modules = self.modules.iter().filter(|module| module.instances > 0);
         let texts: Vec<_> = modules
             .map(|module| format!("{} x{}", module.gtag, module.instances))
             .collect();
@@ -311,9 +312,6 @@ fn warnings(idrom: &Idrom, modules: &[ModuleDescriptor], pins: &[PinDescriptor])
         let (gtag, version) = (module.gtag, module.version);
         if modules.iter().take(index).any(|other| other.gtag == gtag) {
             list.push(format!("{gtag} has two descriptors; the first is used"));
-        }
-        if module.instances == 0 {
-            list.push(format!("{gtag} has no instances"));
         }
         if known_versions(gtag).is_some_and(|known| !known.contains(&version)) {
             list.push(format!(

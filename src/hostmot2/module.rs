@@ -179,13 +179,13 @@ mod tests {
 
     #[test]
     fn the_sserial_descriptor_of_facts_9_2_gives_the_addresses_of_facts_2_1() {
-        let module = parse([0x0401_00C1, 0x1006_5A00, 0x3C]).unwrap().unwrap();
+        let module = parse([0x0401_00C1, 0x1006_5B00, 0x3C]).unwrap().unwrap();
         assert_eq!(module.gtag, Gtag::SSERIAL);
         assert_eq!((module.instances, module.registers), (4, 6));
         assert_eq!(module.instance_stride, 0x40);
-        assert_eq!(module.register(0, 0), Ok(0x5A00));
-        assert_eq!(module.register(2, 0), Ok(0x5C00));
-        assert_eq!(module.register(5, 3), Ok(0x5F00 + 0xC0));
+        assert_eq!(module.register(0, 0), Ok(0x5B00));
+        assert_eq!(module.register(2, 0), Ok(0x5D00));
+        assert_eq!(module.register(5, 3), Ok(0x6000 + 0xC0));
         for (register, instance) in [(6, 0), (0, 4)] {
             let error = module.register(register, instance).unwrap_err().to_string();
             let text = format!("no register {register} of SSerial (C1) {instance}: ");
@@ -196,10 +196,10 @@ mod tests {
 
     #[test]
     fn registers_outside_of_the_mask_are_shared_by_all_instances() {
-        let encoders = parse([0x0601_040C, 0x0005_3500, 3]).unwrap().unwrap();
-        assert_eq!(encoders.register(0, 5), Ok(0x3514));
-        assert_eq!(encoders.register(1, 5), Ok(0x3614));
-        assert_eq!(encoders.register(2, 5), Ok(0x3700));
+        let encoders = parse([0x0601_040C, 0x0005_3600, 3]).unwrap().unwrap();
+        assert_eq!(encoders.register(0, 5), Ok(0x3614));
+        assert_eq!(encoders.register(1, 5), Ok(0x3714));
+        assert_eq!(encoders.register(2, 5), Ok(0x3800));
     }
 
     #[test]

@@ -91,12 +91,12 @@ fn encoders_are_set_up_at_the_rate_of_their_board() {
     let mut bench = i7i97();
     let encoders = bench.register(Encoders::register).unwrap().unwrap();
     assert_eq!(encoders.pins().len(), 6);
-    let words = bench.set_up(0x3500, 0x4000);
-    assert_eq!(words[..2], [(0x3700, 98), (0x3900, 14)]);
-    assert_eq!(words[2..4], [(0x3600, 0), (0x3500, 0)]);
-    assert_eq!(words[12..14], [(0x3614, 0), (0x3514, 0)]);
+    let words = bench.set_up(0x3600, 0x4100);
+    assert_eq!(words[..2], [(0x3800, 98), (0x3A00, 14)]);
+    assert_eq!(words[2..4], [(0x3700, 0), (0x3600, 0)]);
+    assert_eq!(words[12..14], [(0x3714, 0), (0x3614, 0)]);
     // Which timer of the DPLL latches them.
-    assert_eq!(words[14..], [(0x3A00, 0)]);
+    assert_eq!(words[14..], [(0x3B00, 0)]);
     assert_eq!(bench.outputs(), [0, 1 << 1, 0], "the select line");
 }
 
@@ -114,7 +114,7 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
     assert_eq!(encoders.pins().len(), 7);
     // EncMux: FACTS 8.1, 12.7.
     assert_eq!(bench.outputs(), [1 << 7, 1 << 7]);
-    assert_eq!(bench.set_up(0x3900, 0x3904), [(0x3900, 6)], "ClockLow/8");
+    assert_eq!(bench.set_up(0x3A00, 0x3A04), [(0x3A00, 6)], "ClockLow/8");
 }
 
 #[test]
@@ -135,11 +135,11 @@ fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
     let mut bench = i7i97();
     let pwm = bench.register(Pwm::register).unwrap().unwrap();
     assert_eq!(pwm.pins().len(), 6);
-    let words = bench.set_up(0x4000, 0x5000);
+    let words = bench.set_up(0x4100, 0x5000);
     // 48 kHz; 20 kHz of PDM.
-    assert_eq!(words[..3], [(0x4400, 0), (0x4200, 64_425), (0x4300, 7)]);
+    assert_eq!(words[..3], [(0x4500, 0), (0x4300, 64_425), (0x4400, 7)]);
     for (n, generator) in (0..).zip(words[3..].chunks(3)) {
-        let (value, mode) = (0x4000 + 4 * n, 0x4100 + 4 * n);
+        let (value, mode) = (0x4100 + 4 * n, 0x4200 + 4 * n);
         assert_eq!(
             generator,
             [(mode, 0x03), (value, 0x0800_0000), (mode, 0x23)]
@@ -189,7 +189,7 @@ fn addresses_follow_the_descriptor_and_not_the_usual_place() {
     firmware.module_mut(gtag::PWM).unwrap().base = 0x9000;
     let mut bench = Bench::new(firmware);
     bench.register(Pwm::register).unwrap();
-    assert_eq!(bench.set_up(0x4000, 0x5000), []);
+    assert_eq!(bench.set_up(0x4100, 0x5000), []);
     assert_eq!(bench.set_up(0x9000, 0x9500)[0], (0x9400, 0));
 }
 
@@ -209,7 +209,10 @@ fn each_instance_of_outm_has_its_register() {
 
 #[test]
 fn what_is_missing_is_left_out_and_what_is_not_known_is_refused_by_name() {
+    // A descriptor without instances is no module either.
     let mut bench = Bench::new(machines::firmware_7i92_7i77());
+    assert!(bench.register(Pwm::register).unwrap().is_none());
+    let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
     assert!(bench.register(Pwm::register).unwrap().is_none());
     assert!(bench.register(Dpll::register).unwrap().is_none());
     assert!(bench.register(InMux::register).unwrap().is_empty());

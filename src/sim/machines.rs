@@ -19,6 +19,7 @@ use crate::sim::fpga::{
     SimFpga, device, gtag,
 };
 use crate::sim::remote::{Application, Cable, Remote};
+use crate::sim::sslbp::MINOR_REVISION;
 use crate::sim::wire::RemoteEnd;
 use crate::sim::world::Motor;
 
@@ -56,7 +57,7 @@ const fn io_ports(ports: u8) -> ModuleDescriptor {
 }
 
 const fn muxed_encoders(count: u8) -> ModuleDescriptor {
-    module((gtag::MUXED_ENCODER, 4, 1, count), (0x3500, 5, 0x00, 0x03))
+    module((gtag::MUXED_ENCODER, 4, 1, count), (0x3600, 5, 0x00, 0x03))
 }
 
 const fn mux_select() -> ModuleDescriptor {
@@ -64,7 +65,15 @@ const fn mux_select() -> ModuleDescriptor {
 }
 
 const fn smart_serial(ports: u8) -> ModuleDescriptor {
-    module((gtag::SSERIAL, 0, 1, ports), (0x5A00, 6, 0x10, 0x3C))
+    module((gtag::SSERIAL, 0, 1, ports), (0x5B00, 6, 0x10, 0x3C))
+}
+
+const fn dpll() -> ModuleDescriptor {
+    module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0))
+}
+
+const fn pwm(count: u8) -> ModuleDescriptor {
+    module((gtag::PWM, 0, 2, count), (0x4100, 5, 0x00, 0x03))
 }
 
 const fn led() -> ModuleDescriptor {
@@ -72,9 +81,13 @@ const fn led() -> ModuleDescriptor {
 }
 
 /// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O.
-/// FACTS 8.1, 9.3.
+/// It has a DPLL, and a PWM descriptor without instances, as firmware in use has. FACTS 8.1, 9.3.
 pub fn firmware_7i92_7i77() -> Firmware {
-    two_connectors(*b"MESA7I92", 100_000_000, 1)
+    let mut firmware = two_connectors(*b"MESA7I92", 100_000_000, 1);
+    firmware.modules.insert(0, dpll());
+    let led = firmware.modules.len() - 1;
+    firmware.modules.insert(led, pwm(0));
+    firmware
 }
 
 /// The firmware of a 7I92 with a 7I77 on each of its connectors: six serial channels.
@@ -134,20 +147,65 @@ pub fn firmware_7i97(channels: u8) -> Firmware {
         // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE": ClockLow/16.
         mux_rate: 14,
         starts_bitten: false,
+        sslbp_minor: MINOR_REVISION,
         modules: vec![
-            module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0)),
+            dpll(),
             watchdog(),
             io_ports(3),
             muxed_encoders(6),
             mux_select(),
-            module((gtag::PWM, 0, 2, 6), (0x4000, 5, 0x00, 0x03)),
-            module((gtag::IN_MUX, 0, 1, 1), (0x8000, 5, 0x00, 0)),
-            module((gtag::SSR, 0, 1, 1), (0x7D00, 2, 0x00, 0)),
             smart_serial(1),
+            pwm(6),
+            module((gtag::SSR, 0, 1, 1), (0x7D00, 2, 0x00, 0x03)),
+            module((gtag::IN_MUX, 0, 1, 1), (0x8000, 5, 0x00, 0x1F)),
             led(),
         ],
+        behind_end: vec![
+            (
+                30,
+                module((gtag::CP_DRIVE, 0, 1, 1), (0x1E00, 1, 0x00, 0x01)),
+            ),
+            (
+                31,
+                module((gtag::IN_MUX_WIDTH, 0, 0, 0), (0, 0, 0x00, 0x10)),
+            ),
+        ],
         pins,
+        local_pins: vec![
+            PinDescriptor::local(gtag::CP_DRIVE, 0, 0x82),
+            PinDescriptor::local(gtag::CP_DRIVE, 0, 0x81),
+        ],
     }
+}
+
+/// The firmware of a 7I97T: a 7I97 with a larger FPGA of another maker, ClockHigh 160 MHz, and PWM
+/// generators that can dither (version 1). In the IDROM it is a 7I97 by name.
+///
+/// Its identification follows what such a board printed; FACTS 9.6.
+pub fn firmware_7i97t(channels: u8) -> Firmware {
+    let mut firmware = firmware_7i97(channels);
+    firmware.fpga_size = 20;
+    firmware.fpga_pins = 256;
+    firmware.clock_high = 160_000_000;
+    if let Some(pwm) = firmware.module_mut(gtag::PWM) {
+        pwm.version = 1;
+    }
+    firmware
+}
+
+/// The firmware of a 7I97 with a 7I77 on P1: twelve encoders, and the card's three channels behind
+/// the board's own. No such firmware is public; that of a 7I97 with a 7I74 keeps channel 0 on TB4 as
+/// well, and that of a 7I92 numbers the encoders and select lines of a second 7I77 so.
+pub fn firmware_7i97_7i77() -> Firmware {
+    let mut firmware = firmware_7i97(1);
+    if let Some(encoders) = firmware.module_mut(gtag::MUXED_ENCODER) {
+        *encoders = muxed_encoders(12);
+    }
+    let connector = firmware.pins.iter_mut().skip(34);
+    for (pin, card) in connector.zip(card_7i77(1, 1)) {
+        *pin = card;
+    }
+    firmware
 }
 
 /// The firmware of a 7I97 with InM instead of InMux, and OutM instead of SSR.
@@ -161,6 +219,10 @@ pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
     if let Some(ports) = firmware.module_mut(gtag::IO_PORT) {
         *ports = io_ports(4);
     }
+    // Without InMux there is no width of it.
+    firmware
+        .behind_end
+        .retain(|(_, module)| module.gtag != gtag::IN_MUX_WIDTH);
     if let Some(inputs) = firmware.module_mut(gtag::IN_MUX) {
         *inputs = module((gtag::IN_M, 0, 1, 1), (0x8500, 5, 0x00, 0));
     }
@@ -206,6 +268,37 @@ pub fn firmware_serial(channels: &[u8]) -> Firmware {
     firmware
 }
 
+/// An older firmware of a 7I80DB, with the addresses and versions that Mesa's firmware had until
+/// about 2016: a 7I77 on the first of its four connectors, and two PWM generators on the second
+/// (output, direction and enable of each). Which pins a real firmware gives to PWM is not known.
+pub fn firmware_7i80_of_2016() -> Firmware {
+    let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 1);
+    firmware.fpga_size = 16;
+    firmware.fpga_pins = 256;
+    firmware.ports = 4;
+    for (pin, (unit, signal)) in firmware.pins.iter_mut().skip(17).zip([
+        (0, 0x81),
+        (0, 0x82),
+        (0, 0x83),
+        (1, 0x81),
+        (1, 0x82),
+        (1, 0x83),
+    ]) {
+        *pin = PinDescriptor::new(gtag::PWM, unit, signal);
+    }
+    firmware.pins.resize(4 * 17, PinDescriptor::gpio());
+    firmware.modules = vec![
+        watchdog(),
+        io_ports(4),
+        module((gtag::MUXED_ENCODER, 3, 1, 6), (0x3500, 5, 0x00, 0x03)),
+        mux_select(),
+        module((gtag::SSERIAL, 0, 1, 1), (0x5A00, 6, 0x10, 0x3C)),
+        module((gtag::PWM, 0, 2, 2), (0x4000, 5, 0x00, 0x03)),
+        led(),
+    ];
+    firmware
+}
+
 /// The same firmware with the newer smart serial module: seven interface registers, GTAG 0xC6.
 /// FACTS 2.1.
 #[must_use]
@@ -227,7 +320,7 @@ pub fn with_seven_interface_registers(mut firmware: Firmware) -> Firmware {
 fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
     let mut pins = Vec::with_capacity(34);
     for card in 0..cards {
-        pins.extend(card_7i77(card));
+        pins.extend(card_7i77(card, 3 * card));
     }
     pins.resize(34, PinDescriptor::gpio());
     Firmware {
@@ -242,6 +335,7 @@ fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
         // Manual: 7I77, "MAXIMUM ENCODER COUNT RATE": ClockLow/8.
         mux_rate: 6,
         starts_bitten: false,
+        sslbp_minor: MINOR_REVISION,
         modules: vec![
             watchdog(),
             io_ports(2),
@@ -250,13 +344,15 @@ fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
             smart_serial(1),
             led(),
         ],
+        behind_end: Vec::new(),
         pins,
+        local_pins: Vec::new(),
     }
 }
 
-/// The seventeen pins of a 7I77. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
-fn card_7i77(card: u8) -> Vec<PinDescriptor> {
-    let first = 3 * card;
+/// The seventeen pins of a 7I77 whose encoders are the `card`th six of the firmware, and whose serial
+/// channels begin at `first`. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
+fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
     let serial = |pin: u8, channel: u8| PinDescriptor::new(gtag::SSERIAL, 0, pin + first + channel);
     let mut pins = vec![
         serial(TXEN, 2),
@@ -290,12 +386,27 @@ pub fn i5i25_7i77() -> SimFpga {
     SimFpga::new(firmware_5i25_7i77())
 }
 
+/// A 7I80DB with older firmware: see [`firmware_7i80_of_2016`]. Nothing is plugged in.
+pub fn i7i80_of_2016() -> SimFpga {
+    SimFpga::new(firmware_7i80_of_2016())
+}
+
 /// A 7I97 with `channels` serial channels, with nothing plugged in.
 pub fn i7i97(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97(channels))
 }
 
-/// The same with InM and OutM: see [`firmware_7i97_inm_outm`].
+/// A 7I97T with `channels` serial channels, with nothing plugged in.
+pub fn i7i97t(channels: u8) -> SimFpga {
+    SimFpga::new(firmware_7i97t(channels))
+}
+
+/// A 7I97 made for a 7I77 on P1, with nothing plugged in.
+pub fn i7i97_7i77() -> SimFpga {
+    SimFpga::new(firmware_7i97_7i77())
+}
+
+/// A 7I97 with InM and OutM: see [`firmware_7i97_inm_outm`].
 pub fn i7i97_inm_outm(channels: u8) -> SimFpga {
     SimFpga::new(firmware_7i97_inm_outm(channels))
 }
@@ -316,10 +427,26 @@ pub fn six_axes_5i25(motor: Motor) -> SimFpga {
     six_axes_7i77(i5i25_7i77(), motor)
 }
 
+/// A 7I80DB with older firmware, a 7I77, a 7I72 on the 7I77's expansion port, and six motors.
+pub fn six_axes_7i80_of_2016(motor: Motor) -> SimFpga {
+    six_axes_7i77(i7i80_of_2016(), motor)
+}
+
 /// A 7I97 with six motors, and on three serial channels a 7I77's two remotes and a 7I72.
 pub fn six_axes_7i97(motor: Motor) -> SimFpga {
     let mut fpga = with_cards(i7i97(3));
     wire_7i97(&mut fpga, |_| motor);
+    fpga
+}
+
+/// A 7I97 with a 7I77 on P1, a 7I72 on the 7I77's expansion port (channel 3), and twelve motors: 0 to
+/// 5 on the board, 6 to 11 on the card. `motor` gets the number.
+pub fn twelve_axes_7i97(motor: impl Fn(usize) -> Motor) -> SimFpga {
+    let mut fpga = i7i97_7i77();
+    plug_7i77(&mut fpga, 0, 1);
+    plug_7i72(&mut fpga, 0, 1 + EXPANSION);
+    wire_7i97(&mut fpga, &motor);
+    wire_7i77(&mut fpga, 0, 1 + ANALOG, 6, |axis| motor(6 + axis));
     fpga
 }
 

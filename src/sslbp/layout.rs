@@ -192,7 +192,7 @@ pub(super) mod tests {
     use alloc::string::ToString;
     use proptest::prelude::*;
 
-    /// FACTS 9.2: C1, 5A00, 6 registers, strides 10, mask 3C.
+    /// FACTS 2.1: C1, 5A00, 6 registers, strides 10, mask 3C.
     pub(in crate::sslbp) const MODULE: ModuleDescriptor = ModuleDescriptor {
         gtag: Gtag::SSERIAL,
         version: 0,

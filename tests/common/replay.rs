@@ -14,7 +14,7 @@ use super::bus::{FakeBus, Registers};
 use crate::common::recording::Recording;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 
-/// FACTS 9.2.
+/// FACTS 2.1.
 pub const MODULE: ModuleDescriptor = ModuleDescriptor {
     gtag: Gtag::SSERIAL,
     version: 0,

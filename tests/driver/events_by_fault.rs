@@ -217,7 +217,7 @@ fn happen(story: &mut Story<Faulty<SimFpga>>, kind: FaultKind) {
                 story.machine.rest();
             }
         }
-        FaultKind::FpgaPortStuck => story.machine.fpga().write_register(0x5A00, 0x3000),
+        FaultKind::FpgaPortStuck => story.machine.fpga().write_register(0x5B00, 0x3000),
         FaultKind::BusNotExecuted | FaultKind::BusNoReply => {
             for n in 0..u64::from(TIMES) {
                 let fault = if kind == FaultKind::BusNoReply {

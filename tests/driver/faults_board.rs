@@ -119,7 +119,7 @@ fn dropping_the_driver_stops_the_ports_and_leaves_nothing_driven() {
     );
     for channel in 0..3u16 {
         assert_eq!(
-            simulated.read_register(0x5C00 + 4 * channel) & 0xFFFF,
+            simulated.read_register(0x5D00 + 4 * channel) & 0xFFFF,
             0xC100
         );
     }

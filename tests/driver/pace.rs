@@ -211,7 +211,7 @@ fn a_pace_has_a_name() {
 fn what_can_not_pace_is_said_when_the_driver_is_built() {
     let by_board = |s: &mut Settings| s.pace = Pace::Board;
     let without_dpll = start(
-        ethernet::bus(machines::six_axes_7i92(Motor::default())),
+        ethernet::bus(machines::six_axes_7i80_of_2016(Motor::default())),
         by_board,
     );
     let left_alone = start(bus(), |s| {

@@ -46,7 +46,7 @@ fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {
     let wrong = build(any, &mut simulated);
     assert!(matches!(wrong, RemarkKind::DidNotStart(_)), "{wrong}");
     assert_eq!(
-        simulated.read_register(0x5C00) & 0xFFFF,
+        simulated.read_register(0x5D00) & 0xFFFF,
         0xC100,
         "the others are stopped"
     );
@@ -130,7 +130,7 @@ fn a_bus_that_does_not_take_the_cycle_fails_the_start_and_the_remotes_are_stoppe
     let error = Driver::start(&mut bus, Settings::default()).unwrap_err();
     assert!(matches!(error, DriverError::Bus(_)), "{error}");
     for channel in 0..3u16 {
-        let cs = bus.0.read_register(0x5C00 + 4 * channel);
+        let cs = bus.0.read_register(0x5D00 + 4 * channel);
         assert_eq!(cs & 0xFFFF, 0xC100, "channel {channel}");
     }
     assert_eq!(bus.0.read_register(0x1100), 0, "all pins are inputs");

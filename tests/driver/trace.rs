@@ -44,7 +44,7 @@ fn it_holds_the_words_of_the_last_cycles_as_they_were_on_the_bus() {
         ..TraceSettings::default()
     });
     machine.cycles(20);
-    let cs = machine.fpga().read_register(0x5C04);
+    let cs = machine.fpga().read_register(0x5D04);
     let (names, rows) = table(&machine);
     let cycles: Vec<_> = rows.iter().map(|row| row[0].as_str()).collect();
     assert_eq!(cycles, ["13", "14", "15", "16", "17", "18", "19", "20"]);
@@ -56,12 +56,12 @@ fn it_holds_the_words_of_the_last_cycles_as_they_were_on_the_bus() {
     assert!(rows.iter().all(|row| row[cookie] == "0x55AACAFE"));
     let data = column(&names, "sserial 0 DATA");
     assert!(rows.iter().all(|row| row[data] == "0x00000000"));
-    let command = column(&names, "write 0x5A00 sserial 0 COMMAND");
+    let command = column(&names, "write 0x5B00 sserial 0 COMMAND");
     assert!(
         rows.iter().all(|row| row[command] == "0x00001007"),
         "{rows:?}"
     );
-    let shown = column(&names, "read 0x5C04 sserial 0 channel 1 CS");
+    let shown = column(&names, "read 0x5D04 sserial 0 channel 1 CS");
     let expected = format!("{cs:#010X}");
     assert!(rows.iter().all(|row| row[shown] == expected), "{expected}");
     let interfaces = names.iter().filter(|name| name.contains("interface"));
@@ -186,7 +186,7 @@ fn what_is_frozen_between_read_and_write_ends_with_the_cycle_that_was_read() {
         machine.driver.freeze_trace();
         machine.finish();
         let (names, rows) = table(&machine);
-        let command = column(&names, "write 0x5A00 sserial 0 COMMAND");
+        let command = column(&names, "write 0x5B00 sserial 0 COMMAND");
         let cookie = column(&names, "read 0x0100 HostMot2 cookie");
         let last = u64::from(before) + 1;
         let first = last.saturating_sub(u64::from(cycles)) + 1;

@@ -21,7 +21,7 @@ fn a_7i97_is_found_with_all_its_modules_and_pins() {
     assert_eq!(
         firmware.gtags(),
         "HM2DPLL (1A) x1, Watchdog (02) x1, IOPort (03) x3, MuxedEncoder (0C) x6, MuxSelect (0D) \
-         x1, PWM (06) x6, InMux (1E) x1, SSR (C3) x1, SSerial (C1) x1, LED (80) x1"
+         x1, SSerial (C1) x1, PWM (06) x6, SSR (C3) x1, InMux (1E) x1, LED (80) x1"
     );
     assert_eq!(firmware.pins.len(), 51);
     assert_eq!(firmware.pins[5].to_string(), "PWM 4 /Enable");
@@ -59,8 +59,8 @@ fn a_missing_module_is_named_beside_what_is_there() {
     let missing = firmware.require(Gtag::PWM).unwrap_err();
     assert_eq!(
         missing.to_string(),
-        "this firmware has no PWM (06); it has Watchdog (02) x1, IOPort (03) x2, MuxedEncoder (0C) \
-         x6, MuxSelect (0D) x1, SSerial (C1) x1, LED (80) x1; load a firmware for the boards that \
+        "this firmware has no PWM (06); it has HM2DPLL (1A) x1, Watchdog (02) x1, IOPort (03) x2, \
+         MuxedEncoder (0C) x6, MuxSelect (0D) x1, SSerial (C1) x1, LED (80) x1; load a firmware for the boards that \
          are connected"
     );
 }
@@ -143,9 +143,9 @@ fn each_wrong_word_gets_its_own_error() {
 fn what_is_merely_odd_is_a_warning() {
     let mut bus = i7i97();
     bus.override_rom(0x0448 + 12 + 12 - 8, 0x0201_0003); // I/O port descriptor: two instances
-    bus.override_rom(0x0600 + 4 * 50, 0); // last pin: no primary tag
+    bus.override_rom(0x05C0 + 4 * 50, 0); // last pin: no primary tag
     bus.override_rom(0x0440 + 12 * 3, 0x0601_020C); // muxed encoder, version 2
-    bus.override_rom(0x0600 + 4 * 49, 0x0300_1801); // a BISS pin without BISS
+    bus.override_rom(0x05C0 + 4 * 49, 0x0300_1801); // a BISS pin without BISS
     let firmware = identify(&mut bus).unwrap();
     assert_eq!(
         firmware.warnings,

@@ -99,12 +99,12 @@ fn readhmid_prints_the_firmware_of_a_7i97() {
         module("DPLL", 1, 0, 7, 0x7000, 100),
         module("WatchDog", 1, 0, 3, 0x0C00, 100),
         module("IOPort", 3, 0, 5, 0x1000, 100),
-        module("MuxedQCount", 6, 4, 5, 0x3500, 100),
+        module("MuxedQCount", 6, 4, 5, 0x3600, 100),
         module("MuxedQCountSel", 1, 0, 0, 0x0000, 100),
-        module("PWM", 6, 0, 5, 0x4000, 200),
+        module("PWM", 6, 0, 5, 0x4100, 200),
         module("InMux", 1, 0, 5, 0x8000, 100),
         module("SSR", 1, 0, 2, 0x7D00, 100),
-        module("SSerial", 1, 0, 6, 0x5A00, 100),
+        module("SSerial", 1, 0, 6, 0x5B00, 100),
         module("LED", 1, 0, 1, 0x0200, 100),
     ] {
         assert!(text.contains(&expected), "{expected}\n{text}");
@@ -187,7 +187,7 @@ fn verbose_information_of_all_spaces_is_right() {
     let address = board.address();
     for line in [
         &format!("ip address: {address}"),
-        "mac address: 00:60:0E:1B:00:97",
+        "mac address: 00:60:1B:1B:00:97",
         "protocol: LBP16 version 3",
         "0: HostMot2 (registers, RW, 32-bit) [size=64K]",
         "1: KSZ8851R (registers, RW, 16-bit) [size=256]",

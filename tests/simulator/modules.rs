@@ -48,7 +48,7 @@ fn turn(fpga: &mut SimFpga, axis: usize, counts_per_second: f64) {
 }
 
 fn count(fpga: &mut SimFpga, encoder: u16) -> u16 {
-    fpga.read_register(0x3500 + 4 * encoder) as u16
+    fpga.read_register(0x3600 + 4 * encoder) as u16
 }
 
 #[test]
@@ -121,10 +121,10 @@ fn ssr_outputs_need_their_drive_and_their_pins() {
 fn a_pwm_gives_volts_while_connected_whether_enabled_or_not() {
     let mut fpga = turned_by_hand();
     // 12 bits at 48 kHz: 200 MHz * n / 65536 / 4096.
-    fpga.write_register(0x4200, 64_425);
-    fpga.write_register(0x4104, 3);
+    fpga.write_register(0x4300, 64_425);
+    fpga.write_register(0x4204, 3);
     let write = |fpga: &mut SimFpga, value: u32| {
-        fpga.write_register(0x4004, value << 16);
+        fpga.write_register(0x4104, value << 16);
         wait(fpga, 20);
     };
     write(&mut fpga, 2048);
@@ -134,21 +134,21 @@ fn a_pwm_gives_volts_while_connected_whether_enabled_or_not() {
     write(&mut fpga, 3072);
     let signal = fpga.analog_output(1);
     assert_eq!((signal.volts, signal.enabled), (5.0, false));
-    fpga.write_register(0x4400, 0x3F);
+    fpga.write_register(0x4500, 0x3F);
     assert_eq!(fpga.analog_output(1).volts, 5.0);
     write(&mut fpga, 0);
     assert_eq!(fpga.analog_output(1).volts, -10.0);
     write(&mut fpga, 4095);
     assert!((fpga.analog_output(1).volts - 9.995).abs() < 0.001);
     assert!(fpga.analog_output(1).enabled);
-    fpga.write_register(0x4400, 0x3E);
+    fpga.write_register(0x4500, 0x3E);
     assert!(
         !fpga.analog_output(1).enabled,
         "ENA0 to ENA3 follow output 0"
     );
     assert!((fpga.analog_output(1).volts - 9.995).abs() < 0.001);
     assert!(fpga.analog_output(4).enabled && fpga.analog_output(5).enabled);
-    fpga.write_register(0x4400, 0x3F);
+    fpga.write_register(0x4500, 0x3F);
     fpga.write_register(0x0C00, 1);
     wait(&mut fpga, MS);
     let signal = fpga.analog_output(1);
@@ -158,11 +158,11 @@ fn a_pwm_gives_volts_while_connected_whether_enabled_or_not() {
 #[test]
 fn a_value_that_is_double_buffered_waits_for_the_end_of_the_period() {
     let mut fpga = turned_by_hand();
-    fpga.write_register(0x4100, 0x23);
-    fpga.write_register(0x4000, 3072 << 16);
+    fpga.write_register(0x4200, 0x23);
+    fpga.write_register(0x4100, 3072 << 16);
     wait(&mut fpga, 10 * MS);
     assert_eq!(fpga.analog_output(0).volts, -10.0, "its clock stands");
-    fpga.write_register(0x4200, 64_425);
+    fpga.write_register(0x4300, 64_425);
     wait(&mut fpga, 20_000);
     assert_eq!(fpga.analog_output(0).volts, -10.0);
     wait(&mut fpga, 1_000);
@@ -184,11 +184,11 @@ fn module_pins_that_are_plain_outputs_switch_drives_on() {
 #[test]
 fn pwm_modes_and_widths_give_the_duty_they_say() {
     let mut fpga = turned_by_hand();
-    fpga.write_register(0x4200, 0x8000);
     fpga.write_register(0x4300, 0x8000);
+    fpga.write_register(0x4400, 0x8000);
     let mut duty = |mode: u32, value: u32| {
-        fpga.write_register(0x4100, mode);
-        fpga.write_register(0x4000, value);
+        fpga.write_register(0x4200, mode);
+        fpga.write_register(0x4100, value);
         wait(&mut fpga, 20);
         let pwm = fpga.pwm().expect("PWM");
         let duty = pwm.duty(0, fpga.io(), fpga.now()).expect("connected");

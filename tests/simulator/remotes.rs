@@ -57,7 +57,7 @@ fn an_unplugged_7i77_stops_its_motors_by_its_watchdog_however_often_the_fpga_is_
     let mut off_at = None;
     while fpga.now() < begin + 60 * MS {
         fpga.advance_to(fpga.now() + 5_000);
-        fpga.read_register(0x3500);
+        fpga.read_register(0x3600);
         fpga.write_register(0x1000, 0);
         let devices = [FIELD, ANALOG].map(|channel| {
             let end = fpga.remote(0, channel).expect("remote");

@@ -15,7 +15,7 @@ struct Port {
 }
 
 impl Port {
-    const FIRST: Self = Self { base: 0x5A00 };
+    const FIRST: Self = Self { base: 0x5B00 };
 
     fn interface(self, channel: u16, n: u16) -> u16 {
         self.base + 0x300 + 0x100 * n + 4 * channel
@@ -97,7 +97,7 @@ fn seven_interface_registers_reach_their_channels_and_ports() {
     settle(&mut fpga);
     for (number, channel) in [(0, 1), (2, 7), (3, 2)] {
         let port = Port {
-            base: 0x5A00 + 0x40 * number,
+            base: 0x5B00 + 0x40 * number,
         };
         assert_eq!(port.command(&mut fpga, 0x0900 | 1 << channel), 0);
         for n in 0..3u16 {

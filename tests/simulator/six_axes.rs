@@ -10,10 +10,10 @@ use mesa_hal::sim::{Motor, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 
-const COMMAND: u16 = 0x5A00;
-const DATA: u16 = 0x5B00;
-const CS: u16 = 0x5C00;
-const INTERFACE: u16 = 0x5D00;
+const COMMAND: u16 = 0x5B00;
+const DATA: u16 = 0x5C00;
+const CS: u16 = 0x5D00;
+const INTERFACE: u16 = 0x5E00;
 
 fn command(fpga: &mut SimFpga, command: u32) -> u32 {
     fpga.write(COMMAND, command).expect("write");
@@ -129,7 +129,7 @@ fn analog_outputs_of_a_7i77_drive_the_motors() {
     }
     for axis in 0..6u16 {
         let counts = fpga.motor(axis.into()).expect("axis").counts();
-        let count = fpga.read_register(0x3500 + 4 * axis) as u16;
+        let count = fpga.read_register(0x3600 + 4 * axis) as u16;
         assert_eq!(count, counts.floor() as i64 as u16);
     }
     // SPINENA alone: only the last motor goes on.
@@ -163,7 +163,7 @@ fn servo(seconds: f64) -> (Vec<u16>, SimFpga) {
     let mut total = [0i64; 6];
     for n in 0..(seconds * 1000.0) as u64 {
         let mut words = [0; 6];
-        let encoders = [Access::read(0x3500, 0, 6)];
+        let encoders = [Access::read(0x3600, 0, 6)];
         fpga.exchange(&encoders, &mut words).expect("encoders");
         for (total, word) in total.iter_mut().zip(words) {
             let step = (word as u16).wrapping_sub(*total as u16) as i16;

@@ -42,8 +42,9 @@ impl AddressMap {
             map.put(IDROM_ADDRESS + 4 * index, Target::Rom(4 + index));
         }
         for module in &firmware.modules {
-            // The select line of the encoders has no register of its own.
-            if module.gtag == gtag::MUX_SELECT {
+            // The select line of the encoders has no register of its own, and a descriptor without
+            // instances no hardware.
+            if module.gtag == gtag::MUX_SELECT || module.instances == 0 {
                 continue;
             }
             let (register_stride, instance_stride) = Firmware::strides(module);

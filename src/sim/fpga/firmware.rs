@@ -22,12 +22,18 @@ pub mod gtag {
     pub const IN_M: u8 = 0x23;
     /// Outputs.
     pub const OUT_M: u8 = 0x2D;
+    /// Width of InMux: a hint, without registers.
+    pub const IN_MUX_WIDTH: u8 = 0x1F;
+    /// Local I/O port: the primary tag of pins that belong to no I/O port.
+    pub const LOCAL_IO_PORT: u8 = 0x40;
     /// LEDs.
     pub const LED: u8 = 0x80;
     /// Smart serial with three interface registers.
     pub const SSERIAL: u8 = 0xC1;
     /// Solid-state relays.
     pub const SSR: u8 = 0xC3;
+    /// Charge pump.
+    pub const CP_DRIVE: u8 = 0xC4;
     /// Smart serial with seven interface registers.
     pub const SSERIAL_B: u8 = 0xC6;
 }
@@ -42,10 +48,13 @@ pub(crate) const IDROM_ADDRESS: u16 = 0x0400;
 
 const COOKIE: u32 = 0x55AA_CAFE;
 const MODULES_OFFSET: u32 = 0x40;
-const PINS_OFFSET: u32 = 0x200;
-/// The most module descriptors that fit in front of the pin descriptors; the last one ends the list.
-const MAX_MODULES: usize = 31;
-const MAX_PINS: usize = 144;
+/// All public firmwares have it there, although their comments say 0x200. FACTS 9.1.
+const PINS_OFFSET: u32 = 0x1C0;
+/// Slots for module descriptors: as many as fit in front of the pin descriptors.
+const MODULE_SLOTS: usize = 32;
+const MODULE_WORDS: usize = 3;
+/// Slots for pin descriptors, those of local I/O included.
+const PIN_SLOTS: usize = 144;
 
 /// A module descriptor. FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -131,6 +140,14 @@ impl PinDescriptor {
         Self::new(0, 0, 0)
     }
 
+    /// A pin of the board that belongs to no I/O port.
+    pub const fn local(secondary: u8, unit: u8, pin: u8) -> Self {
+        Self {
+            primary: gtag::LOCAL_IO_PORT,
+            ..Self::new(secondary, unit, pin)
+        }
+    }
+
     fn word(self) -> u32 {
         u32::from_le_bytes([self.pin, self.secondary, self.unit, self.primary])
     }
@@ -162,10 +179,19 @@ pub struct Firmware {
     /// Whether the watchdog's status is set after configuration, as older firmware has it.
     /// FACTS 12.1.
     pub starts_bitten: bool,
-    /// The modules, at most 31.
+    /// Minor version of the serial ports' own firmware: 43, or 38 on boards before 2015, of which only
+    /// the number is simulated.
+    pub sslbp_minor: u8,
+    /// The modules, at most 31, up to the null descriptor that ends the list.
     pub modules: Vec<ModuleDescriptor>,
+    /// Descriptors behind that end, each with its slot (0 to 31): charge pump and hints. They are
+    /// only listed, nothing of them is simulated.
+    pub behind_end: Vec<(u8, ModuleDescriptor)>,
     /// The pins, port by port, at most 144.
     pub pins: Vec<PinDescriptor>,
+    /// Pins of the board itself, which follow those of the ports: at most 144 with them. They are
+    /// only listed, nothing of them is simulated.
+    pub local_pins: Vec<PinDescriptor>,
 }
 
 impl Firmware {
@@ -178,12 +204,13 @@ impl Firmware {
         }
     }
 
-    /// The first module with this GTAG.
+    /// The first module with this GTAG that has instances: a descriptor without is no module.
     pub fn module(&self, gtag: u8) -> Option<&ModuleDescriptor> {
-        self.modules.iter().find(|module| module.gtag == gtag)
+        let mut modules = self.modules.iter();
+        modules.find(|module| module.gtag == gtag && module.instances > 0)
     }
 
-    /// The module with this GTAG, to change it.
+    /// The first descriptor with this GTAG, to change it.
     pub fn module_mut(&mut self, gtag: u8) -> Option<&mut ModuleDescriptor> {
         self.modules.iter_mut().find(|module| module.gtag == gtag)
     }
@@ -233,12 +260,21 @@ impl Firmware {
             0x100,
             0x100,
         ];
-        for module in self.modules.iter().take(MAX_MODULES) {
-            words.extend(module.words());
+        let mut slots = [[0; MODULE_WORDS]; MODULE_SLOTS];
+        // The last slot stays free for the end of the list.
+        let modules = self.modules.iter().take(MODULE_SLOTS - 1);
+        for (slot, module) in slots.iter_mut().zip(modules) {
+            *slot = module.words();
         }
-        words.resize(PINS_OFFSET as usize / 4, 0);
-        let pins = self.pins.iter().take(MAX_PINS);
+        for (slot, module) in &self.behind_end {
+            if let Some(slot) = slots.get_mut(usize::from(*slot)) {
+                *slot = module.words();
+            }
+        }
+        words.extend(slots.as_flattened());
+        let pins = self.pins.iter().chain(&self.local_pins).take(PIN_SLOTS);
         words.extend(pins.map(|pin| pin.word()));
+        words.resize(PINS_OFFSET as usize / 4 + PIN_SLOTS, 0);
         words
     }
 }
@@ -249,11 +285,12 @@ mod tests {
 
     #[test]
     fn descriptor_words_have_the_layout_of_facts_9_1() {
-        let encoder = ModuleDescriptor::new(0x0C, 4, 1, 6, 0x3500, 5, 0x00, 3);
-        assert_eq!(encoder.words(), [0x0601_040C, 0x0005_3500, 3]);
-        let sserial = ModuleDescriptor::new(0xC1, 0, 1, 2, 0x5A00, 6, 0x10, 0x3C);
-        assert_eq!(sserial.words(), [0x0201_00C1, 0x1006_5A00, 0x3C]);
+        let encoder = ModuleDescriptor::new(0x0C, 4, 1, 6, 0x3600, 5, 0x00, 3);
+        assert_eq!(encoder.words(), [0x0601_040C, 0x0005_3600, 3]);
+        let sserial = ModuleDescriptor::new(0xC1, 0, 1, 2, 0x5B00, 6, 0x10, 0x3C);
+        assert_eq!(sserial.words(), [0x0201_00C1, 0x1006_5B00, 0x3C]);
         assert_eq!(PinDescriptor::new(0xC1, 0, 0x91).word(), 0x0300_C191);
         assert_eq!(PinDescriptor::gpio().word(), 0x0300_0000);
+        assert_eq!(PinDescriptor::local(0xC4, 0, 0x82).word(), 0x4000_C482);
     }
 }

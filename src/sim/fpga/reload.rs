@@ -71,9 +71,9 @@ mod tests {
     use crate::sim::machines;
     use crate::sim::wire::Nanos;
 
-    const COMMAND: u16 = 0x5A00;
-    const DATA: u16 = 0x5B00;
-    const CS: u16 = 0x5C00;
+    const COMMAND: u16 = 0x5B00;
+    const DATA: u16 = 0x5C00;
+    const CS: u16 = 0x5D00;
 
     /// A port of eight channels; 7I97 addresses (FACTS 9.2). Times: FACTS 11.1, and 14.9 us for each
     /// channel's baud rate.
@@ -110,7 +110,7 @@ mod tests {
         let untouched: Vec<_> = (0..0x4000).map(|n| n * 4).collect();
         let before: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
         for address in [
-            0x0C00, 0x1100, 0x1104, 0x1200, 0x4000, 0x4200, 0x7D00, 0x0200,
+            0x0C00, 0x1100, 0x1104, 0x1200, 0x4100, 0x4300, 0x7D00, 0x0200,
         ] {
             fpga.write_register(address, 0x0100_0FFF);
         }
@@ -119,7 +119,7 @@ mod tests {
         fpga.advance_to(6_500_000);
         let after: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
         // The time stamp counter of the encoders runs.
-        let stamp = 0x3800 / 4;
+        let stamp = 0x3900 / 4;
         let differs = before.iter().zip(&after).enumerate();
         let differs = differs.filter(|(at, (a, b))| a != b && *at != stamp);
         assert_eq!(differs.count(), 0);

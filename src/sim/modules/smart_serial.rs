@@ -57,7 +57,8 @@ impl SmartSerial {
             .max()
             .unwrap_or(1);
         let config = PortConfig::new(channels, firmware.clock(module.clock))
-            .with_interface_registers(layout);
+            .with_interface_registers(layout)
+            .with_minor_revision(firmware.sslbp_minor);
         let pins = core::array::from_fn(|channel| {
             let number = channel as u8 + 1;
             let pin = |kind: u8| firmware.pin(module.gtag, instance, kind | number);

@@ -32,7 +32,11 @@ pub struct PortConfig {
     channels: u8,
     clock_hz: u32,
     interface_registers: InterfaceRegisters,
+    minor_revision: u8,
 }
+
+/// The minor revision of the firmware whose behaviour is simulated: 1.43.
+pub const MINOR_REVISION: u8 = 43;
 
 impl PortConfig {
     /// A port with `channels` channels (limited to 1..=8) whose processor runs at `clock_hz`
@@ -42,7 +46,21 @@ impl PortConfig {
             channels: channels.clamp(1, MAX_CHANNELS as u8),
             clock_hz: clock_hz.max(1_000_000),
             interface_registers: InterfaceRegisters::Three,
+            minor_revision: MINOR_REVISION,
         }
+    }
+
+    /// The same port with another minor revision in its local parameters. It behaves as 1.43 all the
+    /// same: how older firmware differs is not known.
+    #[must_use]
+    pub const fn with_minor_revision(mut self, minor: u8) -> Self {
+        self.minor_revision = minor;
+        self
+    }
+
+    /// The minor revision that its local parameters have.
+    pub const fn minor_revision(&self) -> u8 {
+        self.minor_revision
     }
 
     /// The same port with another register layout.

@@ -220,6 +220,8 @@ impl Firmware {
             Phase::InitializeChannels => self.initialize_channels(),
             Phase::Initialized => {
                 self.memory.set(global::INITIALIZED, 0xFF);
+                let minor = self.config.minor_revision();
+                self.memory.set(global::MINOR_REVISION, minor);
                 self.busy = true;
                 let [mask, _] = self.host.command(self.now()).to_le_bytes();
                 if self.memory.get(global::COMMAND_IN_WORK) == 0x08 && mask == 0 {

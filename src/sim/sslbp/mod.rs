@@ -48,7 +48,9 @@ mod uart;
 #[cfg(test)]
 mod tests;
 
-pub use config::{InterfaceRegisters, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, PortConfig};
+pub use config::{
+    InterfaceRegisters, MAX_CHANNELS, MAX_INTERFACE_REGISTERS, MINOR_REVISION, PortConfig,
+};
 pub use lines::{Lines, NoLines};
 pub use port::SslbpPort;
 pub use registers::Register;

@@ -206,7 +206,7 @@ impl Player {
             FaultKind::FpgaPortStuck => {
                 let (port, _) = self.plan.place(target);
                 // Of no channel: a transfer would feed a remote's watchdog.
-                fpga.write_register(0x5A00 + 0x40 * port as u16, 0x3000);
+                fpga.write_register(0x5B00 + 0x40 * port as u16, 0x3000);
             }
             // The network, the bus, the host, and on Ethernet the board, do the others.
             _ => {}

@@ -12,12 +12,12 @@ use crate::common::watch::Watch;
 fn no_drive_sees_a_voltage_or_an_enable_while_the_board_is_set_up() {
     // Left by a program at 9.5 V and enabled; its watchdog has bitten.
     let mut used = machines::i7i97(1);
-    used.write_register(0x4200, 64_425);
+    used.write_register(0x4300, 64_425);
     for generator in 0..6 {
-        used.write_register(0x4100 + 4 * generator, 0x23);
-        used.write_register(0x4000 + 4 * generator, 0x0F80_0000);
+        used.write_register(0x4200 + 4 * generator, 0x23);
+        used.write_register(0x4100 + 4 * generator, 0x0F80_0000);
     }
-    used.write_register(0x4400, 0x3F);
+    used.write_register(0x4500, 0x3F);
     used.write_register(0x1200, 0x1FF);
     used.advance_to(1_000_000);
     for mut fpga in [machines::i7i97(1), used] {

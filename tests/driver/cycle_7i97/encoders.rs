@@ -18,8 +18,8 @@ fn what_all_encoders_have_in_common_can_be_set() {
         let fpga = machine.fpga();
         // The rate register can not be read back.
         let rate = fpga.encoders().expect("encoders").rate();
-        let timer = fpga.read_register(0x3A00);
-        [fpga.read_register(0x3700) & 0xFFFF, rate, timer]
+        let timer = fpga.read_register(0x3B00);
+        [fpga.read_register(0x3800) & 0xFFFF, rate, timer]
     };
     let turn = |machine: &mut Machine<SimFpga>, speed| {
         machine.turn(0, speed);
@@ -154,7 +154,7 @@ fn a_quadrature_error_is_said_until_it_is_no_longer_watched_for() {
     let error = |machine: &mut Machine<SimFpga>| {
         machine.cycles(4);
         let said = machine.driver.pins().read(quad_error).value;
-        (said, machine.fpga().read_register(0x3608) & 0x8000 != 0)
+        (said, machine.fpga().read_register(0x3708) & 0x8000 != 0)
     };
     let disturb = |machine: &mut Machine<SimFpga>| {
         machine.fpga().encoders().expect("encoders").disturb(2);
