@@ -6,7 +6,9 @@ use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
 use crate::modules::serial::{FoundRemote, RemoteWatchdog, WATCHDOG_PARAMETER};
 use crate::remote::RemoteError;
-use crate::sslbp::{MAX_CHANNELS, RemoteName, StartFailure, StartFailureReason, StartedRemote};
+use crate::sslbp::{
+    MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
+};
 
 /// Why a remote does not take part, or what is odd about one that does.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -103,6 +105,15 @@ pub enum RemarkKind {
         name: RemoteName,
         /// Its watchdog.
         watchdog: RemoteWatchdog,
+    },
+    /// The port has an older version of SSLBP than this crate is tried with
+    /// ([`PortParameters::is_old`]): of the first channel in use, for all of them.
+    #[error("the port has SSLBP {major}.{minor}: {}", PortParameters::OLD_VERSION)]
+    OldSslbp {
+        /// Major version.
+        major: u8,
+        /// Minor version.
+        minor: u8,
     },
     /// Its name is that of a card whose parts differ in the unit number, and its unit number
     /// is none of theirs: it has no terminals and no safe values of its own.

@@ -157,7 +157,13 @@ impl Plan {
         bus: &mut B,
         stage: &mut PortStage,
     ) -> Result<(), DriverError<B::Error>> {
-        stage.port.on(bus).reset()?;
+        let parameters = stage.port.on(bus).reset()?;
+        if parameters.is_old() {
+            let (major, minor) = (parameters.major, parameters.minor);
+            let first = stage.configs.keys().next().copied().unwrap_or_default();
+            let kind = RemarkKind::OldSslbp { major, minor };
+            self.remarks.push(stage.remark(first, kind));
+        }
         let start = |channel| Some((channel, stage.config(channel)?.mode));
         let starts: Vec<_> = Channel::ALL.into_iter().filter_map(start).collect();
         let options = DiscoveryOptions {

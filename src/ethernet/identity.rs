@@ -12,7 +12,7 @@ use super::{EthernetBoard, EthernetError, Lbp16Board};
 use crate::lbp16::registers::{eeprom, read_only};
 use crate::lbp16::{Command, InfoArea, Lbp16Error, RequestBuilder, Space, text};
 
-/// The address of a network interface. `Display` writes it as usual: `00:60:0e:1b:00:97`.
+/// The address of a network interface. `Display` writes it as usual: `00:60:1b:1b:00:97`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MacAddress(pub [u8; 6]);
 
@@ -36,8 +36,8 @@ impl serde::Serialize for MacAddress {
 /// Where a board takes its IP address from when it starts: its two address jumpers. `Display` says it in
 /// words, [`of_card`](Self::of_card) with the positions of the jumpers.
 ///
-/// Source: manual 7I97, "IP ADDRESS SELECTION"; which bits of the word they are is mesaflash's
-/// reading, not confirmed by a manual.
+/// Source: manual 7I97, "IP ADDRESS SELECTION"; FACTS 9.6 for the 7I97T. Which bits of the word they
+/// are is mesaflash's reading, not confirmed by a manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
@@ -48,7 +48,9 @@ pub enum AddressSource {
     Eeprom,
     /// Up and down: a BOOTP or DHCP server.
     BootP,
-    /// Both up, which the manual calls invalid.
+    /// Both up on a 7I97T: 192.168.1.121, and the fallback configuration of the FPGA.
+    Fallback,
+    /// Both up on other boards, which the manual of the 7I97 calls invalid.
     Invalid,
 }
 
@@ -58,12 +60,13 @@ impl AddressSource {
     /// The address that boards come with in their EEPROM.
     pub const FACTORY_EEPROM: Ipv4Addr = Ipv4Addr::new(10, 10, 10, 10);
 
-    /// From the word of the jumpers.
-    pub const fn from_jumpers(word: u16) -> Self {
+    /// From the word of the jumpers of this card.
+    pub fn from_jumpers(word: u16, card: &str) -> Self {
         match word & 3 {
             0 => Self::Fixed,
             1 => Self::Eeprom,
             2 => Self::BootP,
+            _ if card == Identity::I7I97T => Self::Fallback,
             _ => Self::Invalid,
         }
     }
@@ -73,13 +76,14 @@ impl AddressSource {
     pub fn of_card(self, card: &str) -> String {
         let [first, second] = match card {
             "7I97" => ["W16", "W17"],
+            Identity::I7I97T => ["W11", "W12"],
             _ => ["first address jumper", "second"],
         };
         let [one, two] = match self {
             Self::Fixed => ["down", "down"],
             Self::Eeprom => ["down", "up"],
             Self::BootP => ["up", "down"],
-            Self::Invalid => ["up", "up"],
+            Self::Fallback | Self::Invalid => ["up", "up"],
         };
         format!("{self} ({first} {one}, {second} {two})")
     }
@@ -91,6 +95,7 @@ impl fmt::Display for AddressSource {
             Self::Fixed => "fixed 192.168.1.121",
             Self::Eeprom => "from EEPROM",
             Self::BootP => "from BOOTP",
+            Self::Fallback => "fixed 192.168.1.121 with fallback firmware",
             Self::Invalid => "invalid",
         })
     }
@@ -124,6 +129,18 @@ pub struct Identity {
 const WORDS: usize = InfoArea::WORDS + 11 + 3 + 2 + 2;
 
 impl Identity {
+    /// The name of a 7I97T.
+    const I7I97T: &str = "7I97T";
+
+    /// The board turned out to be a 7I97T by its firmware ([`Idrom::is_7i97t`]), whatever the card's
+    /// name is: its jumpers mean something else than those of a 7I97.
+    ///
+    /// [`Idrom::is_7i97t`]: crate::hostmot2::Idrom::is_7i97t
+    pub(crate) fn is_of_7i97t(&mut self) {
+        Self::I7I97T.clone_into(&mut self.card);
+        self.address_from = AddressSource::from_jumpers(self.jumpers, Self::I7I97T);
+    }
+
     /// Bytes of the answer to the [`question`](Self::question).
     pub const ANSWER: usize = 2 * WORDS;
 
@@ -176,12 +193,12 @@ impl Identity {
         let address = |low, high| Ipv4Addr::from_bits(u32::from(high) << 16 | u32::from(low));
         let has_netmask = firmware_version >= eeprom::NETMASK_FIRMWARE;
         Ok(Self {
+            address_from: AddressSource::from_jumpers(jumpers, text(name.as_flattened())),
             card: text(name.as_flattened()).to_owned(),
             mac: MacAddress([m0, m1, m2, m3, m4, m5]),
             lbp_version,
             firmware_version,
             jumpers,
-            address_from: AddressSource::from_jumpers(jumpers),
             eeprom_ip: address(ip_low, ip_high),
             eeprom_netmask: has_netmask.then(|| address(mask_low, mask_high)),
         })
@@ -215,7 +232,7 @@ mod tests {
         words[0] = 0x5A07;
         words[8..10].copy_from_slice(&[*b"7I", *b"97"].map(u16::from_le_bytes));
         words[16..19].copy_from_slice(&[3, firmware, jumpers]);
-        words[19..22].copy_from_slice(&[0x0097, 0x0E1B, 0x0060]);
+        words[19..22].copy_from_slice(&[0x0097, 0x1B1B, 0x0060]);
         words[22..26].copy_from_slice(&[0x0A0A, 0x0A0A, 0xFF00, 0xFFFF]);
         let mut answer = [0; Identity::ANSWER];
         for (bytes, word) in answer.chunks_mut(2).zip(words) {
@@ -224,11 +241,30 @@ mod tests {
         answer
     }
 
+    /// FACTS 9.6.
+    #[test]
+    fn the_jumpers_of_a_7i97t_have_their_own_names_and_meaning() {
+        let both_up = |card| AddressSource::from_jumpers(3, card).of_card(card);
+        assert_eq!(both_up("7I97"), "invalid (W16 up, W17 up)");
+        assert_eq!(
+            both_up("7I97T"),
+            "fixed 192.168.1.121 with fallback firmware (W11 up, W12 up)"
+        );
+        let eeprom = AddressSource::from_jumpers(1, "7I97T");
+        assert_eq!(eeprom.of_card("7I97T"), "from EEPROM (W11 down, W12 up)");
+        // Named as a 7I97 until its firmware is known.
+        let mut identity = Identity::parse(&answer(16, 3)).unwrap();
+        assert_eq!(identity.address_from, AddressSource::Invalid);
+        identity.is_of_7i97t();
+        assert_eq!(identity.address_from, AddressSource::Fallback);
+        assert_eq!(identity.card, "7I97T");
+    }
+
     #[test]
     fn an_answer_is_read_field_by_field() {
         let identity = Identity::parse(&answer(16, 0)).unwrap();
         assert_eq!(identity.card, "7I97");
-        assert_eq!(identity.mac.to_string(), "00:60:0e:1b:00:97");
+        assert_eq!(identity.mac.to_string(), "00:60:1b:1b:00:97");
         assert_eq!((identity.lbp_version, identity.firmware_version), (3, 16));
         assert_eq!(identity.address_from, AddressSource::Fixed);
         assert_eq!(identity.eeprom_ip, AddressSource::FACTORY_EEPROM);
@@ -241,7 +277,8 @@ mod tests {
 
     #[test]
     fn jumpers_are_named_as_the_manual_of_the_card_names_them() {
-        let words = [0, 1, 2, 3].map(|word| AddressSource::from_jumpers(word).of_card("7I97"));
+        let words =
+            [0, 1, 2, 3].map(|word| AddressSource::from_jumpers(word, "7I97").of_card("7I97"));
         assert_eq!(words[0], "fixed 192.168.1.121 (W16 down, W17 down)");
         assert_eq!(words[1], "from EEPROM (W16 down, W17 up)");
         assert_eq!(words[2], "from BOOTP (W16 up, W17 down)");

@@ -101,6 +101,12 @@ impl Idrom {
         Ok(idrom)
     }
 
+    /// The board is a 7I97T, which has the name of a 7I97 here: another FPGA, and address jumpers with
+    /// another meaning. FACTS 9.6.
+    pub fn is_7i97t(&self) -> bool {
+        (self.board().as_str(), self.fpga_size, self.clock_high_hz) == ("7i97", 20, 160_000_000)
+    }
+
     /// The board's name in lower case, as pin names use it: the part before the first character that
     /// is not printable, without `MESA`: `7i97` for `MESA7I97`.
     pub fn board(&self) -> String {
@@ -120,7 +126,7 @@ pub(super) mod tests {
     pub(in super::super) const WORDS_7I97: [u32; IDROM_WORDS] = [
         3,
         0x40,
-        0x200,
+        0x1C0,
         u32::from_le_bytes(*b"MESA"),
         u32::from_le_bytes(*b"7I97"),
         9,

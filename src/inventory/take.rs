@@ -22,8 +22,8 @@ use crate::hostmot2::{Gtag, HostMot2, IoPorts};
 use crate::lbp::{RemoteFaults, RemoteLink};
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::sslbp::{
-    Channel as Line, ComState, CsStatus, Layout, LocalLocation, Port, PortLink, RemoteAccess,
-    StartFailure, StartFailureReason,
+    Channel as Line, ComState, CsStatus, Layout, LocalLocation, Port, PortLink, PortParameters,
+    RemoteAccess, StartFailure, StartFailureReason,
 };
 
 /// Longer than the inventory of a port takes, however bad its wires are.
@@ -45,11 +45,14 @@ type Taken<T, B> = Result<T, InventoryError<<B as RegisterBus>::Error>>;
 /// Not for the cycle. Bounded; up to some seconds with many remotes.
 pub fn take<B: RegisterBus + Clock>(
     bus: &mut B,
-    ethernet: Option<Ethernet>,
+    mut ethernet: Option<Ethernet>,
     modes: &BTreeMap<(u8, u8), u8>,
     mut goes_on: impl FnMut() -> bool,
 ) -> Taken<Inventory, B> {
     let firmware = HostMot2::identify(bus)?;
+    if let Some(ethernet) = ethernet.as_mut().filter(|_| firmware.idrom.is_7i97t()) {
+        ethernet.identity.is_of_7i97t();
+    }
     check_modes::<B>(&firmware, modes)?;
     let left = left_behind(bus, &firmware)?;
     let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
@@ -258,7 +261,12 @@ fn take_remotes<B: RegisterBus + Clock>(
             let odd = not_started(&starts, &outcomes, line, failure.reason)?;
             Some(format!("port {number}, channel {}: {odd}", line.index()))
         });
-    let findings = findings.collect();
+    let old = parameters.is_old().then(|| {
+        let (major, minor) = (parameters.major, parameters.minor);
+        let why = PortParameters::OLD_VERSION;
+        format!("port {number} has SSLBP {major}.{minor}: {why}")
+    });
+    let findings = old.into_iter().chain(findings).collect();
     let mut channels = Vec::new();
     for (&(line, _), outcome) in starts.iter().zip(outcomes) {
         channels.push(Channel {

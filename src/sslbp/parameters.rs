@@ -26,6 +26,19 @@ impl PortParameters {
     /// Address of the clock, four bytes, least significant first. FACTS 2.3.
     pub const CLOCK: u16 = 0x230;
 
+    /// The version that boards have had since 2015, and that this crate is tried with: 1.43.
+    const USUAL: (u8, u8) = (1, 43);
+
+    /// What to know of a version before the usual one.
+    pub(crate) const OLD_VERSION: &str = "this crate has not been tried with a version before 1.43, \
+        which boards have had since 2015; with 1.38 the analog part of a 7I77 was not found: load a \
+        newer firmware if a remote is missing or fails";
+
+    /// The port has an older version of SSLBP than this crate is tried with. FACTS 2.3.
+    pub fn is_old(&self) -> bool {
+        (self.major, self.minor) < Self::USUAL
+    }
+
     /// Address of a variable of `channel`.
     pub const fn variable(&self, channel: Channel, variable: ChannelVariable) -> u16 {
         let stride = self.variables_stride as u16;

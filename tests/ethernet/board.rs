@@ -68,7 +68,7 @@ fn a_board_says_who_it_is() {
     let identity = board.identity().expect("identity");
     assert_eq!(identity.card, "7I97");
     assert_eq!(identity.firmware_version, 16);
-    assert_eq!(identity.mac.to_string(), "00:60:0e:1b:00:97");
+    assert_eq!(identity.mac.to_string(), "00:60:1b:1b:00:97");
     assert_eq!(identity.eeprom_ip, Ipv4Addr::new(10, 10, 10, 10));
     let netmask = Ipv4Addr::new(255, 255, 255, 0);
     assert_eq!(identity.eeprom_netmask, Some(netmask));

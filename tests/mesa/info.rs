@@ -55,7 +55,7 @@ fn an_ethernet_board_is_listed_for_programs() {
     drop(board);
 
     assert_eq!(inventory["ethernet"]["card"], "7I97");
-    assert_eq!(inventory["ethernet"]["mac"], "00:60:0e:1b:00:97");
+    assert_eq!(inventory["ethernet"]["mac"], "00:60:1b:1b:00:97");
     assert_eq!(inventory["ethernet"]["address_from"], "eeprom");
     assert_eq!(inventory["ethernet"]["leds"], "debug");
     assert_eq!(inventory["ethernet"]["counters"]["parse_errors"], 0);

@@ -52,7 +52,7 @@ fn boards_in_a_range_are_found_with_who_they_are() {
 
     let run = run(&["list", "127.94.1.3-127.94.1.4"]);
     assert_eq!(run.code, Some(0), "{run:?}");
-    let line = "127.94.1.3       7I97      MAC 00:60:0e:1b:00:97  firmware 16, LBP 3  \
+    let line = "127.94.1.3       7I97      MAC 00:60:1b:1b:00:97  firmware 16, LBP 3  \
                 IP address from EEPROM (W16 down, W17 up)\n";
     assert!(run.out.contains(line), "{run:?}");
     let refused = "127.94.1.4       no simulated board listens there on this computer\n";

@@ -328,7 +328,7 @@ fn several_boards_run_in_one_process_each_with_its_address() {
     let mut child = command(&["sim"])
         .args(["--machine", mill, "--machine", other.path(), "--port", "0"])
         .args(["--listen", "127.0.0.1", "--listen", "127.0.0.2"])
-        .args(["--mac", "00:60:0e:1b:00:01", "--mac", "00:60:0e:1b:00:02"])
+        .args(["--mac", "00:60:1b:1b:00:01", "--mac", "00:60:1b:1b:00:02"])
         .args(["--pcap", capture.path()])
         .stdin(Stdio::piped())
         .spawn()
@@ -401,9 +401,9 @@ fn options_that_make_no_sense_together_are_refused() {
     let one = ["sim", "--port", "0", "--machine", mill];
     let cases: [(&[&str], &[&str], i32, &str); 9] = [
         (&two, &["--listen", "127.0.0.1"], 2, "give it for each"),
-        (&two, &["--mac", "00:60:0e:1b:00:97"], 2, "give it for each"),
+        (&two, &["--mac", "00:60:1b:1b:00:97"], 2, "give it for each"),
         (&two, &["--state", "/tmp/state"], 2, "--state"),
-        (&one, &["--mac", "01:60:0e:1b:00:97"], 2, "MAC"),
+        (&one, &["--mac", "01:60:1b:1b:00:97"], 2, "MAC"),
         (&one, &["--control", "65536"], 2, "0 to 65535"),
         (&one, &["--control", "/dev/null"], 1, "another path"),
         (&one, &["--pcap", "/nowhere/file"], 1, "/nowhere/file"),

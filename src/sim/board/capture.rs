@@ -173,7 +173,7 @@ mod tests {
 
     fn end(mac: u8, ip: [u8; 4], port: u16) -> Endpoint {
         Endpoint {
-            mac: [0x00, 0x60, 0x0E, 0, 0, mac],
+            mac: [0x00, 0x60, 0x1B, 0, 0, mac],
             address: SocketAddrV4::new(Ipv4Addr::from(ip), port),
         }
     }
@@ -202,7 +202,7 @@ mod tests {
             [0x00, 0xF1, 0x53, 0x65, 0x15, 0xCD, 0x5B, 0x07]
         );
         assert_eq!(file[32..40], [46, 0, 0, 0, 46, 0, 0, 0]);
-        assert_eq!(file[40..46], [0x00, 0x60, 0x0E, 0, 0, 2]);
+        assert_eq!(file[40..46], [0x00, 0x60, 0x1B, 0, 0, 2]);
         assert_eq!(file[52..54], [0x08, 0x00]);
         // 4500 + 0020 + 4000 + 4011 + 0A0A + 0A01 + 0A0A + 0A0A = ED50, and its complement.
         assert_eq!(file[64..66], [0x12, 0xAF]);

@@ -4,9 +4,10 @@ use core::net::Ipv4Addr;
 
 use crate::sim::wire::Nanos;
 
-/// Where the board takes its IP address from: its jumpers W5 and W6.
+/// Where the board takes its IP address from: its address jumpers. The simulated board has the address
+/// that it is given, whatever they say.
 ///
-/// Manual: 7I97, "IP ADDRESS SELECTION".
+/// Manual: 7I97, "IP ADDRESS SELECTION"; FACTS 9.6 for the 7I97T.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum AddressJumpers {
@@ -16,6 +17,8 @@ pub enum AddressJumpers {
     Eeprom = 1,
     /// BootP.
     BootP = 2,
+    /// Both up: invalid, but on a 7I97T 192.168.1.121 and the fallback configuration.
+    Both = 3,
 }
 
 /// Identity and timing of a simulated Ethernet board.
@@ -54,7 +57,7 @@ impl BoardConfig {
         }
         Self {
             name: padded,
-            mac: [0x00, 0x60, 0x0E, 0x1B, 0x00, 0x97],
+            mac: [0x00, 0x60, 0x1B, 0x1B, 0x00, 0x97],
             ip: Ipv4Addr::new(10, 10, 10, 10),
             netmask: Ipv4Addr::new(255, 255, 255, 0),
             jumpers: AddressJumpers::Eeprom,

@@ -110,7 +110,7 @@ mod tests {
         let eeprom = Eeprom::new(&BoardConfig::new("7I97"));
         // FACTS 10.3 and the layout of the manual.
         let mac: Vec<_> = [2, 4, 6].map(|at| eeprom.read(at)).into();
-        assert_eq!(mac, [0x0097, 0x0E1B, 0x0060]);
+        assert_eq!(mac, [0x0097, 0x1B1B, 0x0060]);
         assert_eq!(eeprom.read(0x10).to_le_bytes(), *b"7I");
         assert_eq!(eeprom.read(0x12).to_le_bytes(), *b"97");
         assert_eq!([eeprom.read(0x20), eeprom.read(0x22)], [0x0A0A, 0x0A0A]);

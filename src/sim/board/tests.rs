@@ -104,7 +104,7 @@ fn eeprom_writes_need_the_enable_in_the_same_packet() {
 fn mac_and_card_name_can_not_be_written() {
     let mut board = board();
     run(&mut board, &hex("01D91A00025A 83C902000000 0000 0000"));
-    assert_eq!(run(&mut board, &hex("83490200")), hex("9700 1b0e 6000"));
+    assert_eq!(run(&mut board, &hex("83490200")), hex("9700 1b1b 6000"));
     assert_eq!(board.status(0x06), 1);
 }
 
