@@ -166,7 +166,7 @@ mod tally;
 #[cfg(feature = "std")]
 pub mod transport;
 
-pub use boards::{I7i72, I7i77Analog, I7i77Field, I7i97};
+pub use boards::{I7i72, I7i77, I7i77Analog, I7i77Field, I7i97};
 pub use bus::{Clock, RegisterBus};
 pub use driver::{Board, Driver, DriverError, Settings};
 pub use driver::{BoardState, CycleError, CycleReport, Pace, Rearmed, Remark, RemoteState};

@@ -3,11 +3,13 @@
 use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
+use alloc::vec::Vec;
+use core::fmt;
 
 use super::identity::require;
-use super::{BoardTable, IdentityError};
+use super::{BoardTable, CardTable, IdentityError};
 use crate::discovery::{RemoteDescriptor, RemoteTable};
-use crate::hal::{AnalogOut, PinError, Pins};
+use crate::hal::{AnalogOut, Counter, PinError, Pins};
 use crate::hostmot2::{HostMot2, HostMot2Error};
 
 /// Handles of a kind of remote, found by [`Driver::attach`](crate::driver::Driver::attach): of one
@@ -62,6 +64,19 @@ pub trait BoardHandles: Sized {
     fn find(pins: &Finder<'_>) -> Result<Self, AttachError>;
 }
 
+/// Handles of a whole card, found by [`Driver::attach_card`](crate::driver::Driver::attach_card):
+/// those of its remotes, and of what is on it of the board's own functions.
+pub trait CardHandles: Sized {
+    /// What the pins of the card's connector have to be.
+    const TABLE: &'static CardTable;
+
+    /// Finds the handles of the card.
+    ///
+    /// # Errors
+    /// [`AttachError`] of the first part that is not as it has to be.
+    fn find(card: &CardFinder<'_>) -> Result<Self, AttachError>;
+}
+
 /// Why there are no handles of a board or a remote.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -99,6 +114,19 @@ pub enum AttachError {
         channel: u8,
         /// What it is.
         source: IdentityError,
+    },
+    /// No connector of the board with this channel has the pins of the card.
+    #[error(
+        "channel {channel} of port {port} is not the first one of a connector with the pins of a \
+         {expected}: name the card's first channel, or load a firmware that is made for the card"
+    )]
+    NoConnector {
+        /// The port.
+        port: u8,
+        /// The channel.
+        channel: u8,
+        /// The card asked for.
+        expected: &'static str,
     },
     /// The table can not stand for a remote that is absent.
     #[error(
@@ -202,12 +230,88 @@ impl<'a> Finder<'a> {
     }
 }
 
+/// A remote as it is found on a channel: its description and the prefix of its pins.
+type Found<'a> = Option<(&'a RemoteDescriptor, &'a str)>;
+
+/// The parts of one card.
+pub struct CardFinder<'a> {
+    remotes: &'a dyn Fn(u8) -> Found<'a>,
+    /// The pins of the board's own functions.
+    board: Finder<'a>,
+    port: u8,
+    channel: u8,
+    encoders: Vec<u16>,
+}
+
+impl fmt::Debug for CardFinder<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CardFinder")
+            .field("board", &self.board)
+            .field("port", &self.port)
+            .field("channel", &self.channel)
+            .field("encoders", &self.encoders)
+            .finish_non_exhaustive()
+    }
+}
+
+impl CardFinder<'_> {
+    /// The handles of the remote on channel `nth` of the card, from 0 on.
+    ///
+    /// # Errors
+    /// As [`Driver::attach`](crate::driver::Driver::attach).
+    pub fn remote<T: RemoteHandles>(&self, nth: u8) -> Result<T, AttachError> {
+        let channel = self.channel.saturating_add(nth);
+        RemoteTable::attach(
+            self.board.pins,
+            (self.remotes)(channel),
+            (self.port, channel),
+        )
+    }
+
+    /// The handles of the card's encoders, in its order.
+    ///
+    /// # Errors
+    /// [`AttachError::Pin`] if one is not in use.
+    pub fn encoders<const N: usize>(&self) -> Result<[Counter; N], AttachError> {
+        self.board.each(|n| {
+            let number = self.encoders.get(n).copied().unwrap_or(u16::MAX);
+            self.board
+                .one(&format!("encoder.{number:02}"), Counter::find)
+        })
+    }
+}
+
+impl CardTable {
+    /// Finds the handles of the card of this kind whose first channel this is.
+    pub(crate) fn attach<'a, T: CardHandles>(
+        (pins, board): (&'a Pins, &'a str),
+        firmware: &HostMot2,
+        remotes: &'a dyn Fn(u8) -> Found<'a>,
+        (port, channel): (u8, u8),
+    ) -> Result<T, AttachError> {
+        let encoders = T::TABLE.encoders_at(firmware, port, channel);
+        T::find(&CardFinder {
+            remotes,
+            board: Finder::new(pins, board, T::TABLE.name),
+            port,
+            channel,
+            encoders: encoders
+                .ok_or(AttachError::NoConnector {
+                    port,
+                    channel,
+                    expected: T::TABLE.name,
+                })?
+                .collect(),
+        })
+    }
+}
+
 impl RemoteTable {
     /// Finds the handles of a remote of this kind, and of no other, by its description and the prefix
     /// of its pins.
     pub(crate) fn attach<T: RemoteHandles>(
         pins: &Pins,
-        remote: Option<(&RemoteDescriptor, &str)>,
+        remote: Found<'_>,
         (port, channel): (u8, u8),
     ) -> Result<T, AttachError> {
         let (descriptor, prefix) = remote.ok_or(AttachError::NoRemote {

@@ -8,7 +8,7 @@
 
 use alloc::format;
 
-use super::{AttachError, CardTable, Finder, RemoteHandles};
+use super::{AttachError, CardFinder, CardHandles, CardTable, Finder, RemoteHandles};
 use crate::discovery::{DataType, ElementTable, RemoteTable};
 use crate::hal::{AnalogIn, AnalogOut, Counter, DigitalIn, DigitalOut, Terminals};
 use crate::hostmot2::Gtag;
@@ -138,6 +138,54 @@ const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
     &["ENA#-", "ENA#+"],
     &[21, 22],
 )];
+
+/// A whole 7I77: its two remotes, and the six encoders on TB3 and TB4, which are counters of the
+/// board that it is plugged into.
+///
+/// `attach_card` takes the port and the first of the card's three channels. On a 7I92 that is channel
+/// 0 for the card on P2, and channel 3 for one on P1; on a 7I97, whose own channel 0 is on TB4, it is
+/// channel 1 for a card on P1.
+///
+/// ```
+/// use mesa_hal::{Driver, I7i77, I7i97, Settings, sim::Motor, sim::machines};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// // A 7I97 with a 7I77 on P1, and a motor on each of their twelve analog outputs.
+/// let fpga = machines::twelve_axes_7i97(|_| Motor::default());
+/// let mut driver = Driver::start(fpga, Settings::default())?;
+/// let board: I7i97 = driver.attach_board()?;
+/// let card: I7i77 = driver.attach_card(0, 1)?;
+/// let encoder = driver.pins().info(card.encoders[0].count).ok_or("no such pin")?;
+/// assert_eq!(encoder.name, "hm2_7i97.0.encoder.06.count");
+/// assert!(encoder.place.terminal.starts_with("7I77 TB3 pin 1, "));
+/// let enables = [board.analog_out[0].enable, card.analog.analog_out[0].enable];
+/// for enable in enables {
+///     driver.pins_mut().set(enable, true);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct I7i77 {
+    /// Inputs and outputs, on the card's first channel.
+    pub field: I7i77Field,
+    /// Analog outputs and enables, on its second channel.
+    pub analog: I7i77Analog,
+    /// Encoders 0 to 2 on TB3, 3 to 5 on TB4.
+    pub encoders: [Counter; 6],
+}
+
+impl CardHandles for I7i77 {
+    const TABLE: &'static CardTable = &CARD;
+
+    fn find(card: &CardFinder<'_>) -> Result<Self, AttachError> {
+        Ok(Self {
+            field: card.remote(0)?,
+            analog: card.remote(1)?,
+            encoders: card.encoders()?,
+        })
+    }
+}
 
 /// The pins of the field I/O. Those of a 7I77 connect the load to field power, those of a 7I77D to
 /// ground; the two kinds of card say the same of themselves.

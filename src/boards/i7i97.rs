@@ -10,6 +10,7 @@ use alloc::format;
 
 use super::{
     AttachError, BoardHandles, BoardTable, DB25, Finder, FlashLayout, ModuleTerminals, PwmTable,
+    i7i77,
 };
 use crate::hal::{
     AnalogOut, Counter, DigitalIn, DigitalOut, Input, Invert, Output, Pins, Terminals,
@@ -41,7 +42,8 @@ pub const BOARD: BoardTable = BoardTable {
         ModuleTerminals::new(&[Gtag::IO_PORT], EXPANSION_AT),
         ModuleTerminals::new(&[Gtag::SSERIAL, Gtag::SSERIAL_B], SERIAL_AT),
     ],
-    cards: &[],
+    // On P1, with firmware that is made for it.
+    cards: &[&i7i77::CARD],
     flash: Some(&FlashLayout::I7I97),
 };
 

@@ -2,8 +2,8 @@
 //! with the same shapes for the same functions.
 //!
 //! [`BoardTable`] and [`RemoteTable`](crate::discovery::RemoteTable) are for the kinds that this
-//! crate knows and for your own; so are [`BoardHandles`] and [`RemoteHandles`], which one mechanism
-//! attaches.
+//! crate knows and for your own; so are [`BoardHandles`], [`RemoteHandles`] and [`CardHandles`], which
+//! one mechanism attaches.
 
 mod attach;
 mod board_table;
@@ -19,9 +19,9 @@ pub use crate::hostmot2::board_table::{
 };
 pub(crate) use board_table::DB25;
 
-pub use attach::{AttachError, BoardHandles, Finder, RemoteHandles};
+pub use attach::{AttachError, BoardHandles, CardFinder, CardHandles, Finder, RemoteHandles};
 pub use i7i72::I7i72;
-pub use i7i77::{I7i77Analog, I7i77Field};
+pub use i7i77::{I7i77, I7i77Analog, I7i77Field};
 pub use i7i97::I7i97;
 pub(crate) use identity::check_identity;
 pub use identity::{IdentityError, REMOTES};

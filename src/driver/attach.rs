@@ -1,7 +1,7 @@
 //! Typed handles of a board and its remotes.
 
 use super::{Board, Driver};
-use crate::boards::{AttachError, BoardHandles, BoardTable, RemoteHandles};
+use crate::boards::{AttachError, BoardHandles, BoardTable, CardHandles, CardTable, RemoteHandles};
 use crate::bus::{Clock, RegisterBus};
 use crate::discovery::RemoteTable;
 use crate::modules::serial::RemoteStatus;
@@ -19,6 +19,22 @@ impl<B: RegisterBus + Clock> Board<B> {
         let remote = stage.and_then(|stage| stage.remote(channel));
         let remote = remote.map(|remote| (&remote.descriptor, &*remote.pins.prefix));
         RemoteTable::attach(self.pins(), remote, (port, channel))
+    }
+
+    /// The handles of a whole card, whose first channel is `channel` (0 to 7) of `port`: of its
+    /// remotes, and of its encoders. After [`discover`](Self::discover).
+    ///
+    /// # Errors
+    /// [`AttachError`]: no connector with that channel has the pins of such a card, or one of its
+    /// parts is not there ([`attach`](Self::attach)).
+    pub fn attach_card<T: CardHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
+        let stage = self.stages.get(usize::from(port));
+        let remote = |channel| {
+            let remote = stage?.remote(channel)?;
+            Some((&remote.descriptor, &*remote.pins.prefix))
+        };
+        let board = (self.pins(), self.name());
+        CardTable::attach(board, self.firmware(), &remote, (port, channel))
     }
 
     /// The handles of the board's own functions.
@@ -40,6 +56,19 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let remote = self.remote(port, channel);
         let remote = remote.map(|remote| (remote.descriptor, &*remote.pins.prefix));
         RemoteTable::attach(self.pins(), remote, (port, channel))
+    }
+
+    /// As [`Board::attach_card`].
+    ///
+    /// # Errors
+    /// As [`Board::attach_card`].
+    pub fn attach_card<T: CardHandles>(&self, port: u8, channel: u8) -> Result<T, AttachError> {
+        let remote = |channel| {
+            let remote = self.remote(port, channel)?;
+            Some((remote.descriptor, &*remote.pins.prefix))
+        };
+        let board = (self.pins(), self.name());
+        CardTable::attach(board, self.firmware(), &remote, (port, channel))
     }
 
     /// As [`Board::attach_board`].

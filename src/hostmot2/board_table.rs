@@ -1,6 +1,9 @@
 //! What is known of a kind of board beforehand: what its firmware does not tell.
 
-use super::{Gtag, HostMot2, TickRate};
+use alloc::format;
+use alloc::vec::Vec;
+
+use super::{Gtag, HostMot2, PinDescriptor, TickRate};
 use crate::hal::{Place, Terminals};
 
 /// A kind of board: rates that it is made for, and where its modules come out.
@@ -165,12 +168,25 @@ impl BoardTable {
     }
 
     /// Where A, B and index of encoder `number` come out: on the board itself, or on the card whose
-    /// pins it has.
+    /// pins it has. Where the board has terminals for encoders as well, those of a card begin with its
+    /// name: `7I77 TB3 pin 1`.
     pub fn encoder_places(&self, firmware: &HostMot2, gtag: Gtag, number: u16) -> [Place; 3] {
-        let on_card = |card: &&CardTable| Some((card.encoder(firmware, number)?, card.encoders));
-        let found = self.cards.iter().find_map(on_card);
-        let (number, ranges) = found.unwrap_or_else(|| (number, self.ranges(firmware, gtag)));
-        [0, 1, 2].map(|signal| Terminals::of_signal(ranges, number, signal).collect())
+        let own = self.ranges(firmware, gtag);
+        let on_card = |card: &&'static CardTable| Some((card.encoder(firmware, number)?, *card));
+        let Some((on_card, card)) = self.cards.iter().find_map(on_card) else {
+            return [0, 1, 2].map(|signal| Terminals::of_signal(own, number, signal).collect());
+        };
+        [0, 1, 2].map(|signal| {
+            let places = Terminals::of_signal(card.encoders, on_card, signal);
+            let named = places.map(|place| match own {
+                [] => place,
+                _ => Place {
+                    terminal: format!("{} {}", card.name, place.terminal),
+                    ..place
+                },
+            });
+            named.collect()
+        })
     }
 }
 
@@ -184,19 +200,47 @@ impl CardTable {
         let mut pins = firmware.pins_of(Gtag::MUXED_ENCODER, unit);
         let (a, _) = pins.find(|(_, pin)| pin.secondary_pin == 1)?;
         let width = self.pins.len();
-        if width == 0 || firmware.idrom.port_width as usize != width {
+        let connector = usize::from(a).checked_div(width)?;
+        let pair = (usize::from(a) % width).checked_sub(self.first_encoder_pin)? / 3;
+        let is_card = self.connector(firmware, connector).is_some();
+        is_card.then_some(pair as u16 * 2 + number % 2)
+    }
+
+    /// The encoders of the card whose first serial channel is `channel` of `port`: their numbers in
+    /// the firmware, in the order of the card. `None` if no connector with that channel has the pins
+    /// of this card.
+    pub fn encoders_at(
+        &self,
+        firmware: &HostMot2,
+        port: u8,
+        channel: u8,
+    ) -> Option<impl Iterator<Item = u16> + use<>> {
+        let connectors = firmware.pins.len().checked_div(self.pins.len())?;
+        let mut cards = (0..connectors).filter_map(|n| self.connector(firmware, n));
+        let pins = cards.find(|pins| {
+            let serial = pins.iter().filter(|pin| pin.unit == port);
+            serial.filter_map(PinDescriptor::sserial_channel).min() == Some(channel)
+        })?;
+        let pairs = pins.iter().skip(self.first_encoder_pin).step_by(3);
+        let pairs: Vec<_> = pairs.map(|a| 2 * u16::from(a.unit)).collect();
+        Some(pairs.into_iter().flat_map(|first| [first, first + 1]))
+    }
+
+    /// The pins of a connector, if they are those of this card.
+    fn connector<'a>(&self, firmware: &'a HostMot2, number: usize) -> Option<&'a [PinDescriptor]> {
+        let width = self.pins.len();
+        if firmware.idrom.port_width as usize != width {
             return None;
         }
-        let (connector, place) = (usize::from(a) / width, usize::from(a) % width);
-        let pins = firmware.pins.iter().skip(connector * width);
-        let is_card = pins.zip(self.pins).all(|(pin, &(kind, signal))| {
+        let first = number.checked_mul(width)?;
+        let pins = firmware.pins.get(first..first.checked_add(width)?)?;
+        let is_card = pins.iter().zip(self.pins).all(|(pin, &(kind, signal))| {
             let is_serial = kind == Gtag::SSERIAL;
             let is_kind = pin.secondary == kind || is_serial && pin.secondary == Gtag::SSERIAL_B;
             // The low half of a serial pin is its channel, which differs from card to card.
             let mask = if is_serial { 0xF0 } else { 0xFF };
             is_kind && pin.secondary_pin & mask == signal & mask
         });
-        let pair = place.checked_sub(self.first_encoder_pin)? / 3;
-        is_card.then_some(pair as u16 * 2 + number % 2)
+        is_card.then_some(pins)
     }
 }
