@@ -17,8 +17,8 @@ mode 0 analogout_enables
   data AnalogOut5 13 signed out -10 10 volts
   data AnalogEna 1 boolean out
   data SpinEna 1 boolean out
-parameter SwRevision 8 unsigned in 0 255 = 14
-parameter HwRevision 8 unsigned in 0 255 = 2
+parameter SwRevision 16 unsigned in 0 65535 = 14
+parameter HwRevision 16 unsigned in 0 65535 = 2
 parameter UnitNumber 32 unsigned in 0 4294967295
 parameter NVBaudRate 16 nonvol-unsigned both 0 65535 = 9
 parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295

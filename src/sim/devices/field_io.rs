@@ -1,8 +1,10 @@
-//! The field I/O of a 7I77: 32 inputs, 16 outputs, analog inputs, field voltage, two MPGs.
+//! Field I/O of the 7I77, and of its relatives: 32 inputs, 16 outputs, analog inputs, field voltage,
+//! two MPGs.
 
 use super::{
     Description, DescriptionError, Device, Layout, SignalValue, World, WorldError,
     drivers::{Drivers, FieldPower},
+    spindle::Spindle,
 };
 use crate::{
     lbp::RemoteFaults,
@@ -42,8 +44,8 @@ mode 3 io_encoder_analog_fieldvoltage
   data FieldVoltage 8 unsigned in 0 36.3 volts
   data Enc0 8 encoder in
   data Enc1 8 encoder in
-parameter SwRevision 8 unsigned in 0 255 = 14
-parameter HwRevision 8 unsigned in 0 255 = 2
+parameter SwRevision 16 unsigned in 0 65535 = 14
+parameter HwRevision 16 unsigned in 0 65535 = 2
 parameter UnitNumber 32 unsigned in 0 4294967295
 parameter NVBaudRate 16 nonvol-unsigned both 0 65535 = 9
 parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295
@@ -63,15 +65,18 @@ const INPUTS: usize = 32;
 const OUTPUTS: usize = 16;
 /// First input of each MPG; B is the next one.
 const MPG_INPUTS: [usize; 2] = [16, 18];
-/// The software mode in which the MPG inputs have thresholds for 5 V.
+/// The software mode of a 7I77 in which the MPG inputs have thresholds for 5 V.
 const MPG_MODE: u8 = 3;
 /// Full scale of the analog inputs and of the field voltage.
 const FULL_SCALE: f64 = 36.3;
 
-/// What stands on the field terminals of a 7I77.
+/// What stands on the field terminals of a 7I77, a 7I84 or a 7I76.
 #[derive(Clone, Debug)]
 pub struct FieldIo {
     sinking: bool,
+    /// The software mode in which the MPGs count.
+    mpg_mode: u8,
+    spindle: Option<Spindle>,
     power: FieldPower,
     volts: [f64; INPUTS],
     sensed: u32,
@@ -124,6 +129,8 @@ impl FieldIo {
     pub fn new(sinking: bool) -> Self {
         Self {
             sinking,
+            mpg_mode: MPG_MODE,
+            spindle: None,
             power: FieldPower::new(),
             volts: [0.0; INPUTS],
             sensed: 0,
@@ -132,6 +139,20 @@ impl FieldIo {
             mode: 0,
             places: Places::default(),
         }
+    }
+
+    /// The terminals of a card whose MPGs count in another mode, and which may have a spindle output.
+    pub(super) fn of_relative(mpg_mode: u8, spindle: Option<Spindle>) -> Self {
+        Self {
+            mpg_mode,
+            spindle,
+            ..Self::new(false)
+        }
+    }
+
+    /// Voltage of the spindle output of a 7I76, 0 V while its enable is off; `None` of other cards.
+    pub fn spindle_volts(&self) -> Option<f64> {
+        self.spindle.as_ref().map(Spindle::volts)
     }
 
     /// Whether the outputs sink (7I77D) instead of source.
@@ -162,7 +183,7 @@ impl FieldIo {
     /// 2.5 V, which is taken as the middle of the same hysteresis for a supply of 5 V.
     fn thresholds(&self, n: usize) -> (f64, f64) {
         let mpg = MPG_INPUTS.iter().any(|&a| n == a || n == a + 1);
-        let supply = if mpg && self.mode == MPG_MODE {
+        let supply = if mpg && self.mode == self.mpg_mode {
             5.0
         } else {
             self.power.volts.max(1.0)
@@ -206,6 +227,9 @@ impl FieldIo {
 impl World for FieldIo {
     fn power_up(&mut self, layout: &Layout, memory: &Memory) {
         self.places = Places::new(layout);
+        if let Some(spindle) = &mut self.spindle {
+            spindle.power_up(layout);
+        }
         self.sensed = 0;
         self.mode = 0;
         self.sense_all();
@@ -234,10 +258,16 @@ impl World for FieldIo {
 
     fn drive(&mut self, _layout: &Layout, memory: &Memory) {
         self.drivers.command(memory.word(self.places.output, 2));
+        if let Some(spindle) = &mut self.spindle {
+            spindle.drive(memory);
+        }
     }
 
     fn off(&mut self) {
         self.drivers.off();
+        if let Some(spindle) = &mut self.spindle {
+            spindle.off();
+        }
     }
 
     fn faults(&self) -> RemoteFaults {
@@ -301,7 +331,12 @@ impl World for FieldIo {
             let on = self.output(n) == Some(true);
             (format!("output-{n:02}"), SignalValue::Bool(on))
         });
-        outputs.collect()
+        let spindle = self.spindle.iter().flat_map(Spindle::outputs);
+        outputs.chain(spindle).collect()
+    }
+
+    fn analog_output(&self, n: usize) -> Option<f64> {
+        self.spindle_volts().filter(|_| n == 0)
     }
 
     /// Whether current can flow through the load: the switch is on and field power is there.

@@ -19,8 +19,8 @@ mode 0 output_only
 mode 1 output_fieldvoltage
   data Output 48 bits out
   data FieldVoltage 16 unsigned in 0 36.3 volts
-parameter SwRevision 8 unsigned in 0 255 = 14
-parameter HwRevision 8 unsigned in 0 255 = 1
+parameter SwRevision 16 unsigned in 0 65535 = 14
+parameter HwRevision 16 unsigned in 0 65535 = 1
 parameter UnitNumber 32 unsigned in 0 4294967295
 parameter NVBaudRate 16 nonvol-unsigned both 0 65535 = 9
 parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295

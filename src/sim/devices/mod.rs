@@ -12,6 +12,8 @@ mod field_io;
 mod i7i72;
 mod image;
 mod plain;
+mod relatives;
+mod spindle;
 #[cfg(test)]
 mod tests;
 

@@ -27,11 +27,18 @@ fn sizes_and_names_of_each_mode_are_those_of_the_cards() {
     let mut field = FieldIo::i7i77().unwrap();
     let mut analog = Analog::i7i77().unwrap();
     let mut outputs = Outputs48::i7i72().unwrap();
-    // FACTS 8.2, 8.3, 8.4
-    let cards: [Card<'_>; 3] = [
+    let mut i7i84 = FieldIo::i7i84().unwrap();
+    let mut i7i76 = FieldIo::i7i76().unwrap();
+    let mut i7i76e = FieldIo::i7i76e().unwrap();
+    let spindle = [(5, 4), (9, 4), (12, 4)];
+    // FACTS 8.2, 8.3, 8.4; of the last three the names and numbers of modes alone: FACTS 8.7.
+    let cards: [Card<'_>; 6] = [
         (&mut field, b"7I77", &[(5, 2), (9, 2), (10, 2), (12, 2)]),
         (&mut analog, b"7I77", &[(1, 10)]),
         (&mut outputs, b"7I72", &[(1, 6), (3, 6)]),
+        (&mut i7i84, b"7I84", &[(5, 2), (10, 2), (11, 2)]),
+        (&mut i7i76, b"7I76", &spindle),
+        (&mut i7i76e, b"7I76", &spindle),
     ];
     for (remote, name, modes) in cards {
         let mut host = Host::new(remote);
