@@ -58,6 +58,7 @@ case " ${options[*]-} " in
 esac
 case " ${options[*]} " in
   *" 7i92-7i77 "*) hal_name=hm2_7i92.0 ;;
+  *" 7i80-7i77 "*) hal_name=hm2_7i80.0 ;;
   *) hal_name=hm2_7i97.0 ;;
 esac
 
@@ -82,7 +83,7 @@ ip link set lo up
 ip link add pc0 type veth peer name board0 netns "$board" || fail 99 "no network could be made"
 in_board=(nsenter --target "$board" --net)
 "${in_board[@]}" ip link set lo up
-"${in_board[@]}" ip link set board0 address 00:60:0e:1b:00:97
+"${in_board[@]}" ip link set board0 address 00:60:1b:1b:00:97
 "${in_board[@]}" ip addr add 10.97.0.2/24 dev board0
 "${in_board[@]}" ip link set board0 up
 ip addr add 10.97.0.1/24 dev pc0

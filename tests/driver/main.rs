@@ -23,6 +23,7 @@ mod not_armed;
 mod only_what_changed;
 mod optional_remotes;
 mod other_board;
+mod other_boards;
 mod outputs_forgotten;
 mod pace;
 mod rearmed_once;

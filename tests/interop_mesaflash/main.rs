@@ -229,6 +229,9 @@ fn sserial_lists_every_remote_with_its_parameters_and_modes() {
         "SOFTWARE MODE io_analog_fieldvoltage [index 02]",
         "SOFTWARE MODE io_encoder_analog_fieldvoltage [index 03]",
         "SOFTWARE MODE analogout_enables [index 00]",
+        // 16 bits: of 8 the bytes of their addresses would be printed with them.
+        "SwRevision = 14\n",
+        "HwRevision = 2\n",
     ] {
         says(&text, line);
     }

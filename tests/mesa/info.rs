@@ -336,3 +336,48 @@ fn a_reader_that_has_seen_enough_is_no_error() {
         assert_eq!((output.status.code(), &*text), (Some(0), ""));
     }
 }
+
+/// Every board of `mesa sim --board`, with remotes beside those that are part of it: where nothing is on
+/// a channel, nothing is said of it.
+#[test]
+fn every_simulated_board_is_in_order() {
+    for (machine, remotes, encoders, card, bases) in [
+        ("7i97,0=7i84:2,1=7i76", 2, 6, "7I97", [0x3600, 0x5B00]),
+        ("7i97-7i77,0=7i76e,3=7i72", 4, 12, "7I97", [0x3600, 0x5B00]),
+        ("7i97t", 0, 6, "7I97T", [0x3600, 0x5B00]),
+        ("7i92-7i77", 2, 6, "7I92", [0x3600, 0x5B00]),
+        ("7i80-7i77,2=7i84", 3, 6, "7I80DB", [0x3500, 0x5A00]),
+    ] {
+        let inventory = json(&["--sim", machine]);
+        assert_eq!(inventory["ethernet"]["card"], card, "{machine}");
+        assert_eq!(inventory["findings"], serde_json::json!([]), "{machine}");
+        let channels = inventory["serial_ports"][0]["channels"].as_array();
+        let found = channels.expect("channels").iter();
+        let found = found.filter(|channel| channel["remote"].is_object());
+        assert_eq!(found.count(), remotes, "{machine}");
+        let modules = inventory["firmware"]["modules"].as_array();
+        // MuxedEncoder and SSerial.
+        let [muxed, serial] = [0x0C, 0xC1].map(|gtag| {
+            let mut modules = modules.expect("modules").iter();
+            let found = modules.find(|module| module["gtag"] == gtag);
+            found.expect("a module")
+        });
+        assert_eq!(muxed["instances"], encoders, "{machine}");
+        assert_eq!([&muxed["base"], &serial["base"]], bases, "{machine}");
+    }
+}
+
+/// FACTS 9.6.
+#[test]
+fn a_7i97t_is_shown_with_its_own_jumpers() {
+    let output = info(&["--sim", "7i97t"]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    for line in [
+        "HostMot2 firmware for MESA7I97",
+        "Ethernet board 7I97T",
+        "from EEPROM (W11 down, W12 up)",
+        "ClockHigh 160.000 MHz",
+    ] {
+        assert!(text.contains(line), "{line}:\n{text}");
+    }
+}

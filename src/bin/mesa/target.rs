@@ -32,9 +32,10 @@ pub struct Target {
     /// An Ethernet board; the port is 27181 unless given. Default: MESA_ADDR
     #[arg(long, value_name = "IP[:PORT]", value_parser = parse_address, conflicts_with = "sim")]
     addr: Option<SocketAddrV4>,
-    /// A simulated machine in this program: 7i92-7i77 or 7i97, and what is plugged into its serial
-    /// channels as in `mesa sim --remote`: 7i97,0=7i72,1=7i77-io:2; or one that a file describes,
-    /// whose name ends in .toml (examples/mill.toml)
+    /// A simulated machine in this program: 7i92-7i77, 7i97, or another board of `mesa sim --board`,
+    /// and what is plugged into its serial channels as in `mesa sim --remote`:
+    /// 7i97,0=7i72,1=7i77-io:2; or one that a file describes, whose name ends in .toml
+    /// (examples/mill.toml)
     #[arg(long, value_name = "MACHINE")]
     sim: Option<MachineOptions>,
 }

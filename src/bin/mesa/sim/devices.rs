@@ -16,13 +16,17 @@ pub const FIELD_IO: &str = "7i77-io";
 pub const ANALOG: &str = "7i77-analog";
 const I7I72: &str = "7i72";
 const I7I64: &str = "7i64";
+const I7I84: &str = "7i84";
+const I7I76: &str = "7i76";
+const I7I76E: &str = "7i76e";
+const KNOWN: [&str; 7] = [FIELD_IO, ANALOG, I7I72, I7I64, I7I84, I7I76, I7I76E];
 
 /// More than any description has.
 const MOST_BYTES: u64 = 1 << 20;
 
 /// Whether it is known by name.
 pub fn is_known(device: &str) -> bool {
-    [FIELD_IO, ANALOG, I7I72, I7I64].contains(&device)
+    KNOWN.contains(&device)
 }
 
 /// Makes a remote on a cable: one that is known by name, or one from a description file.
@@ -32,6 +36,9 @@ pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn
         ANALOG => Box::new(Analog::i7i77()?),
         I7I72 => Box::new(Outputs48::i7i72()?),
         I7I64 => Box::new(Plain::i7i64()?),
+        I7I84 => Box::new(FieldIo::i7i84()?),
+        I7I76 => Box::new(FieldIo::i7i76()?),
+        I7I76E => Box::new(FieldIo::i7i76e()?),
         file => from_file(file).map_err(|error| format!("device {file}: {error}"))?,
     };
     if let Some(mode) = mode {
@@ -45,7 +52,8 @@ pub fn build(device: &str, mode: Option<u8>, seed: u64) -> Result<Cable, Box<dyn
 
 fn from_file(path: &str) -> Result<Box<dyn RemoteEnd>, Box<dyn Error>> {
     let bytes = bounded(path.as_ref(), MOST_BYTES).map_err(|error| {
-        format!("{error}; there are {FIELD_IO}, {ANALOG}, {I7I72}, {I7I64}, or a description file")
+        let known = KNOWN.join(", ");
+        format!("{error}; there are {known}, or a description file")
     })?;
     Ok(Box::new(Plain::from_description(str::from_utf8(&bytes)?)?))
 }

@@ -6,7 +6,6 @@ use mesa_hal::ethernet::{Area, FlashLayout};
 use mesa_hal::sim::{
     BoardConfig, SimBoard, SimFpga,
     devices::{SimDevice, find, find_cable, find_mut},
-    machines,
     remote::Cable,
 };
 
@@ -27,9 +26,6 @@ const TAG: usize = 64;
 const IS_PROGRAM: &str = "program ";
 
 const DAMAGED: &str = "the part about the remotes is damaged; delete the file";
-
-/// Axes of either board.
-pub const AXES: usize = 6;
 
 /// The board, what is plugged in, and what is pulled out but still on the desk.
 pub struct Machine {
@@ -58,11 +54,8 @@ impl Machine {
     pub fn new(options: &MachineOptions) -> Result<Self, Box<dyn Error>> {
         let wanted = with_own_remotes(options);
         let channels = wanted.iter().map(|remote| remote.channel + 1).max();
-        let fpga = match options.board {
-            Board::I7i97 => machines::i7i97(channels.unwrap_or(1)),
-            Board::I7i92With7i77 => machines::i7i92_7i77(),
-        };
-        let mut config = BoardConfig::new(name(options.board));
+        let fpga = options.board.fpga(channels.unwrap_or(1));
+        let mut config = BoardConfig::new(options.board.card());
         config.ip = options.ip;
         config.mac = options.mac.unwrap_or(config.mac);
         let mut machine = Self {
@@ -101,7 +94,7 @@ impl Machine {
 
     /// Name of the board.
     pub fn name(&self) -> &'static str {
-        name(self.kind)
+        self.kind.card()
     }
 
     /// What is there, for people.
@@ -226,13 +219,6 @@ impl Machine {
     }
 }
 
-fn name(board: Board) -> &'static str {
-    match board {
-        Board::I7i97 => "7I97",
-        Board::I7i92With7i77 => "7I92",
-    }
-}
-
 /// A configuration as a bitfile of a Spartan 6 has it, but for what is between its first and its last
 /// packets, which is made up and short. Source: Xilinx UG380, "Configuration Data File Formats".
 fn configuration(number: u8) -> Vec<u8> {
@@ -250,8 +236,8 @@ fn configuration(number: u8) -> Vec<u8> {
 /// The remotes asked for, and those that are part of the board unless others stand in their place.
 fn with_own_remotes(options: &MachineOptions) -> Vec<RemoteOption> {
     let mut wanted = options.remotes.clone();
-    if options.board == Board::I7i92With7i77 {
-        for (channel, device) in [(0, devices::FIELD_IO), (1, devices::ANALOG)] {
+    if let Some(first) = options.board.card_7i77() {
+        for (channel, device) in [(first, devices::FIELD_IO), (first + 1, devices::ANALOG)] {
             if wanted.iter().all(|remote| remote.channel != channel) {
                 wanted.push(RemoteOption {
                     channel,

@@ -11,15 +11,14 @@ use mesa_hal::sim::{
 
 use super::console::{line, number, on_off};
 use super::devices;
-use super::machine::{AXES, Machine, PORT};
-use super::options::Board;
+use super::machine::{Machine, PORT};
 use super::plan::{Plan, Wire, index_of};
 
 /// No hand turns a motor faster, and its position stays a number.
 const FASTEST: f64 = 1e6;
 
-/// Builds everything that the machine's plan has. Without axes, six motors on the analog outputs turn
-/// the six encoders.
+/// Builds everything that the machine's plan has. Without axes, a motor on each analog output turns
+/// the encoder of its number.
 pub fn build(machine: &mut Machine) -> Result<(), String> {
     let plan = machine.plan.clone();
     wire_motors(machine, &plan);
@@ -77,13 +76,13 @@ pub fn build(machine: &mut Machine) -> Result<(), String> {
 fn wire_motors(machine: &mut Machine, plan: &Plan) {
     let analog = machine.remotes.iter().find(|r| r.device == devices::ANALOG);
     let analog = analog.map(|remote| remote.channel);
-    let kind = machine.kind;
+    let (kind, own) = (machine.kind, machine.kind.own_outputs());
     let mut wire = |output: u8, encoder: usize, motor: Motor| {
-        let source = match (kind, analog) {
-            (Board::I7i97, _) => DriveSource::Pwm {
+        let source = match (output.checked_sub(own), analog) {
+            (None, _) => DriveSource::Pwm {
                 unit: output.into(),
             },
-            (_, Some(channel)) => machines::output_7i77(PORT, channel, output),
+            (Some(output), Some(channel)) => machines::output_7i77(PORT, channel, output),
             _ => DriveSource::Nothing,
         };
         machine.fpga().wire_axis(AxisWiring {
@@ -93,7 +92,7 @@ fn wire_motors(machine: &mut Machine, plan: &Plan) {
         });
     };
     if plan.axes.is_empty() {
-        for output in 0..AXES as u8 {
+        for output in 0..kind.axes() as u8 {
             wire(output, output.into(), Motor::default());
         }
     }

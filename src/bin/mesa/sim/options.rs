@@ -6,15 +6,16 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use mesa_hal::lbp16;
-use mesa_hal::sim::Mishaps;
+use mesa_hal::sim::{Mishaps, SimFpga, machines};
 
 use super::control::Control;
 use super::file;
 use super::plan::Plan;
 
 const AFTER_HELP: &str = "\
-The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I92's 7I77 has
-7i77-io on 0 and 7i77-analog on 1; 2 is its expansion connector.
+The 7I97's own serial channel is 0 (TB4); more channels take pins of P1. The 7I77 of a 7I92 or a
+7I80DB has 7i77-io on 0 and 7i77-analog on 1; 2 is its expansion connector. That of a 7I97 has the
+channels 1 to 3.
 
 It runs in real time until SIGTERM, SIGINT or the command `quit`, then prints a summary.
 It takes commands on standard input; type `help`.
@@ -57,12 +58,12 @@ pub struct Options {
     /// UDP port, 0 to 65535; 0 takes a free one. Default: 27181, or what the machine's file says
     #[arg(long)]
     port: Option<u16>,
-    /// MAC address of the board, such as 00:60:0e:1b:00:97. With several machines, repeat for each in
+    /// MAC address of the board, such as 00:60:1b:1b:00:97. With several machines, repeat for each in
     /// their order
     #[arg(long, value_name = "MAC")]
     mac: Vec<Mac>,
     /// Plug a remote into a serial channel; repeat for more. DEVICE: 7i77-io, 7i77-analog, 7i72,
-    /// 7i64, or a description file. MODE: number of the software mode it powers up in; setup: its
+    /// 7i64, 7i84, 7i76, 7i76e (the 7I76 of a 7I76E), or a description file. MODE: number of the software mode it powers up in; setup: its
     /// jumper is in the setup position (115200 baud)
     #[arg(long = "remote", value_name = "CH=DEVICE[:MODE][:setup]")]
     pub remotes: Vec<RemoteOption>,
@@ -210,8 +211,82 @@ impl Options {
 pub enum Board {
     #[value(name = "7i97", help = "a 7I97")]
     I7i97,
+    #[value(name = "7i97-7i77", help = "a 7I97 with a 7I77 on P1: twelve axes")]
+    I7i97With7i77,
+    #[value(name = "7i97t", help = "a 7I97T (PWM version 1, ClockHigh 160 MHz)")]
+    I7i97t,
     #[value(name = "7i92-7i77", help = "a 7I92 with a 7I77 on P2")]
     I7i92With7i77,
+    #[value(
+        name = "7i80-7i77",
+        help = "a 7I80DB with a 7I77 and firmware of 2016, whose registers are at other addresses"
+    )]
+    I7i80With7i77,
+}
+
+impl Board {
+    /// The names of all of them.
+    pub fn names() -> String {
+        let values = Self::value_variants().iter();
+        let names =
+            values.filter_map(|board| Some(board.to_possible_value()?.get_name().to_owned()));
+        names.collect::<Vec<_>>().join(", ")
+    }
+
+    /// The card's name on the Ethernet side.
+    pub const fn card(self) -> &'static str {
+        match self {
+            Self::I7i97 | Self::I7i97With7i77 => "7I97",
+            Self::I7i97t => "7I97T",
+            Self::I7i92With7i77 => "7I92",
+            Self::I7i80With7i77 => "7I80DB",
+        }
+    }
+
+    /// The FPGA, with so many channels where they can be chosen.
+    pub fn fpga(self, channels: u8) -> SimFpga {
+        match self {
+            Self::I7i97 => machines::i7i97(channels),
+            Self::I7i97With7i77 => machines::i7i97_7i77(),
+            Self::I7i97t => machines::i7i97t(channels),
+            Self::I7i92With7i77 => machines::i7i92_7i77(),
+            Self::I7i80With7i77 => machines::i7i80_of_2016(),
+        }
+    }
+
+    /// How many serial channels it has at most.
+    const fn channels(self) -> u8 {
+        match self {
+            Self::I7i97 | Self::I7i97t => 8,
+            Self::I7i97With7i77 => 4,
+            Self::I7i92With7i77 | Self::I7i80With7i77 => 3,
+        }
+    }
+
+    /// The first channel of the 7I77 that is part of it.
+    pub const fn card_7i77(self) -> Option<u8> {
+        match self {
+            Self::I7i97 | Self::I7i97t => None,
+            Self::I7i97With7i77 => Some(1),
+            Self::I7i92With7i77 | Self::I7i80With7i77 => Some(0),
+        }
+    }
+
+    /// How many of its analog outputs, from 0 on, are on the board itself.
+    pub const fn own_outputs(self) -> u8 {
+        match self {
+            Self::I7i97 | Self::I7i97With7i77 | Self::I7i97t => 6,
+            Self::I7i92With7i77 | Self::I7i80With7i77 => 0,
+        }
+    }
+
+    /// Its axes: analog outputs, and encoders.
+    pub const fn axes(self) -> usize {
+        match self {
+            Self::I7i97With7i77 => 12,
+            _ => 6,
+        }
+    }
 }
 
 /// What is plugged into a channel: `CH=DEVICE[:MODE][:setup]`.
@@ -294,7 +369,8 @@ impl FromStr for MachineOptions {
         let mut parts = text.split(',');
         let name = parts.next().unwrap_or_default();
         let board = Board::from_str(name, true).map_err(|_| {
-            format!("no machine `{name}`; there are 7i92-7i77, 7i97, and descriptions: FILE.toml")
+            let names = Board::names();
+            format!("no machine `{name}`; there are {names}, and descriptions: FILE.toml")
         })?;
         let remotes = parts.map(str::parse).collect::<Result<Vec<_>, _>>()?;
         check_channels(board, &remotes)?;
@@ -311,10 +387,7 @@ fn probability(text: &str) -> Result<f64, String> {
 
 /// Refuses remotes on channels that a board does not have, and two on one.
 pub fn check_channels(board: Board, remotes: &[RemoteOption]) -> Result<(), String> {
-    let channels = match board {
-        Board::I7i97 => 8,
-        Board::I7i92With7i77 => 3,
-    };
+    let channels = board.channels();
     for (index, remote) in remotes.iter().enumerate() {
         let channel = remote.channel;
         if channel >= channels {
@@ -343,6 +416,6 @@ pub fn parse_mac(text: &str) -> Result<[u8; 6], String> {
     let mac = bytes.ok().and_then(|bytes| <[u8; 6]>::try_from(bytes).ok());
     let mac = mac.filter(|[first, ..]| first & 1 == 0);
     mac.ok_or_else(|| {
-        format!("`{text}` is no MAC address of a board: expected 00:60:0e:1b:00:97 or so")
+        format!("`{text}` is no MAC address of a board: expected 00:60:1b:1b:00:97 or so")
     })
 }

@@ -16,7 +16,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::devices;
-use super::machine::{AXES, Machine as Built, PORT};
+use super::machine::{Machine as Built, PORT};
 use super::options::{Board, MachineOptions, RemoteOption, check_channels, parse_mac};
 use super::plan::{AxisPlan, EstopPlan, Plan, SwitchPlan, WheelPlan, Wire};
 use crate::files::bounded;
@@ -133,14 +133,16 @@ pub fn read(path: &Path) -> Result<MachineOptions, String> {
 fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
     let lines = Lines(text);
     let file: Machine = toml::from_str(text).map_err(|error| lines.not_toml(&error))?;
-    let board = Board::from_str(file.board.get_ref(), true)
-        .map_err(|_| lines.wrong(&file.board, "board", "allowed are 7i97 and 7i92-7i77"))?;
+    let board = Board::from_str(file.board.get_ref(), true).map_err(|_| {
+        let allowed = format!("allowed are {}", Board::names());
+        lines.wrong(&file.board, "board", &allowed)
+    })?;
     let remotes = remotes(&lines, board, &file.remote, directory)?;
     let mac = file
         .mac
         .as_ref()
         .map(|mac| parse_mac(mac.get_ref()).map_err(|reason| lines.wrong(mac, "mac", &reason)));
-    let axes = axes(&lines, &file.axis)?;
+    let axes = axes(&lines, &file.axis, board.axes())?;
     let plan = Plan {
         switches: switches(&lines, &file.switch, &axes)?,
         axes,
@@ -194,7 +196,8 @@ fn remotes(
     Ok(remotes)
 }
 
-fn axes(lines: &Lines<'_>, tables: &[Axis]) -> Result<Vec<AxisPlan>, String> {
+/// The axes, of a board that has outputs and encoders for `count`.
+fn axes(lines: &Lines<'_>, tables: &[Axis], count: usize) -> Result<Vec<AxisPlan>, String> {
     let mut axes: Vec<AxisPlan> = Vec::new();
     for (number, table) in tables.iter().enumerate() {
         let names = axes.iter().map(|axis| axis.name.as_str());
@@ -204,9 +207,9 @@ fn axes(lines: &Lines<'_>, tables: &[Axis]) -> Result<Vec<AxisPlan>, String> {
                 return Ok(number);
             };
             let index = usize::try_from(*value.get_ref()).ok();
-            let allowed = format!("allowed are 0 to {}", AXES - 1);
+            let allowed = format!("allowed are 0 to {}", count - 1);
             index
-                .filter(|&index| index < AXES)
+                .filter(|&index| index < count)
                 .ok_or_else(|| lines.wrong(value, key, &allowed))
         };
         let output = place(&table.output, "axis.output")?;
@@ -220,8 +223,8 @@ fn axes(lines: &Lines<'_>, tables: &[Axis]) -> Result<Vec<AxisPlan>, String> {
             );
             return Err(lines.wrong(&table.name, "axis.name", &reason));
         }
-        if output >= AXES || encoder >= AXES {
-            let reason = format!("there are {AXES} outputs and {AXES} encoders");
+        if output >= count || encoder >= count {
+            let reason = format!("there are {count} outputs and {count} encoders");
             return Err(lines.wrong(&table.name, "axis.name", &reason));
         }
         axes.push(AxisPlan {

@@ -10,7 +10,7 @@ fn parsed(text: &str) -> Result<MachineOptions, String> {
 fn the_example_is_read_as_its_comments_say() {
     let mill = parsed(MILL).unwrap();
     assert_eq!(mill.board, Board::I7i97);
-    assert_eq!(mill.mac, Some([0x00, 0x60, 0x0E, 0x1B, 0x00, 0x97]));
+    assert_eq!(mill.mac, Some([0x00, 0x60, 0x1B, 0x1B, 0x00, 0x97]));
     assert_eq!((mill.remotes.len(), mill.plan.axes.len()), (1, 3));
     let x = &mill.plan.axes[0];
     assert_eq!((x.output, x.encoder), (0, 0));
@@ -71,7 +71,7 @@ const MISTAKES: &[(&str, &str, &str, &str)] = &[
         "bord",
         "expected one of `board`",
     ),
-    ("mac", "mac = \"7\"", "mac", "00:60:0e:1b:00:97"),
+    ("mac", "mac = \"7\"", "mac", "00:60:1b:1b:00:97"),
     ("channel", "channel = 8", "remote.channel", "0 to 7"),
     ("name = \"y\"", "name = \"x\"", "axis.name", "another one"),
     ("name = \"y\"", "name = \"a b\"", "axis.name", "letters"),
