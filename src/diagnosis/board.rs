@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::{Finding, RoundTrips, Verdict};
 use crate::Rounded;
-use crate::driver::{Remark, RemoteState, RemoteStatus};
+use crate::driver::{Remark, RemarkKind, RemoteState, RemoteStatus};
 use crate::ethernet::{Counters, Identity};
 use crate::lbp::RemoteFaults;
 use crate::lbp16::registers::{eeprom, read_only};
@@ -189,8 +189,8 @@ fn field_power(place: &str, faults: RemoteFaults, is_measured: bool) -> Finding 
 /// A channel without a remote that takes part. That nothing answers is no fault of its own: many boards
 /// have channels that nobody uses.
 pub fn missing(remark: &Remark) -> Finding {
-    if remark.is_silent() {
-        let check = format!("port {}, channel {}", remark.port, remark.channel);
+    if let (true, Some((port, channel))) = (remark.is_silent(), remark.place) {
+        let check = format!("port {port}, channel {channel}");
         let advice = "nothing to do where no remote is plugged in; else check its cable and its power (field \
                       power too, where it is powered from there)";
         return Finding::new(Verdict::Look, check, "nothing answers", advice);
@@ -199,8 +199,18 @@ pub fn missing(remark: &Remark) -> Finding {
     Finding::new(Verdict::Bad, "missing remote", remark.to_string(), advice)
 }
 
-/// What is odd about a remote that runs.
+/// What is odd about a remote that runs, or what of the firmware is not driven.
 pub fn odd(remark: &Remark) -> Finding {
+    if matches!(remark.kind, RemarkKind::Undriven(_)) {
+        let advice = "nothing to do if nothing is connected to its pins; else load a firmware without it, or \
+                      drive it with a module of your own";
+        return Finding::new(
+            Verdict::Look,
+            "module not driven",
+            remark.to_string(),
+            advice,
+        );
+    }
     let advice =
         "the driver believes the remote; look whether its firmware is the one that you expect";
     Finding::new(Verdict::Look, "remote's tables", remark.to_string(), advice)

@@ -10,13 +10,13 @@ use super::remotes::PortStage;
 use super::rows::Rows;
 use super::{
     BoardState, Driver, DriverError, DriverStatistics, FaultPolicy, Pace, Part, Parts, Remark,
-    Settings, Trace,
+    RemarkKind, Settings, Trace,
 };
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Effort, Image, ImagePlan, RegisterBus};
 use crate::discovery::RemoteTable;
 use crate::hal::{GroupId, PinStore, Pins};
-use crate::hostmot2::{HostMot2, IoPorts, Known};
+use crate::hostmot2::{Gtag, HostMot2, IoPorts, Known};
 use crate::modules::dpll::Dpll;
 use crate::modules::encoder::Encoders;
 use crate::modules::events::Sink;
@@ -26,7 +26,7 @@ use crate::modules::led::Leds;
 use crate::modules::outputs::Outputs;
 use crate::modules::pwm::Pwm;
 use crate::modules::watchdog::{Watchdog, WatchdogRegisters};
-use crate::modules::{Module, RegisterError, Registrar};
+use crate::modules::{Module, RegisterError, Registrar, undriven};
 
 /// A board that is being configured: its firmware is known, and nothing is driven yet.
 ///
@@ -58,6 +58,8 @@ pub(super) struct Plan {
     pub image: ImagePlan,
     pub missing: Vec<Remark>,
     pub remarks: Vec<Remark>,
+    /// The kinds of modules that the application drives.
+    claimed: Vec<Gtag>,
     /// Where what happens is told.
     pub events: Sink,
     /// Kinds of remotes: those that were added, then those that are built in.
@@ -221,6 +223,9 @@ impl<B: RegisterBus + Clock> Board<B> {
         // I/O pins come last, when everybody has taken theirs.
         self.add(|r| Ok([Gpio::register(r)?]))?;
         self.is_discovered = true;
+        let undriven = undriven(&self.plan.firmware, &self.plan.claimed).into_iter();
+        let remarks = undriven.map(|module| RemarkKind::Undriven(Box::new(module)));
+        self.plan.remarks.extend(remarks.map(Remark::of_board));
         self.set_up()?;
         self.plan
             .image
@@ -381,6 +386,7 @@ impl Plan {
             firmware,
             missing: Vec::new(),
             remarks: Vec::new(),
+            claimed: Vec::new(),
             tables,
         }
     }
@@ -410,6 +416,7 @@ impl Plan {
             events: &self.events,
             io: &mut self.io,
             image: &mut self.image,
+            claimed: &mut self.claimed,
             bus: &mut peek,
         });
         match (registered, bus_error) {

@@ -1,31 +1,38 @@
 //! What a person should look at: remotes that are missing, or odd.
 
+use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use crate::boards::{IdentityError, i7i77};
 use crate::discovery::{Difference, Discovered, Problem, RemoteTable};
+use crate::modules::Undriven;
 use crate::modules::serial::{FoundRemote, RemoteWatchdog, WATCHDOG_PARAMETER};
 use crate::remote::RemoteError;
 use crate::sslbp::{
     MAX_CHANNELS, PortParameters, RemoteName, StartFailure, StartFailureReason, StartedRemote,
 };
 
-/// Why a remote does not take part, or what is odd about one that does.
+/// Why a remote does not take part, what is odd about one that does, or what of the board itself is
+/// not driven.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("port {port}, channel {channel}: {kind}")]
+#[error("{}{kind}", match .place {
+    Some((port, channel)) => alloc::format!("port {port}, channel {channel}: "),
+    None => alloc::string::String::new(),
+})]
 pub struct Remark {
-    /// The port.
-    pub port: u8,
-    /// The channel.
-    pub channel: u8,
+    /// Port and channel of the remote; `None` for the board itself.
+    pub place: Option<(u8, u8)>,
     /// What it is.
     pub kind: RemarkKind,
 }
 
-/// Why a remote does not take part, or what is odd about one that does.
+/// What a [`Remark`] is about.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RemarkKind {
+    /// A module of the firmware, or a part of one, is not driven. Its pins are plain I/O.
+    #[error("{0}")]
+    Undriven(Box<Undriven>),
     /// Missing: there is no such channel.
     #[error("this firmware has only {channels} channels on the port")]
     NoSuchChannel {
@@ -138,12 +145,15 @@ impl Remark {
         )
     }
 
-    pub(super) fn new((port, channel): (u8, u8), kind: RemarkKind) -> Self {
+    pub(super) fn new(place: (u8, u8), kind: RemarkKind) -> Self {
         Self {
-            port,
-            channel,
+            place: Some(place),
             kind,
         }
+    }
+
+    pub(super) fn of_board(kind: RemarkKind) -> Self {
+        Self { place: None, kind }
     }
 }
 

@@ -17,7 +17,7 @@ use crate::modules::RegisterError;
 use crate::modules::serial::FoundRemote;
 use crate::remote::{ParameterError, RemotePins};
 use crate::sslbp::{
-    Channel, CsStatus, Layout, MAX_CHANNELS, MAX_PORTS, Port, PortError, PortLink,
+    Channel, CsStatus, Layout, MAX_CHANNELS, Port, PortError, PortLink, PortPlace,
     ProcessDataSizes, StartMode, StartedRemote,
 };
 
@@ -109,19 +109,15 @@ impl<B: RegisterBus + Clock> Board<B> {
 impl Plan {
     /// Finds the ports of the firmware and takes their I/O pins.
     pub fn locate_ports<E: BusError>(&mut self) -> Result<Vec<PortStage>, DriverError<E>> {
-        let module = self.firmware.require_sserial().ok().copied();
-        let ports = module.map_or(0, |module| module.instances.min(MAX_PORTS));
+        let places = Layout::ports(&self.firmware);
+        let ports = places.len() as u8;
         let serial_ports = &self.settings.serial_ports;
         if let Some((&port, _)) = serial_ports.range(ports..).next() {
             return Err(DriverError::NoSuchPort { port, ports });
         }
-        let Some(module) = module else {
-            return Ok(Vec::new());
-        };
         let mut located = Vec::new();
-        for port in 0..ports {
-            let layout = Layout::locate(&self.firmware, port).map_err(RegisterError::from)?;
-            let channels = layout.channels;
+        for PortPlace { gtag, unit, layout } in places {
+            let (port, channels) = (layout.instance, layout.channels);
             let mut wanted = serial_ports
                 .get(&port)
                 .cloned()
@@ -140,7 +136,7 @@ impl Plan {
                 channel.is_none_or(|channel| wanted.contains_key(&channel))
             };
             self.io
-                .use_module(&self.firmware, module.gtag, port, is_used)
+                .use_module(&self.firmware, gtag, unit, is_used)
                 .map_err(RegisterError::from)?;
             located.push(PortStage {
                 port: Port::new(layout),

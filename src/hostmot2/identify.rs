@@ -2,9 +2,13 @@
 
 use super::idrom::{IDROM_WORDS, name};
 use super::module::MODULE_WORDS;
-use super::{Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor};
+use super::pin::list_of;
+use super::{
+    Gtag, HostMot2Error, IdentifyError, Idrom, ModuleDescriptor, PinDescriptor, TrailingEntry,
+};
 use crate::bus::{Access, BoardIdentity, Effort, RegisterBus};
 use alloc::boxed::Box;
+use alloc::collections::BTreeMap;
 use alloc::format;
 use alloc::string::{String, ToString};
 use alloc::vec;
@@ -39,8 +43,12 @@ pub struct HostMot2 {
     pub idrom: Idrom,
     /// All modules, in the order of their descriptors.
     pub modules: Vec<ModuleDescriptor>,
-    /// All pins, by I/O number.
+    /// What stands behind the end of the module descriptors.
+    pub trailing: Vec<TrailingEntry>,
+    /// All I/O pins, by number.
     pub pins: Vec<PinDescriptor>,
+    /// Local I/O pins, by number: pins of the FPGA that no connector has. No register sets them up.
+    pub local_pins: Vec<PinDescriptor>,
     /// What is odd about this firmware and does not keep it from being used.
     pub warnings: Vec<String>,
 }
@@ -80,19 +88,32 @@ impl HostMot2 {
         let offset = idrom.offset_to_modules;
         description.read_part(bus, "module descriptors", start, offset, &mut words)?;
         let (descriptors, _) = words.as_chunks();
-        let descriptors = descriptors.iter().enumerate();
-        let modules = descriptors
-            .map_while(|(n, &words)| ModuleDescriptor::parse(n, words, &idrom).transpose())
-            .collect::<Result<Vec<_>, _>>()?;
-        let mut words = vec![0; idrom.io_width as usize];
+        let slots = idrom.module_slots(descriptors.len());
+        let (mut modules, mut trailing) = (Vec::new(), Vec::new());
+        let mut has_ended = false;
+        for (slot, &words) in descriptors.iter().take(slots).enumerate() {
+            if has_ended || TrailingEntry::is_hint(words) {
+                trailing.extend(TrailingEntry::parse(slot, words));
+            } else {
+                let module = ModuleDescriptor::parse(slot, words, &idrom)?;
+                has_ended = module.is_none();
+                modules.extend(module);
+            }
+        }
+        let io_pins = idrom.io_width as usize;
+        let mut words = vec![0; io_pins.max(idrom.pin_slots())];
         let offset = idrom.offset_to_pins;
         description.read_part(bus, "pin descriptors", start, offset, &mut words)?;
-        let pins: Vec<_> = words.into_iter().map(PinDescriptor::parse).collect();
+        let (io_pins, local_pins) = words.split_at_checked(io_pins).unwrap_or((&words, &[]));
+        let pins: Vec<_> = io_pins.iter().copied().map(PinDescriptor::parse).collect();
+        let local_pins = local_pins.iter().copied().map(PinDescriptor::parse);
         let found = Self {
             warnings: warnings(&idrom, &modules, &pins),
             idrom,
             modules,
+            trailing,
             pins,
+            local_pins: local_pins.take_while(PinDescriptor::is_local).collect(),
         };
         Ok((found, description))
     }
@@ -110,7 +131,20 @@ impl HostMot2 {
         }
     }
 
-    /// The module of a kind, if the firmware has it. A descriptor without instances is none.
+    /// All modules of a kind that have instances, in the order of their descriptors, each with the
+    /// number of its first instance. Instances of a kind are numbered through: those of a second
+    /// module follow those of the first, and pin descriptors name them by this number.
+    pub fn modules_of(&self, gtag: Gtag) -> impl Iterator<Item = (u8, &ModuleDescriptor)> + '_ {
+        let modules = self.modules.iter();
+        let modules = modules.filter(move |module| module.gtag == gtag && module.instances > 0);
+        modules.scan(0_u8, |next, module| {
+            let first = *next;
+            *next = next.checked_add(module.instances)?;
+            Some((first, module))
+        })
+    }
+
+    /// The first module of a kind, if the firmware has it. A descriptor without instances is none.
     pub fn find(&self, gtag: Gtag) -> Option<&ModuleDescriptor> {
         self.modules
             .iter()
@@ -150,7 +184,7 @@ impl HostMot2 {
     }
 
     /// How many channels instance `instance` of the smart serial module `gtag` brings to pins:
-    /// the highest one counts. 0 if it has no pins at all.
+    /// the highest one counts. 0 if it has no pins at all; up to 15, of which 8 can be driven.
     ///
     /// Source: FACTS 2.1.
     pub fn sserial_channels(&self, gtag: Gtag, instance: u8) -> u8 {
@@ -285,15 +319,38 @@ impl Description {
     }
 }
 
-/// The versions that real clients take without a word (FACTS 9.5); `None` where they do not care.
-fn known_versions(gtag: Gtag) -> Option<&'static [u8]> {
-    match gtag {
-        Gtag::ENCODER => Some(&[2, 3]),
-        Gtag::MUXED_ENCODER => Some(&[3, 4]),
-        Gtag::PWM => Some(&[0, 1]),
-        Gtag::WATCHDOG | Gtag::IO_PORT | Gtag::LED => Some(&[0]),
-        _ => None,
+/// True for a version that real clients take without a warning (FACTS 9.5). Modules that are not
+/// driven in other versions are reported as such.
+fn is_usual_version(module: &ModuleDescriptor) -> bool {
+    match module.gtag {
+        Gtag::MUXED_ENCODER => module.version & !ModuleDescriptor::WITH_PROBE != 2,
+        Gtag::WATCHDOG | Gtag::IO_PORT | Gtag::LED => module.version == 0,
+        _ => true,
     }
+}
+
+/// Pins of instances that a module does not have. Those of select lines carry another number, and pins
+/// of multiplexed encoders that of a pair.
+fn beyond_all_instances(modules: &[ModuleDescriptor], pins: &[PinDescriptor]) -> Vec<String> {
+    let mut beyond = BTreeMap::<Gtag, Vec<u16>>::new();
+    for (number, pin) in (0..).zip(pins) {
+        let gtag = pin.secondary;
+        let of_kind = modules.iter().filter(|module| module.gtag == gtag);
+        let instances = of_kind.map(|module| u32::from(module.instances)).sum();
+        let units = match gtag {
+            Gtag::MUX_SELECT | Gtag::MUX_SELECT_MIM => continue,
+            Gtag::MUXED_ENCODER | Gtag::MUXED_ENCODER_MIM => u32::div_ceil(instances, 2),
+            _ => instances,
+        };
+        if units > 0 && (units..PinDescriptor::GLOBAL.into()).contains(&pin.unit.into()) {
+            beyond.entry(gtag).or_default().push(number);
+        }
+    }
+    let texts = beyond.into_iter().map(|(gtag, numbers)| {
+        let numbers = list_of(numbers);
+        format!("I/O pins of {gtag} belong to instances that it does not have: {numbers}")
+    });
+    texts.collect()
 }
 
 fn warnings(idrom: &Idrom, modules: &[ModuleDescriptor], pins: &[PinDescriptor]) -> Vec<String> {
@@ -308,29 +365,35 @@ fn warnings(idrom: &Idrom, modules: &[ModuleDescriptor], pins: &[PinDescriptor])
             "the IDROM has {ports} I/O ports, the module descriptor {instances}"
         ));
     }
-    for (index, module) in modules.iter().enumerate() {
+    for module in modules.iter().filter(|module| !is_usual_version(module)) {
         let (gtag, version) = (module.gtag, module.version);
-        if modules.iter().take(index).any(|other| other.gtag == gtag) {
-            list.push(format!("{gtag} has two descriptors; the first is used"));
+        list.push(format!(
+            "{gtag} has version {version}, which is not known to work"
+        ));
+    }
+    // By what is odd about them: one sentence for all pins of a kind.
+    let mut odd = BTreeMap::<(bool, Gtag), Vec<u16>>::new();
+    for (number, pin) in (0..).zip(pins) {
+        if pin.has_module() && !modules.iter().any(|m| m.gtag == pin.secondary) {
+            odd.entry((false, pin.secondary)).or_default().push(number);
         }
-        if known_versions(gtag).is_some_and(|known| !known.contains(&version)) {
-            list.push(format!(
-                "{gtag} has version {version}, which is not known to work"
-            ));
+        if pin.primary != Gtag::IO_PORT {
+            odd.entry((true, pin.primary)).or_default().push(number);
         }
     }
-    for (number, pin) in pins.iter().enumerate() {
-        let (primary, module) = (pin.primary, pin.secondary);
-        if primary != Gtag::IO_PORT {
-            list.push(format!(
-                "pin {number} is a pin of {primary}, expected an I/O port"
-            ));
-        }
-        if pin.has_module() && !modules.iter().any(|m| m.gtag == module) {
-            list.push(format!(
-                "pin {number} belongs to {module}, which has no descriptor"
-            ));
-        }
+    list.extend(beyond_all_instances(modules, pins));
+    for ((is_primary, gtag), numbers) in odd {
+        let (subject, verb) = match *numbers {
+            [_] => ("pin", ["belongs to", "is a pin of"]),
+            _ => ("pins", ["belong to", "are pins of"]),
+        };
+        let [belongs, is_of] = verb;
+        let numbers = list_of(numbers);
+        list.push(if is_primary {
+            format!("{subject} {numbers} {is_of} {gtag}, expected an I/O port")
+        } else {
+            format!("{subject} {numbers} {belongs} {gtag}, which has no descriptor")
+        });
     }
     list
 }

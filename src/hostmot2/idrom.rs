@@ -1,6 +1,7 @@
 //! The IDROM: what board and firmware this is.
 
 use super::HostMot2Error;
+use super::module::MODULE_WORDS;
 use alloc::format;
 use alloc::string::{String, ToString};
 
@@ -47,11 +48,17 @@ pub struct Idrom {
 /// The words of the header.
 pub(super) const IDROM_WORDS: usize = 16;
 
+/// The memory that an IDROM has in Mesa's public sources: 0400 to 07FF.
+const IDROM_BYTES: u32 = 0x400;
+
 /// The most pins of a port: its registers have 32 bits.
 const MAX_PORT_WIDTH: u32 = 32;
 
 /// The most pins of a board that the pin descriptors are read of.
 const MAX_PINS: u32 = 256;
+
+/// Size of the FPGA of a 7I96S; that of a 7I96 is 9.
+const FPGA_7I96S: u32 = 20;
 
 /// The slowest clock that a firmware can have.
 const SLOWEST_CLOCK_HZ: u32 = 1_000_000;
@@ -107,13 +114,36 @@ impl Idrom {
         (self.board().as_str(), self.fpga_size, self.clock_high_hz) == ("7i97", 20, 160_000_000)
     }
 
+    /// Slots of module descriptors: `most`, or fewer if the pin descriptors begin before their end.
+    pub(super) fn module_slots(&self, most: usize) -> usize {
+        const BYTES: u32 = 4 * MODULE_WORDS as u32;
+        let between = self.offset_to_pins.checked_sub(self.offset_to_modules);
+        between.map_or(most, |bytes| most.min((bytes / BYTES) as usize))
+    }
+
+    /// Slots of pin descriptors up to the end of the IDROM's memory, those of local I/O pins included.
+    pub(super) fn pin_slots(&self) -> usize {
+        (IDROM_BYTES.saturating_sub(self.offset_to_pins) / 4) as usize
+    }
+
     /// The board's name in lower case, as pin names use it: the part before the first character that
     /// is not printable, without `MESA`: `7i97` for `MESA7I97`.
+    ///
+    /// Two boards call themselves by the name of another: a 7I96S says `MESA7I96`, and is told by its
+    /// FPGA (20); a 7I76E says `MESA7I76`, which is a card without an FPGA. Their names are those of
+    /// their cards, as LinuxCNC has them.
+    ///
+    /// Source: FACTS 9.1; Mesa's public VHDL sources, `IDROMConst.vhd` (names of boards).
     pub fn board(&self) -> String {
         let name = &self.board_name;
         let name = name.strip_prefix("MESA").unwrap_or(name);
         let end = name.find([' ', '\\']).unwrap_or(name.len());
-        name.get(..end).unwrap_or(name).to_ascii_lowercase()
+        let name = name.get(..end).unwrap_or(name).to_ascii_lowercase();
+        match &*name {
+            "7i96" if self.fpga_size == FPGA_7I96S => name + "s",
+            "7i76" => name + "e",
+            _ => name,
+        }
     }
 }
 

@@ -142,13 +142,14 @@ impl IoPorts {
         self.taken.get(usize::from(pin)).is_some_and(|taken| *taken)
     }
 
-    /// Gives instance `unit` of a module those of its pins that are `wanted`: those that it drives
-    /// become outputs with the module as their source, the others stay inputs.
+    /// Gives instance `unit` of a module those of its I/O pins that are `wanted`: those that it
+    /// drives become outputs with the module as their source, the others stay inputs. An instance may
+    /// have none: local I/O pins have no registers.
     ///
     /// Source: FACTS 9.1 (bit 7 of the secondary pin).
     ///
     /// # Errors
-    /// [`HostMot2Error::NoPins`] and [`HostMot2Error::IoPin`].
+    /// [`HostMot2Error::IoPin`].
     pub fn use_module(
         &mut self,
         firmware: &HostMot2,
@@ -156,10 +157,7 @@ impl IoPorts {
         unit: u8,
         wanted: impl Fn(PinDescriptor) -> bool,
     ) -> Result<(), HostMot2Error> {
-        let mut pins = firmware.pins_of(gtag, unit).peekable();
-        if pins.peek().is_none() {
-            return Err(HostMot2Error::NoPins { gtag, unit });
-        }
+        let pins = firmware.pins_of(gtag, unit);
         for (pin, descriptor) in pins.filter(|&(_, descriptor)| wanted(*descriptor)) {
             self.take(pin, |setup, place| {
                 let drives = descriptor.is_output();

@@ -9,7 +9,9 @@ mod idrom;
 mod io_port;
 mod module;
 mod pin;
+mod pin_roles;
 mod tick_rate;
+mod trailing;
 
 pub use error::{HostMot2Error, IdentifyError};
 pub use gtag::Gtag;
@@ -19,4 +21,6 @@ pub use idrom::Idrom;
 pub use io_port::{GpioConfig, IoPort, IoPorts, PinPlace, PortRegisters};
 pub use module::ModuleDescriptor;
 pub use pin::PinDescriptor;
+pub(crate) use pin::list_of;
 pub use tick_rate::TickRate;
+pub use trailing::TrailingEntry;

@@ -40,6 +40,9 @@ pub(super) const MODULE_WORDS: usize = 3;
 const LAST_REGISTER: u16 = 0xFFFC;
 
 impl ModuleDescriptor {
+    /// Set in the version of encoders that have a probe (FACTS 14.8).
+    pub(crate) const WITH_PROBE: u8 = 0x80;
+
     /// Parses descriptor `index`; `None` is the end of the list.
     pub(super) fn parse(
         index: usize,

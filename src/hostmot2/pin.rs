@@ -1,9 +1,9 @@
 //! Pin descriptors: what the firmware can do with each pin.
 
 use super::Gtag;
-use alloc::format;
-use alloc::string::{String, ToString};
-use core::fmt;
+use super::pin_roles::role;
+use alloc::string::String;
+use core::fmt::{self, Write};
 
 /// What the firmware can do with one I/O pin besides plain I/O.
 ///
@@ -25,7 +25,7 @@ pub struct PinDescriptor {
 
 impl PinDescriptor {
     /// The unit of pins that belong to all instances.
-    const GLOBAL: u8 = 0x80;
+    pub(super) const GLOBAL: u8 = 0x80;
 
     /// Parses a descriptor.
     pub const fn parse(word: u32) -> Self {
@@ -36,6 +36,12 @@ impl PinDescriptor {
             unit,
             primary: Gtag(primary),
         }
+    }
+
+    /// True for a local I/O pin: a pin of the FPGA that ends on the board, behind the ordinary ones
+    /// in the descriptors (FACTS 9.1).
+    pub const fn is_local(&self) -> bool {
+        self.primary.0 == Gtag::LOCAL_IO_PORT.0
     }
 
     /// Whether a module can use the pin.
@@ -60,46 +66,6 @@ impl PinDescriptor {
             _ => None,
         }
     }
-
-    /// The name of the pin within its module: `TX0`, `A`, `/Enable`. `None` where this crate knows no
-    /// name.
-    fn role(self) -> Option<String> {
-        // Pins of a module are numbered from 1 on.
-        let pin = self.secondary_pin & 0x7F;
-        let nth = |stem, number: u8| Some(format!("{stem}{number}"));
-        let names: &[&str] = match self.secondary {
-            Gtag::SSERIAL | Gtag::SSERIAL_B => {
-                let channel = self.sserial_channel()?;
-                return nth(
-                    match self.secondary_pin & 0xF0 {
-                        0x00 => "RX",
-                        0x80 => "TX",
-                        0x90 => "TXEN",
-                        _ => "/TXEN",
-                    },
-                    channel,
-                );
-            }
-            Gtag::MUX_SELECT | Gtag::MUX_SELECT_MIM => return nth("Select", pin.wrapping_sub(1)),
-            Gtag::IN_M => return nth("In", pin.wrapping_sub(1)),
-            Gtag::SSR if pin == 0x20 => return Some("ACRef".to_string()),
-            Gtag::SSR | Gtag::OUT_M => return nth("Out", pin.wrapping_sub(1)),
-            Gtag::STEPGEN if pin > 2 => return nth("Table", pin - 1),
-            Gtag::STEPGEN => &["Step", "Dir"],
-            Gtag::IN_MUX if self.is_output() => &["Addr0", "Addr1", "Addr2", "Addr3", "Addr4"],
-            Gtag::IN_MUX => &["Data"],
-            Gtag::ENCODER | Gtag::MUXED_ENCODER | Gtag::MUXED_ENCODER_MIM => {
-                &["A", "B", "Index", "IndexMask", "Probe"]
-            }
-            Gtag::PWM => &["Out", "Dir", "/Enable"],
-            Gtag::HM2DPLL => &["Sync", "Ref", "Timer1", "Timer2", "Timer3", "Timer4"],
-            Gtag::UART_TX | Gtag::PACKET_UART_TX => &["TX", "TXEN"],
-            Gtag::UART_RX | Gtag::PACKET_UART_RX => &["RX"],
-            _ => return None,
-        };
-        let name = names.get(usize::from(pin).checked_sub(1)?)?;
-        Some((*name).to_string())
-    }
 }
 
 impl fmt::Display for PinDescriptor {
@@ -116,16 +82,36 @@ impl fmt::Display for PinDescriptor {
         } else {
             write!(f, " {}", self.unit)?;
         }
-        match self.role() {
+        match role(self.secondary, self.secondary_pin) {
             Some(name) => write!(f, " {name}"),
             None => write!(f, " pin {:02X}", self.secondary_pin),
         }
     }
 }
 
+/// Numbers in words, neighbours joined: `3, 5-9`. They have to rise.
+pub(crate) fn list_of(numbers: impl IntoIterator<Item = u16>) -> String {
+    let mut text = String::new();
+    let mut numbers = numbers.into_iter().peekable();
+    while let Some(first) = numbers.next() {
+        let mut last = first;
+        while let Some(next) = numbers.next_if(|&next| next == last.saturating_add(1)) {
+            last = next;
+        }
+        let separator = if text.is_empty() { "" } else { ", " };
+        // A String takes everything.
+        let _ = match last - first {
+            0 => write!(text, "{separator}{first}"),
+            _ => write!(text, "{separator}{first}-{last}"),
+        };
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alloc::string::ToString;
     use proptest::prelude::*;
 
     #[test]
@@ -142,6 +128,17 @@ mod tests {
             (0x0300_1E85, "InMux 0 Addr4", true),
             (0x0300_1E01, "InMux 0 Data", false),
             (0x0300_2301, "InM 0 In0", false),
+            (0x0300_2320, "InM 0 In31", false),
+            (0x0304_0581, "StepGen 4 Step", true),
+            (0x0304_0582, "StepGen 4 Dir", true),
+            (0x0304_0588, "StepGen 4 Table7", true),
+            (0x0304_0509, "StepGen 4 Index", false),
+            (0x0380_050A, "StepGen all Probe", false),
+            (0x0300_0C06, "MuxedEncoder 0 SharedIndex", false),
+            (0x0300_C118, "SSerial 0 pin 18", false),
+            (0x4000_C482, "CPDrive 0 Low", true),
+            (0x0300_C2D8, "Twiddler 0 IO23", true),
+            (0x0300_C512, "DSAD 0 Compare-1", false),
             (0x0300_C381, "SSR 0 Out0", true),
             (0x0300_C3A0, "SSR 0 ACRef", true),
             (0x0380_1A83, "HM2DPLL all Timer1", true),
@@ -151,6 +148,19 @@ mod tests {
             let pin = PinDescriptor::parse(word);
             assert_eq!(pin.to_string(), text);
             assert_eq!(pin.is_output(), output, "{text}");
+        }
+    }
+
+    #[test]
+    fn neighbours_in_a_list_are_joined() {
+        for (numbers, text) in [
+            (&[][..], ""),
+            (&[7], "7"),
+            (&[0, 1], "0-1"),
+            (&[0, 2, 3, 4, 9], "0, 2-4, 9"),
+            (&[u16::MAX - 1, u16::MAX], "65534-65535"),
+        ] {
+            assert_eq!(list_of(numbers.iter().copied()), text);
         }
     }
 

@@ -82,8 +82,13 @@ pub struct Firmware {
     pub warnings: Vec<String>,
     /// Its modules.
     pub modules: Vec<Module>,
+    /// What stands behind the end of its module descriptors, in words: widths of input modules, and
+    /// modules that a host has nothing to do with.
+    pub trailing: Vec<String>,
     /// Its pins, by number.
     pub pins: Vec<Pin>,
+    /// Its local I/O pins, by number: they end on the board.
+    pub local_pins: Vec<Pin>,
 }
 
 /// A kind of module.

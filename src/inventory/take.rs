@@ -18,12 +18,13 @@ use crate::discovery::{
     DataDirection, DataRecord, Discovered, DiscoveryOptions, ModeType, RemoteTable, discover_port,
 };
 use crate::driver::silent_part;
-use crate::hostmot2::{Gtag, HostMot2, IoPorts};
+use crate::hostmot2::{HostMot2, IoPorts, PinDescriptor};
 use crate::lbp::{RemoteFaults, RemoteLink};
+use crate::modules::undriven;
 use crate::modules::watchdog::WatchdogRegisters;
 use crate::sslbp::{
     Channel as Line, ComState, CsStatus, Layout, LocalLocation, Port, PortLink, PortParameters,
-    RemoteAccess, StartFailure, StartFailureReason,
+    PortPlace, RemoteAccess, StartFailure, StartFailureReason,
 };
 
 /// Longer than the inventory of a port takes, however bad its wires are.
@@ -56,14 +57,14 @@ pub fn take<B: RegisterBus + Clock>(
     check_modes::<B>(&firmware, modes)?;
     let left = left_behind(bus, &firmware)?;
     let (mut ports, mut findings) = (Vec::new(), Vec::from_iter(left));
-    for (gtag, number) in serial_ports(&firmware) {
+    findings.extend(undriven(&firmware, &[]).iter().map(ToString::to_string));
+    for place in Layout::ports(&firmware) {
         if !goes_on() {
             break;
         }
         let port = PortOf {
             firmware: &firmware,
-            gtag,
-            number,
+            place,
             modes,
         };
         let (port, odd) = port.take(bus)?;
@@ -88,10 +89,8 @@ fn left_behind<B: RegisterBus>(bus: &mut B, firmware: &HostMot2) -> Taken<Option
     let drives = IoPorts::locate(firmware)?.drives(bus);
     let drives = drives.map_err(bus_failed)?;
     let mut runs = false;
-    for (gtag, number) in serial_ports(firmware) {
-        let channels = firmware.sserial_channels(gtag, number);
-        let layout = Layout::new(firmware.require(gtag)?, number, channels)?;
-        for line in (0..channels).filter_map(Line::new) {
+    for PortPlace { layout, .. } in Layout::ports(firmware) {
+        for line in (0..layout.channels).filter_map(Line::new) {
             let Some(registers) = layout.channel(line) else {
                 continue;
             };
@@ -123,12 +122,12 @@ fn check_modes<B: RegisterBus>(
     firmware: &HostMot2,
     modes: &BTreeMap<(u8, u8), u8>,
 ) -> Taken<(), B> {
+    let places = Layout::ports(firmware);
     for &(port, channel) in modes.keys() {
-        let same = serial_ports(firmware).filter(|&(_, number)| number == port);
-        let channels = same.map(|(gtag, _)| firmware.sserial_channels(gtag, port));
-        match channels.max() {
+        let place = places.get(usize::from(port));
+        match place.map(|place| place.layout.channels) {
             None => {
-                let ports = serial_ports(firmware).count() as u8;
+                let ports = places.len() as u8;
                 return Err(InventoryError::NoSuchPort { port, ports });
             }
             Some(channels) if channel >= channels => {
@@ -144,15 +143,6 @@ fn check_modes<B: RegisterBus>(
     Ok(())
 }
 
-/// The serial ports of the firmware, by module and number.
-fn serial_ports(firmware: &HostMot2) -> impl Iterator<Item = (Gtag, u8)> {
-    let gtags = [Gtag::SSERIAL, Gtag::SSERIAL_B].into_iter();
-    gtags.flat_map(|gtag| {
-        let instances = firmware.find(gtag).map_or(0, |module| module.instances);
-        (0..instances).map(move |number| (gtag, number))
-    })
-}
-
 fn of_firmware(firmware: &HostMot2) -> Firmware {
     let idrom = &firmware.idrom;
     let modules = firmware.modules.iter().map(|module| Module {
@@ -163,17 +153,12 @@ fn of_firmware(firmware: &HostMot2) -> Firmware {
         base: module.base,
         clock_hz: module.clock_hz,
     });
-    let pins = (0..).zip(&firmware.pins).map(|(number, pin)| Pin {
-        number,
-        terminals: terminals::of(firmware, usize::from(number), *pin),
-        function: pin.to_string(),
-        direction: match (pin.has_module(), pin.is_output()) {
-            (true, true) => PinDirection::Out,
-            (true, false) => PinDirection::In,
-            (false, _) => PinDirection::Either,
-        },
-        driven_by_module: pin.is_output(),
+    let pins = (0..).zip(&firmware.pins).map(|(number, pin)| {
+        let terminals = terminals::of(firmware, usize::from(number), *pin);
+        one_pin(number, terminals, *pin)
     });
+    let local_pins = (0..).zip(&firmware.local_pins);
+    let local_pins = local_pins.map(|(number, pin)| one_pin(number, String::new(), *pin));
     Firmware {
         board: idrom.board_name.clone(),
         io_pins: idrom.io_width,
@@ -182,7 +167,23 @@ fn of_firmware(firmware: &HostMot2) -> Firmware {
         clock_high_hz: idrom.clock_high_hz,
         warnings: firmware.warnings.clone(),
         modules: modules.collect(),
+        trailing: firmware.trailing.iter().map(ToString::to_string).collect(),
         pins: pins.collect(),
+        local_pins: local_pins.collect(),
+    }
+}
+
+fn one_pin(number: u16, terminals: String, pin: PinDescriptor) -> Pin {
+    Pin {
+        number,
+        terminals,
+        function: pin.to_string(),
+        direction: match (pin.has_module(), pin.is_output()) {
+            (true, true) => PinDirection::Out,
+            (true, false) => PinDirection::In,
+            (false, _) => PinDirection::Either,
+        },
+        driven_by_module: pin.is_output(),
     }
 }
 
@@ -193,8 +194,7 @@ type PortTaken = (SerialPort, Vec<String>);
 #[derive(Clone, Copy)]
 struct PortOf<'a> {
     firmware: &'a HostMot2,
-    gtag: Gtag,
-    number: u8,
+    place: PortPlace,
     modes: &'a BTreeMap<(u8, u8), u8>,
 }
 
@@ -213,7 +213,8 @@ impl PortOf<'_> {
         ] {
             bus.write(address, word).map_err(bus_failed)?;
         }
-        io_ports.use_module(self.firmware, self.gtag, self.number, |_| true)?;
+        let PortPlace { gtag, unit, .. } = self.place;
+        io_ports.use_module(self.firmware, gtag, unit, |_| true)?;
         io_ports.apply(bus).map_err(bus_failed)?;
         let taken = self.take_channels(bus);
         // Also when that has failed; what it failed of is worth more than what this may fail of.
@@ -226,9 +227,7 @@ impl PortOf<'_> {
     }
 
     fn take_channels<B: RegisterBus + Clock>(self, bus: &mut B) -> Taken<PortTaken, B> {
-        let channels = self.firmware.sserial_channels(self.gtag, self.number);
-        let module = self.firmware.require(self.gtag)?;
-        let mut port = Port::new(Layout::new(module, self.number, channels)?);
+        let mut port = Port::new(self.place.layout);
         let taken = take_remotes(bus, &mut port, self.modes);
         // Also when that has failed: nothing is left running.
         let stopped = port.on(bus).stop_all();

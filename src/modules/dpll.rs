@@ -7,7 +7,7 @@ use alloc::format;
 use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
-use crate::hostmot2::Gtag;
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// The pins of the phase-locked loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,13 +50,11 @@ pub struct Dpll {
 impl Dpll {
     /// The loop of a firmware, if it has one and it is wanted.
     pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
-        let Some(module) = r.module(Gtag::HM2DPLL) else {
+        let first = r.driven(&[Gtag::HM2DPLL]).first().copied();
+        let Some(module) = first.filter(|_| !r.settings.no_dpll) else {
             return Ok(None);
         };
-        if r.settings.no_dpll {
-            return Ok(None);
-        }
-        module.check_layout(7, 0)?;
+        let module = module.descriptor;
         let dds_bits = r.peek(module.register(3, 0)?)? as u8;
         let khz = 1e-3 / r.settings.period.as_secs_f64();
         let pins = DpllPins::new(r.maker("dpll."), khz)?;
@@ -103,6 +101,11 @@ impl Dpll {
             start: PhaseStart::default(),
         }))
     }
+}
+
+/// Checks the layout, in any version.
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
+    module.check_layout(7, 0)
 }
 
 impl Module for Dpll {

@@ -6,10 +6,11 @@ use alloc::format;
 use alloc::vec::Vec;
 use core::time::Duration;
 
+use super::registrar::DrivenModule;
 use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{DigitalIn, Input, Output, Param, PinError, PinStore};
-use crate::hostmot2::{Gtag, ModuleDescriptor};
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// The pins of one input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -81,6 +82,13 @@ struct Levels {
     raw: u32,
 }
 
+/// Checks the layout, in any version. A single instance needs no multiple registers.
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
+    const OF_EACH: u32 = 0x1F;
+    let found = module.multiple_registers & OF_EACH;
+    module.check_layout(5, if module.instances > 1 { OF_EACH } else { found })
+}
+
 /// Scans until what is raw is of the present set-up: the one in progress, one whole, and the one in
 /// which it is taken over.
 const RAW_SCANS: u32 = 3;
@@ -93,15 +101,17 @@ impl InMux {
 
     fn new(
         r: &mut Registrar<'_>,
-        module: &ModuleDescriptor,
+        module: &DrivenModule,
         instance: u8,
     ) -> Result<Self, RegisterError> {
-        let (gtag, clock_hz) = (module.gtag, module.clock_hz);
-        r.use_io(gtag, instance)?;
-        let register = |register| module.register(register, instance);
+        let DrivenModule { descriptor, .. } = module;
+        let (gtag, clock_hz) = (descriptor.gtag, descriptor.clock_hz);
+        let number = module.number(instance);
+        r.use_io(gtag, number)?;
+        let register = |register| descriptor.register(register, instance);
         let [control, mpg] = [register(0)?, register(4)?];
         let inputs = (r.peek(control)? & LAST_INPUT) as u16 + 1;
-        let pins = InMuxPins::new(r, (gtag, instance), inputs)?;
+        let pins = InMuxPins::new(r, (gtag, number), inputs)?;
         let words = pins.words(r.pins, clock_hz);
         let [control_word, slow, modes] = words;
         let settings = [(control, control_word), (register(1)?, slow), (mpg, modes)];

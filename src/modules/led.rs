@@ -8,10 +8,11 @@
 use alloc::format;
 use alloc::vec::Vec;
 
+use super::registrar::DrivenModule;
 use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage};
 use crate::hal::Output;
-use crate::hostmot2::Gtag;
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// The user LEDs: CR01 to CR04 of the boards with Ethernet.
 const LEDS: usize = 4;
@@ -30,10 +31,10 @@ impl Leds {
     /// # Errors
     /// [`RegisterError::Firmware`] and [`RegisterError::Pin`].
     pub fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
-        let Some(module) = r.module(Gtag::LED) else {
+        let Some(DrivenModule { descriptor, .. }) = r.driven(&[Gtag::LED]).first().copied() else {
             return Ok(None);
         };
-        module.check_layout(1, 0)?;
+        let module = descriptor;
         let data = module.register(0, 0)?;
         let mut make = r.maker("led.");
         let leds = (1..=LEDS).map(|n| make.output(format!("CR{n:02}"), false));
@@ -42,6 +43,11 @@ impl Leds {
             word: r.image.setting(Stage::Configure, data, 0),
         }))
     }
+}
+
+/// Checks the layout, in any version.
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
+    module.check_layout(1, 0)
 }
 
 impl Module for Leds {

@@ -18,6 +18,7 @@ mod registrar;
 mod report;
 pub mod serial;
 mod settings;
+mod undriven;
 pub mod watchdog;
 
 pub use error::RegisterError;
@@ -27,6 +28,9 @@ pub use report::{BoardState, CycleReport};
 pub use settings::{
     Pace, ParseError, Presence, PwmConfig, RemoteConfig, SerialConfig, Settings, TraceSettings,
 };
+
+pub(crate) use undriven::undriven;
+pub use undriven::{Undriven, UndrivenReason};
 
 use core::any::Any;
 use core::fmt;
@@ -115,6 +119,15 @@ impl WriteCycle<'_> {
     /// The next read holds the [extra registers](crate::bus::ImagePlan::read_extra) as well.
     pub fn ask_extra(&mut self) {
         self.wants_extra = true;
+    }
+}
+
+/// What the names of pins begin with that all instances of a module have in common: `encoder.`, and
+/// `encoder.bank-1.` of the second module whose instances are numbered with those of the first.
+pub(crate) fn bank_stem(name: &str, bank: usize) -> alloc::string::String {
+    match bank {
+        0 => alloc::format!("{name}."),
+        _ => alloc::format!("{name}.bank-{bank}."),
     }
 }
 

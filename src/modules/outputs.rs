@@ -5,10 +5,11 @@
 use alloc::format;
 use alloc::vec::Vec;
 
+use super::registrar::DrivenModule;
 use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{DigitalOut, Invert, Output, Spec};
-use crate::hostmot2::{Gtag, ModuleDescriptor};
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// One instance of SSR or OutM: `hm2_7i97.0.ssr.00.out-00`, `hm2_7i97.0.outm.00.out-00` and so on.
 #[derive(Debug)]
@@ -46,13 +47,15 @@ impl Outputs {
 
     fn new(
         r: &mut Registrar<'_>,
-        module: &ModuleDescriptor,
+        module: &DrivenModule,
         instance: u8,
     ) -> Result<Self, RegisterError> {
+        let number = module.number(instance);
+        let module = &module.descriptor;
         let (gtag, clock_hz) = (module.gtag, module.clock_hz);
-        r.use_io(gtag, instance)?;
+        r.use_io(gtag, number)?;
         let name = if gtag == Gtag::SSR { "ssr" } else { "outm" };
-        let stem = format!("{name}.{instance:02}.");
+        let stem = format!("{name}.{number:02}.");
         let data = r.image.output(module.register(0, instance)?, 0);
         let (mut rate, mut drive) = (None, None);
         if gtag == Gtag::SSR {
@@ -65,8 +68,8 @@ impl Outputs {
                     .setting(Stage::Enable, address, drive_rate(clock_hz, DRIVE_HZ)),
             );
         }
-        let numbers = numbers(r, gtag, instance).into_iter();
-        let outputs = numbers.map(|number| output(r, &stem, (gtag, instance), number));
+        let outputs = numbers(r, gtag, number).into_iter();
+        let outputs = outputs.map(|output_number| output(r, &stem, (gtag, number), output_number));
         Ok(Self {
             gtag,
             outputs: outputs.collect::<Result<_, _>>()?,
@@ -76,6 +79,19 @@ impl Outputs {
             drive,
         })
     }
+}
+
+/// Checks the layout, in any version. A single instance needs no multiple registers.
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
+    let (registers, of_each) = match module.gtag {
+        Gtag::SSR => (2, 0b11),
+        _ => (1, 0b1),
+    };
+    let found = module.multiple_registers & of_each;
+    module.check_layout(
+        registers,
+        if module.instances > 1 { of_each } else { found },
+    )
 }
 
 fn output(

@@ -5,12 +5,13 @@
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::{Module, RegisterError, Registrar, WriteCycle, bits_of};
+use super::registrar::DrivenModule;
+use super::{Module, RegisterError, Registrar, WriteCycle, bank_stem, bits_of};
 
 use crate::bus::{Setting, Stage, WriteSlot};
 use crate::hal::{FullScale, Output, Param, PinStore, Spec, Terminals};
 use crate::hostmot2::board_table::PwmTable;
-use crate::hostmot2::{Gtag, ModuleDescriptor};
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
 
 /// The pins of one generator: `hm2_7i97.0.pwmgen.00.value` and so on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,14 +79,36 @@ impl Pwm {
         self.generators.iter().map(|generator| generator.pins)
     }
 
-    /// The generators of a firmware, if it has any: version 0, or 1, which dithers. They are at rest
-    /// when the set-up is over, without waiting for the end of a period.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
-        let Some(module) = r.module(Gtag::PWM) else {
-            return Ok(None);
-        };
-        module.check_layout(5, 0x3)?;
-        module.expect_version(module.version, 0..=1)?;
+    /// The generators of each PWM module of a firmware: version 0, or 1, which dithers. They are at
+    /// rest when the set-up is over, without waiting for the end of a period.
+    ///
+    /// Generators of several modules are numbered through. What a second module has for all of its
+    /// generators is `pwmgen.bank-1.pwm_frequency`, and so on.
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
+        let modules = r.driven(&[Gtag::PWM]);
+        let all = modules
+            .last()
+            .map_or(0, |last| last.number(last.descriptor.instances));
+        let beyond = r.settings.pwm.keys().find(|&&n| n >= all);
+        if let Some(beyond) = beyond.filter(|_| all > 0) {
+            return Err(RegisterError::Setting {
+                what: "a PWM generator (`Settings::pwm`)",
+                found: format!("{beyond}"),
+                expected: format!("less than {all}, the generators of this firmware"),
+            });
+        }
+        let modules = modules.iter().enumerate();
+        modules
+            .map(|(bank, module)| Self::new(r, module, bank))
+            .collect()
+    }
+
+    fn new(
+        r: &mut Registrar<'_>,
+        of_kind: &DrivenModule,
+        bank: usize,
+    ) -> Result<Self, RegisterError> {
+        let module = &of_kind.descriptor;
         let (clock_hz, dithers) = (module.clock_hz, module.version >= 1);
         let table = &r.board.pwm;
         let usual = if dithers {
@@ -105,18 +128,7 @@ impl Pwm {
                 expected: format!("1 to {fastest} Hz, which this firmware's clock allows"),
             });
         }
-        let beyond = r.settings.pwm.keys().find(|&&n| n >= module.instances);
-        if let Some(beyond) = beyond {
-            return Err(RegisterError::Setting {
-                what: "a PWM generator (`Settings::pwm`)",
-                found: format!("{beyond}"),
-                expected: format!(
-                    "less than {}, the generators of this firmware",
-                    module.instances
-                ),
-            });
-        }
-        let mut make = r.maker("pwmgen.");
+        let mut make = r.maker(&bank_stem("pwmgen", bank));
         let bank = PwmBankPins {
             pwm_frequency: make.setting("pwm_frequency", hz.0)?,
             pdm_frequency: make.setting("pdm_frequency", hz.1)?,
@@ -131,17 +143,17 @@ impl Pwm {
             .image
             .setting(Stage::Configure, pdm_rate, pdm_word(clock_hz, hz.1).into());
         let generators = (0..module.instances)
-            .map(|number| Generator::new(r, &module, number, rate.bits))
+            .map(|instance| Generator::new(r, of_kind, instance, rate.bits))
             .collect::<Result<Vec<_>, _>>()?;
-        for (number, Generator { pins, .. }) in (0..).zip(&generators) {
+        for (number, Generator { pins, .. }) in (of_kind.first..).zip(&generators) {
             r.pins.enabled_by(pins.value, pins.enable);
-            let leader = r.board.pwm.switched_by(number);
+            let leader = of_kind.leader(r, number);
             let leader = leader.and_then(|leader| generators.get(usize::from(leader)));
             if let Some(leader) = leader {
                 r.pins.enabled_by(pins.enable, leader.pins.enable);
             }
         }
-        Ok(Some(Self {
+        Ok(Self {
             bank,
             generators,
             clock_hz,
@@ -151,7 +163,7 @@ impl Pwm {
             master_rate,
             pdm_rate,
             enables,
-        }))
+        })
     }
 
     fn write_rates(&mut self, cycle: &mut WriteCycle<'_>) {
@@ -167,6 +179,31 @@ impl Pwm {
                 .words
                 .set(self.pdm_rate, pdm_word(self.clock_hz, hz.1).into());
         }
+    }
+}
+
+/// Checks layout and version: 0, or 1. The register of the enables has a bit for 32 generators.
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
+    const MOST: u8 = 32;
+    module.check_layout(5, 0x3)?;
+    module.expect_version(module.version, 0..=1)?;
+    if module.instances <= MOST {
+        return Ok(());
+    }
+    Err(HostMot2Error::Unknown {
+        gtag: module.gtag,
+        found: format!("{} instances", module.instances),
+        expected: format!("at most {MOST}"),
+    })
+}
+
+impl DrivenModule {
+    /// The instance whose enable output switches the drive of generator `number` too, if one of this
+    /// module does.
+    fn leader(&self, r: &Registrar<'_>, number: u8) -> Option<u8> {
+        let leader = r.board.pwm.switched_by(number)?;
+        let instance = leader.checked_sub(self.first)?;
+        (instance < self.descriptor.instances).then_some(instance)
     }
 }
 
@@ -202,22 +239,23 @@ impl Module for Pwm {
 impl Generator {
     fn new(
         r: &mut Registrar<'_>,
-        module: &ModuleDescriptor,
-        number: u8,
+        of_kind: &DrivenModule,
+        instance: u8,
         bits: u8,
     ) -> Result<Self, RegisterError> {
+        let (module, number) = (&of_kind.descriptor, of_kind.number(instance));
         r.use_io(Gtag::PWM, number)?;
         let table = r.board.pwm.of(number);
         let pins = PwmPins::new(r, number, table)?;
         let shape = pins.shape(r.pins, bits, module.version >= 1);
-        let (value, mode) = (module.register(0, number)?, module.register(1, number)?);
+        let (value, mode) = (module.register(0, instance)?, module.register(1, instance)?);
         // A value that is double buffered would wait for the end of a period.
         r.image
             .step(Stage::Configure, mode, shape.mode() & !DOUBLE_BUFFERED);
         let bit = |n: u8| 1 << (n & 31);
         Ok(Self {
             pins,
-            enabled_by: bit(number) | table.switched_by(number).map_or(0, bit),
+            enabled_by: bit(instance) | of_kind.leader(r, number).map_or(0, bit),
             shape,
             value: r.image.output(value, shape.encode(0.0)),
             mode: r.image.setting(Stage::Configure, mode, shape.mode()),

@@ -5,12 +5,29 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::events::Sink;
+use super::undriven::check;
 use super::{RegisterError, Settings};
 
 use crate::bus::ImagePlan;
 use crate::hal::{GroupId, PinMaker, PinStore, Place};
 use crate::hostmot2::board_table::BoardTable;
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, ModuleDescriptor};
+
+/// A module of the firmware that is driven.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DrivenModule {
+    pub descriptor: ModuleDescriptor,
+    /// The number of its first instance among all of its kind, which pin descriptors and names count
+    /// from.
+    pub first: u8,
+}
+
+impl DrivenModule {
+    /// The number of an instance among all of its kind.
+    pub const fn number(&self, instance: u8) -> u8 {
+        self.first.saturating_add(instance)
+    }
+}
 
 /// What a module is made from.
 ///
@@ -37,26 +54,48 @@ pub struct Registrar<'a> {
     pub(crate) events: &'a Sink,
     /// Where registers are registered.
     pub image: &'a mut ImagePlan,
+    /// The kinds of modules that were asked for, see [`module`](Self::module).
+    pub(crate) claimed: &'a mut Vec<Gtag>,
     /// Reads a register.
     pub(crate) bus: &'a mut dyn FnMut(u16) -> Result<u32, RegisterError>,
 }
 
 impl Registrar<'_> {
-    /// What the firmware says of a module; `None` if it has none.
-    pub fn module(&self, gtag: Gtag) -> Option<ModuleDescriptor> {
+    /// What the firmware says of the first module of a kind; `None` if it has none. The kind counts as
+    /// driven from now on, and is not among the driver's
+    /// [remarks](crate::driver::RemarkKind::Undriven).
+    pub fn module(&mut self, gtag: Gtag) -> Option<ModuleDescriptor> {
+        self.claimed.push(gtag);
         self.firmware.find(gtag).copied()
     }
 
-    /// Makes something of each instance of these modules, as far as the firmware has them.
+    /// The modules of these kinds that are driven, in the order of their descriptors.
+    pub(crate) fn driven(&self, kinds: &[Gtag]) -> Vec<DrivenModule> {
+        let modules = self.firmware.modules.iter();
+        let kinds = modules.filter(|module| kinds.contains(&module.gtag));
+        kinds
+            .filter_map(|module| {
+                let mut same = self.firmware.modules_of(module.gtag);
+                let (first, _) = same.find(|(_, other)| core::ptr::eq(*other, module))?;
+                check(module).ok()?;
+                Some(DrivenModule {
+                    descriptor: *module,
+                    first,
+                })
+            })
+            .collect()
+    }
+
+    /// Makes something of each instance of these modules, as far as they are driven.
     pub(crate) fn each_instance<T>(
         &mut self,
         kinds: &[Gtag],
-        make: impl Fn(&mut Self, &ModuleDescriptor, u8) -> Result<T, RegisterError>,
+        make: impl Fn(&mut Self, &DrivenModule, u8) -> Result<T, RegisterError>,
     ) -> Result<Vec<T>, RegisterError> {
         let mut all = Vec::new();
-        for module in kinds.iter().filter_map(|&gtag| self.firmware.find(gtag)) {
-            for instance in 0..module.instances {
-                all.push(make(self, module, instance)?);
+        for module in self.driven(kinds) {
+            for instance in 0..module.descriptor.instances {
+                all.push(make(self, &module, instance)?);
             }
         }
         Ok(all)
@@ -87,7 +126,7 @@ impl Registrar<'_> {
     /// [`Stage::Drive`](crate::bus::Stage::Drive) on.
     ///
     /// # Errors
-    /// [`RegisterError::Firmware`]: it has none, or they are in use.
+    /// [`RegisterError::Firmware`]: they are in use.
     pub fn use_io(&mut self, gtag: Gtag, instance: u8) -> Result<(), RegisterError> {
         self.io
             .use_module(self.firmware, gtag, instance, |_| true)?;

@@ -8,12 +8,14 @@ use super::encoder::{EncoderSetup, Encoders};
 use super::in_mux::InMux;
 use super::outputs::Outputs;
 use super::pwm::Pwm;
+use super::undriven::{UndrivenReason, undriven};
 use super::{RegisterError, Registrar, Settings};
 use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
 use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
+use crate::sslbp::Layout;
 
 /// Everything that a module registers with.
 struct Bench {
@@ -58,6 +60,7 @@ impl Bench {
             events: &Sink::new("", 1),
             io: &mut self.io,
             image: &mut self.plan,
+            claimed: &mut Vec::new(),
             bus: &mut peek,
         })
     }
@@ -89,7 +92,7 @@ fn i7i97() -> Bench {
 #[test]
 fn encoders_are_set_up_at_the_rate_of_their_board() {
     let mut bench = i7i97();
-    let encoders = bench.register(Encoders::register).unwrap().unwrap();
+    let encoders = bench.register(Encoders::register).unwrap().remove(0);
     assert_eq!(encoders.pins().len(), 6);
     let words = bench.set_up(0x3600, 0x4100);
     assert_eq!(words[..2], [(0x3800, 98), (0x3A00, 14)]);
@@ -110,7 +113,7 @@ fn encoders_have_the_pins_and_the_select_lines_of_their_cards() {
         },
         ..Settings::default()
     };
-    let encoders = bench.register(Encoders::register).unwrap().unwrap();
+    let encoders = bench.register(Encoders::register).unwrap().remove(0);
     assert_eq!(encoders.pins().len(), 7);
     // EncMux: FACTS 8.1, 12.7.
     assert_eq!(bench.outputs(), [1 << 7, 1 << 7]);
@@ -133,7 +136,7 @@ fn a_rate_of_the_encoders_that_the_register_does_not_hold_is_refused() {
 #[test]
 fn pwm_generators_are_at_rest_at_the_end_of_their_set_up() {
     let mut bench = i7i97();
-    let pwm = bench.register(Pwm::register).unwrap().unwrap();
+    let pwm = bench.register(Pwm::register).unwrap().remove(0);
     assert_eq!(pwm.pins().len(), 6);
     let words = bench.set_up(0x4100, 0x5000);
     // 48 kHz; 20 kHz of PDM.
@@ -208,12 +211,12 @@ fn each_instance_of_outm_has_its_register() {
 }
 
 #[test]
-fn what_is_missing_is_left_out_and_what_is_not_known_is_refused_by_name() {
+fn what_is_missing_or_not_known_is_left_out_and_what_is_not_known_is_named() {
     // A descriptor without instances is no module either.
     let mut bench = Bench::new(machines::firmware_7i92_7i77());
-    assert!(bench.register(Pwm::register).unwrap().is_none());
+    assert!(bench.register(Pwm::register).unwrap().is_empty());
     let mut bench = Bench::new(machines::firmware_7i92_7i77x2());
-    assert!(bench.register(Pwm::register).unwrap().is_none());
+    assert!(bench.register(Pwm::register).unwrap().is_empty());
     assert!(bench.register(Dpll::register).unwrap().is_none());
     assert!(bench.register(InMux::register).unwrap().is_empty());
     assert!(bench.register(Outputs::register).unwrap().is_empty());
@@ -222,15 +225,113 @@ fn what_is_missing_is_left_out_and_what_is_not_known_is_refused_by_name() {
     firmware.module_mut(gtag::MUXED_ENCODER).unwrap().version = 5;
     firmware.module_mut(gtag::PWM).unwrap().multiple = 7;
     let mut bench = Bench::new(firmware);
+    assert!(bench.register(Encoders::register).unwrap().is_empty());
+    assert!(bench.register(Pwm::register).unwrap().is_empty());
+    assert_eq!(bench.outputs(), [0, 0, 0]);
+    let texts: Vec<_> = undriven(&bench.firmware, &[])
+        .iter()
+        .map(ToString::to_string)
+        .collect();
     assert_eq!(
-        bench.register(Encoders::register).unwrap_err().to_string(),
-        "MuxedEncoder (0C) has version 5, known is 2 to 4: use a firmware with a module that is known"
+        texts,
+        [
+            "MuxedEncoder (0C) version 5, 6 instances: MuxedEncoder (0C) has version 5, known is 2 to 4: \
+             use a firmware with a module that is known; I/O pins 9-17 are plain I/O",
+            "MuxSelect (0D) version 0, 1 instance: no multiplexed encoder is driven; I/O pin 18 is plain \
+             I/O",
+            "PWM (06) version 0, 6 instances: PWM (06) has 5 registers with multiple-register mask 0x7 \
+             (version 0), known is at least 5 and 0x3: use a firmware with a module that is known; I/O \
+             pins 0-8 are plain I/O",
+        ]
     );
-    assert_eq!(
-        bench.register(Pwm::register).unwrap_err().to_string(),
-        "PWM (06) has 5 registers with multiple-register mask 0x7 (version 0), known is at least 5 \
-         and 0x3: use a firmware with a module that is known"
+    let claimed = undriven(&bench.firmware, &[Gtag::PWM, Gtag::MUXED_ENCODER]);
+    let left: Vec<_> = claimed.iter().map(|module| module.gtag).collect();
+    assert_eq!(left, [Gtag::MUX_SELECT]);
+}
+
+/// Two modules of a kind in one firmware, and both kinds of encoders.
+fn doubled() -> Bench {
+    let mut firmware = machines::firmware_7i97(1);
+    let plain = ModuleDescriptor::new(gtag::ENCODER, 3, 1, 2, 0x3000, 5, 0x00, 3);
+    let more_pwm = ModuleDescriptor::new(gtag::PWM, 0, 2, 2, 0x9000, 5, 0x00, 3);
+    let wide = ModuleDescriptor::new(gtag::SSERIAL_B, 0, 1, 1, 0xA000, 10, 0x10, 0x3FC);
+    firmware.modules.extend([plain, more_pwm, wide]);
+    for (pin, (kind, unit, number)) in [
+        (gtag::ENCODER, 0, 1),
+        (gtag::ENCODER, 1, 1),
+        (gtag::PWM, 6, 0x81),
+        (gtag::PWM, 7, 0x81),
+        (gtag::SSERIAL_B, 0, 1),
+        (gtag::SSERIAL_B, 0, 0x81),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        firmware.pins[40 + pin] = PinDescriptor::new(kind, unit, number);
+    }
+    Bench::new(firmware)
+}
+
+#[test]
+fn instances_of_two_modules_of_a_kind_are_numbered_through() {
+    let mut bench = doubled();
+    let encoders = bench.register(Encoders::register).unwrap();
+    let pwm = bench.register(Pwm::register).unwrap();
+    let counts: Vec<_> = encoders.iter().map(|bank| bank.pins().len()).collect();
+    assert_eq!(counts, [6, 2], "muxed, which come first, and plain");
+    assert_eq!(pwm.iter().map(|bank| bank.pins().len()).sum::<usize>(), 8);
+    let names: Vec<_> = bench
+        .pins
+        .infos()
+        .iter()
+        .map(|info| info.name.as_str())
+        .collect();
+    for name in [
+        "encoder.05.count",
+        "encoder.06.count",
+        "encoder.07.count",
+        "encoder.muxed-sample-frequency",
+        "encoder.bank-1.sample-frequency",
+        "encoder.bank-1.timer-number",
+        "pwmgen.05.value",
+        "pwmgen.07.value",
+        "pwmgen.pwm_frequency",
+        "pwmgen.bank-1.pwm_frequency",
+    ] {
+        assert!(
+            names.contains(&&*alloc::format!("hm2_7i97.0.{name}")),
+            "{name}"
+        );
+    }
+    // The second instance of the second module: mode and value.
+    let (set_up, both) = (bench.set_up(0x9000, 0x9200), [0x9104, 0x9004]);
+    assert!(
+        both.iter()
+            .all(|at| set_up.iter().any(|(address, _)| address == at))
     );
+    assert_eq!(bench.set_up(0x3104, 0x3108).len(), 1);
+    // Outputs of both: pins 42 and 43 are bits 8 and 9 of the third port.
+    assert_eq!(bench.outputs()[2], 0b11 << 8);
+    assert_eq!(undriven(&bench.firmware, &[]), []);
+    let ports = Layout::ports(&bench.firmware);
+    let ports = ports
+        .iter()
+        .map(|port| (port.gtag, port.layout.instance, port.layout.command));
+    let expected = [(Gtag::SSERIAL, 0, 0x5A00), (Gtag::SSERIAL_B, 1, 0xA000)];
+    assert_eq!(ports.collect::<Vec<_>>(), expected);
+}
+
+#[test]
+fn a_second_of_what_there_is_one_for_all_is_not_driven() {
+    let mut firmware = machines::firmware_7i97(1);
+    let dpll = ModuleDescriptor::new(gtag::DPLL, 0, 1, 1, 0x7800, 7, 0x00, 0);
+    firmware.modules.push(dpll);
+    let mut bench = Bench::new(firmware);
+    bench.register(Dpll::register).unwrap().unwrap();
+    assert_eq!(bench.set_up(0x7800, 0x7D00), []);
+    let list = undriven(&bench.firmware, &[]);
+    assert_eq!(list.len(), 1);
+    assert_eq!(list[0].reason, UndrivenReason::Another);
 }
 
 #[test]
@@ -242,9 +343,6 @@ fn an_io_pin_has_one_user() {
         again.unwrap_err().to_string(),
         "I/O pin 3 is used by a module or as plain I/O already: choose another one"
     );
-    let missing = bench.register(|r| r.use_io(Gtag::SSR, 1));
-    assert_eq!(
-        missing.unwrap_err().to_string(),
-        "SSR (C3) 1 has no pins in this firmware: choose another instance or firmware"
-    );
+    // An instance without pins is used all the same: they may be local I/O pins.
+    bench.register(|r| r.use_io(Gtag::SSR, 1)).unwrap();
 }

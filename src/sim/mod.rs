@@ -39,8 +39,8 @@ pub use board::{
 pub use faults::{FaultKind, Place};
 pub use fpga::{
     AccessCounters, AxisWiring, Cause, DEFAULT_ACCESS_COST, Director, DriveSignal, DriveSource,
-    Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout, SimError, SimFpga, UNDRIVEN,
-    gtag,
+    Firmware, FirmwareImage, ImageError, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout,
+    SimError, SimFpga, UNDRIVEN, gtag,
 };
 pub use modules::{
     Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial,

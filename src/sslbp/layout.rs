@@ -3,6 +3,7 @@
 use super::{Channel, ChannelMask, MAX_CHANNELS};
 use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor};
 use alloc::format;
+use alloc::vec::Vec;
 
 /// The most interface registers a channel has: 224 bits.
 pub const MAX_INTERFACE_REGISTERS: u8 = 7;
@@ -18,12 +19,24 @@ const DATA: u16 = 1;
 const CS: u16 = 2;
 const INTERFACE: u16 = 3;
 
+/// A smart serial port of a firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PortPlace {
+    /// Its module: [`Gtag::SSERIAL`] or [`Gtag::SSERIAL_B`].
+    pub gtag: Gtag,
+    /// Its number among the instances of its kind of module, as pin descriptors have it.
+    pub unit: u8,
+    /// Its registers, with its number on the board.
+    pub layout: Layout,
+}
+
 /// The register addresses of one port.
 ///
 /// Source: FACTS 2.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Layout {
-    /// Which port of the module it is: 0 to 3.
+    /// Number of the port, 0 to 3: which one of the module it is, or of the board where that has several
+    /// serial modules.
     pub instance: u8,
     /// Number of channels, 1 to 8.
     pub channels: u8,
@@ -36,14 +49,43 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The registers of port `instance` of an identified board.
+    /// The ports of an identified board that can be driven, at most 4: those of all serial modules,
+    /// numbered through in the order of the descriptors, as far as they have pins. A port has at most
+    /// the first 8 of its channels.
+    pub fn ports(hostmot2: &HostMot2) -> Vec<PortPlace> {
+        let mut ports = Vec::new();
+        for module in &hostmot2.modules {
+            let gtag = module.gtag;
+            let mut same = hostmot2.modules_of(gtag);
+            let first = same.find(|(_, other)| core::ptr::eq(*other, module));
+            let (Gtag::SSERIAL | Gtag::SSERIAL_B, Some((first, _))) = (gtag, first) else {
+                continue;
+            };
+            for instance in 0..module.instances {
+                let unit = first.saturating_add(instance);
+                let channels = hostmot2.sserial_channels(gtag, unit).min(MAX_CHANNELS);
+                if let Ok(layout) = Self::new(module, instance, channels) {
+                    let instance = ports.len() as u8;
+                    let layout = Self { instance, ..layout };
+                    ports.push(PortPlace { gtag, unit, layout });
+                }
+            }
+        }
+        ports.truncate(MAX_PORTS.into());
+        ports
+    }
+
+    /// The registers of port `port` of an identified board: see [`ports`](Self::ports).
     ///
     /// # Errors
     /// There is no such port, or its registers are not where this crate can use them.
-    pub fn locate(hostmot2: &HostMot2, instance: u8) -> Result<Self, HostMot2Error> {
+    pub fn locate(hostmot2: &HostMot2, port: u8) -> Result<Self, HostMot2Error> {
+        let mut ports = Self::ports(hostmot2).into_iter();
+        if let Some(place) = ports.nth(port.into()) {
+            return Ok(place.layout);
+        }
         let module = hostmot2.require_sserial()?;
-        let channels = hostmot2.sserial_channels(module.gtag, instance);
-        Self::new(module, instance, channels)
+        Self::new(module, port, hostmot2.sserial_channels(module.gtag, port))
     }
 
     /// The registers of port `instance` of `module`, which has `channels` channels according to

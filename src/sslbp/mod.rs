@@ -17,7 +17,7 @@ pub use crate::lbp::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess,
 pub use channels::{Channel, ChannelMask, MAX_CHANNELS, PerChannel};
 pub use doit_time::{DEFAULT_BAUD_RATE, DoitTime, Exchange};
 pub use error::PortError;
-pub use layout::{ChannelRegisters, Layout, MAX_INTERFACE_REGISTERS};
+pub use layout::{ChannelRegisters, Layout, MAX_INTERFACE_REGISTERS, PortPlace};
 pub use machine::{
     Complete, Event, Failure, FailureCounts, Link, Machine, Observed, PortState, Verdict,
 };

@@ -213,7 +213,7 @@ fn an_8i20_is_named_as_unsupported_and_disturbs_nobody() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.channel, 1);
+    assert_eq!(missing.place, Some((0, 1)));
     assert!(matches!(missing.kind, RemarkKind::Tables(_)));
     let text = missing.to_string();
     assert!(
@@ -380,7 +380,7 @@ fn a_silent_channel_is_empty_unless_the_other_part_of_its_card_answers() {
     ] {
         let missing = missing(silent);
         let (lost, empty) = missing.split_first().expect("it is missing");
-        assert_eq!(usize::from(lost.channel), silent);
+        assert_eq!(lost.place, Some((0, silent as u8)));
         assert!(!lost.is_silent(), "{lost}");
         let text = lost.to_string();
         let says = format!(

@@ -360,7 +360,7 @@ fn a_missing_remote_is_reported_with_its_reason_and_the_rest_runs() {
     let [missing] = driver.missing() else {
         panic!("{:?}", driver.missing());
     };
-    assert_eq!(missing.channel, 2);
+    assert_eq!(missing.place, Some((0, 2)));
     let text = missing.kind.to_string();
     assert!(
         text.contains("no reply") || text.contains("does not answer"),

@@ -1,7 +1,7 @@
 //! Another board with the same firmware answers at the same address.
 
 use crate::common::ethernet::{SimLink, bus};
-use crate::common::machine::{Machine, World as _};
+use crate::common::machine::Machine;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, CycleError};
 use mesa_hal::sim::{BoardConfig, SimBoard, machines};

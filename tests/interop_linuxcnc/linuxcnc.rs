@@ -70,11 +70,26 @@ impl Machine {
         expected: &Expected,
         hostmot2: &str,
     ) -> Self {
+        Self::load_all(
+            prefix,
+            (name, board),
+            expected,
+            (hostmot2, "sserial_port_0=000xxxxx"),
+        )
+    }
+
+    /// The same, with this configuration of the board.
+    pub fn load_all(
+        prefix: &'static str,
+        (name, board): (&str, &str),
+        expected: &Expected,
+        (hostmot2, config): (&str, &str),
+    ) -> Self {
+        let driver = format!("loadrt hm2_eth board_ip=10.97.0.2 config=\"{config}\"");
         let mut missing = Vec::new();
         for attempt in 1..=LOADS {
             let mut machine = Self::start(prefix, board, &[]);
-            let driver = "loadrt hm2_eth board_ip=10.97.0.2 config=sserial_port_0=000xxxxx";
-            let mut load = || machine.try_hal(hostmot2).and(machine.try_hal(driver));
+            let mut load = || machine.try_hal(hostmot2).and(machine.try_hal(&driver));
             missing = match load() {
                 Ok(_) => {
                     let (pins, params) = (machine.list("pin"), machine.list("param"));

@@ -7,6 +7,7 @@
 
 mod cost;
 mod expected;
+mod firmwares;
 #[path = "../interop/mod.rs"]
 mod interop;
 mod linuxcnc;
@@ -219,7 +220,7 @@ fn cycles(before: &Values, after: &Values) -> f64 {
 fn compare_names(machine: &mut Machine, prefix: &str, ours: SimFpga) {
     let driver = Driver::start(ours, Settings::default()).expect("the machine is complete");
     let (pins, params) = (machine.list("pin"), machine.list("param"));
-    names::compare(prefix, &pins, &params, driver.pins());
+    names::compare(prefix, [&pins, &params], driver.pins(), 400);
 }
 
 #[test]

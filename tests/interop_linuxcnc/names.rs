@@ -75,8 +75,9 @@ const ONLY_OURS: Reasons = &[
     ("sserial.port-*.too-short", "statistics"),
 ];
 
-/// Fails if a type or a direction differs, or a name is on one side only without a reason.
-pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
+/// Fails if a type or a direction differs, a name is on one side only without a reason, or fewer than
+/// `at_least` are on both.
+pub fn compare(prefix: &str, [pins, params]: [&List; 2], ours: &Pins, at_least: usize) {
     let linuxcnc: BTreeMap<_, _> = pins.iter().chain(params).collect();
     let of = |info: &PinInfo| {
         let name = info.name.strip_prefix(&format!("{prefix}."));
@@ -119,7 +120,7 @@ pub fn compare(prefix: &str, pins: &List, params: &List, ours: &Pins) {
     print_reasons("only LinuxCNC", ONLY_LINUXCNC, &theirs_alone);
     print_reasons("only ours", ONLY_OURS, &ours_alone);
     assert!(wrong.is_empty(), "{prefix}: {wrong:#?}");
-    assert!(same > 400, "{prefix}: only {same} names are the same");
+    assert!(same > at_least, "{prefix}: only {same} names are the same");
 }
 
 fn print_reasons(side: &str, reasons: Reasons, alone: &[&str]) {

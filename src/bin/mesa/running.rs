@@ -141,5 +141,5 @@ fn found(driver: &Driver<UdpBus>) -> String {
 /// Whether nothing answers on a channel.
 fn is_silent(driver: &Driver<UdpBus>, port: u8, channel: u8) -> bool {
     let mut missing = driver.missing().iter();
-    missing.any(|remark| (remark.port, remark.channel) == (port, channel) && remark.is_silent())
+    missing.any(|remark| remark.place == Some((port, channel)) && remark.is_silent())
 }

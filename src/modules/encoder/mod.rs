@@ -11,10 +11,11 @@ mod velocity;
 use alloc::format;
 use alloc::vec::Vec;
 
-use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
+use super::registrar::DrivenModule;
+use super::{Module, ReadCycle, RegisterError, Registrar, WriteCycle, bank_stem};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{PinStore, Rejection};
-use crate::hostmot2::{Gtag, ModuleDescriptor, PinDescriptor};
+use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor, PinDescriptor};
 
 pub use crate::hostmot2::TickRate;
 
@@ -67,8 +68,6 @@ struct Encoder {
     mode: Setting,
 }
 
-/// Set in the version of multiplexed encoders that have a probe.
-const WITH_PROBE: u8 = 0x80;
 /// Secondary pin of the probe.
 const PROBE_PIN: u8 = 0x05;
 
@@ -78,46 +77,60 @@ impl Encoders {
         self.axes.iter().map(|encoder| encoder.pins)
     }
 
-    /// The encoders of a firmware, if it has any and they are wanted: multiplexed ones of version 2 to
-    /// 4, and 0x82 to 0x84 with a probe; others of version 2 and 3.
-    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Option<Self>, RegisterError> {
-        let kinds = [Gtag::MUXED_ENCODER, Gtag::ENCODER];
-        let found = kinds.into_iter().find_map(|gtag| r.module(gtag));
-        let all = found.map_or(0, |module| module.instances);
-        let count = r.settings.encoders.count.unwrap_or(all);
-        if count > all {
+    /// The encoders of a firmware, as many as are wanted: multiplexed ones of version 2 to 4, others of
+    /// version 2 and 3; with 0x80 added those that have a probe.
+    ///
+    /// Encoders of several modules, and of both kinds, are numbered through in the order of the
+    /// descriptors. What a second module has for all of its encoders is
+    /// `encoder.bank-1.sample-frequency`, and so on.
+    pub(crate) fn register(r: &mut Registrar<'_>) -> Result<Vec<Self>, RegisterError> {
+        let modules = r.driven(&[Gtag::MUXED_ENCODER, Gtag::ENCODER]);
+        let counts = modules.iter().map(|module| module.descriptor.instances);
+        let all = counts.fold(0, u8::saturating_add);
+        let mut left = r.settings.encoders.count.unwrap_or(all);
+        if left > all {
+            let count = left;
             return Err(RegisterError::Setting {
                 what: "encoders (`EncoderSetup::count`)",
                 found: format!("{count}"),
                 expected: format!("at most {all}, or a firmware that has more"),
             });
         }
-        match found {
-            Some(module) if count > 0 => Self::new(r, &module, count).map(Some),
-            _ => Ok(None),
+        let (mut banks, mut first_number) = (Vec::new(), 0_u8);
+        for module in &modules {
+            let count = left.min(module.descriptor.instances);
+            if count == 0 {
+                break;
+            }
+            let bank = banks.len();
+            banks.push(Self::new(r, module, (bank, first_number), count)?);
+            first_number = first_number.saturating_add(count);
+            left -= count;
         }
+        Ok(banks)
     }
 
+    /// The first `count` encoders of a module, whose names begin with `first_number`.
     fn new(
         r: &mut Registrar<'_>,
-        module: &ModuleDescriptor,
+        of_kind: &DrivenModule,
+        (bank, first_number): (usize, u8),
         count: u8,
     ) -> Result<Self, RegisterError> {
+        let module = &of_kind.descriptor;
         let (gtag, clock_hz) = (module.gtag, module.clock_hz);
         let is_muxed = gtag == Gtag::MUXED_ENCODER;
-        let probe = module.version & if is_muxed { WITH_PROBE } else { 0 };
+        let probe = module.version & ModuleDescriptor::WITH_PROBE;
         let version = module.version & !probe;
-        module.check_layout(5, 0x3)?;
-        module.expect_version(version, 2..=if is_muxed { 4 } else { 3 })?;
         let is_probe =
             |pin: &PinDescriptor| pin.secondary == gtag && pin.secondary_pin == PROBE_PIN;
-        take_pins(r, gtag, count)?;
+        take_pins(r, of_kind, count)?;
 
         let rate_register = module.register(4, 0)?;
         // Descriptors do not count this register; firmware without it ignores what is written there.
         let timer_register = rate_register
             .checked_add(module.register_stride)
-            .filter(|_| r.module(Gtag::HM2DPLL).is_some());
+            .filter(|_| r.firmware.find(Gtag::HM2DPLL).is_some());
         let usual = r.settings.encoders.rate.unwrap_or(r.board.encoder_rate);
         if usual.0 > TickRate::SLOWEST.0 {
             return Err(RegisterError::Setting {
@@ -127,7 +140,7 @@ impl Encoders {
             });
         }
         let bank = EncoderBankPins::new(
-            r.maker("encoder."),
+            r.maker(&bank_stem("encoder", bank)),
             usual.hz(clock_hz) as u32,
             is_muxed.then_some(version),
             timer_register.is_some(),
@@ -142,8 +155,8 @@ impl Encoders {
         let samples = if is_muxed { 0.5 } else { 1.0 };
         let [ticks, sample_hz] = [common.timestamps, common.rate].map(|rate| rate.hz(clock_hz));
         let mut axes = Vec::new();
-        for number in 0..count {
-            let mut encoder = Encoder::new(r, module, number)?;
+        for (instance, number) in (0..count).zip(first_number..) {
+            let mut encoder = Encoder::new(r, of_kind, instance, number)?;
             let (state, pins) = (&mut encoder.state, &encoder.pins);
             state.set_rates(ticks, sample_hz * samples);
             r.pins.publish(pins.max_count_rate, state.max_count_rate());
@@ -182,16 +195,18 @@ impl Encoders {
 impl Encoder {
     fn new(
         r: &mut Registrar<'_>,
-        module: &ModuleDescriptor,
+        of_kind: &DrivenModule,
+        instance: u8,
         number: u8,
     ) -> Result<Self, RegisterError> {
-        let (gtag, n) = (module.gtag, number.into());
+        let module = &of_kind.descriptor;
+        let (gtag, n) = (module.gtag, of_kind.number(instance).into());
         let places = r.board.encoder_places(r.firmware, gtag, n);
         let make = r.maker(&format!("encoder.{number:02}."));
         // What the manuals of multiplexed encoders promise needs the short filter.
         let pins = EncoderPins::new(make, places, gtag != Gtag::MUXED_ENCODER)?;
         let config = pins.config(r.pins);
-        let (count, control) = (module.register(0, number)?, module.register(1, number)?);
+        let (count, control) = (module.register(0, instance)?, module.register(1, instance)?);
         let mode = r.image.setting(Stage::Configure, control, config.mode);
         r.image.step(Stage::Configure, count, 0);
         Ok(Self {
@@ -234,22 +249,38 @@ impl Encoder {
     }
 }
 
-/// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the
-/// select line. Each card has one of its own, which carries the same signal; its unit is the number
-/// of the card's first encoder (FACTS 12.7).
-fn take_pins(r: &mut Registrar<'_>, gtag: Gtag, count: u8) -> Result<(), RegisterError> {
-    let mut units = count;
-    if gtag == Gtag::MUXED_ENCODER {
-        units = count.div_ceil(2);
-        for unit in 0..count {
-            let mut pins = r.firmware.pins_of(Gtag::MUX_SELECT, unit);
-            // Without any for unit 0, taking its pins tells what is missing.
-            if unit == 0 || pins.next().is_some() {
-                r.use_io(Gtag::MUX_SELECT, unit)?;
-            }
+/// Checks layout and version.
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), HostMot2Error> {
+    let newest = match module.gtag {
+        Gtag::MUXED_ENCODER => 4,
+        _ => 3,
+    };
+    module.check_layout(5, 0x3)?;
+    module.expect_version(module.version & !ModuleDescriptor::WITH_PROBE, 2..=newest)
+}
+
+/// Multiplexed encoders share pins in pairs, which carry the number of the pair, and need the select
+/// line. Each card has one of its own, which carries the same signal (FACTS 12.7). Its unit is often
+/// that of the card's first encoder, but not in all firmwares; so all lines are driven where all
+/// encoders are used.
+fn take_pins(r: &mut Registrar<'_>, module: &DrivenModule, count: u8) -> Result<(), RegisterError> {
+    let gtag = module.descriptor.gtag;
+    let (first, end) = (module.first, module.number(count));
+    if gtag != Gtag::MUXED_ENCODER {
+        return (first..end).try_for_each(|unit| r.use_io(gtag, unit));
+    }
+    let of_unit = |unit: &u8| r.firmware.pins_of(Gtag::MUX_SELECT, *unit).next().is_some();
+    let lines: Vec<u8> = (0..=u8::MAX).filter(of_unit).collect();
+    let is_whole = count == module.descriptor.instances;
+    let used = |unit: &u8| is_whole || *unit < end;
+    let is_any_used = lines.iter().any(used);
+    for unit in lines.into_iter().filter(|unit| !is_any_used || used(unit)) {
+        // A second module of this kind has the lines of the first.
+        if first == 0 {
+            r.use_io(Gtag::MUX_SELECT, unit)?;
         }
     }
-    (0..units).try_for_each(|unit| r.use_io(gtag, unit))
+    (first / 2..end.div_ceil(2)).try_for_each(|unit| r.use_io(gtag, unit))
 }
 
 impl Module for Encoders {

@@ -2,6 +2,9 @@
 
 use super::firmware::{COOKIE_ADDRESS, Firmware, IDROM_ADDRESS, ModuleDescriptor, gtag};
 
+/// The most ports of a serial module.
+pub(super) const MAX_PORTS: u8 = 4;
+
 /// What an address selects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Target {
@@ -35,12 +38,8 @@ impl AddressMap {
         let mut map = Self {
             targets: vec![Target::Nothing; 0x4000].into_boxed_slice(),
         };
-        for index in 0..4 {
-            map.put(COOKIE_ADDRESS + 4 * index, Target::Rom(index));
-        }
-        for index in 0..idrom_words as u16 {
-            map.put(IDROM_ADDRESS + 4 * index, Target::Rom(4 + index));
-        }
+        // Serial ports are numbered through over all modules.
+        let mut ports = 0;
         for module in &firmware.modules {
             // The select line of the encoders has no register of its own, and a descriptor without
             // instances no hardware.
@@ -63,7 +62,8 @@ impl AddressMap {
                     let address =
                         base.wrapping_add(u16::from(instance).wrapping_mul(instance_stride));
                     if serial {
-                        map.put_channels(address, module.gtag, register, instance, multiple);
+                        let port = instance.saturating_add(ports);
+                        map.put_channels(address, module.gtag, register, port, multiple);
                     } else {
                         let target = Target::Module {
                             gtag: module.gtag,
@@ -75,6 +75,15 @@ impl AddressMap {
                     }
                 }
             }
+            if serial {
+                ports += module.instances.min(MAX_PORTS);
+            }
+        }
+        for index in 0..4 {
+            map.put(COOKIE_ADDRESS + 4 * index, Target::Rom(index));
+        }
+        for index in 0..idrom_words as u16 {
+            map.put(IDROM_ADDRESS + 4 * index, Target::Rom(4 + index));
         }
         map
     }

@@ -1,6 +1,7 @@
 //! Which module an access goes to.
 
 use super::{SimFpga, UNDRIVEN, gtag};
+use crate::sim::modules::Inputs;
 
 impl SimFpga {
     pub(super) fn read_module(&mut self, gtag: u8, register: u8, instance: u8, port: u8) -> u32 {
@@ -26,12 +27,14 @@ impl SimFpga {
             gtag::IN_MUX => {
                 self.settle_inputs();
                 let inputs = self.in_mux.as_mut();
-                inputs.map_or(0, |inputs| inputs.read(now, register))
+                let word = inputs.map_or(0, |inputs| inputs.read(now, register));
+                Inputs::word_of(&self.firmware, (gtag, instance), register, word)
             }
             gtag::IN_M => {
                 self.settle_inputs();
                 let inputs = self.in_m.as_mut();
-                inputs.map_or(0, |inputs| inputs.read(now, register))
+                let word = inputs.map_or(0, |inputs| inputs.read(now, register));
+                Inputs::word_of(&self.firmware, (gtag, instance), register, word)
             }
             gtag::SSR => self.ssr.as_ref().map_or(0, |ssr| ssr.read(register)),
             gtag::OUT_M => self.out_m.as_ref().map_or(0, |out| out.read(register)),

@@ -46,7 +46,7 @@ pub(crate) const COOKIE_ADDRESS: u16 = 0x0100;
 /// Where the IDROM begins.
 pub(crate) const IDROM_ADDRESS: u16 = 0x0400;
 
-const COOKIE: u32 = 0x55AA_CAFE;
+pub(crate) const COOKIE: u32 = 0x55AA_CAFE;
 const MODULES_OFFSET: u32 = 0x40;
 /// All public firmwares have it there, although their comments say 0x200. FACTS 9.1.
 const PINS_OFFSET: u32 = 0x1C0;
@@ -55,6 +55,8 @@ const MODULE_SLOTS: usize = 32;
 const MODULE_WORDS: usize = 3;
 /// Slots for pin descriptors, those of local I/O included.
 const PIN_SLOTS: usize = 144;
+/// The memory of the IDROM: 0400 to 07FF.
+pub(crate) const IDROM_WORDS: usize = 256;
 
 /// A module descriptor. FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -274,7 +276,8 @@ impl Firmware {
         words.extend(slots.as_flattened());
         let pins = self.pins.iter().chain(&self.local_pins).take(PIN_SLOTS);
         words.extend(pins.map(|pin| pin.word()));
-        words.resize(PINS_OFFSET as usize / 4 + PIN_SLOTS, 0);
+        // A host reads to the end.
+        words.resize(IDROM_WORDS, 0);
         words
     }
 }

@@ -5,6 +5,7 @@ mod decode;
 mod director;
 mod dispatch;
 pub(crate) mod firmware;
+mod image;
 mod installation;
 mod plant;
 mod reload;
@@ -13,6 +14,7 @@ mod world_side;
 pub use bus::SimError;
 pub use director::{Cause, Director};
 pub use firmware::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
+pub use image::{FirmwareImage, ImageError};
 pub use plant::{AxisWiring, DriveSignal, DriveSource, Readout};
 pub(crate) use world_side::device;
 
@@ -330,7 +332,7 @@ fn serial_ports(firmware: &Firmware) -> Vec<SmartSerial> {
     modules
         .filter(|module| matches!(module.gtag, gtag::SSERIAL | gtag::SSERIAL_B))
         .flat_map(|module| {
-            let instances = 0..module.instances.min(4);
+            let instances = 0..module.instances.min(decode::MAX_PORTS);
             instances.map(move |instance| SmartSerial::new(firmware, module, instance))
         })
         .collect()

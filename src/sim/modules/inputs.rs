@@ -13,6 +13,20 @@ const FILTERED: u8 = 2;
 const RAW: u8 = 3;
 const MPG: u8 = 4;
 
+/// The number of inputs of an instance, if a descriptor behind the end of the list holds it: tags 1F to
+/// 22 for InMux 0 to 3, and 24 to 27 for InM. FACTS 9.1.
+fn width(firmware: &Firmware, gtag: u8, instance: u8) -> Option<usize> {
+    let first = if gtag == gtag::IN_MUX {
+        gtag::IN_MUX_WIDTH
+    } else {
+        0x24
+    };
+    let tag = instance.checked_add(first)?;
+    let mut hints = firmware.behind_end.iter().map(|(_, module)| module);
+    let hint = hints.find(|hint| hint.gtag == tag && hint.instances == 0)?;
+    Some(hint.multiple as usize)
+}
+
 const MAX_ADDRESS_LINES: usize = 5;
 
 const SECOND: u128 = 1_000_000_000;
@@ -56,6 +70,7 @@ impl Inputs {
                 .filter(|&number| pin(number).is_some())
                 .count()
         };
+        let count = width(firmware, module.gtag, 0).unwrap_or(count);
         let count = count.clamp(1, MAX_INPUTS);
         Self {
             multiplexed,
@@ -65,6 +80,23 @@ impl Inputs {
             scanner: Scanner::new(count, multiplexed),
             address,
             stuck_address: if multiplexed { usize::MAX } else { 0 },
+        }
+    }
+
+    /// What instance `instance` of a module reads where the first one reads `word`: instances differ in
+    /// the number of their inputs only.
+    pub(crate) fn word_of(
+        firmware: &Firmware,
+        (gtag, instance): (u8, u8),
+        register: u8,
+        word: u32,
+    ) -> u32 {
+        const LAST_INPUT: u32 = 0x1F;
+        match width(firmware, gtag, instance) {
+            Some(count) if register == CONTROL && instance > 0 => {
+                word & !LAST_INPUT | (count.clamp(1, MAX_INPUTS) as u32 - 1)
+            }
+            _ => word,
         }
     }
 
@@ -152,7 +184,8 @@ impl Inputs {
         if !self.multiplexed {
             return self.terminals & self.all();
         }
-        let selected = |input: usize| (input | self.stuck_address) & (self.count - 1);
+        let lines = self.count.next_power_of_two();
+        let selected = |input: usize| (input | self.stuck_address) & (lines - 1);
         (0..self.count).fold(0, |lines, input| {
             lines | u32::from(!self.terminal(selected(input))) << input
         })

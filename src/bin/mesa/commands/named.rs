@@ -20,21 +20,15 @@ pub fn present(missing: &[Remark], name: &str) -> Result<(), Failure> {
     });
     let found = places.find_map(|place: (u8, u8)| {
         let mut missing = missing.iter();
-        missing.find(|remark| (remark.port, remark.channel) == place)
+        missing
+            .find(|remark| remark.place == Some(place))
+            .map(|remark| (place, remark))
     });
-    found.map_or(
-        Ok(()),
-        |Remark {
-             port,
-             channel,
-             kind,
-             ..
-         }| {
-            Err(Failure::refused(format_args!(
-                "{name}: its remote on {port}.{channel} is missing: {kind}"
-            )))
-        },
-    )
+    found.map_or(Ok(()), |((port, channel), Remark { kind, .. })| {
+        Err(Failure::refused(format_args!(
+            "{name}: its remote on {port}.{channel} is missing: {kind}"
+        )))
+    })
 }
 
 /// The pin or parameter of a name, or the only one whose name ends so behind a point. `missing` are

@@ -30,6 +30,7 @@ const DAMAGED: &str = "the part about the remotes is damaged; delete the file";
 /// The board, what is plugged in, and what is pulled out but still on the desk.
 pub struct Machine {
     pub board: SimBoard<SimFpga>,
+    name: String,
     pub remotes: Vec<Plugged>,
     pub kind: Board,
     pub plan: Plan,
@@ -54,12 +55,17 @@ impl Machine {
     pub fn new(options: &MachineOptions) -> Result<Self, Box<dyn Error>> {
         let wanted = with_own_remotes(options);
         let channels = wanted.iter().map(|remote| remote.channel + 1).max();
-        let fpga = options.board.fpga(channels.unwrap_or(1));
-        let mut config = BoardConfig::new(options.board.card());
+        let fpga = match &options.firmware {
+            Some(image) => SimFpga::from_image(image)?,
+            None => options.board.fpga(channels.unwrap_or(1)),
+        };
+        let name = name(&fpga);
+        let mut config = BoardConfig::new(&name);
         config.ip = options.ip;
         config.mac = options.mac.unwrap_or(config.mac);
         let mut machine = Self {
             board: SimBoard::new(config, fpga),
+            name,
             remotes: Vec::new(),
             kind: options.board,
             plan: options.plan.clone(),
@@ -83,7 +89,7 @@ impl Machine {
     /// Puts into the flash memory what boards come with: a boot block, and a configuration for the user
     /// and as the fallback.
     fn load_configurations(&mut self) {
-        let Some(layout) = FlashLayout::for_card(self.name()) else {
+        let Some(layout) = FlashLayout::for_card(&self.name) else {
             return;
         };
         for area in [Area::BootBlock, Area::Fallback, Area::User] {
@@ -93,8 +99,8 @@ impl Machine {
     }
 
     /// Name of the board.
-    pub fn name(&self) -> &'static str {
-        self.kind.card()
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// What is there, for people.
@@ -216,6 +222,27 @@ impl Machine {
             channel,
             device: remote.device.clone(),
         });
+    }
+}
+
+/// The name of the card. It is that of the firmware, but for cards whose names say more: the size of
+/// their FPGA, and what connectors they have.
+fn name(fpga: &SimFpga) -> String {
+    let firmware = fpga.firmware();
+    let board = String::from_utf8_lossy(&firmware.board);
+    let board = board
+        .strip_prefix("MESA")
+        .unwrap_or(&board)
+        .trim_end_matches(['\0', ' ']);
+    // A 7I96S and a 7I97T have an Efinix FPGA.
+    let size = firmware.fpga_size;
+    match (board, firmware.port_width) {
+        ("7I80", 24) => format!("7I80HD-{size}"),
+        ("7I80", _) => format!("7I80DB-{size}"),
+        ("7I76", _) => format!("7I76E-{size}"),
+        ("7I96", _) if size == 20 => "7I96S".to_owned(),
+        ("7I97", _) if size == 20 => "7I97T".to_owned(),
+        (board, _) => board.to_owned(),
     }
 }
 

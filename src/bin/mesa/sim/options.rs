@@ -1,12 +1,13 @@
 //! What is simulated, as the command line tells it.
 
+use std::fs;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use mesa_hal::lbp16;
-use mesa_hal::sim::{Mishaps, SimFpga, machines};
+use mesa_hal::sim::{FirmwareImage, Mishaps, SimFpga, machines};
 
 use super::control::Control;
 use super::file;
@@ -31,6 +32,7 @@ line of JSON.
 
 Examples:
   mesa sim --board 7i97 --listen 127.0.0.1 --remote 0=7i77-io:2 --loss 0.01
+  mesa sim --firmware tests/transcripts/firmwares/7I97-7I97D_51.txt --listen 127.0.0.1
   mesa sim --machine examples/mill.toml --watch
   mesa sim --machine examples/mill.toml --control 4711
   mesa sim --machine a.toml --machine b.toml --listen 127.0.0.1 --listen 127.0.0.2 --pcap both.pcap";
@@ -44,9 +46,13 @@ pub struct Options {
         long,
         value_enum,
         ignore_case = true,
-        required_unless_present = "machine"
+        required_unless_present_any = ["machine", "firmware"]
     )]
     board: Option<Board>,
+    /// The board with the firmware whose identity memory FILE holds: a line `ADDR VALUE`, both
+    /// hexadecimal, for each word. It has no motors; remotes are on its first serial port
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "machine"])]
+    firmware: Option<PathBuf>,
     /// The machine that FILE describes: board, remotes, motors, switches (examples/mill.toml). Repeat
     /// for more boards, up to 16, in one process
     #[arg(long = "machine", id = "machine", value_name = "FILE", conflicts_with_all = ["board", "remotes"])]
@@ -138,6 +144,15 @@ impl Options {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();
             machines.push((name.into_owned(), file::read(path)?));
         }
+        if let Some(path) = &self.firmware {
+            let in_file = |error: String| format!("{}: {error}", path.display());
+            let text = fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
+            let image = FirmwareImage::parse(&text).map_err(|error| in_file(error.to_string()))?;
+            check_channels(Board::Firmware, &self.remotes)?;
+            let mut machine = MachineOptions::new(Board::Firmware, self.remotes.clone());
+            machine.firmware = Some(image);
+            machines.push(("board".to_owned(), machine));
+        }
         if let Some(board) = self.board {
             check_channels(board, &self.remotes)?;
             let machine = MachineOptions::new(board, self.remotes.clone());
@@ -222,6 +237,9 @@ pub enum Board {
         help = "a 7I80DB with a 7I77 and firmware of 2016, whose registers are at other addresses"
     )]
     I7i80With7i77,
+    /// Any: its firmware is given as an image.
+    #[value(skip)]
+    Firmware,
 }
 
 impl Board {
@@ -233,20 +251,10 @@ impl Board {
         names.collect::<Vec<_>>().join(", ")
     }
 
-    /// The card's name on the Ethernet side.
-    pub const fn card(self) -> &'static str {
-        match self {
-            Self::I7i97 | Self::I7i97With7i77 => "7I97",
-            Self::I7i97t => "7I97T",
-            Self::I7i92With7i77 => "7I92",
-            Self::I7i80With7i77 => "7I80DB",
-        }
-    }
-
-    /// The FPGA, with so many channels where they can be chosen.
+    /// The FPGA with its usual firmware, with so many channels where they can be chosen.
     pub fn fpga(self, channels: u8) -> SimFpga {
         match self {
-            Self::I7i97 => machines::i7i97(channels),
+            Self::I7i97 | Self::Firmware => machines::i7i97(channels),
             Self::I7i97With7i77 => machines::i7i97_7i77(),
             Self::I7i97t => machines::i7i97t(channels),
             Self::I7i92With7i77 => machines::i7i92_7i77(),
@@ -257,7 +265,7 @@ impl Board {
     /// How many serial channels it has at most.
     const fn channels(self) -> u8 {
         match self {
-            Self::I7i97 | Self::I7i97t => 8,
+            Self::I7i97 | Self::I7i97t | Self::Firmware => 8,
             Self::I7i97With7i77 => 4,
             Self::I7i92With7i77 | Self::I7i80With7i77 => 3,
         }
@@ -266,7 +274,7 @@ impl Board {
     /// The first channel of the 7I77 that is part of it.
     pub const fn card_7i77(self) -> Option<u8> {
         match self {
-            Self::I7i97 | Self::I7i97t => None,
+            Self::I7i97 | Self::I7i97t | Self::Firmware => None,
             Self::I7i97With7i77 => Some(1),
             Self::I7i92With7i77 | Self::I7i80With7i77 => Some(0),
         }
@@ -276,14 +284,15 @@ impl Board {
     pub const fn own_outputs(self) -> u8 {
         match self {
             Self::I7i97 | Self::I7i97With7i77 | Self::I7i97t => 6,
-            Self::I7i92With7i77 | Self::I7i80With7i77 => 0,
+            Self::I7i92With7i77 | Self::I7i80With7i77 | Self::Firmware => 0,
         }
     }
 
-    /// Its axes: analog outputs, and encoders.
+    /// Its axes: analog outputs, and encoders. Those of an image are not known.
     pub const fn axes(self) -> usize {
         match self {
             Self::I7i97With7i77 => 12,
+            Self::Firmware => 0,
             _ => 6,
         }
     }
@@ -331,6 +340,8 @@ impl FromStr for RemoteOption {
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineOptions {
     pub board: Board,
+    /// The identity of its firmware, unless it is the usual one of the board.
+    pub firmware: Option<FirmwareImage>,
     /// What its jumpers and its EEPROM give as its address.
     pub ip: Ipv4Addr,
     /// Its MAC address, unless it is that of every simulated board.
@@ -346,6 +357,7 @@ impl MachineOptions {
     fn new(board: Board, remotes: Vec<RemoteOption>) -> Self {
         Self {
             board,
+            firmware: None,
             ip: Ipv4Addr::LOCALHOST,
             mac: None,
             remotes,

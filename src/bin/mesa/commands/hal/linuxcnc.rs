@@ -35,6 +35,12 @@ pub fn board(machine: &Machine) -> String {
     for remote in &machine.remotes {
         let _ = writeln!(text, "# {remote}");
     }
+    if !machine.undriven.is_empty() {
+        text.push_str("#\n# There are no signals for what this crate does not drive:\n");
+    }
+    for module in &machine.undriven {
+        let _ = writeln!(text, "# {module}");
+    }
     let config = if ports.is_empty() {
         ""
     } else {

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::net::SocketAddrV4;
 
 use mesa_hal::Board;
+use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
-use mesa_hal::sslbp::MAX_CHANNELS;
+use mesa_hal::sslbp::{Layout, MAX_CHANNELS};
 use mesa_hal::transport::udp::UdpBus;
 
 use super::super::named;
@@ -62,6 +63,8 @@ pub struct Machine {
     pub ports: BTreeMap<u8, String>,
     /// The remotes, a line each.
     pub remotes: Vec<String>,
+    /// The modules that are not driven, a line each.
+    pub undriven: Vec<String>,
 }
 
 /// A servo axis: the names of its pins.
@@ -98,6 +101,14 @@ impl Machine {
             !info.role.is_param() && is_taken
         };
         let pins: Vec<_> = all.infos().iter().filter(is_connected).cloned().collect();
+        let undriven = board
+            .remarks()
+            .iter()
+            .filter_map(|remark| match &remark.kind {
+                RemarkKind::Undriven(module) => Some(module.to_string()),
+                _ => None,
+            });
+        let undriven = undriven.collect();
         let settings = all.infos().iter().zip(all.values());
         let settings = settings.filter_map(|(info, value)| {
             let is_it = info.role == Role::Setting && is_one(&SETTINGS, &own(info)?);
@@ -112,6 +123,7 @@ impl Machine {
             address: Some(address).filter(|address| !address.ip().is_loopback()),
             ports,
             remotes,
+            undriven,
         })
     }
 
@@ -130,8 +142,7 @@ impl Machine {
 
 /// The modes of all channels as LinuxCNC takes them, and the remotes in words.
 fn ports(board: &Board<UdpBus>) -> Result<(BTreeMap<u8, String>, Vec<String>), Failure> {
-    let module = board.firmware().require_sserial();
-    let instances = module.map_or(0, |module| module.instances);
+    let instances = Layout::ports(board.firmware()).len() as u8;
     let none = ['x'; MAX_CHANNELS as usize];
     let mut ports: BTreeMap<_, _> = (0..instances).map(|port| (port, none)).collect();
     let mut remotes = Vec::new();

@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter};
 
 use mesa_hal::ethernet::LedMode;
 use mesa_hal::inventory::{
-    Channel, Data, Element, Ethernet, Firmware, Found as OnChannel, PinDirection, Remote,
+    Channel, Data, Element, Ethernet, Firmware, Found as OnChannel, Pin, PinDirection, Remote,
     SerialPort,
 };
 use mesa_hal::remote::Scaling;
@@ -101,8 +101,24 @@ fn print_firmware(f: &mut Formatter<'_>, firmware: &Firmware) -> fmt::Result {
             mhz(module.clock_hz),
         )?;
     }
+    if !firmware.trailing.is_empty() {
+        writeln!(
+            f,
+            "  and behind their end: {}",
+            firmware.trailing.join("; ")
+        )?;
+    }
     writeln!(f, "\nI/O pins")?;
-    for pin in &firmware.pins {
+    print_pins(f, &firmware.pins)?;
+    if firmware.local_pins.is_empty() {
+        return Ok(());
+    }
+    writeln!(f, "\nLocal I/O pins, which end on the board")?;
+    print_pins(f, &firmware.local_pins)
+}
+
+fn print_pins(f: &mut Formatter<'_>, pins: &[Pin]) -> fmt::Result {
+    for pin in pins {
         let way = match pin.direction {
             PinDirection::Out => "out",
             PinDirection::In => "in",

@@ -153,6 +153,7 @@ fn parse(text: &str, directory: &Path) -> Result<MachineOptions, String> {
     };
     let machine = MachineOptions {
         board,
+        firmware: None,
         ip: plan.listen.unwrap_or(Ipv4Addr::LOCALHOST),
         mac: mac.transpose()?,
         remotes,

@@ -1,0 +1,223 @@
+//! The modules of a firmware that are not driven, and why.
+
+use alloc::vec::Vec;
+use core::fmt;
+
+use super::{dpll, encoder, in_mux, led, outputs, pwm};
+use crate::hostmot2::{Gtag, HostMot2, HostMot2Error, ModuleDescriptor, list_of};
+use crate::sslbp::{Layout, MAX_CHANNELS, MAX_PORTS};
+
+/// A module of a firmware, or a part of one, that is not driven. Its pins are plain I/O.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Undriven {
+    /// What kind of module it is.
+    pub gtag: Gtag,
+    /// Its version.
+    pub version: u8,
+    /// How many instances its descriptor has.
+    pub instances: u8,
+    /// Why it is not driven.
+    pub reason: UndrivenReason,
+    /// Its I/O pins, by number.
+    pub pins: Vec<u16>,
+    /// Its local I/O pins, by number.
+    pub local_pins: Vec<u16>,
+}
+
+/// Why a module is not driven.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum UndrivenReason {
+    /// This crate has nothing for this kind.
+    #[error("this crate does not drive it")]
+    Unsupported,
+    /// Its version, or its registers, are not known.
+    #[error("{0}")]
+    Unknown(HostMot2Error),
+    /// There is one for all of the board, and this is another.
+    #[error("only the first one is driven")]
+    Another,
+    /// It selects multiplexed encoders that are not there or not driven.
+    #[error("no multiplexed encoder is driven")]
+    NoEncoders,
+    /// A serial module: of its ports, this many are driven.
+    #[error("only {driven} of its ports are driven, of {most} that a board can have")]
+    Ports {
+        /// The ports that are driven.
+        driven: u8,
+        /// The most that a board can have.
+        most: u8,
+    },
+    /// A serial port has more channels than can be driven.
+    #[error("port {port} has {channels} channels, of which {MAX_CHANNELS} are driven")]
+    Channels {
+        /// Its number.
+        port: u8,
+        /// How many channels have pins.
+        channels: u8,
+    },
+}
+
+/// `StepGen (05) version 2, 5 instances: this crate does not drive it; plain I/O are pins 17-26`.
+impl fmt::Display for Undriven {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (gtag, version, instances) = (self.gtag, self.version, self.instances);
+        let plural = if instances == 1 { "" } else { "s" };
+        write!(
+            f,
+            "{gtag} version {version}, {instances} instance{plural}: "
+        )?;
+        write!(f, "{}; ", self.reason)?;
+        match &*self.pins {
+            [] => f.write_str("it has no I/O pins")?,
+            [pin] => write!(f, "I/O pin {pin} is plain I/O")?,
+            pins => write!(
+                f,
+                "I/O pins {} are plain I/O",
+                list_of(pins.iter().copied())
+            )?,
+        }
+        match &*self.local_pins {
+            [] => Ok(()),
+            pins => write!(f, "; local I/O: {}", list_of(pins.iter().copied())),
+        }
+    }
+}
+
+/// Checks that a module is of a kind, a version and a layout that is driven.
+///
+/// # Errors
+/// [`UndrivenReason::Unsupported`] and [`UndrivenReason::Unknown`].
+pub(super) fn check(module: &ModuleDescriptor) -> Result<(), UndrivenReason> {
+    let checked = match module.gtag {
+        // Without them no board is driven at all.
+        Gtag::WATCHDOG | Gtag::IO_PORT | Gtag::MUX_SELECT => Ok(()),
+        Gtag::ENCODER | Gtag::MUXED_ENCODER => encoder::check(module),
+        Gtag::PWM => pwm::check(module),
+        Gtag::HM2DPLL => dpll::check(module),
+        Gtag::IN_MUX | Gtag::IN_M => in_mux::check(module),
+        Gtag::SSR | Gtag::OUT_M => outputs::check(module),
+        Gtag::LED => led::check(module),
+        Gtag::SSERIAL | Gtag::SSERIAL_B => Layout::new(module, 0, 1).map(drop),
+        _ => return Err(UndrivenReason::Unsupported),
+    };
+    checked.map_err(UndrivenReason::Unknown)
+}
+
+/// The modules that are driven once for all of the board.
+const ONE_FOR_ALL: [Gtag; 4] = [Gtag::WATCHDOG, Gtag::IO_PORT, Gtag::HM2DPLL, Gtag::LED];
+
+/// What of a firmware is not driven, in the order of its descriptors. Modules of the kinds `claimed`
+/// are driven by the application.
+///
+/// A descriptor without instances has nothing to drive.
+pub(crate) fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
+    let mut list = Vec::new();
+    for module in firmware.modules.iter().filter(|m| m.instances > 0) {
+        if claimed.contains(&module.gtag) {
+            continue;
+        }
+        let mut same = firmware.modules_of(module.gtag);
+        let Some((first, _)) = same.find(|(_, m)| core::ptr::eq(*m, module)) else {
+            continue;
+        };
+        let reason = match check(module) {
+            Err(reason) => Some(reason),
+            Ok(()) if first > 0 && ONE_FOR_ALL.contains(&module.gtag) => {
+                Some(UndrivenReason::Another)
+            }
+            Ok(()) if module.gtag == Gtag::MUX_SELECT && !has_muxed(firmware) => {
+                Some(UndrivenReason::NoEncoders)
+            }
+            Ok(()) => None,
+        };
+        match reason {
+            Some(reason) => {
+                let mut same = firmware.modules_of(module.gtag);
+                let is_last = same.all(|(other, _)| other <= first);
+                // Pins of instances that no module has belong to the last one; so do those of all.
+                let end = if is_last {
+                    u8::MAX
+                } else {
+                    first + (module.instances - 1)
+                };
+                let is_its = |unit, _| (first..=end).contains(&unit);
+                list.push(Undriven::new(firmware, module, reason, is_its));
+            }
+            None => list.extend(undriven_serial(firmware, module, first)),
+        }
+    }
+    list
+}
+
+fn has_muxed(firmware: &HostMot2) -> bool {
+    let mut modules = firmware.modules_of(Gtag::MUXED_ENCODER);
+    modules.any(|(_, module)| check(module).is_ok())
+}
+
+/// The ports and channels of a serial module that are too many.
+fn undriven_serial(firmware: &HostMot2, module: &ModuleDescriptor, first: u8) -> Vec<Undriven> {
+    let gtag = module.gtag;
+    if !matches!(gtag, Gtag::SSERIAL | Gtag::SSERIAL_B) {
+        return Vec::new();
+    }
+    let mut list = Vec::new();
+    let units = first..first.saturating_add(module.instances);
+    let ports: Vec<_> = Layout::ports(firmware)
+        .into_iter()
+        .filter(|port| port.gtag == gtag && units.contains(&port.unit))
+        .collect();
+    let is_driven = |unit| ports.iter().any(|port| port.unit == unit);
+    let with_pins = units
+        .clone()
+        .filter(|&unit| firmware.sserial_channels(gtag, unit) > 0);
+    if !with_pins.clone().all(is_driven) {
+        let reason = UndrivenReason::Ports {
+            driven: ports.len() as u8,
+            most: MAX_PORTS,
+        };
+        let of_others = |unit, _| units.contains(&unit) && !is_driven(unit);
+        list.push(Undriven::new(firmware, module, reason, of_others));
+    }
+    for port in &ports {
+        let channels = firmware.sserial_channels(gtag, port.unit);
+        if channels > MAX_CHANNELS {
+            let port_number = port.layout.instance;
+            let reason = UndrivenReason::Channels {
+                port: port_number,
+                channels,
+            };
+            list.push(Undriven::new(firmware, module, reason, |unit, channel| {
+                unit == port.unit && channel.is_some_and(|n| n >= MAX_CHANNELS)
+            }));
+        }
+    }
+    list
+}
+
+impl Undriven {
+    /// `is_its` is asked for unit and serial channel of each pin of the module's kind.
+    fn new(
+        firmware: &HostMot2,
+        module: &ModuleDescriptor,
+        reason: UndrivenReason,
+        is_its: impl Fn(u8, Option<u8>) -> bool,
+    ) -> Self {
+        let gtag = module.gtag;
+        let numbers = |pins: &[crate::hostmot2::PinDescriptor]| {
+            let pins = (0_u16..).zip(pins);
+            let its = pins.filter(|(_, pin)| {
+                pin.secondary == gtag && is_its(pin.unit, pin.sserial_channel())
+            });
+            its.map(|(number, _)| number).collect()
+        };
+        Self {
+            gtag,
+            version: module.version,
+            instances: module.instances,
+            reason,
+            pins: numbers(&firmware.pins),
+            local_pins: numbers(&firmware.local_pins),
+        }
+    }
+}
