@@ -250,6 +250,56 @@ fn sserial_lists_every_remote_with_its_parameters_and_modes() {
     says(&text, "channel 0: 7I77 ANALOG");
 }
 
+/// A card whose revision has the 16 bits that mesaflash reads.
+const CARD: &str = "\
+remote 7X99
+unit 0x99000001
+hardware 0 standard
+mode 0 outputs
+  data Output 8 bits out
+parameter SwRevision 16 unsigned in 0 65535
+parameter NVBaudRate 16 nonvol-unsigned both 0 11 = 9
+baud-rate NVBaudRate
+";
+
+#[test]
+fn the_revision_that_sserial_prints_is_that_of_the_firmware_that_was_written() {
+    if skipped() {
+        return;
+    }
+    let description = Scratch::new("7x99.remote");
+    std::fs::write(&description.0, CARD).unwrap();
+    let remote = format!("2={}", description.path());
+    let mut board = Board::start("7i92", "7i92-7i77", &["--remote", &remote]);
+    let printed = |board: &Board| {
+        let text = board.mesaflash(&["--sserial"]);
+        let (_, card) = text.split_once("channel 2").expect("the card");
+        let (_, after) = card.split_once("SwRevision = ").expect("its revision");
+        let number: String = after.chars().take_while(char::is_ascii_digit).collect();
+        number.parse::<u32>().expect("a number")
+    };
+    assert_eq!(printed(&board), 14);
+
+    let firmware = Scratch::new("7x99-34.bin");
+    let run = |board: &mut Board, line: &str| board.board.console.run(line);
+    run(&mut board, &format!("firmware 2 34 {}", firmware.path()));
+    run(&mut board, "jumper 2 setup");
+    let address = board.board.address.to_string();
+    let mesa = |arguments: &[&str]| {
+        let output = Command::new(mesa()).args(arguments).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{text}{error}");
+        text
+    };
+    let update = ["update", "7x99", firmware.path(), "--addr", &address];
+    mesa(&[&update[..], &["--at", "0.2", "--yes"]].concat());
+    run(&mut board, "jumper 2 operate");
+    assert_eq!(printed(&board), 34);
+    let text = mesa(&["param", "get", "0.2.swrevision", "--addr", &address]);
+    says(&text, "34");
+}
+
 #[test]
 fn registers_are_read_and_written() {
     if skipped() {

@@ -20,7 +20,7 @@ mode 0 analogout_enables
 parameter SwRevision 16 unsigned in 0 65535 = 14
 parameter HwRevision 16 unsigned in 0 65535 = 2
 parameter UnitNumber 32 unsigned in 0 4294967295
-parameter NVBaudRate 16 nonvol-unsigned both 0 65535 = 9
+parameter NVBaudRate 16 nonvol-unsigned both 0 11 = 9
 parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295
 parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
 working UnitNumber 32 NVUnitNumber

@@ -27,7 +27,9 @@ use thiserror::Error;
 /// TYPE: pad bits unsigned signed nonvol-unsigned nonvol-signed stream boolean encoder float
 /// nonvol-float encoder-high encoder-low. DIRECTION: in out both.
 ///
-/// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles.
+/// At power-up the EEPROM holds the factory values; writes of the host to it survive power cycles. A
+/// parameter named `SwRevision` holds the revision of the program that runs, as D5 does, whatever its
+/// VALUE is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     /// The four characters of its name.

@@ -3,7 +3,7 @@
 use super::{Description, DescriptionError, Record};
 use crate::{
     lbp::{Capabilities, DiscoveryReply},
-    sim::remote::{Memory, RemoteConfig, WorkingCopy},
+    sim::remote::{Memory, ParameterPlace, RemoteConfig, WorkingCopy},
 };
 
 /// Where values begin in memory.
@@ -13,6 +13,9 @@ const RECORDS: u16 = 0x0400;
 const END: u16 = 0x8000;
 /// The most bytes of process data each way, fault byte and CRC excluded.
 const MOST_DATA: usize = 30;
+
+/// The parameter that holds the software revision.
+const REVISION: &str = "SwRevision";
 
 /// How long an EEPROM access that writes takes.
 const EEPROM_WRITE_TIME: u64 = 4_000_000;
@@ -262,7 +265,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Working copies, and where watchdog time and unit number are.
+    /// Working copies, and where watchdog time, unit number, baud rate and revision are.
     fn link(
         &mut self,
         description: &Description,
@@ -307,6 +310,12 @@ impl Builder {
         config.watchdog_address = find(&description.watchdog)?;
         config.unit_address = find(&description.unit_number)?;
         config.baud_address = find(&description.baud_rate)?;
+        let mut parameters = self.layout.parameters.iter();
+        let revision = parameters.find(|parameter| parameter.record.name == REVISION);
+        config.revision_place = revision.map(|parameter| ParameterPlace {
+            address: parameter.address,
+            bytes: parameter.record.bytes() as u16,
+        });
         // read without EC, a non-volatile parameter shows what it was at power-up
         for parameter in &self.layout.parameters {
             if parameter.record.is_nonvolatile() {

@@ -20,6 +20,15 @@ pub struct WorkingCopy {
     pub bytes: u16,
 }
 
+/// Where a parameter is in working memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ParameterPlace {
+    /// Address of its first byte.
+    pub address: u16,
+    /// Number of bytes, 1 to 8.
+    pub bytes: u16,
+}
+
 /// Faults of the next replies, one after the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReplyFaults {
@@ -60,8 +69,11 @@ pub struct RemoteConfig {
     pub initial_mode: u8,
     /// D6.
     pub hardware_mode: u8,
-    /// D5.
+    /// D5. A remote with a program in its flash memory has the program's.
     pub software_revision: u8,
+    /// The parameter that holds the revision of the running program, if there is one: it is set at
+    /// power-up, so that it follows an update.
+    pub revision_place: Option<ParameterPlace>,
     /// D4.
     pub capabilities: Capabilities,
     /// DA.
@@ -123,6 +135,7 @@ impl Default for RemoteConfig {
             initial_mode: 0,
             hardware_mode: 0,
             software_revision: 0x0E,
+            revision_place: None,
             capabilities: Capabilities::CRC.union(Capabilities::EEPROM),
             lbp_version: 0,
             image: Memory::default(),

@@ -1,7 +1,7 @@
 //! A simulated remote: the protocol around an [`Application`].
 
 use super::{
-    Application, Eeprom, Flash, Memory, RemoteConfig, ReplyFaults,
+    Application, Eeprom, Flash, Memory, ParameterPlace, RemoteConfig, ReplyFaults,
     buffers::{Events, MAX_FRAME, Queue, RemoteEvent, Reply},
     config::{WorkingCopy, bit_of_index},
     line,
@@ -168,6 +168,10 @@ impl<A: Application> Remote<A> {
             let revision = program::revision(flash, self.config.name);
             self.state.in_bootloader = revision.is_none();
             self.state.revision = revision.unwrap_or_default();
+        }
+        if let Some(ParameterPlace { address, bytes }) = self.config.revision_place {
+            let revision = self.state.revision.into();
+            self.memory.set_word(address, bytes.into(), revision);
         }
         self.parser = Parser::new(self.config.bit);
         self.parser.timeout_bits = self.state.frame_timeout;

@@ -18,7 +18,7 @@ mod rpc;
 
 pub use application::{Application, FixedData};
 pub use buffers::RemoteEvent;
-pub use config::{MAX_MODES, RemoteConfig, ReplyFaults, WorkingCopy};
+pub use config::{MAX_MODES, ParameterPlace, RemoteConfig, ReplyFaults, WorkingCopy};
 pub use device::Remote;
 pub use faults::{Cable, CableCounts, Toward, WireFault};
 pub use memory::{Eeprom, Flash, Memory};

@@ -9,6 +9,7 @@ use mesa_hal::sim::{
     remote::Cable,
 };
 
+use super::configuration::{boot_block, configuration};
 pub use super::options::MachineOptions;
 use super::options::{Board, RemoteOption};
 use super::plan::Plan;
@@ -92,9 +93,12 @@ impl Machine {
         let Some(layout) = FlashLayout::for_card(&self.name) else {
             return;
         };
-        for area in [Area::BootBlock, Area::Fallback, Area::User] {
-            let start = layout.addresses(area).start;
-            self.board.load_flash(start, &configuration(area as u8));
+        for (area, bytes) in [
+            (Area::BootBlock, boot_block(layout)),
+            (Area::Fallback, configuration(1)),
+            (Area::User, configuration(2)),
+        ] {
+            self.board.load_flash(layout.addresses(area).start, &bytes);
         }
     }
 
@@ -244,20 +248,6 @@ fn name(fpga: &SimFpga) -> String {
         ("7I97", _) if size == 20 => "7I97T".to_owned(),
         (board, _) => board.to_owned(),
     }
-}
-
-/// A configuration as a bitfile of a Spartan 6 has it, but for what is between its first and its last
-/// packets, which is made up and short. Source: Xilinx UG380, "Configuration Data File Formats".
-fn configuration(number: u8) -> Vec<u8> {
-    let mut bytes = vec![0xFF; 16];
-    // Synchronisation word, no operation, reset of the CRC, IDCODE of a 6SLX9.
-    bytes.extend([0xAA, 0x99, 0x55, 0x66, 0x20, 0x00, 0x30, 0xA1, 0x00, 0x07]);
-    bytes.extend([0x31, 0xC2, 0x04, 0x00, 0x10, 0x93]);
-    let body = (0..3000_u32).map(|n| n.wrapping_add(number.into()));
-    bytes.extend(body.map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8));
-    // DESYNC, and no operation.
-    bytes.extend([0x30, 0xA1, 0x00, 0x0D, 0x20, 0x00, 0x20, 0x00]);
-    bytes
 }
 
 /// The remotes asked for, and those that are part of the board unless others stand in their place.

@@ -2,6 +2,7 @@
 
 mod agenda;
 mod capture;
+mod configuration;
 pub mod console;
 mod control;
 mod devices;

@@ -2,6 +2,7 @@
 
 mod host;
 mod protocol;
+mod revision;
 
 use host::Host;
 
