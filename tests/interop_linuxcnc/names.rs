@@ -16,6 +16,10 @@ const ONLY_LINUXCNC: Reasons = &[
         "how long LinuxCNC's own functions take: see DriverStatistics",
     ),
     ("*.tmax*", "how long LinuxCNC's own functions take"),
+    (
+        "pwmgen.p*_frequency",
+        "of a descriptor without instances, where there are no generators",
+    ),
     ("gpio.*.in*", "level of a pin that a module uses"),
     (
         "gpio.*.out",
