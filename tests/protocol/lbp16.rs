@@ -79,7 +79,7 @@ fn the_first_five_entries_of_the_idrom_are_read() {
     let reply = Board::new().answers(&request);
     assert_eq!(
         reply,
-        hex("03000000 40000000 00020000") // type, offsets of modules and pins
+        hex("03000000 40000000 c0010000") // type, offsets of modules and pins
             .into_iter()
             .chain(*b"MESA7I97")
             .collect::<Vec<_>>()
