@@ -202,8 +202,11 @@ impl Pins {
         let info = self.info_of(pin)?;
         let (slot, group) = self.slot(pin.0)?;
         let is_output = matches!(info.role, Role::Output | Role::InOut);
-        let safe = self.rules.get(self.index(pin.0)?)?.safe;
-        (is_output && !slot.exempt && value.bits != safe).then_some(group.faults)
+        let bits = self.rules.get(self.index(pin.0)?)?.safe;
+        // As numbers: 0.0 and -0.0 are the same output.
+        let safe = AnyValue { bits, ..value };
+        let is_safe = value.bits == bits || value.as_f64() == safe.as_f64();
+        (is_output && !slot.exempt && !is_safe).then_some(group.faults)
     }
 
     fn set_as<T: Value>(

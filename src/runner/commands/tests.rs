@@ -167,6 +167,28 @@ fn what_makes_safe_is_never_refused() {
 }
 
 #[test]
+fn minus_zero_volts_are_as_safe_as_zero() {
+    let mut driver = driver();
+    let mut queue = CommandQueue::new(&driver, 8);
+    let sender = queue.sender();
+    let name = "hm2_7i92.0.7i77.0.1.analogout0";
+    let drive = driver.pins().output::<f64>(name).expect("there");
+    let group = driver.pins().info(drive).expect("there").group;
+    cycle(&mut driver, &mut queue);
+    sender.set(drive, -0.0).expect("there is room");
+    driver.restart(0, 1);
+    while driver.pins_mut().rearm(group).is_err() {
+        let _ = driver.read().expect("the bus does not fail");
+        driver.write().expect("the bus does not fail");
+        driver.bus_mut().wait(core::time::Duration::from_millis(1));
+    }
+    driver.pins_mut().set(drive, 5.0);
+    cycle(&mut driver, &mut queue);
+    assert_eq!(driver.pins().commanded(drive), 0.0);
+    assert_eq!(sender.statistics().refused, 0);
+}
+
+#[test]
 fn what_re_arms_is_done_if_it_was_sent_after_the_fault_was_shown() {
     for is_after in [true, false] {
         let mut runner = crate::runner::Runner::new(driver());
