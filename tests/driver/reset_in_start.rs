@@ -1,5 +1,7 @@
 //! A reset at any moment of the start: the driver is not given back with anything on.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use mesa_hal::Settings;
@@ -12,6 +14,20 @@ use mesa_hal::sim::{Cause, Director, SimFpga, machines};
 struct Reset {
     at: Option<u64>,
     time: u64,
+    /// Since when a drive sees something else than 0 V and an open switch, and the longest such time.
+    on: Option<u64>,
+    longest: Arc<AtomicU64>,
+}
+
+impl Reset {
+    fn new(at: u64, time: u64) -> Self {
+        Self {
+            at: Some(at),
+            time,
+            on: None,
+            longest: Arc::default(),
+        }
+    }
 }
 
 impl Director for Reset {
@@ -27,7 +43,17 @@ impl Director for Reset {
         }
     }
 
-    fn drives(&mut self, _: &SimFpga, _: Cause) {}
+    fn drives(&mut self, fpga: &SimFpga, _: Cause) {
+        let now = SimFpga::now(fpga);
+        if let Some(since) = self.on {
+            self.longest.fetch_max(now - since, Ordering::Relaxed);
+        }
+        self.on = if on(fpga).is_empty() {
+            None
+        } else {
+            self.on.or(Some(now))
+        };
+    }
 }
 
 /// A 7I97 without remotes, whose bus takes 20 ns for a register.
@@ -45,7 +71,7 @@ fn settings() -> Settings {
 }
 
 /// Drives that see something else than 0 V, or an enable.
-fn on(fpga: &mut SimFpga) -> Vec<usize> {
+fn on(fpga: &SimFpga) -> Vec<usize> {
     let is_on = |&n: &usize| {
         let output = fpga.analog_output(n);
         output.enabled || output.volts.abs() > 1e-9
@@ -75,12 +101,17 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
     for time in [0, 2_000] {
         for at in (begun..end).step_by(if time == 0 { 150 } else { 2_350 }) {
             let mut fpga = board();
-            fpga.set_director(Box::new(Reset { at: Some(at), time }));
+            let reset = Reset::new(at, time);
+            let longest = Arc::clone(&reset.longest);
+            fpga.set_director(Box::new(reset));
             let told = format!("a reset of {time} ns at {at}");
             starts += 1;
             match Driver::start(fpga, settings()) {
                 Ok(mut driver) => {
-                    assert_eq!(on(driver.bus_mut()), [], "{told}");
+                    assert_eq!(on(driver.bus()), [], "{told}");
+                    // Not longer than the rest of the exchange that writes the set-up takes.
+                    let longest = longest.load(Ordering::Relaxed);
+                    assert!(longest < 3_000, "{told}: on for {longest} ns");
                     // A reset after the last look is found by the cycle; otherwise all of the
                     // set-up is there.
                     for _ in 0..2 {
@@ -91,9 +122,11 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
                     }
                     let is_running = driver.board_state() == BoardState::Running;
                     let count = if is_running { 6 } else { 0 };
-                    assert_eq!(on(driver.bus_mut()).len(), count, "{told}");
+                    assert_eq!(on(driver.bus()).len(), count, "{told}");
                 }
                 Err(error) => {
+                    let longest = longest.load(Ordering::Relaxed);
+                    assert!(longest < 3_000, "{told}: on for {longest} ns");
                     failed += 1;
                     let is_named = matches!(
                         error,
@@ -106,4 +139,38 @@ fn a_reset_at_any_moment_of_the_start_leaves_nothing_on() {
     }
     println!("{starts} starts, {failed} failed");
     assert!(starts > 1_000 && failed > 0 && failed < starts);
+}
+
+/// Words that are read around a reset are no identity of the firmware.
+#[test]
+fn after_a_start_around_a_long_reset_every_fault_can_be_re_armed() {
+    let (mut started, mut failed) = (0, 0);
+    // It begins before the start, or at any moment of it.
+    for time in [2_000, 30_000, 300_000] {
+        for at in (0..120_000).step_by(950) {
+            let begun = 100_000;
+            let mut fpga = board();
+            fpga.set_director(Box::new(Reset::new(at, time)));
+            fpga.wait(Duration::from_nanos(begun));
+            let told = format!("a reset of {time} ns at {at}");
+            let Ok(mut driver) = Driver::start(fpga, settings()) else {
+                failed += 1;
+                continue;
+            };
+            started += 1;
+            for _ in 0..3 {
+                driver.bus_mut().reload();
+                for _ in 0..3 {
+                    let _ = driver.read();
+                    let _ = driver.write();
+                    driver.bus_mut().wait(Duration::from_micros(500));
+                }
+                let rearmed = driver.rearm();
+                assert!(rearmed.is_ok(), "{told}: {rearmed:?}");
+                assert_eq!(driver.board_state(), BoardState::Running, "{told}");
+            }
+        }
+    }
+    println!("{started} started, {failed} failed");
+    assert!(started > 100 && failed > 20, "{started}, {failed}");
 }

@@ -91,7 +91,9 @@ impl Watchdog {
         // Older firmware starts with a bite.
         r.image.closing(status, Some(0), 0);
         // If the board was reset in the middle of it, the time is lost again, and the watchdog bites.
-        r.image.closing(reset, None, WatchdogRegisters::PET);
+        // One that is disabled stays so (FACTS 12.1).
+        let pet = WatchdogRegisters::PET;
+        r.image.closing(reset, Some(pet), pet);
         Ok(Self {
             registers,
             pins,
