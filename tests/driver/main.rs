@@ -35,6 +35,7 @@ mod reset_forgets;
 mod reset_in_read;
 mod reset_in_start;
 mod reset_named;
+mod reset_overtakes;
 mod set_up;
 mod stale;
 mod stop_tells;
