@@ -108,7 +108,10 @@ impl RemotePins {
                 source: source.into(),
             })?;
         }
-        for known in table.iter().flat_map(|table| table.elements) {
+        // A name that is not there is compared with all that are, for the error: only where a table
+        // names an enable.
+        let known = table.iter().flat_map(|table| table.elements);
+        for known in known.filter(|known| !known.enabled_by.is_empty()) {
             let id = |name| pins.id(&format!("{}.{}", remote.prefix, hal_name(name)));
             // A mode that lacks one of them lacks what it would be for.
             if let (Ok(output), Ok(enable)) = (id(known.name), id(known.enabled_by)) {
