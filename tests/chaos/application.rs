@@ -1,16 +1,20 @@
 //! The application: it reads, compares what it reads with the truth, and commands something new.
 
+mod encoders;
 mod pins;
+mod queue;
 
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{BoardState, Driver, RemoteState};
-use mesa_hal::hal::{GroupId, Input, Output, Param, PinError, Pins};
+use mesa_hal::driver::{BoardState, Driver, OfflineReason, RemoteState};
+use mesa_hal::hal::{GroupId, GroupState, Input, Output, Param, PinError, Pins};
 use mesa_hal::sslbp::Channel;
 
-use pins::{Encoder, GpioPin, Remote, volts};
+use encoders::Encoder;
+use pins::{GpioPin, Remote, volts};
+use queue::{Queue, is_queued};
 
 use super::journal::{Level, PORTS};
-use super::machine::{Gpio, TURN};
+use super::machine::Gpio;
 use super::oracle::{BoardCommand, Checked, Oracle, Promise, ensure};
 use super::plan::{Board, MICRO, MILLI, Plan};
 use super::stage::{Stage, was};
@@ -24,9 +28,15 @@ pub struct Application {
     isolated: Vec<(Input<bool>, Input<bool>)>,
     analog: Vec<(Output<f64>, Output<bool>)>,
     ssr: Vec<Output<bool>>,
-    encoder: Option<Encoder>,
+    encoders: Vec<Encoder>,
     watchdog: Param<u32>,
+    /// Of each port.
+    runs: Vec<Output<bool>>,
     port_width: usize,
+    queue: Option<Queue>,
+    turn: u32,
+    /// Nobody changes how an encoder counts.
+    is_fast: bool,
     set: BoardCommand,
     faults: u64,
 }
@@ -34,9 +44,6 @@ pub struct Application {
 /// How long after it has changed an isolated input shows it at the latest: five scans of 50 us, one
 /// that has begun, and the multiplexer's delay.
 const FILTER: u64 = 500 * MICRO;
-
-/// Counts that the motor may turn during the read that the others are compared with.
-const NARROW: f64 = 12.0;
 
 impl Application {
     pub fn new<B: RegisterBus + Clock>(
@@ -98,8 +105,16 @@ impl Application {
             isolated: isolated.collect::<Result<_, _>>()?,
             analog: analog.collect::<Result<_, PinError>>()?,
             ssr: ssr.collect::<Result<_, _>>()?,
-            encoder: Encoder::new(pins, name).ok(),
+            encoders: (0..plan.extras.axes)
+                .filter_map(|axis| Encoder::new(pins, name, axis).transpose())
+                .collect::<Result<_, _>>()?,
+            queue: plan.extras.is_queued.then(|| Queue::new(driver)),
+            turn: plan.extras.turn,
+            is_fast: plan.extras.is_fast,
             watchdog: pins.parameter(&format!("{name}.watchdog.timeout_ns"))?,
+            runs: (0..plan.ports.len())
+                .map(|port| pins.output(&format!("{name}.sserial.port-{port}.run")))
+                .collect::<Result<_, _>>()?,
             port_width: gpio.width,
             set: BoardCommand::default(),
             faults: 0,
@@ -159,7 +174,9 @@ impl Application {
         if state.valid {
             let from = now.saturating_sub(state.age.time.as_nanos() as u64 + took + 5 * MICRO);
             self.check_board_inputs(pins, stage, (from, now))?;
-            self.check_encoder(pins, stage, (from, now))?;
+            let turn = self.turn;
+            let mut encoders = self.encoders.iter_mut();
+            encoders.try_for_each(|encoder| encoder.check(pins, stage, (from, now), turn))?;
         }
         Ok(())
     }
@@ -198,63 +215,8 @@ impl Application {
         })
     }
 
-    fn check_encoder(&mut self, pins: &Pins, stage: &Stage, (from, now): (u64, u64)) -> Checked {
-        let Some(encoder) = &mut self.encoder else {
-            return Ok(());
-        };
-        let raw = f64::from(pins.read(encoder.rawcounts).value);
-        let (least, most) = stage.with_truth(|truth| truth.turned(from, now));
-        if pins.read(encoder.unsure).value {
-            encoder.zero = None;
-            encoder.asked = None;
-            return Ok(());
-        }
-        let zero = match encoder.zero {
-            Some(zero) => zero,
-            None if most - least < NARROW => *encoder.zero.insert(f64::midpoint(least, most) - raw),
-            // A read that took long does not tell where it began.
-            None => return Ok(()),
-        };
-        let slack = (most - least) + 3.0 + NARROW / 2.0;
-        ensure(
-            (least - slack..=most + slack).contains(&(zero + raw)),
-            Promise::Inputs,
-            now,
-            || {
-                format!(
-                    "encoder: rawcounts {raw} from {zero} on, but the motor was at {least} to {most}"
-                )
-            },
-        )?;
-        let Some(asked) = encoder.asked else {
-            return Ok(());
-        };
-        if pins.read(encoder.index_enable).value {
-            return Ok(());
-        }
-        encoder.asked = None;
-        let count = f64::from(pins.read(encoder.count).value);
-        let (low, high) = stage.with_truth(|truth| truth.turned(asked, now));
-        let turn = f64::from(TURN);
-        // The index pulse is as wide as a count, and either end of it may be the one.
-        let first = ((low - 2.0) / turn).ceil() as i64;
-        let last = ((high + 2.0) / turn).floor() as i64;
-        let fits = |index: i64| {
-            let zero = index as f64 * turn;
-            (least - slack - zero..=most + slack - zero).contains(&count)
-        };
-        ensure((first..=last).any(fits), Promise::Index, now, || {
-            format!(
-                "index-enable ended with count {count}, but the motor went from {low} to {high} \
-                 since it was asked for, and is at {least} to {most}"
-            )
-        })
-    }
-
     fn forget_index(&mut self) {
-        if let Some(encoder) = &mut self.encoder {
-            encoder.asked = None;
-        }
+        self.encoders.iter_mut().for_each(Encoder::forget_index);
     }
 
     /// Commands something else, where armed, and tells the oracle what holds from the next write on.
@@ -262,19 +224,25 @@ impl Application {
         &mut self,
         driver: &mut Driver<B>,
         chance: &mut Chance,
-        set_anew: bool,
+        (is_wild, set_anew): (bool, bool),
     ) {
         for remote in &mut self.remotes {
-            let is_armed = is_armed(driver, remote.group);
-            // What is set while it is not armed is forgotten.
-            if set_anew {
+            remote.notice(is_armed(driver, remote.group));
+        }
+        let directly = |remote: &&mut Remote| self.queue.is_none() || !is_queued(remote.card);
+        if set_anew {
+            for remote in self.remotes.iter_mut().filter(directly) {
+                // What is set while it is not armed is forgotten.
                 let level = remote.command(driver.pins_mut(), chance);
-                if is_armed {
+                if remote.is_armed {
                     remote.set = level;
                 }
             }
-            if !is_armed {
-                remote.set = Level::OFF;
+        }
+        if let Some(queue) = &mut self.queue {
+            queue.take(driver, &mut self.remotes);
+            if is_wild {
+                queue.send(&self.remotes, chance);
             }
         }
         let is_armed = is_armed(driver, driver.group());
@@ -328,9 +296,7 @@ impl Application {
     /// After a call that may have disarmed: what was set is forgotten.
     pub fn notice<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) {
         for remote in &mut self.remotes {
-            if !is_armed(driver, remote.group) {
-                remote.set = Level::OFF;
-            }
+            remote.notice(is_armed(driver, remote.group));
         }
         if !is_armed(driver, driver.group()) {
             self.set = BoardCommand::default();
@@ -347,9 +313,8 @@ impl Application {
     /// Outputs start from their safe values after they were armed.
     pub fn rearmed<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>, board_was_down: bool) {
         self.notice(driver);
-        if board_was_down && let Some(encoder) = &mut self.encoder {
-            encoder.zero = None;
-            encoder.asked = None;
+        if board_was_down {
+            self.forget_index();
         }
     }
 
@@ -360,8 +325,9 @@ impl Application {
         chance: &mut Chance,
     ) -> String {
         let pins = driver.pins_mut();
-        match (chance.below(4), &self.encoder) {
-            (0, Some(encoder)) => {
+        let which = chance.below(self.encoders.len().max(1) as u64) as usize;
+        match (chance.below(4), self.encoders.get(which)) {
+            (0, Some(encoder)) if !self.is_fast => {
                 let filter = chance.one_in(2);
                 let done = pins.set_param(encoder.filter, filter);
                 format!("encoder filter {filter}: {done:?}")
@@ -388,16 +354,22 @@ impl Application {
         }
     }
 
-    pub fn ask_for_index<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>, now: u64) {
+    /// Asks some encoders for their indexes.
+    pub fn ask_for_index<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &mut Driver<B>,
+        chance: &mut Chance,
+        now: u64,
+    ) {
         let is_armed = is_armed(driver, driver.group());
-        if let Some(encoder) = &mut self.encoder
-            && encoder.asked.is_none()
-            && encoder.zero.is_some()
-            && is_armed
-            && driver.board_state() == BoardState::Running
-        {
-            driver.pins_mut().set(encoder.index_enable, true);
-            encoder.asked = Some(now);
+        if !is_armed || driver.board_state() != BoardState::Running {
+            return;
+        }
+        for encoder in &mut self.encoders {
+            if encoder.asked.is_none() && encoder.is_known() && chance.one_in(2) {
+                driver.pins_mut().set(encoder.index_enable, true);
+                encoder.asked = Some(now);
+            }
         }
     }
 
@@ -420,10 +392,7 @@ impl Application {
         for remote in &self.remotes {
             let group = state(remote.group);
             if !group.armed || !group.valid {
-                let (port, channel) = remote.place;
-                let status = driver.ports()[port]
-                    .remote(channel)
-                    .map(|status| status.state);
+                let status = remote.state(driver);
                 return Err(format!("remote {}: {status:?}, {group:?}", remote.number));
             }
         }
@@ -431,16 +400,72 @@ impl Application {
     }
 
     /// Restarts what is not running, without waiting for its turn.
-    pub fn restart_all<B: RegisterBus + Clock>(&self, driver: &mut Driver<B>) {
+    pub fn restart_all<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
         for remote in &self.remotes {
-            let (port, channel) = remote.place;
-            let state = driver.ports()[port]
-                .remote(channel)
-                .map(|status| status.state);
-            if state.is_some_and(|state| state != RemoteState::Running) {
-                driver.restart(port as u8, channel.index());
+            if remote.state(driver) != Some(RemoteState::Running) {
+                driver.restart(remote.place.0 as u8, remote.place.1.index());
             }
         }
+        self.notice(driver);
+    }
+
+    /// Restarts one remote, whatever it does.
+    pub fn restart_one<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>, which: usize) {
+        if let Some(remote) = self.remotes.get(which) {
+            driver.restart(remote.place.0 as u8, remote.place.1.index());
+        }
+        self.notice(driver);
+    }
+
+    /// Switches a port off, or on again; whether it is on.
+    pub fn switch_port<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &mut Driver<B>,
+        port: usize,
+    ) -> bool {
+        let Some(run) = self.runs.get(port).copied() else {
+            return true;
+        };
+        let is_on = !driver.pins().commanded(run);
+        driver.pins_mut().set(run, is_on);
+        is_on
+    }
+
+    /// Switches all ports on.
+    pub fn switch_ports_on<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
+        for run in &self.runs {
+            driver.pins_mut().set(*run, true);
+        }
+    }
+
+    /// Remotes that run, by number.
+    pub fn running<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+    ) -> impl Iterator<Item = (usize, GroupState)> {
+        let runs = |remote: &&Remote| remote.state(driver) == Some(RemoteState::Running);
+        self.remotes.iter().filter(runs).filter_map(|remote| {
+            let state = driver.pins().group_state(remote.group)?;
+            Some((remote.number, state))
+        })
+    }
+
+    /// The number of the remote at a place.
+    pub fn number(&self, place: (usize, usize)) -> Option<usize> {
+        let at = |remote: &&Remote| (remote.place.0, remote.place.1.index().into()) == place;
+        self.remotes.iter().find(at).map(|remote| remote.number)
+    }
+
+    /// Why each remote went offline first, since it was re-armed.
+    pub fn first_faults<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+    ) -> impl Iterator<Item = (usize, Option<OfflineReason>)> {
+        self.remotes.iter().filter_map(|remote| {
+            let (port, channel) = remote.place;
+            let status = driver.ports().get(port)?.remote(channel)?;
+            Some((remote.number, status.first_fault))
+        })
     }
 
     /// Whether a remote is armed, is valid, and how old its inputs are.
@@ -465,6 +490,7 @@ impl Application {
         if !was_armed {
             remote.set = Level::OFF;
         }
+        remote.is_armed = true;
         Some(remote.number)
     }
 

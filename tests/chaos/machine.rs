@@ -11,11 +11,6 @@ use mesa_hal::sim::{
 use super::journal::{Journal, Outputs, PORTS, Recorder};
 use super::plan::{Board, Card, Plan};
 
-/// Counts from index to index.
-pub const TURN: u32 = 400;
-/// The encoder that a motor turns.
-pub const ENCODER: usize = 0;
-
 /// A machine that the plan asks for, and which of its pins are for the application.
 pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     let firmware = firmware(plan);
@@ -26,18 +21,26 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
         let end = end(plan.card(remote), remote, remote, journal);
         fpga.plug(port, channel, Some(end));
     }
-    if fpga.encoders().is_some() {
+    for axis in 0..axes(plan, &mut fpga) {
+        let config = MotorConfig::default();
+        let config = MotorConfig {
+            counts_per_revolution: plan.extras.turn,
+            position: plan.begins_at(axis) / config.counts_per_unit,
+            ..config
+        };
         fpga.wire_axis(AxisWiring {
             source: DriveSource::Nothing,
-            encoder: ENCODER,
-            motor: Motor::new(MotorConfig {
-                counts_per_revolution: TURN,
-                ..MotorConfig::default()
-            })
-            .expect("a motor"),
+            encoder: axis,
+            motor: Motor::new(config).expect("a motor"),
         });
     }
     (fpga, gpio)
+}
+
+/// Motors that there are encoders for.
+fn axes(plan: &Plan, fpga: &mut SimFpga) -> usize {
+    let encoders = fpga.encoders().map_or(0, |bank| bank.encoders());
+    plan.extras.axes.min(encoders)
 }
 
 /// A card at the end of a cable; `unit` makes it another one of its kind.

@@ -10,6 +10,8 @@ use super::plan::{MICRO, MILLI, Plan};
 pub enum Promise {
     /// The value of a valid input was true within its age.
     Inputs,
+    /// A cycle that only the network, the bus or the host misses leaves inputs valid, with their age.
+    Missed,
     /// What stands at a terminal was commanded, and that not long ago.
     Commanded,
     /// Nothing is on after a fault until it is re-armed.
@@ -22,6 +24,8 @@ pub enum Promise {
     Neighbours,
     /// Afterwards it can be re-armed, and outputs follow.
     ComesBack,
+    /// Events, statistics and reasons are true, and complete.
+    Told,
     /// A machine that is whole is built, and no call panics.
     Works,
 }

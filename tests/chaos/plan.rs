@@ -1,5 +1,9 @@
 //! What a scenario is made of. Everything follows from its seed.
 
+mod extras;
+
+pub use extras::Extras;
+
 use mesa_hal::driver::Pace;
 use mesa_hal::sim::{FaultKind, Place};
 
@@ -97,6 +101,7 @@ pub struct Plan {
     pub speed: f64,
     /// The software mode of field I/O; after a loss of power it is 0.
     pub field_mode: u8,
+    pub extras: Extras,
 }
 
 impl Plan {
@@ -141,6 +146,7 @@ impl Plan {
             field_mode: chance.of(&[0, 2]),
             is_homing: false,
             is_minute: false,
+            extras: Extras::new(&mut Chance(0)),
         };
         if seed % MINUTE_EVERY == MINUTE_SEED {
             plan.absent_for_a_minute();
@@ -148,7 +154,7 @@ impl Plan {
         if plan.is_network && !plan.is_minute && chance.one_in(10) {
             plan.homes(&mut chance);
         }
-        plan
+        plan.with_extras()
     }
 
     /// Homing on a network that delays and duplicates, while settings are written all the time.
@@ -199,13 +205,17 @@ impl Plan {
         self.ports.iter().map(Vec::len).sum()
     }
 
-    /// The remote that all faults are of, if they are faults of one remote or its wire.
+    /// The remote that all faults are of, if they are faults of one remote or its wire, and the
+    /// application disturbs no other.
     pub fn victim(&self) -> Option<usize> {
         let of_remotes =
             |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
         let [first, ..] = &self.faults[..] else {
             return None;
         };
+        if self.extras.deeds_one_in > 0 {
+            return None;
+        }
         let alike = |fault: &Planned| fault.target == first.target && !fault.in_build;
         let all = self
             .faults

@@ -1,6 +1,9 @@
 //! One scenario from power-up to the end.
 
+mod deeds;
 mod process;
+mod told;
+mod validity;
 mod watch;
 
 use std::cell::RefCell;
@@ -20,6 +23,8 @@ use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
 use super::plan::{Board, MICRO, MILLI, Plan, Planned};
 use super::stage::{Player, Stage};
 use crate::common::chance::Chance;
+use told::Told;
+use validity::Validity;
 
 /// A machine that is well again is so after this time.
 const COMES_BACK_IN: u64 = 3_000 * MILLI;
@@ -42,11 +47,15 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         watch: None,
         took: 0,
         is_written: false,
+        written_at: 0,
         is_open: false,
         told: None,
         is_armed: false,
         cycles: 0,
         without_data: 0,
+        validity: Validity::default(),
+        what_is_told: Told::default(),
+        waits: false,
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -101,6 +110,7 @@ struct Scenario {
     /// The set-up is written, as far as the simulator knows: since the driver began to build, or to
     /// restore the board, a register was written, and then a pin was driven.
     is_written: bool,
+    written_at: u64,
     is_open: bool,
     /// A remote has told of a fault: its number, since when, its faults before, and how many good
     /// reads may miss it.
@@ -110,6 +120,10 @@ struct Scenario {
     /// Cycles of remotes without faults of their own, and those without new data.
     cycles: u64,
     without_data: u64,
+    validity: Validity,
+    what_is_told: Told,
+    /// The next write is followed by a wait for its transfers.
+    waits: bool,
 }
 
 /// A process: the driver, its application, and its end.
@@ -204,8 +218,13 @@ impl Scenario {
         } = process;
         let started = self.sim.now();
         self.bus_faults(driver, started);
+        if self.plan.extras.reads_ahead && is_wild {
+            driver.request_read();
+            self.sim.pass(self.plan.period / 10);
+        }
         let read = driver.read();
         let good = read.is_ok();
+        self.what_is_told.read(good);
         let others = read.map_or(0, |report| report.others);
         ensure(others == 0, Promise::Works, started, || {
             format!("{others} packets of another master, and there is none")
@@ -221,6 +240,7 @@ impl Scenario {
         application.notice(driver);
         self.look()?;
         application.check_inputs(driver, &self.stage, self.took)?;
+        self.validity(driver, application, good)?;
         self.detected(driver, application, good)?;
         self.neighbours(driver, application)?;
         if is_wild {
@@ -231,11 +251,13 @@ impl Scenario {
         if is_wild {
             self.host_faults(false);
         }
-        application.command(driver, &mut self.chance, set_anew);
+        application.command(driver, &mut self.chance, (is_wild, set_anew));
         application.announce(driver, &mut self.oracle, self.sim.now());
-        let _ = driver.write();
+        let written = driver.write();
+        self.what_is_told.written(written.is_ok());
         application.notice(driver);
         if is_wild {
+            self.waits_for_transfers(driver);
             self.host_faults(true);
         }
         if self.plan.pace == Pace::Host {
@@ -243,6 +265,7 @@ impl Scenario {
             self.sim.pass(self.plan.period.saturating_sub(passed));
         }
         self.look()?;
+        self.told_truly(driver, application)?;
         self.oracle.check(self.sim.now())?;
         let well = application.all_is_well(driver).is_ok();
         self.stage.set_well(Some(well));
@@ -275,8 +298,9 @@ impl Scenario {
             let what = application.change_setting(driver, &mut self.chance);
             self.stage.tell(self.sim.now(), what);
         }
+        self.deeds(driver, application)?;
         if often(habits.index_one_in, &mut self.chance) {
-            application.ask_for_index(driver, self.sim.now());
+            application.ask_for_index(driver, &mut self.chance, self.sim.now());
         }
         Ok(())
     }
@@ -369,6 +393,7 @@ impl Scenario {
                     format!("{} ms after all faults ended: {why}", COMES_BACK_IN / MILLI)
                 })?;
             }
+            application.switch_ports_on(driver);
             if self.plan.habits.restarts && cycles == 5 {
                 application.restart_all(driver);
             }

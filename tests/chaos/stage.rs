@@ -38,16 +38,16 @@ pub struct Truth {
     /// GPIO, by place in [`Gpio::inputs`].
     pub gpio: History<u64>,
     pub isolated: History<u32>,
-    /// Counts of the motor, and counts in a second.
-    pub motor: History<(f64, f64)>,
+    /// Counts of each motor, and counts in a second.
+    pub motors: Vec<History<(f64, f64)>>,
 }
 
 impl Truth {
-    /// The least and the greatest position of the motor in a time.
-    pub fn turned(&self, from: u64, to: u64) -> (f64, f64) {
+    /// The least and the greatest position of a motor in a time.
+    pub fn turned(&self, axis: usize, from: u64, to: u64) -> (f64, f64) {
         let (mut least, mut most) = (f64::MAX, f64::MIN);
         let mut until = to;
-        for &(since, (counts, speed)) in self.motor.iter().rev() {
+        for &(since, (counts, speed)) in self.motors[axis].iter().rev() {
             if since > to {
                 continue;
             }
@@ -109,6 +109,7 @@ impl Stage {
             story: Vec::new(),
             truth: Truth {
                 fields: vec![Vec::new(); plan.remotes()],
+                motors: vec![Vec::new(); plan.extras.axes],
                 ..Truth::default()
             },
         })))

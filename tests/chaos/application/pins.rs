@@ -1,10 +1,11 @@
 //! The pins that the application uses.
 
-use mesa_hal::hal::{GroupId, InOut, Input, Output, Param, PinError, Pins};
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::{Driver, RemoteState};
+use mesa_hal::hal::{GroupId, Input, Output, Param, PinError, Pins};
 use mesa_hal::sslbp::Channel;
 
 use super::super::journal::Level;
-use super::super::machine::ENCODER;
 use super::super::plan::Card;
 use crate::common::chance::Chance;
 
@@ -19,6 +20,9 @@ pub(super) struct Remote {
     pub(super) volts: Vec<Output<f64>>,
     /// What it was set to since it was armed.
     pub(super) set: Level,
+    pub(super) is_armed: bool,
+    /// How often it was disarmed.
+    pub(super) disarmed: u64,
 }
 
 pub(super) struct GpioPin {
@@ -26,18 +30,6 @@ pub(super) struct GpioPin {
     pub(super) out: Output<bool>,
     pub(super) is_output: Param<bool>,
     pub(super) drives: bool,
-}
-
-pub(super) struct Encoder {
-    pub(super) rawcounts: Input<i32>,
-    pub(super) count: Input<i32>,
-    pub(super) index_enable: InOut<bool>,
-    pub(super) unsure: Input<bool>,
-    pub(super) filter: Param<bool>,
-    pub(super) scale: Param<f64>,
-    /// Motor position at which `rawcounts` would be 0.
-    pub(super) zero: Option<f64>,
-    pub(super) asked: Option<u64>,
 }
 
 /// A voltage that is not 0.
@@ -79,7 +71,24 @@ impl Remote {
                 .collect::<Result<_, _>>()?,
             volts: volts.collect::<Result<_, _>>()?,
             set: Level::OFF,
+            is_armed: true,
+            disarmed: 0,
         })
+    }
+
+    pub(super) fn state<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Option<RemoteState> {
+        let (port, channel) = self.place;
+        let status = driver.ports().get(port)?.remote(channel)?;
+        Some(status.state)
+    }
+
+    /// Takes whether it is armed now. What it was set to is forgotten while it is not.
+    pub(super) fn notice(&mut self, is_armed: bool) {
+        self.disarmed += u64::from(self.is_armed && !is_armed);
+        self.is_armed = is_armed;
+        if !is_armed {
+            self.set = Level::OFF;
+        }
     }
 
     pub(super) fn command(&self, pins: &mut Pins, chance: &mut Chance) -> Level {
@@ -105,21 +114,5 @@ impl Remote {
             level.bits |= pattern & 1 << n;
         }
         level
-    }
-}
-
-impl Encoder {
-    pub(super) fn new(pins: &Pins, name: &str) -> Result<Self, PinError> {
-        let stem = format!("{name}.encoder.{ENCODER:02}");
-        Ok(Self {
-            rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
-            count: pins.input(&format!("{stem}.count"))?,
-            index_enable: pins.inout(&format!("{stem}.index-enable"))?,
-            unsure: pins.input(&format!("{stem}.count-unsure"))?,
-            filter: pins.parameter(&format!("{stem}.filter"))?,
-            scale: pins.parameter(&format!("{stem}.scale"))?,
-            zero: None,
-            asked: None,
-        })
     }
 }

@@ -53,6 +53,8 @@ impl Scenario {
                     // A new process starts armed, with everything off.
                     self.oracle.rearmed(None);
                     self.is_armed = false;
+                    self.set_up_is_over();
+                    self.what_is_told.begin(&process.driver);
                     self.stage.tell(now, format!("built, {found} remotes"));
                     return Ok(process);
                 }
@@ -116,11 +118,13 @@ impl Scenario {
             policy.first_backoff = Duration::from_millis(20);
             policy.longest_backoff = Duration::from_millis(300);
         }
+        policy.stale_after = plan.extras.stale_after;
         let mut settings = Settings {
             period: Duration::from_nanos(plan.period),
             watchdog: Some(Duration::from_nanos(plan.watchdog)),
             pace: plan.pace,
             fault_policy: policy,
+            bus_error_limit: plan.extras.bus_error_limit,
             ..Settings::default()
         };
         let mut numbers = 0..;

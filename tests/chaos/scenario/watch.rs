@@ -22,6 +22,7 @@ impl Scenario {
         let begun = self.stage.begun();
         let alone = begun.len() <= 1 && self.plan.faults.len() <= 1;
         events.iter().try_for_each(|event| {
+            self.what_is_told.happened(event);
             if self.is_before_set_up(event) {
                 return Ok(());
             }
@@ -39,6 +40,13 @@ impl Scenario {
         self.is_open = false;
     }
 
+    /// The driver was built: a reset before the last write of the set-up was noticed, or what it took
+    /// was written again.
+    pub(super) fn set_up_is_over(&mut self) {
+        let written_at = self.written_at;
+        self.watch = self.watch.filter(|(at, ..)| *at >= written_at);
+    }
+
     /// A bite or a reset that takes nothing, because the set-up is not there yet: it is written in
     /// one exchange, which drives the pins at its end. At its beginning it stops the watchdog, which
     /// bites if it runs (FACTS 12.1); and a reset in the middle takes a part of it.
@@ -46,6 +54,7 @@ impl Scenario {
         let (is_before, what) = match event.what {
             What::Written => {
                 self.is_written = true;
+                self.written_at = event.at;
                 return false;
             }
             What::Opened => {

@@ -77,10 +77,14 @@ impl Player {
             }
             agenda.truth.isolated.push((now, inputs));
         }
-        if let Some(motor) = fpga.motor(0) {
-            let speed = if self.chance.one_in(3) { 0.5 } else { 1.0 } * self.plan.speed;
+        let part = if self.chance.one_in(3) { 0.5 } else { 1.0 };
+        for axis in 0..fpga.axes() {
+            let speed = part * self.plan.speed(axis);
+            let Some(motor) = fpga.motor(axis) else {
+                continue;
+            };
             motor.turn_by_hand(Some(speed / motor.config().counts_per_unit));
-            agenda.truth.motor.push((now, (motor.counts(), speed)));
+            agenda.truth.motors[axis].push((now, (motor.counts(), speed)));
         }
     }
 

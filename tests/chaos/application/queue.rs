@@ -1,0 +1,93 @@
+//! Commands that go through a queue, and come to the outputs some cycles later.
+
+use std::collections::VecDeque;
+
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::Driver;
+use mesa_hal::runner::{CommandQueue, CommandSender};
+
+use super::super::plan::Card;
+use super::pins::Remote;
+use crate::common::chance::Chance;
+
+/// More than a cycle takes, so that some wait.
+const CAPACITY: usize = 400;
+
+/// A queue of commands, and what the application knows of it.
+pub(super) struct Queue {
+    queue: CommandQueue,
+    sender: CommandSender,
+    waiting: VecDeque<Waiting>,
+}
+
+/// A command that was sent.
+struct Waiting {
+    /// Place of its remote in the application.
+    remote: usize,
+    output: usize,
+    on: bool,
+    /// How often its remote had been disarmed.
+    after: u64,
+}
+
+/// Whether the outputs of a card are commanded through the queue.
+pub(super) const fn is_queued(card: Card) -> bool {
+    matches!(card, Card::Field | Card::Outputs)
+}
+
+impl Queue {
+    pub(super) fn new<B: RegisterBus + Clock>(driver: &Driver<B>) -> Self {
+        let queue = CommandQueue::new(driver, CAPACITY);
+        Self {
+            sender: queue.sender(),
+            queue,
+            waiting: VecDeque::new(),
+        }
+    }
+
+    /// Lets the cycle take what is due. What was sent before its remote was disarmed has no effect,
+    /// whoever has re-armed it since; but what switches an output off has, at any time.
+    pub(super) fn take<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &mut Driver<B>,
+        remotes: &mut [Remote],
+    ) {
+        let taken = self.queue.take(driver);
+        for sent in self.waiting.drain(..taken as usize) {
+            let remote = &mut remotes[sent.remote];
+            let is_meant = remote.is_armed && sent.after == remote.disarmed;
+            let bit = 1 << sent.output;
+            if !sent.on {
+                remote.set.bits &= !bit;
+            } else if is_meant {
+                remote.set.bits |= bit;
+            }
+        }
+    }
+
+    /// Sends commands for the cycles to come: now and then many more than one takes.
+    pub(super) fn send(&mut self, remotes: &[Remote], chance: &mut Chance) {
+        let count = if chance.one_in(12) { 250 } else { 10 };
+        let queued = |remote: &Remote| is_queued(remote.card);
+        if !remotes.iter().any(queued) {
+            return;
+        }
+        for _ in 0..chance.below(count) {
+            let number = chance.below(remotes.len() as u64) as usize;
+            let remote = &remotes[number];
+            if !queued(remote) {
+                continue;
+            }
+            let output = chance.below(remote.outputs.len() as u64) as usize;
+            let on = !chance.one_in(4);
+            if self.sender.set(remote.outputs[output], on).is_ok() {
+                self.waiting.push_back(Waiting {
+                    remote: number,
+                    output,
+                    on,
+                    after: remote.disarmed,
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! What a machine and its application have besides, from a stream of its own: what is added here
+//! leaves the rest of every plan as it is.
+
+use super::{Board, FaultKind, MILLI, Plan, Planned, scrambled};
+use crate::common::chance::Chance;
+
+/// Settings that are not as by default, and more.
+#[derive(Clone, Copy, Debug)]
+pub struct Extras {
+    /// Failures in a row that make everything safe.
+    pub bus_error_limit: u32,
+    /// Cycles without news after which inputs are not valid.
+    pub stale_after: u32,
+    /// Motors, each with an encoder of its own.
+    pub axes: usize,
+    /// Counts from index to index.
+    pub turn: u32,
+    /// The motors go from mark to mark near the greatest count rate; nobody changes the filter of an
+    /// encoder, which would change that rate.
+    pub is_fast: bool,
+    /// Outputs are commanded through a queue, with more commands than a cycle takes.
+    pub is_queued: bool,
+    /// Calls something besides reading and writing in one of so many cycles; 0: never.
+    pub deeds_one_in: u64,
+    /// Asks for each read ahead.
+    pub reads_ahead: bool,
+}
+
+/// The greatest count rate of multiplexed encoders with the short filter, at 100 MHz and 14 clocks
+/// for each sample: clock / (3 (14 + 2)).
+pub const FASTEST: f64 = 100e6 / 48.0;
+
+impl Extras {
+    pub fn new(chance: &mut Chance) -> Self {
+        Self {
+            bus_error_limit: chance.of(&[5, 5, 5, 1, 50]),
+            stale_after: chance.of(&[5, 5, 5, 2, 20]),
+            axes: chance.of(&[1, 1, 2, 6]),
+            turn: chance.of(&[400, 400, 4_000, 65_536, 100_000]),
+            is_fast: false,
+            is_queued: chance.one_in(4),
+            deeds_one_in: chance.of(&[0, 0, 0, 0, 0, 40]),
+            reads_ahead: chance.one_in(8),
+        }
+    }
+}
+
+impl Plan {
+    /// Takes what the extras decide.
+    pub(super) fn with_extras(mut self) -> Self {
+        let mut chance = Chance(scrambled(self.seed ^ 0xE87A5));
+        self.extras = Extras::new(&mut chance);
+        if self.is_minute || self.is_homing {
+            self.extras = Extras {
+                turn: 400,
+                is_queued: false,
+                deeds_one_in: 0,
+                ..self.extras
+            };
+        } else if chance.one_in(25) {
+            self.goes_far(&mut chance);
+        } else if !self.is_network && self.board == Board::I7i97 && chance.one_in(12) {
+            self.starts_with_a_reset(&mut chance);
+        }
+        self
+    }
+
+    /// From mark to mark, which are so far apart that the counter of the board wraps around between
+    /// them, while settings are written and other axes ask for their marks.
+    fn goes_far(&mut self, chance: &mut Chance) {
+        let speed = FASTEST * chance.of(&[0.6, 0.8, 0.88]);
+        let turn = chance.of(&[131_072, 200_000, 300_000, 1_000_000]);
+        self.speed = if chance.one_in(2) { speed } else { -speed };
+        self.extras = Extras {
+            turn,
+            is_fast: true,
+            axes: if turn == 1_000_000 {
+                1
+            } else {
+                chance.of(&[1, 3, 6])
+            },
+            ..self.extras
+        };
+        self.habits.index_one_in = 2;
+        self.habits.settings_one_in = chance.of(&[0, 2, 2]);
+        // The slowest axis comes to its second mark.
+        let second = f64::from(turn) / (speed * self.extras.slowest()) * 1e9;
+        self.run = self.run.max(second as u64 + 80 * MILLI);
+    }
+
+    /// The FPGA is reset in the middle of the first set-up.
+    fn starts_with_a_reset(&mut self, chance: &mut Chance) {
+        self.faults = vec![Planned {
+            kind: chance.of(&[
+                FaultKind::FpgaReset,
+                FaultKind::FpgaReset,
+                FaultKind::FpgaResetLong,
+            ]),
+            in_build: true,
+            after: chance.below(250_000),
+            lasts: chance.below(100_000),
+            target: 0,
+            dice: 0,
+        }];
+    }
+
+    /// The speed of a motor in counts per second.
+    pub fn speed(&self, axis: usize) -> f64 {
+        let part = if self.extras.is_fast {
+            PARTS_FAST
+        } else {
+            PARTS
+        };
+        self.speed * part[axis % part.len()]
+    }
+
+    /// Where a motor stands at power-up. The mark at 0 is a few tens of milliseconds away when all go
+    /// fast.
+    pub fn begins_at(&self, axis: usize) -> f64 {
+        if self.extras.is_fast {
+            -0.04 * self.speed(axis) - (17 * axis) as f64
+        } else {
+            (17 * axis) as f64
+        }
+    }
+}
+
+/// The speeds of the axes, as parts of that of the first.
+const PARTS: [f64; 6] = [1.0, -0.7, 0.4, 0.0, -1.0, 0.1];
+const PARTS_FAST: [f64; 6] = [1.0, -1.0, 0.8, -0.9, 0.7, 1.0];
+
+impl Extras {
+    /// The speed of the slowest axis, as a part of that of the first.
+    fn slowest(&self) -> f64 {
+        let parts = PARTS_FAST.iter().take(self.axes);
+        parts.map(|part| part.abs()).fold(1.0, f64::min)
+    }
+}

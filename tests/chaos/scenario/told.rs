@@ -1,0 +1,185 @@
+//! Events, statistics and reasons against what has happened.
+
+use mesa_hal::driver::{BoardState, Driver, EventKind, Events, OfflineReason};
+use mesa_hal::sim::FaultKind;
+
+use super::super::application::Application;
+use super::super::journal::{Event, What};
+use super::super::network::Host;
+use super::super::oracle::{Checked, Promise, ensure};
+use super::Scenario;
+
+/// What the application has counted by itself, and what has really happened since the driver started.
+#[derive(Debug, Default)]
+pub(super) struct Told {
+    events: Option<Events>,
+    state: Option<BoardState>,
+    reads: u64,
+    failed_reads: u64,
+    writes: u64,
+    failed_writes: u64,
+    /// Bites and resets of the board.
+    bites: u64,
+    resets: u64,
+    /// Fault bits that each remote has had.
+    faults: Vec<u8>,
+}
+
+impl Told {
+    /// A new driver tells from here on.
+    pub(super) fn begin<B: Host>(&mut self, driver: &Driver<B>) {
+        *self = Self {
+            events: Some(driver.events()),
+            state: Some(driver.board_state()),
+            bites: self.bites,
+            resets: self.resets,
+            faults: std::mem::take(&mut self.faults),
+            ..Self::default()
+        };
+    }
+
+    pub(super) fn happened(&mut self, event: &Event) {
+        match event.what {
+            What::Bite => self.bites += 1,
+            What::Reset => self.resets += 1,
+            What::Faults(remote, faults) => {
+                let most = self.faults.len().max(remote + 1);
+                self.faults.resize(most, 0);
+                self.faults[remote] |= faults;
+            }
+            _ => {}
+        }
+    }
+
+    /// The driver has read and written by itself.
+    pub(super) fn recount<B: Host>(&mut self, driver: &Driver<B>) {
+        let counted = driver.statistics();
+        (self.reads, self.writes) = (counted.reads, counted.writes);
+        (self.failed_reads, self.failed_writes) = (counted.read_errors, counted.write_errors);
+    }
+
+    pub(super) fn read(&mut self, is_good: bool) {
+        self.reads += 1;
+        self.failed_reads += u64::from(!is_good);
+    }
+
+    pub(super) fn written(&mut self, is_good: bool) {
+        self.writes += 1;
+        self.failed_writes += u64::from(!is_good);
+    }
+}
+
+impl Scenario {
+    /// Compares what the driver tells with what has happened. At the end of a cycle.
+    pub(super) fn told_truly<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &Application,
+    ) -> Checked {
+        let now = self.sim.now();
+        let counted = driver.statistics();
+        let found = (
+            counted.reads,
+            counted.writes,
+            counted.read_errors,
+            counted.write_errors,
+        );
+        let told = &mut self.what_is_told;
+        let expected = (
+            told.reads,
+            told.writes,
+            told.failed_reads,
+            told.failed_writes,
+        );
+        ensure(found == expected, Promise::Told, now, || {
+            format!("{expected:?} reads, writes, and failed ones, but statistics say {found:?}")
+        })?;
+        let state = driver.board_state();
+        let before = told.state.replace(state);
+        let events: Vec<_> = told.events.iter_mut().flatten().collect();
+        let is_told = |kind: EventKind| events.iter().any(|event| event.kind == kind);
+        let expected = match state {
+            BoardState::WatchdogBitten => Some(EventKind::WatchdogBitten),
+            BoardState::Reset => Some(EventKind::BoardReset),
+            BoardState::BusDown => Some(EventKind::BusDown),
+            BoardState::OtherFirmware => Some(EventKind::OtherFirmware),
+            _ => None,
+        };
+        if let Some(kind) = expected.filter(|_| before != Some(state)) {
+            ensure(is_told(kind), Promise::Told, now, || {
+                format!("{kind:?} is not told: {events:?}")
+            })?;
+        }
+        let has = |kind| self.plan.faults.iter().any(|fault| fault.kind == kind);
+        // An older setting that comes late looks like one that a reset has left.
+        let is_late = has(FaultKind::NetworkLate) || has(FaultKind::NetworkDuplicate);
+        let is_swapped = has(FaultKind::WireSwapped);
+        for event in &events {
+            let is_true = match event.kind {
+                EventKind::WatchdogBitten => told.bites > 0,
+                // A bite that comes sooner than a bite can is taken for what a reset does.
+                EventKind::BoardReset => told.resets + told.bites > 0 || is_late,
+                EventKind::OtherMaster { .. } | EventKind::OtherFirmware => false,
+                EventKind::RemoteOffline {
+                    port,
+                    channel,
+                    reason,
+                } => {
+                    let remote = application.number((port.into(), channel.into()));
+                    let faults = remote.and_then(|remote| told.faults.get(remote));
+                    // What the other card reports is not the remote's own.
+                    is_swapped || reason_is_true(reason, faults.copied().unwrap_or_default())
+                }
+                _ => true,
+            };
+            ensure(is_true, Promise::Told, now, || {
+                format!("{event} is told, and has not happened")
+            })?;
+        }
+        self.first_reasons(driver, application)
+    }
+
+    /// The first reason of a remote whose only fault is one that it reports, on a sound wire, is that
+    /// fault.
+    fn first_reasons<B: Host>(&self, driver: &Driver<B>, application: &Application) -> Checked {
+        let [fault] = &self.plan.faults[..] else {
+            return Ok(());
+        };
+        let is_reported = fault.kind.fault_bit().is_some() && !fault.in_build && self.is_armed;
+        if !is_reported || self.plan.extras.deeds_one_in > 0 {
+            return Ok(());
+        }
+        let now = self.sim.now();
+        for (number, first) in application.first_faults(driver) {
+            let Some(reason) = first else { continue };
+            let fits = number == fault.target && fits(fault.kind, reason);
+            ensure(fits, Promise::Told, now, || {
+                format!("the first reason of remote {number} is '{reason}'")
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether a remote that has had these faults can have gone offline for this reason.
+fn reason_is_true(reason: OfflineReason, had: u8) -> bool {
+    match reason {
+        OfflineReason::Watchdog => had & 0x01 != 0,
+        OfflineReason::IllegalMode => had & 0x40 != 0,
+        OfflineReason::FieldPower(faults) | OfflineReason::Reported(faults) => {
+            faults.bits() & !had == 0
+        }
+        _ => true,
+    }
+}
+
+fn fits(kind: FaultKind, reason: OfflineReason) -> bool {
+    match reason {
+        OfflineReason::Watchdog => kind == FaultKind::RemoteWatchdog,
+        OfflineReason::IllegalMode => kind == FaultKind::RemoteIllegalMode,
+        OfflineReason::FieldPower(faults) | OfflineReason::Reported(faults) => {
+            kind.fault_bit().is_some_and(|bit| faults.contains(bit))
+        }
+        _ => false,
+    }
+}
