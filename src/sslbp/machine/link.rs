@@ -148,18 +148,17 @@ impl Link {
     }
 
     fn kind_of_failure(&self, cs: CsStatus, new_faults: LocalFaults) -> Failure {
-        let has_overrun = new_faults.contains(LocalFaults::OVERRUN);
+        let is_missing = !is_damaged(cs) && !new_faults.contains(LocalFaults::OVERRUN);
         let fresh = kinds_of(new_faults.difference(LocalFaults::OVERRUN)).next();
-        let of_run = kinds_of(self.run_faults).next();
+        // What began the run goes on: a line that is low sets no bit twice.
+        let of_run = kinds_of(self.run_faults).next().filter(|_| !is_missing);
         let mut sticky = kinds_of(cs.local_faults());
-        let kind = match (fresh, of_run, sticky.next(), sticky.next()) {
+        let kind = match (fresh.or(of_run), sticky.next(), sticky.next()) {
             (Some(kind), ..) => kind,
-            (None, ..) if !is_damaged(cs) && !has_overrun => Failure::NoReply,
-            // What began the run goes on: a line that is low sets no bit twice.
-            (None, Some(kind), ..) => kind,
+            (None, ..) if is_missing => Failure::NoReply,
             // The bit was set before: it tells the kind only if no other but an overrun is set.
-            (None, None, Some(only), None | Some(Failure::Overrun)) => only,
-            (None, None, ..) => Failure::Damaged,
+            (None, Some(only), None | Some(Failure::Overrun)) => only,
+            (None, ..) => Failure::Damaged,
         };
         let late = self.last_failure == Some(Failure::NoReply)
             && matches!(kind, Failure::ExtraCharacters | Failure::Damaged);
