@@ -222,19 +222,3 @@ impl<E: BusError> CycleError<E> {
         }
     }
 }
-
-#[cfg(all(test, feature = "std"))]
-mod tests {
-    use super::CycleError;
-    use crate::modules::EventKind;
-    use crate::sim::SimError;
-    use alloc::string::ToString;
-
-    #[test]
-    fn another_firmware_is_told_in_one_line_without_runs_of_blanks() {
-        let error = CycleError::<SimError>::OtherFirmware.to_string();
-        for text in [error, EventKind::OtherFirmware.to_string()] {
-            assert!(!text.contains("  ") && !text.contains('\n'), "{text}");
-        }
-    }
-}

@@ -40,7 +40,7 @@ pub(super) const MODULE_WORDS: usize = 3;
 const LAST_REGISTER: u16 = 0xFFFC;
 
 impl ModuleDescriptor {
-    /// Set in the version of encoders that have a probe (FACTS 14.8).
+    /// Set in the version of encoders that have a probe (FACTS 9.1).
     pub(crate) const WITH_PROBE: u8 = 0x80;
 
     /// Parses descriptor `index`; `None` is the end of the list.

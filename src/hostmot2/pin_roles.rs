@@ -1,6 +1,6 @@
 //! What the pins of each kind of module are called.
 //!
-//! Source: FACTS 13.1, 14.1.5; the pin constants of Mesa's public VHDL sources (`IDROMConst.vhd`).
+//! Source: FACTS 13.1; the pin constants of Mesa's public VHDL sources (`IDROMConst.vhd`).
 
 use super::Gtag;
 use alloc::format;
@@ -36,7 +36,7 @@ const ENCODER: Names = &[
     (0x06, "SharedIndex"),
 ];
 
-/// 09 and 0A are index and probe; older sources have 01 and 02 (FACTS 14.1.5).
+/// 09 and 0A are index and probe; older sources have 01 and 02 (FACTS 13.1).
 const STEPGEN: Names = &[
     (0x81, "Step"),
     (0x82, "Dir"),

@@ -9,7 +9,7 @@ use core::fmt;
 ///
 /// It has no clock that is known, and is not driven.
 ///
-/// Source: FACTS 9.1, 14.4.5.
+/// Source: FACTS 9.1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TrailingEntry {
     /// Its slot in the table of module descriptors, counted from 0.

@@ -72,9 +72,9 @@ fn families(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
         for unit in 0..truth.instances(kind) {
             let outputs = truth
                 .of(kind, unit)
-                .filter(|(_, pin)| (0x81..0xA0).contains(&pin.pin));
+                .filter(|(_, pin)| (0x81..0xA0).contains(&pin.signal));
             for (_, pin) in outputs {
-                add(format!("{name}.{unit:02}.out-{:02}", pin.pin - 0x81));
+                add(format!("{name}.{unit:02}.out-{:02}", pin.signal - 0x81));
             }
         }
     }
@@ -134,7 +134,7 @@ fn used(truth: &Truth) -> BTreeSet<u16> {
         let is_serial = matches!(pin.tag, tag::SSERIAL | tag::SSERIAL_B);
         // No remote is plugged in: the channels are looked at all the same.
         let is_channel = ports.iter().any(|(tag, unit, channels)| {
-            (*tag, *unit) == (pin.tag, pin.unit) && pin.pin & 0xF <= *channels
+            (*tag, *unit) == (pin.tag, pin.unit) && pin.signal & 0xF <= *channels
         });
         // Pins of the DPLL are made by no module.
         if is_there && pin.tag != tag::DPLL && (!is_serial || is_channel) {
@@ -156,7 +156,7 @@ fn gpio(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     for (number, pin) in (0_u16..).zip(&truth.pins) {
         let name = |end: &str| format!("hm2_{}.0.gpio.{number:03}.{end}", truth.linuxcnc_name());
         let is_free = !used.contains(&number);
-        let drives = pin.tag != 0 && pin.pin & 0x80 != 0;
+        let drives = pin.tag != 0 && pin.signal & 0x80 != 0;
         for (end, is_there) in [
             ("out", is_free),
             ("is_output", is_free),
@@ -177,11 +177,12 @@ const DB25: [u8; 17] = [1, 14, 2, 15, 3, 16, 4, 17, 5, 6, 7, 8, 9, 10, 11, 12, 1
 /// Where plain I/O comes out, on boards whose connectors are known.
 fn terminals(driver: &Driver<SimFpga>, truth: &Truth) -> Result<(), String> {
     let name = truth.linuxcnc_name();
+    let is_level = |end: &str| matches!(end, "in" | "out");
     for info in driver.pins().infos() {
         let prefix = format!("hm2_{name}.0.gpio.");
         let own = info.name.strip_prefix(&prefix);
         // Settings of a pin are at no terminal.
-        let Some(own) = own.filter(|own| own.ends_with(".in") || own.ends_with(".out")) else {
+        let Some(own) = own.filter(|own| own.split('.').nth(1).is_some_and(is_level)) else {
             continue;
         };
         let number: usize = own
@@ -238,7 +239,9 @@ fn remarks(driver: &Driver<SimFpga>, truth: &Truth) -> Result<usize, String> {
     }
     same("modules in the remarks", &found, &expected)?;
     let channels = (0_u16..).zip(&truth.pins).filter(|(_, pin)| {
-        matches!(pin.tag, tag::SSERIAL | tag::SSERIAL_B) && pin.pin < 0xB0 && pin.pin & 0xF > 8
+        matches!(pin.tag, tag::SSERIAL | tag::SSERIAL_B)
+            && pin.signal < 0xB0
+            && pin.signal & 0xF > 8
     });
     let channels: Vec<_> = channels.map(|(number, _)| number).collect();
     same("channels in the remarks", &too_many, &channels)?;
@@ -274,14 +277,14 @@ fn quiet(fpga: &mut SimFpga, truth: &Truth) -> Result<(), String> {
         fpga.wait(Duration::from_micros(2));
         for (number, pin) in (0_u16..).zip(&truth.pins) {
             let at = usize::from(number);
-            let drives = used.contains(&number) && pin.pin & 0x80 != 0;
+            let drives = used.contains(&number) && pin.signal & 0x80 != 0;
             same(
                 &format!("pin {number} is driven"),
                 &fpga.is_driven(at),
                 &drives,
             )?;
             let is_high = fpga.driven_level(at);
-            let rest = match (pin.tag, pin.pin) {
+            let rest = match (pin.tag, pin.signal) {
                 (tag::PWM, 0x81 | 0x82) if pin.unit >= analog => Some(false),
                 // Active low.
                 (tag::PWM, 0x83) => Some(true),
@@ -296,7 +299,7 @@ fn quiet(fpga: &mut SimFpga, truth: &Truth) -> Result<(), String> {
             .zip(&truth.pins)
             .filter(|(_, pin)| pin.tag == tag::SSR)
         {
-            let output = usize::from(pin.pin & 0x7F) - 1;
+            let output = usize::from(pin.signal & 0x7F) - 1;
             same("an SSR conducts", &fpga.isolated_output(output), &false)?;
         }
     }

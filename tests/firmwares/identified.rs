@@ -105,9 +105,9 @@ fn pins(found: &[PinDescriptor], expected: &[Pin]) -> Result<(), String> {
             found.unit,
             found.primary.0,
         );
-        same(&what, &words, &(pin.pin, pin.tag, pin.unit, pin.primary))?;
+        same(&what, &words, &(pin.signal, pin.tag, pin.unit, pin.primary))?;
         same(&what, &found.to_string(), &shown(*pin)?)?;
-        let drives = pin.tag != 0 && pin.pin & 0x80 != 0;
+        let drives = pin.tag != 0 && pin.signal & 0x80 != 0;
         same(&what, &found.is_output(), &drives)?;
     }
     Ok(())
@@ -122,9 +122,12 @@ fn shown(pin: Pin) -> Result<String, String> {
         unit => unit.to_string(),
     };
     if names::UNKNOWN.contains(&pin.tag) {
-        return Ok(format!("module {:02X} {unit} pin {:02X}", pin.tag, pin.pin));
+        return Ok(format!(
+            "module {:02X} {unit} pin {:02X}",
+            pin.tag, pin.signal
+        ));
     }
-    let named = names::module(pin.tag).zip(names::pin(pin.tag, pin.pin));
+    let named = names::module(pin.tag).zip(names::pin(pin.tag, pin.signal));
     let (module, name) = named.ok_or_else(|| format!("no name for {pin:02X?}"))?;
     Ok(format!("{module} {unit} {name}"))
 }

@@ -82,7 +82,7 @@ const ROWS: &[(&str, u8, u8, &str)] = &[
 /// Tags of modules in sources of 2016 whose meaning is not known. Later sources have them for hints.
 pub const UNKNOWN: [u8; 4] = [0x1F, 0x20, 0x21, 0x22];
 
-fn entry<'a>(list: &'a str, number: u8) -> Option<&'a str> {
+fn entry(list: &str, number: u8) -> Option<&str> {
     let mut entries = list.split(',').map(|entry| entry.split_at(3));
     entries
         .find_map(|(hex, name)| (u8::from_str_radix(hex.trim(), 16) == Ok(number)).then_some(name))
@@ -100,8 +100,8 @@ pub fn module(tag: u8) -> Option<&'static str> {
 
 /// The name of a pin of a module.
 pub fn pin(tag: u8, pin: u8) -> Option<String> {
-    let single = PINS.iter().filter(|(tags, _)| has(tags, tag));
-    let single = single.filter_map(|(_, list)| entry(list, pin)).next();
+    let mut single = PINS.iter().filter(|(tags, _)| has(tags, tag));
+    let single = single.find_map(|(_, list)| entry(list, pin));
     let mut rows = ROWS.iter();
     let row = rows.find(|(tags, first, last, _)| has(tags, tag) && (*first..=*last).contains(&pin));
     let of_row = row.map(|(_, first, _, name)| format!("{name}{}", pin - first));

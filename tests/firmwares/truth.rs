@@ -18,7 +18,7 @@ pub struct Module {
 /// A pin descriptor (FACTS 9.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin {
-    pub pin: u8,
+    pub signal: u8,
     pub tag: u8,
     pub unit: u8,
     pub primary: u8,
@@ -86,7 +86,7 @@ impl Truth {
         let pin = |n: u32| {
             let word = at(0x5C0 + 4 * n);
             Pin {
-                pin: word as u8,
+                signal: word as u8,
                 tag: (word >> 8) as u8,
                 unit: (word >> 16) as u8,
                 primary: (word >> 24) as u8,
@@ -140,8 +140,8 @@ impl Truth {
 
     /// The channels of a serial port: the highest number that has a pin.
     pub fn channels(&self, tag: u8, unit: u8) -> u8 {
-        let pins = self.of(tag, unit).filter(|(_, pin)| pin.pin < 0xB0);
-        pins.map(|(_, pin)| pin.pin & 0xF).max().unwrap_or(0)
+        let pins = self.of(tag, unit).filter(|(_, pin)| pin.signal < 0xB0);
+        pins.map(|(_, pin)| pin.signal & 0xF).max().unwrap_or(0)
     }
 
     /// The serial ports that are driven: kind, unit and channels.
@@ -164,7 +164,7 @@ impl Truth {
         // Without a hint, all that the pins can have.
         let pins = self
             .of(tag, unit)
-            .filter(|(_, pin)| (tag == tag::IN_M) == (pin.pin < 0x80));
+            .filter(|(_, pin)| (tag == tag::IN_M) == (pin.signal < 0x80));
         let most = match (tag, pins.count() as u32) {
             (tag::IN_MUX, lines) => 1 << lines,
             (_, pins) => pins,
@@ -177,7 +177,17 @@ impl Truth {
 pub fn is_driven(truth: &Truth, module: &Module) -> bool {
     let version = module.version & 0x7F;
     match module.tag {
-        0x02 | 0x03 | 0x80 => true,
+        // Watchdog, I/O ports and LEDs.
+        0x02
+        | 0x03
+        | 0x80
+        | tag::DPLL
+        | tag::IN_MUX
+        | tag::IN_M
+        | tag::OUT_M
+        | tag::SSR
+        | tag::SSERIAL
+        | tag::SSERIAL_B => true,
         tag::ENCODER => matches!(version, 2 | 3),
         tag::MUXED => (2..=4).contains(&version),
         tag::PWM => module.version <= 1,
@@ -185,8 +195,6 @@ pub fn is_driven(truth: &Truth, module: &Module) -> bool {
             .modules
             .iter()
             .any(|m| m.tag == tag::MUXED && is_driven(truth, m)),
-        tag::DPLL | tag::IN_MUX | tag::IN_M | tag::OUT_M | tag::SSR => true,
-        tag::SSERIAL | tag::SSERIAL_B => true,
         _ => false,
     }
 }

@@ -6,6 +6,7 @@ mod common;
 mod doctor;
 mod files;
 mod firewall;
+mod firmwares;
 mod flash;
 mod hal;
 mod info;

@@ -35,7 +35,8 @@ pub struct Target {
     /// A simulated machine in this program: 7i92-7i77, 7i97, or another board of `mesa sim --board`,
     /// and what is plugged into its serial channels as in `mesa sim --remote`:
     /// 7i97,0=7i72,1=7i77-io:2; or one that a file describes, whose name ends in .toml
-    /// (examples/mill.toml)
+    /// (examples/mill.toml); or in place of the board the image of a firmware, whose name ends in .txt
+    /// (`mesa sim --firmware`)
     #[arg(long, value_name = "MACHINE")]
     sim: Option<MachineOptions>,
 }

@@ -1,5 +1,6 @@
 //! What is simulated, as the command line tells it.
 
+use std::error::Error;
 use std::fs;
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
@@ -145,12 +146,7 @@ impl Options {
             machines.push((name.into_owned(), file::read(path)?));
         }
         if let Some(path) = &self.firmware {
-            let in_file = |error: String| format!("{}: {error}", path.display());
-            let text = fs::read_to_string(path).map_err(|error| in_file(error.to_string()))?;
-            let image = FirmwareImage::parse(&text).map_err(|error| in_file(error.to_string()))?;
-            check_channels(Board::Firmware, &self.remotes)?;
-            let mut machine = MachineOptions::new(Board::Firmware, self.remotes.clone());
-            machine.firmware = Some(image);
+            let machine = MachineOptions::of_firmware(path, self.remotes.clone())?;
             machines.push(("board".to_owned(), machine));
         }
         if let Some(board) = self.board {
@@ -335,8 +331,9 @@ impl FromStr for RemoteOption {
     }
 }
 
-/// A board and what is around it. As text: the board, then remotes behind commas; or the name of a
-/// file that describes it, which ends in `.toml`.
+/// A board and what is around it. As text: the board, or a file with the identity memory of its firmware,
+/// which ends in `.txt`, then remotes behind commas; or the name of a file that describes all of it, which
+/// ends in `.toml`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MachineOptions {
     pub board: Board,
@@ -367,6 +364,20 @@ impl MachineOptions {
     }
 }
 
+impl MachineOptions {
+    /// A board with the firmware of an image.
+    fn of_firmware(path: &Path, remotes: Vec<RemoteOption>) -> Result<Self, String> {
+        let in_file = |error: &dyn Error| format!("{}: {error}", path.display());
+        let text = fs::read_to_string(path).map_err(|error| in_file(&error))?;
+        let image = FirmwareImage::parse(&text).map_err(|error| in_file(&error))?;
+        check_channels(Board::Firmware, &remotes)?;
+        Ok(Self {
+            firmware: Some(image),
+            ..Self::new(Board::Firmware, remotes)
+        })
+    }
+}
+
 impl FromStr for MachineOptions {
     type Err = String;
 
@@ -380,9 +391,17 @@ impl FromStr for MachineOptions {
         }
         let mut parts = text.split(',');
         let name = parts.next().unwrap_or_default();
+        let extension = Path::new(name).extension();
+        if extension.is_some_and(|extension| extension == "txt") {
+            let remotes = parts.map(str::parse).collect::<Result<Vec<_>, _>>()?;
+            return Self::of_firmware(Path::new(name), remotes);
+        }
         let board = Board::from_str(name, true).map_err(|_| {
             let names = Board::names();
-            format!("no machine `{name}`; there are {names}, and descriptions: FILE.toml")
+            format!(
+                "no machine `{name}`; there are {names}, descriptions: FILE.toml, and images of \
+                 firmwares: FILE.txt"
+            )
         })?;
         let remotes = parts.map(str::parse).collect::<Result<Vec<_>, _>>()?;
         check_channels(board, &remotes)?;

@@ -1,0 +1,65 @@
+//! Public firmwares: what is said of modules that are not driven, and of what has no connector.
+
+use serde_json::Value;
+
+use crate::run::{json, run};
+
+fn image(name: &str) -> String {
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/transcripts/firmwares");
+    format!("{directory}/{name}.txt")
+}
+
+/// The image has ten step generators at I/O pins 0 to 9 and 17 to 26, two encoders and a serial module.
+const STEPPERS: &str = "StepGen (05) version 2, 10 instances: this crate does not drive it; I/O pins 0-9, \
+    17-26 are plain I/O";
+
+#[test]
+fn a_module_that_is_not_driven_is_named_with_its_pins_by_info_and_hal() {
+    let path = image("7I92-7I76x2D_34");
+    let found = json(&["info", "--sim", &path]);
+    assert_eq!(found["findings"], Value::from(vec![STEPPERS]));
+    assert_eq!(found["firmware"]["pins"][1]["function"], "StepGen 0 Step");
+    let hal = run(&["hal", "--sim", &path]);
+    assert_eq!(hal.code, Some(0), "{hal:?}");
+    assert!(
+        hal.err.contains(&format!("Note: {STEPPERS}")),
+        "{}",
+        hal.err
+    );
+    assert!(hal.out.contains(&format!("# {STEPPERS}\n")), "{}", hal.out);
+}
+
+#[test]
+fn local_pins_and_what_is_behind_the_modules_are_in_the_tables_and_nothing_to_look_at() {
+    let path = image("7I97-7I97D_51");
+    let found = json(&["info", "--sim", &path]);
+    assert_eq!(found["findings"], Value::from(Vec::<String>::new()));
+    let behind = ["CPDrive (C4)", "width of InMux (1E) 0: 16 inputs"];
+    assert_eq!(found["firmware"]["trailing"], Value::from(behind.to_vec()));
+    let local = &found["firmware"]["local_pins"];
+    assert_eq!(local[0]["function"], "CPDrive 0 Low");
+    let text = run(&["info", "--sim", &path]).out;
+    for line in [
+        "  and behind their end: CPDrive (C4); width of InMux (1E) 0: 16 inputs\n",
+        "Local I/O pins, which end on the board\n",
+    ] {
+        assert!(text.contains(line), "{line}: {text}");
+    }
+}
+
+#[test]
+fn an_instance_of_none_is_in_the_table_only() {
+    let found = json(&["info", "--sim", &image("5I25-PktUART1inst_34-2016")]);
+    let findings = found["findings"].to_string();
+    assert!(
+        !findings.contains("StepGen") && !findings.contains("PWM"),
+        "{findings}"
+    );
+    assert!(findings.contains("PktUARTTransmit (1B)"), "{findings}");
+    let modules = found["firmware"]["modules"].as_array().expect("modules");
+    assert!(
+        modules
+            .iter()
+            .any(|module| module["module"] == "StepGen (05)")
+    );
+}
