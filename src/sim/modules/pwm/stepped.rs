@@ -75,7 +75,7 @@ struct Stepped {
     /// waits for it.
     ends: [bool; 2],
     fraction: u32,
-    carry: bool,
+    carry: u32,
 }
 
 impl Stepped {
@@ -103,13 +103,13 @@ impl Stepped {
             self.sum = (self.sum & 0xFFF) + duty;
         }
         let dithers = self.mode & 0x40 != 0;
-        let carry = u32::from(self.carry && dithers);
+        let carry = if dithers { self.carry } else { 0 };
         self.high = self.ramp & mask < (duty + carry) & 0xFFF;
         let [first, second] = core::mem::replace(&mut self.ends, [begins, false]);
         self.ends[1] = first;
         if second && dithers {
             self.fraction += self.value & 0xFFFF;
-            self.carry = self.fraction > 0xFFFF;
+            self.carry = self.fraction >> 16;
             self.fraction &= 0xFFFF;
         }
         self.ramp = ramp;
