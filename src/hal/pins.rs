@@ -75,6 +75,10 @@ pub struct Pins<End: ?Sized = [()]> {
     pub(super) end: End,
 }
 
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "states that each have an owner"
+)]
 #[derive(Debug)]
 pub(super) struct Group {
     /// The last transfer that counts was good. Valid are its inputs only until they are stale: see

@@ -77,11 +77,11 @@ impl Rig {
         let count = |n| pins.input(&name(&format!("encoder.{n:02}.rawcounts")));
         let counts = (0..6).map(|n| count(n).expect("an encoder")).collect();
         Self {
+            driver,
             burst,
             bits,
             gpio,
             counts,
-            driver,
         }
     }
 

@@ -34,7 +34,7 @@ fn driven(machine: &mut OnNetwork) -> usize {
 }
 
 fn switch_on(machine: &mut OnNetwork) {
-    let analog = machine.cards.analog.clone();
+    let analog = machine.cards.analog;
     let pins = machine.driver.pins_mut();
     pins.set(analog.analog_out[0].volts, 5.0);
     pins.set(analog.analogena.pin, true);
