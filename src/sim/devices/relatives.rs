@@ -35,7 +35,7 @@ mode 2 io_encoder_analog
 parameter SwRevision 16 unsigned in 0 65535 = 14
 parameter HwRevision 16 unsigned in 0 65535 = 1
 parameter UnitNumber 32 unsigned in 0 4294967295
-parameter NVBaudRate 16 nonvol-unsigned both 0 65535 = 9
+parameter NVBaudRate 16 nonvol-unsigned both 0 11 = 9
 parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295
 parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
 parameter NVEncMode0 8 nonvol-unsigned both 0 255 = 0
@@ -85,7 +85,7 @@ mode 2 IO_Enc_Ana_Spin_FV
 parameter SwRevision 16 unsigned in 0 65535 = 14
 parameter HwRevision 16 unsigned in 0 65535 = 1
 parameter UnitNumber 32 unsigned in 0 4294967295
-parameter NVBaudRate 16 nonvol-unsigned both 0 65535 = 9
+parameter NVBaudRate 16 nonvol-unsigned both 0 11 = 9
 parameter NVUnitNumber 32 nonvol-unsigned both 0 4294967295
 parameter NVWatchDogTimeout 16 nonvol-unsigned both 0 65535 mS = 50
 parameter NVEncMode0 8 nonvol-unsigned both 0 255 = 0
