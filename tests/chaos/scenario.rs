@@ -93,6 +93,7 @@ fn deadline(plan: &Plan) -> u64 {
     plan.period * 3 / 5
 }
 
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 struct Scenario {
     plan: Plan,
     chance: Chance,

@@ -15,7 +15,7 @@ const CAPACITY: usize = 400;
 
 /// A queue of commands, and what the application knows of it.
 pub(super) struct Queue {
-    queue: CommandQueue,
+    commands: CommandQueue,
     sender: CommandSender,
     waiting: VecDeque<Waiting>,
 }
@@ -40,7 +40,7 @@ impl Queue {
         let queue = CommandQueue::new(driver, CAPACITY);
         Self {
             sender: queue.sender(),
-            queue,
+            commands: queue,
             waiting: VecDeque::new(),
         }
     }
@@ -52,7 +52,7 @@ impl Queue {
         driver: &mut Driver<B>,
         remotes: &mut [Remote],
     ) {
-        let taken = self.queue.take(driver);
+        let taken = self.commands.take(driver);
         for sent in self.waiting.drain(..taken as usize) {
             let remote = &mut remotes[sent.remote];
             let is_meant = remote.is_armed && sent.after == remote.disarmed;
