@@ -53,9 +53,11 @@ pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> Str
 /// A remote switches off after 50 ms; the rest is for the cycles around it.
 const OFF_AFTER: u64 = 60 * MILLI;
 /// A packet that drives pins ends by letting a board bite that was reset: it is executed within this.
-const PACKET: u64 = 20 * MICRO;
+pub const PACKET: u64 = 20 * MICRO;
 /// Over-temperature and over-current: the outputs concerned switch off at once.
 const TRIPS: u8 = 0x0C;
+/// The remote's own watchdog has bitten.
+const WATCHDOG: u8 = 0x01;
 /// Commands older than this are of no interest.
 const KEPT: u64 = 500 * MILLI;
 
@@ -84,6 +86,12 @@ struct Track {
     fault: Option<(u64, u64, &'static str)>,
     /// Until then a packet from before the fault may come that drives pins while it is executed.
     packet_until: u64,
+    /// How long that may be on: until the packet ends, or of a board that has bitten until it is seen.
+    packet_lasts: u64,
+    /// It is the end of a set-up without its beginning, which nobody commanded.
+    packet_sets_up: bool,
+    /// Of a remote: it was re-armed with a board that gets its set-up back, and is armed when it runs.
+    is_coming: bool,
 }
 
 impl Track {
@@ -99,10 +107,14 @@ impl Track {
             limit,
             fault: None,
             packet_until: 0,
+            packet_lasts: 0,
+            packet_sets_up: false,
+            is_coming: false,
         }
     }
 
     fn command(&mut self, at: u64, level: Level, is_armed: bool) {
+        self.is_coming &= !is_armed;
         let is_news = self
             .commands
             .back()
@@ -147,7 +159,8 @@ impl Track {
             return Ok(());
         }
         if let Some((at, until, what)) = self.fault {
-            let in_packet = self.since <= self.packet_until && now <= self.since + PACKET;
+            let in_packet =
+                self.since <= self.packet_until && now <= self.since + self.packet_lasts;
             ensure(now <= until || in_packet, Promise::Safe, now, || {
                 format!(
                     "{}: {:x?} is on, {} us after {what} at {at}, and was not re-armed since",
@@ -156,6 +169,9 @@ impl Track {
                     (now - at) / MICRO
                 )
             })?;
+            if in_packet && self.packet_sets_up {
+                return Ok(());
+            }
         }
         let allowed = |command: &Command| {
             let shown = if self.has_gaps || self.has_fewer {
@@ -239,6 +255,7 @@ pub struct Oracle {
     lateness: u64,
     /// What was sent before a bite or a reset may come so much later.
     in_flight: u64,
+    is_setting_up: bool,
     period: u64,
 }
 
@@ -264,6 +281,7 @@ impl Oracle {
             board: board.collect(),
             lateness: plan.lateness(),
             in_flight: if plan.is_homing { plan.lateness() } else { 0 },
+            is_setting_up: false,
             period: plan.period,
         }
     }
@@ -283,6 +301,19 @@ impl Oracle {
         for track in self.remotes.iter_mut().chain(&mut self.board) {
             track.command(at, Level::OFF, false);
         }
+    }
+
+    /// The board gets its set-up back with a re-arming. What its outage does to remotes, whose own
+    /// watchdogs bite sooner or later, is over with it.
+    pub fn remotes_come(&mut self) {
+        for track in &mut self.remotes {
+            track.is_coming = true;
+        }
+    }
+
+    /// The set-up is written from now on, or was: all of it is one packet, which a reset can cut.
+    pub fn set_up(&mut self, is_written: bool) {
+        self.is_setting_up = is_written;
     }
 
     /// The application re-arms everything, or one remote.
@@ -317,9 +348,17 @@ impl Oracle {
                 for track in &mut self.board {
                     track.fault(at, self.in_flight, what);
                 }
-                // The direction of an I/O pin was changed just before.
-                for track in self.board.iter_mut().take(PORTS) {
+                // The direction of an I/O pin was changed just before, or the set-up is written.
+                let is_bite = matches!(event.what, What::Bite);
+                let seen = if is_bite { 2 * self.period } else { 0 };
+                let count = if self.is_setting_up { PARTS } else { PORTS };
+                for track in self.board.iter_mut().take(count) {
                     track.packet_until = at + self.lateness + PACKET;
+                    track.packet_lasts = PACKET + seen;
+                    track.packet_sets_up = self.is_setting_up;
+                }
+                for track in &mut self.remotes {
+                    track.is_coming = false;
                 }
                 for track in &mut self.remotes {
                     track.fault(at, OFF_AFTER + self.period, what);
@@ -338,6 +377,11 @@ impl Oracle {
                 // From the reply that told it; with other faults the replies may be lost, until
                 // the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;
+                let is_of_board = self.remotes[remote].is_coming && faults == WATCHDOG;
+                self.remotes[remote].is_coming = is_of_board;
+                if is_of_board {
+                    return Ok(());
+                }
                 self.remotes[remote].fault(at, OFF_AFTER + told, "a fault of its own");
                 Ok(())
             }

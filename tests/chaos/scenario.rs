@@ -49,6 +49,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         is_written: false,
         written_at: 0,
         is_open: false,
+        opened: 0,
         told: None,
         is_armed: false,
         cycles: 0,
@@ -113,6 +114,8 @@ struct Scenario {
     is_written: bool,
     written_at: u64,
     is_open: bool,
+    /// When a pin was driven first after none was.
+    opened: u64,
     /// A remote has told of a fault: its number, since when, its faults before, and how many good
     /// reads may miss it.
     told: Option<(usize, u64, u64, u32)>,
@@ -315,8 +318,12 @@ impl Scenario {
         }
         self.oracle.rearmed(None);
         let done = driver.rearm();
+        if was_down && done.is_ok() {
+            self.oracle.remotes_come();
+        }
         application.rearmed(driver, was_down);
         self.look()?;
+        self.oracle.set_up(false);
         if was_down {
             self.stage
                 .tell(self.sim.now(), format!("re-armed: {done:?}"));

@@ -41,6 +41,7 @@ impl Scenario {
                     .any(|b| b.ended.is_none_or(|ended| ended >= at));
             match built {
                 Ok(process) => {
+                    self.set_up_ends();
                     let found = process.application.remotes();
                     ensure(
                         found == self.plan.remotes() || troubled,
@@ -59,6 +60,7 @@ impl Scenario {
                     return Ok(process);
                 }
                 Err(error) => {
+                    self.oracle.set_up(false);
                     self.stage.tell(now, format!("not built: {error}"));
                     ensure(troubled && attempt == 0, Promise::Works, now, || error)?;
                     self.oracle

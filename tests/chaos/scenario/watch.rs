@@ -5,7 +5,7 @@ use mesa_hal::driver::{BoardState, Driver, Pace};
 use super::super::application::Application;
 use super::super::journal::{Event, What};
 use super::super::network::Host;
-use super::super::oracle::{Checked, Promise, ensure};
+use super::super::oracle::{Checked, PACKET, Promise, ensure};
 use super::super::plan::{MILLI, Planned};
 use super::Scenario;
 
@@ -38,6 +38,15 @@ impl Scenario {
         self.told = None;
         self.is_written = false;
         self.is_open = false;
+        self.oracle.set_up(true);
+    }
+
+    /// A driver was built. It has written the set-up until the board had it: what happened to the
+    /// board before the last time is over with it.
+    pub(super) fn set_up_ends(&mut self) {
+        let opened = self.opened;
+        self.watch = self.watch.filter(|(at, ..)| opened <= at + PACKET);
+        self.oracle.set_up(false);
     }
 
     /// The driver was built: a reset before the last write of the set-up was noticed, or what it took
@@ -59,6 +68,7 @@ impl Scenario {
             }
             What::Opened => {
                 self.is_open |= self.is_written;
+                self.opened = event.at;
                 return false;
             }
             What::Bite => (!self.is_open, "the watchdog bites"),
