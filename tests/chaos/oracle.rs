@@ -69,6 +69,7 @@ struct Command {
 }
 
 /// Outputs that change together.
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
 struct Track {
     name: String,
