@@ -317,7 +317,7 @@ fn instances_of_two_modules_of_a_kind_are_numbered_through() {
     let ports = ports
         .iter()
         .map(|port| (port.gtag, port.layout.instance, port.layout.command));
-    let expected = [(Gtag::SSERIAL, 0, 0x5A00), (Gtag::SSERIAL_B, 1, 0xA000)];
+    let expected = [(Gtag::SSERIAL, 0, 0x5B00), (Gtag::SSERIAL_B, 1, 0xA000)];
     assert_eq!(ports.collect::<Vec<_>>(), expected);
 }
 

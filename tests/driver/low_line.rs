@@ -5,7 +5,7 @@ use mesa_hal::driver::{Failure, OfflineReason};
 use crate::common::machine::{ANALOG, Machine};
 
 /// CS of channel 1, and the local error bit of an overrun in it.
-const CS: u16 = 0x5C04;
+const CS: u16 = 0x5D04;
 const OVERRUN: u32 = 0x04;
 /// How often it goes low, and by how much later each time: a character takes 3809 ns.
 const TIMES: u64 = 80;

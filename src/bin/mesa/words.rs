@@ -10,6 +10,7 @@ const TYPED: &[(&str, &str)] = &[
     (" (`Settings::watchdog`)", ""),
     (" (`Settings::bus_error_limit`)", ""),
     (" (`Settings::trace`)", ""),
+    (" (`Settings::pwm`)", ""),
     (
         "leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)",
         "it takes no part. If an update of its firmware was cut off, give `mesa update` again",
