@@ -346,7 +346,7 @@ fn every_simulated_board_is_in_order() {
         ("7i97-7i77,0=7i76e,3=7i72", 4, 12, "7I97", [0x3600, 0x5B00]),
         ("7i97t", 0, 6, "7I97T", [0x3600, 0x5B00]),
         ("7i92-7i77", 2, 6, "7I92", [0x3600, 0x5B00]),
-        ("7i80-7i77,2=7i84", 3, 6, "7I80DB", [0x3500, 0x5A00]),
+        ("7i80-7i77,2=7i84", 3, 6, "7I80DB-16", [0x3500, 0x5A00]),
     ] {
         let inventory = json(&["--sim", machine]);
         assert_eq!(inventory["ethernet"]["card"], card, "{machine}");

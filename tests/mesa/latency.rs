@@ -178,7 +178,7 @@ fn it_ends_on_a_signal_with_what_was_measured_and_never_drives_anything() {
 
 #[test]
 fn what_can_not_be_had_is_refused_with_the_reason() {
-    let sim = ["latency", "--sim", "7i92-7i77"];
+    let sim = ["latency", "--sim", "7i80-7i77"];
     for (arguments, code, said) in [
         (&["--seconds", "0"][..], 2, "0.1 to 86400"),
         (&["--seconds", "nan"], 2, "0.1 to 86400"),
