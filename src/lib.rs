@@ -162,6 +162,7 @@ pub mod setup;
 #[cfg(feature = "std")]
 pub mod sim;
 pub mod sslbp;
+#[cfg(feature = "std")]
 mod tally;
 #[cfg(feature = "std")]
 pub mod transport;
