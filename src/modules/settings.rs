@@ -481,13 +481,13 @@ mod tests {
         assert_eq!(with(|s| s.fault_policy.fault_lim = u32::MAX), Ok(()));
         assert_eq!(with(|s| s.fault_policy.stale_after = 1_000), Ok(()));
         let wrong: [(Change, &str); 8] = [
-            (|s| s.bus_error_limit = 0, "`Settings::bus_error_limit`"),
+            (|s| s.bus_error_limit = 0, "Settings::bus_error_limit"),
             (|s| s.fault_policy.fault_lim = 0, "fault_lim 0"),
             (|s| s.fault_policy.fault_inc = 0, "fault_inc 0"),
             (|s| s.fault_policy.stale_after = 0, "1 to 1000"),
             (|s| s.fault_policy.stale_after = u32::MAX, "4294967295"),
             (|s| s.watchdog = Some(Duration::from_secs(5)), "4.29 s"),
-            (|s| spindle(s, 0.0), "`Settings::pwm`"),
+            (|s| spindle(s, 0.0), "Settings::pwm"),
             (|s| spindle(s, f64::NAN), "NaN"),
         ];
         for (change, named) in wrong {

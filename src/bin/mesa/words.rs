@@ -11,6 +11,9 @@ const TYPED: &[(&str, &str)] = &[
     (" (`Settings::bus_error_limit`)", ""),
     (" (`Settings::trace`)", ""),
     (" (`Settings::pwm`)", ""),
+    (" (`Settings::pwm_hz`)", ""),
+    (" (`Settings::fault_policy`)", ""),
+    (" (`FaultPolicy::stale_after`)", ""),
     (
         "leave the channel out (x), or add its table with `has_discovery` false (`Settings::remotes`)",
         "it takes no part. If an update of its firmware was cut off, give `mesa update` again",
