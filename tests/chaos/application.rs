@@ -1,6 +1,7 @@
 //! The application: it reads, compares what it reads with the truth, and commands something new.
 
 mod encoders;
+mod field;
 mod pins;
 mod queue;
 
@@ -10,7 +11,7 @@ use mesa_hal::hal::{GroupId, GroupState, Input, Output, Param, PinError, Pins};
 use mesa_hal::sslbp::Channel;
 
 use encoders::Encoder;
-use pins::{GpioPin, Remote, volts};
+use pins::{GpioPin, Remote, value};
 use queue::{Queue, is_queued};
 
 use super::journal::{Level, PORTS};
@@ -27,6 +28,9 @@ pub struct Application {
     gpio_inputs: Vec<Input<bool>>,
     isolated: Vec<(Input<bool>, Input<bool>)>,
     analog: Vec<(Output<f64>, Output<bool>)>,
+    /// The scale of each analog output, and what it is.
+    scales: Vec<(Param<f64>, f64)>,
+    led: Option<Output<bool>>,
     ssr: Vec<Output<bool>>,
     encoders: Vec<Encoder>,
     watchdog: Param<u32>,
@@ -35,11 +39,16 @@ pub struct Application {
     port_width: usize,
     queue: Option<Queue>,
     turn: u32,
+    sets_nan: bool,
+    plan: Plan,
     /// Nobody changes how an encoder counts.
     is_fast: bool,
     set: BoardCommand,
     faults: u64,
 }
+
+/// Volts of an analog output at full scale.
+const FULL: f64 = 10.0;
 
 /// How long after it has changed an isolated input shows it at the latest: five scans of 50 us, one
 /// that has begun, and the multiplexer's delay.
@@ -63,7 +72,8 @@ impl Application {
             let Some(status) = status else { continue };
             let prefix = &status.pins.prefix;
             let (card, place) = (plan.card(number), (port, channel));
-            let remote = Remote::new(pins, prefix, number, place, card, status.pins.group)?;
+            let group = (status.pins.group, plan.field_mode);
+            let remote = Remote::new(pins, prefix, number, place, card, group)?;
             remotes.push(remote);
         }
         let gpio_pins = gpio.outputs.iter().map(|&pin| {
@@ -97,6 +107,12 @@ impl Application {
                 pins.output(&format!("{stem}.enable"))?,
             ))
         });
+        let scales = six.clone().map(|n| {
+            let scale = pins.parameter(&format!("{name}.pwmgen.{n:02}.scale"))?;
+            Ok((scale, FULL))
+        });
+        let led = format!("{name}.led.CR01");
+        let has_led = pins.infos().iter().any(|info| info.name == led);
         let ssr = six.map(|n| pins.output(&format!("{name}.ssr.00.out-{n:02}")));
         Ok(Self {
             remotes,
@@ -104,12 +120,16 @@ impl Application {
             gpio_inputs: gpio_inputs.collect::<Result<_, _>>()?,
             isolated: isolated.collect::<Result<_, _>>()?,
             analog: analog.collect::<Result<_, PinError>>()?,
+            scales: scales.collect::<Result<_, PinError>>()?,
+            led: has_led.then(|| pins.output(&led)).transpose()?,
             ssr: ssr.collect::<Result<_, _>>()?,
             encoders: (0..plan.extras.axes)
                 .filter_map(|axis| Encoder::new(pins, name, axis).transpose())
                 .collect::<Result<_, _>>()?,
             queue: plan.extras.is_queued.then(|| Queue::new(driver)),
             turn: plan.extras.turn,
+            sets_nan: plan.extras.sets_nan,
+            plan: plan.clone(),
             is_fast: plan.extras.is_fast,
             watchdog: pins.parameter(&format!("{name}.watchdog.timeout_ns"))?,
             runs: (0..plan.ports.len())
@@ -137,10 +157,14 @@ impl Application {
         let now = pins.now().as_nanos();
         for remote in self
             .remotes
-            .iter()
+            .iter_mut()
             .filter(|remote| !remote.inputs.is_empty())
         {
             let state = pins.group_state(remote.group).expect("of this driver");
+            let is_down = driver.board_state() != BoardState::Running || !state.armed;
+            if is_down && let Some(field) = &mut remote.field {
+                field.forget();
+            }
             if !state.valid {
                 continue;
             }
@@ -167,6 +191,7 @@ impl Application {
                 )
             })?;
         }
+        self.check_fields(driver, stage)?;
         let state = pins.group_state(driver.group()).expect("of this driver");
         if !state.armed {
             self.forget_index();
@@ -177,6 +202,27 @@ impl Application {
             let turn = self.turn;
             let mut encoders = self.encoders.iter_mut();
             encoders.try_for_each(|encoder| encoder.check(pins, stage, (from, now), turn))?;
+        }
+        Ok(())
+    }
+
+    /// Voltages and MPGs of field I/O.
+    fn check_fields<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &Driver<B>,
+        stage: &Stage,
+    ) -> Checked {
+        let pins = driver.pins();
+        let now = pins.now().as_nanos();
+        for remote in &mut self.remotes {
+            let state = pins.group_state(remote.group).expect("of this driver");
+            let age = state.age.time.as_nanos() as u64;
+            if state.valid
+                && let Some(field) = &mut remote.field
+            {
+                let window = (now.saturating_sub(age + 5 * MICRO), now);
+                field.check((pins, stage, &self.plan), remote.number, window)?;
+            }
         }
         Ok(())
     }
@@ -233,7 +279,7 @@ impl Application {
         if set_anew {
             for remote in self.remotes.iter_mut().filter(directly) {
                 // What is set while it is not armed is forgotten.
-                let level = remote.command(driver.pins_mut(), chance);
+                let level = remote.command(driver.pins_mut(), chance, self.sets_nan);
                 if remote.is_armed {
                     remote.set = level;
                 }
@@ -265,11 +311,14 @@ impl Application {
             set.gpio[gpio.pin / self.port_width] |= u32::from(on) << (gpio.pin % self.port_width);
         }
         set.enabled = !self.analog.is_empty() && !chance.one_in(8);
-        for (n, (value, enable)) in self.analog.iter().enumerate() {
-            let millivolts = volts(chance);
-            pins.set(*value, f64::from(millivolts) / 1000.0);
+        for (n, (output, enable)) in self.analog.iter().enumerate() {
+            let (volts, millivolts) = value(chance, self.sets_nan);
+            pins.set(*output, volts);
             pins.set(*enable, set.enabled);
             set.millivolts[n] = millivolts;
+        }
+        if let Some(led) = self.led {
+            pins.set(led, chance.one_in(2));
         }
         for (n, out) in self.ssr.iter().enumerate() {
             let on = chance.one_in(2);
@@ -290,7 +339,17 @@ impl Application {
             let is_armed = is_armed(driver, remote.group);
             oracle.command_remote(remote.number, now, remote.set, is_armed);
         }
-        oracle.command_board(now, &self.set, is_armed(driver, driver.group()));
+        oracle.command_board(now, &self.scaled(), is_armed(driver, driver.group()));
+    }
+
+    /// What the board makes of what is set, by the scales of now.
+    fn scaled(&self) -> BoardCommand {
+        let mut set = self.set;
+        for (millivolts, (_, scale)) in set.millivolts.iter_mut().zip(&self.scales) {
+            let part = f64::from(*millivolts) / 1000.0 / scale;
+            *millivolts = (part.clamp(-1.0, 1.0) * 1000.0 * FULL).round() as i32;
+        }
+        set
     }
 
     /// After a call that may have disarmed: what was set is forgotten.
@@ -326,7 +385,7 @@ impl Application {
     ) -> String {
         let pins = driver.pins_mut();
         let which = chance.below(self.encoders.len().max(1) as u64) as usize;
-        match (chance.below(4), self.encoders.get(which)) {
+        match (chance.below(5), self.encoders.get(which)) {
             (0, Some(encoder)) if !self.is_fast => {
                 let filter = chance.one_in(2);
                 let done = pins.set_param(encoder.filter, filter);
@@ -336,6 +395,16 @@ impl Application {
                 let scale = f64::from(1 + chance.below(4) as u32);
                 let done = pins.set_param(encoder.scale, scale);
                 format!("encoder scale {scale}: {done:?}")
+            }
+            (4, _) if !self.scales.is_empty() => {
+                let count = self.scales.len() as u64;
+                let (param, scale) = &mut self.scales[chance.below(count) as usize];
+                let new = chance.of(&[FULL, 5.0, 20.0, -FULL]);
+                let done = pins.set_param(*param, new);
+                if done.is_ok() {
+                    *scale = new;
+                }
+                format!("scale of an analog output {new}: {done:?}")
             }
             (2, _) => {
                 let time = chance.of(&[6, 9, 20]) * MILLI;
@@ -354,6 +423,12 @@ impl Application {
         }
     }
 
+    /// The first pin of which a snapshot shows something else than the cycle has.
+    pub fn shows_another<B: RegisterBus + Clock>(&mut self, driver: &Driver<B>) -> Option<String> {
+        let queue = self.queue.as_mut()?;
+        queue.shows_another(driver)
+    }
+
     /// Asks some encoders for their indexes.
     pub fn ask_for_index<B: RegisterBus + Clock>(
         &mut self,
@@ -368,7 +443,7 @@ impl Application {
         for encoder in &mut self.encoders {
             if encoder.asked.is_none() && encoder.is_known() && chance.one_in(2) {
                 driver.pins_mut().set(encoder.index_enable, true);
-                encoder.asked = Some(now);
+                (encoder.asked, encoder.is_pending) = (Some(now), true);
             }
         }
     }
@@ -496,7 +571,7 @@ impl Application {
 
     /// What the board must drive when everything follows.
     pub fn expected_board(&self) -> super::journal::Parts {
-        let mut set = self.set;
+        let mut set = self.scaled();
         for gpio in self.gpio.iter().filter(|gpio| !gpio.drives) {
             set.gpio[gpio.pin / self.port_width] &= !(1 << (gpio.pin % self.port_width));
         }

@@ -1,6 +1,6 @@
 //! What is true: every change of an output, every fault and every restart, at its time.
 
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mesa_hal::sim::SimFpga;
 use mesa_hal::sim::devices::find;
@@ -84,7 +84,8 @@ impl Journal {
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<Event>> {
-        self.0.lock().expect("nobody panics with it")
+        // A scenario that has panicked with it still has a story.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -15,10 +15,16 @@ use super::plan::{Board, Card, Plan};
 pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     let firmware = firmware(plan);
     let gpio = Gpio::of(&firmware);
-    let mut fpga = SimFpga::new(firmware);
+    let clocks = [firmware.clock_low, firmware.clock_high].map(nominal);
+    let mut fpga = SimFpga::new(quickened(firmware, plan.extras.ppm));
+    // What the firmware says of its clocks.
+    for (address, hz) in [CLOCK_LOW, CLOCK_HIGH].into_iter().zip(clocks) {
+        fpga.override_rom(address, hz);
+    }
     for remote in 0..plan.remotes() {
         let (port, channel) = plan.place(remote);
-        let end = end(plan.card(remote), remote, remote, journal);
+        let watchdog = plan.extras.remote_watchdog;
+        let end = end(plan.card(remote), (remote, remote), watchdog, journal);
         fpga.plug(port, channel, Some(end));
     }
     for axis in 0..axes(plan, &mut fpga) {
@@ -37,6 +43,23 @@ pub fn machine(plan: &Plan, journal: &Journal) -> (SimFpga, Gpio) {
     (fpga, gpio)
 }
 
+/// The words of the IDROM that say how fast the clocks are (FACTS 2.2).
+pub const CLOCK_LOW: u16 = 0x0428;
+const CLOCK_HIGH: u16 = 0x042C;
+
+/// What a firmware says of a clock that is a little faster or slower: whole tenths of a MHz.
+pub fn nominal(clock: u32) -> u32 {
+    (clock + 50_000) / 100_000 * 100_000
+}
+
+/// A firmware whose oscillator is faster by so many parts of a million.
+fn quickened(mut firmware: Firmware, ppm: i64) -> Firmware {
+    for clock in [&mut firmware.clock_low, &mut firmware.clock_high] {
+        *clock = (i64::from(*clock) + i64::from(*clock) * ppm / 1_000_000) as u32;
+    }
+    firmware
+}
+
 /// Motors that there are encoders for.
 fn axes(plan: &Plan, fpga: &mut SimFpga) -> usize {
     let encoders = fpga.encoders().map_or(0, |bank| bank.encoders());
@@ -44,17 +67,26 @@ fn axes(plan: &Plan, fpga: &mut SimFpga) -> usize {
 }
 
 /// A card at the end of a cable; `unit` makes it another one of its kind.
-pub fn end(card: Card, number: usize, unit: usize, journal: &Journal) -> Box<dyn RemoteEnd> {
-    let remote = remote(card, unit);
+pub fn end(
+    card: Card,
+    (number, unit): (usize, usize),
+    watchdog: u64,
+    journal: &Journal,
+) -> Box<dyn RemoteEnd> {
+    let remote = remote(card, unit, watchdog);
     let recorder = Recorder::new(remote, number, card, journal);
     Box::new(Cable::new(Box::new(recorder), unit as u64))
 }
 
 /// The cards of a machine differ in their unit numbers.
-fn remote(card: Card, unit: usize) -> Box<dyn RemoteEnd> {
+fn remote(card: Card, unit: usize, watchdog: u64) -> Box<dyn RemoteEnd> {
     let known = "known to the simulator";
     let mut description = description(card);
     description.unit += unit as u32;
+    let mut parameters = description.parameters.iter_mut();
+    if let Some(own) = parameters.find(|own| own.record.name == "NVWatchDogTimeout") {
+        own.value = watchdog;
+    }
     match card {
         Card::Field => Box::new(Device::remote(&description, FieldIo::new(false)).expect(known)),
         Card::Analog => Box::new(Device::remote(&description, Analog::default()).expect(known)),
@@ -77,6 +109,16 @@ pub fn unit_number(card: Card, number: usize) -> u32 {
 }
 
 fn firmware(plan: &Plan) -> Firmware {
+    let mut firmware = plain_firmware(plan);
+    if plan.extras.dithers
+        && let Some(pwm) = firmware.module_mut(gtag::PWM)
+    {
+        pwm.version = 1;
+    }
+    firmware
+}
+
+fn plain_firmware(plan: &Plan) -> Firmware {
     let channels: Vec<u8> = plan.ports.iter().map(|cards| cards.len() as u8).collect();
     match (plan.board, &channels[..]) {
         (Board::I7i92, [1..=3]) => machines::firmware_7i92_7i77(),

@@ -9,10 +9,12 @@ use std::time::Duration;
 use mesa_hal::bus::{
     Access, AccessList, BusErrorKind, BusStatistics, Clock, Hold, Instant, RegisterBus, Reply,
 };
-use mesa_hal::sim::{FaultKind, SimBoard, SimError, SimFpga};
+use mesa_hal::sim::{BoardConfig, FaultKind, SimBoard, SimError, SimFpga, machines};
 use mesa_hal::transport::udp::{Link, UdpBus};
 use mesa_hal::transport::{Fault, Faulty};
 
+use super::machine::{CLOCK_LOW, nominal};
+use super::plan::Stranger;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE};
 
@@ -31,6 +33,14 @@ impl Sim {
         }
     }
 
+    /// Whether the FPGA has no configuration just now.
+    pub fn is_in_reset(&self) -> bool {
+        match self {
+            Self::Embedded(fpga) => fpga.borrow().is_in_reset(),
+            Self::Network(network) => network.borrow().link.board.gateware().is_in_reset(),
+        }
+    }
+
     pub fn pass(&self, time: u64) {
         match self {
             Self::Embedded(fpga) => {
@@ -45,6 +55,31 @@ impl Sim {
             }
         }
     }
+}
+
+impl Sim {
+    /// Another firmware, or another board with the same firmware, is at the same place from now on; or
+    /// the machine's own again.
+    pub fn exchange(&self, stranger: Stranger, own: bool) {
+        match (stranger, self) {
+            (Stranger::Firmware, Self::Embedded(fpga)) => {
+                other_firmware(&mut fpga.borrow_mut(), own);
+            }
+            (Stranger::Firmware, Self::Network(network)) => {
+                let mut network = network.borrow_mut();
+                other_firmware(network.link.board.gateware_mut(), own);
+            }
+            (Stranger::Board, Self::Network(network)) => network.borrow_mut().other_board(own),
+            (Stranger::None, _) | (Stranger::Board, Self::Embedded(_)) => {}
+        }
+    }
+}
+
+/// The words of an IDROM say that its clock is another one.
+fn other_firmware(fpga: &mut SimFpga, own: bool) {
+    let clock = nominal(fpga.firmware().clock_low);
+    fpga.override_rom(CLOCK_LOW, if own { clock } else { clock / 2 });
+    fpga.reload();
 }
 
 /// What a host does about a bus that fails.
@@ -86,12 +121,19 @@ pub struct Life {
     dead: Rc<Cell<bool>>,
     /// The time that the remains see.
     ghost: Rc<Cell<u64>>,
+    /// For so long the host stands still in its next exchange.
+    pause: Rc<Cell<u64>>,
 }
 
 impl Life {
     pub fn kill(&self, now: u64) {
         self.dead.set(true);
         self.ghost.set(now);
+    }
+
+    /// The host stands still in the middle of its next exchange.
+    pub fn pause(&self, time: u64) {
+        self.pause.set(time);
     }
 
     fn is_over(&self) -> bool {
@@ -118,7 +160,11 @@ impl RegisterBus for Direct {
         if self.life.is_over() {
             return Err(SimError::Misaligned { address: 1 });
         }
-        self.fpga.borrow_mut().exchange(accesses, words)
+        let mut fpga = self.fpga.borrow_mut();
+        let done = fpga.exchange(accesses, words);
+        let until = SimFpga::now(&fpga) + self.life.pause.take();
+        fpga.advance_to(until);
+        done
     }
 
     fn prepare(&mut self, accesses: &[Access], _: Option<Hold>) -> Result<AccessList, SimError> {
@@ -192,6 +238,21 @@ impl Network {
         self.weather.borrow_mut().faults.push(fault);
     }
 
+    /// Another board of the kind, with the same firmware, and the remotes at its connectors; or the own
+    /// one again.
+    fn other_board(&mut self, own: bool) {
+        let board = &mut self.link.board;
+        let mut config = BoardConfig::new("");
+        config.clone_from(board.config());
+        config.mac[5] = if own { 0x97 } else { 0x98 };
+        let now = board.time();
+        let nothing = SimFpga::new(machines::firmware_serial(&[1]));
+        let fpga = std::mem::replace(board.gateware_mut(), nothing);
+        *board = SimBoard::new(config, fpga);
+        board.advance_to(now);
+        board.reset_for(0);
+    }
+
     pub fn heal(&mut self) {
         self.weather.borrow_mut().faults.clear();
     }
@@ -250,7 +311,10 @@ impl Link for ChaosLink {
             self.life.ghost_until(deadline.as_nanos());
             return Ok(None);
         }
-        self.network.borrow_mut().link.receive(buffer, deadline)
+        let link = &mut self.network.borrow_mut().link;
+        let until = link.time() + self.life.pause.take();
+        link.run(until, false);
+        link.receive(buffer, deadline)
     }
 
     fn now(&mut self) -> Instant {

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::journal::{ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
-use super::plan::{MICRO, MILLI, Plan};
+use super::plan::{MICRO, MILLI, Plan, WRITTEN_WATCHDOG};
 
 /// What is promised: see `docs/faults.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -50,14 +50,22 @@ pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> Str
     })
 }
 
-/// A remote switches off after 50 ms; the rest is for the cycles around it.
+/// A remote switches off after its watchdog's time, 50 ms as it is delivered; the rest is for the
+/// cycles around it.
+fn off_after(plan: &Plan) -> u64 {
+    // One that is written in the middle is in use from the next power-up on.
+    let writes = plan.extras.deeds_one_in > 0;
+    let written = if writes { WRITTEN_WATCHDOG } else { 0 };
+    (plan.extras.remote_watchdog.max(written.into()) + 10) * MILLI
+}
+/// The same for the board's own outputs.
 const OFF_AFTER: u64 = 60 * MILLI;
 /// A packet that drives pins ends by letting a board bite that was reset: it is executed within this.
 pub const PACKET: u64 = 20 * MICRO;
+/// On an embedded bus the set-up is one exchange: so long is the part of it that a reset can take.
+const SET_UP: u64 = 200 * MICRO;
 /// Over-temperature and over-current: the outputs concerned switch off at once.
 const TRIPS: u8 = 0x0C;
-/// The remote's own watchdog has bitten.
-const WATCHDOG: u8 = 0x01;
 /// Commands older than this are of no interest.
 const KEPT: u64 = 500 * MILLI;
 
@@ -69,8 +77,8 @@ struct Command {
 }
 
 /// Outputs that change together.
-#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 #[derive(Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 struct Track {
     name: String,
     /// Bits may be missing: pins are inputs just then, or outputs have tripped by themselves.
@@ -85,6 +93,8 @@ struct Track {
     limit: u64,
     /// The first fault since it was re-armed, and when all has to be off because of it.
     fault: Option<(u64, u64, &'static str)>,
+    /// Of one that is coming: START has cleared its faults, those too that nobody has seen.
+    is_started: bool,
     /// Until then a packet from before the fault may come that drives pins while it is executed.
     packet_until: u64,
     /// How long that may be on: until the packet ends, or of a board that has bitten until it is seen.
@@ -107,6 +117,7 @@ impl Track {
             since: 0,
             limit,
             fault: None,
+            is_started: false,
             packet_until: 0,
             packet_lasts: 0,
             packet_sets_up: false,
@@ -174,7 +185,7 @@ impl Track {
                 return Ok(());
             }
         }
-        let allowed = |command: &Command| {
+        let shows = |command: &Command| {
             let shown = if self.has_gaps || self.has_fewer {
                 Level {
                     bits: self.shown.bits & command.level.bits,
@@ -183,32 +194,40 @@ impl Track {
             } else {
                 command.level
             };
-            command.is_armed && command.at <= self.since && self.shown.is(&shown)
+            command.is_armed && self.shown.is(&shown)
         };
         let replaced = self.commands.iter().skip(1).map(|next| next.at);
         let replaced = replaced.chain([u64::MAX]);
-        let mut pairs = self
-            .commands
-            .iter()
-            .zip(replaced)
-            .collect::<Vec<_>>()
-            .into_iter()
-            .rev();
+        let pairs: Vec<_> = self.commands.iter().zip(replaced).collect();
         // A remote that got a fault while nobody talked to it keeps what it has, and its watchdog is
         // fed by the first frame that tells of it.
         let limit = if self.is_faulty { 2 } else { 1 } * self.limit;
-        let found = pairs.find(|(command, _)| allowed(command));
+        let mut pairs = pairs
+            .into_iter()
+            .rev()
+            .filter(|(command, _)| shows(command));
+        // The same may have been commanded again since.
+        let newest = pairs.clone().next();
+        let found = pairs.find(|(command, _)| command.at <= self.since);
+        let found = found
+            .zip(newest)
+            .map(|((command, _), (_, until))| (command, until));
         ensure(
             found.is_some_and(|(_, until)| until.saturating_add(limit) >= now),
             Promise::Commanded,
             now,
             || match found {
                 Some((command, until)) => format!(
-                    "{}: {:x?} of {} was replaced {} us ago and still stands there",
+                    "{}: {:x?} of {} was replaced {} us ago and still stands there, by {:x?}",
                     self.name,
                     self.shown,
                     command.at,
-                    (now - until) / MICRO
+                    (now - until) / MICRO,
+                    self.commands
+                        .iter()
+                        .filter(|next| next.at >= until)
+                        .take(4)
+                        .collect::<Vec<_>>()
                 ),
                 None => format!(
                     "{}: {:x?} is on since {}, which nobody commanded while it was armed; last commands: {:x?}",
@@ -258,11 +277,13 @@ pub struct Oracle {
     in_flight: u64,
     is_setting_up: bool,
     period: u64,
+    off_after: u64,
 }
 
 impl Oracle {
     pub fn new(plan: &Plan) -> Self {
         let lateness = plan.lateness() + 2 * plan.period;
+        let off_after = off_after(plan);
         let part = |part| match part {
             ENABLES => "drive enables".to_owned(),
             SSR => "isolated outputs".to_owned(),
@@ -272,7 +293,7 @@ impl Oracle {
         let remote = |n| {
             let (port, channel) = plan.place(n);
             let name = format!("remote {n} ({:?}, {port}.{channel})", plan.card(n));
-            Track::new(name, false, OFF_AFTER + lateness)
+            Track::new(name, false, off_after + lateness)
         };
         let board = (0..PARTS).map(|n| Track::new(part(n), n < PORTS, OFF_AFTER + lateness));
         // A card that was swapped in is the last: nothing is ever commanded of it.
@@ -284,6 +305,7 @@ impl Oracle {
             in_flight: if plan.is_homing { plan.lateness() } else { 0 },
             is_setting_up: false,
             period: plan.period,
+            off_after,
         }
     }
 
@@ -308,7 +330,7 @@ impl Oracle {
     /// watchdogs bite sooner or later, is over with it.
     pub fn remotes_come(&mut self) {
         for track in &mut self.remotes {
-            track.is_coming = true;
+            (track.is_coming, track.is_started) = (true, false);
         }
     }
 
@@ -319,13 +341,12 @@ impl Oracle {
 
     /// The application re-arms everything, or one remote.
     pub fn rearmed(&mut self, remote: Option<usize>) {
-        match remote {
-            Some(remote) => self.remotes[remote].fault = None,
-            None => {
-                for track in self.remotes.iter_mut().chain(&mut self.board) {
-                    track.fault = None;
-                }
-            }
+        if let Some(remote) = remote {
+            self.remotes[remote].fault = None;
+            return;
+        }
+        for track in self.remotes.iter_mut().chain(&mut self.board) {
+            track.fault = None;
         }
     }
 
@@ -352,9 +373,11 @@ impl Oracle {
                 // The direction of an I/O pin was changed just before, or the set-up is written.
                 let is_bite = matches!(event.what, What::Bite);
                 let seen = if is_bite { 2 * self.period } else { 0 };
+                // A long reset takes the middle of a set-up, and lets the end of it through.
+                let in_reset = if self.is_setting_up { SET_UP } else { 0 };
                 let count = if self.is_setting_up { PARTS } else { PORTS };
                 for track in self.board.iter_mut().take(count) {
-                    track.packet_until = at + self.lateness + PACKET;
+                    track.packet_until = at + self.lateness + PACKET + in_reset;
                     track.packet_lasts = PACKET + seen;
                     track.packet_sets_up = self.is_setting_up;
                 }
@@ -362,7 +385,7 @@ impl Oracle {
                     track.is_coming = false;
                 }
                 for track in &mut self.remotes {
-                    track.fault(at, OFF_AFTER + self.period, what);
+                    track.fault(at, self.off_after + self.period, what);
                 }
                 Ok(())
             }
@@ -370,6 +393,7 @@ impl Oracle {
             What::Faults(remote, 0) => {
                 self.remotes[remote].has_gaps = false;
                 self.remotes[remote].is_faulty = false;
+                self.remotes[remote].is_started = true;
                 Ok(())
             }
             What::Faults(remote, faults) => {
@@ -378,12 +402,13 @@ impl Oracle {
                 // From the reply that told it; with other faults the replies may be lost, until
                 // the remote goes offline.
                 let told = if alone { 3 } else { 45 } * self.period + self.lateness;
-                let is_of_board = self.remotes[remote].is_coming && faults == WATCHDOG;
+                let is_of_board =
+                    self.remotes[remote].is_coming && !self.remotes[remote].is_started;
                 self.remotes[remote].is_coming = is_of_board;
                 if is_of_board {
                     return Ok(());
                 }
-                self.remotes[remote].fault(at, OFF_AFTER + told, "a fault of its own");
+                self.remotes[remote].fault(at, self.off_after + told, "a fault of its own");
                 Ok(())
             }
         }
@@ -395,6 +420,16 @@ impl Oracle {
             .iter()
             .chain(&self.board)
             .try_for_each(|track| track.check(now))
+    }
+
+    /// The board drives nothing: it is not the one that was started with.
+    pub fn check_stranger(&self, now: u64) -> Checked {
+        let mut on = self.board.iter().filter(|track| track.shown.is_on());
+        on.next().map_or(Ok(()), |track| {
+            ensure(false, Promise::Safe, now, || {
+                format!("{}: {:x?} is on, of a stranger", track.name, track.shown)
+            })
+        })
     }
 
     /// Nothing is on.

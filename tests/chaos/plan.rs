@@ -2,8 +2,10 @@
 
 mod extras;
 
-pub use extras::Extras;
+pub use extras::{Extras, Stranger, WRITTEN_WATCHDOG};
 
+use mesa_hal::boards::{i7i72, i7i77};
+use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::Pace;
 use mesa_hal::sim::{FaultKind, Place};
 
@@ -21,6 +23,17 @@ pub enum Card {
     Analog,
     /// A 7I72.
     Outputs,
+}
+
+impl Card {
+    /// What the library knows of it.
+    pub const fn table(self) -> &'static RemoteTable {
+        match self {
+            Self::Field => &i7i77::FIELD,
+            Self::Analog => &i7i77::ANALOG,
+            Self::Outputs => &i7i72::REMOTE,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,14 +219,14 @@ impl Plan {
     }
 
     /// The remote that all faults are of, if they are faults of one remote or its wire, and the
-    /// application disturbs no other.
+    /// application and no other program disturbs the others.
     pub fn victim(&self) -> Option<usize> {
         let of_remotes =
             |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
         let [first, ..] = &self.faults[..] else {
             return None;
         };
-        if self.extras.deeds_one_in > 0 {
+        if self.extras.deeds_one_in > 0 || self.extras.second_master {
             return None;
         }
         let alike = |fault: &Planned| fault.target == first.target && !fault.in_build;

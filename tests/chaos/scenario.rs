@@ -13,14 +13,14 @@ use std::time::Duration;
 use mesa_hal::driver::{BoardState, Driver, Pace};
 use mesa_hal::sim::{BoardConfig, FaultKind, Place, SimBoard};
 use mesa_hal::transport::Faulty;
-use mesa_hal::transport::udp::{UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
 
 use super::application::Application;
 use super::journal::Journal;
 use super::machine::{Gpio, machine};
 use super::network::{Bad, ChaosLink, Direct, Host, Life, Network, Sim};
 use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
-use super::plan::{Board, MICRO, MILLI, Plan, Planned};
+use super::plan::{Board, MICRO, MILLI, Plan, Planned, Stranger};
 use super::stage::{Player, Stage};
 use crate::common::chance::Chance;
 use told::Told;
@@ -47,7 +47,6 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         watch: None,
         took: 0,
         is_written: false,
-        written_at: 0,
         is_open: false,
         opened: 0,
         told: None,
@@ -57,6 +56,7 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         validity: Validity::default(),
         what_is_told: Told::default(),
         waits: false,
+        stranger: (u64::MAX, false),
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -112,7 +112,6 @@ struct Scenario {
     /// The set-up is written, as far as the simulator knows: since the driver began to build, or to
     /// restore the board, a register was written, and then a pin was driven.
     is_written: bool,
-    written_at: u64,
     is_open: bool,
     /// When a pin was driven first after none was.
     opened: u64,
@@ -128,6 +127,8 @@ struct Scenario {
     what_is_told: Told,
     /// The next write is followed by a wait for its transfers.
     waits: bool,
+    /// When something else is there instead of the board, and whether it is.
+    stranger: (u64, bool),
 }
 
 /// A process: the driver, its application, and its end.
@@ -150,6 +151,7 @@ impl Scenario {
         for fault in self.plan.faults.clone() {
             if !fault.in_build {
                 self.schedule(fault, start + fault.after);
+                self.stranger.0 = self.stranger.0.min(start + fault.after + fault.lasts / 2);
             }
         }
         let end = start + self.plan.run;
@@ -218,10 +220,14 @@ impl Scenario {
         let Process {
             driver,
             application,
-            ..
+            life,
         } = process;
         let started = self.sim.now();
         self.bus_faults(driver, started);
+        self.other_master();
+        if is_wild {
+            self.strangers(true);
+        }
         if self.plan.extras.reads_ahead && is_wild {
             driver.request_read();
             self.sim.pass(self.plan.period / 10);
@@ -230,7 +236,8 @@ impl Scenario {
         let good = read.is_ok();
         self.what_is_told.read(good);
         let others = read.map_or(0, |report| report.others);
-        ensure(others == 0, Promise::Works, started, || {
+        let has_other = self.plan.extras.second_master;
+        ensure(others == 0 || has_other, Promise::Works, started, || {
             format!("{others} packets of another master, and there is none")
         })?;
         // The age of what the board itself shows counts from the end of the read that brought it,
@@ -253,7 +260,7 @@ impl Scenario {
         let idle_one_in = self.plan.habits.idle_one_in;
         let set_anew = !is_wild || !self.chance.one_in(idle_one_in);
         if is_wild {
-            self.host_faults(false);
+            self.host_faults(life, false);
         }
         application.command(driver, &mut self.chance, (is_wild, set_anew));
         application.announce(driver, &mut self.oracle, self.sim.now());
@@ -262,7 +269,7 @@ impl Scenario {
         application.notice(driver);
         if is_wild {
             self.waits_for_transfers(driver);
-            self.host_faults(true);
+            self.host_faults(life, true);
         }
         if self.plan.pace == Pace::Host {
             let passed = self.sim.now() - started;
@@ -271,6 +278,9 @@ impl Scenario {
         self.look()?;
         self.told_truly(driver, application)?;
         self.oracle.check(self.sim.now())?;
+        if self.stranger.1 && self.plan.extras.stranger != Stranger::None {
+            self.oracle.check_stranger(self.sim.now())?;
+        }
         let well = application.all_is_well(driver).is_ok();
         self.stage.set_well(Some(well));
         self.is_armed |= well;
@@ -331,8 +341,17 @@ impl Scenario {
         Ok(())
     }
 
-    /// The application is late or stands still, after its write or before it.
-    fn host_faults(&mut self, after_write: bool) {
+    /// Something else answers from the middle of the first fault on, or the own board again.
+    fn strangers(&mut self, comes: bool) {
+        let (at, is_there) = self.stranger;
+        if is_there != comes && (!comes || self.sim.now() >= at) {
+            self.stranger.1 = comes;
+            self.sim.exchange(self.plan.extras.stranger, !comes);
+        }
+    }
+
+    /// The application is late or stands still, after its write, before it, or in an exchange.
+    fn host_faults(&mut self, life: &Life, after_write: bool) {
         let now = self.sim.now();
         let due = |(at, fault): &mut (u64, Planned)| {
             *at > 0
@@ -347,10 +366,26 @@ impl Scenario {
             } else {
                 2 * self.plan.watchdog + fault.lasts.min(100 * MILLI)
             };
+            // In a read: after the write, the next exchange is one.
+            if after_write && fault.dice & 2 != 0 {
+                life.pause(time);
+                continue;
+            }
             // Somebody looks all the time, though not the application.
             for _ in 0..time / MILLI {
                 self.sim.pass(MILLI);
             }
+        }
+    }
+
+    /// Another program switches an LED of the board, of which no reply comes here.
+    fn other_master(&mut self) {
+        if let Sim::Network(network) = &self.sim
+            && self.plan.extras.second_master
+            && self.chance.one_in(6)
+        {
+            let packet = [0x81, 0xC2, 0x00, 0x02, self.chance.below(2) as u8, 0, 0, 0];
+            let _ = network.borrow_mut().link.send(&packet);
         }
     }
 
@@ -368,12 +403,16 @@ impl Scenario {
         let now = self.sim.now();
         self.stage.end_all(now);
         self.host.clear();
+        self.strangers(false);
         if let Sim::Network(network) = &self.sim {
             let mut network = network.borrow_mut();
             network.heal();
             network.link.resets.clear();
         }
         self.sim.pass(MICRO);
+        while self.sim.is_in_reset() {
+            self.sim.pass(MILLI);
+        }
     }
 
     fn heal<B: Host>(&mut self, driver: &mut Driver<B>) {

@@ -5,7 +5,7 @@ mod player;
 pub use player::Player;
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mesa_hal::sim::FaultKind;
 use mesa_hal::sim::wire::Nanos;
@@ -16,7 +16,12 @@ use super::plan::{Moment, Plan, Planned};
 pub type History<T> = Vec<(Nanos, T)>;
 
 /// Whether `holds` was true of the value at some moment from `from` to `to`.
-pub fn was<T: Copy>(history: &History<T>, from: u64, to: u64, holds: impl Fn(T) -> bool) -> bool {
+pub fn was<T: Copy>(
+    history: &History<T>,
+    from: u64,
+    to: u64,
+    mut holds: impl FnMut(T) -> bool,
+) -> bool {
     let mut until = u64::MAX;
     for &(since, value) in history.iter().rev() {
         if since <= to && until >= from && holds(value) {
@@ -35,6 +40,8 @@ pub fn was<T: Copy>(history: &History<T>, from: u64, to: u64, holds: impl Fn(T) 
 pub struct Truth {
     /// Of each remote that has some.
     pub fields: Vec<History<u32>>,
+    /// Counts of their two MPGs, where they have some.
+    pub mpgs: Vec<History<[u8; 2]>>,
     /// GPIO, by place in [`Gpio::inputs`].
     pub gpio: History<u64>,
     pub isolated: History<u32>,
@@ -43,6 +50,20 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// The least and the greatest speed of a motor in a time.
+    pub fn speeds(&self, axis: usize, from: u64, to: u64) -> (f64, f64) {
+        let (mut least, mut most) = (f64::MAX, f64::MIN);
+        for &(since, (_, speed)) in self.motors[axis].iter().rev() {
+            if since <= to {
+                (least, most) = (least.min(speed), most.max(speed));
+            }
+            if since <= from {
+                break;
+            }
+        }
+        (least, most)
+    }
+
     /// The least and the greatest position of a motor in a time.
     pub fn turned(&self, axis: usize, from: u64, to: u64) -> (f64, f64) {
         let (mut least, mut most) = (f64::MAX, f64::MIN);
@@ -109,6 +130,7 @@ impl Stage {
             story: Vec::new(),
             truth: Truth {
                 fields: vec![Vec::new(); plan.remotes()],
+                mpgs: vec![Vec::new(); plan.remotes()],
                 motors: vec![Vec::new(); plan.extras.axes],
                 ..Truth::default()
             },
@@ -116,7 +138,8 @@ impl Stage {
     }
 
     fn lock(&self) -> MutexGuard<'_, Agenda> {
-        self.0.lock().expect("nobody panics with it")
+        // A scenario that has panicked with it still has a story.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn with_truth<R>(&self, look: impl FnOnce(&Truth) -> R) -> R {

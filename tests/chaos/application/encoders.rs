@@ -3,10 +3,17 @@
 use mesa_hal::hal::{InOut, Input, Param, PinError, PinInfo, Pins};
 
 use super::super::oracle::{Checked, Promise, ensure};
+use super::super::plan::MILLI;
 use super::super::stage::Stage;
 
 /// Counts that the filter, the index pulse and rounding make of a difference.
 const ROUGH: f64 = 3.0;
+
+/// Slower than this (counts in a second), velocity is not judged.
+const SLOW: f64 = 8_000.0;
+
+/// Of a read that took longer than this, velocity is not judged.
+const LONG: u64 = 30 * MILLI;
 
 /// One encoder, and what is known of it.
 pub(super) struct Encoder {
@@ -14,14 +21,19 @@ pub(super) struct Encoder {
     rawcounts: Input<i32>,
     count: Input<i32>,
     pub(super) index_enable: InOut<bool>,
+    velocity: Input<f64>,
     unsure: Input<bool>,
     pub(super) filter: Param<bool>,
     pub(super) scale: Param<f64>,
     /// Where the motor is while `rawcounts` is 0: the least and the greatest position that all reads
     /// so far allow.
     zero: Option<[f64; 2]>,
+    /// When the last good reads began, the newest first.
+    reads: [u64; 4],
     /// Since when an index is asked for.
     pub(super) asked: Option<u64>,
+    /// An index was asked for and has not come, whatever has become of the request.
+    pub(super) is_pending: bool,
 }
 
 impl Encoder {
@@ -38,11 +50,14 @@ impl Encoder {
             rawcounts: pins.input(&format!("{stem}.rawcounts"))?,
             count: pins.input(&format!("{stem}.count"))?,
             index_enable: pins.inout(&format!("{stem}.index-enable"))?,
+            velocity: pins.input(&format!("{stem}.velocity"))?,
             unsure: pins.input(&format!("{stem}.count-unsure"))?,
             filter: pins.parameter(&format!("{stem}.filter"))?,
             scale: pins.parameter(&format!("{stem}.scale"))?,
             zero: None,
+            reads: [0; 4],
             asked: None,
+            is_pending: false,
         }))
     }
 
@@ -62,12 +77,20 @@ impl Encoder {
     ) -> Checked {
         let raw = f64::from(pins.read(self.rawcounts).value);
         if pins.read(self.unsure).value {
-            (self.zero, self.asked) = (None, None);
+            (self.zero, self.asked, self.reads) = (None, None, [0; 4]);
             return Ok(());
         }
         let (least, most) = stage.with_truth(|truth| truth.turned(self.axis, from, now));
         let [low, high] = self.zero.unwrap_or([f64::MIN, f64::MAX]);
-        let zero = [low.max(least - raw - ROUGH), high.min(most - raw + ROUGH)];
+        let is_off = !pins.read(self.index_enable).value;
+        let has_come = self.is_pending && is_off;
+        self.is_pending &= !is_off;
+        let seen = [least - raw - ROUGH, most - raw + ROUGH];
+        let mut zero = [low.max(seen[0]), high.min(seen[1])];
+        if has_come && zero[0] > zero[1] {
+            // The index ended a doubt that nobody has seen, of a call that read by itself.
+            (zero, self.reads) = (seen, [0; 4]);
+        }
         ensure(zero[0] <= zero[1], Promise::Inputs, now, || {
             let axis = self.axis;
             format!(
@@ -76,10 +99,11 @@ impl Encoder {
             )
         })?;
         self.zero = Some(zero);
+        self.check_velocity(pins, stage, (from, now))?;
         let Some(asked) = self.asked else {
             return Ok(());
         };
-        if pins.read(self.index_enable).value {
+        if !is_off {
             return Ok(());
         }
         self.asked = None;
@@ -100,6 +124,38 @@ impl Encoder {
                  to {high} since it was asked for, and is at {least} to {most}"
             )
         })
+    }
+
+    /// Velocity is one that the motor had since the fourth good read before. Where it is slow, counts
+    /// that are further apart make it.
+    fn check_velocity(&mut self, pins: &Pins, stage: &Stage, (from, now): (u64, u64)) -> Checked {
+        let [a, b, c, oldest] = self.reads;
+        if from <= a {
+            return Ok(());
+        }
+        self.reads = [from, a, b, c];
+        let (least, most) = stage.with_truth(|truth| truth.speeds(self.axis, oldest, now));
+        // The time stamps of the board have 16 bits: the host's clock says how often they have wrapped
+        // around, which it cannot if it stands still while the board is read.
+        let is_long = now.saturating_sub(from) > LONG;
+        if is_long || oldest == 0 || least.abs().min(most.abs()) < SLOW {
+            return Ok(());
+        }
+        let velocity = pins.read(self.velocity).value * pins.param(self.scale);
+        // A count or two more or less in a cycle, and what the filter delays.
+        let slack = 0.05 * least.abs().max(most.abs()) + 2_000.0;
+        ensure(
+            (least - slack..=most + slack).contains(&velocity),
+            Promise::Inputs,
+            now,
+            || {
+                let axis = self.axis;
+                format!(
+                    "encoder {axis}: {velocity} counts in a second, but it were {least} to {most} \
+                     since {oldest}"
+                )
+            },
+        )
     }
 
     /// The request does not count any more.

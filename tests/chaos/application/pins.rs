@@ -7,6 +7,7 @@ use mesa_hal::sslbp::Channel;
 
 use super::super::journal::Level;
 use super::super::plan::Card;
+use super::field::Field;
 use crate::common::chance::Chance;
 
 /// The pins of one remote.
@@ -18,6 +19,8 @@ pub(super) struct Remote {
     pub(super) inputs: Vec<Input<bool>>,
     pub(super) outputs: Vec<Output<bool>>,
     pub(super) volts: Vec<Output<f64>>,
+    /// What field I/O has in its other modes.
+    pub(super) field: Option<Field>,
     /// What it was set to since it was armed.
     pub(super) set: Level,
     pub(super) is_armed: bool,
@@ -33,9 +36,18 @@ pub(super) struct GpioPin {
 }
 
 /// A voltage that is not 0.
-pub(super) fn volts(chance: &mut Chance) -> i32 {
+fn volts(chance: &mut Chance) -> i32 {
     let volts = 100 * (1 + chance.below(90) as i32);
     if chance.one_in(2) { volts } else { -volts }
+}
+
+/// A voltage to set and what becomes of it: of one that is not finite, 0.
+pub(super) fn value(chance: &mut Chance, sets_nan: bool) -> (f64, i32) {
+    let millivolts = volts(chance);
+    if sets_nan && chance.one_in(20) {
+        return (chance.of(&[f64::NAN, f64::INFINITY, f64::NEG_INFINITY]), 0);
+    }
+    (f64::from(millivolts) / 1000.0, millivolts)
 }
 
 impl Remote {
@@ -45,7 +57,7 @@ impl Remote {
         number: usize,
         place: (usize, Channel),
         card: Card,
-        group: GroupId,
+        (group, mode): (GroupId, u8),
     ) -> Result<Self, PinError> {
         let inputs = if card == Card::Field { 0..32 } else { 0..0 };
         let inputs = inputs.map(|n| pins.input(&format!("{prefix}.input-{n:02}")));
@@ -59,7 +71,9 @@ impl Remote {
         };
         let volts = if card == Card::Analog { 0..6 } else { 0..0 };
         let volts = volts.map(|n| pins.output(&format!("{prefix}.analogout{n}")));
+        let field = (card == Card::Field).then(|| Field::new(pins, prefix, mode));
         Ok(Self {
+            field: field.transpose()?,
             number,
             place,
             card,
@@ -91,7 +105,8 @@ impl Remote {
         }
     }
 
-    pub(super) fn command(&self, pins: &mut Pins, chance: &mut Chance) -> Level {
+    /// Commands something new; now and then a voltage that is no number, which is 0 V.
+    pub(super) fn command(&self, pins: &mut Pins, chance: &mut Chance, sets_nan: bool) -> Level {
         if self.card == Card::Analog {
             let mut level = Level::OFF;
             let [ena, spin] = [self.outputs[0], self.outputs[1]];
@@ -101,8 +116,8 @@ impl Remote {
             // The enables of 0 to 4 are one.
             level.bits = 0x1F | u64::from(spins) << 5;
             for (n, output) in self.volts.iter().enumerate() {
-                let millivolts = volts(chance);
-                pins.set(*output, f64::from(millivolts) / 1000.0);
+                let (set, millivolts) = value(chance, sets_nan);
+                pins.set(*output, set);
                 level.millivolts[n] = if n < 5 || spins { millivolts } else { 0 };
             }
             return level;

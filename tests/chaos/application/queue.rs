@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::Driver;
-use mesa_hal::runner::{CommandQueue, CommandSender};
+use mesa_hal::hal::{PinId, Role};
+use mesa_hal::runner::{CommandQueue, CommandSender, SnapshotReader, SnapshotWriter};
 
 use super::super::plan::Card;
 use super::pins::Remote;
@@ -18,6 +19,7 @@ pub(super) struct Queue {
     commands: CommandQueue,
     sender: CommandSender,
     waiting: VecDeque<Waiting>,
+    snapshots: (SnapshotWriter, SnapshotReader),
 }
 
 /// A command that was sent.
@@ -42,6 +44,11 @@ impl Queue {
             sender: queue.sender(),
             commands: queue,
             waiting: VecDeque::new(),
+            snapshots: {
+                let writer = SnapshotWriter::new(driver);
+                let reader = writer.reader();
+                (writer, reader)
+            },
         }
     }
 
@@ -63,6 +70,30 @@ impl Queue {
                 remote.set.bits |= bit;
             }
         }
+    }
+
+    /// Compares what another thread is shown with what the cycle has; the first input that differs.
+    pub(super) fn shows_another<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &Driver<B>,
+    ) -> Option<String> {
+        let (writer, reader) = &mut self.snapshots;
+        let published = writer.publish(driver);
+        let Ok(seen) = reader.read() else {
+            return Some(format!("nothing is shown: {published:?}"));
+        };
+        let pins = driver.pins();
+        let is_input = |id: &PinId| {
+            pins.info_of(*id)
+                .is_some_and(|info| info.role == Role::Input)
+        };
+        pins.ids().filter(is_input).find_map(|id| {
+            let (own, shown) = (pins.read_any(id), seen.read_any(id)?);
+            let is_same = own.valid == shown.valid
+                && own.age.cycles == shown.age.cycles
+                && (!own.valid || own.value == shown.value);
+            (!is_same).then(|| format!("{:?}: {own:?}, shown {shown:?}", pins.info_of(id)))
+        })
     }
 
     /// Sends commands for the cycles to come: now and then many more than one takes.

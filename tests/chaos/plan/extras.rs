@@ -6,6 +6,7 @@ use crate::common::chance::Chance;
 
 /// Settings that are not as by default, and more.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
 pub struct Extras {
     /// Failures in a row that make everything safe.
     pub bus_error_limit: u32,
@@ -24,7 +25,34 @@ pub struct Extras {
     pub deeds_one_in: u64,
     /// Asks for each read ahead.
     pub reads_ahead: bool,
+    /// What is expected of remotes: 0 anything, 1 that they may be absent, 2 that they are there.
+    pub presence: u8,
+    /// Milliseconds of the remotes' own watchdogs.
+    pub remote_watchdog: u64,
+    /// PWM generators of a 7I97 dither.
+    pub dithers: bool,
+    /// Parts of a million by which the board's clock is faster than its firmware says.
+    pub ppm: i64,
+    /// Another program writes to the board, now and then.
+    pub second_master: bool,
+    /// Values that are not numbers are set, now and then.
+    pub sets_nan: bool,
+    /// Something else answers after the first fault, until all faults end.
+    pub stranger: Stranger,
 }
+
+/// What answers after a fault instead of the board that was started with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stranger {
+    None,
+    /// Another firmware on the same board.
+    Firmware,
+    /// Another board with the same firmware.
+    Board,
+}
+
+/// Milliseconds that the application writes to a remote's watchdog in the middle.
+pub const WRITTEN_WATCHDOG: u32 = 50;
 
 /// The greatest count rate of multiplexed encoders with the short filter, at 100 MHz and 14 clocks
 /// for each sample: clock / (3 (14 + 2)).
@@ -41,6 +69,13 @@ impl Extras {
             is_queued: chance.one_in(4),
             deeds_one_in: chance.of(&[0, 0, 0, 0, 0, 40]),
             reads_ahead: chance.one_in(8),
+            presence: chance.of(&[0, 0, 1, 2]),
+            remote_watchdog: chance.of(&[50, 50, 50, 20, 100]),
+            dithers: chance.one_in(3),
+            ppm: chance.of(&[0, 0, 200, -200]),
+            second_master: chance.one_in(10),
+            sets_nan: chance.one_in(4),
+            stranger: Stranger::None,
         }
     }
 }
@@ -50,6 +85,10 @@ impl Plan {
     pub(super) fn with_extras(mut self) -> Self {
         let mut chance = Chance(scrambled(self.seed ^ 0xE87A5));
         self.extras = Extras::new(&mut chance);
+        self.extras.second_master &= self.is_network && !self.is_homing && !self.is_minute;
+        if chance.one_in(3) {
+            self.field_mode = chance.of(&[1, 3]);
+        }
         if self.is_minute || self.is_homing {
             self.extras = Extras {
                 turn: 400,
@@ -57,10 +96,14 @@ impl Plan {
                 deeds_one_in: 0,
                 ..self.extras
             };
-        } else if chance.one_in(25) {
-            self.goes_far(&mut chance);
-        } else if !self.is_network && self.board == Board::I7i97 && chance.one_in(12) {
-            self.starts_with_a_reset(&mut chance);
+            return self;
+        }
+        let is_one_exchange = !self.is_network && self.board == Board::I7i97;
+        match chance.below(25) {
+            0 => self.goes_far(&mut chance),
+            1 => self.becomes_another(&mut chance),
+            2..6 if is_one_exchange => self.starts_with_a_reset(&mut chance),
+            _ => {}
         }
         self
     }
@@ -97,8 +140,29 @@ impl Plan {
                 FaultKind::FpgaResetLong,
             ]),
             in_build: true,
-            after: chance.below(250_000),
+            after: chance.below(400_000),
             lasts: chance.below(100_000),
+            target: 0,
+            dice: 0,
+        }];
+    }
+
+    /// Another firmware, or another board, is there after a while without power.
+    fn becomes_another(&mut self, chance: &mut Chance) {
+        self.extras.stranger = if self.is_network {
+            chance.of(&[Stranger::Firmware, Stranger::Board])
+        } else {
+            Stranger::Firmware
+        };
+        self.faults = vec![Planned {
+            kind: if self.is_network {
+                FaultKind::NetworkDown
+            } else {
+                FaultKind::FpgaResetLong
+            },
+            in_build: false,
+            after: 10 * MILLI + chance.below(self.run / 2),
+            lasts: chance.of(&[1, 10, 40]) * MILLI,
             target: 0,
             dice: 0,
         }];

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use mesa_hal::driver::{Driver, FaultPolicy, GpioConfig, RemoteConfig, SerialConfig, Settings};
+use mesa_hal::driver::{
+    Driver, FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig, Settings,
+};
 use mesa_hal::sim::FaultKind;
 use std::collections::BTreeMap;
 
@@ -10,7 +12,7 @@ use super::super::application::Application;
 use super::super::machine::unit_number;
 use super::super::network::{Host, Life};
 use super::super::oracle::{Checked, Failure, Promise, ensure};
-use super::super::plan::{Card, MILLI, Moment};
+use super::super::plan::{Card, MILLI, Moment, WRITTEN_WATCHDOG};
 use super::{Process, Scenario};
 
 impl Scenario {
@@ -54,7 +56,6 @@ impl Scenario {
                     // A new process starts armed, with everything off.
                     self.oracle.rearmed(None);
                     self.is_armed = false;
-                    self.set_up_is_over();
                     self.what_is_told.begin(&process.driver);
                     self.stage.tell(now, format!("built, {found} remotes"));
                     return Ok(process);
@@ -142,7 +143,9 @@ impl Scenario {
                 let remote = RemoteConfig {
                     mode,
                     unit_number: Some(unit),
-                    ..RemoteConfig::default()
+                    presence: [Presence::Any, Presence::Optional, Presence::Required]
+                        [usize::from(plan.extras.presence)],
+                    kind: Some(card.table()),
                 };
                 channels.insert(channel as u8, remote);
             }
@@ -203,17 +206,27 @@ impl Scenario {
             let begun = self.stage.begun();
             let is_quiet = begun.iter().all(|b| b.ended.is_some_and(|end| end < now));
             // A remote with a fault only goes off by its own watchdog.
-            if is_quiet && was_well {
+            let is_noticed = self.watch.is_none();
+            if is_quiet && was_well && is_noticed {
                 self.oracle
                     .check_all_off(self.sim.now(), "after the driver was shut down")?;
             }
         }
-        for _ in 0..20 {
+        for _ in 0..20
+            + self
+                .plan
+                .extras
+                .remote_watchdog
+                .max(WRITTEN_WATCHDOG.into())
+                / 5
+        {
             self.sim.pass(5 * MILLI);
             self.look()?;
             self.oracle.check(self.sim.now())?;
         }
-        self.oracle
-            .check_all_off(self.sim.now(), "100 ms after the process ended")
+        self.oracle.check_all_off(
+            self.sim.now(),
+            "after the process ended and all watchdogs have bitten",
+        )
     }
 }

@@ -7,6 +7,7 @@ use super::super::application::Application;
 use super::super::journal::{Event, What};
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
+use super::super::plan::Stranger;
 use super::Scenario;
 
 /// What the application has counted by itself, and what has really happened since the driver started.
@@ -74,9 +75,14 @@ impl Scenario {
     pub(super) fn told_truly<B: Host>(
         &mut self,
         driver: &Driver<B>,
-        application: &Application,
+        application: &mut Application,
     ) -> Checked {
         let now = self.sim.now();
+        if self.what_is_told.reads.is_multiple_of(16)
+            && let Some(other) = application.shows_another(driver)
+        {
+            ensure(false, Promise::Told, now, || other)?;
+        }
         let counted = driver.statistics();
         let found = (
             counted.reads,
@@ -113,13 +119,15 @@ impl Scenario {
         let has = |kind| self.plan.faults.iter().any(|fault| fault.kind == kind);
         // An older setting that comes late looks like one that a reset has left.
         let is_late = has(FaultKind::NetworkLate) || has(FaultKind::NetworkDuplicate);
-        let is_swapped = has(FaultKind::WireSwapped);
+        // A late reply can be one of another kind, whose first byte is no fault byte.
+        let is_other = has(FaultKind::WireSwapped) || has(FaultKind::WireLate);
         for event in &events {
             let is_true = match event.kind {
                 EventKind::WatchdogBitten => told.bites > 0,
                 // A bite that comes sooner than a bite can is taken for what a reset does.
                 EventKind::BoardReset => told.resets + told.bites > 0 || is_late,
-                EventKind::OtherMaster { .. } | EventKind::OtherFirmware => false,
+                EventKind::OtherMaster { .. } => self.plan.extras.second_master,
+                EventKind::OtherFirmware => self.plan.extras.stranger != Stranger::None,
                 EventKind::RemoteOffline {
                     port,
                     channel,
@@ -128,7 +136,7 @@ impl Scenario {
                     let remote = application.number((port.into(), channel.into()));
                     let faults = remote.and_then(|remote| told.faults.get(remote));
                     // What the other card reports is not the remote's own.
-                    is_swapped || reason_is_true(reason, faults.copied().unwrap_or_default())
+                    is_other || reason_is_true(reason, faults.copied().unwrap_or_default())
                 }
                 _ => true,
             };

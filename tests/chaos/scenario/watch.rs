@@ -49,13 +49,6 @@ impl Scenario {
         self.oracle.set_up(false);
     }
 
-    /// The driver was built: a reset before the last write of the set-up was noticed, or what it took
-    /// was written again.
-    pub(super) fn set_up_is_over(&mut self) {
-        let written_at = self.written_at;
-        self.watch = self.watch.filter(|(at, ..)| *at >= written_at);
-    }
-
     /// A bite or a reset that takes nothing, because the set-up is not there yet: it is written in
     /// one exchange, which drives the pins at its end. At its beginning it stops the watchdog, which
     /// bites if it runs (FACTS 12.1); and a reset in the middle takes a part of it.
@@ -63,7 +56,6 @@ impl Scenario {
         let (is_before, what) = match event.what {
             What::Written => {
                 self.is_written = true;
-                self.written_at = event.at;
                 return false;
             }
             What::Opened => {

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use mesa_hal::lbp::RemoteFaults;
-use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World, find_cable, find_mut};
+use mesa_hal::sim::devices::{
+    Analog, Device, FieldIo, Outputs48, SignalValue, World, find_cable, find_mut,
+};
 use mesa_hal::sim::remote::{Cable, Remote, Toward, WireFault};
 use mesa_hal::sim::wire::{Nanos, RemoteEnd};
 use mesa_hal::sim::{Cause, Director, FaultKind, Place, SimFpga};
@@ -11,7 +13,7 @@ use mesa_hal::sim::{Cause, Director, FaultKind, Place, SimFpga};
 use super::super::journal::{Journal, Level, Outputs, PARTS, Parts, What, parts, recorder};
 use super::super::machine::{Gpio, end};
 use super::super::plan::{Board, Card, MICRO, MILLI, Moment, Plan, Planned, scrambled};
-use super::{Act, Begun, Stage};
+use super::{Act, Begun, History, Stage};
 use crate::common::chance::Chance;
 
 /// Plays a plan on a machine.
@@ -61,6 +63,7 @@ impl Player {
                 let pattern = self.chance.below(1 << 32) as u32 ^ self.chance.below(1 << 32) as u32;
                 if !self.aside.contains_key(&remote) {
                     set_field(self.end(fpga, remote), pattern);
+                    self.note_mpgs(fpga, remote, &mut agenda.truth.mpgs[remote]);
                 }
                 agenda.truth.fields[remote].push((now, pattern));
             }
@@ -88,6 +91,28 @@ impl Player {
         }
     }
 
+    /// What the MPG counters of a remote stand at now.
+    fn note_mpgs(&self, fpga: &mut SimFpga, remote: usize, history: &mut History<[u8; 2]>) {
+        if self.plan.card(remote) != Card::Field || self.plan.field_mode != 3 {
+            return;
+        }
+        let now = SimFpga::now(fpga);
+        let Some(device) = find_mut(self.end(fpga, remote)) else {
+            return;
+        };
+        let mut counts = device
+            .inputs()
+            .into_iter()
+            .filter_map(|(_, value)| match value {
+                SignalValue::Count(count) => Some(count as u8),
+                _ => None,
+            });
+        let counts = [(); 2].map(|()| counts.next().unwrap_or_default());
+        if history.last().is_none_or(|(_, last)| *last != counts) {
+            history.push((now, counts));
+        }
+    }
+
     fn end<'a>(&self, fpga: &'a mut SimFpga, remote: usize) -> &'a mut dyn RemoteEnd {
         let (port, channel) = self.plan.place(remote);
         fpga.remote_mut(port, channel).expect("plugged")
@@ -104,6 +129,7 @@ impl Player {
         let moment = self.moment(fpga);
         self.carry_out(fpga, planned);
         let mut agenda = stage.lock();
+        self.note_mpgs(fpga, planned.target, &mut agenda.truth.mpgs[planned.target]);
         agenda.begun[place] = Some(Begun {
             planned,
             ended: None,
@@ -270,7 +296,7 @@ impl Player {
             (Card::Field, _) => Card::Outputs,
             (_, _) => Card::Field,
         };
-        let stranger = end(card, self.plan.remotes(), 100 + target, &self.journal);
+        let stranger = end(card, (self.plan.remotes(), 100 + target), 50, &self.journal);
         if let Some(before) = fpga.plug(port, channel, Some(stranger)) {
             self.aside.entry(target).or_insert(before);
         }
@@ -325,6 +351,7 @@ impl Player {
         if let Some(recorder) = recorder(self.end(fpga, target)) {
             recorder.look(now);
         }
+        self.note_mpgs(fpga, target, &mut stage.lock().truth.mpgs[target]);
         stage.tell(now, format!("{kind} of remote {target} is over"));
     }
 
