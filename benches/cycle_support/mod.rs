@@ -183,12 +183,16 @@ pub fn frozen_driver(count: usize) -> Driver<Frozen> {
     frozen(field_cards(count), count)
 }
 
+/// Cycles after which nothing of the start is written any more: for the first ones the phase of the
+/// DPLL is set.
+const SETTLED: usize = 300;
+
 /// A driver of a board with `count` remotes in the middle of its cycles, whose bus costs nothing
 /// any more.
 pub fn frozen(board: SimFpga, count: usize) -> Driver<Frozen> {
     let bus = Frozen::new(board);
     let mut driver = Driver::start(bus, Settings::default()).expect("the machine is complete");
-    for _ in 0..5 {
+    for _ in 0..SETTLED {
         let _ = driver.read().expect("read");
         driver.write().expect("write");
         driver.bus_mut().wait(Duration::from_millis(1));
