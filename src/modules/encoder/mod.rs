@@ -60,6 +60,9 @@ pub struct Encoders {
 struct Encoder {
     pins: EncoderPins,
     state: EncoderState,
+    /// The last read showed nothing new, and nothing is asked for: while no command changes, nothing
+    /// is to be written.
+    rests: bool,
     command: Command,
     /// What the pins show.
     shown: Option<EncoderReading>,
@@ -212,6 +215,7 @@ impl Encoder {
         Ok(Self {
             pins,
             state: EncoderState::new(config),
+            rests: false,
             command: Command::default(),
             shown: None,
             count: r.image.read(Phase::Data, count),
@@ -222,7 +226,8 @@ impl Encoder {
 
     /// Takes a sample, and shows what has changed.
     fn read(&mut self, pins: &mut PinStore, sample: EncoderSample) {
-        if self.state.rests(&sample) {
+        self.rests = self.state.rests(&sample);
+        if self.rests {
             return;
         }
         let reading = self.state.read(sample);
@@ -235,6 +240,8 @@ impl Encoder {
         let (pins, state) = (&self.pins, &mut self.state);
         if cycle.changed {
             self.command = pins.command(cycle.pins, state, has_probe);
+        } else if self.rests && !self.command.refuses_probe {
+            return;
         }
         if self.command.refuses_probe {
             let pin = pins.probe_enable;
@@ -312,6 +319,7 @@ impl Module for Encoders {
     fn restored(&mut self, _: &mut PinStore, _: Instant) {
         for encoder in &mut self.axes {
             encoder.state.resume();
+            encoder.rests = false;
         }
     }
 }
