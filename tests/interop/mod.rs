@@ -39,15 +39,12 @@ pub fn mesa() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| match option_env!("CARGO_BIN_EXE_mesa") {
         Some(built) if cfg!(feature = "cli") => PathBuf::from(built),
-        _ => mesa_in(profile()),
+        _ => {
+            let (target, profile) = (target(), profile());
+            build(&["--features", "cli", "--bin", "mesa"], profile, &target);
+            target.join(profile).join("mesa")
+        }
     })
-}
-
-/// The program `mesa` in a profile, built if it is not there or is old.
-pub fn mesa_in(profile: &str) -> PathBuf {
-    let target = target();
-    build(&["--features", "cli", "--bin", "mesa"], profile, &target);
-    target.join(profile).join("mesa")
 }
 
 /// An example in the profile of this test and with its features, as `cargo test` has built it; built

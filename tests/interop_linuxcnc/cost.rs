@@ -2,7 +2,7 @@
 
 use std::{fs, net::Ipv4Addr, path::Path, process::Command, time::Duration};
 
-use crate::interop::{board::Board, mesa_in};
+use crate::interop::{board::Board, mesa};
 
 /// What LinuxCNC's realtime process has had of the CPUs so far.
 fn linuxcnc_cpu() -> Duration {
@@ -37,11 +37,11 @@ pub struct Beside {
 }
 
 /// Runs `mesa latency` on boards of its own, while LinuxCNC is in its cycle, alternately at
-/// the board's pace and at the host's. It is built for speed, as LinuxCNC is.
+/// the board's pace and at the host's. Built for speed, as LinuxCNC is, if these tests are.
 ///
 /// `cycles` says how many cycles LinuxCNC's board has seen so far.
 pub fn run_beside(board: &str, mut cycles: impl FnMut() -> f64) -> [Beside; PACES.len()] {
-    let program = mesa_in("release");
+    let program = mesa();
     let mut all = [const { Vec::new() }; PACES.len()].map(|pairs| Beside {
         pairs,
         ..Beside::default()
@@ -49,7 +49,7 @@ pub fn run_beside(board: &str, mut cycles: impl FnMut() -> f64) -> [Beside; PACE
     for _ in 0..ROUNDS {
         for ((pace, host), beside) in PACES.into_iter().zip(&mut all) {
             let (begin, cpu) = (cycles(), linuxcnc_cpu());
-            let text = run(board, host, pace, &program);
+            let text = run(board, host, pace, program);
             let spent = linuxcnc_cpu().saturating_sub(cpu).as_secs_f64() * 1e6;
             let theirs = spent / (cycles() - begin).max(1.0);
             let ours = value(&text, "CPU per cycle:").trim_end_matches(" us");
