@@ -144,6 +144,7 @@ pub mod diagnosis;
 pub mod discovery;
 pub mod driver;
 pub mod ethernet;
+mod fraction;
 #[cfg(feature = "std")]
 pub mod guides;
 pub mod hal;
@@ -162,7 +163,6 @@ pub mod setup;
 #[cfg(feature = "std")]
 pub mod sim;
 pub mod sslbp;
-#[cfg(feature = "std")]
 mod tally;
 #[cfg(feature = "std")]
 pub mod transport;

@@ -5,6 +5,8 @@
 //! ([`RegisterBus::prepare`]) and run every cycle. What became of the writes, the [`Reply`] tells.
 //! Time is a [`Clock`]: virtual in simulation.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod error;
 mod image;
 
@@ -111,7 +113,8 @@ impl Access {
 
     /// The indices of the words in the buffer.
     pub const fn words(&self) -> core::ops::Range<usize> {
-        self.first as usize..self.first as usize + self.count as usize
+        let first = self.first as usize;
+        first..first.saturating_add(self.count as usize)
     }
 }
 

@@ -15,6 +15,7 @@ use super::{
 use crate::boards::{BoardTable, REMOTES};
 use crate::bus::{BusError, Clock, Effort, Image, ImagePlan, RegisterBus};
 use crate::discovery::RemoteTable;
+use crate::fraction::Fraction;
 use crate::hal::{GroupId, PinStore, Pins};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, Known};
 use crate::modules::dpll::Dpll;
@@ -191,7 +192,7 @@ impl<B: RegisterBus + Clock> Board<B> {
         self.plan.image.check().map_err(RegisterError::from)?;
         // The board's timer comes once in a period: a longer wait means that it stands still.
         let Settings { pace, period, .. } = self.plan.settings;
-        let held = (pace == Pace::Board).then(|| period.saturating_add(period / 4));
+        let held = (pace == Pace::Board).then(|| period.fraction(5, 4));
         let image = self
             .plan
             .image
@@ -361,7 +362,7 @@ fn checked<E: BusError>(mut settings: Settings) -> Result<Settings, DriverError<
     DriverError::check_watchdog(of, settings.watchdog_time(), period)?;
     settings.check()?;
     let rest = settings.fault_policy.rest.max(FaultPolicy::SHORTEST_REST);
-    settings.fault_policy.rest = rest.max(period * 3 / 4);
+    settings.fault_policy.rest = rest.max(period.fraction(3, 4));
     Ok(settings)
 }
 

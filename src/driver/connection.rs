@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use super::{BoardState, DriverStatistics};
 use crate::bus::{Phase, ReadSlot, Words};
+use crate::fraction::Fraction;
 use crate::hal::{GroupId, InOut, Input, Param, PinStore, Pins};
 use crate::hostmot2::{COOKIE, COOKIE_ADDRESS};
 use crate::modules::{RegisterError, Registrar};
@@ -88,8 +89,8 @@ impl Connection {
             return None;
         }
         let deadline = match u32::try_from(timeout).unwrap_or(0) {
-            0 => period.saturating_mul(4) / 5,
-            percent @ 1..100 => period.saturating_mul(percent) / 100,
+            0 => period.fraction(4, 5),
+            percent @ 1..100 => period.fraction(percent, 100),
             nanos => Duration::from_nanos(nanos.into()),
         };
         Some(deadline.max(SHORTEST_DEADLINE))

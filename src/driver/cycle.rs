@@ -6,6 +6,7 @@ use super::pace::Answer;
 use super::{BoardState, CycleError, CycleReport, Driver, EventKind, Pace, SerialPort};
 use crate::bus::{BusError, BusErrorKind, Clock, Instant, RegisterBus, Reply, Words};
 use crate::modules::{Module, ReadCycle, WriteCycle};
+use crate::tally::Tally;
 
 /// Between two polls of COMMAND.
 const POLL_PAUSE: Duration = Duration::from_micros(1);
@@ -33,7 +34,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     }
 
     fn read_board(&mut self) -> Result<CycleReport, CycleError<B::Error>> {
-        self.statistics.reads += 1;
+        self.statistics.reads.tally(1);
         self.writes_since_read = 0;
         self.events.begin_cycle(self.statistics.reads);
         let asked = self.wants_closer_look();
@@ -76,15 +77,15 @@ impl<B: RegisterBus + Clock> Driver<B> {
             slack,
             ..CycleReport::default()
         };
-        self.statistics.lost_writes += report.lost_writes;
-        self.statistics.missed_periods += beat.missed;
-        self.statistics.unpaced_cycles += u64::from(beat.is_unpaced);
+        self.statistics.lost_writes.tally(report.lost_writes);
+        self.statistics.missed_periods.tally(beat.missed);
+        self.statistics.unpaced_cycles.tally(beat.is_unpaced.into());
         if report.lost_writes > 0 {
             let (count, row) = (lost_writes, &mut self.rows.lost_writes);
             row.add(&self.events, now, count, EventKind::LostWrites { count });
         }
         if others > 0 {
-            self.statistics.others += u64::from(others);
+            self.statistics.others.tally(others.into());
             let (packets, row) = (others, &mut self.rows.others);
             row.add(
                 &self.events,
@@ -175,7 +176,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
 
     fn write_board(&mut self) -> Result<(), CycleError<B::Error>> {
         let mut now = self.bus.now();
-        self.statistics.writes += 1;
+        self.statistics.writes.tally(1);
         self.count_write(now);
         if self.wants_restore() && self.write_set_up().is_ok() {
             now = self.bus.now();
@@ -211,7 +212,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 Ok(())
             }
             Err(source) => {
-                self.statistics.write_errors += 1;
+                self.statistics.write_errors.tally(1);
                 self.look_closely = true;
                 let why = source.kind();
                 let (kind, row) = (EventKind::WriteFailed { why }, &mut self.rows.failed_writes);

@@ -34,6 +34,8 @@
 //! to the words of process data. They do not allocate, log, or panic, and they do not wait, but
 //! `read` for the next period of a board that paces.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod attach;
 mod configure;
 mod connection;

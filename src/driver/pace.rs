@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use super::Pace;
 use crate::bus::{Ask, Clock, Image, Instant, RegisterBus, Reply};
+use crate::fraction::Fraction;
 
 /// Keeps the pace.
 #[derive(Clone, Copy, Debug, Default)]
@@ -103,7 +104,7 @@ impl Pacer {
             self.period
         } else {
             self.failures = 0;
-            self.period / 2
+            self.period.fraction(1, 2)
         };
         self.rest(bus, least);
         self.begun = Some(bus.now());
@@ -185,14 +186,14 @@ impl Pacer {
             return Beat::default();
         };
         let since = now.since(before);
-        let period = self.period.as_nanos().max(1);
-        let passed = (since.as_nanos() + period / 2) / period;
+        let period = self.period.as_nanos();
+        let rounded = since.as_nanos().saturating_add(period / 2);
+        let passed = rounded.checked_div(period).unwrap_or(0);
         // One interval is short when the inputs before were delayed on the way, but not two.
-        let is_short = since < self.period / 4 * 3;
+        let is_short = since < self.period.fraction(3, 4);
         let was_short = core::mem::replace(&mut self.was_short, is_short);
         // It waited for longer than a period lasts.
-        let stands_still =
-            slack.is_some_and(|slack| slack > self.period.saturating_add(self.period / 8));
+        let stands_still = slack.is_some_and(|slack| slack > self.period.fraction(9, 8));
         Beat {
             missed: u64::try_from(passed.saturating_sub(1)).unwrap_or(u64::MAX),
             is_unpaced: stands_still || (is_short && was_short),

@@ -4,6 +4,7 @@ use super::{BoardState, CycleError, Driver, EventKind, Rearmed};
 use crate::bus::{Clock, Effort, Instant, RegisterBus};
 use crate::modules::Module;
 use crate::sslbp::Channel;
+use crate::tally::Tally;
 
 impl<B: RegisterBus + Clock> Driver<B> {
     /// Lets all outputs follow the application again, after whatever made them safe.
@@ -36,11 +37,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 is_news |= port.arm_what_comes(&mut self.pins);
             }
         }
-        let (mut waiting, mut coming) = (0, 0);
+        let (mut waiting, mut coming) = (0_usize, 0_usize);
         for group in self.pins.groups() {
             let state = self.pins.group_state(group);
-            waiting += usize::from(state.is_some_and(|state| !state.armed));
-            coming += usize::from(self.pins.is_awaited(group));
+            waiting.tally(usize::from(state.is_some_and(|state| !state.armed)));
+            coming.tally(usize::from(self.pins.is_awaited(group)));
         }
         if armed > 0 || is_news {
             let [armed, waiting] =
@@ -214,7 +215,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// A read failed as a whole, at `now`; how many in a row.
     pub(super) fn read_failed(&mut self, now: Instant, what: EventKind) -> u32 {
         self.rows.failed_reads.add(&self.events, now, 1, what);
-        self.statistics.read_errors += 1;
+        self.statistics.read_errors.tally(1);
         self.read_failures = self.read_failures.saturating_add(1);
         self.look_closely = true;
         self.not_read();
@@ -267,7 +268,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
                 (&mut statistics.bus_down, EventKind::BusDown)
             }
         };
-        *count += 1;
+        count.tally(1);
         let now = self.bus.now();
         self.events.tell(now, kind);
     }

@@ -202,7 +202,7 @@ pub(super) fn on(
 pub(super) fn swapped(remotes: &[FoundRemote]) -> impl Iterator<Item = u8> {
     (0..MAX_CHANNELS).filter(|&channel| {
         is(remotes, Some(channel), &i7i77::ANALOG)
-            && is(remotes, Some(channel + 1), &i7i77::FIELD)
+            && is(remotes, channel.checked_add(1), &i7i77::FIELD)
             && !is(remotes, channel.checked_sub(1), &i7i77::FIELD)
     })
 }
@@ -215,10 +215,10 @@ pub(crate) fn silent_part(
     channel: u8,
 ) -> Option<RemarkKind> {
     let (field, analog) = (&i7i77::FIELD, &i7i77::ANALOG);
-    let (before, after) = (channel.checked_sub(1), Some(channel + 1));
+    let (before, after) = (channel.checked_sub(1), channel.checked_add(1));
     let (part, other, beside) = if is(before, field) {
         (analog, field, before)
-    } else if is(after, analog) && !is(Some(channel + 2), field) {
+    } else if is(after, analog) && !is(channel.checked_add(2), field) {
         (field, analog, after)
     } else {
         return None;

@@ -8,6 +8,7 @@ use super::{Module, Pace, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::bus::{Instant, Phase, ReadSlot, Setting, Stage};
 use crate::hal::{Input, Output, PinError, PinMaker, PinStore, Rejection};
 use crate::hostmot2::{Gtag, HostMot2Error, ModuleDescriptor};
+use crate::tally::Tally;
 
 /// The pins of the phase-locked loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -273,8 +274,9 @@ impl PhaseStart {
     /// The read after a write found the loop at this phase.
     fn read(&mut self, phase: u32) {
         if core::mem::take(&mut self.is_written) && self.writes < PERIODS {
-            self.reads += 1;
-            self.phase = self.phase.wrapping_sub(phase as i32 / self.reads);
+            self.reads = self.reads.saturating_add(1);
+            let step = (phase as i32).checked_div(self.reads).unwrap_or(0);
+            self.phase = self.phase.wrapping_sub(step);
         }
     }
 
@@ -283,7 +285,7 @@ impl PhaseStart {
         if self.writes == PERIODS {
             return None;
         }
-        self.writes += 1;
+        self.writes.tally(1);
         self.is_written = true;
         Some(self.phase as u32)
     }

@@ -110,7 +110,7 @@ impl InMux {
         r.use_io(gtag, number)?;
         let register = |register| descriptor.register(register, instance);
         let [control, mpg] = [register(0)?, register(4)?];
-        let inputs = (r.peek(control)? & LAST_INPUT) as u16 + 1;
+        let inputs = ((r.peek(control)? & LAST_INPUT) as u16).saturating_add(1);
         let pins = InMuxPins::new(r, (gtag, number), inputs)?;
         let words = pins.words(r.pins, clock_hz);
         let [control_word, slow, modes] = words;
@@ -143,11 +143,11 @@ impl InMux {
         // A clock that is not known leaves nothing valid.
         let scan = Duration::try_from_secs_f64(1.0 / scan_hz(control, self.clock_hz));
         let scan = scan.unwrap_or(Duration::MAX);
-        let is_over = |scans: u32| since >= scan.saturating_mul(RAW_SCANS + scans);
+        let is_over = |scans: u32| since >= scan.saturating_mul(scans.saturating_add(RAW_SCANS));
         let held = |is_over: bool, inputs: u32| if is_over { 0 } else { inputs };
         // A filter counts to its end, whatever it held, and shows that one scan later.
-        let short = is_over(1 + (control >> SHORT & LARGEST_SHORT));
-        let long = is_over(1 + (control >> LONG));
+        let short = is_over((control >> SHORT & LARGEST_SHORT).saturating_add(1));
+        let long = is_over((control >> LONG).saturating_add(1));
         self.is_settling = !(short && long);
         Levels {
             filtered: held(short, !slow) | held(long, slow),
@@ -239,9 +239,9 @@ impl InMuxPins {
             });
         }
         let mpgs = all.mpg_counts.iter_mut().zip(&mut all.mpg_resets);
-        for (k, (count, reset)) in (0u16..).zip(mpgs) {
+        for ((k, a), (count, reset)) in (0..).zip((0u16..).step_by(2)).zip(mpgs) {
             let at = |n| r.board.place(r.firmware, (gtag, instance), n);
-            let place = [at(2 * k), at(2 * k + 1)].into_iter().collect();
+            let place = [at(a), at(a | 1)].into_iter().collect();
             let mut make = r.maker_at(&stem, place);
             *count = make.input(format!("enc{k}-count"))?;
             *reset = make.switch(format!("enc{k}-reset"), false)?;

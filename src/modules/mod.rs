@@ -5,6 +5,8 @@
 //! ports are modules like the others, and an application can add modules that this crate does not
 //! know.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 pub mod dpll;
 pub mod encoder;
 mod error;

@@ -120,7 +120,7 @@ fn numbers(r: &Registrar<'_>, gtag: Gtag, instance: u8) -> Vec<u8> {
     let pins = r.firmware.pins_of(gtag, instance);
     let pins = pins.map(|(_, descriptor)| descriptor.secondary_pin);
     let outputs = pins.filter(|pin| (0x81..end).contains(pin));
-    let mut numbers: Vec<u8> = outputs.map(|pin| pin - 0x81).collect();
+    let mut numbers: Vec<u8> = outputs.map(|pin| pin.wrapping_sub(0x81)).collect();
     numbers.sort_unstable();
     numbers.dedup();
     numbers

@@ -326,7 +326,7 @@ pub struct PwmRate {
 impl PwmRate {
     /// The highest frequency in Hz that a clock allows: 9 bits are left of the duty then.
     fn fastest(clock_hz: u32) -> u32 {
-        ((u64::from(clock_hz) * u64::from(u16::MAX)) >> 25) as u32
+        (u64::from(clock_hz).saturating_mul(u16::MAX.into()) >> 25) as u32
     }
 
     /// The widest duty that gives `hz`; what the hardware can not do becomes the nearest that it

@@ -139,7 +139,7 @@ pub(crate) fn undriven(firmware: &HostMot2, claimed: &[Gtag]) -> Vec<Undriven> {
                 let end = if is_last {
                     u8::MAX
                 } else {
-                    first + (module.instances - 1)
+                    first.saturating_add(module.instances.saturating_sub(1))
                 };
                 let is_its = |unit, _| (first..=end).contains(&unit);
                 list.push(Undriven::new(firmware, module, reason, is_its));

@@ -1,5 +1,7 @@
 //! Channels of a port, and sets of them.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use core::fmt;
 use core::ops::{Index, IndexMut};
 
@@ -71,7 +73,7 @@ impl ChannelMask {
         if count >= MAX_CHANNELS {
             Self(0xFF)
         } else {
-            Self((1 << count) - 1)
+            Self(!(u8::MAX << count))
         }
     }
 

@@ -37,8 +37,9 @@ const LAYERS: [(&str, &[&str]); 14] = [
     ("sim", &["bus", "lbp", "lbp16", "transport"]),
 ];
 
-/// No layers: the forms in which settings and events are kept, numbers for people, and counters.
-const FORMS: [&str; 3] = ["serial_form", "Rounded", "tally"];
+/// No layers: the forms in which settings and events are kept, numbers for people, counters, and
+/// fractions of a time.
+const FORMS: [&str; 4] = ["serial_form", "Rounded", "tally", "fraction"];
 
 #[test]
 fn a_layer_knows_only_those_below_it() {

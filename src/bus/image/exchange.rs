@@ -103,8 +103,8 @@ impl<B: RegisterBus> Image<B> {
                 let (address, first) = (access.address, access.first);
                 (0..access.count).map(move |n| Exchanged {
                     way,
-                    address: address.wrapping_add(4 * n),
-                    place: first + n,
+                    address: address.wrapping_add(n.wrapping_mul(4)),
+                    place: first.saturating_add(n),
                 })
             }
         };
@@ -244,15 +244,16 @@ impl Parts {
     ) -> Self {
         let mut settings: Vec<_> = (0u16..).zip(&plan.settings).collect();
         settings.sort_by_key(|(_, setting)| setting.stage);
-        let settings = settings
-            .into_iter()
-            .map(|(n, setting)| (n, Access::write(setting.address, first_setting + n, 1)));
+        let settings = settings.into_iter().map(|(n, setting)| {
+            let place = first_setting.saturating_add(n);
+            (n, Access::write(setting.address, place, 1))
+        });
         Self {
             first: writes(Phase::First),
             data: writes(Phase::Data),
             settings: settings.collect(),
             triggers: writes(Phase::Trigger),
-            chosen: Vec::with_capacity(plan.writes.len() + plan.settings.len()),
+            chosen: Vec::with_capacity(plan.writes.len().saturating_add(plan.settings.len())),
         }
     }
 

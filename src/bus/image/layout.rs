@@ -30,7 +30,7 @@ impl ImagePlan {
         let reads = Block::new(Direction::Read, &self.reads, 0);
         let writes = Block::new(Direction::Write, &self.writes, reads.end);
         let first_setting = writes.end;
-        let first_safe = first_setting + self.settings.len() as u16;
+        let first_safe = first_setting.saturating_add(self.settings.len() as u16);
         let mut content = vec![0; usize::from(reads.end)];
         content.extend(writes.places.iter().map(|(_, write)| write.word));
         content.extend(self.settings.iter().map(|setting| setting.word));
@@ -38,8 +38,8 @@ impl ImagePlan {
         let (mut set_up, mut quiesce) = (Vec::new(), Vec::new());
         for step in self.sorted_steps() {
             let place = match step.again {
-                Again::Setting(setting) => first_setting + setting.0,
-                Again::Safe(slot) => first_safe + slot.0,
+                Again::Setting(setting) => first_setting.saturating_add(setting.0),
+                Again::Safe(slot) => first_safe.saturating_add(slot.0),
                 Again::Word(word) => push(&mut content, word),
             };
             let access = Access::write(step.address, place, 1);
@@ -117,11 +117,11 @@ impl Block {
                 let gap = (register.address.wrapping_sub(before.address) / 4).wrapping_sub(1);
                 let is_near = before.phase == register.phase && gap <= BRIDGE;
                 if is_near && direction == Direction::Read {
-                    end += gap;
+                    end = end.saturating_add(gap);
                 }
             }
             places.push((end, register));
-            end += 1;
+            end = end.saturating_add(1);
         }
         Self {
             direction,
@@ -146,11 +146,11 @@ impl Block {
         let mut runs: Vec<(Phase, Access)> = Vec::new();
         for &(first, register) in self.places.iter().filter(|(_, register)| wanted(register)) {
             if let Some((phase, run)) = runs.last_mut() {
-                let words = first - run.first;
+                let words = first.saturating_sub(run.first);
                 let distance = register.address.checked_sub(run.address);
-                let is_near = words - run.count <= BRIDGE;
+                let is_near = words.saturating_sub(run.count) <= BRIDGE;
                 if *phase == register.phase && is_near && distance == words.checked_mul(4) {
-                    run.count = words + 1;
+                    run.count = words.saturating_add(1);
                     continue;
                 }
             }

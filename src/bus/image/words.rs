@@ -133,8 +133,9 @@ impl Words {
     /// Changes the word that the set-up writes to an output: it follows from settings that have
     /// changed.
     pub fn put_safe(&mut self, slot: WriteSlot, word: u32) {
-        let first = self.first_setting + self.settings.len();
-        let safes = self.content.get_mut(first..first + self.writes.len());
+        let first = self.first_setting.saturating_add(self.settings.len());
+        let safes = self.content.get_mut(first..);
+        let safes = safes.and_then(|safes| safes.get_mut(..self.writes.len()));
         let old = safes.and_then(|safes| safes.get_mut(usize::from(slot.0)));
         debug_assert!(old.is_some(), "a slot of another image");
         if let Some(old) = old {
@@ -154,7 +155,9 @@ impl Words {
         // Behind the settings there are the safe words.
         let is_ours = number < self.settings.len();
         debug_assert!(is_ours, "a setting of another image");
-        let old = self.content.get_mut(self.first_setting + number);
+        let old = self
+            .content
+            .get_mut(self.first_setting.saturating_add(number));
         if is_ours && old.is_some_and(|old| core::mem::replace(old, word) != word) {
             self.repeat(setting);
         }

@@ -110,7 +110,7 @@ impl Trace {
             board: board.into(),
             settings,
             read: columns.iter().take_while(is_read).count(),
-            words: vec![0; cycles * columns.len()].into(),
+            words: vec![0; cycles.saturating_mul(columns.len())].into(),
             columns,
             rows: vec![Row::default(); cycles].into(),
             next: 0,
@@ -168,13 +168,13 @@ impl Trace {
         }
         self.copy(Way::Write, words);
         self.notice();
-        self.next += 1;
+        self.next = self.next.saturating_add(1);
         if self.next >= self.rows.len() {
             (self.next, self.is_full) = (0, true);
         }
         self.state = match self.state {
             State::Ending(0, cause) => State::Frozen(cause),
-            State::Ending(left, cause) => State::Ending(left - 1, cause),
+            State::Ending(left, cause) => State::Ending(left.saturating_sub(1), cause),
             other => other,
         };
     }
@@ -185,9 +185,9 @@ impl Trace {
             Way::Read => 0..self.read,
             _ => self.read..width,
         };
-        let first = self.next * width;
+        let mut rows = self.words.chunks_exact_mut(width.max(1));
         let places = self.columns.get(range.clone()).unwrap_or_default();
-        let row = self.words.get_mut(first + range.start..first + range.end);
+        let row = rows.nth(self.next).and_then(|row| row.get_mut(range));
         for (word, column) in row.unwrap_or_default().iter_mut().zip(places) {
             *word = words.at(column.exchanged);
         }
@@ -235,7 +235,7 @@ impl Trace {
     /// Where the row begins that is the next to be forgotten: behind that of a cycle which has been
     /// read and not yet written.
     fn ahead(&self) -> usize {
-        self.next + usize::from(self.is_open)
+        self.next.saturating_add(self.is_open.into())
     }
 
     /// A line of names, then a line for each cycle, oldest first. Times are in nanoseconds on the

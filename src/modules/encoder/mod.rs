@@ -108,7 +108,7 @@ impl Encoders {
             let bank = banks.len();
             banks.push(Self::new(r, module, (bank, first_number), count)?);
             first_number = first_number.saturating_add(count);
-            left -= count;
+            left = left.saturating_sub(count);
         }
         Ok(banks)
     }

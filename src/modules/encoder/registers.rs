@@ -9,7 +9,8 @@
 ///
 /// Source: LinuxCNC, hostmot2 driver, `muxed-skew`.
 pub(super) fn mux_skew(clock_hz: u32, ns: u32) -> u32 {
-    let periods = (u64::from(ns) * u64::from(clock_hz) + 500_000_000) / 1_000_000_000;
+    let parts = u64::from(ns).saturating_mul(clock_hz.into());
+    let periods = parts.saturating_add(500_000_000) / 1_000_000_000;
     (periods.min(15) as u32) << 28
 }
 

@@ -43,7 +43,7 @@ impl VelocityEstimator {
                 change.signum()
             };
             let elapsed = seconds(self.last_change.unwrap_or(previous), changed_at);
-            self.moved(change, (change - first) as f64, elapsed);
+            self.moved(change, change.saturating_sub(first) as f64, elapsed);
             self.last_change = Some(changed_at);
         } else if let Some(last) = self.last_change {
             let elapsed = seconds(last, now);

@@ -55,7 +55,7 @@ impl EventKind {
     /// A number of its own for each reason with which it may repeat.
     pub(super) fn reason(self) -> u32 {
         match self {
-            Self::NotThere { .. } => BUS_ERRORS.len() as u32 + 1,
+            Self::NotThere { .. } => (BUS_ERRORS.len() as u32).saturating_add(1),
             Self::TransferFailed { .. } | Self::ReadFailed { .. } | Self::WriteFailed { .. } => {
                 let [_, reason, _] = self.to_words();
                 reason

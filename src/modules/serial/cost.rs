@@ -45,8 +45,9 @@ impl Cost {
 
     fn owed_at(&self, now: Instant, policy: &FaultPolicy) -> Duration {
         let usual = Self::USUAL.as_nanos();
-        let longest = policy.longest_backoff.as_nanos().max(1);
-        let paid = now.since(self.at).as_nanos().saturating_mul(usual) / longest;
+        let longest = policy.longest_backoff.as_nanos();
+        let paid = now.since(self.at).as_nanos().saturating_mul(usual);
+        let paid = paid.checked_div(longest).unwrap_or(u128::MAX);
         let paid = u64::try_from(paid).unwrap_or(u64::MAX);
         self.owed.saturating_sub(Duration::from_nanos(paid))
     }

@@ -7,6 +7,7 @@ use super::{FaultPolicy, OfflineReason, RemoteWatchdog};
 use crate::bus::Instant;
 use crate::modules::events::{EventKind, Repeating, Row, Sink};
 use crate::sslbp::{Channel, Failure, RemoteFaults, RemoteName, StartedRemote};
+use crate::tally::Tally;
 
 /// Good transfers after which a remote counts as healthy again.
 const HEALTHY: u64 = 1000;
@@ -248,7 +249,7 @@ impl Health {
         self.has_failed = false;
         self.is_asked_for = false;
         let has_run = core::mem::replace(&mut self.has_run, true);
-        self.restarts += 1;
+        self.restarts.tally(1);
         self.fault_count = 0;
         self.faults = RemoteFaults::empty();
         self.has_just_failed = false;
@@ -282,7 +283,8 @@ impl Health {
             };
             self.failures.add(sink, now, 1, kind);
         }
-        let cycles = 1 + u32::from(core::mem::replace(&mut self.has_just_failed, true));
+        let is_next = core::mem::replace(&mut self.has_just_failed, true);
+        let cycles = if is_next { 2 } else { 1 };
         let more = increment.saturating_mul(cycles);
         self.fault_count = self.fault_count.saturating_add(more);
     }

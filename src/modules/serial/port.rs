@@ -10,12 +10,14 @@ use super::remote::{FoundRemote, Served};
 use super::watchdog::Outputs;
 use super::{OfflineReason, PortStatistics, RemoteStatus, RemoteWatchdog};
 use crate::bus::{Instant, Phase, ReadSlot, Words, WriteSlot};
+use crate::fraction::Fraction;
 use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, DoitTime, Layout, MAX_CHANNELS, Observed, Operation,
     PerChannel, Port, PortParameters,
 };
+use crate::tally::Tally;
 
 /// A serial port in the cycle.
 #[derive(Debug)]
@@ -182,9 +184,7 @@ impl SerialPort {
             let own = health.watchdog.silence();
             if !has_bitten {
                 health.watchdog = RemoteWatchdog::Off;
-            } else if silence > own.saturating_add(own / 4)
-                || health.watchdog == RemoteWatchdog::Assumed
-            {
+            } else if silence > own.fraction(5, 4) || health.watchdog == RemoteWatchdog::Assumed {
                 health.watchdog = RemoteWatchdog::Known(silence);
             }
         }
@@ -266,10 +266,10 @@ impl Module for SerialPort {
         }
         self.pins.publish(cycle.pins, &self.recovery, machine);
         let report = &mut *cycle.report;
-        report.good += outcome.good.len();
-        report.failed += outcome.failed.len();
-        report.offline += outcome.offline.len();
-        report.too_short += u32::from(outcome.too_short);
+        report.good.tally(outcome.good.len());
+        report.failed.tally(outcome.failed.len());
+        report.offline.tally(outcome.offline.len());
+        report.too_short.tally(outcome.too_short.into());
     }
 
     fn not_read(&mut self, _: &mut PinStore) {

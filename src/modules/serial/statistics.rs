@@ -1,5 +1,6 @@
 //! What is counted of a port.
 
+use crate::tally::Tally;
 use core::time::Duration;
 
 /// What a port did since the driver was built.
@@ -49,7 +50,7 @@ impl TimeHistogram {
     /// # Real time
     /// Constant time, no allocation.
     pub fn record(&mut self, time: Duration) {
-        self.count += 1;
+        self.count.tally(1);
         let (min, max) = self.range.unwrap_or((time, time));
         self.range = Some((min.min(time), max.max(time)));
         let micros = usize::try_from(time.as_micros()).unwrap_or(usize::MAX);
@@ -72,12 +73,11 @@ impl TimeHistogram {
     /// those above half a millisecond.
     pub fn percentile(&self, percent: u8) -> Option<Duration> {
         let (min, max) = self.range?;
-        let wanted = (self.count * u64::from(percent.min(100)))
-            .div_ceil(100)
-            .max(1);
-        let mut seen = 0;
+        let of_hundred = self.count.saturating_mul(percent.min(100).into());
+        let wanted = of_hundred.div_ceil(100).max(1);
+        let mut seen = 0_u64;
         let bucket = self.buckets.iter().position(|&count| {
-            seen += u64::from(count);
+            seen.tally(count.into());
             seen >= wanted
         });
         let time = bucket.map_or(max, |micros| Duration::from_micros(micros as u64));

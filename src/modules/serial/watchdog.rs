@@ -5,6 +5,7 @@ use core::time::Duration;
 use super::OfflineReason;
 use super::remote::WATCHDOG_PARAMETER;
 use crate::bus::Instant;
+use crate::fraction::Fraction;
 use crate::remote::RemotePins;
 
 /// How long a remote's outputs stay on without process data, as far as it is known.
@@ -69,7 +70,7 @@ impl RemoteWatchdog {
     /// never bites.
     pub fn silence(self) -> Duration {
         self.time()
-            .map_or(Duration::ZERO, |time| time.saturating_add(time / 5))
+            .map_or(Duration::ZERO, |time| time.fraction(6, 5))
     }
 }
 

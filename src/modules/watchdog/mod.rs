@@ -194,7 +194,11 @@ impl Module for Watchdog {
         self.is_fed = cycle.is_running;
         // Restarted without a time, it would bite.
         let is_restarted = self.is_fed && self.stage != Stage::Disabled;
-        let word = u32::from(is_restarted) * WatchdogRegisters::PET;
+        let word = if is_restarted {
+            WatchdogRegisters::PET
+        } else {
+            0
+        };
         cycle.words.put(self.pet, word);
         if !cycle.is_running || self.stage == Stage::Running && !is_new {
             return;

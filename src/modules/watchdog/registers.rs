@@ -76,7 +76,8 @@ impl WatchdogRegisters {
         if !Self::runs(time) {
             return None;
         }
-        let nanos = u64::from(time + Self::EXTRA) * 1_000_000_000;
+        let periods = u64::from(time).saturating_add(Self::EXTRA.into());
+        let nanos = periods.saturating_mul(1_000_000_000);
         Some(Duration::from_nanos(
             nanos.checked_div(self.clock_hz.into())?,
         ))

@@ -17,6 +17,7 @@ use crate::sslbp::{
     ChannelMask, ChannelVariable, Complete, Event, Failure, Machine, Observed, Operation,
     PortParameters, StartMode, Verdict,
 };
+use crate::tally::Tally;
 
 /// What a read means.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -199,7 +200,7 @@ impl Recovery {
             Event::Complete(complete) => complete,
             Event::Busy => {
                 outcome.too_short = is_transferring(machine);
-                self.statistics.too_short += u64::from(outcome.too_short);
+                self.statistics.too_short.tally(outcome.too_short.into());
                 return outcome;
             }
             Event::Idle | Event::Settling(_) => return outcome,
@@ -207,9 +208,9 @@ impl Recovery {
         match complete.operation {
             Operation::Transfer(mask) => {
                 if complete.certain {
-                    self.statistics.transfers += 1;
+                    self.statistics.transfers.tally(1);
                 } else {
-                    self.statistics.unknown += 1;
+                    self.statistics.unknown.tally(1);
                 }
                 (outcome.started, outcome.reads_before) = (complete.issued, complete.reads_before);
                 // Not of those for which a restart was asked while it was in flight.
@@ -291,7 +292,7 @@ impl Recovery {
             self.choose(now, hold)
         } else if machine.is_stuck(now) && now >= self.no_free_before {
             self.no_free_before = now.after(BETWEEN_FREES);
-            self.statistics.stuck += 1;
+            self.statistics.stuck.tally(1);
             Some(Operation::Free)
         } else {
             None
@@ -335,7 +336,7 @@ impl Recovery {
             }
             Restart::Stopped(mask) | Restart::OthersServed(mask) => {
                 self.restart = Restart::Starting;
-                self.statistics.starts += 1;
+                self.statistics.starts.tally(1);
                 return Some(Operation::Start(StartMode::Normal, mask));
             }
             Restart::Measuring { mask, rx } => {
