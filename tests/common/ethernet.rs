@@ -93,6 +93,8 @@ pub struct SimLink {
     /// When the whole board loses its configuration, and for how long.
     pub resets: Vec<(u64, u64)>,
     now: u64,
+    /// What the host's clock has missed while it stood still.
+    missed: u64,
     sent: u64,
     requests: Packets,
     replies: Packets,
@@ -115,6 +117,7 @@ impl SimLink {
             journal: Vec::new(),
             resets: Vec::new(),
             now: 0,
+            missed: 0,
             sent: 0,
             requests: BTreeMap::new(),
             replies: BTreeMap::new(),
@@ -124,6 +127,12 @@ impl SimLink {
 
     pub fn time(&self) -> u64 {
         self.now
+    }
+
+    /// The host stands still and its clock with it, as a virtual machine that is stopped.
+    pub fn stop_host(&mut self, nanos: u64) {
+        self.run(self.now + nanos, false);
+        self.missed += nanos;
     }
 
     /// A new process has a new socket: what is on its way to the old one goes nowhere.
@@ -223,7 +232,7 @@ impl Link for SimLink {
     }
 
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
-        self.run(deadline.as_nanos(), true);
+        self.run(deadline.as_nanos() + self.missed, true);
         let Some(packet) = self.waiting.pop_front() else {
             return Ok(None);
         };
@@ -232,10 +241,10 @@ impl Link for SimLink {
     }
 
     fn now(&mut self) -> Instant {
-        Instant::from_nanos(self.now)
+        Instant::from_nanos(self.now - self.missed)
     }
 
     fn sleep_until(&mut self, deadline: Instant) {
-        self.run(deadline.as_nanos(), false);
+        self.run(deadline.as_nanos() + self.missed, false);
     }
 }

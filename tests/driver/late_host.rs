@@ -6,9 +6,9 @@ use std::time::Duration;
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga};
-use crate::faults_outputs::{all_of, on};
+use crate::faults_outputs::{all_of, on, on_board};
 use mesa_hal::BoardState;
-use mesa_hal::driver::{EventKind, OfflineReason, Settings};
+use mesa_hal::driver::{EventKind, OfflineReason, Pace, Settings};
 
 const MS: u64 = 1_000_000;
 
@@ -106,4 +106,55 @@ fn a_bus_that_goes_down_is_no_fault_of_a_remote() {
         }
     }
     assert!(downs > 3, "{downs} of 12 went down");
+}
+
+/// No clock of the host tells how long a virtual machine was stopped: the board's watchdog does.
+#[test]
+fn after_a_stop_that_no_clock_of_the_host_has_seen_the_second_read_shows_that_the_board_is_safe() {
+    for pace in [Pace::Host, Pace::Board] {
+        let settings = |settings: &mut Settings| settings.pace = pace;
+        let mut machine: Machine<_> = Machine::on(connect(SimLink::new(fpga())), settings);
+        let cycle = |machine: &mut Machine<_>| {
+            let _ = machine.driver.read();
+            machine.cards.set_all(machine.driver.pins_mut());
+            let _ = machine.driver.write();
+        };
+        for _ in 0..50 {
+            cycle(&mut machine);
+            machine.rest();
+        }
+        for channel in [ANALOG, OUTPUTS] {
+            assert_eq!(
+                on_board(machine.driver.bus_mut().fpga(), channel),
+                all_of(channel),
+                "{pace:?}"
+            );
+        }
+        machine.driver.bus_mut().link().stop_host(10_000 * MS);
+        for channel in [ANALOG, OUTPUTS] {
+            assert_eq!(
+                on_board(machine.driver.bus_mut().fpga(), channel),
+                [],
+                "{pace:?}"
+            );
+        }
+        cycle(&mut machine);
+        machine.rest();
+        cycle(&mut machine);
+        // By the host's clock it was fed just now, and bites then after a reset only.
+        let state = machine.driver.board_state();
+        let is_safe = [BoardState::Reset, BoardState::WatchdogBitten].contains(&state);
+        assert!(is_safe, "{pace:?}: {state:?}");
+        let pins = machine.driver.pins();
+        let board = pins.group_state(machine.driver.group()).expect("a group");
+        assert!(!board.valid, "{pace:?}");
+        for channel in [FIELD, ANALOG, OUTPUTS] {
+            assert!(!machine.is_valid(channel), "{pace:?}");
+            assert_eq!(
+                on_board(machine.driver.bus_mut().fpga(), channel),
+                [],
+                "{pace:?}"
+            );
+        }
+    }
 }
