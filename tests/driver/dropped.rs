@@ -1,42 +1,10 @@
 //! A driver that is dropped says in the log what `stop` would have returned.
 
-use std::cell::RefCell;
-
 use crate::common::machine::{ANALOG, FIELD, Machine, fpga};
-use log::{Level, LevelFilter, Log, Metadata, Record};
+use crate::logged::logged;
+use log::Level;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::transport::{Fault, Faulty};
-
-thread_local! {
-    /// Errors that were logged by this thread, which runs one test.
-    static ERRORS: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
-}
-
-struct Errors;
-
-impl Log for Errors {
-    fn enabled(&self, _: &Metadata<'_>) -> bool {
-        true
-    }
-
-    fn log(&self, record: &Record<'_>) {
-        if record.level() == Level::Error {
-            ERRORS.with_borrow_mut(|errors| errors.push(record.args().to_string()));
-        }
-    }
-
-    fn flush(&self) {}
-}
-
-/// What is logged as an error meanwhile.
-fn logged(work: impl FnOnce()) -> Vec<String> {
-    // Another test may have done it.
-    let _ = log::set_logger(&Errors);
-    log::set_max_level(LevelFilter::Info);
-    ERRORS.take();
-    work();
-    ERRORS.take()
-}
 
 /// Outputs are on, and two cards are not to be reached any more.
 fn cut_off() -> Machine {
@@ -52,7 +20,7 @@ fn cut_off() -> Machine {
 #[test]
 fn a_dropped_driver_logs_the_remotes_that_stop_would_have_named() {
     let mut told = String::new();
-    let log = logged(|| {
+    let log = logged(Level::Error, || {
         let (stopped, result) = cut_off().driver.stop();
         let error = result.expect_err("two are cut off");
         assert_eq!(error.not_reached.len(), 2, "{error}");
@@ -63,12 +31,12 @@ fn a_dropped_driver_logs_the_remotes_that_stop_would_have_named() {
         told.contains("its outputs are off only by its own watchdog"),
         "{told:?}"
     );
-    assert_eq!(logged(|| drop(cut_off().driver)), [told]);
+    assert_eq!(logged(Level::Error, || drop(cut_off().driver)), [told]);
 }
 
 #[test]
 fn a_dropped_driver_whose_board_does_not_answer_logs_the_error() {
-    let log = logged(|| {
+    let log = logged(Level::Error, || {
         let mut machine: Machine<_> = Machine::on(Faulty::new(fpga(), 1), |_| {});
         machine.cards.set_one_of_each(machine.driver.pins_mut());
         machine.cycles(5);
@@ -89,7 +57,7 @@ fn a_dropped_driver_whose_board_does_not_answer_logs_the_error() {
 
 #[test]
 fn a_driver_that_could_be_stopped_says_nothing() {
-    let log = logged(|| {
+    let log = logged(Level::Error, || {
         let mut machine = Machine::new();
         machine.cards.set_one_of_each(machine.driver.pins_mut());
         machine.cycles(5);

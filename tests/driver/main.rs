@@ -18,6 +18,8 @@ mod foreign_watchdog;
 mod index_on_network;
 mod late_host;
 mod late_reply;
+#[cfg(feature = "log")]
+mod logged;
 mod low_line;
 mod manifest;
 mod not_armed;

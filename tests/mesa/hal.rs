@@ -114,6 +114,18 @@ fn a_7i97_has_its_own_outputs_and_those_of_a_card_beside_them() {
 }
 
 #[test]
+fn outputs_that_dither_here_do_so_in_linuxcnc() {
+    let dithers = |machine| {
+        let board = text(&json(&["hal", "--sim", machine]), "board.hal");
+        let lines = board.lines().filter(|line| line.contains(".dither"));
+        lines.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let all = (0..6).map(|n| format!("setp hm2_7i97.0.pwmgen.{n:02}.dither 1"));
+    assert_eq!(dithers("7i97t"), all.collect::<Vec<_>>());
+    assert_eq!(dithers("7i97"), [""; 0]);
+}
+
+#[test]
 fn a_board_without_servo_outputs_has_a_joint_that_follows_itself() {
     let found = json(&["hal", "--sim", "7i92-7i77,1=7i72"]);
     let motion = text(&found, "motion.hal");

@@ -36,4 +36,5 @@ mod terminal;
 mod update;
 mod watch;
 mod wiring;
+mod wiring_ends;
 mod wiring_outputs;

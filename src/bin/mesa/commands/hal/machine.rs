@@ -6,6 +6,7 @@ use std::net::SocketAddrV4;
 use mesa_hal::Board;
 use mesa_hal::driver::RemarkKind;
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Role};
+use mesa_hal::hostmot2::Gtag;
 use mesa_hal::sslbp::{Layout, MAX_CHANNELS};
 use mesa_hal::transport::udp::UdpBus;
 
@@ -114,10 +115,12 @@ impl Machine {
             let is_it = info.role == Role::Setting && is_one(&SETTINGS, &own(info)?);
             is_it.then(|| (info.name.clone(), number(value)))
         });
+        let mut settings: Vec<_> = settings.collect();
+        settings.extend(dither(board, &prefix));
         let (ports, remotes) = ports(board)?;
         Ok(Self {
             joints: joints(board, &pins),
-            settings: settings.collect(),
+            settings,
             pins,
             board: board.name().to_owned(),
             address: Some(address).filter(|address| !address.ip().is_loopback()),
@@ -138,6 +141,18 @@ impl Machine {
         let mut joints = self.joints.iter();
         joints.position(|joint| joint.enable.as_ref() == Some(&pin.name))
     }
+}
+
+/// A PWM module of version 1 dithers here. In LinuxCNC that is a parameter, which is off at first, and
+/// which no LinuxCNC lacks that takes such a module (2.9.2 and later; FIELD 3.3).
+fn dither(board: &Board<UdpBus>, prefix: &str) -> Vec<(String, String)> {
+    let modules = board.firmware().modules_of(Gtag::PWM);
+    let versions = modules.flat_map(|(_, it)| (0..it.instances).map(|_| it.version));
+    (0..)
+        .zip(versions)
+        .filter(|(_, version)| *version >= 1)
+        .map(|(n, _): (u8, _)| (format!("{prefix}pwmgen.{n:02}.dither"), "1".to_owned()))
+        .collect()
 }
 
 /// The modes of all channels as LinuxCNC takes them, and the remotes in words.
