@@ -203,6 +203,11 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.bus.set_cycle(self.pacer.period, Some(deadline));
         }
         let ask = (self.wants_closer_look(), !self.is_running());
+        let begun = self.bus.now();
+        self.parts.watchdog.sending(begun);
+        for port in &mut self.parts.ports {
+            port.sending(begun);
+        }
         let result = self.pacer.write(&mut *self.bus, &mut self.image, ask);
         let done = self.bus.now();
         self.written(done, result.is_ok());

@@ -166,6 +166,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
         if !self.is_running() {
             return Ok(());
         }
+        let begun = self.bus.now();
+        self.parts.watchdog.sending(begun);
         self.image.write_guarded(&mut *self.bus)?;
         let now = self.bus.now();
         self.parts.watchdog.written(now, true);

@@ -1,54 +1,49 @@
 //! The application: it reads, compares what it reads with the truth, and commands something new.
 
+mod board;
 mod encoders;
 mod field;
 mod pins;
+mod ports;
 mod queue;
 
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{BoardState, Driver, OfflineReason, RemoteState};
-use mesa_hal::hal::{GroupId, GroupState, Input, Output, Param, PinError, Pins};
+use mesa_hal::driver::{BoardState, Driver, RemoteState};
+use mesa_hal::hal::{GroupId, Input, Output, PinError, Pins};
 use mesa_hal::sslbp::Channel;
 
+use board::BoardOutputs;
 use encoders::Encoder;
-use pins::{GpioPin, Remote, value};
+use pins::Remote;
 use queue::{Queue, is_queued};
 
-use super::journal::{Level, PORTS};
+use super::journal::{BoardCommand, Level};
 use super::machine::Gpio;
-use super::oracle::{BoardCommand, Checked, Oracle, Promise, ensure};
-use super::plan::{Board, MICRO, MILLI, Plan};
+use super::oracle::{Checked, Oracle, Promise, ensure};
+use super::plan::{Board, MICRO, Plan, scrambled};
 use super::stage::{Stage, was};
 use crate::common::chance::Chance;
 
 /// A running application with the handles of its pins.
 pub struct Application {
     remotes: Vec<Remote>,
-    gpio: Vec<GpioPin>,
+    board: BoardOutputs,
     gpio_inputs: Vec<Input<bool>>,
     isolated: Vec<(Input<bool>, Input<bool>)>,
-    analog: Vec<(Output<f64>, Output<bool>)>,
-    /// The scale of each analog output, and what it is.
-    scales: Vec<(Param<f64>, f64)>,
-    led: Option<Output<bool>>,
-    ssr: Vec<Output<bool>>,
     encoders: Vec<Encoder>,
-    watchdog: Param<u32>,
     /// Of each port.
     runs: Vec<Output<bool>>,
-    port_width: usize,
     queue: Option<Queue>,
-    turn: u32,
     sets_nan: bool,
     plan: Plan,
+    /// What latches the encoders, where something is to.
+    timer: Option<(Output<i32>, Output<f64>)>,
     /// Nobody changes how an encoder counts.
     is_fast: bool,
-    set: BoardCommand,
     faults: u64,
+    /// For what was added later, so that the rest stays as it was.
+    side: Chance,
 }
-
-/// Volts of an analog output at full scale.
-const FULL: f64 = 10.0;
 
 /// How long after it has changed an isolated input shows it at the latest: five scans of 50 us, one
 /// that has begun, and the multiplexer's delay.
@@ -76,15 +71,6 @@ impl Application {
             let remote = Remote::new(pins, prefix, number, place, card, group)?;
             remotes.push(remote);
         }
-        let gpio_pins = gpio.outputs.iter().map(|&pin| {
-            let stem = format!("{name}.gpio.{pin:03}");
-            Ok(GpioPin {
-                pin,
-                out: pins.output(&format!("{stem}.out"))?,
-                is_output: pins.parameter(&format!("{stem}.is_output"))?,
-                drives: true,
-            })
-        });
         let gpio_inputs = gpio.inputs.iter();
         let gpio_inputs = gpio_inputs.map(|pin| pins.input(&format!("{name}.gpio.{pin:03}.in")));
         let own = if plan.board == Board::I7i97 {
@@ -93,51 +79,36 @@ impl Application {
             0..0
         };
         // A late duplicate of a set-up lets the inputs be scanned anew, which nothing tells.
-        let scanned = if plan.is_homing { 0..0 } else { own.clone() };
+        let scanned = if plan.is_homing { 0..0 } else { own };
         let isolated = scanned.map(|n| {
             let stem = format!("{name}.inmux.00");
             let raw = pins.input(&format!("{stem}.raw-input-{n:02}"))?;
             Ok((raw, pins.input(&format!("{stem}.input-{n:02}"))?))
         });
-        let six = own.clone().take(6);
-        let analog = six.clone().map(|n| {
-            let stem = format!("{name}.pwmgen.{n:02}");
-            Ok((
-                pins.output(&format!("{stem}.value"))?,
-                pins.output(&format!("{stem}.enable"))?,
-            ))
-        });
-        let scales = six.clone().map(|n| {
-            let scale = pins.parameter(&format!("{name}.pwmgen.{n:02}.scale"))?;
-            Ok((scale, FULL))
-        });
-        let led = format!("{name}.led.CR01");
-        let has_led = pins.infos().iter().any(|info| info.name == led);
-        let ssr = six.map(|n| pins.output(&format!("{name}.ssr.00.out-{n:02}")));
         Ok(Self {
             remotes,
-            gpio: gpio_pins.collect::<Result<_, _>>()?,
+            board: BoardOutputs::new(pins, name, plan, gpio)?,
             gpio_inputs: gpio_inputs.collect::<Result<_, _>>()?,
             isolated: isolated.collect::<Result<_, _>>()?,
-            analog: analog.collect::<Result<_, PinError>>()?,
-            scales: scales.collect::<Result<_, PinError>>()?,
-            led: has_led.then(|| pins.output(&led)).transpose()?,
-            ssr: ssr.collect::<Result<_, _>>()?,
             encoders: (0..plan.extras.axes)
                 .filter_map(|axis| Encoder::new(pins, name, axis).transpose())
                 .collect::<Result<_, _>>()?,
             queue: plan.extras.is_queued.then(|| Queue::new(driver)),
-            turn: plan.extras.turn,
             sets_nan: plan.extras.sets_nan,
+            timer: if plan.more.is_latched {
+                let number = pins.output(&format!("{name}.encoder.timer-number"))?;
+                let time = pins.output(&format!("{name}.dpll.01.timer-us"))?;
+                Some((number, time))
+            } else {
+                None
+            },
             plan: plan.clone(),
             is_fast: plan.extras.is_fast,
-            watchdog: pins.parameter(&format!("{name}.watchdog.timeout_ns"))?,
             runs: (0..plan.ports.len())
                 .map(|port| pins.output(&format!("{name}.sserial.port-{port}.run")))
                 .collect::<Result<_, _>>()?,
-            port_width: gpio.width,
-            set: BoardCommand::default(),
             faults: 0,
+            side: Chance(scrambled(plan.seed ^ 0x51DE)),
         })
     }
 
@@ -145,13 +116,18 @@ impl Application {
         self.remotes.len()
     }
 
+    /// A call has read the board by itself.
+    pub fn was_read(&mut self) {
+        self.encoders.iter_mut().for_each(Encoder::was_read);
+    }
+
     /// Compares all valid inputs with the truth. What the board itself shows was read in the
-    /// `took` before.
+    /// `took` before, and its encoders were latched up to `before` that.
     pub fn check_inputs<B: RegisterBus + Clock>(
         &mut self,
         driver: &Driver<B>,
         stage: &Stage,
-        took: u64,
+        (took, before): (u64, u64),
     ) -> Checked {
         let pins = driver.pins();
         let now = pins.now().as_nanos();
@@ -196,12 +172,19 @@ impl Application {
         if !state.armed {
             self.forget_index();
         }
+        if driver.board_state() != BoardState::Running {
+            self.encoders.iter_mut().for_each(Encoder::is_set_up_anew);
+        }
         if state.valid {
             let from = now.saturating_sub(state.age.time.as_nanos() as u64 + took + 5 * MICRO);
             self.check_board_inputs(pins, stage, (from, now))?;
-            let turn = self.turn;
+            let window = (from.saturating_sub(before), now);
             let mut encoders = self.encoders.iter_mut();
-            encoders.try_for_each(|encoder| encoder.check(pins, stage, (from, now), turn))?;
+            let is_late = before > self.plan.period;
+            let shared = (pins, stage, &self.plan);
+            encoders.try_for_each(|encoder| encoder.check(shared, window, is_late))?;
+        } else {
+            self.was_read();
         }
         Ok(())
     }
@@ -275,14 +258,28 @@ impl Application {
         for remote in &mut self.remotes {
             remote.notice(is_armed(driver, remote.group));
         }
+        if let Some((number, time)) = self.timer.take() {
+            driver.pins_mut().set(number, 1);
+            // Further from the read than the DPLL is off when it is in step.
+            let quarter = self.plan.period as f64 / 4_000.0;
+            driver.pins_mut().set(time, -quarter);
+        }
+        let tunes = self.plan.more.tunes_one_in;
+        let tunes = tunes > 0 && is_wild && self.side.one_in(tunes);
         let directly = |remote: &&mut Remote| self.queue.is_none() || !is_queued(remote.card);
         if set_anew {
             for remote in self.remotes.iter_mut().filter(directly) {
                 // What is set while it is not armed is forgotten.
-                let level = remote.command(driver.pins_mut(), chance, self.sets_nan);
+                let side = (self.plan.more.tunes_one_in > 0).then_some(&mut self.side);
+                let level = remote.command(driver.pins_mut(), chance, side, self.sets_nan);
                 if remote.is_armed {
                     remote.set = level;
                 }
+            }
+        }
+        if tunes {
+            for remote in &mut self.remotes {
+                remote.tune(driver.pins_mut(), &mut self.side);
             }
         }
         if let Some(queue) = &mut self.queue {
@@ -293,39 +290,19 @@ impl Application {
         }
         let is_armed = is_armed(driver, driver.group());
         if set_anew {
-            let set = self.command_board(driver.pins_mut(), chance);
+            let (pins, has_side) = (driver.pins_mut(), self.plan.more.tunes_one_in > 0);
+            let side = has_side.then_some(&mut self.side);
+            let set = self.board.command(pins, chance, side, self.sets_nan);
             if is_armed {
-                self.set = set;
+                self.board.set = set;
             }
+        } else if tunes && self.plan.spares_the_board() {
+            // A setting that was lost comes a cycle later than what is written in every cycle.
+            self.board.tune(driver.pins_mut(), &mut self.side);
         }
         if !is_armed {
-            self.set = BoardCommand::default();
+            self.board.set = BoardCommand::default();
         }
-    }
-
-    fn command_board(&self, pins: &mut Pins, chance: &mut Chance) -> BoardCommand {
-        let mut set = BoardCommand::default();
-        for gpio in &self.gpio {
-            let on = chance.one_in(2);
-            pins.set(gpio.out, on);
-            set.gpio[gpio.pin / self.port_width] |= u32::from(on) << (gpio.pin % self.port_width);
-        }
-        set.enabled = !self.analog.is_empty() && !chance.one_in(8);
-        for (n, (output, enable)) in self.analog.iter().enumerate() {
-            let (volts, millivolts) = value(chance, self.sets_nan);
-            pins.set(*output, volts);
-            pins.set(*enable, set.enabled);
-            set.millivolts[n] = millivolts;
-        }
-        if let Some(led) = self.led {
-            pins.set(led, chance.one_in(2));
-        }
-        for (n, out) in self.ssr.iter().enumerate() {
-            let on = chance.one_in(2);
-            pins.set(*out, on);
-            set.ssr |= u32::from(on) << n;
-        }
-        set
     }
 
     /// Tells the oracle what the write that follows carries.
@@ -337,19 +314,9 @@ impl Application {
     ) {
         for remote in &self.remotes {
             let is_armed = is_armed(driver, remote.group);
-            oracle.command_remote(remote.number, now, remote.set, is_armed);
+            oracle.command_remote(remote.number, now, remote.sent(), is_armed);
         }
-        oracle.command_board(now, &self.scaled(), is_armed(driver, driver.group()));
-    }
-
-    /// What the board makes of what is set, by the scales of now.
-    fn scaled(&self) -> BoardCommand {
-        let mut set = self.set;
-        for (millivolts, (_, scale)) in set.millivolts.iter_mut().zip(&self.scales) {
-            let part = f64::from(*millivolts) / 1000.0 / scale;
-            *millivolts = (part.clamp(-1.0, 1.0) * 1000.0 * FULL).round() as i32;
-        }
-        set
+        oracle.command_board(now, &self.board.scaled(), is_armed(driver, driver.group()));
     }
 
     /// After a call that may have disarmed: what was set is forgotten.
@@ -358,7 +325,7 @@ impl Application {
             remote.notice(is_armed(driver, remote.group));
         }
         if !is_armed(driver, driver.group()) {
-            self.set = BoardCommand::default();
+            self.board.set = BoardCommand::default();
         }
         let faults = driver
             .pins()
@@ -396,30 +363,9 @@ impl Application {
                 let done = pins.set_param(encoder.scale, scale);
                 format!("encoder scale {scale}: {done:?}")
             }
-            (4, _) if !self.scales.is_empty() => {
-                let count = self.scales.len() as u64;
-                let (param, scale) = &mut self.scales[chance.below(count) as usize];
-                let new = chance.of(&[FULL, 5.0, 20.0, -FULL]);
-                let done = pins.set_param(*param, new);
-                if done.is_ok() {
-                    *scale = new;
-                }
-                format!("scale of an analog output {new}: {done:?}")
-            }
-            (2, _) => {
-                let time = chance.of(&[6, 9, 20]) * MILLI;
-                let done = pins.set_param(self.watchdog, time as u32);
-                format!("watchdog {time} ns: {done:?}")
-            }
-            _ => {
-                let count = self.gpio.len().max(1) as u64;
-                let Some(gpio) = self.gpio.get_mut(chance.below(count) as usize) else {
-                    return "nothing to change".to_owned();
-                };
-                gpio.drives = !gpio.drives;
-                let done = pins.set_param(gpio.is_output, gpio.drives);
-                format!("GPIO {} drives {}: {done:?}", gpio.pin, gpio.drives)
-            }
+            (4, _) if let Some(told) = self.board.rescale(pins, chance) => told,
+            (2, _) => self.board.change_watchdog(pins, chance),
+            _ => self.board.change_direction(pins, chance),
         }
     }
 
@@ -492,67 +438,6 @@ impl Application {
         self.notice(driver);
     }
 
-    /// Switches a port off, or on again; whether it is on.
-    pub fn switch_port<B: RegisterBus + Clock>(
-        &mut self,
-        driver: &mut Driver<B>,
-        port: usize,
-    ) -> bool {
-        let Some(run) = self.runs.get(port).copied() else {
-            return true;
-        };
-        let is_on = !driver.pins().commanded(run);
-        driver.pins_mut().set(run, is_on);
-        is_on
-    }
-
-    /// Switches all ports on.
-    pub fn switch_ports_on<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
-        for run in &self.runs {
-            driver.pins_mut().set(*run, true);
-        }
-    }
-
-    /// Remotes that run, by number.
-    pub fn running<B: RegisterBus + Clock>(
-        &self,
-        driver: &Driver<B>,
-    ) -> impl Iterator<Item = (usize, GroupState)> {
-        let runs = |remote: &&Remote| remote.state(driver) == Some(RemoteState::Running);
-        self.remotes.iter().filter(runs).filter_map(|remote| {
-            let state = driver.pins().group_state(remote.group)?;
-            Some((remote.number, state))
-        })
-    }
-
-    /// The number of the remote at a place.
-    pub fn number(&self, place: (usize, usize)) -> Option<usize> {
-        let at = |remote: &&Remote| (remote.place.0, remote.place.1.index().into()) == place;
-        self.remotes.iter().find(at).map(|remote| remote.number)
-    }
-
-    /// Why each remote went offline first, since it was re-armed.
-    pub fn first_faults<B: RegisterBus + Clock>(
-        &self,
-        driver: &Driver<B>,
-    ) -> impl Iterator<Item = (usize, Option<OfflineReason>)> {
-        self.remotes.iter().filter_map(|remote| {
-            let (port, channel) = remote.place;
-            let status = driver.ports().get(port)?.remote(channel)?;
-            Some((remote.number, status.first_fault))
-        })
-    }
-
-    /// Whether a remote is armed, is valid, and how old its inputs are.
-    pub fn remote_state<B: RegisterBus + Clock>(
-        &self,
-        driver: &Driver<B>,
-        number: usize,
-    ) -> Option<mesa_hal::hal::GroupState> {
-        let remote = self.remotes.iter().find(|remote| remote.number == number)?;
-        driver.pins().group_state(remote.group)
-    }
-
     /// Re-arms one remote.
     pub fn rearm_one<B: RegisterBus + Clock>(
         &mut self,
@@ -571,16 +456,20 @@ impl Application {
 
     /// What the board must drive when everything follows.
     pub fn expected_board(&self) -> super::journal::Parts {
-        let mut set = self.scaled();
-        for gpio in self.gpio.iter().filter(|gpio| !gpio.drives) {
-            set.gpio[gpio.pin / self.port_width] &= !(1 << (gpio.pin % self.port_width));
-        }
-        debug_assert!(
-            self.gpio
-                .iter()
-                .all(|gpio| gpio.pin / self.port_width < PORTS)
-        );
-        set.parts()
+        self.board.expected()
+    }
+
+    /// Whether the board's LED is to be lit; `None` if it has none.
+    pub fn expected_led(&self) -> Option<bool> {
+        self.board.expected_led()
+    }
+
+    /// The first setting that takes what is no number.
+    pub fn takes_nonsense<B: RegisterBus + Clock>(&self, driver: &mut Driver<B>) -> Option<String> {
+        let pins = driver.pins_mut();
+        let mut remotes = self.remotes.iter();
+        let of_remotes = remotes.find_map(|remote| remote.takes_nonsense(pins));
+        of_remotes.or_else(|| self.board.takes_nonsense(pins))
     }
 }
 

@@ -48,6 +48,36 @@ pub const PARTS: usize = VOLTS + 6;
 /// The GPIO of each port, the drive enables, the isolated outputs, and each voltage.
 pub type Parts = [Level; PARTS];
 
+/// What the application commands the board's own outputs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BoardCommand {
+    pub gpio: [u32; PORTS],
+    /// By analog output. Those of 0 to 3 are switched by the first.
+    pub enables: u32,
+    pub ssr: u32,
+    pub millivolts: [i32; 6],
+    /// Nothing depends on it.
+    pub led: bool,
+}
+
+impl BoardCommand {
+    pub fn parts(&self) -> Parts {
+        let mut parts = [Level::OFF; PARTS];
+        for (part, gpio) in parts.iter_mut().zip(self.gpio) {
+            part.bits = gpio.into();
+        }
+        parts[SSR].bits = self.ssr.into();
+        let has = |n: usize| u64::from(self.enables) >> n & 1;
+        parts[ENABLES].bits = 0xF * has(0) | has(4) << 4 | has(5) << 5;
+        for (n, part) in parts[VOLTS..].iter_mut().enumerate() {
+            if has(n) & has(if n < 4 { 0 } else { n }) != 0 {
+                part.millivolts[0] = self.millivolts[n];
+            }
+        }
+        parts
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub enum What {
     /// The outputs of a remote, by its number.
@@ -167,13 +197,21 @@ impl Recorder {
                 }),
             },
         };
-        if faults != self.faults {
-            self.faults = faults;
-            self.journal.note(at, What::Faults(self.number, faults));
-        }
-        if now != self.seen {
-            self.seen = now;
-            self.journal.note(at, What::Remote(self.number, now));
+        let told = std::mem::replace(&mut self.faults, faults);
+        let notes = [
+            (faults != told).then_some(What::Faults(self.number, faults)),
+            (now != self.seen).then_some(What::Remote(self.number, now)),
+        ];
+        self.seen = now;
+        // With a START outputs go off first, and then faults are gone.
+        let [first, then] = if faults == 0 {
+            let [faults, outputs] = notes;
+            [outputs, faults]
+        } else {
+            notes
+        };
+        for what in first.into_iter().chain(then) {
+            self.journal.note(at, what);
         }
     }
 }

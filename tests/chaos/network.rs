@@ -16,7 +16,7 @@ use mesa_hal::transport::{Fault, Faulty};
 use super::machine::{CLOCK_LOW, nominal};
 use super::plan::Stranger;
 use crate::common::chance::Chance;
-use crate::common::ethernet::{SimLink, WIRE};
+use crate::common::ethernet::{SimLink, WIRE, is_request};
 
 /// The simulated board, which outlives every process that talks to it.
 #[derive(Clone, Debug)]
@@ -38,6 +38,14 @@ impl Sim {
         match self {
             Self::Embedded(fpga) => fpga.borrow().is_in_reset(),
             Self::Network(network) => network.borrow().link.board.gateware().is_in_reset(),
+        }
+    }
+
+    /// Whether the board's first LED is lit.
+    pub fn is_lit(&self) -> bool {
+        match self {
+            Self::Embedded(fpga) => fpga.borrow().leds().is_lit(0),
+            Self::Network(network) => network.borrow().link.board.gateware().leds().is_lit(0),
         }
     }
 
@@ -121,8 +129,8 @@ pub struct Life {
     dead: Rc<Cell<bool>>,
     /// The time that the remains see.
     ghost: Rc<Cell<u64>>,
-    /// For so long the host stands still in its next exchange.
-    pause: Rc<Cell<u64>>,
+    /// For so long the host stands still in its next exchange: before the board has it, or after.
+    pause: Rc<Cell<(u64, bool)>>,
 }
 
 impl Life {
@@ -132,8 +140,19 @@ impl Life {
     }
 
     /// The host stands still in the middle of its next exchange.
-    pub fn pause(&self, time: u64) {
-        self.pause.set(time);
+    pub fn pause(&self, time: u64, before: bool) {
+        self.pause.set((time, before));
+    }
+
+    /// How long it stands still now, before the board has the exchange or after.
+    fn take_pause(&self, before: bool) -> u64 {
+        match self.pause.get() {
+            (time, is_before) if is_before == before => {
+                self.pause.take();
+                time
+            }
+            _ => 0,
+        }
     }
 
     fn is_over(&self) -> bool {
@@ -161,8 +180,10 @@ impl RegisterBus for Direct {
             return Err(SimError::Misaligned { address: 1 });
         }
         let mut fpga = self.fpga.borrow_mut();
+        let before = SimFpga::now(&fpga) + self.life.take_pause(true);
+        fpga.advance_to(before);
         let done = fpga.exchange(accesses, words);
-        let until = SimFpga::now(&fpga) + self.life.pause.take();
+        let until = SimFpga::now(&fpga) + self.life.take_pause(false);
         fpga.advance_to(until);
         done
     }
@@ -303,7 +324,16 @@ impl Link for ChaosLink {
         if self.life.is_over() {
             return Err(io::ErrorKind::HostUnreachable.into());
         }
-        self.network.borrow_mut().link.send(packet)
+        let link = &mut self.network.borrow_mut().link;
+        let until = link.time() + self.life.take_pause(true);
+        link.run(until, false);
+        let done = link.send(packet);
+        // A read waits for its reply then.
+        if !is_request(packet) {
+            let until = link.time() + self.life.take_pause(false);
+            link.run(until, false);
+        }
+        done
     }
 
     fn receive(&mut self, buffer: &mut [u8], deadline: Instant) -> io::Result<Option<usize>> {
@@ -312,7 +342,7 @@ impl Link for ChaosLink {
             return Ok(None);
         }
         let link = &mut self.network.borrow_mut().link;
-        let until = link.time() + self.life.pause.take();
+        let until = link.time() + self.life.take_pause(false);
         link.run(until, false);
         link.receive(buffer, deadline)
     }

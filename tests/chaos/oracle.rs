@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::journal::{ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
+use super::journal::{BoardCommand, ENABLES, Event, Level, PARTS, PORTS, Parts, SSR, VOLTS, What};
 use super::plan::{MICRO, MILLI, Plan, WRITTEN_WATCHDOG};
 
 /// What is promised: see `docs/faults.md`.
@@ -54,10 +54,14 @@ pub fn ensure(holds: bool, promise: Promise, at: u64, text: impl FnOnce() -> Str
 /// cycles around it.
 fn off_after(plan: &Plan) -> u64 {
     // One that is written in the middle is in use from the next power-up on.
-    let writes = plan.extras.deeds_one_in > 0;
-    let written = if writes { WRITTEN_WATCHDOG } else { 0 };
+    let written = u32::from(plan.extras.deeds_one_in > 0) * WRITTEN_WATCHDOG;
+    if plan.is_without_watchdog() {
+        return NEVER;
+    }
     (plan.extras.remote_watchdog.max(written.into()) + 10) * MILLI
 }
+/// Nothing switches a remote off whose watchdog is off.
+const NEVER: u64 = 1_000_000 * MILLI;
 /// The same for the board's own outputs.
 const OFF_AFTER: u64 = 60 * MILLI;
 /// A packet that drives pins ends by letting a board bite that was reset: it is executed within this.
@@ -66,7 +70,7 @@ pub const PACKET: u64 = 20 * MICRO;
 const SET_UP: u64 = 200 * MICRO;
 /// Over-temperature and over-current: the outputs concerned switch off at once.
 const TRIPS: u8 = 0x0C;
-/// Commands older than this are of no interest.
+/// Older ones are of no interest.
 const KEPT: u64 = 500 * MILLI;
 
 #[derive(Clone, Copy, Debug)]
@@ -138,7 +142,7 @@ impl Track {
                 is_armed,
             });
         }
-        while self.commands.len() > 2 && self.commands[1].at + KEPT < at {
+        while self.commands.len() > 2 && self.commands[1].at + KEPT.max(self.limit) < at {
             self.commands.pop_front();
         }
     }
@@ -163,6 +167,12 @@ impl Track {
             self.shown = level;
             self.since = at;
         }
+    }
+
+    fn check_off(&self, now: u64, why: &str) -> Checked {
+        ensure(!self.shown.is_on(), Promise::Safe, now, || {
+            format!("{}: {:x?} is on {why}", self.name, self.shown)
+        })
     }
 
     /// What is shown up to now may be shown.
@@ -241,32 +251,6 @@ impl Track {
     }
 }
 
-/// What the application commands the board's own outputs.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct BoardCommand {
-    pub gpio: [u32; PORTS],
-    pub enabled: bool,
-    pub ssr: u32,
-    pub millivolts: [i32; 6],
-}
-
-impl BoardCommand {
-    pub fn parts(&self) -> Parts {
-        let mut parts = [Level::OFF; PARTS];
-        for (part, gpio) in parts.iter_mut().zip(self.gpio) {
-            part.bits = gpio.into();
-        }
-        parts[SSR].bits = self.ssr.into();
-        if self.enabled {
-            parts[ENABLES].bits = 0x3F;
-            for (part, volts) in parts[VOLTS..].iter_mut().zip(self.millivolts) {
-                part.millivolts[0] = volts;
-            }
-        }
-        parts
-    }
-}
-
 /// Knows what may be on.
 #[derive(Debug)]
 pub struct Oracle {
@@ -278,6 +262,9 @@ pub struct Oracle {
     is_setting_up: bool,
     period: u64,
     off_after: u64,
+    /// For so long a host may stand still between a write and the look that follows it: then the
+    /// watchdog bites again.
+    stalls: u64,
 }
 
 impl Oracle {
@@ -306,6 +293,11 @@ impl Oracle {
             is_setting_up: false,
             period: plan.period,
             off_after,
+            stalls: if plan.more.stalls_in_write && plan.host_stands_still() {
+                2 * plan.watchdog + 100 * MILLI
+            } else {
+                0
+            },
         }
     }
 
@@ -331,6 +323,17 @@ impl Oracle {
     pub fn remotes_come(&mut self) {
         for track in &mut self.remotes {
             (track.is_coming, track.is_started) = (true, false);
+        }
+    }
+
+    /// The board has its set-up again, and nobody has re-armed. A remote that got a fault meanwhile is
+    /// talked to until it has told of that, which feeds its watchdog.
+    pub fn remotes_are_asked(&mut self, now: u64) {
+        let until = now + self.off_after + 45 * self.period + self.lateness;
+        for track in self.remotes.iter_mut().filter(|track| track.is_faulty) {
+            if let Some((_, limit, _)) = &mut track.fault {
+                *limit = until.max(*limit);
+            }
         }
     }
 
@@ -372,12 +375,16 @@ impl Oracle {
                 }
                 // The direction of an I/O pin was changed just before, or the set-up is written.
                 let is_bite = matches!(event.what, What::Bite);
-                let seen = if is_bite { 2 * self.period } else { 0 };
+                let seen = if is_bite {
+                    2 * self.period + self.stalls.min(20 * MILLI)
+                } else {
+                    0
+                };
                 // A long reset takes the middle of a set-up, and lets the end of it through.
                 let in_reset = if self.is_setting_up { SET_UP } else { 0 };
                 let count = if self.is_setting_up { PARTS } else { PORTS };
                 for track in self.board.iter_mut().take(count) {
-                    track.packet_until = at + self.lateness + PACKET + in_reset;
+                    track.packet_until = at + self.lateness + self.stalls + PACKET + in_reset;
                     track.packet_lasts = PACKET + seen;
                     track.packet_sets_up = self.is_setting_up;
                 }
@@ -424,26 +431,27 @@ impl Oracle {
 
     /// The board drives nothing: it is not the one that was started with.
     pub fn check_stranger(&self, now: u64) -> Checked {
-        let mut on = self.board.iter().filter(|track| track.shown.is_on());
-        on.next().map_or(Ok(()), |track| {
-            ensure(false, Promise::Safe, now, || {
-                format!("{}: {:x?} is on, of a stranger", track.name, track.shown)
-            })
-        })
+        self.check_board_off(now, "of a stranger")
     }
 
     /// Nothing is on.
     pub fn check_all_off(&self, now: u64, why: &str) -> Checked {
-        let mut on = self
-            .remotes
+        self.remotes
             .iter()
-            .chain(&self.board)
-            .filter(|track| track.shown.is_on());
-        on.next().map_or(Ok(()), |track| {
-            ensure(false, Promise::Safe, now, || {
-                format!("{}: {:x?} is on {why}", track.name, track.shown)
-            })
-        })
+            .try_for_each(|track| track.check_off(now, why))?;
+        self.check_board_off(now, why)
+    }
+
+    /// The board drives nothing.
+    pub fn check_board_off(&self, now: u64, why: &str) -> Checked {
+        self.board
+            .iter()
+            .try_for_each(|track| track.check_off(now, why))
+    }
+
+    /// Whether a remote has an output on.
+    pub fn is_on(&self, remote: usize) -> bool {
+        self.remotes[remote].shown.is_on()
     }
 
     /// Whether a remote shows its command of now.

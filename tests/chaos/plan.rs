@@ -1,8 +1,10 @@
 //! What a scenario is made of. Everything follows from its seed.
 
 mod extras;
+mod more;
 
 pub use extras::{Extras, Stranger, WRITTEN_WATCHDOG};
+pub use more::{LOCKED_AFTER, More};
 
 use mesa_hal::boards::{i7i72, i7i77};
 use mesa_hal::discovery::RemoteTable;
@@ -115,6 +117,7 @@ pub struct Plan {
     /// The software mode of field I/O; after a loss of power it is 0.
     pub field_mode: u8,
     pub extras: Extras,
+    pub more: More,
 }
 
 impl Plan {
@@ -160,6 +163,7 @@ impl Plan {
             is_homing: false,
             is_minute: false,
             extras: Extras::new(&mut Chance(0)),
+            more: More::NOTHING,
         };
         if seed % MINUTE_EVERY == MINUTE_SEED {
             plan.absent_for_a_minute();
@@ -167,7 +171,7 @@ impl Plan {
         if plan.is_network && !plan.is_minute && chance.one_in(10) {
             plan.homes(&mut chance);
         }
-        plan.with_extras()
+        plan.with_extras().with_more()
     }
 
     /// Homing on a network that delays and duplicates, while settings are written all the time.
@@ -226,7 +230,7 @@ impl Plan {
         let [first, ..] = &self.faults[..] else {
             return None;
         };
-        if self.extras.deeds_one_in > 0 || self.extras.second_master {
+        if self.has_deeds() || self.extras.second_master {
             return None;
         }
         let alike = |fault: &Planned| fault.target == first.target && !fault.in_build;

@@ -1,7 +1,10 @@
 //! One scenario from power-up to the end.
 
 mod deeds;
+mod faults;
+mod lock;
 mod process;
+mod runs;
 mod told;
 mod validity;
 mod watch;
@@ -10,20 +13,21 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Duration;
 
-use mesa_hal::driver::{BoardState, Driver, Pace};
-use mesa_hal::sim::{BoardConfig, FaultKind, Place, SimBoard};
+use mesa_hal::driver::{BoardState, CycleReport, Driver, Pace};
+use mesa_hal::sim::{BoardConfig, SimBoard};
 use mesa_hal::transport::Faulty;
-use mesa_hal::transport::udp::{Link, UdpBus, UdpConfig};
+use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 use super::application::Application;
 use super::journal::Journal;
 use super::machine::{Gpio, machine};
-use super::network::{Bad, ChaosLink, Direct, Host, Life, Network, Sim};
+use super::network::{ChaosLink, Direct, Host, Life, Network, Sim};
 use super::oracle::{Checked, Failure, Oracle, Promise, ensure};
-use super::plan::{Board, MICRO, MILLI, Plan, Planned, Stranger};
+use super::plan::{Board, MILLI, Plan, Planned, Stranger};
 use super::stage::{Player, Stage};
 use crate::common::chance::Chance;
-use told::Told;
+use lock::Lock;
+use told::{Others, Told};
 use validity::Validity;
 
 /// A machine that is well again is so after this time.
@@ -57,6 +61,15 @@ pub fn run(plan: &Plan, stage: &Stage) -> Checked {
         what_is_told: Told::default(),
         waits: false,
         stranger: (u64::MAX, false),
+        side: Chance(super::plan::scrambled(plan.seed ^ 0x0DD5)),
+        others: Others::default(),
+        lock: Lock::default(),
+        jitters_from: u64::MAX,
+        sampled_before: 0,
+        is_clearing: false,
+        proved_in_trouble: false,
+        came_by_pin: false,
+        off: vec![0; plan.ports.len()],
     };
     if plan.is_network {
         let name = if plan.board == Board::I7i97 {
@@ -129,6 +142,22 @@ struct Scenario {
     waits: bool,
     /// When something else is there instead of the board, and whether it is.
     stranger: (u64, bool),
+    /// For what was added later, so that the rest stays as it was.
+    side: Chance,
+    others: Others,
+    lock: Lock,
+    /// From then on reads are late, each by something else.
+    jitters_from: u64,
+    /// How long before a read the encoders may have been latched.
+    sampled_before: u64,
+    /// What made everything safe was cleared by pin, and the set-up follows with the next write.
+    is_clearing: bool,
+    /// Watchdogs were tried while something was wrong: one that did not answer counts as off since.
+    proved_in_trouble: bool,
+    /// It was, and nothing was re-armed since: the next re-arming is for the remotes that come with it.
+    came_by_pin: bool,
+    /// Cycles since each port was switched off.
+    off: Vec<u64>,
 }
 
 /// A process: the driver, its application, and its end.
@@ -155,13 +184,24 @@ impl Scenario {
             }
         }
         let end = start + self.plan.run;
+        let middle = start + self.plan.run / 2;
+        if self.plan.more.jitter > 0 {
+            self.jitters_from = middle;
+        }
         while self.sim.now() < end {
+            if self.plan.more.runs && self.sim.now() >= middle {
+                self.plan.more.runs = false;
+                self.runs(process, end)?;
+                process = self.start(&connect)?;
+                continue;
+            }
             self.cycle(&mut process, true)?;
             if self.kill_is_due() {
                 process = self.killed(process, &connect)?;
             }
         }
         self.lost_in_a_minute()?;
+        self.others_are_told()?;
         self.heal(&mut process.driver);
         if process.application.remotes() < self.plan.remotes() {
             // Some were not there when the driver was built.
@@ -173,48 +213,6 @@ impl Scenario {
         self.leave(process, leaves)
     }
 
-    fn schedule(&mut self, fault: Planned, at: u64) {
-        let Planned {
-            kind, lasts, dice, ..
-        } = fault;
-        match (kind.place(), &self.sim) {
-            (Place::Bus, _) if fault.in_build => {
-                // By the number of the exchange: nobody can act while the driver is built.
-                self.host.push((0, fault));
-                return;
-            }
-            (Place::Bus | Place::Host, _) => self.host.push((at, fault)),
-            (Place::Network, Sim::Network(network)) => {
-                let one_in = [1, 2, 5, 20][(dice % 4) as usize];
-                let longest = match self.plan.pace {
-                    Pace::Host if self.plan.is_homing => self.plan.period * 7 / 2,
-                    Pace::Host => self.plan.period * 3 / 2,
-                    // Where packets also wait in the board, longer delays make a write later than
-                    // it can be told.
-                    Pace::Board => self.plan.period / 2,
-                };
-                network.borrow_mut().add(Bad {
-                    kind,
-                    from: at,
-                    until: at + lasts,
-                    one_in: if kind == FaultKind::NetworkDown {
-                        1
-                    } else {
-                        one_in
-                    },
-                    delay: longest,
-                });
-            }
-            (Place::Fpga, Sim::Network(network)) => match kind {
-                FaultKind::FpgaReset => network.borrow_mut().link.resets.push((at, 0)),
-                FaultKind::FpgaResetLong => network.borrow_mut().link.resets.push((at, lasts)),
-                _ => {}
-            },
-            _ => {}
-        }
-        self.stage.schedule(fault, at);
-    }
-
     /// One period of the application.
     fn cycle<B: Host>(&mut self, process: &mut Process<B>, is_wild: bool) -> Checked {
         let Process {
@@ -222,48 +220,15 @@ impl Scenario {
             application,
             life,
         } = process;
+        let begun = self.sim.now();
+        self.before_read(driver, is_wild);
         let started = self.sim.now();
-        self.bus_faults(driver, started);
-        self.other_master();
-        if is_wild {
-            self.strangers(true);
-        }
         if self.plan.extras.reads_ahead && is_wild {
             driver.request_read();
             self.sim.pass(self.plan.period / 10);
         }
-        let read = driver.read();
-        let good = read.is_ok();
-        self.what_is_told.read(good);
-        let others = read.map_or(0, |report| report.others);
-        let has_other = self.plan.extras.second_master;
-        ensure(others == 0 || has_other, Promise::Works, started, || {
-            format!("{others} packets of another master, and there is none")
-        })?;
-        // The age of what the board itself shows counts from the end of the read that brought it,
-        // which is not this one if this one failed.
-        if good {
-            self.took = match self.plan.pace {
-                Pace::Host => self.sim.now() - started,
-                Pace::Board => deadline(&self.plan),
-            };
-        }
-        application.notice(driver);
-        self.look()?;
-        application.check_inputs(driver, &self.stage, self.took)?;
-        self.validity(driver, application, good)?;
-        self.detected(driver, application, good)?;
-        self.neighbours(driver, application)?;
-        if is_wild {
-            self.habits(driver, application)?;
-        }
-        let idle_one_in = self.plan.habits.idle_one_in;
-        let set_anew = !is_wild || !self.chance.one_in(idle_one_in);
-        if is_wild {
-            self.host_faults(life, false);
-        }
-        application.command(driver, &mut self.chance, (is_wild, set_anew));
-        application.announce(driver, &mut self.oracle, self.sim.now());
+        let report = driver.read().ok();
+        self.after_read((driver, application, life), (report, started), is_wild)?;
         let written = driver.write();
         self.what_is_told.written(written.is_ok());
         application.notice(driver);
@@ -272,11 +237,80 @@ impl Scenario {
             self.host_faults(life, true);
         }
         if self.plan.pace == Pace::Host {
-            let passed = self.sim.now() - started;
+            let passed = self.sim.now() - begun;
             self.sim.pass(self.plan.period.saturating_sub(passed));
         }
         self.look()?;
         self.told_truly(driver, application)?;
+        self.ports_are_off(driver, application)?;
+        self.stands_now(driver, application)
+    }
+
+    /// What happens to the machine before it is read.
+    fn before_read<B: Host>(&mut self, driver: &mut Driver<B>, is_wild: bool) {
+        let now = self.sim.now();
+        self.bus_faults(driver, now);
+        // What depends on a write that it may have followed is not taken while it stays.
+        if is_wild || !self.plan.more.master_stays {
+            self.other_master();
+        }
+        if is_wild {
+            self.strangers(true);
+            if now >= self.jitters_from {
+                let most = self.plan.period * self.plan.more.jitter / 100;
+                self.sim.pass(self.side.below(most));
+            }
+        }
+    }
+
+    /// Looks at what a read has brought, and sets what is written next.
+    fn after_read<B: Host>(
+        &mut self,
+        (driver, application, life): (&mut Driver<B>, &mut Application, &Life),
+        (report, started): (Option<CycleReport>, u64),
+        is_wild: bool,
+    ) -> Checked {
+        let good = report.is_some();
+        self.what_is_told.read(good);
+        self.hears_others(report.map_or(0, |report| report.others))?;
+        // The age of what the board itself shows counts from the end of the read that brought it,
+        // which is not this one if this one failed.
+        if good {
+            self.took = match self.plan.pace {
+                Pace::Host => self.sim.now() - started,
+                Pace::Board => deadline(&self.plan),
+            };
+        }
+        self.locks(report, started, is_wild)?;
+        application.notice(driver);
+        self.look()?;
+        application.check_inputs(driver, &self.stage, (self.took, self.sampled_before))?;
+        self.validity(driver, application, good)?;
+        self.detected(driver, application, good)?;
+        self.neighbours(driver, application)?;
+        if is_wild {
+            self.habits(driver, application)?;
+            self.more_deeds(driver, application)?;
+        }
+        let idle_one_in = self.plan.habits.idle_one_in;
+        let set_anew = !is_wild || !self.chance.one_in(idle_one_in);
+        if is_wild {
+            self.host_faults(life, false);
+        }
+        application.command(driver, &mut self.chance, (is_wild, set_anew));
+        application.announce(driver, &mut self.oracle, self.sim.now());
+        Ok(())
+    }
+
+    /// What the machine drives now is right.
+    fn stands_now<B: Host>(&mut self, driver: &Driver<B>, application: &Application) -> Checked {
+        let runs = driver.board_state() == BoardState::Running;
+        if std::mem::take(&mut self.is_clearing) && runs {
+            self.oracle.set_up(false);
+            self.came_by_pin = true;
+            self.oracle.remotes_are_asked(self.sim.now());
+        }
+        self.came_by_pin &= runs;
         self.oracle.check(self.sim.now())?;
         if self.stranger.1 && self.plan.extras.stranger != Stranger::None {
             self.oracle.check_stranger(self.sim.now())?;
@@ -328,7 +362,8 @@ impl Scenario {
         }
         self.oracle.rearmed(None);
         let done = driver.rearm();
-        if was_down && done.is_ok() {
+        let has_come = std::mem::take(&mut self.came_by_pin);
+        if (was_down || has_come) && done.is_ok() {
             self.oracle.remotes_come();
         }
         application.rearmed(driver, was_down);
@@ -339,80 +374,6 @@ impl Scenario {
                 .tell(self.sim.now(), format!("re-armed: {done:?}"));
         }
         Ok(())
-    }
-
-    /// Something else answers from the middle of the first fault on, or the own board again.
-    fn strangers(&mut self, comes: bool) {
-        let (at, is_there) = self.stranger;
-        if is_there != comes && (!comes || self.sim.now() >= at) {
-            self.stranger.1 = comes;
-            self.sim.exchange(self.plan.extras.stranger, !comes);
-        }
-    }
-
-    /// The application is late or stands still, after its write, before it, or in an exchange.
-    fn host_faults(&mut self, life: &Life, after_write: bool) {
-        let now = self.sim.now();
-        let due = |(at, fault): &mut (u64, Planned)| {
-            *at > 0
-                && *at <= now
-                && (fault.dice & 1 == 1) == after_write
-                && matches!(fault.kind, FaultKind::HostLate | FaultKind::HostStall)
-        };
-        let due: Vec<_> = self.host.extract_if(.., due).collect();
-        for (_, fault) in due {
-            let time = if fault.kind == FaultKind::HostLate {
-                self.plan.watchdog / 2
-            } else {
-                2 * self.plan.watchdog + fault.lasts.min(100 * MILLI)
-            };
-            // In a read: after the write, the next exchange is one.
-            if after_write && fault.dice & 2 != 0 {
-                life.pause(time);
-                continue;
-            }
-            // Somebody looks all the time, though not the application.
-            for _ in 0..time / MILLI {
-                self.sim.pass(MILLI);
-            }
-        }
-    }
-
-    /// Another program switches an LED of the board, of which no reply comes here.
-    fn other_master(&mut self) {
-        if let Sim::Network(network) = &self.sim
-            && self.plan.extras.second_master
-            && self.chance.one_in(6)
-        {
-            let packet = [0x81, 0xC2, 0x00, 0x02, self.chance.below(2) as u8, 0, 0, 0];
-            let _ = network.borrow_mut().link.send(&packet);
-        }
-    }
-
-    fn bus_faults<B: Host>(&mut self, driver: &mut Driver<B>, now: u64) {
-        let due = |(at, fault): &mut (u64, Planned)| {
-            *at > 0 && *at <= now && fault.kind.place() == Place::Bus
-        };
-        for (_, fault) in self.host.extract_if(.., due) {
-            let count = (fault.lasts / self.plan.period).clamp(1, 12);
-            driver.bus_mut().fail(fault.kind, fault.dice % 2, count);
-        }
-    }
-
-    fn end_faults(&mut self) {
-        let now = self.sim.now();
-        self.stage.end_all(now);
-        self.host.clear();
-        self.strangers(false);
-        if let Sim::Network(network) = &self.sim {
-            let mut network = network.borrow_mut();
-            network.heal();
-            network.link.resets.clear();
-        }
-        self.sim.pass(MICRO);
-        while self.sim.is_in_reset() {
-            self.sim.pass(MILLI);
-        }
     }
 
     fn heal<B: Host>(&mut self, driver: &mut Driver<B>) {
@@ -444,7 +405,16 @@ impl Scenario {
             if self.plan.habits.restarts && cycles == 5 {
                 application.restart_all(driver);
             }
-            if cycles % 20 == 3 {
+            let clears = self.plan.more.clears && cycles < 12;
+            if clears {
+                self.clears_by_pin(driver);
+            } else if cycles % 20 == 3 || cycles == 12 {
+                let state = driver.board_state();
+                let runs = !self.plan.more.clears || state == BoardState::Running;
+                let now = self.sim.now();
+                ensure(runs || cycles != 12, Promise::ComesBack, now, || {
+                    format!("the board is {state:?} after it was cleared by pin")
+                })?;
                 self.rearm(driver, application)?;
             }
             cycles += 1;
@@ -478,6 +448,15 @@ impl Scenario {
                 let lags = self.oracle.board_lags(&expected);
                 format!("the board does not follow: {lags}")
             },
+        )?;
+        let led = application.expected_led();
+        // The other program sets it as well.
+        let led = led.filter(|_| !self.plan.extras.second_master);
+        ensure(
+            led.is_none_or(|led| led == self.sim.is_lit()),
+            Promise::ComesBack,
+            now,
+            || format!("the LED is not as it was set: {led:?}"),
         )
     }
 }

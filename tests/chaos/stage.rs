@@ -90,6 +90,8 @@ impl Truth {
 enum Act {
     Change,
     Begin(usize),
+    /// A late reply once more.
+    Again(usize),
     End(usize),
 }
 

@@ -15,7 +15,7 @@ use crate::hal::PinStore;
 use crate::modules::{Module, ReadCycle, RegisterError, Registrar, WriteCycle};
 use crate::sslbp::{
     COMMAND_IGNORED, Channel, ChannelMask, DoitTime, Layout, MAX_CHANNELS, Observed, Operation,
-    PerChannel, Port, PortParameters,
+    PerChannel, Port, PortParameters, RemoteFaults,
 };
 use crate::tally::Tally;
 
@@ -101,6 +101,11 @@ impl SerialPort {
         })
     }
 
+    /// The write of the cycle begins: what it starts may be executed from now on.
+    pub(crate) fn sending(&mut self, now: Instant) {
+        self.port.machine.sending(now);
+    }
+
     /// Looks at COMMAND alone: whether a transfer is complete, or none is in flight.
     pub(crate) fn poll(&mut self, words: &Words, now: Instant) -> bool {
         let is_complete = self.is_idle(words);
@@ -180,7 +185,10 @@ impl SerialPort {
             if !asked.contains(health.channel()) || health.watchdog.is_slow() {
                 continue;
             }
-            let has_bitten = health.cause == Some(OfflineReason::Watchdog) && !health.is_running();
+            // Beside another fault, which is why it went offline, the bite is told as well.
+            let is_told = health.faults.contains(RemoteFaults::WATCHDOG);
+            let is_cause = health.cause == Some(OfflineReason::Watchdog);
+            let has_bitten = (is_cause || is_told) && !health.is_running();
             let own = health.watchdog.silence();
             if !has_bitten {
                 health.watchdog = RemoteWatchdog::Off;

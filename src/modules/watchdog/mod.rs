@@ -42,6 +42,8 @@ pub struct Watchdog {
     is_fed: bool,
     /// ... and when the last one did.
     fed: Option<Instant>,
+    /// When the write began: the host may stand still between that and its end.
+    sent_from: Option<Instant>,
     status: ReadSlot,
     time_left: ReadSlot,
     pet: WriteSlot,
@@ -103,12 +105,18 @@ impl Watchdog {
             longest: 0,
             is_fed: false,
             fed: None,
+            sent_from: None,
             status: r.image.read(Phase::Evidence, status),
             time_left: r.image.read(Phase::Evidence, time),
             // First, so that a board that was reset bites before it is given a time.
             pet: r.image.write(Phase::First, reset, WatchdogRegisters::PET),
             time: r.image.on_demand(time),
         })
+    }
+
+    /// A write begins that may restart it.
+    pub(crate) fn sending(&mut self, now: Instant) {
+        self.sent_from = Some(now);
     }
 
     /// Its time as it was written last.
@@ -211,8 +219,9 @@ impl Module for Watchdog {
     }
 
     fn written(&mut self, now: Instant, _: bool) {
+        let sent_from = self.sent_from.take().unwrap_or(now);
         if self.is_fed {
-            self.fed = Some(now);
+            self.fed = Some(sent_from);
         }
     }
 }

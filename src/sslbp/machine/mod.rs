@@ -78,6 +78,8 @@ pub struct Complete {
     pub operation: Operation,
     /// When it was written.
     pub issued: Instant,
+    /// When it can have begun: the host may stand still between that and the end of the write.
+    pub sent_from: Instant,
     /// How many reads between then and now did not show it complete, failed ones included.
     pub reads_before: u32,
     /// It is certain that the port got it, once and in order. If not, a transfer is no one's, but
@@ -107,6 +109,7 @@ impl InFlight {
             complete: Complete {
                 operation,
                 issued,
+                sent_from: issued,
                 reads_before: 0,
                 certain,
                 good: ChannelMask::NONE,
@@ -138,6 +141,8 @@ pub struct Machine {
     in_flight: Option<InFlight>,
     /// What `written` has to remember, once it is written.
     begun: Option<Operation>,
+    /// From then on it may be executed.
+    sent_from: Option<Instant>,
 }
 
 /// A busy COMMAND is stuck only after this many reads, however far apart they are.
@@ -154,6 +159,7 @@ impl Machine {
             idle: false,
             in_flight: None,
             begun: None,
+            sent_from: None,
         }
     }
 
@@ -210,8 +216,14 @@ impl Machine {
         self.begun = None;
     }
 
+    /// What was begun is written from now on. Without this call, it is taken to begin at its end.
+    pub const fn sending(&mut self, now: Instant) {
+        self.sent_from = Some(now);
+    }
+
     /// What was begun was written; `arrived`: it is not known that the port did not get it.
     pub fn written(&mut self, now: Instant, arrived: bool) {
+        let sent_from = self.sent_from.take().unwrap_or(now);
         let Some(operation) = self.begun.take() else {
             return;
         };
@@ -219,7 +231,9 @@ impl Machine {
         if matches!(operation, Operation::Reset) {
             self.forget();
         }
-        self.in_flight = Some(InFlight::new(operation, now, arrived));
+        let mut in_flight = InFlight::new(operation, now, arrived);
+        in_flight.complete.sent_from = sent_from;
+        self.in_flight = Some(in_flight);
     }
 
     /// Takes what a read showed. `certain`: everything that was written before has arrived, once

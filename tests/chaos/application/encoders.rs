@@ -3,7 +3,7 @@
 use mesa_hal::hal::{InOut, Input, Param, PinError, PinInfo, Pins};
 
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::MILLI;
+use super::super::plan::{MILLI, Plan};
 use super::super::stage::Stage;
 
 /// Counts that the filter, the index pulse and rounding make of a difference.
@@ -15,6 +15,9 @@ const SLOW: f64 = 8_000.0;
 /// Of a read that took longer than this, velocity is not judged.
 const LONG: u64 = 30 * MILLI;
 
+/// Counts in a time in which an encoder can have moved by 32768, one way or the other.
+const AMBIGUOUS: f64 = 32_768.0;
+
 /// One encoder, and what is known of it.
 pub(super) struct Encoder {
     axis: usize,
@@ -23,6 +26,7 @@ pub(super) struct Encoder {
     pub(super) index_enable: InOut<bool>,
     velocity: Input<f64>,
     unsure: Input<bool>,
+    max_count_rate: Param<f64>,
     pub(super) filter: Param<bool>,
     pub(super) scale: Param<f64>,
     /// Where the motor is while `rawcounts` is 0: the least and the greatest position that all reads
@@ -34,6 +38,14 @@ pub(super) struct Encoder {
     pub(super) asked: Option<u64>,
     /// An index was asked for and has not come, whatever has become of the request.
     pub(super) is_pending: bool,
+    /// When the last read ended of which counts were taken.
+    read_until: Option<u64>,
+    /// Counts were taken of this set-up.
+    is_begun: bool,
+    /// The long filter was asked for at the last look.
+    is_long: Option<bool>,
+    /// The board was set up anew since, and no index has come.
+    must_doubt: bool,
 }
 
 impl Encoder {
@@ -52,12 +64,17 @@ impl Encoder {
             index_enable: pins.inout(&format!("{stem}.index-enable"))?,
             velocity: pins.input(&format!("{stem}.velocity"))?,
             unsure: pins.input(&format!("{stem}.count-unsure"))?,
+            max_count_rate: pins.parameter(&format!("{stem}.max-count-rate"))?,
             filter: pins.parameter(&format!("{stem}.filter"))?,
             scale: pins.parameter(&format!("{stem}.scale"))?,
             zero: None,
             reads: [0; 4],
             asked: None,
             is_pending: false,
+            read_until: None,
+            is_begun: false,
+            is_long: None,
+            must_doubt: false,
         }))
     }
 
@@ -66,16 +83,65 @@ impl Encoder {
         self.zero.is_some()
     }
 
-    /// Compares what was read, some time `from` to `to`, with the motion. `turn`: counts from mark to
-    /// mark.
+    /// The driver has read it by itself, or can not say any more when it did.
+    pub(super) fn was_read(&mut self) {
+        self.read_until = None;
+    }
+
+    /// The counter of the board loses what it had.
+    pub(super) fn is_set_up_anew(&mut self) {
+        self.must_doubt |= self.is_begun;
+    }
+
+    /// Whether `count-unsure` is on when it must be, and off where nothing gives a reason for it.
+    fn check_doubt(&mut self, (pins, plan): (&Pins, &Plan), (from, now): (u64, u64)) -> Checked {
+        let (axis, is_unsure) = (self.axis, pins.read(self.unsure).value);
+        let is_off = !pins.read(self.index_enable).value;
+        // An index ends all doubts, whoever has asked for it.
+        let has_come = self.is_pending && is_off;
+        self.must_doubt &= !has_come;
+        self.is_begun = true;
+        ensure(is_unsure || !self.must_doubt, Promise::Inputs, now, || {
+            format!("encoder {axis} has no doubts, but the board was set up anew")
+        })?;
+        let gap = self
+            .read_until
+            .map_or(0, |until| from.saturating_sub(until));
+        self.read_until = Some(now);
+        // A level lasts for two counts, and for three samples.
+        let samples = plan.fastest() * 1.5;
+        let is_long = gap as f64 * 1e-9 * samples > AMBIGUOUS * 1.01;
+        let must = is_long && !has_come && !plan.more.is_latched;
+        ensure(is_unsure || !must, Promise::Inputs, now, || {
+            format!("encoder {axis} has no doubts after {gap} ns without a read")
+        })?;
+        let may = !plan.spares_the_board() || plan.extras.is_fast;
+        ensure(!is_unsure || may, Promise::Inputs, now, || {
+            format!("encoder {axis} has doubts, and nothing has happened to the board")
+        })?;
+        let is_long = pins.param(self.filter);
+        let is_new = self.is_long.replace(is_long) != Some(is_long);
+        if is_new || !plan.spares_the_board() {
+            // It may not be written yet.
+            return Ok(());
+        }
+        let rate = pins.param(self.max_count_rate) * if is_long { 5.0 } else { 1.0 };
+        let fastest = plan.fastest();
+        let is_right = (rate - fastest).abs() < 0.001 * fastest;
+        ensure(is_right, Promise::Inputs, now, || {
+            format!("encoder {axis} follows {rate} counts in a second, not {fastest}")
+        })
+    }
+
+    /// Compares what was read, some time `from` to `to`, with the motion.
     pub(super) fn check(
         &mut self,
-        pins: &Pins,
-        stage: &Stage,
+        (pins, stage, plan): (&Pins, &Stage, &Plan),
         (from, now): (u64, u64),
-        turn: u32,
+        is_latched_late: bool,
     ) -> Checked {
         let raw = f64::from(pins.read(self.rawcounts).value);
+        self.check_doubt((pins, plan), (from, now))?;
         if pins.read(self.unsure).value {
             (self.zero, self.asked, self.reads) = (None, None, [0; 4]);
             return Ok(());
@@ -99,7 +165,12 @@ impl Encoder {
             )
         })?;
         self.zero = Some(zero);
-        self.check_velocity(pins, stage, (from, now))?;
+        if is_latched_late {
+            // Two samples can be one, or as far apart as two periods.
+            self.reads = [0; 4];
+        } else {
+            self.check_velocity(pins, stage, (from, now))?;
+        }
         let Some(asked) = self.asked else {
             return Ok(());
         };
@@ -109,7 +180,7 @@ impl Encoder {
         self.asked = None;
         let count = f64::from(pins.read(self.count).value);
         let (low, high) = stage.with_truth(|truth| truth.turned(self.axis, asked, now));
-        let turn = f64::from(turn);
+        let turn = f64::from(plan.extras.turn);
         // The index pulse is as wide as a count, and either end of it may be the one.
         let first = ((low - 2.0) / turn).ceil() as i64;
         let last = ((high + 2.0) / turn).floor() as i64;

@@ -19,6 +19,8 @@ pub(super) struct Remote {
     pub(super) inputs: Vec<Input<bool>>,
     pub(super) outputs: Vec<Output<bool>>,
     pub(super) volts: Vec<Output<f64>>,
+    /// Of each voltage.
+    limits: Vec<Limits>,
     /// What field I/O has in its other modes.
     pub(super) field: Option<Field>,
     /// What it was set to since it was armed.
@@ -34,6 +36,32 @@ pub(super) struct GpioPin {
     pub(super) is_output: Param<bool>,
     pub(super) drives: bool,
 }
+
+/// Full scale and limits of a voltage, and what they are.
+struct Limits {
+    params: [Param<f64>; 3],
+    values: [f64; 3],
+}
+
+impl Limits {
+    fn new(pins: &Pins, name: &str) -> Result<Self, PinError> {
+        let param = |suffix| pins.parameter(&format!("{name}-{suffix}"));
+        Ok(Self {
+            params: [param("scalemax")?, param("minlim")?, param("maxlim")?],
+            values: [FULL, -FULL, FULL],
+        })
+    }
+
+    /// What comes out for a value.
+    fn applied(&self, millivolts: i32) -> i32 {
+        let [full, least, most] = self.values;
+        let volts = (f64::from(millivolts) / 1000.0).clamp(least, most);
+        ((volts / full).clamp(-1.0, 1.0) * FULL * 1000.0).round() as i32
+    }
+}
+
+/// Volts at full scale.
+const FULL: f64 = 10.0;
 
 /// A voltage that is not 0.
 fn volts(chance: &mut Chance) -> i32 {
@@ -70,6 +98,8 @@ impl Remote {
                 .into(),
         };
         let volts = if card == Card::Analog { 0..6 } else { 0..0 };
+        let limits = volts.clone();
+        let limits = limits.map(|n| Limits::new(pins, &format!("{prefix}.analogout{n}")));
         let volts = volts.map(|n| pins.output(&format!("{prefix}.analogout{n}")));
         let field = (card == Card::Field).then(|| Field::new(pins, prefix, mode));
         Ok(Self {
@@ -84,6 +114,7 @@ impl Remote {
                 .map(|name| pins.output(name))
                 .collect::<Result<_, _>>()?,
             volts: volts.collect::<Result<_, _>>()?,
+            limits: limits.collect::<Result<_, _>>()?,
             set: Level::OFF,
             is_armed: true,
             disarmed: 0,
@@ -105,20 +136,29 @@ impl Remote {
         }
     }
 
-    /// Commands something new; now and then a voltage that is no number, which is 0 V.
-    pub(super) fn command(&self, pins: &mut Pins, chance: &mut Chance, sets_nan: bool) -> Level {
+    /// Commands something new; now and then a voltage that is no number, which is 0 V. `side`: where
+    /// drives are not always enabled.
+    pub(super) fn command(
+        &self,
+        pins: &mut Pins,
+        chance: &mut Chance,
+        side: Option<&mut Chance>,
+        sets_nan: bool,
+    ) -> Level {
         if self.card == Card::Analog {
             let mut level = Level::OFF;
             let [ena, spin] = [self.outputs[0], self.outputs[1]];
-            pins.set(ena, true);
+            let is_enabled = side.is_none_or(|side| !side.one_in(6));
+            pins.set(ena, is_enabled);
             let spins = chance.one_in(2);
             pins.set(spin, spins);
             // The enables of 0 to 4 are one.
-            level.bits = 0x1F | u64::from(spins) << 5;
+            level.bits = if is_enabled { 0x1F } else { 0 } | u64::from(spins) << 5;
             for (n, output) in self.volts.iter().enumerate() {
                 let (set, millivolts) = value(chance, sets_nan);
                 pins.set(*output, set);
-                level.millivolts[n] = if n < 5 || spins { millivolts } else { 0 };
+                let is_on = if n < 5 { is_enabled } else { spins };
+                level.millivolts[n] = if is_on { millivolts } else { 0 };
             }
             return level;
         }
@@ -129,5 +169,47 @@ impl Remote {
             level.bits |= pattern & 1 << n;
         }
         level
+    }
+
+    /// What becomes of what is set, by the limits of now.
+    pub(super) fn sent(&self) -> Level {
+        let mut level = self.set;
+        for (millivolts, limits) in level.millivolts.iter_mut().zip(&self.limits) {
+            *millivolts = limits.applied(*millivolts);
+        }
+        level
+    }
+
+    /// Changes full scale or a limit of a voltage.
+    pub(super) fn tune(&mut self, pins: &mut Pins, chance: &mut Chance) {
+        if self.limits.is_empty() {
+            return;
+        }
+        let count = self.limits.len() as u64;
+        let limits = &mut self.limits[chance.below(count) as usize];
+        let which = chance.below(3) as usize;
+        let new = match which {
+            0 => chance.of(&[FULL, 5.0, 20.0]),
+            1 => chance.of(&[-FULL, -4.0, -1.0]),
+            _ => chance.of(&[FULL, 6.0, 2.0]),
+        };
+        if pins.set_param(limits.params[which], new).is_ok() {
+            limits.values[which] = new;
+        }
+    }
+
+    /// The first limit that takes what is no number.
+    pub(super) fn takes_nonsense(&self, pins: &mut Pins) -> Option<String> {
+        let mut limits = self.limits.iter();
+        let takes = limits.position(|limits| {
+            let mut both = limits.params.iter().zip(limits.values);
+            both.any(|(param, value)| {
+                pins.set_param(*param, f64::NAN).is_ok() || pins.param(*param) != value
+            })
+        })?;
+        Some(format!(
+            "a limit of voltage {takes} of remote {}",
+            self.number
+        ))
     }
 }

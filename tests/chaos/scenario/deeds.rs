@@ -7,8 +7,12 @@ use mesa_hal::driver::{BoardState, Driver};
 use super::super::application::Application;
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::{MICRO, WRITTEN_WATCHDOG};
+use super::super::plan::{MICRO, More, WRITTEN_WATCHDOG};
 use super::Scenario;
+use crate::common::chance::Chance;
+
+/// Cycles after which a port that is switched off has stopped its remotes.
+const OFF_AFTER: u64 = 40;
 
 impl Scenario {
     /// Does something that is rare, now and then.
@@ -31,11 +35,7 @@ impl Scenario {
                 application.restart_one(driver, which);
             }
             1 => {
-                let done = driver.prove_watchdogs();
-                application.notice(driver);
-                self.stage
-                    .tell(begun, format!("proves the watchdogs: {done:?}"));
-                self.stopped_for(driver, begun)?;
+                self.proves_watchdogs(driver, application)?;
             }
             2 => {
                 let name = "nvwatchdogtimeout";
@@ -45,7 +45,7 @@ impl Scenario {
                 application.notice(driver);
                 self.stage
                     .tell(begun, format!("writes {name} of remote {which}: {done:?}"));
-                self.stopped_for(driver, begun)?;
+                self.stopped_for((driver, application), begun)?;
             }
             3 => self.clears_by_pin(driver),
             4 => {
@@ -57,9 +57,123 @@ impl Scenario {
         Ok(())
     }
 
-    /// A call that stops the machine has returned: everything has safe values.
-    fn stopped_for<B: Host>(&mut self, driver: &Driver<B>, begun: u64) -> Checked {
+    /// Does what was added later, of a chance of its own.
+    pub(super) fn more_deeds<B: Host>(
+        &mut self,
+        driver: &mut Driver<B>,
+        application: &mut Application,
+    ) -> Checked {
+        let More {
+            clears,
+            switches_one_in,
+            proves_one_in,
+            tunes_one_in,
+            ..
+        } = self.plan.more;
         let now = self.sim.now();
+        let often = |every: u64, side: &mut Chance| every > 0 && side.one_in(every);
+        if clears && driver.board_state() != BoardState::Running && self.side.one_in(4) {
+            self.clears_by_pin(driver);
+        }
+        if often(switches_one_in, &mut self.side) {
+            let port = self.side.below(self.plan.ports.len() as u64) as usize;
+            let run = application.switch_port(driver, port);
+            self.stage.tell(now, format!("port {port} run: {run}"));
+        }
+        if often(proves_one_in, &mut self.side) {
+            self.proves_watchdogs(driver, application)?;
+        }
+        if often(10 * tunes_one_in, &mut self.side) {
+            let takes = application.takes_nonsense(driver);
+            ensure(takes.is_none(), Promise::Works, now, || {
+                format!("{takes:?} takes what is no number")
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Lets remotes go without data: it is found out which of them have a watchdog.
+    fn proves_watchdogs<B: Host>(
+        &mut self,
+        driver: &mut Driver<B>,
+        application: &mut Application,
+    ) -> Checked {
+        let begun = self.sim.now();
+        let was_well = application.all_is_well(driver).is_ok();
+        let done = driver.prove_watchdogs();
+        application.notice(driver);
+        self.stage
+            .tell(begun, format!("proves the watchdogs: {done:?}"));
+        self.stopped_for((driver, application), begun)?;
+        let now = self.sim.now();
+        let mut faults = self.stage.begun().into_iter();
+        let is_quiet = faults.all(|fault| fault.ended.is_some_and(|ended| ended < begun));
+        let is_quiet = is_quiet && self.host.is_empty() && was_well && done.is_ok();
+        // One that was written in the middle is in use from the next power-up on.
+        self.proved_in_trouble |= !is_quiet;
+        if self.proved_in_trouble || self.plan.extras.deeds_one_in > 0 {
+            return Ok(());
+        }
+        let expected = !self.plan.is_without_watchdog();
+        let wrong = application.watchdogs(driver);
+        let wrong: Vec<_> = wrong.filter(|(_, has)| *has != expected).collect();
+        ensure(wrong.is_empty(), Promise::Told, now, || {
+            format!("remotes and whether they have a watchdog: {wrong:?}")
+        })
+    }
+
+    /// A port that is switched off: none of its remotes is armed, and after some cycles none of them
+    /// transfers or has an output on.
+    pub(super) fn ports_are_off<B: Host>(
+        &mut self,
+        driver: &Driver<B>,
+        application: &Application,
+    ) -> Checked {
+        let now = self.sim.now();
+        if driver.board_state() != BoardState::Running {
+            self.off.fill(0);
+            return Ok(());
+        }
+        let is_quiet = self.stage.begun().is_empty();
+        for (port, cycles) in self.off.iter_mut().enumerate() {
+            *cycles = if application.is_port_off(driver, port) {
+                *cycles + 1
+            } else {
+                0
+            };
+            for remote in (0..self.plan.remotes()).filter(|n| self.plan.place(*n).0 == port) {
+                let Some(state) = application.remote_state(driver, remote) else {
+                    continue;
+                };
+                let is_off = !state.armed;
+                ensure(is_off || *cycles == 0, Promise::Safe, now, || {
+                    format!("remote {remote} is armed, though its port is switched off")
+                })?;
+                let is_on = self.oracle.is_on(remote)
+                    || application.running(driver).any(|(n, _)| n == remote);
+                ensure(
+                    !is_on || *cycles < OFF_AFTER || !is_quiet,
+                    Promise::Safe,
+                    now,
+                    || {
+                        format!(
+                            "remote {remote} is on or runs {cycles} cycles after its port is off"
+                        )
+                    },
+                )?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A call that stops the machine has returned: everything has safe values.
+    fn stopped_for<B: Host>(
+        &mut self,
+        (driver, application): (&Driver<B>, &mut Application),
+        begun: u64,
+    ) -> Checked {
+        let now = self.sim.now();
+        application.was_read();
         self.what_is_told.recount(driver);
         // Nobody has written for so long.
         self.watch = None;
@@ -84,7 +198,7 @@ impl Scenario {
 
     /// Clears what made everything safe, as a panel of LinuxCNC does: by pin, and not by a call. The
     /// set-up is written with the next write, and nothing is armed by that.
-    fn clears_by_pin<B: Host>(&mut self, driver: &mut Driver<B>) {
+    pub(super) fn clears_by_pin<B: Host>(&mut self, driver: &mut Driver<B>) {
         let (name, state) = (driver.name().to_owned(), driver.board_state());
         let pins = driver.pins_mut();
         match state {
@@ -104,6 +218,7 @@ impl Scenario {
             .tell(self.sim.now(), format!("clears {state:?} by pin"));
         self.stage.set_well(Some(false));
         self.set_up_begins();
+        self.is_clearing = true;
     }
 
     /// After a write: waits for the transfers that it started, and asks for the next read ahead.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use mesa_hal::driver::{
-    Driver, FaultPolicy, GpioConfig, Presence, RemoteConfig, SerialConfig, Settings,
+    Driver, FaultPolicy, GpioConfig, NotReached, Presence, RemoteConfig, SerialConfig, Settings,
 };
 use mesa_hal::sim::FaultKind;
 use std::collections::BTreeMap;
@@ -64,8 +64,12 @@ impl Scenario {
                     self.oracle.set_up(false);
                     self.stage.tell(now, format!("not built: {error}"));
                     ensure(troubled && attempt == 0, Promise::Works, now, || error)?;
-                    self.oracle
-                        .check_all_off(now, "after the driver was not built")?;
+                    let why = "after the driver was not built";
+                    if self.plan.is_without_watchdog() {
+                        self.oracle.check_board_off(now, why)?;
+                    } else {
+                        self.oracle.check_all_off(now, why)?;
+                    }
                     self.end_faults();
                     self.sim.pass(100 * MILLI);
                     self.look()?;
@@ -189,6 +193,7 @@ impl Scenario {
         } = process;
         let now = self.sim.now();
         let was_well = application.all_is_well(&driver).is_ok();
+        let mut left = None;
         if how >= 2 {
             life.kill(now);
             self.stage.tell(now, "the process is killed");
@@ -196,37 +201,72 @@ impl Scenario {
             self.oracle.nobody_commands(now);
         } else {
             if how == 0 {
-                drop(driver.shutdown());
+                let (_, stopped) = driver.shutdown();
+                let not_reached = stopped.err().map(|error| error.not_reached);
+                left = Some(not_reached.unwrap_or_default());
             } else {
                 drop(driver);
             }
             self.oracle.nobody_commands(now);
-            self.sim.pass(MILLI);
-            self.look()?;
-            let begun = self.stage.begun();
-            let is_quiet = begun.iter().all(|b| b.ended.is_some_and(|end| end < now));
-            // A remote with a fault only goes off by its own watchdog.
-            let is_noticed = self.watch.is_none();
-            if is_quiet && was_well && is_noticed {
-                self.oracle
-                    .check_all_off(self.sim.now(), "after the driver was shut down")?;
-            }
+            self.has_stopped(&application, left.as_deref(), was_well)?;
         }
-        for _ in 0..20
-            + self
-                .plan
-                .extras
-                .remote_watchdog
-                .max(WRITTEN_WATCHDOG.into())
-                / 5
-        {
+        self.all_goes_off(&application, left.as_deref())
+    }
+
+    /// The driver was stopped in order: everything is off but the remotes that it says it did not reach.
+    pub(super) fn has_stopped(
+        &mut self,
+        application: &Application,
+        left: Option<&[NotReached]>,
+        was_well: bool,
+    ) -> Checked {
+        let now = self.sim.now();
+        self.sim.pass(MILLI);
+        self.look()?;
+        let begun = self.stage.begun();
+        let is_quiet = begun.iter().all(|b| b.ended.is_some_and(|end| end < now));
+        // A remote with a fault only goes off by its own watchdog.
+        let is_noticed = self.watch.is_none();
+        let now = self.sim.now();
+        if is_quiet && was_well && is_noticed {
+            self.oracle
+                .check_all_off(now, "after the driver was shut down")?;
+        }
+        self.only_these_are_on(application, left)
+    }
+
+    /// What is on still was said to be on perhaps.
+    fn only_these_are_on(&self, application: &Application, left: Option<&[NotReached]>) -> Checked {
+        let Some(left) = left else { return Ok(()) };
+        let said = left
+            .iter()
+            .filter_map(|one| application.number((one.port.into(), one.channel.into())));
+        let said: Vec<usize> = said.collect();
+        let now = self.sim.now();
+        let silent = (0..self.plan.remotes())
+            .find(|remote| self.oracle.is_on(*remote) && !said.contains(remote));
+        ensure(silent.is_none(), Promise::Told, now, || {
+            format!("remote {silent:?} is on after the stop, which names only {left:?}")
+        })
+    }
+
+    /// The process is gone, and what it left on goes off by the watchdogs, where there are some.
+    pub(super) fn all_goes_off(
+        &mut self,
+        application: &Application,
+        left: Option<&[NotReached]>,
+    ) -> Checked {
+        let watchdog = self.plan.extras.remote_watchdog;
+        for _ in 0..20 + watchdog.max(WRITTEN_WATCHDOG.into()) / 5 {
             self.sim.pass(5 * MILLI);
             self.look()?;
             self.oracle.check(self.sim.now())?;
         }
-        self.oracle.check_all_off(
-            self.sim.now(),
-            "after the process ended and all watchdogs have bitten",
-        )
+        let why = "after the process ended and all watchdogs have bitten";
+        if self.plan.is_without_watchdog() {
+            self.only_these_are_on(application, left)?;
+            return self.oracle.check_board_off(self.sim.now(), why);
+        }
+        self.oracle.check_all_off(self.sim.now(), why)
     }
 }

@@ -1,13 +1,13 @@
 //! Events, statistics and reasons against what has happened.
 
 use mesa_hal::driver::{BoardState, Driver, EventKind, Events, OfflineReason};
-use mesa_hal::sim::FaultKind;
+use mesa_hal::sim::{FaultKind, Place};
 
 use super::super::application::Application;
 use super::super::journal::{Event, What};
 use super::super::network::Host;
 use super::super::oracle::{Checked, Promise, ensure};
-use super::super::plan::Stranger;
+use super::super::plan::{Planned, Stranger};
 use super::Scenario;
 
 /// What the application has counted by itself, and what has really happened since the driver started.
@@ -24,6 +24,14 @@ pub(super) struct Told {
     resets: u64,
     /// Fault bits that each remote has had.
     faults: Vec<u8>,
+}
+
+/// Packets of the other program.
+#[derive(Debug, Default)]
+pub(super) struct Others {
+    pub(super) cycles: u64,
+    pub(super) sent: u64,
+    told: u64,
 }
 
 impl Told {
@@ -71,6 +79,29 @@ impl Told {
 }
 
 impl Scenario {
+    /// A read has told of so many packets of another program.
+    pub(super) fn hears_others(&mut self, count: u32) -> Checked {
+        let now = self.sim.now();
+        self.others.told += u64::from(count);
+        let Others { sent, told, .. } = self.others;
+        // A board that was reset counts anew, and what comes twice counts twice.
+        let is_sound = self.plan.spares_the_board() || !self.plan.extras.second_master;
+        ensure(told <= sent || !is_sound, Promise::Told, now, || {
+            format!("{told} packets of another program, which has sent {sent}")
+        })
+    }
+
+    /// Who writes all the time is noticed.
+    pub(super) fn others_are_told(&self) -> Checked {
+        let wires = |fault: &Planned| matches!(fault.kind.place(), Place::Wire | Place::Remote);
+        let is_sound = self.plan.faults.iter().all(wires) && !self.plan.has_deeds();
+        let must = self.plan.more.master_stays && is_sound;
+        let Others { sent, told, .. } = self.others;
+        ensure(told > 0 || !must, Promise::Told, self.sim.now(), || {
+            format!("the other program has sent {sent} packets, and nobody has noticed")
+        })
+    }
+
     /// Compares what the driver tells with what has happened. At the end of a cycle.
     pub(super) fn told_truly<B: Host>(
         &mut self,
@@ -154,7 +185,7 @@ impl Scenario {
             return Ok(());
         };
         let is_reported = fault.kind.fault_bit().is_some() && !fault.in_build && self.is_armed;
-        if !is_reported || self.plan.extras.deeds_one_in > 0 {
+        if !is_reported || self.plan.has_deeds() {
             return Ok(());
         }
         let now = self.sim.now();

@@ -281,6 +281,11 @@ impl Player {
         let cable = self.cable(fpga, target);
         if single {
             cable.inject(toward, fault, 1);
+            if self.plan.more.is_late_again {
+                // Far enough from the first one that each of them is a single one.
+                let at = SimFpga::now(fpga) + 15 * period;
+                self.stage.lock().push(at, Act::Again(target));
+            }
         } else if lasts < 2 * MILLI {
             cable.inject(toward, fault, few as u32);
         } else {
@@ -427,6 +432,10 @@ impl Director for Player {
         match act {
             Some((_, Act::Change)) => self.change(fpga),
             Some((_, Act::Begin(place))) => self.begin(fpga, place),
+            Some((_, Act::Again(target))) => {
+                let late = WireFault::Late(self.plan.period * 3 / 2);
+                self.cable(fpga, target).inject(Toward::Fpga, late, 1);
+            }
             Some((_, Act::End(place))) => self.finish(fpga, place),
             None => {}
         }

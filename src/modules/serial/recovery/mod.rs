@@ -212,7 +212,8 @@ impl Recovery {
                 } else {
                     self.statistics.unknown.tally(1);
                 }
-                (outcome.started, outcome.reads_before) = (complete.issued, complete.reads_before);
+                (outcome.started, outcome.reads_before) =
+                    (complete.sent_from, complete.reads_before);
                 // Not of those for which a restart was asked while it was in flight.
                 outcome.good = complete.good.intersection(self.running);
                 if complete.good == mask && self.troubled.is_empty() {

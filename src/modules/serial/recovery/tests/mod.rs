@@ -1,4 +1,5 @@
 mod absent;
+mod age;
 
 use super::super::RemoteWatchdog;
 use super::*;

@@ -1,0 +1,15 @@
+//! How old what a transfer brings may be.
+
+use super::*;
+
+#[test]
+fn what_a_transfer_brings_is_as_old_as_the_begin_of_its_write() {
+    let mut rig = Rig::new();
+    rig.read();
+    let begun = rig.now;
+    rig.machine.sending(begun);
+    // The host stands still before the write returns.
+    rig.now = rig.now.after(Duration::from_millis(5));
+    rig.write();
+    assert_eq!(rig.read().started, begun);
+}

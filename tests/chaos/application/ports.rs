@@ -1,0 +1,89 @@
+//! Ports and remotes: switching them, and what the driver says of them.
+
+use mesa_hal::bus::{Clock, RegisterBus};
+use mesa_hal::driver::{Driver, OfflineReason, RemoteState};
+use mesa_hal::hal::GroupState;
+
+use super::Application;
+use super::pins::Remote;
+
+impl Application {
+    /// Switches a port off, or on again; whether it is on.
+    pub fn switch_port<B: RegisterBus + Clock>(
+        &mut self,
+        driver: &mut Driver<B>,
+        port: usize,
+    ) -> bool {
+        let Some(run) = self.runs.get(port).copied() else {
+            return true;
+        };
+        let is_on = !driver.pins().commanded(run);
+        driver.pins_mut().set(run, is_on);
+        is_on
+    }
+
+    /// Whether a port is to be off.
+    pub fn is_port_off<B: RegisterBus + Clock>(&self, driver: &Driver<B>, port: usize) -> bool {
+        let run = self.runs.get(port);
+        run.is_some_and(|run| !driver.pins().commanded(*run))
+    }
+
+    /// Remotes by number, and whether each is known to have a watchdog.
+    pub fn watchdogs<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+    ) -> impl Iterator<Item = (usize, bool)> {
+        self.remotes.iter().filter_map(|remote| {
+            let (port, channel) = remote.place;
+            let status = driver.ports().get(port)?.remote(channel)?;
+            Some((remote.number, status.watchdog.time().is_some()))
+        })
+    }
+
+    /// Switches all ports on.
+    pub fn switch_ports_on<B: RegisterBus + Clock>(&mut self, driver: &mut Driver<B>) {
+        for run in &self.runs {
+            driver.pins_mut().set(*run, true);
+        }
+    }
+
+    /// Remotes that run, by number.
+    pub fn running<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+    ) -> impl Iterator<Item = (usize, GroupState)> {
+        let runs = |remote: &&Remote| remote.state(driver) == Some(RemoteState::Running);
+        self.remotes.iter().filter(runs).filter_map(|remote| {
+            let state = driver.pins().group_state(remote.group)?;
+            Some((remote.number, state))
+        })
+    }
+
+    /// The number of the remote at a place.
+    pub fn number(&self, place: (usize, usize)) -> Option<usize> {
+        let at = |remote: &&Remote| (remote.place.0, remote.place.1.index().into()) == place;
+        self.remotes.iter().find(at).map(|remote| remote.number)
+    }
+
+    /// Why each remote went offline first, since it was re-armed.
+    pub fn first_faults<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+    ) -> impl Iterator<Item = (usize, Option<OfflineReason>)> {
+        self.remotes.iter().filter_map(|remote| {
+            let (port, channel) = remote.place;
+            let status = driver.ports().get(port)?.remote(channel)?;
+            Some((remote.number, status.first_fault))
+        })
+    }
+
+    /// Whether a remote is armed, is valid, and how old its inputs are.
+    pub fn remote_state<B: RegisterBus + Clock>(
+        &self,
+        driver: &Driver<B>,
+        number: usize,
+    ) -> Option<mesa_hal::hal::GroupState> {
+        let remote = self.remotes.iter().find(|remote| remote.number == number)?;
+        driver.pins().group_state(remote.group)
+    }
+}

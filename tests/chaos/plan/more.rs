@@ -1,0 +1,154 @@
+//! What was added after [`Extras`](super::Extras), from a stream of its own again, so that all plans
+//! before stay as they are.
+
+use super::extras::FASTEST;
+use super::{Board, FaultKind, MILLI, Pace, Plan, Stranger, scrambled};
+use crate::common::chance::Chance;
+
+/// What else an application does, and what else its machine is like.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "independent of each other")]
+pub struct More {
+    /// The second half of its cycles is run by a `Runner`.
+    pub runs: bool,
+    /// Clears what made everything safe by pin before it re-arms.
+    pub clears: bool,
+    /// Changes limits, scales and the drive of the isolated outputs, and enables drives one by one, in
+    /// one of so many cycles; 0: never.
+    pub tunes_one_in: u64,
+    /// Switches a port off or on in one of so many cycles; 0: never.
+    pub switches_one_in: u64,
+    /// Proves the watchdogs of its remotes in one of so many cycles; 0: never.
+    pub proves_one_in: u64,
+    /// Where a host stands still that does so within an exchange: before the board gets it, or before
+    /// the host has the reply.
+    pub stalls_before: bool,
+    /// It stands still in a write as well, and not between two exchanges.
+    pub stalls_in_write: bool,
+    /// A single late reply is followed by another one some cycles later.
+    pub is_late_again: bool,
+    /// From the middle on each read is late by up to so many hundredths of a period: the DPLL, which
+    /// follows the reads, loses its lock.
+    pub jitter: u64,
+    /// A timer of the DPLL latches the encoders.
+    pub is_latched: bool,
+    /// The other program writes in every cycle, for longer than it takes to notice it.
+    pub master_stays: bool,
+}
+
+/// The DPLL is in step after so many periods, if nothing happens.
+pub const LOCKED_AFTER: u64 = 260;
+
+impl More {
+    pub const NOTHING: Self = Self {
+        runs: false,
+        clears: false,
+        tunes_one_in: 0,
+        switches_one_in: 0,
+        proves_one_in: 0,
+        stalls_before: false,
+        stalls_in_write: false,
+        is_late_again: false,
+        jitter: 0,
+        is_latched: false,
+        master_stays: false,
+    };
+
+    fn new(chance: &mut Chance) -> Self {
+        Self {
+            runs: chance.one_in(6),
+            clears: chance.one_in(3),
+            tunes_one_in: chance.of(&[0, 3, 15]),
+            switches_one_in: chance.of(&[0, 0, 0, 0, 25]),
+            proves_one_in: chance.of(&[0, 0, 0, 0, 0, 0, 0, 0, 0, 60]),
+            stalls_before: chance.one_in(2),
+            stalls_in_write: chance.one_in(2),
+            is_late_again: chance.one_in(2),
+            jitter: chance.of(&[0, 0, 0, 0, 0, 0, 0, 30]),
+            is_latched: chance.one_in(4),
+            master_stays: chance.one_in(3),
+        }
+    }
+}
+
+impl Plan {
+    /// Takes what else is decided.
+    pub(super) fn with_more(mut self) -> Self {
+        let mut chance = Chance(scrambled(self.seed ^ 0x30_4E));
+        let more = More::new(&mut chance);
+        let without_watchdog = chance.one_in(16);
+        if self.is_minute || self.is_homing {
+            return self;
+        }
+        self.more = more;
+        if without_watchdog {
+            self.extras.remote_watchdog = 0;
+        }
+        if self.extras.is_fast && self.board == Board::I7i92 && chance.one_in(2) {
+            self.speed *= self.fastest() / FASTEST;
+        }
+        // Where the board paces, it follows nobody.
+        let can_lock = self.pace == Pace::Host && self.has_dpll() && !self.extras.is_fast;
+        if !can_lock {
+            self.more.jitter = 0;
+        }
+        self.more.is_latched &= self.has_dpll() && !self.extras.is_fast;
+        // A runner reads by itself.
+        self.more.runs &= self.more.jitter == 0 && self.extras.stranger == Stranger::None;
+        if self.more.jitter > 0 {
+            // Locked once, and then long enough to be seen without it.
+            self.run = self.run.max(2 * (LOCKED_AFTER + 60) * self.period);
+        }
+        self.more.master_stays &= self.extras.second_master;
+        if self.more.master_stays {
+            self.run = self.run.max(1_300 * MILLI);
+        }
+        self
+    }
+
+    /// The greatest count rate of its encoders, with the short filter: that of a 7I92 samples twice as
+    /// often.
+    pub fn fastest(&self) -> f64 {
+        match self.board {
+            Board::I7i92 => 2.0 * FASTEST,
+            Board::I7i97 => FASTEST,
+        }
+    }
+
+    /// Whether the host is late or stands still.
+    pub fn host_stands_still(&self) -> bool {
+        let mut faults = self.faults.iter();
+        faults.any(|fault| matches!(fault.kind, FaultKind::HostLate | FaultKind::HostStall))
+    }
+
+    /// Whether the firmware has a DPLL.
+    pub fn has_dpll(&self) -> bool {
+        let is_small = matches!(&self.ports[..], [only] if only.len() <= 3);
+        self.board == Board::I7i97 || is_small
+    }
+
+    /// Whether the application does more in the middle than to read and to write.
+    pub fn has_deeds(&self) -> bool {
+        let More {
+            switches_one_in,
+            proves_one_in,
+            ..
+        } = self.more;
+        self.extras.deeds_one_in + switches_one_in + proves_one_in > 0
+    }
+
+    /// Whether nothing happens to the board, to its host, or between the two.
+    pub fn spares_the_board(&self) -> bool {
+        use mesa_hal::sim::Place;
+        let spares = |kind: FaultKind| matches!(kind.place(), Place::Wire | Place::Remote);
+        self.faults.iter().all(|fault| spares(fault.kind))
+            && !self.has_deeds()
+            && !self.extras.second_master
+    }
+
+    /// Remotes whose own watchdogs never bite: nothing switches their outputs off when they can not be
+    /// reached.
+    pub fn is_without_watchdog(&self) -> bool {
+        self.extras.remote_watchdog == 0
+    }
+}

@@ -1,0 +1,83 @@
+//! The DPLL: when it must be in step with the reads, when it can not be, and what follows from that.
+
+use mesa_hal::driver::{BoardState, CycleReport, Pace};
+use mesa_hal::sim::{FaultKind, Place};
+
+use super::super::oracle::{Checked, Promise, ensure};
+use super::super::plan::{LOCKED_AFTER, Planned};
+use super::Scenario;
+
+/// Reads of different lateness after which it can not be in step any more.
+const UNLOCKED_AFTER: u64 = 60;
+
+/// What the reads were like.
+#[derive(Debug, Default)]
+pub(super) struct Lock {
+    /// When the last one began.
+    before: Option<u64>,
+    /// So many in a row came at equal intervals, and were good.
+    even: u64,
+    /// So many in a row did not.
+    uneven: u64,
+    /// The request was sent ahead.
+    is_ahead: bool,
+}
+
+impl Scenario {
+    /// After a read that began at `started`: whether the driver says truly that the DPLL is in step.
+    pub(super) fn locks(
+        &mut self,
+        report: Option<CycleReport>,
+        started: u64,
+        is_wild: bool,
+    ) -> Checked {
+        let now = self.sim.now();
+        let (plan, lock) = (&self.plan, &mut self.lock);
+        let is_locked = report.is_some_and(|report| report.locked);
+        ensure(!is_locked || plan.has_dpll(), Promise::Told, now, || {
+            "a DPLL that is not there is in step".to_owned()
+        })?;
+        let before = lock.before.replace(started);
+        let interval = before.map_or(0, |before| started - before);
+        // A request that is sent ahead comes to the board at another time.
+        let is_ahead = plan.extras.reads_ahead && is_wild;
+        let is_same = std::mem::replace(&mut lock.is_ahead, is_ahead) == is_ahead;
+        let is_even = interval.abs_diff(plan.period) * 100 < plan.period && is_same;
+        let runs = report.is_some_and(|report| report.board == BoardState::Running);
+        lock.even = if is_even && runs { lock.even + 1 } else { 0 };
+        if report.is_some() && plan.more.is_latched {
+            // Before it is in step, a sample is not to be relied upon: it may be the one before. And a
+            // single read can be late at any time.
+            self.sampled_before = if is_locked && lock.even > LOCKED_AFTER / 2 {
+                plan.period / 4 + plan.period * 3 / 20
+            } else {
+                3 * plan.period
+            };
+        }
+        let is_jittering = is_wild && now >= self.jitters_from;
+        lock.uneven = if is_jittering { lock.uneven + 1 } else { 0 };
+        // What the network delays comes at other times than it was sent.
+        let is_delayed = |fault: &Planned| {
+            fault.kind.place() == Place::Network || fault.kind == FaultKind::FpgaResetLong
+        };
+        let is_sound = plan.pace == Pace::Host && !plan.faults.iter().any(is_delayed);
+        if !is_sound || !plan.has_dpll() {
+            return Ok(());
+        }
+        let (even, uneven) = (lock.even, lock.uneven);
+        // A write that is preceded by settings which drive pins is later than others. If it is the last
+        // one that sets the phase, the loop takes seconds to get into step.
+        let may = plan.habits.settings_one_in > 0 || plan.extras.reads_ahead;
+        let may = may || !plan.spares_the_board();
+        let is_right = is_locked || even < LOCKED_AFTER || may;
+        ensure(is_right, Promise::Told, now, || {
+            format!("the DPLL is not in step after {even} reads at equal intervals")
+        })?;
+        ensure(
+            !is_locked || uneven < UNLOCKED_AFTER,
+            Promise::Told,
+            now,
+            || format!("the DPLL is in step after {uneven} reads at unequal intervals"),
+        )
+    }
+}
