@@ -68,7 +68,7 @@ impl BoardCommand {
         }
         parts[SSR].bits = self.ssr.into();
         let has = |n: usize| u64::from(self.enables) >> n & 1;
-        parts[ENABLES].bits = 0xF * has(0) | has(4) << 4 | has(5) << 5;
+        parts[ENABLES].bits = (0xF * has(0)) | (has(4) << 4) | (has(5) << 5);
         for (n, part) in parts[VOLTS..].iter_mut().enumerate() {
             if has(n) & has(if n < 4 { 0 } else { n }) != 0 {
                 part.millivolts[0] = self.millivolts[n];
