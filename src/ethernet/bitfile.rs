@@ -200,8 +200,13 @@ struct Fields<'a> {
 }
 
 impl<'a> Fields<'a> {
+    /// Where the rest begins in the file.
+    fn at(&self) -> usize {
+        self.file.len().saturating_sub(self.rest.len())
+    }
+
     fn text(&mut self, field: u8) -> Result<&'a str, BitfileError> {
-        let at = self.file.len() - self.rest.len();
+        let at = self.at();
         let bytes = self.field(field, 2)?;
         let text = bytes.split(|&byte| byte == 0).next().unwrap_or(&[]);
         let what = "holds no text";
@@ -210,7 +215,7 @@ impl<'a> Fields<'a> {
 
     /// A field: its letter, its length in `length_bytes` bytes (big endian), its content.
     fn field(&mut self, field: u8, length_bytes: usize) -> Result<&'a [u8], BitfileError> {
-        let at = self.file.len() - self.rest.len();
+        let at = self.at();
         let damaged = |what| BitfileError::Damaged { field, at, what };
         let cut_off = || damaged("is cut off");
         let (&found, rest) = self.rest.split_first().ok_or_else(cut_off)?;

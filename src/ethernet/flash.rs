@@ -20,6 +20,8 @@ use registers::{control, flash};
 const ERASE: Duration = Duration::from_secs(4);
 /// A page of an M25P16 is written within 5 ms.
 const WRITE: Duration = Duration::from_millis(100);
+/// A sector, as a part of addresses.
+const SECTOR_BYTES: u32 = SECTOR as u32;
 /// Bytes read by one command; the manual's examples do the same.
 const BLOCK: usize = 256;
 /// Bytes read by one packet.
@@ -146,16 +148,18 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
     /// [`EthernetError::OutsideArea`] beyond the chip's end, and those of the bus.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), EthernetError<B::Error>> {
         self.check(Area::Whole, address, bytes.len(), false)?;
-        for (at, part) in (address..).step_by(PACKET).zip(bytes.chunks_mut(PACKET)) {
+        for (part, at) in bytes.chunks_mut(PACKET).zip((address..).step_by(PACKET)) {
             // Addresses and sizes of the memory are multiples of 4; what is asked for need not be.
             let skip = at % 4;
-            let wanted = (skip as usize + part.len()).next_multiple_of(4);
+            let wanted = part.len().saturating_add(skip as usize);
+            let wanted = wanted.next_multiple_of(4);
             let mut buffer = [0; PACKET + 4];
             let reply = buffer.get_mut(..wanted).unwrap_or_default();
             self.board.run(reply, QUICK, |request| {
-                request.write(Space::Flash, flash::ADDRESS, &(at - skip).to_le_bytes())?;
+                let start = at.saturating_sub(skip).to_le_bytes();
+                request.write(Space::Flash, flash::ADDRESS, &start)?;
                 for done in (0..wanted).step_by(BLOCK) {
-                    let count = (wanted - done).min(BLOCK) / 4;
+                    let count = wanted.saturating_sub(done).min(BLOCK) / 4;
                     let read = Command::read(Space::Flash, count as u8).standing();
                     request.command(read, flash::DATA, &[])?;
                 }
@@ -286,15 +290,16 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         data: &[u8],
         progress: &mut impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
-        let end = address + data.len() as u32;
-        for sector in (address..end).step_by(SECTOR) {
+        let mut erased = 0_usize;
+        for (_, sector) in data.chunks(SECTOR).zip((address..).step_by(SECTOR)) {
             let erase = Command::write(Space::Flash, 1);
             self.change(sector, ERASE, (erase, flash::SECTOR_ERASE, &[0; 4]))?;
-            progress(FlashStep::Erase, (sector - address) as usize + SECTOR);
+            erased = erased.saturating_add(SECTOR);
+            progress(FlashStep::Erase, erased);
         }
-        let mut written = 0;
-        let pages = || (address..end).step_by(PAGE).zip(data.chunks(PAGE));
-        for (at, chunk) in pages().skip(1).chain(pages().take(1)) {
+        let mut written = 0_usize;
+        let pages = || data.chunks(PAGE).zip((address..).step_by(PAGE));
+        for (chunk, at) in pages().skip(1).chain(pages().take(1)) {
             let mut page = [0xFF; PAGE];
             for (target, byte) in page.iter_mut().zip(chunk) {
                 *target = *byte;
@@ -304,7 +309,7 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
                 let write = Command::write(Space::Flash, (PAGE / 4) as u8).standing();
                 self.change(at, WRITE, (write, flash::DATA, &page))?;
             }
-            written += chunk.len();
+            written = written.saturating_add(chunk.len());
             progress(FlashStep::Write, written);
         }
         self.compare(address, data, progress)
@@ -339,13 +344,15 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         is_write: bool,
     ) -> Result<(), EthernetError<B::Error>> {
         let Range { start, end } = self.layout.addresses(area);
-        let (size, within) = (self.layout.size, address % SECTOR as u32);
-        let expected = if address < start || u64::from(address) + bytes as u64 > u64::from(end) {
+        let (size, within) = (self.layout.size, address % SECTOR_BYTES);
+        let behind = u64::from(address).saturating_add(bytes as u64);
+        let expected = if address < start || behind > u64::from(end) {
             format!("0x{start:06X} to 0x{end:06X}")
         } else if is_write && area == Area::Whole && bytes != size as usize {
             format!("all of its {size} bytes from 0 on")
         } else if is_write && within != 0 {
-            format!("what begins a sector, here 0x{:06X}", address - within)
+            let begin = address.saturating_sub(within);
+            format!("what begins a sector, here 0x{begin:06X}")
         } else {
             return Ok(());
         };
@@ -364,7 +371,8 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
         progress: &mut impl FnMut(FlashStep, usize),
     ) -> Result<(), EthernetError<B::Error>> {
         let mut buffer = [0; PACKET];
-        for (at, chunk) in (start..).step_by(PACKET).zip(data.chunks(PACKET)) {
+        let mut verified = 0_usize;
+        for (chunk, at) in data.chunks(PACKET).zip((start..).step_by(PACKET)) {
             let read = buffer.get_mut(..chunk.len()).unwrap_or_default();
             self.read(at, read)?;
             for (address, (&found, &expected)) in (at..).zip(read.iter().zip(chunk)) {
@@ -376,7 +384,8 @@ impl<'a, B: Lbp16Board> Flash<'a, B> {
                     });
                 }
             }
-            progress(FlashStep::Verify, (at - start) as usize + chunk.len());
+            verified = verified.saturating_add(chunk.len());
+            progress(FlashStep::Verify, verified);
         }
         Ok(())
     }

@@ -31,9 +31,11 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     ) -> Result<Vec<u32>, EthernetError<B::Error>> {
         check(space, address, usize::from(count))?;
         let mut values = Vec::with_capacity(usize::from(count));
-        while values.len() < usize::from(count) {
-            let part = (usize::from(count) - values.len()).min(usize::from(MAX_COUNT)) as u8;
-            let at = address.wrapping_add((values.len() * space.element().bytes()) as u16);
+        let size = space.element().bytes() as u16;
+        for done in (0..count).step_by(MAX_COUNT.into()) {
+            let part = count.saturating_sub(done).min(MAX_COUNT.into()) as u8;
+            // Inside of the 64 KB, as was checked.
+            let at = address.saturating_add(done.saturating_mul(size));
             values.extend(self.access(space, at, part, None)?);
         }
         Ok(values)
@@ -75,7 +77,7 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         let reason = match space {
             Space::ReadOnly | Space::Unused => Some("its space can not be written"),
             Space::Flash => Some("the flash memory is written by its own commands"),
-            Space::Timer if usize::from(address) + 2 * count > usize::from(timer::SCRATCH) => {
+            Space::Timer if end(space, address, count) > timer::SCRATCH.into() => {
                 Some("the bus numbers its packets there")
             }
             Space::Eeprom if address < eeprom::FIRST_WRITABLE => {
@@ -101,8 +103,8 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
         values: Option<&[u32]>,
     ) -> Result<Vec<u32>, EthernetError<B::Error>> {
         let size = space.element().bytes();
-        let len = usize::from(count) * size;
-        let mut reply = vec![0; COUNTED + len + COUNTED];
+        let len = usize::from(count).saturating_mul(size);
+        let mut reply = vec![0; len.saturating_add(2 * COUNTED)];
         self.run(&mut reply, QUICK, |request| {
             request.read(Space::Control, control::PARSE_ERRORS, COUNTERS)?;
             if let Some(values) = values {
@@ -132,10 +134,15 @@ impl<B: Lbp16Board> EthernetBoard<'_, B> {
     }
 }
 
+/// The address behind so many registers.
+fn end(space: Space, address: u16, count: usize) -> usize {
+    let bytes = count.saturating_mul(space.element().bytes());
+    bytes.saturating_add(address.into())
+}
+
 /// Whether there can be so many registers from an address on.
 fn check<E>(space: Space, address: u16, count: usize) -> Result<(), EthernetError<E>> {
     let size = space.element().bytes();
-    let end = usize::from(address) + count * size;
     let reason = if !usize::from(address).is_multiple_of(size) {
         match space.element() {
             ElementSize::Double => "addresses of this space are multiples of 4",
@@ -143,7 +150,7 @@ fn check<E>(space: Space, address: u16, count: usize) -> Result<(), EthernetErro
         }
     } else if count == 0 {
         "one register is the least"
-    } else if end > 0x1_0000 {
+    } else if end(space, address, count) > 0x1_0000 {
         "a space ends at 0x10000"
     } else {
         return Ok(());
@@ -153,4 +160,19 @@ fn check<E>(space: Space, address: u16, count: usize) -> Result<(), EthernetErro
         address,
         reason,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_count_is_so_great_that_it_looks_small() {
+        for count in [usize::MAX, usize::MAX / 2 + 2, usize::MAX / 4 + 2] {
+            for space in [Space::HostMot2, Space::Control] {
+                let checked = check::<()>(space, 0, count);
+                assert!(checked.is_err(), "{count} registers of space {space}");
+            }
+        }
+    }
 }

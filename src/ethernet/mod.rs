@@ -4,6 +4,9 @@
 //! [`UdpBus`](crate::transport::udp::UdpBus). All of it is for set-up and maintenance; the cycle
 //! goes through [`RegisterBus`](crate::bus::RegisterBus).
 
+// A wrong sum would be a write to a wrong place.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod bitfile;
 mod error;
 mod flash;

@@ -36,7 +36,12 @@ impl AccessSize {
 
     /// The bits of a value of this size.
     pub const fn mask(self) -> u64 {
-        u64::MAX >> (64 - 8 * self.bytes() as u32)
+        match self {
+            Self::Byte => u8::MAX as u64,
+            Self::Word => u16::MAX as u64,
+            Self::Long => u32::MAX as u64,
+            Self::Double => u64::MAX,
+        }
     }
 }
 
@@ -192,7 +197,9 @@ impl RemoteAccess {
     pub const fn characters(self) -> u32 {
         match self {
             // command, address and CRC; then the data, and the other CRC
-            Self::Read { size, .. } | Self::Write { size, .. } => 4 + size.bytes() as u32 + 1,
+            Self::Read { size, .. } | Self::Write { size, .. } => {
+                (size.bytes() as u32).saturating_add(4 + 1)
+            }
             // command and CRC; then a byte, and the other CRC
             Self::ReadLocal(_) | Self::WriteLocal(..) => 2 + 1 + 1,
         }

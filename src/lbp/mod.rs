@@ -3,6 +3,9 @@
 //! This is the host's side: a [`RemoteAccess`] goes through an FPGA
 //! ([`sslbp::Port`](crate::sslbp::Port)), or as a [`Request`] over a serial port.
 
+// A wrong sum would be a wrong packet.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod access;
 mod crc;
 mod link;

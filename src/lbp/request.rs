@@ -112,7 +112,7 @@ impl Request {
 
     /// Bytes of the answer, CRC included.
     pub const fn reply_len(&self) -> usize {
-        self.reply_len + 1
+        self.reply_len.saturating_add(1)
     }
 
     /// Checks an answer and returns its data without the CRC.

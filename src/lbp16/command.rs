@@ -205,14 +205,18 @@ impl Command {
 
     /// The command word.
     pub const fn encode(&self) -> u16 {
-        (self.write as u16 * WRITE)
-            | (self.address as u16 * ADDRESS)
-            | (self.info as u16 * INFO)
+        flag(self.write, WRITE)
+            | flag(self.address, ADDRESS)
+            | flag(self.info, INFO)
             | (self.space as u16) << SPACE_SHIFT
             | (self.size as u16) << SIZE_SHIFT
-            | (self.increment as u16 * INCREMENT)
+            | flag(self.increment, INCREMENT)
             | (self.count & COUNT_MASK) as u16
     }
+}
+
+const fn flag(is_set: bool, bit: u16) -> u16 {
+    if is_set { bit } else { 0 }
 }
 
 #[cfg(test)]

@@ -8,6 +8,9 @@
 //!
 //! Source: manual 7I97, "LBP16" to "SPACE 7: LBP READ ONLY AREA", and FACTS 10.
 
+// The cycle runs it.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod answered;
 mod builder;
 mod command;

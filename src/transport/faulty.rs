@@ -8,6 +8,7 @@ use crate::bus::{
     Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
     Instant, RegisterBus, Reply,
 };
+use crate::tally::Tally;
 
 /// Injects faults into a bus: at given exchanges, or at random from a seed.
 ///
@@ -125,7 +126,7 @@ impl<B> Faulty<B> {
     /// so that a planned fault does not change the random ones.
     fn draw(&mut self) -> Drawn {
         let number = self.exchange;
-        self.exchange += 1;
+        self.exchange.tally(1);
         let planned = self.plan.iter().find(|(at, _)| *at == number);
         let planned = planned.map(|(_, fault)| *fault);
         let mut drawn = None;
@@ -150,7 +151,7 @@ impl<B: RegisterBus> Faulty<B> {
     ) -> Result<T, FaultyError<B::Error>> {
         match fault {
             Some(Fault::SilentWrite) if !reads(accesses) => {
-                self.unnoticed += 1;
+                self.unnoticed.tally(1);
                 Ok(unheard)
             }
             Some(Fault::NotExecuted(kind)) => Err(self.fail(exchange, kind)),
@@ -165,12 +166,12 @@ impl<B: RegisterBus> Faulty<B> {
     }
 
     fn fail(&mut self, exchange: u64, kind: BusErrorKind) -> FaultyError<B::Error> {
-        self.counted.exchanges += 1;
+        self.counted.exchanges.tally(1);
         match kind {
-            BusErrorKind::Late => self.counted.late += 1,
-            BusErrorKind::Lost => self.counted.lost += 1,
-            BusErrorKind::Stale => self.counted.stale += 1,
-            BusErrorKind::Short => self.counted.short += 1,
+            BusErrorKind::Late => self.counted.late.tally(1),
+            BusErrorKind::Lost => self.counted.lost.tally(1),
+            BusErrorKind::Stale => self.counted.stale.tally(1),
+            BusErrorKind::Short => self.counted.short.tally(1),
             _ => {}
         }
         FaultyError::Injected { kind, exchange }
@@ -179,11 +180,11 @@ impl<B: RegisterBus> Faulty<B> {
     /// What a reply of the bus inside tells, and what was dropped before it got there.
     fn tell(&mut self, reply: Reply) -> Reply {
         let lost = core::mem::take(&mut self.unnoticed);
-        self.counted.lost_writes += u64::from(lost);
-        self.counted.doubts += u64::from(lost > 0);
+        self.counted.lost_writes.tally(lost.into());
+        self.counted.doubts.tally((lost > 0).into());
         Reply {
             certain: reply.certain && lost == 0,
-            lost_writes: reply.lost_writes + lost,
+            lost_writes: reply.lost_writes.saturating_add(lost),
             ..reply
         }
     }
@@ -244,17 +245,15 @@ impl<B: RegisterBus> RegisterBus for Faulty<B> {
     }
 
     fn statistics(&self) -> BusStatistics {
-        let inner = self.inner.statistics();
-        BusStatistics {
-            exchanges: inner.exchanges + self.counted.exchanges,
-            late: inner.late + self.counted.late,
-            lost: inner.lost + self.counted.lost,
-            stale: inner.stale + self.counted.stale,
-            short: inner.short + self.counted.short,
-            lost_writes: inner.lost_writes + self.counted.lost_writes,
-            doubts: inner.doubts + self.counted.doubts,
-            ..inner
-        }
+        let (mut all, counted) = (self.inner.statistics(), &self.counted);
+        all.exchanges.tally(counted.exchanges);
+        all.late.tally(counted.late);
+        all.lost.tally(counted.lost);
+        all.stale.tally(counted.stale);
+        all.short.tally(counted.short);
+        all.lost_writes.tally(counted.lost_writes);
+        all.doubts.tally(counted.doubts);
+        all
     }
 }
 

@@ -1,5 +1,6 @@
 //! The way that packets of this computer take to an address, as Linux tells.
 
+use core::cmp::Reverse;
 use core::fmt;
 use std::fs;
 use std::io;
@@ -107,7 +108,7 @@ impl Network {
             return Way::Here;
         }
         let routes = self.routes.iter().filter(|route| route.leads_to(address));
-        let best = routes.max_by_key(|route| (route.mask.to_bits(), u32::MAX - route.metric));
+        let best = routes.max_by_key(|route| (route.mask.to_bits(), Reverse(route.metric)));
         match best {
             None => Way::None,
             Some(route) if route.discards() => Way::Discarded(route),

@@ -9,6 +9,7 @@ use crate::bus::{
     Access, BoardIdentity, BusError, BusErrorKind, BusStatistics, Clock, Direction, Effort, Hold,
     Instant, RegisterBus, Reply,
 };
+use crate::tally::Tally;
 
 /// Keeps the last accesses of a bus: when, where, and which value.
 ///
@@ -97,7 +98,7 @@ impl<B> Recording<B> {
 
     fn push(&mut self, at: Instant, address: u16, event: Event) {
         let is_full = self.entries.len() >= self.capacity;
-        self.dropped += u64::from(is_full);
+        self.dropped.tally(is_full.into());
         if !is_full || self.entries.pop_front().is_some() {
             self.entries.push_back(Entry { at, address, event });
         }

@@ -57,6 +57,7 @@ pub enum Silence {
 /// The operating system gives no sockets.
 pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Asked>> {
     let question = Identity::question();
+    let patience = patience.checked_div(TRIES).unwrap_or_default();
     let mut all = Vec::with_capacity(addresses.len());
     for batch in addresses.chunks(AT_ONCE) {
         let mut asking = batch
@@ -67,7 +68,7 @@ pub fn ask(addresses: &[SocketAddrV4], patience: Duration) -> io::Result<Vec<Ask
             for one in &mut asking {
                 one.send(&question);
             }
-            receive(&mut asking, patience / TRIES)?;
+            receive(&mut asking, patience)?;
         }
         all.extend(asking.into_iter().map(Asking::result));
     }

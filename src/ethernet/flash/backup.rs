@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use super::{Area, Flash, PACKET};
+use super::{Area, Flash, PACKET, SECTOR_BYTES};
 use crate::ethernet::{Bitfile, EthernetError, FlashStep, Lbp16Board};
 use crate::lbp16::registers::flash::{PAGE, SECTOR};
 
@@ -105,7 +105,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
             differences.extend(last.map(|last| Difference {
                 area: Some(area),
                 start: range.start,
-                end: last + SECTOR as u32,
+                end: last.saturating_add(SECTOR_BYTES),
             }));
         }
         let named = |start: &u32| {
@@ -117,7 +117,7 @@ impl<B: Lbp16Board> Flash<'_, B> {
         let others = others.map(|&start| Difference {
             area: None,
             start,
-            end: start + SECTOR as u32,
+            end: start.saturating_add(SECTOR_BYTES),
         });
         // Behind the user area, before what the board may need to start.
         let at = differences

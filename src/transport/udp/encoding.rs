@@ -15,12 +15,16 @@ use crate::lbp16::{Command, MAX_COUNT, MAX_PACKET, RequestBuilder, Space};
 const SLOT: u16 = timer::SCRATCH;
 const LAST_WRITE: u16 = SLOT + 2 * SLOTS as u16;
 const REQUEST_NUMBER: u16 = LAST_WRITE + 2;
+/// The address behind them.
+const END: u16 = REQUEST_NUMBER + 4;
 /// The board's account at the end of a reply: its counts of packets, from RXUDPCount on, then the
 /// scratch registers.
 const BRIEF: Tail = Tail(1, LAST_WRITE);
 /// Of a whole cycle, whose write is the last itself.
 const OWN: Tail = Tail(1, REQUEST_NUMBER);
 const DETAILED: Tail = Tail(4, SLOT);
+/// Bytes of an address.
+const ADDRESS: usize = 2;
 /// Bytes of a command with its address.
 const COMMAND: usize = 4;
 /// Bytes of a [`Tail`].
@@ -33,11 +37,12 @@ struct Tail(u8, u16);
 
 impl Tail {
     const fn scratch(self) -> u8 {
-        (REQUEST_NUMBER + 4 - self.1) as u8 / 2
+        END.saturating_sub(self.1) as u8 / 2
     }
 
     const fn reply_len(self) -> usize {
-        2 * (self.0 as usize + self.scratch() as usize)
+        let registers = (self.0 as usize).saturating_add(self.scratch() as usize);
+        registers.saturating_mul(2)
     }
 
     /// Writes the commands to the end of a packet.
@@ -65,8 +70,10 @@ pub struct UdpList {
     pub(super) is_answered: bool,
     /// What tells that its writes were executed, if the packet changes registers of the board.
     pub(super) kind: Option<Kind>,
-    /// Where the number of its write is: for its slot, and behind it as the last if it carries that.
-    write_number: usize,
+    /// Where the register is that its write leaves its number in, and behind it the number, ...
+    slot: usize,
+    /// ... and where it is once more for the register of the last write, if it leaves it there.
+    last_write: Option<usize>,
     writes: Vec<Piece>,
     reads: Vec<Piece>,
     /// How long the board may hold it back, ...
@@ -201,9 +208,10 @@ impl UdpList {
 
     /// The packet that clears the numbers of all writes. It may be executed more than once.
     pub(super) fn clearing() -> Result<Self, UdpError> {
+        const REGISTERS: usize = SLOTS + 1;
         let mut request = RequestBuilder::default();
-        let clear = Command::write(Space::Timer, SLOTS as u8 + 1);
-        request.push(clear, SLOT, &[0; 2 * (SLOTS + 1)]);
+        let clear = Command::write(Space::Timer, REGISTERS as u8);
+        request.push(clear, SLOT, &[0; 2 * REGISTERS]);
         Self::answered(None, &request.bytes, 0)
     }
 
@@ -216,7 +224,8 @@ impl UdpList {
         let mut this = Self::default();
         this.make(true, kind, |this| {
             this.request.bytes.extend_from_slice(commands);
-            this.request.reply_len += reply_len;
+            let all = this.request.reply_len.saturating_add(reply_len);
+            this.request.reply_len = all;
         })?;
         Ok(this)
     }
@@ -230,17 +239,18 @@ impl UdpList {
         self.request.bytes.clear();
         self.writes.clear();
         self.reads.clear();
-        (self.request.reply_len, self.waited) = (0, None);
+        (self.request.reply_len, self.waited, self.last_write) = (0, None, None);
         (self.is_answered, self.kind) = (is_answered, kind);
         if is_answered {
             self.write_timer(REQUEST_NUMBER, &[0; 4]);
         }
         body(self);
         if kind.is_some() {
-            self.write_number = self.write_timer(SLOT, &[0; 2]);
+            let number = self.write_timer(SLOT, &[0; 2]);
+            self.slot = number.saturating_sub(ADDRESS);
         }
         if kind.is_some_and(|kind| kind != Kind::Cycle) {
-            self.write_timer(LAST_WRITE, &[0; 2]);
+            self.last_write = Some(self.write_timer(LAST_WRITE, &[0; 2]));
         }
         if is_answered {
             self.request.bytes.extend([0; TAIL]);
@@ -267,12 +277,8 @@ impl UdpList {
         // Where the newest command is, and its registers.
         let mut newest: Option<(usize, Access)> = None;
         for access in accesses {
-            for n in 0..access.count {
-                let next = Access {
-                    address: access.address + 4 * n,
-                    first: access.first + n,
-                    ..*access
-                };
+            let mut next = *access;
+            for _ in 0..access.count {
                 let begun = newest.filter(|(_, run)| goes_on(*run, next));
                 let (at, mut run) = begun.unwrap_or_else(|| {
                     let mut command = Command::read(Space::HostMot2, 0);
@@ -281,13 +287,16 @@ impl UdpList {
                     self.request.push(command, next.address, &[]);
                     (at, Access { count: 0, ..next })
                 });
-                run.count += 1;
-                // The lowest bits of a command are its count.
+                run.count = run.count.saturating_add(1);
+                // The lowest bits of a command are its count, which they have room for.
                 if let Some(low) = self.request.bytes.get_mut(at) {
-                    *low += 1;
+                    *low = low.saturating_add(1);
                 }
                 newest = Some((at, run));
                 self.push_word(next.direction, next.first);
+                // Behind the last register of the board comes none.
+                next.address = next.address.wrapping_add(4);
+                next.first = next.first.wrapping_add(1);
             }
         }
     }
@@ -296,15 +305,18 @@ impl UdpList {
     fn push_word(&mut self, direction: Direction, word: u16) {
         let (pieces, at) = match direction {
             Direction::Read => {
-                self.request.reply_len += 4;
-                (&mut self.reads, self.request.reply_len - 4)
+                let at = self.request.reply_len;
+                self.request.reply_len = at.saturating_add(4);
+                (&mut self.reads, at)
             }
             Direction::Write => {
+                let at = self.request.bytes.len();
                 self.request.bytes.extend([0; 4]);
-                (&mut self.writes, self.request.bytes.len() - 4)
+                (&mut self.writes, at)
             }
         };
-        let (words, bytes) = (word..word + 1, at as u16..(at + 4) as u16);
+        let (words, at) = (word..word.saturating_add(1), at as u16);
+        let bytes = at..at.wrapping_add(4);
         match pieces.last_mut() {
             Some(last) if last.words.end == word && last.bytes.end == bytes.start => {
                 (last.words.end, last.bytes.end) = (words.end, bytes.end);
@@ -335,11 +347,11 @@ impl UdpList {
             }
         }
         if let Some((number, slot)) = write {
-            let (at, number) = (self.write_number, (number as u16).to_le_bytes());
-            put(packet, at - 2, &(SLOT + 2 * slot as u16).to_le_bytes());
-            put(packet, at, &number);
-            if self.kind != Some(Kind::Cycle) {
-                put(packet, at + 2 + COMMAND, &number);
+            let register = SLOT.saturating_add((slot as u16).saturating_mul(2));
+            let words = [register, number as u16].map(u16::to_le_bytes);
+            put(packet, self.slot, words.as_flattened());
+            if let Some(at) = self.last_write {
+                put(packet, at, &words[1]);
             }
         }
         for piece in &self.writes {
@@ -410,7 +422,8 @@ impl UdpList {
     /// Bytes of the reply; 0 if there is none. `detailed`: with the whole account.
     pub(super) fn reply_len(&self, detailed: bool) -> usize {
         if self.is_answered {
-            self.request.reply_len + self.tail(detailed).reply_len()
+            let tail = self.tail(detailed).reply_len();
+            self.request.reply_len.saturating_add(tail)
         } else {
             0
         }
@@ -429,19 +442,24 @@ impl UdpList {
 
 /// Whether a command has room, and ends where an access begins.
 fn goes_on(run: Access, next: Access) -> bool {
-    let end = u32::from(run.address) + 4 * u32::from(run.count);
     run.direction == next.direction
-        && end == u32::from(next.address)
+        && end(run) == u32::from(next.address)
         && run.count < u16::from(MAX_COUNT)
 }
 
 fn is_sound(access: Access) -> bool {
-    let end = u32::from(access.address) + 4 * u32::from(access.count);
-    access.address.is_multiple_of(4) && end <= 0x1_0000 && access.words().end <= 0xFFFF
+    access.address.is_multiple_of(4) && end(access) <= 0x1_0000 && access.words().end <= 0xFFFF
+}
+
+/// The address behind its registers.
+fn end(access: Access) -> u32 {
+    let bytes = u32::from(access.count).saturating_mul(4);
+    bytes.saturating_add(access.address.into())
 }
 
 fn put(packet: &mut [u8], offset: usize, bytes: &[u8]) {
-    let place = packet.get_mut(offset..offset + bytes.len());
+    let place = packet.get_mut(offset..);
+    let place = place.and_then(|rest| rest.get_mut(..bytes.len()));
     debug_assert!(place.is_some(), "it was made with this place");
     if let Some(place) = place {
         place.copy_from_slice(bytes);

@@ -10,6 +10,10 @@
 //! everything when one write and this request were sent since the reply before; when it does not,
 //! the next request asks for the rest ([`Ledger::wants_details`]).
 
+use core::cmp::Reverse;
+
+use crate::tally::Tally;
+
 /// Registers that writes leave their numbers in, each in another one.
 pub(super) const SLOTS: usize = 5;
 
@@ -161,7 +165,7 @@ impl Ledger {
             self.settled = self.settled.wrapping_add(1);
             // Its place is the new one's.
             let is_open = self.fate(self.newest) == Fate::Underway;
-            self.forgotten = self.forgotten.saturating_add(u32::from(is_open));
+            self.forgotten.tally(is_open.into());
         }
         let slot = self.choose_slot();
         if let Some(place) = self.writes.get_mut((self.newest % REMEMBERED) as usize) {
@@ -179,7 +183,7 @@ impl Ledger {
             Fate::Missing if self.age(owner) <= KEPT => 1,
             _ => 0,
         };
-        let rank = |owner: u32| (need(owner), u32::MAX - self.age(owner));
+        let rank = |owner: u32| (need(owner), Reverse(self.age(owner)));
         let ranked = self.owners.map(rank);
         let least = ranked.iter().min().copied();
         let slot = ranked.iter().position(|rank| Some(*rank) == least);
@@ -232,9 +236,9 @@ impl Ledger {
             details.slots.map(|word| self.number(word))
         });
         let was_underway = last.is_some_and(|last| self.fate(last) == Fate::Underway);
-        let mut fresh = 0;
+        let mut fresh = 0_u16;
         for number in slots.into_iter().flatten().chain(last) {
-            fresh += self.executed(number, &mut news);
+            fresh.tally(self.executed(number, &mut news));
         }
         // A newer one was executed, and this one after it.
         let is_own = account.last_write.is_none();
@@ -243,12 +247,12 @@ impl Ledger {
         let expected = if is_own { asked } else { newest_last };
         let is_newest =
             self.fate(asked) == Fate::Executed && last_register == expected as u16 && !is_behind;
-        news.late += u32::from(is_behind && was_underway);
+        news.late.tally((is_behind && was_underway).into());
         self.executions = self.executions.wrapping_add(fresh);
         let arrived = self
             .received
             .map(|before| account.received.wrapping_sub(before));
-        let is_explained = arrived == Some(1 + fresh) && self.requests == 1;
+        let is_explained = arrived == Some(fresh.wrapping_add(1)) && self.requests == 1;
         match account.details {
             Some(details) => {
                 if last.is_none() && last_register != expected as u16 {
@@ -298,8 +302,8 @@ impl Ledger {
         match write.fate {
             Fate::Underway => {}
             Fate::Missing => {
-                news.found += 1;
-                news.late += 1;
+                news.found.tally(1);
+                news.late.tally(1);
             }
             Fate::Unknown | Fate::Executed => return 0,
         }
@@ -310,7 +314,7 @@ impl Ledger {
     /// Nothing came but what is known to be executed: the rest is lost.
     fn nothing_else_came(&mut self, asked: u32, news: &mut News) {
         while let Some(number) = self.next_to_settle(asked) {
-            news.lost += self.give_up(number, Fate::Missing);
+            news.lost.tally(self.give_up(number, Fate::Missing));
         }
     }
 
@@ -339,10 +343,9 @@ impl Ledger {
             let slot = slots.get(slot).copied().flatten();
             let is_overwritten = slot.is_some_and(|slot| self.age(slot) < self.age(number));
             if is_overwritten {
-                let forgotten = self.give_up(number, Fate::Unknown);
-                news.unconfirmed = news.unconfirmed.saturating_add(forgotten);
+                news.unconfirmed.tally(self.give_up(number, Fate::Unknown));
             } else {
-                news.lost += self.give_up(number, Fate::Missing);
+                news.lost.tally(self.give_up(number, Fate::Missing));
             }
         }
         let executions = core::mem::take(&mut self.executions);
@@ -352,7 +355,7 @@ impl Ledger {
             .map(|before| before.wrapping_add(executions));
         let surplus = expected.map(|expected| unanswered.wrapping_sub(expected));
         if let Some(surplus @ 1..PLAUSIBLE) = surplus.filter(|_| news.unconfirmed == 0) {
-            news.repeated += u32::from(surplus);
+            news.repeated.tally(surplus.into());
         }
         // Counts that a reset of the board took back, or that an unconfirmed write blurs, begin
         // again from here.

@@ -29,7 +29,9 @@ use crate::bus::{
     Instant, RegisterBus, Reply,
 };
 use crate::ethernet::Lbp16Board;
+use crate::fraction::Fraction;
 use crate::lbp16::MAX_PACKET;
+use crate::tally::Tally;
 use ledger::{Kind, Ledger};
 use matching::Requests;
 use others::Others;
@@ -197,7 +199,7 @@ impl<L: Link> UdpBus<L> {
         self.link.sleep_until(start.after(WATCH));
         self.set_up(&UdpList::question()?, &mut [])?;
         let within = self.link.now().since(start);
-        let own = (self.statistics.exchanges - sent) as u16;
+        let own = self.statistics.exchanges.wrapping_sub(sent) as u16;
         let (Some(before), Some(after)) = (before, self.ledger.received) else {
             return Ok(());
         };
@@ -205,7 +207,7 @@ impl<L: Link> UdpBus<L> {
         let packets = after.wrapping_sub(before).wrapping_sub(own);
         let others = own.saturating_add(OTHERS)..TOO_MANY;
         if others.contains(&packets) {
-            self.statistics.others += u64::from(packets);
+            self.statistics.others.tally(packets.into());
             return Err(UdpError::OtherHost { packets, within });
         }
         Ok(())
@@ -227,8 +229,8 @@ impl<L: Link> UdpBus<L> {
         let mut left = self.config.setup_tries;
         let done = self.with_retries(list, words, deadline, &mut left);
         done.map_err(|last| {
-            let tries = self.config.setup_tries.saturating_sub(left) + 1;
-            last.of_tries(tries, self.link.now().since(start))
+            let tries = self.config.setup_tries.saturating_sub(left);
+            last.of_tries(tries.saturating_add(1), self.link.now().since(start))
         })
     }
 
@@ -248,7 +250,7 @@ impl<L: Link> UdpBus<L> {
             if lasts || *tries <= 1 {
                 return Err(error);
             }
-            *tries -= 1;
+            *tries = tries.saturating_sub(1);
             if list.kind.is_none() {
                 continue;
             }
@@ -289,19 +291,20 @@ impl<L: Link> UdpBus<L> {
         let write = list.kind.map(|kind| self.ledger.open_write(kind));
         let started = self.link.now();
         let wait = list.is_answered.then(|| {
-            self.statistics.lost += u64::from(self.started.take().is_some());
+            let is_given_up = self.started.take().is_some();
+            self.statistics.lost.tally(is_given_up.into());
             Wait {
                 request: self.requests.open(),
                 asked: self.ledger.open_request(),
                 detailed: self.ledger.wants_details(),
                 started,
                 deadline,
-                sent: self.statistics.exchanges + 1,
+                sent: self.statistics.exchanges.saturating_add(1),
             }
         });
         let packet = list.packet(self.packet.as_mut_slice(), words, wait, write);
-        self.statistics.exchanges += 1;
-        self.statistics.bytes_sent += packet.len() as u64;
+        self.statistics.exchanges.tally(1);
+        self.statistics.bytes_sent.tally(packet.len() as u64);
         self.link.send(packet)?;
         Ok(wait)
     }
@@ -361,7 +364,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     /// waited does not count for the deadline: whatever it waits, its words are as new as those of
     /// other lists.
     fn prepare(&mut self, accesses: &[Access], hold: Option<Hold>) -> Result<UdpList, UdpError> {
-        self.prepared += 1;
+        self.prepared = self.prepared.wrapping_add(1);
         let mut list = UdpList::new(accesses, false, hold)?;
         list.number = self.prepared;
         Ok(list)
@@ -409,7 +412,7 @@ impl<L: Link> RegisterBus for UdpBus<L> {
     /// The deadline of [`UdpConfig::default`] becomes 80 % of the period, and at least 100 us.
     fn set_cycle(&mut self, period: Duration, deadline: Option<Duration>) {
         let is_default = self.config.cycle_deadline == UdpConfig::default().cycle_deadline;
-        let following = || (period.saturating_mul(4) / 5).max(SHORTEST_DEADLINE);
+        let following = || period.fraction(4, 5).max(SHORTEST_DEADLINE);
         if let Some(deadline) = deadline.or_else(|| is_default.then(following)) {
             self.config.cycle_deadline = deadline;
         }

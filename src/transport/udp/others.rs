@@ -7,6 +7,7 @@
 use core::time::Duration;
 
 use crate::bus::Instant;
+use crate::tally::Tally;
 
 /// For so long packets are added up.
 const WINDOW: Duration = Duration::from_secs(1);
@@ -64,7 +65,8 @@ impl Others {
             self.begin(heard, moment);
             return None;
         };
-        self.moment.1 += i64::from(received.wrapping_sub(own).cast_signed());
+        let more = received.wrapping_sub(own).cast_signed();
+        self.moment.1.tally(more.into());
         let passed = moment.wrapping_sub(self.moment.0);
         if passed == 0 {
             return None;
@@ -78,11 +80,12 @@ impl Others {
         let moment = before.wrapping_add(passed);
         self.moment = (moment, 0);
         let most = passed.saturating_mul(IN_A_MOMENT).min(AT_ONCE);
-        self.counted += packets.min(most.cast_signed());
-        self.packets += packets;
+        self.counted.tally(packets.min(most.cast_signed()));
+        self.packets.tally(packets);
         let within = heard.at.since(at);
-        let few = FEW * within.max(WINDOW).as_secs()
-            + FOR_A_DUPLICATE * heard.duplicate.saturating_sub(duplicate);
+        let few = FEW.saturating_mul(within.max(WINDOW).as_secs());
+        let duplicates = heard.duplicate.saturating_sub(duplicate);
+        let few = few.saturating_add(FOR_A_DUPLICATE.saturating_mul(duplicates));
         let is_news = !self.is_told && u64::try_from(self.counted).is_ok_and(|n| n > few);
         let packets = u32::try_from(self.packets).unwrap_or(u32::MAX);
         self.is_told |= is_news;

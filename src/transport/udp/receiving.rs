@@ -8,6 +8,7 @@ use super::others::Heard;
 use super::{Link, UdpBus, UdpError, UdpList};
 use crate::bus::{Instant, Reply};
 use crate::lbp16::MAX_PACKET;
+use crate::tally::Tally;
 
 /// The reply that is waited for.
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +41,7 @@ impl<L: Link> UdpBus<L> {
         let deadline = wait.deadline.saturating_add(list.held);
         let until = wait.started.after(deadline);
         let mut instead = None;
-        let (mut overtime, mut datagrams) = (0, 0);
+        let (mut overtime, mut datagrams) = (0_u32, 0_u64);
         loop {
             let received = self.link.receive(self.reply.as_mut_slice(), until);
             let waited = self.link.now().since(wait.started);
@@ -57,20 +58,20 @@ impl<L: Link> UdpBus<L> {
                             waited,
                         });
                     }
-                    None => datagrams += 1,
+                    None => datagrams.tally(1),
                 },
                 Ok(None) => overtime = MAX_OVERTIME,
                 Err(error) => {
                     // Should a reply come after all, it is late.
-                    self.statistics.lost += 1;
+                    self.statistics.lost.tally(1);
                     let kind = error.kind();
                     return Err(UdpError::Link { kind, waited });
                 }
             }
             // What came in time may still lie in the socket, but not without end.
-            overtime += u32::from(waited > deadline);
+            overtime.tally((waited > deadline).into());
             if overtime >= MAX_OVERTIME {
-                self.statistics.lost += 1;
+                self.statistics.lost.tally(1);
                 return Err(match instead {
                     Some(stale) => stale,
                     None if datagrams == 0 => UdpError::Lost { request, waited },
@@ -96,12 +97,12 @@ impl<L: Link> UdpBus<L> {
         let counted = &mut self.statistics;
         if length > MAX_PACKET {
             // No board sends that, and what is at its end may be the middle of it.
-            counted.foreign += 1;
+            counted.foreign.tally(1);
             return Ok(None);
         }
         let reply = self.reply.get(..length).unwrap_or(&[]);
         let Some(number) = UdpList::number(reply) else {
-            counted.short += 1;
+            counted.short.tally(1);
             return Ok(None);
         };
         // What the board did not wait for its clock was lost on the way: the words are that old.
@@ -110,7 +111,7 @@ impl<L: Link> UdpBus<L> {
         let deadline = wait.deadline.saturating_add(told);
         match self.requests.classify(number) {
             Match::Current if length != expected => {
-                counted.short += 1;
+                counted.short.tally(1);
                 return Err(UdpError::Short {
                     request,
                     expected,
@@ -119,7 +120,7 @@ impl<L: Link> UdpBus<L> {
                 });
             }
             Match::Current if waited > deadline => {
-                counted.late += 1;
+                counted.late.tally(1);
                 return Err(UdpError::Late {
                     request,
                     waited,
@@ -127,22 +128,22 @@ impl<L: Link> UdpBus<L> {
                 });
             }
             Match::Current => {
-                counted.bytes_received += length as u64;
+                counted.bytes_received.tally(length as u64);
                 let account = list.account(reply, wait.detailed);
                 self.hear(account, wait);
             }
             Match::Late => {
-                counted.late += 1;
+                counted.late.tally(1);
                 counted.lost = counted.lost.saturating_sub(1);
             }
-            Match::Duplicate => counted.duplicate += 1,
-            Match::Stale => counted.stale += 1,
+            Match::Duplicate => counted.duplicate.tally(1),
+            Match::Stale => counted.stale.tally(1),
             Match::Foreign if length < expected => {
-                counted.short += 1;
+                counted.short.tally(1);
                 return Ok(None);
             }
             Match::Foreign => {
-                counted.foreign += 1;
+                counted.foreign.tally(1);
                 return Ok(None);
             }
         }
@@ -158,23 +159,26 @@ impl<L: Link> UdpBus<L> {
             at: wait.started,
             received: before.map(|before| account.received.wrapping_sub(before)),
             sent: wait.sent,
-            duplicate: counted.duplicate + counted.stale,
+            duplicate: counted.duplicate.saturating_add(counted.stale),
         };
         let others = self.others.hear(heard);
         let others = others.filter(|_| !self.config.beside_others);
         let others = others.unwrap_or(0);
-        counted.others += u64::from(others);
-        counted.lost_writes += u64::from(news.lost);
+        counted.others.tally(others.into());
+        counted.lost_writes.tally(news.lost.into());
         counted.lost_writes = counted.lost_writes.saturating_sub(news.found.into());
-        counted.late_writes += u64::from(news.late);
-        counted.repeated_writes += u64::from(news.repeated);
-        counted.unconfirmed_writes += u64::from(news.unconfirmed);
-        counted.doubts += u64::from(news.doubt);
+        counted.late_writes.tally(news.late.into());
+        counted.repeated_writes.tally(news.repeated.into());
+        counted.unconfirmed_writes.tally(news.unconfirmed.into());
+        counted.doubts.tally(news.doubt.into());
         if self.is_cyclic {
             self.news = self.news.and(Reply {
                 certain: !news.doubt,
                 // What comes late is not lost any more, but it was.
-                lost_writes: (news.lost + news.late).saturating_sub(news.found),
+                lost_writes: news
+                    .lost
+                    .saturating_add(news.late)
+                    .saturating_sub(news.found),
                 others,
                 slack: None,
             });
