@@ -449,6 +449,11 @@ impl Oracle {
             .try_for_each(|track| track.check_off(now, why))
     }
 
+    /// How long a remote may take to switch off that nothing reaches.
+    pub fn off_after(&self) -> u64 {
+        self.off_after
+    }
+
     /// Whether a remote has an output on.
     pub fn is_on(&self, remote: usize) -> bool {
         self.remotes[remote].shown.is_on()

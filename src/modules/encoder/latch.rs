@@ -11,6 +11,8 @@
 //!   homing twice to the same index, the movement over that index tells.
 //! - A late write of an earlier request leaves the same bits as this one. An exchange in which that
 //!   may have happened is no evidence.
+//! - After a gap between two reads in which the counter may have wrapped around, the latched count
+//!   may be 65,536 counts or more away from here. The request is made again.
 
 use super::registers::{bits, latched};
 use core::mem::take;
@@ -140,13 +142,13 @@ impl Latch {
     }
 
     /// Takes what a read showed, after the counter went `from` one count `to` another since the read
-    /// before, both without wrap-around; `behind` is how far a latched count is behind `to`. Gives the
-    /// latched count once the latch has happened.
+    /// before, both without wrap-around; `behind` is how far a latched count is behind `to`, if that is
+    /// known. Gives the latched count once the latch has happened.
     pub fn observe(
         &mut self,
         control: u32,
         (from, to): (i64, i64),
-        behind: impl Fn(u16) -> i64,
+        behind: impl Fn(u16) -> Option<i64>,
     ) -> Option<u16> {
         let is_trusted = self.is_trusted();
         let is_suspect = take(&mut self.is_doubtful) | take(&mut self.is_repeated);
@@ -170,14 +172,12 @@ impl Latch {
             return None;
         }
         self.stage = Stage::Settling;
-        if !is_trusted {
-            return None;
-        }
         let latched = latched(control);
+        let behind = behind(latched).filter(|_| is_trusted)?;
         if self.wanted == LatchRequest::Index {
             self.index = (to != from).then(|| Passed {
                 latched,
-                at: to.wrapping_sub(behind(latched)),
+                at: to.wrapping_sub(behind),
                 upwards: to > from,
             });
         }

@@ -210,8 +210,11 @@ impl EncoderState {
         self.clears_error &= has_error;
         let has_error = self.reading.quadrature_error || has_error && !self.clears_error;
         let from = self.reading.rawcounts;
+        let gap = sample.at.since(last.at).as_secs_f64();
+        let is_ambiguous = gap * self.sample_hz >= AMBIGUOUS;
+        self.reading.is_unsure |= is_ambiguous;
         self.advance(last, ticks, sample);
-        let index_came = self.check_latch(sample, from);
+        let index_came = self.check_latch(sample, from, is_ambiguous);
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
         self.reading = EncoderReading {
@@ -237,7 +240,6 @@ impl EncoderState {
     fn advance(&mut self, last: EncoderSample, last_ticks: u64, sample: EncoderSample) {
         let change = i64::from((sample.count as u16).wrapping_sub(last.count as u16) as i16);
         let gap = sample.at.since(last.at).as_secs_f64();
-        self.reading.is_unsure |= gap * self.sample_hz >= AMBIGUOUS;
         let ticks = extend_ticks(last_ticks, sample.timestamp, gap * self.tick_hz);
         // A change after the time stamp counter was read would look 65535 ticks old.
         let age = sample.timestamp.wrapping_sub((sample.count >> 16) as u16);
@@ -254,11 +256,12 @@ impl EncoderState {
     }
 
     /// Makes the count 0 at an index that came, and keeps where a probe did. Whether an index came.
-    fn check_latch(&mut self, sample: EncoderSample, from: i64) -> bool {
+    fn check_latch(&mut self, sample: EncoderSample, from: i64, is_ambiguous: bool) -> bool {
         let (wanted, count) = (self.latch.wanted, sample.count as u16);
         let moved = (from, self.reading.rawcounts);
         let behind = |latched: u16| i64::from(count.wrapping_sub(latched) as i16);
-        let Some(latched) = self.latch.observe(sample.control, moved, behind) else {
+        let known = |latched| (!is_ambiguous).then(|| behind(latched));
+        let Some(latched) = self.latch.observe(sample.control, moved, known) else {
             return false;
         };
         let behind = behind(latched);

@@ -181,6 +181,10 @@ impl SerialPort {
         pins: &mut PinStore,
         now: Instant,
     ) {
+        // Who was stopped because the port is switched off was not asked.
+        if !self.recovery.run {
+            return;
+        }
         for health in &mut self.recovery.remotes {
             if !asked.contains(health.channel()) || health.watchdog.is_slow() {
                 continue;

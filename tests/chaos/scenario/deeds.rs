@@ -135,6 +135,9 @@ impl Scenario {
             return Ok(());
         }
         let is_quiet = self.stage.begun().is_empty();
+        // One that was being restarted is switched off by its own watchdog.
+        let by_watchdog = self.oracle.off_after() / self.plan.period;
+        let off_after = by_watchdog + OFF_AFTER;
         for (port, cycles) in self.off.iter_mut().enumerate() {
             *cycles = if application.is_port_off(driver, port) {
                 *cycles + 1
@@ -152,7 +155,7 @@ impl Scenario {
                 let is_on = self.oracle.is_on(remote)
                     || application.running(driver).any(|(n, _)| n == remote);
                 ensure(
-                    !is_on || *cycles < OFF_AFTER || !is_quiet,
+                    !is_on || *cycles < off_after || !is_quiet,
                     Promise::Safe,
                     now,
                     || {

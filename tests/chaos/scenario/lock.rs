@@ -68,7 +68,7 @@ impl Scenario {
         // A write that is preceded by settings which drive pins is later than others. If it is the last
         // one that sets the phase, the loop takes seconds to get into step.
         let may = plan.habits.settings_one_in > 0 || plan.extras.reads_ahead;
-        let may = may || !plan.spares_the_board();
+        let may = may || plan.more.tunes_one_in > 0 || !plan.spares_the_board();
         let is_right = is_locked || even < LOCKED_AFTER || may;
         ensure(is_right, Promise::Told, now, || {
             format!("the DPLL is not in step after {even} reads at equal intervals")

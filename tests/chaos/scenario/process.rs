@@ -243,8 +243,14 @@ impl Scenario {
             .filter_map(|one| application.number((one.port.into(), one.channel.into())));
         let said: Vec<usize> = said.collect();
         let now = self.sim.now();
-        let silent = (0..self.plan.remotes())
-            .find(|remote| self.oracle.is_on(*remote) && !said.contains(remote));
+        // One that was pulled out of its channel, where another one is now, is not the driver's any more.
+        let is_swapped = |remote: &usize| {
+            let mut faults = self.plan.faults.iter();
+            faults.any(|it| it.kind == FaultKind::WireSwapped && it.target == *remote)
+        };
+        let silent = (0..self.plan.remotes()).find(|remote| {
+            self.oracle.is_on(*remote) && !said.contains(remote) && !is_swapped(remote)
+        });
         ensure(silent.is_none(), Promise::Told, now, || {
             format!("remote {silent:?} is on after the stop, which names only {left:?}")
         })

@@ -462,3 +462,26 @@ fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_bra
         assert!(seen.iter().all(|seen| !seen.is_unsure), "{seen:?}");
     }
 }
+
+#[test]
+fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_is_made_again() {
+    let (mut encoder, mut hardware) = armed();
+    encoder.set_rates(HZ, 1e6);
+    // The index was 131,560 counts before the end: the same latched count as 488 counts behind it.
+    let sample = hardware.step(150_000, 160_000);
+    let latched = (hardware.count - 131_560) as u16;
+    hardware.control = 0x1848 | u32::from(latched) << 16;
+    let control = hardware.control;
+    let reading = encoder.read(EncoderSample { control, ..sample });
+    assert_eq!((reading.index_came, reading.is_unsure), (false, true));
+    assert_eq!(encoder.latch.wanted, LatchRequest::Index);
+    // What is in the control register of the request before has to be gone first.
+    hardware.control = encoder.control();
+    assert_eq!(hardware.control, 0x1808);
+    encoder.read(hardware.step(10, 1_000));
+    assert_eq!(encoder.control(), 0x1858);
+    hardware.control = 0x1848 | u32::from((hardware.count + 5) as u16) << 16;
+    let reading = encoder.read(hardware.step(10, 1_000));
+    assert_eq!((reading.count, reading.index_came), (5, true));
+    assert!(!reading.is_unsure);
+}
