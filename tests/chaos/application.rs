@@ -135,7 +135,6 @@ impl Application {
             .remotes
             .iter_mut()
             .filter(|remote| !remote.inputs.is_empty())
-            .filter(|remote| !stage.is_exchanged_in_build(remote.number))
         {
             let state = pins.group_state(remote.group).expect("of this driver");
             let is_down = driver.board_state() != BoardState::Running || !state.armed;
@@ -202,7 +201,6 @@ impl Application {
             let state = pins.group_state(remote.group).expect("of this driver");
             let age = state.age.time.as_nanos() as u64;
             if state.valid
-                && !stage.is_exchanged_in_build(remote.number)
                 && let Some(field) = &mut remote.field
             {
                 let window = (now.saturating_sub(age + 5 * MICRO), now);

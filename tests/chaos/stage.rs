@@ -176,14 +176,6 @@ impl Stage {
         self.lock().all_is_well = all_is_well;
     }
 
-    /// Whether a card was exchanged for another one while the driver was built: whose inputs these are
-    /// depends on the moment.
-    pub fn is_exchanged_in_build(&self, remote: usize) -> bool {
-        let agenda = self.lock();
-        let mut planned = agenda.planned.iter();
-        planned.any(|it| it.in_build && it.target == remote && it.kind == FaultKind::WireSwapped)
-    }
-
     pub fn begun(&self) -> Vec<Begun> {
         self.lock().begun.iter().flatten().copied().collect()
     }

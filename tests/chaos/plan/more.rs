@@ -81,6 +81,12 @@ impl Plan {
             return self;
         }
         self.more = more;
+        // Between the last look at a card and its start, nobody can tell it from another one of its kind.
+        for fault in &mut self.faults {
+            if fault.in_build && fault.kind == FaultKind::WireSwapped {
+                fault.kind = FaultKind::WireUnplugged;
+            }
+        }
         if without_watchdog {
             self.extras.remote_watchdog = 0;
         }
@@ -94,6 +100,7 @@ impl Plan {
         }
         self.more.is_latched &= self.has_dpll() && !self.extras.is_fast;
         // A runner reads by itself.
+        self.more.runs &= self.spares_the_board();
         self.more.runs &= self.more.jitter == 0 && self.extras.stranger == Stranger::None;
         if self.more.jitter > 0 {
             // Locked once, and then long enough to be seen without it.
