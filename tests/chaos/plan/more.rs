@@ -99,6 +99,7 @@ impl Plan {
             self.more.jitter = 0;
         }
         self.more.is_latched &= self.has_dpll() && !self.extras.is_fast;
+        self.more.is_latched &= !self.extras.second_master;
         // A runner reads by itself.
         self.more.runs &= self.spares_the_board();
         self.more.runs &= self.more.jitter == 0 && self.extras.stranger == Stranger::None;
