@@ -57,7 +57,7 @@ const DITHER: u32 = 1 << 6;
 pub struct PwmShape {
     /// Bits of the duty: 9 to 12.
     pub bits: u8,
-    /// What the output pins do: see [`PwmPins::output_type`].
+    /// What the output pins do: see [`PwmPins::output_type`](super::PwmPins::output_type).
     pub output_type: i32,
     /// 0 is half scale, and direction is not used. What the 7I97 needs.
     pub offset: bool,
