@@ -11,8 +11,8 @@
 //!   homing twice to the same index, the movement over that index tells.
 //! - A late write of an earlier request leaves the same bits as this one. An exchange in which that
 //!   may have happened is no evidence.
-//! - After a gap between two reads in which the counter may have wrapped around, the latched count
-//!   may be 65,536 counts or more away from here. The request is made again.
+//! - After a gap between two reads in which the counter has wrapped around at the speed before, the
+//!   latched count may be 65,536 counts or more away from here. The request is made again.
 
 use super::registers::{bits, latched};
 use core::mem::take;

@@ -213,8 +213,10 @@ impl EncoderState {
         let gap = sample.at.since(last.at).as_secs_f64();
         let is_ambiguous = gap * self.sample_hz >= AMBIGUOUS;
         self.reading.is_unsure |= is_ambiguous;
+        // At twice the last speed it has wrapped around.
+        let is_lost = 2.0 * self.velocity.velocity.abs() * gap >= AMBIGUOUS;
         self.advance(last, ticks, sample);
-        let index_came = self.check_latch(sample, from, is_ambiguous);
+        let index_came = self.check_latch(sample, from, (is_ambiguous, is_lost));
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
         self.reading = EncoderReading {
@@ -256,18 +258,23 @@ impl EncoderState {
     }
 
     /// Makes the count 0 at an index that came, and keeps where a probe did. Whether an index came.
-    fn check_latch(&mut self, sample: EncoderSample, from: i64, is_ambiguous: bool) -> bool {
+    fn check_latch(
+        &mut self,
+        sample: EncoderSample,
+        from: i64,
+        (is_ambiguous, is_lost): (bool, bool),
+    ) -> bool {
         let (wanted, count) = (self.latch.wanted, sample.count as u16);
         let moved = (from, self.reading.rawcounts);
         let behind = |latched: u16| i64::from(count.wrapping_sub(latched) as i16);
-        let known = |latched| (!is_ambiguous).then(|| behind(latched));
+        let known = |latched| (!is_lost).then(|| behind(latched));
         let Some(latched) = self.latch.observe(sample.control, moved, known) else {
             return false;
         };
         let behind = behind(latched);
         let is_index = wanted == LatchRequest::Index;
         if is_index {
-            (self.reading.count, self.reading.is_unsure) = (behind, false);
+            (self.reading.count, self.reading.is_unsure) = (behind, is_ambiguous);
         }
         self.reading.latched = Some(self.reading.count.wrapping_sub(behind));
         is_index

@@ -467,6 +467,8 @@ fn an_encoder_that_seems_to_stop_at_the_greatest_rate_is_unsure_and_one_that_bra
 fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_is_made_again() {
     let (mut encoder, mut hardware) = armed();
     encoder.set_rates(HZ, 1e6);
+    encoder.read(hardware.step(1_000, 1_000));
+    encoder.read(hardware.step(1_000, 1_000));
     // The index was 131,560 counts before the end: the same latched count as 488 counts behind it.
     let sample = hardware.step(150_000, 160_000);
     let latched = (hardware.count - 131_560) as u16;
@@ -484,4 +486,15 @@ fn an_index_in_a_gap_that_could_hide_a_wrap_around_is_not_taken_and_the_request_
     let reading = encoder.read(hardware.step(10, 1_000));
     assert_eq!((reading.count, reading.index_came), (5, true));
     assert!(!reading.is_unsure);
+}
+
+#[test]
+fn an_index_in_a_slow_cycle_is_taken_and_stays_unsure_where_the_counter_can_wrap_around_in_it() {
+    let (mut encoder, mut hardware) = armed();
+    encoder.set_rates(HZ, 1e6);
+    let sample = hardware.step(100, 50_000);
+    let control = 0x1848 | u32::from((hardware.count - 30) as u16) << 16;
+    let reading = encoder.read(EncoderSample { control, ..sample });
+    assert_eq!((reading.count, reading.index_came), (30, true));
+    assert!(reading.is_unsure);
 }
