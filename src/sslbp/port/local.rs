@@ -9,6 +9,7 @@ use crate::{
     },
 };
 use alloc::format;
+use core::time::Duration;
 
 /// The oldest firmware 1.x whose CS has the remote's faults.
 ///
@@ -20,6 +21,8 @@ const LAST_VARIABLE: u16 = 0x30;
 
 /// How often a byte is read while the bus doubts that it is the one that was asked for.
 const READS: u8 = 10;
+/// A copy of a packet comes hardly later.
+const COPIES: Duration = Duration::from_millis(1);
 
 const NOT_KNOWN: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
@@ -41,6 +44,8 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
             if self.bus.statistics().doubts == doubts || before.replace(byte) == Some(byte) {
                 return Ok(byte);
             }
+            // So that what comes then are copies of this one.
+            self.bus.wait(COPIES);
         }
         self.local_read_once(address)
     }
