@@ -17,7 +17,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// The parameter `NVWatchDogTimeout` says what a remote uses from its next power-up on. What it
     /// uses until then it does not tell, so that one which was written since may be read as 50 ms
     /// while none is in use. Those that are off or [slow](super::RemoteWatchdog::is_slow) by their
-    /// parameter stay what they are, and are not waited for.
+    /// parameter stay what they are, and are not waited for. So do those of a port that is
+    /// switched off, which transfers nothing.
     ///
     /// It costs the machine what [`write_remote_parameter`](Self::write_remote_parameter) does:
     /// everything becomes safe, remotes whose watchdogs have bitten are started again in the next

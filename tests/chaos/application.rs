@@ -412,8 +412,7 @@ impl Application {
         }
         for remote in &self.remotes {
             let group = state(remote.group);
-            // Valid, and not by patience: it transfers.
-            if !group.armed || !group.valid || group.age.cycles > 2 {
+            if !group.armed || !group.valid {
                 let status = remote.state(driver);
                 return Err(format!("remote {}: {status:?}, {group:?}", remote.number));
             }

@@ -37,7 +37,7 @@ impl Sim {
     pub fn is_in_reset(&self) -> bool {
         match self {
             Self::Embedded(fpga) => fpga.borrow().is_in_reset(),
-            Self::Network(network) => network.borrow().link.board.gateware().is_in_reset(),
+            Self::Network(network) => network.borrow().link.is_silent(),
         }
     }
 

@@ -92,6 +92,8 @@ pub struct SimLink {
     pub journal: Vec<Sent>,
     /// When the whole board loses its configuration, and for how long.
     pub resets: Vec<(u64, u64)>,
+    /// Until then the board has no configuration.
+    silent_until: u64,
     now: u64,
     /// What the host's clock has missed while it stood still.
     missed: u64,
@@ -116,6 +118,7 @@ impl SimLink {
             is_unreachable: false,
             journal: Vec::new(),
             resets: Vec::new(),
+            silent_until: 0,
             now: 0,
             missed: 0,
             sent: 0,
@@ -127,6 +130,11 @@ impl SimLink {
 
     pub fn time(&self) -> u64 {
         self.now
+    }
+
+    /// Whether the board has no configuration just now.
+    pub fn is_silent(&self) -> bool {
+        self.now < self.silent_until
     }
 
     /// The host stands still and its clock with it, as a virtual machine that is stopped.
@@ -172,6 +180,7 @@ impl SimLink {
             if is_due {
                 self.board.advance_to(at);
                 self.board.reset_for(*time);
+                self.silent_until = at + *time;
             }
             !is_due
         });

@@ -29,6 +29,7 @@ mod other_board;
 mod other_boards;
 mod outputs_forgotten;
 mod pace;
+mod read_late;
 mod rearmed_once;
 mod refused_start;
 mod remote_parameters;

@@ -187,3 +187,28 @@ fn a_bite_that_is_told_together_with_another_fault_is_a_bite() {
     );
     assert_eq!(status.watchdog, FIFTY);
 }
+
+/// Remotes that are about to stop, because the application has just switched their port off, are not
+/// asked; so their watchdogs stay what they are.
+#[test]
+fn of_a_port_that_is_switched_off_no_watchdog_is_judged() {
+    let started = Driver::start(fpga(), Settings::default());
+    let mut machine = Machine::with(started.expect("all of them run"));
+    let run = machine
+        .driver
+        .pins()
+        .output("hm2_7i92.0.sserial.port-0.run");
+    let run = run.expect("a port");
+    for cycles in [0, 1, 2, 3, 100] {
+        runs(&mut machine);
+        machine.driver.pins_mut().set(run, false);
+        machine.cycles(cycles);
+        machine.driver.prove_watchdogs().expect("the bus works");
+        for channel in [FIELD, ANALOG, OUTPUTS] {
+            let found = machine.status(channel).watchdog;
+            assert_eq!(found, FIFTY, "channel {channel}, after {cycles} cycles");
+        }
+        machine.driver.pins_mut().set(run, true);
+    }
+    runs(&mut machine);
+}

@@ -166,9 +166,14 @@ impl SerialPort {
         quick.map(|remote| remote.watchdog.silence()).max()
     }
 
-    /// The channels whose remotes transfer.
+    /// The channels whose remotes transfer, and go on to. Those of a port that was switched off are about
+    /// to stop: nobody asks them any more.
     pub(crate) fn running(&self) -> ChannelMask {
-        self.recovery.running
+        if self.recovery.run {
+            self.recovery.running
+        } else {
+            ChannelMask::NONE
+        }
     }
 
     /// Nothing was sent to these remotes for their [silence](Self::silence), and then they were asked:
@@ -181,10 +186,6 @@ impl SerialPort {
         pins: &mut PinStore,
         now: Instant,
     ) {
-        // Who was stopped because the port is switched off was not asked.
-        if !self.recovery.run {
-            return;
-        }
         for health in &mut self.recovery.remotes {
             if !asked.contains(health.channel()) || health.watchdog.is_slow() {
                 continue;

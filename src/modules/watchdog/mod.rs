@@ -146,6 +146,9 @@ impl Watchdog {
         is_certain: bool,
     ) -> Option<BoardState> {
         let time = words.word(self.time_left);
+        if words.word(self.status) == NO_FPGA {
+            return Some(BoardState::Reset);
+        }
         if has_bitten(words.word(self.status)) {
             return Some(self.who_bit(time, now, is_certain));
         }
@@ -230,6 +233,10 @@ impl Module for Watchdog {
 fn is_counting(time: u32) -> bool {
     time != 0 && WatchdogRegisters::runs(time)
 }
+
+/// What is read where an FPGA has lost its configuration in the middle of the exchange, after it has
+/// shown what it is. A bite sets a single bit.
+const NO_FPGA: u32 = u32::MAX;
 
 fn has_bitten(status: u32) -> bool {
     status & WatchdogRegisters::HAS_BIT != 0

@@ -9,6 +9,7 @@ use crate::{
     },
 };
 use alloc::format;
+use core::time::Duration;
 
 /// The oldest firmware 1.x whose CS has the remote's faults.
 ///
@@ -18,6 +19,12 @@ const OLDEST_MINOR: u8 = 29;
 /// The last of the variables of a channel: the duration of an exchange. FACTS 2.4.
 const LAST_VARIABLE: u16 = 0x30;
 
+/// How often a byte is read while the bus doubts that it is the one that was asked for.
+const READS: u8 = 10;
+/// A copy of a packet comes hardly later.
+const COPIES: Duration = Duration::from_millis(1);
+
+const DISTURBED: &str = "the network delivers packets twice or late: look at its switches and cables, or connect directly";
 const NOT_KNOWN: &str = "this firmware is not known";
 const OTHER_PROTOCOL: &str = "this firmware has another serial protocol than SSLBP on that port";
 const INCONSISTENT: &str =
@@ -30,6 +37,23 @@ impl<B: RegisterBus + Clock> SetupPort<'_, B> {
     /// There is no such address; the bus fails, or the port does not answer.
     pub fn local_read(&mut self, address: u16) -> PortResult<u8, B> {
         self.require_local(address)?;
+        let mut before = None;
+        for _ in 0..READS {
+            let doubts = self.bus.statistics().doubts;
+            let byte = self.local_read_once(address)?;
+            // A network can deliver an earlier command once more, and DATA has the byte of that one.
+            if self.bus.statistics().doubts == doubts || before.replace(byte) == Some(byte) {
+                return Ok(byte);
+            }
+            // So that what comes then are copies of this one.
+            self.bus.wait(COPIES);
+        }
+        let what = format!("local address {address:#05X}");
+        let found = "another byte with each read".into();
+        Err(self.unexpected(what, found, "the same byte twice".into(), DISTURBED))
+    }
+
+    fn local_read_once(&mut self, address: u16) -> PortResult<u8, B> {
         let (_, snapshot) = self.run(Operation::ReadLocal(address), &[])?;
         Ok(snapshot.data() as u8)
     }

@@ -7,6 +7,9 @@ use mesa_hal::hal::GroupState;
 use super::Application;
 use super::pins::Remote;
 
+/// What is younger than so many cycles is new.
+const NEWS: u64 = 4;
+
 impl Application {
     /// Switches a port off, or on again; whether it is on.
     pub fn switch_port<B: RegisterBus + Clock>(
@@ -74,6 +77,20 @@ impl Application {
             let (port, channel) = remote.place;
             let status = driver.ports().get(port)?.remote(channel)?;
             Some((remote.number, status.first_fault))
+        })
+    }
+
+    /// Whether all remotes have transferred just now, and which has not.
+    pub fn all_have_news<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Result<(), String> {
+        let age = |remote: &Remote| {
+            driver
+                .pins()
+                .group_state(remote.group)
+                .map(|state| state.age)
+        };
+        let is_old = |remote: &&Remote| age(remote).is_none_or(|age| age.cycles > NEWS);
+        self.remotes.iter().find(is_old).map_or(Ok(()), |remote| {
+            Err(format!("remote {}: {:?}", remote.number, age(remote)))
         })
     }
 

@@ -243,13 +243,15 @@ impl Scenario {
             .filter_map(|one| application.number((one.port.into(), one.channel.into())));
         let said: Vec<usize> = said.collect();
         let now = self.sim.now();
-        // One that was pulled out of its channel, where another one is now, is not the driver's any more.
-        let is_swapped = |remote: &usize| {
-            let mut faults = self.plan.faults.iter();
-            faults.any(|it| it.kind == FaultKind::WireSwapped && it.target == *remote)
+        // Here cards are exchanged in no time: what the other one reports, a bite as after each power-up,
+        // is taken for the own one's, whose watchdog has not bitten yet. By hand it has.
+        let begun = self.stage.begun();
+        let is_swapped = |remote: usize| {
+            let mut begun = begun.iter().map(|begun| begun.planned);
+            begun.any(|fault| fault.kind == FaultKind::WireSwapped && fault.target == remote)
         };
         let silent = (0..self.plan.remotes()).find(|remote| {
-            self.oracle.is_on(*remote) && !said.contains(remote) && !is_swapped(remote)
+            self.oracle.is_on(*remote) && !said.contains(remote) && !is_swapped(*remote)
         });
         ensure(silent.is_none(), Promise::Told, now, || {
             format!("remote {silent:?} is on after the stop, which names only {left:?}")

@@ -154,11 +154,7 @@ impl Scenario {
         let is_other = has(FaultKind::WireSwapped) || has(FaultKind::WireLate);
         for event in &events {
             let is_true = match event.kind {
-                // A long reset that begins inside a read shows a status that is none, beside the time
-                // of before.
-                EventKind::WatchdogBitten => {
-                    told.bites > 0 || told.resets > 0 && has(FaultKind::FpgaResetLong)
-                }
+                EventKind::WatchdogBitten => told.bites > 0,
                 // A bite that comes sooner than a bite can is taken for what a reset does.
                 EventKind::BoardReset => told.resets + told.bites > 0 || is_late,
                 EventKind::OtherMaster { .. } => self.plan.extras.second_master,
