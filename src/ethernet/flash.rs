@@ -20,7 +20,7 @@ use registers::{control, flash};
 const ERASE: Duration = Duration::from_secs(4);
 /// A page of an M25P16 is written within 5 ms.
 const WRITE: Duration = Duration::from_millis(100);
-/// A sector, as a part of addresses.
+/// Bytes of a sector, in the type of an address.
 const SECTOR_BYTES: u32 = SECTOR as u32;
 /// Bytes read by one command; the manual's examples do the same.
 const BLOCK: usize = 256;

@@ -57,7 +57,7 @@ pub struct EncoderReading {
     /// The counter was set up again; or the time between two reads was so long that the encoder may
     /// have moved 32768 counts or more; or it was near the greatest rate that is followed, and seems
     /// to have stopped from one read to the next, as beyond that rate. `count` may be wrong. Kept until
-    /// the next reset or index.
+    /// the next reset, or the next index that came between two reads without such a gap.
     pub is_unsure: bool,
     /// It turns at nine tenths or more of the greatest rate that is followed: beyond that rate counts
     /// are garbage, and no error tells (FACTS 12.6).
