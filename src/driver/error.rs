@@ -121,6 +121,12 @@ pub enum DriverError<E: BusError> {
         /// The period.
         period: Duration,
     },
+    /// The board did not confirm that its outputs are off, so that its watchdog was not given the time
+    /// that this takes.
+    #[error(
+        "the board does not confirm that its outputs are off, because writes are lost, so nothing was done: look at its link, then try again"
+    )]
+    NotConfirmed,
     /// The board is not set up, so that its serial lines are no lines.
     #[error("{state}, and no remote can be reached: call `rearm` first")]
     NotRunning {

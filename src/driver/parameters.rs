@@ -172,10 +172,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
         let raw = parameter.check(&record, value, self.pacer.period)?;
         let started = *remote.started;
         // The remotes of other ports are not served either: all get safe values.
-        self.last_transfer()?;
-        if !self.is_running() {
-            return Err(DriverError::NotRunning { state: self.state });
-        }
+        self.all_off()?;
         let usual = self.parts.watchdog.timeout();
         let fed = self.feed_for(UNFED);
         let result =

@@ -5,7 +5,9 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::{BoardState, CycleError, Driver, RemoteState, RemoteWatchdog, SerialPort};
+use super::{
+    BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort,
+};
 use crate::bus::{BusError, Clock, Effort, Instant, RegisterBus};
 use crate::sslbp::{PortError, RemoteName};
 
@@ -215,6 +217,22 @@ impl<B: RegisterBus + Clock> Driver<B> {
             self.is_other_firmware();
         }
         self.state == BoardState::OtherFirmware
+    }
+
+    /// Switches everything off, and is sure that the board has heard it: only then it may go without
+    /// its usual watchdog.
+    pub(super) fn all_off(&mut self) -> Result<(), DriverError<B::Error>> {
+        for _ in 0..LAST_TRIES {
+            self.last_transfer()?;
+            if !self.is_running() {
+                return Err(DriverError::NotRunning { state: self.state });
+            }
+            // Its last read has seen its last write arrive.
+            if !self.look_closely {
+                return Ok(());
+            }
+        }
+        Err(DriverError::NotConfirmed)
     }
 
     /// Tells all remotes to switch off, so that they need not wait for their own watchdogs.

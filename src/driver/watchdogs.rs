@@ -25,7 +25,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// cycles, and everything waits for [`rearm`](Self::rearm). Go on with the cycle at once.
     ///
     /// # Errors
-    /// Those of the bus, and [`DriverError::NotRunning`]; then nothing is known of any watchdog.
+    /// Those of the bus, [`DriverError::NotRunning`] and [`DriverError::NotConfirmed`]; then nothing is
+    /// known of any watchdog.
     ///
     /// # Real time
     /// Not for the cycle: 60 ms where all watchdogs are as delivered, 1.3 s at most.
@@ -35,10 +36,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
             return Ok(());
         };
         let begin = self.bus.now();
-        self.last_transfer()?;
-        if !self.is_running() {
-            return Err(DriverError::NotRunning { state: self.state });
-        }
+        self.all_off()?;
         let asked = self.parts.ports.iter().map(SerialPort::running);
         let asked: alloc::vec::Vec<_> = asked.collect();
         let usual = self.parts.watchdog.timeout();

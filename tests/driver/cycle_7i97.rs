@@ -5,6 +5,7 @@ mod digital;
 mod dither;
 mod encoders;
 mod other_firmware;
+mod proof;
 
 use std::cell::Cell;
 use std::rc::Rc;

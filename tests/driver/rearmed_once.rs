@@ -134,3 +134,24 @@ fn a_remote_with_a_fault_of_its_own_waits_for_another_call() {
         assert_eq!(machine.driver.rearm().expect("the bus is well").armed, 1);
     }
 }
+
+#[test]
+fn one_reset_is_told_once_however_soon_it_is_cleared() {
+    for wait in 0..8 {
+        let mut machine = running();
+        let mut events = machine.driver.events();
+        events.by_ref().for_each(drop);
+        machine.fpga().reload();
+        machine.until(10, |machine| {
+            machine.driver.board_state() == BoardState::Reset
+        });
+        machine.cycles(wait);
+        let _ = machine.driver.rearm().expect("the bus is well");
+        machine.until(200, |machine| armed(machine) == [true; 4]);
+        assert_eq!(armed(&machine), [true; 4], "{wait} cycles later");
+        let kinds: Vec<_> = events.by_ref().map(|event| event.kind).collect();
+        let count = |kind| kinds.iter().filter(|told| **told == kind).count();
+        let told = [EventKind::BoardReset, EventKind::BoardSetUp].map(count);
+        assert_eq!(told, [1, 1], "{wait} cycles later: {kinds:?}");
+    }
+}

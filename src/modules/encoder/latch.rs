@@ -45,8 +45,8 @@ const ENABLES: u32 = bits::LATCH_ON_INDEX | bits::LATCH_ON_PROBE | bits::CLEAR_O
 /// The bits of the control register that any request sets.
 const ANY_REQUEST: u32 = ENABLES | bits::JUST_ONCE;
 
-/// After this number of reads no packet of an earlier request is in flight any more.
-const HORIZON: u32 = 100;
+/// After this number of reads no packet of an earlier request or set-up is in flight any more.
+pub(super) const HORIZON: u32 = 100;
 
 /// How far a request has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

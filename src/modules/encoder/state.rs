@@ -1,6 +1,6 @@
 //! One encoder, cycle by cycle: counts, index and velocity.
 
-use super::latch::{Latch, LatchRequest};
+use super::latch::{HORIZON, Latch, LatchRequest};
 use super::pins::Command;
 use super::registers::bits;
 use super::velocity::VelocityEstimator;
@@ -54,7 +54,8 @@ pub struct EncoderReading {
     /// Both inputs changed at once while errors were watched: counts may be wrong. Kept until they
     /// are not watched.
     pub quadrature_error: bool,
-    /// The counter was set up again; or the time between two reads was so long that the encoder may
+    /// The counter was set up again, or may have been by a packet of the last set-up that came twice;
+    /// or the time between two reads was so long that the encoder may
     /// have moved 32768 counts or more; or it was near the greatest rate that is followed, and seems
     /// to have stopped from one read to the next, as beyond that rate. `count` may be wrong. Kept until
     /// the next reset, or the next index that came between two reads without such a gap.
@@ -99,6 +100,12 @@ pub struct EncoderState {
     /// The error of the control register is an old one, which is cleared and not shown until it is
     /// gone.
     clears_error: bool,
+    /// For how many more reads a packet of the last set-up may be in flight. While one is executed
+    /// again, the select line of multiplexed encoders is not driven.
+    set_up_for: u32,
+    /// Such a packet may have been executed before the last read; the line is driven again by the
+    /// write after it.
+    was_set_up: bool,
     velocity: VelocityEstimator,
 }
 
@@ -109,6 +116,7 @@ impl EncoderState {
             config,
             is_awake: true,
             tick_hz: 1e6,
+            set_up_for: HORIZON,
             ..Self::default()
         }
     }
@@ -146,6 +154,7 @@ impl EncoderState {
         if !is_same
             || has_error
             || self.is_awake
+            || self.set_up_for > 0
             || self.velocity.last_change.is_some()
             || gap_ns >= self.short_gap_ns
             || !self.latch.rests()
@@ -181,6 +190,7 @@ impl EncoderState {
     pub fn resume(&mut self) {
         self.reading.is_unsure |= self.last.is_some();
         self.last = None;
+        self.set_up_for = HORIZON;
         self.latch.forget();
         self.velocity = VelocityEstimator::default();
     }
@@ -212,11 +222,12 @@ impl EncoderState {
         let from = self.reading.rawcounts;
         let gap = sample.at.since(last.at).as_secs_f64();
         let is_ambiguous = gap * self.sample_hz >= AMBIGUOUS;
-        self.reading.is_unsure |= is_ambiguous;
+        let is_disturbed = self.last.is_some() && self.may_be_set_up_again();
+        self.reading.is_unsure |= is_ambiguous || is_disturbed;
         // At twice the last speed it has wrapped around.
         let is_lost = 2.0 * self.velocity.velocity.abs() * gap >= AMBIGUOUS;
         self.advance(last, ticks, sample);
-        let index_came = self.check_latch(sample, from, (is_ambiguous, is_lost));
+        let index_came = self.check_latch(sample, from, (is_ambiguous || is_disturbed, is_lost));
         let EncoderConfig { scale, .. } = self.config;
         let (velocity, fastest) = (self.velocity.velocity, self.max_count_rate());
         self.reading = EncoderReading {
@@ -230,6 +241,14 @@ impl EncoderState {
             ..self.reading
         };
         self.reading
+    }
+
+    /// Whether a packet of the last set-up may have been executed again between the last two reads, or
+    /// before them.
+    fn may_be_set_up_again(&mut self) -> bool {
+        let now = self.set_up_for > 0 && self.latch.is_doubtful;
+        self.set_up_for = self.set_up_for.saturating_sub(1);
+        core::mem::replace(&mut self.was_set_up, now) || now
     }
 
     /// Whether counts stopped to come from one read to the next, at a rate near to the greatest one: the
@@ -262,7 +281,7 @@ impl EncoderState {
         &mut self,
         sample: EncoderSample,
         from: i64,
-        (is_ambiguous, is_lost): (bool, bool),
+        (is_unsure, is_lost): (bool, bool),
     ) -> bool {
         let (wanted, count) = (self.latch.wanted, sample.count as u16);
         let moved = (from, self.reading.rawcounts);
@@ -274,7 +293,7 @@ impl EncoderState {
         let behind = behind(latched);
         let is_index = wanted == LatchRequest::Index;
         if is_index {
-            (self.reading.count, self.reading.is_unsure) = (behind, is_ambiguous);
+            (self.reading.count, self.reading.is_unsure) = (behind, is_unsure);
         }
         self.reading.latched = Some(self.reading.count.wrapping_sub(behind));
         is_index

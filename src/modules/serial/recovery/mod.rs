@@ -71,6 +71,9 @@ pub(crate) struct Recovery {
     pub run: bool,
     /// The board is set up, so that a failed transfer is the remote's own.
     pub is_board_running: bool,
+    /// The board was set up again, and no remote was seen to run since: that they are stopped is from
+    /// before.
+    is_set_up_again: bool,
     /// The port is switched off, and safe values were sent to its remotes.
     is_safe_sent: bool,
     pub statistics: PortStatistics,
@@ -104,6 +107,7 @@ impl Recovery {
             policy,
             run: true,
             is_board_running: true,
+            is_set_up_again: false,
             is_safe_sent: false,
             statistics: PortStatistics::default(),
             restart: Restart::None,
@@ -125,6 +129,7 @@ impl Recovery {
 
     /// The board is set up again: what failed meanwhile was not the remotes' own.
     pub fn forget_failures(&mut self) {
+        self.is_set_up_again = true;
         for remote in &mut self.remotes {
             remote.fault_count = 0;
         }
@@ -166,8 +171,8 @@ impl Recovery {
         counts.max().unwrap_or(0)
     }
 
-    /// Whether every remote that has run was found stopped, without a STOP command; `None` if none
-    /// has run.
+    /// Whether every remote that has run was found stopped, without a STOP command and since the board
+    /// was set up; `None` if none has run.
     pub fn appears_reset(&self) -> Option<bool> {
         let mut ran = self.remotes.iter().filter(|remote| remote.has_run);
         let is_stopped = |remote: &Health| {
@@ -175,7 +180,7 @@ impl Recovery {
                 && matches!(remote.cause, Some(OfflineReason::NotRunning(cs)) if cs.is_stopped())
         };
         let first = ran.next()?;
-        Some(is_stopped(first) && ran.all(is_stopped))
+        Some(!self.is_set_up_again && is_stopped(first) && ran.all(is_stopped))
     }
 
     /// Counts the time of a transfer that is polled for and is complete.
@@ -216,6 +221,7 @@ impl Recovery {
                     (complete.sent_from, complete.reads_before);
                 // Not of those for which a restart was asked while it was in flight.
                 outcome.good = complete.good.intersection(self.running);
+                self.is_set_up_again &= outcome.good.is_empty();
                 if complete.good == mask && self.troubled.is_empty() {
                     return outcome;
                 }
