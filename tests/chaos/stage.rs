@@ -92,6 +92,8 @@ enum Act {
     Begin(usize),
     /// A late reply once more.
     Again(usize),
+    /// The other card is plugged in; what decides which one.
+    Swap(usize, u64),
     End(usize),
 }
 

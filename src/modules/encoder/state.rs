@@ -155,6 +155,7 @@ impl EncoderState {
             || has_error
             || self.is_awake
             || self.set_up_for > 0
+            || self.was_set_up
             || self.velocity.last_change.is_some()
             || gap_ns >= self.short_gap_ns
             || !self.latch.rests()

@@ -121,7 +121,9 @@ impl Scenario {
             return Ok(());
         };
         *faults = state.faults;
-        if good {
+        // Until the restart of a neighbour is over, nothing is heard of it, and its age tells so.
+        let restart = *at + ATTEMPT + 5 * self.plan.period;
+        if good && (state.age.cycles == 0 || now > restart) {
             *left -= 1;
         }
         let (left, at, remote) = (*left, *at, *remote);
@@ -164,7 +166,7 @@ impl Scenario {
             self.cycles += 1;
             self.without_data += u64::from(state.age.cycles > 0);
             let is_near = self.plan.place(other).0 == port;
-            let longest = if is_near { ATTEMPT } else { 0 } + 4 * self.plan.period;
+            let longest = if is_near { ATTEMPT } else { 0 } + 5 * self.plan.period;
             ensure(
                 state.age.time.as_nanos() <= longest.into(),
                 Promise::Neighbours,

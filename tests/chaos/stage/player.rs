@@ -1,6 +1,6 @@
 //! Changes the inputs all the time, and carries the faults out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use mesa_hal::lbp::RemoteFaults;
 use mesa_hal::sim::devices::{
@@ -16,6 +16,9 @@ use super::super::plan::{Board, Card, MICRO, MILLI, Moment, Plan, Planned, scram
 use super::{Act, Begun, History, Stage};
 use crate::common::chance::Chance;
 
+/// Nobody exchanges a card in less: longer than any START takes from its look at a card to the end.
+const EXCHANGE: u64 = 5 * MILLI;
+
 /// Plays a plan on a machine.
 #[derive(Debug)]
 pub struct Player {
@@ -29,6 +32,8 @@ pub struct Player {
     seen: Parts,
     /// Whether the board drove any pin then.
     is_open: bool,
+    /// Cards that are unplugged, because another one comes.
+    leaving: BTreeSet<usize>,
     /// Cards that were swapped.
     aside: BTreeMap<usize, Box<dyn RemoteEnd>>,
 }
@@ -44,6 +49,7 @@ impl Player {
             chance: Chance(scrambled(plan.seed ^ 0x57A6E)),
             seen: [Level::OFF; PARTS],
             is_open: false,
+            leaving: BTreeSet::new(),
             aside: BTreeMap::new(),
         }
     }
@@ -186,7 +192,13 @@ impl Player {
                 cable.set_low_when_unplugged(true);
                 cable.unplug();
             }
-            FaultKind::WireSwapped => self.swap(fpga, target, dice),
+            FaultKind::WireSwapped => {
+                self.cable(fpga, target).unplug();
+                self.leaving.insert(target);
+                self.stage
+                    .lock()
+                    .push(now + EXCHANGE, Act::Swap(target, dice));
+            }
             FaultKind::RemoteOverTemperature | FaultKind::RemoteOverCurrent => {
                 let n = (dice % 16) as usize;
                 let device = find_mut(self.end(fpga, target)).expect("a device");
@@ -295,6 +307,9 @@ impl Player {
 
     /// Another card on the channel: one of another kind, or the same with another unit number.
     fn swap(&mut self, fpga: &mut SimFpga, target: usize, dice: u64) {
+        if !self.leaving.remove(&target) {
+            return;
+        }
         let (port, channel) = self.plan.place(target);
         let card = match (self.plan.card(target), dice & 1) {
             (card, 0) => card,
@@ -361,6 +376,9 @@ impl Player {
     }
 
     fn mend_cable(&self, fpga: &mut SimFpga, target: usize) {
+        if self.leaving.contains(&target) {
+            return;
+        }
         let cable = self.cable(fpga, target);
         cable.heal();
         cable.replug();
@@ -381,7 +399,9 @@ impl Player {
 
     fn swap_back(&mut self, fpga: &mut SimFpga, target: usize) {
         let (port, channel) = self.plan.place(target);
+        self.leaving.remove(&target);
         let Some(own) = self.aside.remove(&target) else {
+            self.mend_cable(fpga, target);
             return;
         };
         fpga.plug(port, channel, Some(own));
@@ -436,6 +456,7 @@ impl Director for Player {
                 let late = WireFault::Late(self.plan.period * 3 / 2);
                 self.cable(fpga, target).inject(Toward::Fpga, late, 1);
             }
+            Some((_, Act::Swap(target, dice))) => self.swap(fpga, target, dice),
             Some((_, Act::End(place))) => self.finish(fpga, place),
             None => {}
         }

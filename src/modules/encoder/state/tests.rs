@@ -326,6 +326,33 @@ fn in_a_disturbed_exchange_the_end_of_the_request_before_is_not_taken_for_this_o
     }
 }
 
+#[test]
+fn while_a_packet_of_the_set_up_may_come_again_a_doubtful_exchange_leaves_counts_unsure() {
+    // The index is in the doubtful exchange, in the next one, or later.
+    for (later, is_unsure) in [(0, true), (1, true), (2, false), (3, false)] {
+        let (mut encoder, mut hardware) = armed();
+        for read in 0..=later {
+            encoder.latch.is_doubtful = read == 0;
+            let has_come = read == later;
+            let latched = hardware.count as u32;
+            hardware.control = if has_come {
+                0x1848 | latched << 16
+            } else {
+                0x1858
+            };
+            let reading = encoder.read(hardware.step(10, 1_000));
+            assert_eq!(reading.index_came, has_come, "{later}");
+            assert_eq!(reading.is_unsure, is_unsure || !has_come, "{later}, {read}");
+        }
+    }
+    let (mut encoder, mut hardware) = armed();
+    for _ in 0..HORIZON {
+        let _ = encoder.read(hardware.step(0, 1_000));
+    }
+    encoder.latch.is_doubtful = true;
+    assert!(!encoder.read(hardware.step(0, 1_000)).is_unsure, "too old");
+}
+
 proptest! {
     /// An encoder of which reads that show nothing new are passed over says the same as one that looks
     /// at all of them.
@@ -388,8 +415,10 @@ proptest! {
 fn a_reset_that_is_held_while_an_encoder_stands_still_takes_what_is_unsure_back() {
     let (mut hardware, mut encoder) = (Hardware::default(), encoder());
     encoder.set_rates(HZ, 6e6);
-    let _ = encoder.read(hardware.step(0, 1_000));
-    let _ = encoder.read(hardware.step(0, 1_000));
+    // Until no packet of the set-up is in flight.
+    for _ in 0..=HORIZON {
+        let _ = encoder.read(hardware.step(0, 1_000));
+    }
     encoder.reset();
     let next = hardware.step(0, 1_000);
     assert!(encoder.rests(&next), "it was at 0");
