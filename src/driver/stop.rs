@@ -5,9 +5,7 @@ use core::fmt;
 use core::ops::Deref;
 use core::time::Duration;
 
-use super::{
-    BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort,
-};
+use super::{BoardState, CycleError, Driver, DriverError, RemoteState, RemoteWatchdog, SerialPort};
 use crate::bus::{BusError, Clock, Effort, Instant, RegisterBus};
 use crate::sslbp::{PortError, RemoteName};
 

@@ -103,9 +103,9 @@ pub struct EncoderState {
     /// For how many more reads a packet of the last set-up may be in flight. While one is executed
     /// again, the select line of multiplexed encoders is not driven.
     set_up_for: u32,
-    /// Such a packet may have been executed before the last read; the line is driven again by the
-    /// write after it.
-    was_set_up: bool,
+    /// For so many reads counts may be wrong because of such a packet: the one that it came before, and
+    /// the next one, because the write between them drives the line again.
+    disturbed_for: u8,
     velocity: VelocityEstimator,
 }
 
@@ -155,7 +155,7 @@ impl EncoderState {
             || has_error
             || self.is_awake
             || self.set_up_for > 0
-            || self.was_set_up
+            || self.disturbed_for > 0
             || self.velocity.last_change.is_some()
             || gap_ns >= self.short_gap_ns
             || !self.latch.rests()
@@ -247,9 +247,13 @@ impl EncoderState {
     /// Whether a packet of the last set-up may have been executed again between the last two reads, or
     /// before them.
     fn may_be_set_up_again(&mut self) -> bool {
-        let now = self.set_up_for > 0 && self.latch.is_doubtful;
+        if self.set_up_for > 0 && self.latch.is_doubtful {
+            self.disturbed_for = 2;
+        }
         self.set_up_for = self.set_up_for.saturating_sub(1);
-        core::mem::replace(&mut self.was_set_up, now) || now
+        let is_disturbed = self.disturbed_for > 0;
+        self.disturbed_for = self.disturbed_for.saturating_sub(1);
+        is_disturbed
     }
 
     /// Whether counts stopped to come from one read to the next, at a rate near to the greatest one: the
