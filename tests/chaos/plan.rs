@@ -241,6 +241,12 @@ impl Plan {
         all.then_some(first.target)
     }
 
+    /// Some of what passes a wire is lost or wrong, so that a START goes on for longer.
+    pub fn has_bad_wire(&self) -> bool {
+        let is_bad = |fault: &Planned| fault.kind.place() == Place::Wire;
+        self.faults.iter().any(is_bad)
+    }
+
     /// Port and channel of a remote by its number.
     pub fn place(&self, remote: usize) -> (usize, usize) {
         let mut left = remote;

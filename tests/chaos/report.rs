@@ -109,7 +109,7 @@ fn story(plan: &Plan, stage: &Stage, failure: &Failure) -> String {
     use std::fmt::Write as _;
     let mut text = format!("\nseed {}: {plan:?}\n", plan.seed);
     let told = stage.story();
-    for (at, what) in &told[told.len().saturating_sub(60)..] {
+    for (at, what) in &told[told.len().saturating_sub(120)..] {
         let _ = writeln!(text, "{:>10} us  {what}", at / MICRO);
     }
     let Failure {

@@ -317,7 +317,8 @@ fn a_gap_in_which_an_encoder_could_have_wrapped_around_is_said_on_its_pin() {
         }
         driver.pins().read(unsure)
     };
-    assert!(!run(&mut driver, 10, false).value);
+    // Until no packet of the set-up is in flight.
+    assert!(!run(&mut driver, 110, false).value);
     // 32768 counts take 5.2 ms at 6.25 million a second: manual 7I77, "MAXIMUM ENCODER COUNT RATE".
     let _ = run(&mut driver, 3, true);
     assert!(!run(&mut driver, 10, false).value);

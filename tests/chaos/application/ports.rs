@@ -1,7 +1,7 @@
 //! Ports and remotes: switching them, and what the driver says of them.
 
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::driver::{Driver, OfflineReason, RemoteState};
+use mesa_hal::driver::{Driver, OfflineReason, RemoteState, RemoteWatchdog};
 use mesa_hal::hal::GroupState;
 
 use super::Application;
@@ -41,6 +41,19 @@ impl Application {
             let status = driver.ports().get(port)?.remote(channel)?;
             Some((remote.number, status.watchdog.time().is_some()))
         })
+    }
+
+    /// Those of which the driver has read how long their watchdogs take. Of others it takes the usual
+    /// time, which may be too short for theirs to bite.
+    pub fn known_watchdogs<B: RegisterBus + Clock>(&self, driver: &Driver<B>) -> Vec<usize> {
+        let remotes = self.remotes.iter();
+        let known = remotes.filter(|remote| {
+            let (port, channel) = remote.place;
+            let port = driver.ports().get(port);
+            let status = port.and_then(|port| port.remote(channel));
+            status.is_some_and(|status| status.watchdog != RemoteWatchdog::Assumed)
+        });
+        known.map(|remote| remote.number).collect()
     }
 
     /// Switches all ports on.

@@ -100,6 +100,7 @@ impl Scenario {
     ) -> Checked {
         let begun = self.sim.now();
         let was_well = application.all_is_well(driver).is_ok();
+        let known = application.known_watchdogs(driver);
         let done = driver.prove_watchdogs();
         application.notice(driver);
         self.stage
@@ -116,6 +117,7 @@ impl Scenario {
         }
         let expected = !self.plan.is_without_watchdog();
         let wrong = application.watchdogs(driver);
+        let wrong = wrong.filter(|(remote, _)| known.contains(remote));
         let wrong: Vec<_> = wrong.filter(|(_, has)| *has != expected).collect();
         ensure(wrong.is_empty(), Promise::Told, now, || {
             format!("remotes and whether they have a watchdog: {wrong:?}")

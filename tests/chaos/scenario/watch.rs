@@ -11,6 +11,8 @@ use super::Scenario;
 
 /// While a remote is restarted its port transfers nothing for so long (FACTS 5.7).
 const ATTEMPT: u64 = 18 * MILLI;
+/// The same while it answers now and then (docs/neighbours.md).
+const LONG_ATTEMPT: u64 = 30 * MILLI;
 
 impl Scenario {
     /// Takes what happened since.
@@ -45,6 +47,8 @@ impl Scenario {
     /// board before the last time is over with it.
     pub(super) fn set_up_ends(&mut self) {
         let opened = self.opened;
+        // A remote that had a fault before it was started has said so then.
+        self.told = None;
         self.watch = self.watch.filter(|(at, ..)| opened <= at + PACKET);
         self.oracle.set_up(false);
     }
@@ -122,7 +126,7 @@ impl Scenario {
         };
         *faults = state.faults;
         // Until the restart of a neighbour is over, nothing is heard of it, and its age tells so.
-        let restart = *at + ATTEMPT + 5 * self.plan.period;
+        let restart = *at + LONG_ATTEMPT + 5 * self.plan.period;
         if good && (state.age.cycles == 0 || now > restart) {
             *left -= 1;
         }
@@ -166,7 +170,12 @@ impl Scenario {
             self.cycles += 1;
             self.without_data += u64::from(state.age.cycles > 0);
             let is_near = self.plan.place(other).0 == port;
-            let longest = if is_near { ATTEMPT } else { 0 } + 5 * self.plan.period;
+            let attempt = match (is_near, self.plan.has_bad_wire()) {
+                (true, true) => LONG_ATTEMPT,
+                (true, false) => ATTEMPT,
+                (false, _) => 0,
+            };
+            let longest = attempt + 4 * self.plan.period;
             ensure(
                 state.age.time.as_nanos() <= longest.into(),
                 Promise::Neighbours,

@@ -34,6 +34,8 @@ pub struct Player {
     is_open: bool,
     /// Cards that are unplugged, because another one comes.
     leaving: BTreeSet<usize>,
+    /// When the own card can be plugged in again, where the other one is unplugged already.
+    returning: BTreeMap<usize, Nanos>,
     /// Cards that were swapped.
     aside: BTreeMap<usize, Box<dyn RemoteEnd>>,
 }
@@ -50,6 +52,7 @@ impl Player {
             seen: [Level::OFF; PARTS],
             is_open: false,
             leaving: BTreeSet::new(),
+            returning: BTreeMap::new(),
             aside: BTreeMap::new(),
         }
     }
@@ -335,6 +338,13 @@ impl Player {
     fn finish(&mut self, fpga: &mut SimFpga, place: usize) {
         let now = SimFpga::now(fpga);
         let stage = self.stage.clone();
+        let swapped = stage.lock().begun[place].map(|begun| begun.planned);
+        if let Some(Planned { kind, target, .. }) = swapped
+            && kind == FaultKind::WireSwapped
+            && !self.can_come_back(fpga, place, target)
+        {
+            return;
+        }
         let planned = {
             let mut agenda = stage.lock();
             let Some(begun) = &mut agenda.begun[place] else {
@@ -397,9 +407,27 @@ impl Player {
         }
     }
 
+    /// Whether the own card can be plugged in again; if not, the other one is unplugged, and the fault
+    /// ends later.
+    fn can_come_back(&mut self, fpga: &mut SimFpga, place: usize, target: usize) -> bool {
+        let now = SimFpga::now(fpga);
+        if !self.aside.contains_key(&target) {
+            return true;
+        }
+        self.cable(fpga, target).unplug();
+        // Its own watchdog has bitten when it is plugged in again.
+        let away = EXCHANGE + self.plan.extras.remote_watchdog * MILLI;
+        let at = *self.returning.entry(target).or_insert(now + away);
+        if now < at {
+            self.stage.lock().push(at, Act::End(place));
+        }
+        now >= at
+    }
+
     fn swap_back(&mut self, fpga: &mut SimFpga, target: usize) {
         let (port, channel) = self.plan.place(target);
         self.leaving.remove(&target);
+        self.returning.remove(&target);
         let Some(own) = self.aside.remove(&target) else {
             self.mend_cable(fpga, target);
             return;
