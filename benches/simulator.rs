@@ -12,7 +12,7 @@ use cycle_support::three_remotes;
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 
 const CYCLES: u64 = 1000;
 

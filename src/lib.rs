@@ -6,7 +6,8 @@
 //!
 //! ```
 //! use std::ops::ControlFlow::{Break, Continue};
-//! use mesa_hal::{Driver, I7i77Analog, I7i77Field, Settings, runner::Runner, sim::machines};
+//! use mesa_hal::{Driver, I7i77Analog, I7i77Field, Settings, runner::Runner};
+//! use mesa_hal_sim::machines;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let bus = machines::six_axes_7i92(Default::default()); // a board: UdpBus::connect(...)?

@@ -7,9 +7,9 @@ use std::time::Duration;
 use mesa_hal::Settings;
 use mesa_hal::bus::{Access, Clock, Direction, Hold, Instant, RegisterBus, Reply};
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::devices::FieldIo;
-use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal_sim::devices::FieldIo;
+use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
+use mesa_hal_sim::{SimFpga, machines};
 
 /// A 7I92 with a 7I77 and a 7I72.
 pub fn three_remotes() -> SimFpga {

@@ -1,7 +1,7 @@
 //! The gateware of the pulse generator, for the simulated FPGA.
 
-use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sim::{
+use mesa_hal_sim::wire::Nanos;
+use mesa_hal_sim::{
     Firmware, ForeignModule, ModuleDescriptor, PinDescriptor, SimFpga, UNDRIVEN, machines,
 };
 

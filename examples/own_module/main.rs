@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{Board, Driver, Settings};
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 use pulser::Pulser;
 
 const PERIOD: Duration = Duration::from_millis(1);

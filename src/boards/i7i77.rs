@@ -147,7 +147,8 @@ const SPINDLE_ENABLE: &[Terminals] = &[Terminals::new(
 /// channel 1 for a card on P1.
 ///
 /// ```
-/// use mesa_hal::{Driver, I7i77, I7i97, Settings, sim::Motor, sim::machines};
+/// use mesa_hal::{Driver, I7i77, I7i97, Settings};
+/// use mesa_hal_sim::{Motor, machines};
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// // A 7I97 with a 7I77 on P1, and a motor on each of their twelve analog outputs.

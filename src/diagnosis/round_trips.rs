@@ -81,7 +81,7 @@ impl RoundTrips {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::machines;
+    use mesa_hal_sim::machines;
 
     #[test]
     fn quantiles_are_ranks() {

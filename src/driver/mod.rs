@@ -208,7 +208,7 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// The modules of a kind, in the order in which they were added: for their pins.
     ///
     /// ```no_run
-    /// # fn pins(driver: &mesa_hal::Driver<mesa_hal::SimFpga>) {
+    /// # fn pins(driver: &mesa_hal::Driver<mesa_hal_sim::SimFpga>) {
     /// use mesa_hal::modules::led::Leds;
     /// let leds = driver.modules::<Leds>().next().map(|module| &module.leds);
     /// # }
@@ -271,7 +271,8 @@ impl<B: RegisterBus + Clock> Driver<B> {
     /// What happened, event by event: for this thread between two cycles, or for another one.
     ///
     /// ```
-    /// # use mesa_hal::{Clock, Driver, Settings, sim::machines};
+    /// # use mesa_hal::{Clock, Driver, Settings};
+    /// # use mesa_hal_sim::machines;
     /// # let bus = machines::six_axes_7i92(Default::default());
     /// let mut driver = Driver::start(bus, Settings::default())?;
     /// let mut events = driver.events();

@@ -114,7 +114,8 @@ impl Pins {
     /// follows. None of another store's pin.
     ///
     /// ```
-    /// # use mesa_hal::{Driver, Settings, sim::machines};
+    /// # use mesa_hal::{Driver, Settings};
+    /// # use mesa_hal_sim::machines;
     /// # let board = machines::six_axes_7i97(Default::default());
     /// let driver = Driver::start(board, Settings::default())?;
     /// let pins = driver.pins();

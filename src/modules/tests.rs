@@ -14,7 +14,7 @@ use crate::boards::BoardTable;
 use crate::bus::{ImagePlan, RegisterBus};
 use crate::hal::{GroupId, PinStore};
 use crate::hostmot2::{Gtag, HostMot2, IoPorts, TickRate};
-use crate::sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{Firmware, ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 use crate::sslbp::Layout;
 
 /// Everything that a module registers with.

@@ -27,7 +27,8 @@ const LARGEST: usize = 1 << 16;
 /// last word. Who has a loop of his own calls [`take`](Self::take) there.
 ///
 /// ```
-/// use mesa_hal::{Driver, Settings, runner::CommandQueue, sim::machines};
+/// use mesa_hal::{Driver, Settings, runner::CommandQueue};
+/// use mesa_hal_sim::machines;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let board = machines::six_axes_7i92(Default::default());

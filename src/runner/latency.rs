@@ -12,7 +12,8 @@ use crate::tally::Tally;
 ///
 /// ```
 /// use std::ops::ControlFlow;
-/// use mesa_hal::{Driver, Settings, runner::{Judgement, Latency, Runner}, sim::machines};
+/// use mesa_hal::{Driver, Settings, runner::{Judgement, Latency, Runner}};
+/// use mesa_hal_sim::machines;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let driver = Driver::start(machines::six_axes_7i92(Default::default()), Settings::default())?;
@@ -278,7 +279,7 @@ mod tests {
 
     use super::*;
     use crate::driver::Settings;
-    use crate::sim::{Motor, machines};
+    use mesa_hal_sim::{Motor, machines};
 
     fn micros(micros: u64) -> Duration {
         Duration::from_micros(micros)

@@ -21,7 +21,8 @@ const HEAD: usize = 3;
 /// ```
 /// use std::ops::ControlFlow;
 /// use mesa_hal::runner::{Edge, Runner, Scope, ScopeState, Trigger};
-/// use mesa_hal::{Driver, Settings, sim::machines};
+/// use mesa_hal::{Driver, Settings};
+/// use mesa_hal_sim::machines;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let board = machines::six_axes_7i92(Default::default());

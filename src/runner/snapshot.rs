@@ -33,7 +33,8 @@ const TRIES: u32 = 100;
 /// for; who has a loop of his own calls [`publish`](Self::publish) at the end of each cycle.
 ///
 /// ```
-/// use mesa_hal::{Driver, Settings, runner::SnapshotWriter, sim::machines};
+/// use mesa_hal::{Driver, Settings, runner::SnapshotWriter};
+/// use mesa_hal_sim::machines;
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let board = machines::six_axes_7i92(Default::default());

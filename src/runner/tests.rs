@@ -6,7 +6,7 @@ use core::time::Duration;
 use super::{Cycle, Runner};
 use crate::bus::{Clock, Instant};
 use crate::driver::{Driver, Settings};
-use crate::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 fn runner() -> Runner<SimFpga> {
     let board = machines::six_axes_7i92(Motor::default());
@@ -72,7 +72,7 @@ fn outputs_are_off_when_it_has_ended() {
     let ended = runner.run(|cycle| {
         cycle.pins_mut().set(output, true);
         let device = cycle.driver.bus().remote(0, 0);
-        let device = device.and_then(crate::sim::devices::find).expect("a 7I77");
+        let device = device.and_then(mesa_hal_sim::devices::find).expect("a 7I77");
         was_on |= is_on(device);
         if cycle.number == 20 {
             ControlFlow::Break(())
@@ -86,7 +86,7 @@ fn outputs_are_off_when_it_has_ended() {
         .driver
         .bus()
         .remote(0, 0)
-        .and_then(crate::sim::devices::find);
+        .and_then(mesa_hal_sim::devices::find);
     assert!(!is_on(device.expect("a 7I77")));
 }
 
@@ -161,11 +161,11 @@ fn a_signal_ends_it_with_the_ports_stopped() {
     );
 }
 
-fn is_on(device: &dyn crate::sim::devices::SimDevice) -> bool {
+fn is_on(device: &dyn mesa_hal_sim::devices::SimDevice) -> bool {
     let outputs = device.outputs().into_iter();
     let mut outputs = outputs.filter(|(name, _)| name == "output-00");
     matches!(
         outputs.next(),
-        Some((_, crate::sim::devices::SignalValue::Bool(true)))
+        Some((_, mesa_hal_sim::devices::SignalValue::Bool(true)))
     )
 }

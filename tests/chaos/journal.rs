@@ -2,9 +2,9 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mesa_hal::sim::SimFpga;
-use mesa_hal::sim::devices::find;
-use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
+use mesa_hal_sim::SimFpga;
+use mesa_hal_sim::devices::find;
+use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 use super::plan::Card;
 

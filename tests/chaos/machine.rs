@@ -1,9 +1,9 @@
 //! The simulated machines.
 
-use mesa_hal::sim::devices::{Analog, Description, Device, FieldIo, Outputs48};
-use mesa_hal::sim::remote::Cable;
-use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{
+use mesa_hal_sim::devices::{Analog, Description, Device, FieldIo, Outputs48};
+use mesa_hal_sim::remote::Cable;
+use mesa_hal_sim::wire::RemoteEnd;
+use mesa_hal_sim::{
     AxisWiring, DriveSource, Firmware, Motor, MotorConfig, OUTPUT_PIN, PinDescriptor, SimFpga,
     gtag, machines,
 };

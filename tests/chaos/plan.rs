@@ -9,7 +9,7 @@ pub use more::{LOCKED_AFTER, More};
 use mesa_hal::boards::{i7i72, i7i77};
 use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::Pace;
-use mesa_hal::sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, Place};
 
 use crate::common::chance::Chance;
 

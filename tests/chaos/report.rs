@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use mesa_hal::sim::FaultKind;
+use mesa_hal_sim::FaultKind;
 
 use super::oracle::{Failure, Promise};
 use super::plan::{MICRO, Moment, Plan};

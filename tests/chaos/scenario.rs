@@ -14,7 +14,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use mesa_hal::driver::{BoardState, CycleReport, Driver, Pace};
-use mesa_hal::sim::{BoardConfig, SimBoard};
+use mesa_hal_sim::{BoardConfig, SimBoard};
 use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 

@@ -7,8 +7,8 @@ pub use player::Player;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mesa_hal::sim::FaultKind;
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::FaultKind;
+use mesa_hal_sim::wire::Nanos;
 
 use super::plan::{Moment, Plan, Planned};
 

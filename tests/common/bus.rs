@@ -7,7 +7,7 @@ use mesa_hal::bus::{
     Access, AccessList, BusError, BusErrorKind, BusStatistics, Clock, Direction, Hold, Instant,
     RegisterBus, Reply,
 };
-use mesa_hal::sim::{SimError, SimFpga};
+use mesa_hal_sim::{SimError, SimFpga};
 
 /// What a word takes, in nanoseconds.
 const ACCESS: u64 = 100;

@@ -1,6 +1,7 @@
 //! What a test does to a simulated FPGA by hand, before any driver has.
 
-use mesa_hal::{bus::RegisterBus, sim::SimFpga};
+use mesa_hal::bus::RegisterBus;
+use mesa_hal_sim::SimFpga;
 
 /// Direction and alternate source of every pin that a module drives.
 pub fn set_up_pins(fpga: &mut SimFpga) {

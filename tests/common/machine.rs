@@ -9,10 +9,10 @@ use mesa_hal::driver::{
     CycleReport, Driver, DriverError, Pace, RemoteState, RemoteStatus, Settings,
 };
 use mesa_hal::hal::{Input, Output, Param, Pins, Reading, Value};
-use mesa_hal::sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
-use mesa_hal::sim::remote::Cable;
-use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal_sim::devices::{Device, FieldIo, SimDevice, find, find_cable, find_mut};
+use mesa_hal_sim::remote::Cable;
+use mesa_hal_sim::wire::RemoteEnd;
+use mesa_hal_sim::{SimFpga, machines};
 use mesa_hal::sslbp::Channel;
 use mesa_hal::transport::Faulty;
 use mesa_hal::transport::udp::UdpBus;
@@ -345,4 +345,4 @@ impl<B: Embedded, C> Machine<B, C> {
     }
 }
 
-pub type FieldRemote = mesa_hal::sim::remote::Remote<Device<FieldIo>>;
+pub type FieldRemote = mesa_hal_sim::remote::Remote<Device<FieldIo>>;

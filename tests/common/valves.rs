@@ -3,9 +3,9 @@
 use mesa_hal::boards::{AttachError, Finder, RemoteHandles};
 use mesa_hal::discovery::{DataType, ElementTable, RemoteTable};
 use mesa_hal::hal::{AnalogIn, DigitalIn, DigitalOut, Terminals};
-use mesa_hal::sim::devices::Plain;
-use mesa_hal::sim::remote::Cable;
-use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal_sim::devices::Plain;
+use mesa_hal_sim::remote::Cable;
+use mesa_hal_sim::wire::RemoteEnd;
 
 /// A valve block, as its maker's manual tells.
 pub const VALVES: RemoteTable = RemoteTable::new(

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mesa_hal::sim::{Cause, Director, SimFpga};
+use mesa_hal_sim::{Cause, Director, SimFpga};
 
 /// Pins of a 7I97 that enable an amplifier while they are low: /ENA4, /ENA5, /ENA0 to 3. FACTS 9.2.
 const LOW_ENABLES: [usize; 3] = [5, 7, 8];

@@ -9,10 +9,10 @@ use mesa_hal::discovery::{
     discover_port,
 };
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
-use mesa_hal::sim::remote::Remote;
-use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, Plain, find_mut};
+use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::wire::RemoteEnd;
+use mesa_hal_sim::{SimFpga, machines};
 use mesa_hal::sslbp::{
     AccessSize, Channel, Layout, LocalLocation, NonvolatileMemory, Port, ProcessDataSizes,
     RemoteAccess, StartMode,

@@ -71,7 +71,7 @@ fn a_layer_knows_only_those_below_it() {
 fn what_a_source_names_is_found() {
     let text = "#[cfg(test)]\nmod tests;\nuse crate::bus::{Access, Clock};\nuse crate::{\n    hal,\n    lbp::{a, b},\n};\n\
                 /// See [`x`](crate::driver::Driver).\nlet a = crate::sslbp::Port::new();\n\
-                #[cfg(test)]\nmod tests {\n    use crate::sim::SimFpga;\n}\n";
+                #[cfg(test)]\nmod tests {\n    use mesa_hal_sim::SimFpga;\n}\n";
     let names = ["bus", "hal", "lbp", "sslbp"].map(String::from);
     assert_eq!(known(text), BTreeSet::from(names));
 }

@@ -2,7 +2,7 @@
 //! measured anew. Virtual time, so that every figure is the same on every machine.
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
-use mesa_hal::sim::remote::{Toward, WireFault};
+use mesa_hal_sim::remote::{Toward, WireFault};
 
 const MINUTE: u64 = 60_000;
 

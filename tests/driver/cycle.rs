@@ -113,7 +113,7 @@ fn a_wait_for_transfers_ends_at_its_limit() {
 #[test]
 fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
     use mesa_hal::driver::{DriverError, RemoteConfig, SerialConfig};
-    use mesa_hal::sim::machines;
+    use mesa_hal_sim::machines;
 
     let build = |port, config| {
         start(machines::i7i92_7i77(), |s| {
@@ -139,7 +139,7 @@ fn serial_ports_and_channels_that_no_board_has_are_refused_and_not_ignored() {
 #[test]
 fn of_a_firmware_with_more_than_four_serial_ports_four_run() {
     use mesa_hal::driver::{Driver, DriverError, SerialConfig, Settings};
-    use mesa_hal::sim::{SimFpga, gtag, machines};
+    use mesa_hal_sim::{SimFpga, gtag, machines};
 
     let build = |settings| {
         let mut firmware = machines::firmware_serial(&[1; 4]);

@@ -18,7 +18,7 @@ use mesa_hal::boards::{AttachError, BoardHandles, BoardTable, Finder, I7i97, i7i
 use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, GpioConfig};
 use mesa_hal::hal::{DigitalIn, Input, Output, Param, Pins};
-use mesa_hal::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 /// Everything of the module at the isolated inputs, InMux or InM.
 #[derive(Clone, Copy)]

@@ -10,12 +10,12 @@ use mesa_hal::driver::{
     Driver, DriverError, Presence, Remark, RemarkKind, RemoteConfig, RemoteState, SerialConfig,
 };
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::devices::{
+use mesa_hal_sim::devices::{
     Analog, FieldIo, Outputs48, Plain, SignalValue, find, find_cable, find_mut,
 };
-use mesa_hal::sim::remote::Cable;
-use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::remote::Cable;
+use mesa_hal_sim::wire::RemoteEnd;
+use mesa_hal_sim::{SimError, SimFpga, machines};
 use mesa_hal::sslbp::{Channel, Layout};
 
 use crate::common::bus::{Around, Between};
@@ -447,7 +447,7 @@ fn swapped_channels_of_a_7i77_are_noticed_and_the_error_says_what_to_do() {
 #[test]
 fn the_pins_of_channels_that_are_not_used_are_plain_io() {
     let build = |modes: &str| {
-        let fpga = machines::six_axes_7i92(mesa_hal::sim::Motor::default());
+        let fpga = machines::six_axes_7i92(mesa_hal_sim::Motor::default());
         let modes: SerialConfig = modes.parse().expect("modes");
         start(fpga, |s| s.serial_ports = [(0, modes)].into()).expect("complete")
     };

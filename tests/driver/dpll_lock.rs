@@ -9,7 +9,7 @@ use std::time::Duration;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{CycleReport, Driver};
 use mesa_hal::modules::dpll::{Dpll, DpllPins};
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal_sim::{SimFpga, machines};
 
 const PERIOD: u64 = 1_000_000;
 

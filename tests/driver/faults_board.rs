@@ -7,7 +7,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{BoardState, CycleError, Driver};
 use mesa_hal::hal::Pins;
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
@@ -130,7 +130,7 @@ fn dropping_the_driver_stops_the_ports_and_leaves_nothing_driven() {
 
 fn output_3(fpga: &SimFpga) -> Option<bool> {
     let end = fpga.remote(0, FIELD)?;
-    mesa_hal::sim::devices::find(end)?.world().output(3)
+    mesa_hal_sim::devices::find(end)?.world().output(3)
 }
 
 trait Pass {

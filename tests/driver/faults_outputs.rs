@@ -8,10 +8,10 @@ use core::ops::RangeInclusive;
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device, fpga};
 use mesa_hal::driver::{Board, OfflineReason, RemoteState, Settings, StopError};
 use mesa_hal::lbp::RemoteFaults;
-use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
-use mesa_hal::sim::remote::{Application, Remote};
-use mesa_hal::sim::wire::RemoteEnd;
-use mesa_hal::sim::{SimError, SimFpga};
+use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, find_cable};
+use mesa_hal_sim::remote::{Application, Remote};
+use mesa_hal_sim::wire::RemoteEnd;
+use mesa_hal_sim::{SimError, SimFpga};
 
 pub const MS: u64 = 1_000_000;
 /// The remote's own 50 ms, and what lies between a fault and the reply that tells it: one period.

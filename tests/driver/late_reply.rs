@@ -3,7 +3,7 @@
 
 use crate::common::machine::{FIELD, Machine};
 use mesa_hal::Clock;
-use mesa_hal::sim::remote::{Toward, WireFault};
+use mesa_hal_sim::remote::{Toward, WireFault};
 
 /// Inputs of the field I/O that count the cycles.
 const BITS: usize = 6;

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{ModuleDescriptor, PinDescriptor, SimFpga, machines};
+use mesa_hal_sim::{ModuleDescriptor, PinDescriptor, SimFpga, machines};
 
 use crate::common::machine::start;
 

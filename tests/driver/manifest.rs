@@ -6,7 +6,7 @@ use crate::common::machine::Machine;
 use mesa_hal::Settings;
 use mesa_hal::driver::{Driver, SerialConfig};
 use mesa_hal::hal::Pins;
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal_sim::{SimFpga, machines};
 
 /// Name to everything else that the manifest tells.
 type List = BTreeMap<String, String>;

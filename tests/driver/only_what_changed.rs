@@ -10,7 +10,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
 use mesa_hal::driver::{Driver, GpioConfig};
 use mesa_hal::hal::{AnyValue, HalType, PinInfo, Pins, Rejections, Role};
-use mesa_hal::sim::{Motor, SimError, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimError, SimFpga, machines};
 
 const CYCLES: u32 = 1_000;
 

@@ -10,10 +10,10 @@ use mesa_hal::discovery::{Contents, DataType, ElementTable, RemoteTable};
 use mesa_hal::driver::{
     Board, Driver, Presence, RemoteConfig, RemoteState, SerialConfig, Settings,
 };
-use mesa_hal::sim::SimFpga;
-use mesa_hal::sim::devices::{FieldIo, Outputs48};
-use mesa_hal::sim::remote::Cable;
-use mesa_hal::sim::wire::RemoteEnd;
+use mesa_hal_sim::SimFpga;
+use mesa_hal_sim::devices::{FieldIo, Outputs48};
+use mesa_hal_sim::remote::Cable;
+use mesa_hal_sim::wire::RemoteEnd;
 
 /// The valve block, with the place of the tables of the firmware that the machine was built with.
 const VALVES_OF_FIRMWARE_1: RemoteTable = RemoteTable {

@@ -7,7 +7,7 @@ use mesa_hal::Clock;
 use mesa_hal::driver::{BoardState, CycleError, EventKind};
 use mesa_hal::hal::{Param, Role};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{SimError, SimFpga, machines};
 
 #[test]
 fn another_firmware_is_reported_in_one_line_without_runs_of_blanks() {

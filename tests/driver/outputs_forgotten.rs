@@ -9,7 +9,7 @@ use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, World, fpga, start
 use mesa_hal::bus::{Access, BusErrorKind, Clock, Direction, RegisterBus};
 use mesa_hal::driver::{BoardState, FaultPolicy};
 use mesa_hal::hal::{HalType, Pins, Role};
-use mesa_hal::sim::{SimError, SimFpga};
+use mesa_hal_sim::{SimError, SimFpga};
 use mesa_hal::transport::{Fault, Faulty};
 
 /// The remote is unplugged until it is offline, then comes back.

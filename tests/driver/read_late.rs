@@ -4,7 +4,7 @@
 use crate::common::chance::Chance;
 use crate::common::ethernet::{SimLink, WIRE, connect};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::machines;
+use mesa_hal_sim::machines;
 use mesa_hal::sslbp::{Layout, Port};
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS, device};
 use mesa_hal::driver::{BoardState, EventKind};
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 
 const ALL: [usize; 3] = [FIELD, ANALOG, OUTPUTS];
 

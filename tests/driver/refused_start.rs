@@ -12,7 +12,7 @@ use mesa_hal::driver::{
 };
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::{Module, Registrar};
-use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
+use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
 
 #[test]
 fn a_required_remote_that_is_missing_or_another_one_fails_the_build() {

@@ -14,7 +14,7 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::{BoardState, Driver, SerialConfig};
 use mesa_hal::hal::{Input, Output, Pins, Value};
 use mesa_hal::hostmot2::HostMot2;
-use mesa_hal::sim::{DEFAULT_ACCESS_COST, Motor, SimFpga, machines};
+use mesa_hal_sim::{DEFAULT_ACCESS_COST, Motor, SimFpga, machines};
 
 const BOARD: &str = "hm2_7i97.0";
 const PINS: usize = 51;

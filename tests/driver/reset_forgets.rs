@@ -3,7 +3,7 @@
 
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use mesa_hal::driver::{BoardState, SerialConfig};
-use mesa_hal::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 #[test]
 fn a_board_that_is_reset_while_its_remotes_are_away_is_found_out_at_once() {

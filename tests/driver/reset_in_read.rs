@@ -5,7 +5,7 @@ use crate::common::machine::{ANALOG, Machine, fpga};
 use crate::common::watch::Watch;
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{Cause, DEFAULT_ACCESS_COST, Director, Motor, SimFpga, machines};
+use mesa_hal_sim::{Cause, DEFAULT_ACCESS_COST, Director, Motor, SimFpga, machines};
 
 /// All inputs of the 7I77 are on and all its encoders have counted.
 fn running() -> Machine {

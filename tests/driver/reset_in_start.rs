@@ -7,7 +7,7 @@ use std::time::Duration;
 use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, DriverError};
-use mesa_hal::sim::{Cause, Director, SimFpga, machines};
+use mesa_hal_sim::{Cause, Director, SimFpga, machines};
 
 /// Resets the FPGA at a time, for so long.
 #[derive(Debug)]

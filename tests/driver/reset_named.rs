@@ -5,7 +5,7 @@ use crate::common::ethernet::{SimLink, WIRE, connect};
 use crate::common::machine::{World, start};
 use mesa_hal::UdpBus;
 use mesa_hal::driver::{BoardState, Driver, EventKind};
-use mesa_hal::sim::{Motor, machines};
+use mesa_hal_sim::{Motor, machines};
 
 const MS: u64 = 1_000_000;
 

@@ -12,7 +12,7 @@ use mesa_hal::discovery::RemoteTable;
 use mesa_hal::driver::{
     BoardState, Driver, DriverError, GpioConfig, Presence, RemoteConfig, SerialConfig,
 };
-use mesa_hal::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const PINS: usize = 51;
 

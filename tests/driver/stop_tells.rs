@@ -4,7 +4,7 @@
 use crate::common::machine::{ANALOG, FIELD, Machine, OUTPUTS};
 use crate::faults_outputs::{MS, busy_machine_with_watchdog, cycle, named, on_board};
 use mesa_hal::driver::RemoteWatchdog;
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 
 /// Stops it: the board, and the channels that it names.
 fn stop(machine: Machine, what: &str) -> (SimFpga, Vec<usize>) {

@@ -3,7 +3,7 @@
 use crate::common::machine::{ANALOG, Machine, fpga};
 use mesa_hal::bus::BusErrorKind;
 use mesa_hal::driver::{Cause, EventKind, EventMask, TraceSettings};
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 use mesa_hal::transport::{Fault, Faulty};
 
 fn machine(trace: TraceSettings) -> Machine<Faulty<SimFpga>> {

@@ -10,7 +10,7 @@ use mesa_hal::driver::{Driver, DriverError, EncoderSetup};
 use mesa_hal::hal::Pins;
 use mesa_hal::modules::RegisterError;
 use mesa_hal::modules::encoder::{EncoderPins, Encoders};
-use mesa_hal::sim::{
+use mesa_hal_sim::{
     AxisWiring, DriveSource, Firmware, Motor, MotorConfig, SimFpga, gtag, machines,
 };
 

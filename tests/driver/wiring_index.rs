@@ -3,7 +3,7 @@
 use mesa_hal::bus::Clock;
 use mesa_hal::diagnosis::wiring::{Check, HANDS_OFF, Judgement, Kind, News, Verdict, points};
 use mesa_hal::hal::PinId;
-use mesa_hal::sim::{Motor, MotorConfig, SimFpga, machines};
+use mesa_hal_sim::{Motor, MotorConfig, SimFpga, machines};
 
 use crate::common::machine::Machine;
 

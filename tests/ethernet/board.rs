@@ -15,7 +15,7 @@ use mesa_hal::ethernet::{
 };
 use mesa_hal::inventory::{self, Ethernet};
 use mesa_hal::lbp16::{ErrorRegister, Space};
-use mesa_hal::sim::{AddressJumpers, BoardConfig, SimBoard, machines};
+use mesa_hal_sim::{AddressJumpers, BoardConfig, SimBoard, machines};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig};
 
 fn link() -> SimLink {

@@ -4,7 +4,7 @@ use crate::common::ethernet::{SimLink, bus};
 use crate::common::machine::Machine;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, CycleError};
-use mesa_hal::sim::{BoardConfig, SimBoard, machines};
+use mesa_hal_sim::{BoardConfig, SimBoard, machines};
 use mesa_hal::transport::udp::UdpBus;
 
 type OnNetwork = Machine<UdpBus<SimLink>>;
@@ -16,8 +16,8 @@ fn config() -> BoardConfig {
 /// Puts a board in the place of the one that answers.
 fn swap(
     machine: &mut OnNetwork,
-    mut board: SimBoard<mesa_hal::SimFpga>,
-) -> SimBoard<mesa_hal::SimFpga> {
+    mut board: SimBoard<mesa_hal_sim::SimFpga>,
+) -> SimBoard<mesa_hal_sim::SimFpga> {
     let bus = machine.driver.bus_mut();
     board.advance_to(bus.now().as_nanos());
     core::mem::replace(&mut bus.link().board, board)

@@ -5,7 +5,7 @@ use crate::common::ethernet::{SimLink, WIRE, connect};
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::ethernet::{EthernetBoard, EthernetError};
 use mesa_hal::lbp16::Space;
-use mesa_hal::sim::machines;
+use mesa_hal_sim::machines;
 
 #[test]
 fn registers_of_every_space_are_read_as_what_they_are() {

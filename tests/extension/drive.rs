@@ -1,8 +1,8 @@
 //! A module from outside drives simulated motors: its own registers, its own analog outputs, its own
 //! enable pin, and a ramp that it makes by itself.
 
-use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sim::{
+use mesa_hal_sim::wire::Nanos;
+use mesa_hal_sim::{
     AxisWiring, DriveSignal, DriveSource, ForeignModule, IoPorts, ModuleDescriptor, Motor,
     MotorConfig, PinDescriptor, PinSource, SimFpga, machines,
 };

@@ -20,8 +20,8 @@ use mesa_hal::driver::{Board, BoardState, Driver, GpioConfig, Settings};
 use mesa_hal::hal::{Input, Output, Param, Pins, Terminals};
 use mesa_hal::hostmot2::Gtag;
 use mesa_hal::modules::encoder::TickRate;
-use mesa_hal::sim::devices::{SimDevice, find, find_mut};
-use mesa_hal::sim::{SimFpga, machines};
+use mesa_hal_sim::devices::{SimDevice, find, find_mut};
+use mesa_hal_sim::{SimFpga, machines};
 use pulser::{GTAG, Pulser};
 
 const PERIOD: Duration = Duration::from_millis(1);

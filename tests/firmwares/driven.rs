@@ -7,7 +7,7 @@ use mesa_hal::Settings;
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{BoardState, Driver, RemarkKind};
 use mesa_hal::modules::UndrivenReason;
-use mesa_hal::sim::{FirmwareImage, SimFpga};
+use mesa_hal_sim::{FirmwareImage, SimFpga};
 
 use super::truth::{Truth, is_driven, tag};
 use super::{Image, each, same};

@@ -1,7 +1,7 @@
 //! Each firmware is identified: header, modules, pins and their names.
 
 use mesa_hal::hostmot2::{HostMot2, PinDescriptor};
-use mesa_hal::sim::{FirmwareImage, SimFpga};
+use mesa_hal_sim::{FirmwareImage, SimFpga};
 
 use super::truth::{Module, Pin};
 use super::{Image, each, names, same};

@@ -6,9 +6,9 @@ use std::time::Duration;
 use crate::DIRECTORY;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};
 use crate::common::recording::{Recording, files, own_directory};
-use mesa_hal::sim::remote::Remote;
-use mesa_hal::sim::sslbp::{PortConfig, Register, SslbpPort};
-use mesa_hal::sim::wire::{Nanos, RemoteEnd};
+use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::sslbp::{PortConfig, Register, SslbpPort};
+use mesa_hal_sim::wire::{Nanos, RemoteEnd};
 use mesa_hal::sslbp::{Channel, DEFAULT_BAUD_RATE, DoitTime, Exchange, ProcessDataSizes};
 use proptest::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use crate::common::recording::sslbp::{Event, Transcript};
 use crate::common::recording::{Recording, Unreadable};
-use mesa_hal::sim::sslbp::Register;
+use mesa_hal_sim::sslbp::Register;
 
 const HEADER: &str = "# what\n# gateware x, 3 channels, ClockLow=ClockMed=100 MHz, 2.5 Mbaud\n";
 

@@ -5,8 +5,8 @@
 //! simulated COMMAND reads 0, and a reply follows the end of the simulated request at its recorded
 //! latency.
 
-use mesa_hal::sim::sslbp::{PortConfig, Register, SslbpPort};
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::sslbp::{PortConfig, Register, SslbpPort};
+use mesa_hal_sim::wire::Nanos;
 
 use crate::common::recording::Outcome;
 use crate::common::recording::sslbp::{Entry, Event, Transcript};

@@ -11,8 +11,8 @@
 //! | `t09c` | how long it takes until COMMAND sticks |
 //! | `u10` | when the late replies come, by up to 300 ns: one clock cycle decides whether a character of theirs is an overrun (FACTS 11.8; index.txt, "Ties") |
 
-use mesa_hal::sim::sslbp::Register;
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::sslbp::Register;
+use mesa_hal_sim::wire::Nanos;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {

@@ -1,8 +1,8 @@
 //! The simulated remotes against the recorded requests: bytes, times and events must be those of
 //! the remotes that were recorded.
 
-use mesa_hal::sim::remote::{FixedData, Remote, RemoteEvent};
-use mesa_hal::sim::wire::{Burst, Nanos, RemoteEnd};
+use mesa_hal_sim::remote::{FixedData, Remote, RemoteEvent};
+use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 use crate::common::recording::Outcome;
 use crate::common::recording::sslbp::{Event, Transcript};

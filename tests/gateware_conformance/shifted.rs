@@ -4,7 +4,7 @@
 //! which of the two chatter states CS shows.
 //! Always on the project's own transcripts.
 
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::wire::Nanos;
 
 use crate::DIRECTORY;
 use crate::common::recording::sslbp::{Event, Transcript};

@@ -1,7 +1,7 @@
 //! The recorded serial lines: compares what the simulated FPGA sends, and answers as recorded.
 
-use mesa_hal::sim::sslbp::Lines;
-use mesa_hal::sim::wire::{Burst, Nanos};
+use mesa_hal_sim::sslbp::Lines;
+use mesa_hal_sim::wire::{Burst, Nanos};
 
 use crate::common::recording::Outcome;
 use crate::common::recording::sslbp::{Event, Transcript};

@@ -2,7 +2,7 @@
 
 use mesa_hal::bus::RegisterBus;
 use mesa_hal::hostmot2::{Gtag, HostMot2, IdentifyError};
-use mesa_hal::sim::{SimError, SimFpga, machines};
+use mesa_hal_sim::{SimError, SimFpga, machines};
 use proptest::prelude::*;
 
 fn identify(fpga: &mut SimFpga) -> Result<HostMot2, IdentifyError<SimError>> {

@@ -3,7 +3,7 @@
 
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{FirmwareImage, SimFpga, machines};
+use mesa_hal_sim::{FirmwareImage, SimFpga, machines};
 
 use crate::expected::Expected;
 use crate::linuxcnc::{Machine, alone, skipped};

@@ -22,7 +22,7 @@ use expected::Expected;
 use linuxcnc::{Machine, SETTLE, alone, skipped};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 /// For so long at least the rate of the cycle is watched.
 const LEAST: Duration = Duration::from_secs(10);

@@ -3,7 +3,7 @@
 use std::fs;
 use std::net::Ipv4Addr;
 
-use mesa_hal::sim::devices::{FieldIo, Outputs48};
+use mesa_hal_sim::devices::{FieldIo, Outputs48};
 
 use crate::interop::Scratch;
 use crate::interop::board::Board;

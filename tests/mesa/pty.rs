@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use mesa_hal::sim::SerialFace;
-use mesa_hal::sim::devices::SimDevice;
+use mesa_hal_sim::SerialFace;
+use mesa_hal_sim::devices::SimDevice;
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};

@@ -4,8 +4,8 @@
 use std::fs;
 use std::net::Ipv4Addr;
 
-use mesa_hal::sim::devices::{FieldIo, Outputs48};
-use mesa_hal::sim::remote::firmware_file;
+use mesa_hal_sim::devices::{FieldIo, Outputs48};
+use mesa_hal_sim::remote::firmware_file;
 
 use crate::interop::board::Board;
 use crate::interop::{Process, Scratch, wait_until};

@@ -1,7 +1,7 @@
 //! What the stimuli of a recording are applied to.
 
-use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sim::{Firmware, SimFpga, gtag};
+use mesa_hal_sim::wire::Nanos;
+use mesa_hal_sim::{Firmware, SimFpga, gtag};
 
 use crate::register::Register;
 use crate::transcript::Level;

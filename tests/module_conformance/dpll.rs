@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use mesa_hal::modules::dpll::DpllConfig;
-use mesa_hal::sim::machines;
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::machines;
+use mesa_hal_sim::wire::Nanos;
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};

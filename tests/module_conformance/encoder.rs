@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::wire::Nanos;
+use mesa_hal_sim::{Firmware, PinDescriptor, SimFpga, gtag, machines};
 
 use crate::bench::{Bench, FpgaBench};
 use crate::common::recording::{Outcome, Recording, files, own_directory};

@@ -1,6 +1,6 @@
 //! The inputs: `InMux` and `InM`.
 
-use mesa_hal::sim::{gtag, machines};
+use mesa_hal_sim::{gtag, machines};
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};

@@ -3,8 +3,8 @@
 use core::time::Duration;
 
 use mesa_hal::modules::watchdog::WatchdogRegisters;
-use mesa_hal::sim::wire::Nanos;
-use mesa_hal::sim::{Firmware, PinDescriptor, gtag, machines};
+use mesa_hal_sim::wire::Nanos;
+use mesa_hal_sim::{Firmware, PinDescriptor, gtag, machines};
 
 use crate::Replay;
 use crate::bench::FpgaBench;

@@ -1,7 +1,7 @@
 //! The PWM generators; the driver's duties and rates.
 
 use mesa_hal::modules::pwm::{PwmRate, PwmShape};
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::wire::Nanos;
 
 use crate::Replay;
 use crate::bench::{Bench, FpgaBench};

@@ -1,6 +1,6 @@
 //! The registers by their names in the transcripts.
 
-use mesa_hal::sim::{Firmware, gtag};
+use mesa_hal_sim::{Firmware, gtag};
 
 /// One kind of register.
 #[derive(Debug, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mesa_hal::sim::UNDRIVEN;
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::UNDRIVEN;
+use mesa_hal_sim::wire::Nanos;
 
 use crate::bench::Bench;
 use crate::common::recording::Outcome;

@@ -1,7 +1,7 @@
 //! Recordings of the gateware's modules. The format is described in
 //! `tests/transcripts/modules/index.txt`; times are nanoseconds.
 
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::wire::Nanos;
 
 use crate::common::recording::{self, Recording, decimal, hexadecimal, split};
 use crate::register::Register;

@@ -2,7 +2,7 @@
 //! and the board does with them what the manual says.
 
 use mesa_hal::lbp16::{Command, Lbp16Error, Operations, RequestBuilder, Space};
-use mesa_hal::sim::{BoardConfig, SimBoard, SimFpga, machines};
+use mesa_hal_sim::{BoardConfig, SimBoard, SimFpga, machines};
 
 fn hex(text: &str) -> Vec<u8> {
     let digits: Vec<u8> = text

@@ -12,8 +12,8 @@ use mesa_hal::bus::{Access, Clock, Direction, RegisterBus};
 use mesa_hal::discovery::{Discovered, DiscoveryOptions, ProblemKind, discover, discover_port};
 use mesa_hal::hostmot2::HostMot2;
 use mesa_hal::lbp::RemoteLink;
-use mesa_hal::sim::remote::{FixedData, Remote};
-use mesa_hal::sim::{SimError, SimFpga, gtag, machines};
+use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::{SimError, SimFpga, gtag, machines};
 use mesa_hal::sslbp::{
     AccessSize, Channel, ChannelMask, ChannelVariable, CsStatus, Layout, NonvolatileMemory, Port,
     PortError, PortLink, PortParameters, PortState, ProcessDataSizes, RemoteAccess,

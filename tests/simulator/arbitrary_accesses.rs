@@ -2,8 +2,8 @@
 //! thing again.
 
 use mesa_hal::bus::{Access, BusError, BusErrorKind, RegisterBus};
-use mesa_hal::sim::remote::{FixedData, Remote};
-use mesa_hal::sim::{AxisWiring, DriveSource, Motor, SimError, SimFpga, machines};
+use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::{AxisWiring, DriveSource, Motor, SimError, SimFpga, machines};
 use proptest::prelude::*;
 
 #[derive(Clone, Debug)]

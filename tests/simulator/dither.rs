@@ -2,7 +2,7 @@
 //! period, and its carry is added to the duty without saturation. Source: Mesa's VHDL
 //! (`dpwmpdmgenh`), as FACTS 13.5 says.
 
-use mesa_hal::sim::{SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, gtag, machines};
 
 const DOUBLE_BUFFERED: u32 = 1 << 5;
 const DITHER: u32 = 1 << 6;

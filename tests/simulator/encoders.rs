@@ -1,7 +1,7 @@
 //! Filters of the simulated encoders: gated index, polarity, probe and live bits, as FACTS 12.12
 //! says. The recordings that they are held to are in `tests/module_conformance`.
 
-use mesa_hal::sim::{PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{PinDescriptor, SimFpga, gtag, machines};
 
 /// Control bits.
 const GATE: u32 = 1 << 7;

@@ -1,7 +1,7 @@
 //! What the simulated FPGA says about itself, as the first thing a driver reads.
 
 use mesa_hal::bus::RegisterBus;
-use mesa_hal::sim::{SimFpga, gtag, machines};
+use mesa_hal_sim::{SimFpga, gtag, machines};
 
 fn descriptors(fpga: &mut SimFpga) -> Vec<[u32; 3]> {
     let words: Vec<u32> = (0..96).map(|n| fpga.read_register(0x440 + 4 * n)).collect();

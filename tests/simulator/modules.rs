@@ -1,7 +1,7 @@
 //! What stands around the modules of the simulated FPGA: multiplexers, drives and pins, as FACTS 9.4
 //! and 13 say. The modules themselves are held to recordings, in `tests/module_conformance`.
 
-use mesa_hal::sim::{AxisWiring, DriveSource, Motor, MotorConfig, SimFpga, machines};
+use mesa_hal_sim::{AxisWiring, DriveSource, Motor, MotorConfig, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 

@@ -5,9 +5,9 @@ use crate::common::machine::{ANALOG, FIELD, FieldRemote, Machine, OUTPUTS, fpga}
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
 use mesa_hal::lbp::{RemoteFaults, crc8};
-use mesa_hal::sim::devices::{Outputs48, SignalValue, SimDevice};
-use mesa_hal::sim::wire::{Burst, RemoteEnd};
-use mesa_hal::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::devices::{Outputs48, SignalValue, SimDevice};
+use mesa_hal_sim::wire::{Burst, RemoteEnd};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 
@@ -61,7 +61,7 @@ fn an_unplugged_7i77_stops_its_motors_by_its_watchdog_however_often_the_fpga_is_
         fpga.write_register(0x1000, 0);
         let devices = [FIELD, ANALOG].map(|channel| {
             let end = fpga.remote(0, channel).expect("remote");
-            all_off(mesa_hal::sim::devices::find(end).expect("device"))
+            all_off(mesa_hal_sim::devices::find(end).expect("device"))
         });
         if devices == [true; 2] && off_at.is_none() {
             off_at = Some(fpga.now() - begin);

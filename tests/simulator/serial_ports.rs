@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use crate::common::fpga::set_up_pins;
 use mesa_hal::bus::{Clock, RegisterBus};
-use mesa_hal::sim::remote::{FixedData, Remote};
-use mesa_hal::sim::{SimFpga, gtag, machines};
+use mesa_hal_sim::remote::{FixedData, Remote};
+use mesa_hal_sim::{SimFpga, gtag, machines};
 
 /// Register addresses of one port, as its module descriptor gives them.
 #[derive(Clone, Copy)]

@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 use crate::common::fpga::set_up_pins;
 use mesa_hal::bus::{Access, Clock, RegisterBus};
-use mesa_hal::sim::devices::{Analog, Device, FieldIo, Outputs48, World};
-use mesa_hal::sim::remote::Remote;
-use mesa_hal::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::devices::{Analog, Device, FieldIo, Outputs48, World};
+use mesa_hal_sim::remote::Remote;
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 const MS: u64 = 1_000_000;
 

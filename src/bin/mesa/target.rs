@@ -11,7 +11,7 @@ use clap::Args;
 use mesa_hal::bus::{BusError, BusErrorKind};
 use mesa_hal::ethernet::{EthernetBoard, Identity, MacAddress};
 use mesa_hal::lbp16;
-use mesa_hal::sim::{Mishaps, UdpFace};
+use mesa_hal_sim::{Mishaps, UdpFace};
 use mesa_hal::transport::search::{self, Asked};
 use mesa_hal::transport::udp::{UdpBus, UdpConfig, UdpError, UdpLink};
 

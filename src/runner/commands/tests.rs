@@ -1,6 +1,6 @@
 use super::*;
 use crate::driver::{BoardState, RemoteState, Settings};
-use crate::sim::{Motor, SimFpga, machines};
+use mesa_hal_sim::{Motor, SimFpga, machines};
 
 fn driver() -> Driver<SimFpga> {
     let board = machines::six_axes_7i92(Motor::default());

@@ -9,8 +9,8 @@ use super::*;
 use crate::driver::Settings;
 use crate::hal::{Age, Output};
 use crate::runner::Runner;
-use crate::sim::remote::Cable;
-use crate::sim::{Motor, SimFpga, devices, machines};
+use mesa_hal_sim::remote::Cable;
+use mesa_hal_sim::{Motor, SimFpga, devices, machines};
 
 fn driver() -> Driver<SimFpga> {
     let board = machines::six_axes_7i92(Motor::default());

@@ -1,6 +1,6 @@
 use super::*;
 use crate::Settings;
-use crate::sim::{Motor, machines};
+use mesa_hal_sim::{Motor, machines};
 
 fn board() -> Board<crate::SimFpga> {
     let bus = machines::six_axes_7i92(Motor::default());

@@ -6,16 +6,16 @@ use std::io;
 use super::*;
 use crate::setup::Firmware;
 use crate::setup::update::{Plan, Progress, Step, UpdateError};
-use crate::sim::devices::{FieldIo, SimDevice};
-use crate::sim::remote::firmware_file;
-use crate::sim::wire::{Burst, Nanos, RemoteEnd};
+use mesa_hal_sim::devices::{FieldIo, SimDevice};
+use mesa_hal_sim::remote::firmware_file;
+use mesa_hal_sim::wire::{Burst, Nanos, RemoteEnd};
 
 /// Bits of 115200 baud.
 const BIT: Nanos = 8_681;
 
 /// A serial line with a remote behind it.
 struct Line {
-    remote: crate::sim::remote::Remote<crate::sim::devices::Device<FieldIo>>,
+    remote: mesa_hal_sim::remote::Remote<mesa_hal_sim::devices::Device<FieldIo>>,
     now: Nanos,
     /// What has come in and was not read.
     waiting: VecDeque<u8>,

@@ -148,7 +148,7 @@ impl Plan {
 
     /// Whether nothing happens to the board, to its host, or between the two.
     pub fn spares_the_board(&self) -> bool {
-        use mesa_hal::sim::Place;
+        use mesa_hal_sim::Place;
         let spares = |kind: FaultKind| matches!(kind.place(), Place::Wire | Place::Remote);
         self.faults.iter().all(|fault| spares(fault.kind))
             && !self.has_deeds()

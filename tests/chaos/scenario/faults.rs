@@ -2,7 +2,7 @@
 //! what is there instead of the board.
 
 use mesa_hal::driver::{Driver, Pace};
-use mesa_hal::sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, Place};
 use mesa_hal::transport::udp::Link;
 
 use super::super::network::{Bad, Host, Life, Sim};

@@ -1,7 +1,7 @@
 //! The DPLL: when it must be in step with the reads, when it can not be, and what follows from that.
 
 use mesa_hal::driver::{BoardState, CycleReport, Pace};
-use mesa_hal::sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, Place};
 
 use super::super::oracle::{Checked, Promise, ensure};
 use super::super::plan::{Board, LOCKED_AFTER, Planned};

@@ -5,7 +5,7 @@ use std::time::Duration;
 use mesa_hal::driver::{
     Driver, FaultPolicy, GpioConfig, NotReached, Presence, RemoteConfig, SerialConfig, Settings,
 };
-use mesa_hal::sim::FaultKind;
+use mesa_hal_sim::FaultKind;
 use std::collections::BTreeMap;
 
 use super::super::application::Application;

@@ -1,7 +1,7 @@
 //! Events, statistics and reasons against what has happened.
 
 use mesa_hal::driver::{BoardState, Driver, EventKind, Events, OfflineReason};
-use mesa_hal::sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, Place};
 
 use super::super::application::Application;
 use super::super::journal::{Event, What};

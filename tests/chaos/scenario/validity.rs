@@ -1,7 +1,7 @@
 //! Validity: what is not known any more is not valid, and what nothing has failed for is.
 
 use mesa_hal::driver::{BoardState, Driver};
-use mesa_hal::sim::{FaultKind, Place};
+use mesa_hal_sim::{FaultKind, Place};
 
 use super::super::application::Application;
 use super::super::network::Host;

@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mesa_hal::lbp::RemoteFaults;
-use mesa_hal::sim::devices::{
+use mesa_hal_sim::devices::{
     Analog, Device, FieldIo, Outputs48, SignalValue, World, find_cable, find_mut,
 };
-use mesa_hal::sim::remote::{Cable, Remote, Toward, WireFault};
-use mesa_hal::sim::wire::{Nanos, RemoteEnd};
-use mesa_hal::sim::{Cause, Director, FaultKind, Place, SimFpga};
+use mesa_hal_sim::remote::{Cable, Remote, Toward, WireFault};
+use mesa_hal_sim::wire::{Nanos, RemoteEnd};
+use mesa_hal_sim::{Cause, Director, FaultKind, Place, SimFpga};
 
 use super::super::journal::{Journal, Level, Outputs, PARTS, Parts, What, parts, recorder};
 use super::super::machine::{Gpio, end};

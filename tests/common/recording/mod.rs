@@ -8,7 +8,7 @@ pub mod sslbp;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::wire::Nanos;
 
 pub use text::{decimal, hexadecimal, split};
 

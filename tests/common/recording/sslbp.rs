@@ -1,8 +1,8 @@
 //! Recordings of the SSLBP gateware. The format is described in `tests/transcripts/index.txt`; times
 //! are nanoseconds.
 
-use mesa_hal::sim::sslbp::Register;
-use mesa_hal::sim::wire::Nanos;
+use mesa_hal_sim::sslbp::Register;
+use mesa_hal_sim::wire::Nanos;
 
 use super::{Recording, decimal, hexadecimal, split};
 

@@ -3,7 +3,7 @@
 use mesa_hal::boards::PwmTable;
 use mesa_hal::driver::PwmConfig;
 use mesa_hal::hal::Value;
-use mesa_hal::sim::{PinDescriptor, gtag};
+use mesa_hal_sim::{PinDescriptor, gtag};
 
 use super::*;
 use crate::common::watch::Watch;

@@ -1,6 +1,6 @@
 //! Analog outputs of firmware whose PWM dithers: no step of a voltage wraps a period.
 
-use mesa_hal::sim::gtag;
+use mesa_hal_sim::gtag;
 
 use super::*;
 

@@ -1,7 +1,7 @@
 //! What is set for the encoders, alone and together, and how fast they may turn.
 
 use mesa_hal::hal::PinError;
-use mesa_hal::sim::SimFpga;
+use mesa_hal_sim::SimFpga;
 
 use super::{Machine, board};
 

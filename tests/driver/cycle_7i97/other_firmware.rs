@@ -3,7 +3,7 @@
 use super::{Machine, both_firmwares, started};
 use mesa_hal::Settings;
 use mesa_hal::driver::Driver;
-use mesa_hal::sim::{ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
+use mesa_hal_sim::{ModuleDescriptor, PinDescriptor, SimFpga, gtag, machines};
 
 /// Name and terminals of all pins of a module.
 fn names_of(driver: &Driver<SimFpga>, module: &str) -> Vec<(String, String)> {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
 use mesa_hal::driver::DriverError;
-use mesa_hal::sim::{Cause, Director};
+use mesa_hal_sim::{Cause, Director};
 use mesa_hal::transport::{Fault, Faulty};
 
 const OUTPUT: usize = 2;

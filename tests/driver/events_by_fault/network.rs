@@ -9,7 +9,7 @@ use crate::common::ethernet::{self, Fate, SimLink, WIRE, cut, good};
 use crate::common::machine::{Machine, fpga, start};
 use mesa_hal::bus::Clock;
 use mesa_hal::driver::{EventKind, EventMask, Pace, Repeating};
-use mesa_hal::sim::{FaultKind, Motor, Place, machines};
+use mesa_hal_sim::{FaultKind, Motor, Place, machines};
 use mesa_hal::transport::udp::UdpBus;
 
 /// A network that loses some of the packets.

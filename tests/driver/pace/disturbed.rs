@@ -7,7 +7,7 @@ use mesa_hal::bus::{Clock, RegisterBus};
 use mesa_hal::driver::BoardState;
 use mesa_hal::hal::Input;
 use mesa_hal::modules::dpll::Dpll;
-use mesa_hal::sim::devices::{find_cable, find_mut};
+use mesa_hal_sim::devices::{find_cable, find_mut};
 
 use super::{Machine, PERIOD, Pace, SimLink, WIRE, machine};
 use crate::common::chance::Chance;

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use mesa_hal::sim::{Endpoint, PcapWriter, Tap};
+use mesa_hal_sim::{Endpoint, PcapWriter, Tap};
 
 use crate::context::Failure;
 use crate::output::complain;

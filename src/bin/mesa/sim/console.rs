@@ -8,7 +8,7 @@ use std::{
     io::{self, BufRead},
 };
 
-use mesa_hal::sim::{UdpCounters, UdpFace};
+use mesa_hal_sim::{UdpCounters, UdpFace};
 
 use super::{machine::Machine, mechanics, remotes};
 use crate::pattern::is_match;
@@ -223,7 +223,7 @@ fn set_board_input(machine: &mut Machine, input: &str, state: &str) -> Result<St
     let count = machine
         .fpga()
         .inputs()
-        .map_or(0, mesa_hal::sim::Inputs::count);
+        .map_or(0, mesa_hal_sim::Inputs::count);
     if input >= count {
         return Err(format!("input {input}: this board has {count}"));
     }
@@ -391,7 +391,7 @@ fn show_board(text: &mut String, machine: &mut Machine) {
     for (name, state) in states {
         line(text, name, u8::from(state));
     }
-    let inputs = fpga.inputs().map_or(0, mesa_hal::sim::Inputs::count);
+    let inputs = fpga.inputs().map_or(0, mesa_hal_sim::Inputs::count);
     for input in 0..inputs {
         let on = fpga.inputs().is_some_and(|inputs| inputs.terminal(input));
         line(text, &format!("board.input-{input:02}"), u8::from(on));
@@ -399,7 +399,7 @@ fn show_board(text: &mut String, machine: &mut Machine) {
     for (led, is_lit) in leds.into_iter().enumerate() {
         line(text, &format!("board.led-{led}"), u8::from(is_lit));
     }
-    let outputs = fpga.pwm().map_or(0, mesa_hal::sim::Pwm::count);
+    let outputs = fpga.pwm().map_or(0, mesa_hal_sim::Pwm::count);
     for output in 0..outputs {
         let signal = fpga.analog_output(output);
         line(

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use mesa_hal::sim::{
+use mesa_hal_sim::{
     devices::{Analog, FieldIo, Outputs48, Plain, find_mut},
     remote::Cable,
     wire::RemoteEnd,

@@ -3,7 +3,7 @@
 use std::{error::Error, fmt::Write};
 
 use mesa_hal::ethernet::{Area, FlashLayout};
-use mesa_hal::sim::{
+use mesa_hal_sim::{
     BoardConfig, SimBoard, SimFpga,
     devices::{SimDevice, find, find_cable, find_mut},
     remote::Cable,

@@ -4,7 +4,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use mesa_hal::sim::{
+use mesa_hal_sim::{
     AxisWiring, DriveSource, EstopConfig, Inputs, Motor, OUTPUT_PIN, SwitchConfig, Terminal,
     WheelConfig, machines,
 };

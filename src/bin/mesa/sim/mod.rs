@@ -24,7 +24,7 @@ use std::sync::atomic::AtomicUsize;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use mesa_hal::sim::UdpFace;
+use mesa_hal_sim::UdpFace;
 
 use crate::context::{Context, Ending, Failure};
 use crate::full_screen;

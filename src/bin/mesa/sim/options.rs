@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use mesa_hal::lbp16;
-use mesa_hal::sim::{FirmwareImage, Mishaps, SimFpga, machines};
+use mesa_hal_sim::{FirmwareImage, Mishaps, SimFpga, machines};
 
 use super::control::Control;
 use super::file;

@@ -2,7 +2,7 @@
 
 use std::net::Ipv4Addr;
 
-use mesa_hal::sim::{Motor, Terminal};
+use mesa_hal_sim::{Motor, Terminal};
 
 /// Axes, switches, handwheels and emergency stop. Without axes, the board has its usual six motors.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use mesa_hal::sim::{
+use mesa_hal_sim::{
     devices::{SignalValue, WorldError},
     remote::{Cable, Toward, WireFault, firmware_file},
 };

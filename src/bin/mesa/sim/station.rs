@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
-use mesa_hal::sim::UdpFace;
+use mesa_hal_sim::UdpFace;
 
 use super::agenda::{Agenda, Condition};
 use super::console::{self, Answer};

@@ -264,7 +264,7 @@ impl Pins {
 pub mod tests {
     use super::*;
     use mesa_hal::runner::SnapshotWriter;
-    use mesa_hal::sim::machines;
+    use mesa_hal_sim::machines;
     use mesa_hal::{Clock, Driver, SimFpga};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -272,7 +272,7 @@ pub mod tests {
     const PERIOD: Duration = Duration::from_millis(1);
 
     fn driver() -> Driver<SimFpga> {
-        let board = machines::six_axes_7i92(mesa_hal::sim::Motor::default());
+        let board = machines::six_axes_7i92(mesa_hal_sim::Motor::default());
         Driver::start(board, mesa_hal::Settings::default()).unwrap()
     }
 

@@ -11,7 +11,7 @@ use std::net::Ipv4Addr;
 use std::path::Path;
 
 use clap::ValueEnum;
-use mesa_hal::sim::{Motor, MotorConfig, MotorError, Terminal};
+use mesa_hal_sim::{Motor, MotorConfig, MotorError, Terminal};
 use serde::Deserialize;
 use toml::Spanned;
 

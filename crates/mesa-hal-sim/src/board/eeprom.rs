@@ -1,0 +1,137 @@
+//! Space 2: the EEPROM with MAC address, card name and IP address.
+
+use super::BoardConfig;
+use mesa_wire::lbp16::registers::eeprom::{
+        CARD_NAME, FIRST_WRITABLE, IP_ADDRESS, LED_MODE, LEN, MAC, NETMASK, NETMASK_FIRMWARE,
+    };
+use crate::wire::Nanos;
+
+/// Time to program one word of the Ethernet chip's serial EEPROM. Not known; mesaflash, which waits
+/// 2 ms for its first answer, has to find a board whose address it has just set (FACTS 10.2).
+const PROGRAM: Nanos = 500_000;
+
+/// Words of the EEPROM.
+pub(super) const EEPROM_WORDS: usize = LEN as usize / 2;
+
+/// A write that the write enable, or the address, does not allow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct NotWritable;
+
+/// The EEPROM. Manual: 7I97, "ETHERNET EEPROM LAYOUT".
+#[derive(Clone, Debug)]
+pub(super) struct Eeprom {
+    words: [u16; EEPROM_WORDS],
+    changes: u64,
+}
+
+impl Eeprom {
+    /// An EEPROM as the factory leaves it.
+    pub(super) fn new(config: &BoardConfig) -> Self {
+        let mut this = Self {
+            words: [0; EEPROM_WORDS],
+            changes: 0,
+        };
+        for (address, word) in (MAC..).step_by(2).zip(config.mac_words()) {
+            this.put(address, word);
+        }
+        for (address, word) in (CARD_NAME..).step_by(2).zip(config.name_words()) {
+            this.put(address, word);
+        }
+        this.put_ip(IP_ADDRESS, config.ip.octets());
+        if config.firmware_version >= NETMASK_FIRMWARE {
+            this.put_ip(NETMASK, config.netmask.octets());
+        }
+        // "The green user LEDs default function is to count received Ethernet packets."
+        this.put(LED_MODE, 1);
+        this
+    }
+
+    /// The word at a byte address within the space.
+    pub(super) fn read(&self, address: u16) -> u16 {
+        let word = self.words.get(usize::from(address / 2));
+        word.copied().unwrap_or(0)
+    }
+
+    /// Writes a word; returns how long that takes.
+    pub(super) fn write(
+        &mut self,
+        address: u16,
+        value: u16,
+        enabled: bool,
+    ) -> Result<Nanos, NotWritable> {
+        if !enabled || address < FIRST_WRITABLE {
+            return Err(NotWritable);
+        }
+        self.put(address, value);
+        self.changes += 1;
+        Ok(PROGRAM)
+    }
+
+    /// Whether the LEDs show debug information after power-up.
+    pub(super) fn led_mode(&self) -> u16 {
+        self.read(LED_MODE) & 1
+    }
+
+    /// How often the contents were changed.
+    pub(super) fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// The contents.
+    pub(super) fn words(&self) -> &[u16; EEPROM_WORDS] {
+        &self.words
+    }
+
+    /// Restores the contents.
+    pub(super) fn restore(&mut self, words: [u16; EEPROM_WORDS]) {
+        self.words = words;
+    }
+
+    fn put_ip(&mut self, address: u16, [a, b, c, d]: [u8; 4]) {
+        self.put(address, u16::from_be_bytes([c, d]));
+        self.put(address + 2, u16::from_be_bytes([a, b]));
+    }
+
+    fn put(&mut self, address: u16, value: u16) {
+        if let Some(word) = self.words.get_mut(usize::from(address / 2)) {
+            *word = value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_stand_where_clients_look_for_them() {
+        let eeprom = Eeprom::new(&BoardConfig::new("7I97"));
+        // FACTS 10.3 and the layout of the manual.
+        let mac: Vec<_> = [2, 4, 6].map(|at| eeprom.read(at)).into();
+        assert_eq!(mac, [0x0097, 0x1B1B, 0x0060]);
+        assert_eq!(eeprom.read(0x10).to_le_bytes(), *b"7I");
+        assert_eq!(eeprom.read(0x12).to_le_bytes(), *b"97");
+        assert_eq!([eeprom.read(0x20), eeprom.read(0x22)], [0x0A0A, 0x0A0A]);
+        assert_eq!([eeprom.read(0x24), eeprom.read(0x26)], [0xFF00, 0xFFFF]);
+    }
+
+    #[test]
+    fn firmware_before_16_has_no_netmask() {
+        let mut config = BoardConfig::new("7I97");
+        config.firmware_version = 15;
+        let eeprom = Eeprom::new(&config);
+        assert_eq!([eeprom.read(0x24), eeprom.read(0x26)], [0, 0]);
+    }
+
+    #[test]
+    fn the_first_0x20_bytes_stay_and_the_rest_needs_the_enable() {
+        let mut eeprom = Eeprom::new(&BoardConfig::new("7I97"));
+        assert_eq!(eeprom.write(0x1E, 1, true), Err(NotWritable));
+        assert_eq!(eeprom.write(0x20, 1, false), Err(NotWritable));
+        assert_eq!(eeprom.changes(), 0);
+        assert!(eeprom.write(0x20, 1, true).is_ok());
+        assert_eq!((eeprom.read(0x20), eeprom.changes()), (1, 1));
+        assert!(eeprom.write(0x7E, 2, true).is_ok());
+        assert_eq!(eeprom.read(0x7E), 2);
+    }
+}

@@ -1,0 +1,54 @@
+//! The spindle output of a 7I76: an analog output, an enable and a direction.
+
+use super::{Layout, SignalValue};
+use crate::remote::Memory;
+
+/// Places and state of `SpinOut`, `SpinEna` and `SpinDir`. Their names are LinuxCNC's pins; type, width
+/// and range of `SpinOut` are not known, and are those of a 7I77's analog output.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Spindle {
+    /// Addresses of the three.
+    places: [u16; 3],
+    raw: i16,
+    enable: bool,
+    reverse: bool,
+}
+
+impl Spindle {
+    pub(super) fn power_up(&mut self, layout: &Layout) {
+        let at = |name: &str| layout.address(name).unwrap_or_default();
+        self.places = ["SpinOut", "SpinEna", "SpinDir"].map(at);
+    }
+
+    pub(super) fn drive(&mut self, memory: &Memory) {
+        let [out, enable, reverse] = self.places;
+        // 13 bits, sign extended.
+        self.raw = (memory.word(out, 2) as u16) as i16;
+        self.raw = self.raw << 3 >> 3;
+        [self.enable, self.reverse] = [enable, reverse].map(|at| memory.byte(at) & 1 != 0);
+    }
+
+    pub(super) fn off(&mut self) {
+        *self = Self {
+            places: self.places,
+            ..Self::default()
+        };
+    }
+
+    /// 0 V while the enable is off.
+    pub(super) fn volts(&self) -> f64 {
+        if self.enable {
+            f64::from(self.raw) / 4096.0 * 10.0
+        } else {
+            0.0
+        }
+    }
+
+    pub(super) fn outputs(&self) -> [(String, SignalValue); 3] {
+        [
+            ("spinout".to_owned(), SignalValue::Volts(self.volts())),
+            ("spinena".to_owned(), SignalValue::Bool(self.enable)),
+            ("spindir".to_owned(), SignalValue::Bool(self.reverse)),
+        ]
+    }
+}

@@ -1,0 +1,215 @@
+//! The list of everything that the simulator can let go wrong.
+//!
+//! What the driver does about each of them is in [`driver::faults`](crate::driver::faults); a test
+//! holds that table and this list against each other.
+
+use mesa_wire::lbp::RemoteFaults;
+use crate::remote::WireFault;
+use mesa_wire::bus::Fault;
+
+/// Where a fault is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Place {
+    /// Between the FPGA and a remote.
+    Wire,
+    /// In a remote.
+    Remote,
+    /// In the FPGA.
+    Fpga,
+    /// Between host and board, on Ethernet.
+    Network,
+    /// Between host and FPGA, on an embedded bus.
+    Bus,
+    /// In the host.
+    Host,
+}
+
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $kind:ident $name:literal $place:ident,)*) => {
+        /// A kind of fault.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum FaultKind {
+            $($(#[$doc])* $kind,)*
+        }
+
+        impl FaultKind {
+            /// All of them.
+            pub const ALL: &'static [Self] = &[$(Self::$kind,)*];
+
+            /// Its name in the fault contract.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$kind => $name,)*
+                }
+            }
+
+            /// Where it is.
+            pub const fn place(self) -> Place {
+                match self {
+                    $(Self::$kind => Place::$place,)*
+                }
+            }
+        }
+    };
+}
+
+kinds! {
+    /// A request or a reply does not arrive: [`WireFault::Lost`].
+    WireLost "wire-lost" Wire,
+    /// A bit is inverted: [`WireFault::Corrupted`].
+    WireCorrupted "wire-corrupted" Wire,
+    /// Characters are missing: [`WireFault::Short`].
+    WireShort "wire-short" Wire,
+    /// There are more characters: [`WireFault::Long`].
+    WireLong "wire-long" Wire,
+    /// A reply comes late: [`WireFault::Late`].
+    WireLate "wire-late" Wire,
+    /// The line is low for the length of a burst: [`WireFault::Break`].
+    WireBreak "wire-break" Wire,
+    /// A cable is not plugged in: [`Cable::unplug`](crate::remote::Cable::unplug).
+    WireUnplugged "wire-unplugged" Wire,
+    /// The same, and the receiver sees a low line:
+    /// [`Cable::set_low_when_unplugged`](crate::remote::Cable::set_low_when_unplugged).
+    WireLow "wire-low" Wire,
+    /// Another card is plugged in: [`SimFpga::plug`](crate::SimFpga::plug).
+    WireSwapped "wire-swapped" Wire,
+    /// Fault bit 01.
+    RemoteWatchdog "remote-watchdog" Remote,
+    /// Fault bit 02.
+    RemoteNoEnable "remote-no-enable" Remote,
+    /// Fault bit 04, from a driver chip that is too hot.
+    RemoteOverTemperature "remote-over-temperature" Remote,
+    /// Fault bit 08, from a shorted output.
+    RemoteOverCurrent "remote-over-current" Remote,
+    /// Fault bit 10, from field power above 32 V.
+    RemoteHighVoltage "remote-high-voltage" Remote,
+    /// Fault bit 20, from field power below 5 V.
+    RemoteLowVoltage "remote-low-voltage" Remote,
+    /// Fault bit 40.
+    RemoteIllegalMode "remote-illegal-mode" Remote,
+    /// Fault bit 80.
+    RemoteCommunication "remote-communication" Remote,
+    /// A remote has no power.
+    RemotePowerOff "remote-power-off" Remote,
+    /// A remote's power fails for a moment, with which it forgets its software mode.
+    RemotePowerGlitch "remote-power-glitch" Remote,
+    /// The FPGA is configured again in no time: [`SimFpga::reload`](crate::SimFpga::reload).
+    FpgaReset "fpga-reset" Fpga,
+    /// The same, and it takes its time:
+    /// [`SimFpga::reset_for`](crate::SimFpga::reset_for).
+    FpgaResetLong "fpga-reset-long" Fpga,
+    /// The watchdog bites.
+    FpgaWatchdog "fpga-watchdog" Fpga,
+    /// A serial port's command never ends (FACTS 3: DOIT with other high bits).
+    FpgaPortStuck "fpga-port-stuck" Fpga,
+    /// A packet to the board is lost.
+    NetworkLostRequest "network-lost-request" Network,
+    /// A packet to the host is lost.
+    NetworkLostReply "network-lost-reply" Network,
+    /// A packet comes twice.
+    NetworkDuplicate "network-duplicate" Network,
+    /// A packet comes late, and behind later ones.
+    NetworkLate "network-late" Network,
+    /// Nothing gets through.
+    NetworkDown "network-down" Network,
+    /// [`Fault::NotExecuted`]: nothing happens, and an error is returned.
+    BusNotExecuted "bus-not-executed" Bus,
+    /// [`Fault::Executed`]: all happens, and an error says that the reply is no good.
+    BusNoReply "bus-no-reply" Bus,
+    /// [`Fault::SilentWrite`]: a write is lost, which a later exchange tells.
+    BusSilentWrite "bus-silent-write" Bus,
+    /// The application is late by less than the watchdog allows.
+    HostLate "host-late" Host,
+    /// The application stands still for longer.
+    HostStall "host-stall" Host,
+    /// The process ends without a word.
+    HostKilled "host-killed" Host,
+}
+
+impl FaultKind {
+    /// The fault bit that a remote reports it with, if it has one.
+    pub const fn fault_bit(self) -> Option<RemoteFaults> {
+        Some(match self {
+            Self::RemoteWatchdog => RemoteFaults::WATCHDOG,
+            Self::RemoteNoEnable => RemoteFaults::NO_ENABLE,
+            Self::RemoteOverTemperature => RemoteFaults::OVER_TEMPERATURE,
+            Self::RemoteOverCurrent => RemoteFaults::OVER_CURRENT,
+            Self::RemoteHighVoltage => RemoteFaults::HIGH_VOLTAGE,
+            Self::RemoteLowVoltage => RemoteFaults::LOW_VOLTAGE,
+            Self::RemoteIllegalMode => RemoteFaults::ILLEGAL_MODE,
+            Self::RemoteCommunication => RemoteFaults::COMMUNICATION,
+            _ => return None,
+        })
+    }
+}
+
+impl From<WireFault> for FaultKind {
+    fn from(fault: WireFault) -> Self {
+        match fault {
+            WireFault::Lost => Self::WireLost,
+            WireFault::Corrupted => Self::WireCorrupted,
+            WireFault::Short(_) => Self::WireShort,
+            WireFault::Long(_) => Self::WireLong,
+            WireFault::Late(_) => Self::WireLate,
+            WireFault::Break => Self::WireBreak,
+        }
+    }
+}
+
+impl From<Fault> for FaultKind {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            Fault::NotExecuted(_) => Self::BusNotExecuted,
+            Fault::Executed(_) => Self::BusNoReply,
+            Fault::SilentWrite => Self::BusSilentWrite,
+        }
+    }
+}
+
+impl core::fmt::Display for FaultKind {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The names in the first column of the contract's table.
+    fn rows() -> Vec<&'static str> {
+        let page = include_str!("../../docs/faults.md");
+        let names = page.lines().filter_map(|line| line.strip_prefix("| `"));
+        names.filter_map(|rest| rest.split('`').next()).collect()
+    }
+
+    #[test]
+    fn the_fault_contract_has_exactly_one_row_for_each_fault_of_the_simulator() {
+        let rows = rows();
+        for kind in FaultKind::ALL {
+            let found = rows.iter().filter(|row| **row == kind.name()).count();
+            assert_eq!(found, 1, "{kind} in docs/faults.md");
+        }
+        for row in &rows {
+            let is_known = FaultKind::ALL.iter().any(|kind| kind.name() == *row);
+            assert!(is_known, "docs/faults.md has {row}, the simulator not");
+        }
+    }
+
+    #[test]
+    fn every_row_of_the_fault_contract_says_everything() {
+        let page = include_str!("../../docs/faults.md");
+        for line in page.lines().filter(|line| line.starts_with("| `")) {
+            let cells: Vec<_> = line.trim_matches('|').split('|').collect();
+            assert_eq!(cells.len(), 7, "{line}");
+            assert!(cells.iter().all(|cell| !cell.trim().is_empty()), "{line}");
+        }
+    }
+
+    #[test]
+    fn every_fault_bit_of_a_remote_is_in_the_list() {
+        let bits = FaultKind::ALL.iter().filter_map(|kind| kind.fault_bit());
+        let all = bits.fold(RemoteFaults::empty(), |all, bit| all | bit);
+        assert_eq!(all.bits(), 0xFF);
+    }
+}

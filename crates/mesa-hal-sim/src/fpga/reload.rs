@@ -1,0 +1,129 @@
+//! Loading the FPGA again, while the world around it goes on.
+
+use super::{Cause, SimFpga, gtag};
+use crate::modules::{Inputs, Leds};
+use crate::wire::Nanos;
+
+impl SimFpga {
+    /// The FPGA is configured again: all registers and the serial ports are as after power-up.
+    ///
+    /// Time goes on, and so does the world: remotes stay plugged in and powered, inputs and pins
+    /// are driven as before, motors keep turning until their drives notice.
+    ///
+    /// The firmware of a serial port needs up to 142 us from here on until it takes commands;
+    /// COMMAND, DATA and CS read 0 meanwhile, as those of an idle port do.
+    pub fn reload(&mut self) {
+        self.reload_until(self.now);
+    }
+
+    /// The FPGA loses its configuration and has it again after `time`. Until then all pins are
+    /// inputs, reads give ones, as on a bus that nobody drives, and writes go nowhere.
+    pub fn reset_for(&mut self, time: Nanos) {
+        let configured = self.now.saturating_add(time);
+        self.reload_until(configured);
+        self.reset_until = configured;
+    }
+
+    /// Everything starts from the beginning now, the serial ports' firmware at `configured`.
+    fn reload_until(&mut self, configured: Nanos) {
+        self.settle();
+        let fresh = Self::configured_at(self.firmware.clone(), self.now);
+        self.io.reload();
+        self.watchdog = fresh.watchdog;
+        self.pwm = fresh.pwm;
+        self.ssr = fresh.ssr;
+        self.out_m = fresh.out_m;
+        self.dpll = fresh.dpll;
+        self.leds = Leds::default();
+        self.foreign.reload(self.now);
+        for bank in &mut self.plant.banks {
+            bank.reload(self.now, &self.firmware);
+        }
+        for port in &mut self.serial {
+            port.reload(self.now, configured);
+        }
+        let now = self.now;
+        for (tag, inputs) in [
+            (gtag::IN_MUX, &mut self.in_mux),
+            (gtag::IN_M, &mut self.in_m),
+        ] {
+            let module = self.firmware.module(tag);
+            if let (Some(inputs), Some(module)) = (inputs, module) {
+                let mut fresh = Inputs::new(&self.firmware, module);
+                for input in 0..inputs.count() {
+                    fresh.set_terminal(now, input, inputs.terminal(input));
+                }
+                *inputs = fresh;
+            }
+        }
+        self.pins_changed();
+        self.show(Cause::Reset);
+    }
+
+    /// Whether it has no configuration at the moment.
+    pub fn is_in_reset(&self) -> bool {
+        self.now < self.reset_until
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::machines;
+    use crate::wire::Nanos;
+
+    const COMMAND: u16 = 0x5B00;
+    const DATA: u16 = 0x5C00;
+    const CS: u16 = 0x5D00;
+
+    /// A port of eight channels; 7I97 addresses (FACTS 9.2). Times: FACTS 11.1, and 14.9 us for each
+    /// channel's baud rate.
+    #[test]
+    fn a_serial_port_takes_no_command_for_142_us_after_a_reload_and_reads_0() {
+        for reset in [0, 300_000] {
+            let mut fpga = machines::i7i97(8);
+            let from: Nanos = 5_000_000;
+            fpga.advance_to(from);
+            assert_eq!(fpga.read_register(DATA), 0xAA);
+            fpga.reset_for(reset);
+            let up = from + reset;
+            fpga.advance_to(up + 10_000);
+            for address in [COMMAND, DATA, CS] {
+                assert_eq!(fpga.read_register(address), 0, "{address:04X}, {reset}");
+            }
+            // A local read that is written meanwhile is done when the firmware is ready for it.
+            fpga.advance_to(up + 50_000);
+            fpga.write_register(COMMAND, 0x2003);
+            fpga.advance_to(up + 140_000);
+            assert_eq!(fpga.read_register(COMMAND), 0x2003, "{reset}");
+            fpga.advance_to(up + 145_000);
+            assert_eq!(fpga.read_register(COMMAND), 0, "{reset}");
+            assert_eq!(fpga.read_register(DATA), 43, "{reset}");
+        }
+    }
+
+    #[test]
+    fn registers_are_as_after_power_up_and_the_world_stays() {
+        let mut fpga = machines::i7i97(1);
+        fpga.advance_to(5_000_000);
+        fpga.set_input(3, true);
+        fpga.drive_pin(40, Some(false));
+        let untouched: Vec<_> = (0..0x4000).map(|n| n * 4).collect();
+        let before: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
+        for address in [
+            0x0C00, 0x1100, 0x1104, 0x1200, 0x4100, 0x4300, 0x7D00, 0x0200,
+        ] {
+            fpga.write_register(address, 0x0100_0FFF);
+        }
+        fpga.advance_to(6_000_000);
+        fpga.reload();
+        fpga.advance_to(6_500_000);
+        let after: Vec<_> = untouched.iter().map(|&at| fpga.read_register(at)).collect();
+        // The time stamp counter of the encoders runs.
+        let stamp = 0x3900 / 4;
+        let differs = before.iter().zip(&after).enumerate();
+        let differs = differs.filter(|(at, (a, b))| a != b && *at != stamp);
+        assert_eq!(differs.count(), 0);
+        assert!(fpga.inputs().unwrap().terminal(3));
+        assert!(!fpga.pin_level(40));
+    }
+}

@@ -1,0 +1,263 @@
+//! The FPGA seen from the world around it: pins, sockets, motors, inputs and outputs.
+
+use super::plant::{AxisWiring, DriveSignal, DriveSource};
+use super::{AccessCounters, Firmware, SimFpga, Target, gtag};
+use crate::modules::{
+    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial, Watchdog,
+};
+use crate::wire::{Nanos, RemoteEnd};
+use crate::world::Motor;
+
+impl SimFpga {
+    /// The firmware it was built from.
+    pub fn firmware(&self) -> &Firmware {
+        &self.firmware
+    }
+
+    /// What was accessed so far.
+    pub fn counters(&self) -> AccessCounters {
+        self.counters
+    }
+
+    /// What each access through the bus costs in virtual time.
+    pub fn set_access_cost(&mut self, cost: Nanos) {
+        self.access_cost = cost;
+    }
+
+    /// Puts a word into identification or IDROM: a firmware that is wrong in one place.
+    /// Other addresses are left alone.
+    pub fn override_rom(&mut self, address: u16, value: u32) {
+        if let Target::Rom(index) = self.map.at(address)
+            && let Some(word) = self.rom.get_mut(usize::from(index))
+        {
+            *word = value;
+        }
+    }
+
+    /// The I/O ports.
+    pub fn io(&self) -> &IoPorts {
+        &self.io
+    }
+
+    /// The level of an I/O pin.
+    pub fn pin_level(&self, pin: usize) -> bool {
+        let levels = |pin| self.module_level(pin);
+        self.io.level(pin, &levels)
+    }
+
+    /// The level that FPGA or outside drive an I/O pin to; `None` if it is only pulled up.
+    pub fn driven_level(&self, pin: usize) -> Option<bool> {
+        let levels = |pin| self.module_level(pin);
+        self.io.driven_level(pin, &levels)
+    }
+
+    /// Whether the FPGA drives an I/O pin, whatever to.
+    pub fn is_driven(&self, pin: usize) -> bool {
+        self.io.is_output(pin)
+    }
+
+    /// Drives an I/O pin from outside, or lets it go.
+    pub fn drive_pin(&mut self, pin: usize, level: Option<bool>) {
+        self.io.drive(pin, level);
+        self.settle();
+        let tags = [gtag::ENCODER, gtag::MUXED_ENCODER];
+        let descriptor = self.firmware.pins.get(pin).copied();
+        if let Some(found) = descriptor.filter(|found| tags.contains(&found.secondary)) {
+            let (level, now) = (self.pin_level(pin), self.now);
+            if let Some(bank) = self.bank(found.secondary)
+                && let Some(bank) = self.plant.banks.get_mut(bank)
+            {
+                bank.set_pin(now, found.unit, found.pin, level);
+            }
+        }
+    }
+
+    /// Adds a module that the simulator does not know, in the place of the firmware's module with
+    /// this GTAG. It can drive a motor: [`DriveSource::Module`].
+    pub fn add_module(&mut self, gtag: u8, module: Box<dyn ForeignModule>) {
+        self.settle();
+        self.foreign.add(gtag, module);
+        self.settle();
+    }
+
+    /// A module that was added.
+    pub fn module<T: ForeignModule>(&self, gtag: u8) -> Option<&T> {
+        let module: &dyn core::any::Any = self.foreign.get(gtag)?;
+        module.downcast_ref()
+    }
+
+    /// A module that was added, to change it.
+    pub fn module_mut<T: ForeignModule>(&mut self, gtag: u8) -> Option<&mut T> {
+        let module: &mut dyn core::any::Any = self.foreign.get_mut(gtag)?;
+        module.downcast_mut()
+    }
+
+    /// The watchdog.
+    pub fn watchdog(&self) -> &Watchdog {
+        &self.watchdog
+    }
+
+    /// Number of smart serial ports.
+    pub fn serial_ports(&self) -> usize {
+        self.serial.len()
+    }
+
+    /// A smart serial port.
+    pub fn serial_port(&self, port: usize) -> Option<&SmartSerial> {
+        self.serial.get(port)
+    }
+
+    /// Plugs a remote into a channel (`None` unplugs) and hands back what was there.
+    pub fn plug(
+        &mut self,
+        port: usize,
+        channel: usize,
+        remote: Option<Box<dyn RemoteEnd>>,
+    ) -> Option<Box<dyn RemoteEnd>> {
+        self.settle();
+        let previous = self.serial.get_mut(port)?.plug(channel, remote);
+        self.settle();
+        previous
+    }
+
+    /// What is plugged into a channel.
+    pub fn remote(&self, port: usize, channel: usize) -> Option<&dyn RemoteEnd> {
+        self.serial.get(port)?.remote(channel)
+    }
+
+    /// What is plugged into a channel, to change it.
+    pub fn remote_mut(&mut self, port: usize, channel: usize) -> Option<&mut dyn RemoteEnd> {
+        self.serial.get_mut(port)?.remote_mut(channel)
+    }
+
+    /// The device of type `T` on a channel, whatever stands in front of it.
+    pub fn device<T: RemoteEnd>(&self, port: usize, channel: usize) -> Option<&T> {
+        device(self.remote(port, channel)?)
+    }
+
+    /// The device of type `T` on a channel, whatever stands in front of it, to change it.
+    pub fn device_mut<T: RemoteEnd>(&mut self, port: usize, channel: usize) -> Option<&mut T> {
+        device_mut(self.remote_mut(port, channel)?)
+    }
+
+    /// The motors and what they turn: number of axes.
+    pub fn axes(&self) -> usize {
+        self.plant.len()
+    }
+
+    /// Wires a motor to a drive signal and an encoder, and says which axis it is.
+    pub fn wire_axis(&mut self, wiring: AxisWiring) -> usize {
+        self.settle();
+        let axis = self.plant.add(wiring, &self.io);
+        self.visit_remotes(|_| true);
+        self.pins_changed();
+        axis
+    }
+
+    /// The motor of an axis, as it is now.
+    pub fn motor(&mut self, axis: usize) -> Option<&mut Motor> {
+        self.settle();
+        self.plant.motor_mut(axis)
+    }
+
+    /// What the drive of an axis is told now, and whether it is enabled.
+    pub fn drive_signal(&mut self, axis: usize) -> Option<DriveSignal> {
+        self.settle();
+        let signal = match self.plant.source(axis)? {
+            DriveSource::Nothing => DriveSignal::default(),
+            DriveSource::Pwm { unit } => self.analog_output(unit),
+            DriveSource::Module { gtag, output } => {
+                let (foreign, now) = (&self.foreign, self.now);
+                foreign.drive_signal(gtag, now, output, &self.io)
+            }
+            DriveSource::Remote {
+                port,
+                channel,
+                output,
+                readout,
+            } => {
+                let remote = self.remote(port, channel);
+                remote.map_or(DriveSignal::default(), |end| readout(end, output))
+            }
+        };
+        Some(signal)
+    }
+
+    /// The first encoder module, as it is now.
+    pub fn encoders(&mut self) -> Option<&mut EncoderBank> {
+        self.settle();
+        self.plant.banks.first_mut()
+    }
+
+    /// The PWM generators.
+    pub fn pwm(&self) -> Option<&Pwm> {
+        self.pwm.as_ref()
+    }
+
+    /// What an analog output of a 7I97 gives to its drive.
+    pub fn analog_output(&self, output: usize) -> DriveSignal {
+        self.pwm
+            .as_ref()
+            .map_or(DriveSignal::default(), |pwm| DriveSignal {
+                volts: pwm.volts(output, &self.io, self.now),
+                enabled: pwm.drive_enabled(output, &self.io),
+            })
+    }
+
+    /// The isolated inputs.
+    pub fn inputs(&self) -> Option<&Inputs> {
+        self.in_mux.as_ref().or(self.in_m.as_ref())
+    }
+
+    /// Lets current flow into an isolated input, or not.
+    pub fn set_input(&mut self, input: usize, on: bool) {
+        let now = self.now;
+        if let Some(inputs) = self.in_mux.as_mut().or(self.in_m.as_mut()) {
+            inputs.set_terminal(now, input, on);
+        }
+    }
+
+    /// Whether an isolated output conducts.
+    pub fn isolated_output(&self, output: usize) -> bool {
+        let outputs = self.ssr.as_ref().or(self.out_m.as_ref());
+        outputs.is_some_and(|outputs| outputs.is_on(output, &self.io))
+    }
+
+    /// The plain output module.
+    pub fn out_m(&self) -> Option<&Outputs> {
+        self.out_m.as_ref()
+    }
+
+    /// The solid-state relay module.
+    pub fn ssr(&self) -> Option<&Outputs> {
+        self.ssr.as_ref()
+    }
+
+    /// The LEDs.
+    pub fn leds(&self) -> Leds {
+        self.leds
+    }
+
+    /// The phase-locked loop.
+    pub fn dpll(&self) -> Option<&Dpll> {
+        self.dpll.as_ref()
+    }
+}
+
+/// Looks for a device behind everything that stands in front of it.
+pub(crate) fn device<T: RemoteEnd>(mut end: &dyn RemoteEnd) -> Option<&T> {
+    loop {
+        let any: &dyn core::any::Any = end;
+        if let Some(found) = any.downcast_ref() {
+            return Some(found);
+        }
+        end = end.inner()?;
+    }
+}
+
+fn device_mut<T: RemoteEnd>(end: &mut dyn RemoteEnd) -> Option<&mut T> {
+    if (end as &dyn core::any::Any).is::<T>() {
+        return (end as &mut dyn core::any::Any).downcast_mut();
+    }
+    device_mut(end.inner_mut()?)
+}

@@ -1,0 +1,53 @@
+//! A simulated FPGA with its remote bus, on a virtual clock.
+//!
+//! The simulator shares the pure wire formats ([`mesa_wire::lbp`], [`mesa_wire::lbp16`]) and register
+//! addresses with the driver, and nothing else: its behaviour comes from the manuals, from what
+//! the gateware was seen to do and from its recorded transcripts.
+//!
+//! From the host to the machine: [`SimFpga`] is the register file of a HostMot2 [`Firmware`] and
+//! implements [`RegisterBus`](mesa_wire::bus::RegisterBus); its smart serial ports ([`sslbp`]) talk
+//! over serial lines ([`wire`]) to what is plugged in; drives and [`Motor`]s follow the analog
+//! outputs and turn the encoders. [`machines`] has them put together. Time passes only with
+//! register accesses and when somebody lets it; nothing sleeps.
+//!
+//! ```
+//! use mesa_wire::bus::RegisterBus;
+//! use mesa_hal_sim::machines;
+//!
+//! let mut fpga = machines::i7i92_7i77();
+//! assert_eq!(fpga.read(0x0100)?, 0x55AA_CAFE);
+//! fpga.advance_to(1_000_000);
+//! # Ok::<(), mesa_hal_sim::SimError>(())
+//! ```
+
+mod board;
+pub mod devices;
+mod faults;
+mod fpga;
+pub mod machines;
+mod modules;
+pub mod remote;
+mod serial_face;
+pub mod sslbp;
+pub mod wire;
+mod world;
+
+pub use board::{
+    AddressJumpers, BoardConfig, Endpoint, Gateware, Mishaps, PcapWriter, SimBoard, StateError,
+    Tap, UdpClient, UdpCounters, UdpFace,
+};
+pub use faults::{FaultKind, Place};
+pub use fpga::{
+    AccessCounters, AxisWiring, Cause, DEFAULT_ACCESS_COST, Director, DriveSignal, DriveSource,
+    Firmware, FirmwareImage, ImageError, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, Readout,
+    SimError, SimFpga, UNDRIVEN, gtag,
+};
+pub use modules::{
+    Dpll, EncoderBank, ForeignModule, Inputs, IoPorts, Leds, Outputs, Pwm, SmartSerial,
+    Source as PinSource, Watchdog,
+};
+pub use serial_face::SerialFace;
+pub use world::{
+    EstopConfig, Motor, MotorConfig, MotorError, Segment, Switch, SwitchConfig, Terminal, Wheel,
+    WheelConfig,
+};

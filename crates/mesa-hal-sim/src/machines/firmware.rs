@@ -1,0 +1,348 @@
+//! The firmware of the machines.
+
+use super::MAX_CHANNELS;
+use crate::fpga::{Firmware, ModuleDescriptor, OUTPUT_PIN, PinDescriptor, gtag};
+use crate::sslbp::MINOR_REVISION;
+
+/// TX of channel 0 in a secondary pin; RX is without [`OUTPUT_PIN`].
+const TX: u8 = OUTPUT_PIN | 0x01;
+const RX: u8 = 0x01;
+/// TXEN of channel 0 in a secondary pin.
+const TXEN: u8 = OUTPUT_PIN | 0x11;
+
+const fn module(
+    (gtag, version, clock, instances): (u8, u8, u8, u8),
+    (base, registers, strides, multiple): (u16, u8, u8, u32),
+) -> ModuleDescriptor {
+    ModuleDescriptor::new(
+        gtag, version, clock, instances, base, registers, strides, multiple,
+    )
+}
+
+const fn watchdog() -> ModuleDescriptor {
+    module((gtag::WATCHDOG, 0, 1, 1), (0x0C00, 3, 0x00, 0))
+}
+
+const fn io_ports(ports: u8) -> ModuleDescriptor {
+    module((gtag::IO_PORT, 0, 1, ports), (0x1000, 5, 0x00, 0x1F))
+}
+
+const fn muxed_encoders(count: u8) -> ModuleDescriptor {
+    module((gtag::MUXED_ENCODER, 4, 1, count), (0x3600, 5, 0x00, 0x03))
+}
+
+const fn mux_select() -> ModuleDescriptor {
+    module((gtag::MUX_SELECT, 0, 1, 1), (0, 0, 0x00, 0))
+}
+
+const fn smart_serial(ports: u8) -> ModuleDescriptor {
+    module((gtag::SSERIAL, 0, 1, ports), (0x5B00, 6, 0x10, 0x3C))
+}
+
+const fn dpll() -> ModuleDescriptor {
+    module((gtag::DPLL, 0, 1, 1), (0x7000, 7, 0x00, 0))
+}
+
+const fn pwm(count: u8) -> ModuleDescriptor {
+    module((gtag::PWM, 0, 2, count), (0x4100, 5, 0x00, 0x03))
+}
+
+const fn led() -> ModuleDescriptor {
+    module((gtag::LED, 0, 1, 1), (0x0200, 1, 0x00, 0))
+}
+
+/// The firmware of a 7I92 with a 7I77 on its first connector; the second is general-purpose I/O.
+/// It has a DPLL, and a PWM descriptor without instances, as firmware in use has. FACTS 8.1, 9.3.
+pub fn firmware_7i92_7i77() -> Firmware {
+    let mut firmware = two_connectors(*b"MESA7I92", 100_000_000, 1);
+    firmware.modules.insert(0, dpll());
+    let led = firmware.modules.len() - 1;
+    firmware.modules.insert(led, pwm(0));
+    firmware
+}
+
+/// The firmware of a 7I92 with a 7I77 on each of its connectors: six serial channels.
+pub fn firmware_7i92_7i77x2() -> Firmware {
+    two_connectors(*b"MESA7I92", 100_000_000, 2)
+}
+
+/// The firmware of a 5I25 (PCI, ClockLow 33.33 MHz) with a 7I77 on its first connector.
+pub fn firmware_5i25_7i77() -> Firmware {
+    two_connectors(*b"MESA5I25", 33_333_333, 1)
+}
+
+/// The firmware of a 7I97. FACTS 9.2.
+///
+/// Its serial port has one channel, on TB4. With more `channels` (up to 8) the port is extended
+/// over pins of P1, two for each channel.
+pub fn firmware_7i97(channels: u8) -> Firmware {
+    let mut pins = Vec::with_capacity(51);
+    for unit in 0..4 {
+        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
+    }
+    for unit in 4..6 {
+        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x81));
+        pins.push(PinDescriptor::new(gtag::PWM, unit, 0x83));
+    }
+    // ENA0 to ENA3 are switched in common, by the enable of output 0.
+    pins.push(PinDescriptor::new(gtag::PWM, 0, 0x83));
+    for unit in 0..3 {
+        pins.extend(encoder_pins(unit));
+    }
+    pins.push(PinDescriptor::new(gtag::MUX_SELECT, 0, 0x81));
+    for output in 0..6 {
+        pins.push(PinDescriptor::new(gtag::SSR, 0, 0x81 + output));
+    }
+    pins.push(PinDescriptor::new(gtag::SSR, 0, 0xA0));
+    for address in 0..4 {
+        pins.push(PinDescriptor::new(gtag::IN_MUX, 0, 0x81 + address));
+    }
+    pins.push(PinDescriptor::new(gtag::IN_MUX, 0, 0x01));
+    for pin in [RX, TX, TXEN] {
+        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, pin));
+    }
+    for channel in 1..channels.min(MAX_CHANNELS) {
+        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, RX + channel));
+        pins.push(PinDescriptor::new(gtag::SSERIAL, 0, TX + channel));
+    }
+    pins.resize(51, PinDescriptor::gpio());
+    Firmware {
+        idrom_type: 3,
+        board: *b"MESA7I97",
+        fpga_size: 9,
+        fpga_pins: 144,
+        ports: 3,
+        port_width: 17,
+        clock_low: 100_000_000,
+        clock_high: 200_000_000,
+        // Manual: 7I97, "MAXIMUM ENCODER COUNT RATE": ClockLow/16.
+        mux_rate: 14,
+        starts_bitten: false,
+        sslbp_minor: MINOR_REVISION,
+        modules: vec![
+            dpll(),
+            watchdog(),
+            io_ports(3),
+            muxed_encoders(6),
+            mux_select(),
+            smart_serial(1),
+            pwm(6),
+            module((gtag::SSR, 0, 1, 1), (0x7D00, 2, 0x00, 0x03)),
+            module((gtag::IN_MUX, 0, 1, 1), (0x8000, 5, 0x00, 0x1F)),
+            led(),
+        ],
+        behind_end: vec![
+            (
+                30,
+                module((gtag::CP_DRIVE, 0, 1, 1), (0x1E00, 1, 0x00, 0x01)),
+            ),
+            (
+                31,
+                module((gtag::IN_MUX_WIDTH, 0, 0, 0), (0, 0, 0x00, 0x10)),
+            ),
+        ],
+        pins,
+        local_pins: vec![
+            PinDescriptor::local(gtag::CP_DRIVE, 0, 0x82),
+            PinDescriptor::local(gtag::CP_DRIVE, 0, 0x81),
+        ],
+    }
+}
+
+/// The firmware of a 7I97T: a 7I97 with a larger FPGA of another maker, ClockHigh 160 MHz, and PWM
+/// generators that can dither (version 1). In the IDROM it is a 7I97 by name.
+///
+/// Its identification follows what such a board printed; FACTS 9.6.
+pub fn firmware_7i97t(channels: u8) -> Firmware {
+    let mut firmware = firmware_7i97(channels);
+    firmware.fpga_size = 20;
+    firmware.fpga_pins = 256;
+    firmware.clock_high = 160_000_000;
+    if let Some(pwm) = firmware.module_mut(gtag::PWM) {
+        pwm.version = 1;
+    }
+    firmware
+}
+
+/// The firmware of a 7I97 with a 7I77 on P1: twelve encoders, and the card's three channels behind
+/// the board's own. No such firmware is public; that of a 7I97 with a 7I74 keeps channel 0 on TB4 as
+/// well, and that of a 7I92 numbers the encoders and select lines of a second 7I77 so.
+pub fn firmware_7i97_7i77() -> Firmware {
+    let mut firmware = firmware_7i97(1);
+    if let Some(encoders) = firmware.module_mut(gtag::MUXED_ENCODER) {
+        *encoders = muxed_encoders(12);
+    }
+    let connector = firmware.pins.iter_mut().skip(34);
+    for (pin, card) in connector.zip(card_7i77(1, 1)) {
+        *pin = card;
+    }
+    firmware
+}
+
+/// The firmware of a 7I97 with InM instead of InMux, and OutM instead of SSR.
+///
+/// Without multiplexing the 16 inputs have a pin each, on a fourth port behind the expansion pins;
+/// the pins of multiplexer and SSR reference are free. All else is as in [`firmware_7i97`]. Which
+/// pins a real firmware takes is not known.
+pub fn firmware_7i97_inm_outm(channels: u8) -> Firmware {
+    let mut firmware = firmware_7i97(channels);
+    firmware.ports = 4;
+    if let Some(ports) = firmware.module_mut(gtag::IO_PORT) {
+        *ports = io_ports(4);
+    }
+    // Without InMux there is no width of it.
+    firmware
+        .behind_end
+        .retain(|(_, module)| module.gtag != gtag::IN_MUX_WIDTH);
+    if let Some(inputs) = firmware.module_mut(gtag::IN_MUX) {
+        *inputs = module((gtag::IN_M, 0, 1, 1), (0x8500, 5, 0x00, 0));
+    }
+    if let Some(outputs) = firmware.module_mut(gtag::SSR) {
+        *outputs = module((gtag::OUT_M, 0, 1, 1), (0xB000, 1, 0x00, 0));
+    }
+    for pin in &mut firmware.pins {
+        match (pin.secondary, pin.pin) {
+            (gtag::SSR, 0xA0) | (gtag::IN_MUX, _) => *pin = PinDescriptor::gpio(),
+            (gtag::SSR, output) => *pin = PinDescriptor::new(gtag::OUT_M, 0, output),
+            _ => {}
+        }
+    }
+    for input in 0..16 {
+        firmware
+            .pins
+            .push(PinDescriptor::new(gtag::IN_M, 0, 0x01 + input));
+    }
+    firmware.pins.push(PinDescriptor::gpio());
+    firmware
+}
+
+/// A firmware that has smart serial ports only, at most four, with the given numbers of channels.
+pub fn firmware_serial(channels: &[u8]) -> Firmware {
+    let mut pins = Vec::with_capacity(72);
+    for (unit, &count) in channels.iter().take(4).enumerate() {
+        for channel in 0..count.min(MAX_CHANNELS) {
+            pins.push(PinDescriptor::new(gtag::SSERIAL, unit as u8, RX + channel));
+            pins.push(PinDescriptor::new(gtag::SSERIAL, unit as u8, TX + channel));
+        }
+    }
+    pins.resize(72, PinDescriptor::gpio());
+    let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 0);
+    firmware.ports = 3;
+    firmware.port_width = 24;
+    firmware.pins = pins;
+    firmware.modules = vec![
+        watchdog(),
+        io_ports(3),
+        smart_serial(channels.len().clamp(1, 4) as u8),
+        led(),
+    ];
+    firmware
+}
+
+/// An older firmware of a 7I80DB, with the addresses and versions that Mesa's firmware had until
+/// about 2016: a 7I77 on the first of its four connectors, and two PWM generators on the second
+/// (output, direction and enable of each). Which pins a real firmware gives to PWM is not known.
+pub fn firmware_7i80_of_2016() -> Firmware {
+    let mut firmware = two_connectors(*b"MESA7I80", 100_000_000, 1);
+    firmware.fpga_size = 16;
+    firmware.fpga_pins = 256;
+    firmware.ports = 4;
+    for (pin, (unit, signal)) in firmware.pins.iter_mut().skip(17).zip([
+        (0, 0x81),
+        (0, 0x82),
+        (0, 0x83),
+        (1, 0x81),
+        (1, 0x82),
+        (1, 0x83),
+    ]) {
+        *pin = PinDescriptor::new(gtag::PWM, unit, signal);
+    }
+    firmware.pins.resize(4 * 17, PinDescriptor::gpio());
+    firmware.modules = vec![
+        watchdog(),
+        io_ports(4),
+        module((gtag::MUXED_ENCODER, 3, 1, 6), (0x3500, 5, 0x00, 0x03)),
+        mux_select(),
+        module((gtag::SSERIAL, 0, 1, 1), (0x5A00, 6, 0x10, 0x3C)),
+        module((gtag::PWM, 0, 2, 2), (0x4000, 5, 0x00, 0x03)),
+        led(),
+    ];
+    firmware
+}
+
+/// The same firmware with the newer smart serial module: seven interface registers, GTAG 0xC6.
+/// FACTS 2.1.
+#[must_use]
+pub fn with_seven_interface_registers(mut firmware: Firmware) -> Firmware {
+    if let Some(module) = firmware.module_mut(gtag::SSERIAL) {
+        module.gtag = gtag::SSERIAL_B;
+        module.registers = 10;
+        module.multiple = 0x3FC;
+    }
+    for pin in &mut firmware.pins {
+        if pin.secondary == gtag::SSERIAL {
+            pin.secondary = gtag::SSERIAL_B;
+        }
+    }
+    firmware
+}
+
+/// A board with two connectors of 17 pins, the first `cards` of which carry a 7I77.
+fn two_connectors(board: [u8; 8], clock_low: u32, cards: u8) -> Firmware {
+    let mut pins = Vec::with_capacity(34);
+    for card in 0..cards {
+        pins.extend(card_7i77(card, 3 * card));
+    }
+    pins.resize(34, PinDescriptor::gpio());
+    Firmware {
+        idrom_type: 3,
+        board,
+        fpga_size: 9,
+        fpga_pins: 144,
+        ports: 2,
+        port_width: 17,
+        clock_low,
+        clock_high: 200_000_000,
+        // Manual: 7I77, "MAXIMUM ENCODER COUNT RATE": ClockLow/8.
+        mux_rate: 6,
+        starts_bitten: false,
+        sslbp_minor: MINOR_REVISION,
+        modules: vec![
+            watchdog(),
+            io_ports(2),
+            muxed_encoders(6 * cards),
+            mux_select(),
+            smart_serial(1),
+            led(),
+        ],
+        behind_end: Vec::new(),
+        pins,
+        local_pins: Vec::new(),
+    }
+}
+
+/// The seventeen pins of a 7I77 whose encoders are the `card`th six of the firmware, and whose serial
+/// channels begin at `first`. FACTS 8.1; manual: 7I77, "P1 HOST INTERFACE CONNECTOR".
+fn card_7i77(card: u8, first: u8) -> Vec<PinDescriptor> {
+    let serial = |pin: u8, channel: u8| PinDescriptor::new(gtag::SSERIAL, 0, pin + first + channel);
+    let mut pins = vec![
+        serial(TXEN, 2),
+        serial(TX, 2),
+        serial(RX, 2),
+        serial(TX, 1),
+        serial(RX, 1),
+        serial(TX, 0),
+        serial(RX, 0),
+        // The same signal on both cards, but another unit: FACTS 12.7.
+        PinDescriptor::new(gtag::MUX_SELECT, 6 * card, 0x81),
+    ];
+    for pair in 0..3 {
+        pins.extend(encoder_pins(3 * card + pair));
+    }
+    pins
+}
+
+/// A, B and index of a pair of multiplexed encoders.
+fn encoder_pins(pair: u8) -> [PinDescriptor; 3] {
+    [1, 2, 3].map(|pin| PinDescriptor::new(gtag::MUXED_ENCODER, pair, pin))
+}

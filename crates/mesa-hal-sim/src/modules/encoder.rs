@@ -1,0 +1,454 @@
+//! Quadrature encoders, plain and multiplexed.
+//!
+//! FACTS 12.5 to 12.8, 12.12, 13.4; recordings of the enc and qc families,
+//! which it follows to the clock. Not simulated is the skew of the multiplexer, the delay of the
+//! sample after the select edge: cables are too short for it here.
+
+mod clocks;
+mod counter;
+
+use crate::fpga::UNDRIVEN;
+use crate::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
+use crate::wire::Nanos;
+use crate::world::Segment;
+use clocks::{Clock, Clocks, Divider, Stamps, period};
+use counter::{Abz, Change, Counter, Place, TO_SELECT};
+
+const COUNT: u8 = 0;
+const CONTROL: u8 = 1;
+const STAMP_DIVIDER: u8 = 2;
+const STAMP_COUNTER: u8 = 3;
+const RATE: u8 = 4;
+const TIMER: u8 = 5;
+
+/// Secondary pins of the index mask and the probe.
+const MASK_PIN: u8 = 0x04;
+const PROBE_PIN: u8 = 0x05;
+/// Set in the version of multiplexed encoders that have a probe.
+const WITH_PROBE: u8 = 0x80;
+
+/// The rate register of plain encoders after configuration.
+const PLAIN_RATE: u32 = 4;
+/// Of the half of a word that no module drives.
+const HIGH_HALF: u32 = UNDRIVEN & 0xFFFF_0000;
+const LATCHED_BY_TIMER: u32 = 1 << 15;
+const TIMERS: u8 = 4;
+
+/// From the clock edge at which something happens in a counter to the one at which a read shows it:
+/// the registers that are read are copies. What is written takes as long.
+const TO_READ: Clocks = 2;
+
+/// All encoders of one module.
+#[derive(Clone, Debug)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "they are properties of the firmware, and a line"
+)]
+pub struct EncoderBank {
+    multiplexed: bool,
+    has_probe: bool,
+    has_mask: bool,
+    clock: Clock,
+    stamps: Stamps,
+    rate: u32,
+    timer: u32,
+    /// What reads show while a timer of the DPLL latches them.
+    latched: Latched,
+    select: Divider,
+    counters: Vec<Counter>,
+    lines: Vec<Abz>,
+    /// For each counter the encoder that its lines come from at the moment.
+    sees: Vec<usize>,
+    /// For each encoder the pin of the select line it depends on.
+    select_pins: Vec<Option<usize>>,
+    probe: bool,
+    /// The time up to which lines and registers are known.
+    now: Nanos,
+}
+
+/// What a timer has latched: COUNT and CONTROL of each counter.
+#[derive(Clone, Debug, Default)]
+struct Latched {
+    words: Vec<[u32; 2]>,
+    stamp: u16,
+}
+
+/// What stands on a select line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SelectLine {
+    /// The multiplexer's own signal, or its opposite.
+    Driven {
+        /// The pin inverts it.
+        inverted: bool,
+    },
+    /// Always the same level.
+    Stuck(bool),
+}
+
+impl EncoderBank {
+    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor) -> Self {
+        let multiplexed = module.gtag == gtag::MUXED_ENCODER;
+        let has_pin = |pin| {
+            let mut pins = firmware.pins.iter();
+            pins.any(|found| found.secondary == module.gtag && found.pin == pin)
+        };
+        let has_probe = has_pin(PROBE_PIN) || (multiplexed && module.version & WITH_PROBE != 0);
+        let count = usize::from(module.instances);
+        let mut bank = Self {
+            multiplexed,
+            has_probe,
+            has_mask: has_pin(MASK_PIN),
+            clock: Clock::new(firmware.clock(module.clock), 0),
+            stamps: Stamps::new(),
+            rate: 0,
+            timer: 0,
+            latched: Latched::default(),
+            select: Divider::new(0, 0),
+            counters: Vec::new(),
+            lines: vec![[false; 3]; count],
+            sees: (0..count).collect(),
+            select_pins: select_pins(firmware, count),
+            probe: true,
+            now: 0,
+        };
+        bank.configure(firmware, 0);
+        bank
+    }
+
+    /// The FPGA is loaded again: registers as after configuration. Shafts and lines stay where they
+    /// are.
+    pub(crate) fn reload(&mut self, now: Nanos, firmware: &Firmware) {
+        self.configure(firmware, now);
+    }
+
+    fn configure(&mut self, firmware: &Firmware, now: Nanos) {
+        self.clock.restart(now);
+        self.now = now;
+        self.stamps = Stamps::new();
+        self.rate = if self.multiplexed {
+            firmware.mux_rate
+        } else {
+            PLAIN_RATE
+        };
+        self.timer = 0;
+        self.latched.words.clear();
+        self.latched.words.resize(self.sees.len(), [0; 2]);
+        // The dividers of plain encoders begin with a whole period.
+        let divider = Divider::new(self.rate, u64::from(self.multiplexed));
+        self.select = divider;
+        let (has_probe, mask, probe) = (self.has_probe, self.has_mask, self.probe);
+        let lines = &self.lines;
+        self.counters.clear();
+        self.counters
+            .extend(self.sees.iter().enumerate().map(|(number, &source)| {
+                let place = match (self.multiplexed, number % 2) {
+                    (false, _) => Place::Plain,
+                    (true, 0) => Place::Even,
+                    (true, _) => Place::Odd,
+                };
+                let line = lines.get(source).copied().unwrap_or_default();
+                Counter::new(place, divider, has_probe, mask, probe).with_lines(line)
+            }));
+    }
+
+    /// Whether its encoders share their lines.
+    pub fn is_multiplexed(&self) -> bool {
+        self.multiplexed
+    }
+
+    /// How many encoders it has.
+    pub fn encoders(&self) -> usize {
+        self.counters.len()
+    }
+
+    /// The select line an encoder depends on, if it does on one.
+    pub(crate) fn select_pin(&self, encoder: usize) -> Option<usize> {
+        if !self.multiplexed {
+            return None;
+        }
+        self.select_pins.get(encoder).copied().flatten()
+    }
+
+    /// What the module puts out on its select lines, all of which carry the same signal (FACTS
+    /// 12.7).
+    pub(crate) fn select_level(&self, now: Nanos) -> bool {
+        let clock = self.clock.passed(now);
+        let mut select = self.select;
+        let edges = clock.saturating_sub(TO_SELECT);
+        select.run_to(edges);
+        let [first, ..] = select.loaded();
+        // It rises with the first load.
+        first <= edges && select.count().is_multiple_of(2)
+    }
+
+    /// The line from which the multiplexer in front of an encoder takes its select changes.
+    pub(crate) fn set_select(&mut self, now: Nanos, encoder: usize, line: SelectLine) {
+        let pair = encoder & !1;
+        let source = match line {
+            SelectLine::Driven { inverted } => encoder ^ usize::from(inverted),
+            SelectLine::Stuck(level) => pair | usize::from(level),
+        };
+        let Some(sees) = self.sees.get_mut(encoder) else {
+            return;
+        };
+        if core::mem::replace(sees, source) != source {
+            let abz = self.lines.get(source).copied().unwrap_or_default();
+            self.change_line(now, encoder, abz);
+        }
+    }
+
+    /// Lets everything happen that a read at `now` shows.
+    pub(crate) fn advance(&mut self, now: Nanos) {
+        self.now = now;
+        let edge = self.clock.passed(now).saturating_sub(TO_READ);
+        for counter in &mut self.counters {
+            counter.run_to(edge, &self.stamps);
+        }
+    }
+
+    pub(crate) fn read(&mut self, now: Nanos, register: u8, instance: u8) -> u32 {
+        let number = usize::from(instance);
+        let clock = self.clock.passed(now);
+        let mut edge = clock.saturating_sub(TO_READ);
+        if let Some(counter) = self.counters.get_mut(number) {
+            if counter.changes_at(clock) {
+                // An access that takes no time after a write, which a real bus has not, finds it
+                // done.
+                edge = clock;
+            }
+            counter.run_to(edge, &self.stamps);
+        }
+        let is_latched = self.latching_timer().is_some();
+        let latched = self.latched.words.get(number).filter(|_| is_latched);
+        let counter = self.counters.get(number);
+        match register {
+            COUNT => match latched {
+                Some([word, _]) => *word,
+                None => counter.map_or(UNDRIVEN, Counter::count_word),
+            },
+            CONTROL => match latched {
+                Some([_, word]) => *word,
+                None => counter.map_or(UNDRIVEN, |counter| counter.control_word(edge)),
+            },
+            STAMP_DIVIDER => HIGH_HALF | u32::from(self.stamps.register()),
+            STAMP_COUNTER if is_latched => HIGH_HALF | u32::from(self.latched.stamp),
+            STAMP_COUNTER => HIGH_HALF | u32::from(self.stamps.after(clock) as u16),
+            TIMER => self.timer,
+            _ => UNDRIVEN,
+        }
+    }
+
+    pub(crate) fn write(&mut self, now: Nanos, register: u8, instance: u8, value: u32) {
+        self.advance(now);
+        let clock = self.clock.passed(now);
+        let change = match register {
+            COUNT => Change::Clear,
+            CONTROL => Change::Control(value),
+            STAMP_DIVIDER => return self.stamps.write(clock, value as u16),
+            RATE => return self.set_rate(now, value),
+            TIMER => return self.set_timer(now, value),
+            _ => return,
+        };
+        if let Some(counter) = self.counters.get_mut(usize::from(instance)) {
+            counter.change(clock, change, &self.stamps);
+        }
+    }
+
+    fn set_rate(&mut self, now: Nanos, value: u32) {
+        let clock = self.clock.passed(now);
+        self.rate = value;
+        // Up to here with the old rate.
+        self.select.run_to(clock);
+        self.select.write(clock, value);
+        for counter in &mut self.counters {
+            counter.set_rate(clock, value);
+        }
+    }
+
+    fn set_timer(&mut self, now: Nanos, value: u32) {
+        let was_latched = self.latching_timer().is_some();
+        self.timer = value & 0xF000;
+        if !was_latched {
+            self.latch(now);
+        }
+    }
+
+    /// The timer of the DPLL whose rising edge latches what is read, if one does.
+    pub(crate) fn latching_timer(&self) -> Option<u8> {
+        // There are four timers; any other number is the reference.
+        let output = Some((self.timer >> 12 & 7) as u8).filter(|&timer| timer <= TIMERS);
+        (self.timer & LATCHED_BY_TIMER != 0).then_some(output.unwrap_or(0))
+    }
+
+    /// The timer rises.
+    pub(crate) fn latch(&mut self, now: Nanos) {
+        self.advance(now);
+        let clock = self.clock.passed(now);
+        self.latched.stamp = self.stamps.after(clock) as u16;
+        let counters = self.counters.iter_mut();
+        for (counter, words) in counters.zip(&mut self.latched.words) {
+            counter.run_to(clock, &self.stamps);
+            *words = [counter.count_word(), counter.control_word(clock)];
+        }
+    }
+
+    /// What the rate register holds, which can not be read back.
+    pub fn rate(&self) -> u32 {
+        self.rate
+    }
+
+    /// How often a second each line is sampled. An encoder is followed up to two thirds of that in
+    /// counts a second with the short filter, and up to two fifteenths with the long one (FACTS
+    /// 12.6).
+    pub fn sample_rate(&self) -> f64 {
+        let clock = self.clock.hz() / period(self.rate) as f64;
+        // Two multiplexed encoders take turns on each set of lines.
+        clock / if self.multiplexed { 2.0 } else { 1.0 }
+    }
+
+    /// Moves an encoder's shaft.
+    pub(crate) fn turn(&mut self, encoder: usize, segment: &Segment) {
+        let Segment {
+            start,
+            end,
+            from,
+            to,
+            counts_per_revolution: per_turn,
+        } = *segment;
+        let nanos = (end - start) as f64;
+        let (first, last) = (libm::floor(from) as i64, libm::floor(to) as i64);
+        let rate = (to - from).abs() / nanos * 1e9;
+        let most = 4.0 * self.sample_rate();
+        if rate > most {
+            // More edges than samples: where the shaft is at some of them will do.
+            let looks = libm::ceil(nanos * 1e-9 * most).max(1.0);
+            for look in 1..=looks as u32 {
+                let part = f64::from(look) / looks;
+                let position = libm::floor(from + part * (to - from)) as i64;
+                let at = start + (part * nanos) as Nanos;
+                self.set_position(at, encoder, position, per_turn);
+            }
+            return;
+        }
+        let mut edge = |position: i64, at: i64| {
+            let part = ((at as f64 - from) / (to - from)).clamp(0.0, 1.0);
+            let at = start + (part * nanos) as Nanos;
+            self.set_position(at, encoder, position, per_turn);
+        };
+        if last > first {
+            (first + 1..=last).for_each(|position| edge(position, position));
+        } else {
+            (last..first)
+                .rev()
+                .for_each(|position| edge(position, position + 1));
+        }
+    }
+
+    fn set_position(&mut self, at: Nanos, encoder: usize, position: i64, per_turn: u32) {
+        self.set_lines(at, encoder, abz(position, per_turn));
+    }
+
+    /// Puts an encoder at a position, where it stood when the counters began to look.
+    pub(crate) fn place(&mut self, encoder: usize, position: i64, per_turn: u32) {
+        let Some(lines) = self.lines.get_mut(encoder) else {
+            return;
+        };
+        *lines = abz(position, per_turn);
+        for counter in [encoder, encoder ^ 1] {
+            if self.sees.get(counter) == Some(&encoder)
+                && let Some(counter) = self.counters.get_mut(counter)
+            {
+                counter.settle(*lines);
+            }
+        }
+    }
+
+    /// Sets the lines A, B and index of an encoder, in front of the multiplexer, at `now`.
+    pub fn set_lines(&mut self, now: Nanos, encoder: usize, abz: [bool; 3]) {
+        let Some(lines) = self.lines.get_mut(encoder) else {
+            return;
+        };
+        if core::mem::replace(lines, abz) == abz {
+            return;
+        }
+        for counter in [encoder, encoder ^ 1] {
+            if self.sees.get(counter) == Some(&encoder) {
+                self.change_line(now, counter, abz);
+            }
+        }
+    }
+
+    fn change_line(&mut self, now: Nanos, counter: usize, abz: Abz) {
+        self.now = self.now.max(now);
+        let (passed, next) = (self.clock.passed(now), self.clock.next(now));
+        if let Some(counter) = self.counters.get_mut(counter) {
+            counter.run_to(passed.saturating_sub(TO_READ), &self.stamps);
+            counter.set_lines(next, abz);
+        }
+    }
+
+    /// Makes an encoder lose track of its lines once, as a disturbance on the cable does.
+    pub fn disturb(&mut self, instance: usize) {
+        if let Some(counter) = self.counters.get_mut(instance) {
+            counter.disturb();
+        }
+    }
+
+    /// The level of one of its input pins: index mask of an encoder, or probe.
+    pub(crate) fn set_pin(&mut self, now: Nanos, unit: u8, pin: u8, level: bool) {
+        self.advance(now);
+        match pin {
+            MASK_PIN => self.set_index_mask(unit.into(), level),
+            PROBE_PIN => self.set_probe(level),
+            _ => {}
+        }
+    }
+
+    /// Sets the probe input of all encoders; nothing happens where the firmware has none. Nobody
+    /// drives it at first: high. It is filtered as the other lines are: a pulse of fewer than three
+    /// samples does nothing.
+    pub fn set_probe(&mut self, level: bool) {
+        self.probe = level;
+        let next = self.clock.next(self.now);
+        for counter in &mut self.counters {
+            counter.change(next, Change::Probe(level), &self.stamps);
+        }
+    }
+
+    /// Sets the index mask input of an encoder. Firmware without the pin has it always low, and
+    /// with it nobody drives it: high.
+    pub fn set_index_mask(&mut self, instance: usize, level: bool) {
+        let next = self.clock.next(self.now);
+        let counter = self.counters.get_mut(instance).filter(|_| self.has_mask);
+        if let Some(counter) = counter {
+            counter.change(next.saturating_sub(1), Change::Mask(level), &self.stamps);
+        }
+    }
+
+    /// Lines A, B and index of an encoder.
+    pub fn lines(&self, instance: usize) -> [bool; 3] {
+        self.lines.get(instance).copied().unwrap_or([true; 3])
+    }
+}
+
+/// For each encoder its select pin: each connector with six encoders has its own.
+fn select_pins(firmware: &Firmware, encoders: usize) -> Vec<Option<usize>> {
+    let pins = firmware.pins.iter().enumerate();
+    let selects: Vec<usize> = pins
+        .filter(|(_, pin)| pin.secondary == gtag::MUX_SELECT)
+        .map(|(number, _)| number)
+        .collect();
+    let pin = |encoder| selects.get(encoder / 6).or(selects.first()).copied();
+    (0..encoders).map(pin).collect()
+}
+
+/// A leads B when the position rises, and both are high at the index.
+fn abz(position: i64, per_turn: u32) -> Abz {
+    let index = per_turn != 0 && position.rem_euclid(i64::from(per_turn)) == 0;
+    match position & 3 {
+        0 => [true, true, index],
+        1 => [false, true, index],
+        2 => [false, false, index],
+        _ => [true, false, index],
+    }
+}

@@ -1,0 +1,203 @@
+//! Isolated inputs: InMux and InM, with their filters and MPG counters.
+
+mod scanner;
+
+use super::IoPorts;
+use crate::fpga::firmware::{Firmware, ModuleDescriptor, gtag};
+use crate::wire::Nanos;
+use scanner::{MAX_INPUTS, Scanner};
+
+const CONTROL: u8 = 0;
+const FILTER: u8 = 1;
+const FILTERED: u8 = 2;
+const RAW: u8 = 3;
+const MPG: u8 = 4;
+
+/// The number of inputs of an instance, if a descriptor behind the end of the list holds it: tags 1F to
+/// 22 for InMux 0 to 3, and 24 to 27 for InM. FACTS 9.1.
+fn width(firmware: &Firmware, gtag: u8, instance: u8) -> Option<usize> {
+    let first = if gtag == gtag::IN_MUX {
+        gtag::IN_MUX_WIDTH
+    } else {
+        0x24
+    };
+    let tag = instance.checked_add(first)?;
+    let mut hints = firmware.behind_end.iter().map(|(_, module)| module);
+    let hint = hints.find(|hint| hint.gtag == tag && hint.instances == 0)?;
+    Some(hint.multiple as usize)
+}
+
+const MAX_ADDRESS_LINES: usize = 5;
+
+const SECOND: u128 = 1_000_000_000;
+
+/// An input module. FACTS 12.9, 13.6.
+///
+/// Opto-isolators in front of InMux pull its line low while current flows: without the global
+/// invert bit, an input reads 1 while none does. LinuxCNC always sets that bit. InM keeps the bit
+/// and does nothing with it, and its inputs are 1 while current flows.
+///
+/// Inputs are taken in one after the other, the last first. What is raw reaches the filtered
+/// register when the input's filter has counted up or down to its end, and the MPG counters count
+/// on filtered inputs. After configuration everything reads 0 until its turn comes.
+///
+/// It is exact to the clock, and costs as much as inputs change.
+#[derive(Clone, Debug)]
+pub struct Inputs {
+    multiplexed: bool,
+    clock: u32,
+    count: usize,
+    /// What is at the terminals.
+    terminals: u32,
+    scanner: Scanner,
+    address: [Option<usize>; MAX_ADDRESS_LINES],
+    /// Address bits that stand at 1 because nobody drives their lines.
+    stuck_address: usize,
+}
+
+impl Inputs {
+    pub(crate) fn new(firmware: &Firmware, module: &ModuleDescriptor) -> Self {
+        let multiplexed = module.gtag == gtag::IN_MUX;
+        let pin = |number: u8| firmware.pin(module.gtag, 0, number);
+        let address = core::array::from_fn(|line| {
+            let number = 0x81 + line as u8;
+            if multiplexed { pin(number) } else { None }
+        });
+        let count = if multiplexed {
+            1 << address.iter().flatten().count()
+        } else {
+            (0x01..=0x20)
+                .filter(|&number| pin(number).is_some())
+                .count()
+        };
+        let count = width(firmware, module.gtag, 0).unwrap_or(count);
+        let count = count.clamp(1, MAX_INPUTS);
+        Self {
+            multiplexed,
+            clock: firmware.clock(module.clock).max(1),
+            count,
+            terminals: 0,
+            scanner: Scanner::new(count, multiplexed),
+            address,
+            stuck_address: if multiplexed { usize::MAX } else { 0 },
+        }
+    }
+
+    /// What instance `instance` of a module reads where the first one reads `word`: instances differ in
+    /// the number of their inputs only.
+    pub(crate) fn word_of(
+        firmware: &Firmware,
+        (gtag, instance): (u8, u8),
+        register: u8,
+        word: u32,
+    ) -> u32 {
+        const LAST_INPUT: u32 = 0x1F;
+        match width(firmware, gtag, instance) {
+            Some(count) if register == CONTROL && instance > 0 => {
+                word & !LAST_INPUT | (count.clamp(1, MAX_INPUTS) as u32 - 1)
+            }
+            _ => word,
+        }
+    }
+
+    pub(crate) fn read(&mut self, now: Nanos, register: u8) -> u32 {
+        let clocks = self.next_clock(now);
+        self.run_to(clocks);
+        match register {
+            CONTROL => self.scanner.control(),
+            FILTER => self.scanner.long_filter,
+            FILTERED => self.scanner.filtered(),
+            RAW => self.scanner.raw(),
+            MPG => u32::from_le_bytes(self.scanner.mpgs.map(|mpg| mpg.count)),
+            _ => 0,
+        }
+    }
+
+    pub(crate) fn write(&mut self, now: Nanos, register: u8, value: u32) {
+        let clocks = self.next_clock(now) + 1;
+        self.run_to(clocks);
+        match register {
+            CONTROL => self.scanner.set_control(value),
+            FILTER => self.scanner.long_filter = value & self.all(),
+            MPG => {
+                for (mpg, byte) in self.scanner.mpgs.iter_mut().zip(value.to_le_bytes()) {
+                    mpg.times_four = byte & 1 != 0;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Number of inputs.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Whether current flows into an input.
+    pub fn terminal(&self, input: usize) -> bool {
+        input < MAX_INPUTS && self.terminals >> input & 1 != 0
+    }
+
+    /// Scans of the whole module in a second.
+    pub fn scan_rate(&self) -> f64 {
+        f64::from(self.clock) / (self.scanner.slot_clocks() as f64 * self.count as f64)
+    }
+
+    /// The level that InMux puts out on an address line, 0 to 4, at `now`.
+    pub fn address_line(&self, now: Nanos, line: u8) -> bool {
+        let passed = u128::from(now) * u128::from(self.clock) / SECOND;
+        self.scanner.address_at(passed as u64 + 1) >> (line & 7) & 1 != 0
+    }
+
+    pub(crate) fn set_terminal(&mut self, now: Nanos, input: usize, on: bool) {
+        if input < MAX_INPUTS && self.terminal(input) != on {
+            let clocks = self.next_clock(now);
+            self.run_to(clocks);
+            self.terminals ^= 1 << input;
+        }
+    }
+
+    /// The address lines are only driven while their pins are set up for it.
+    pub(crate) fn pins_changed(&mut self, now: Nanos, io: &IoPorts) {
+        if !self.multiplexed {
+            return;
+        }
+        let lines = self.address.iter().enumerate();
+        let stuck = lines
+            .filter(|(_, pin)| !io.module_drives(**pin))
+            .fold(0, |stuck, (line, _)| stuck | 1 << line);
+        if stuck != self.stuck_address {
+            let clocks = self.next_clock(now);
+            self.run_to(clocks);
+            self.stuck_address = stuck;
+        }
+    }
+
+    /// Lets clocks pass until there were `clocks` in all.
+    fn run_to(&mut self, clocks: u64) {
+        let lines = self.lines();
+        self.scanner.run_to(clocks, lines);
+    }
+
+    /// The levels that the module sees when it asks for its inputs.
+    fn lines(&self) -> u32 {
+        if !self.multiplexed {
+            return self.terminals & self.all();
+        }
+        let lines = self.count.next_power_of_two();
+        let selected = |input: usize| (input | self.stuck_address) & (lines - 1);
+        (0..self.count).fold(0, |lines, input| {
+            lines | u32::from(!self.terminal(selected(input))) << input
+        })
+    }
+
+    fn all(&self) -> u32 {
+        u32::MAX >> (MAX_INPUTS - self.count)
+    }
+
+    /// The number of the first clock edge that is not before `now`.
+    fn next_clock(&self, now: Nanos) -> u64 {
+        let clocks = u128::from(now) * u128::from(self.clock);
+        clocks.div_ceil(SECOND) as u64
+    }
+}

@@ -1,0 +1,179 @@
+//! The I/O ports: direction, alternate source, open drain and invert of every pin.
+
+use crate::fpga::UNDRIVEN;
+
+const DATA: u8 = 0;
+const DIRECTION: u8 = 1;
+const ALTERNATE: u8 = 2;
+const OPEN_DRAIN: u8 = 3;
+const INVERT: u8 = 4;
+
+/// The registers of one port.
+#[derive(Clone, Copy, Debug, Default)]
+struct Port {
+    data: u32,
+    direction: u32,
+    alternate: u32,
+    open_drain: u32,
+    invert: u32,
+}
+
+/// What the FPGA drives a pin from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// It does not drive it.
+    Nobody,
+    /// A plain output.
+    Level(bool),
+    /// The module that can use the pin.
+    Module {
+        /// Whether the port inverts it.
+        inverted: bool,
+    },
+}
+
+/// All I/O ports of the FPGA, and what the world outside does to the pins.
+#[derive(Clone, Debug)]
+pub struct IoPorts {
+    ports: Vec<Port>,
+    width: u32,
+    outside: Vec<Option<bool>>,
+}
+
+impl IoPorts {
+    /// Ports at power-up: every pin is an input with a pull-up.
+    pub(crate) fn new(ports: u32, width: u32) -> Self {
+        let width = width.clamp(1, 32);
+        let ports = ports.min(16) as usize;
+        Self {
+            ports: vec![Port::default(); ports],
+            width,
+            outside: vec![None; ports * width as usize],
+        }
+    }
+
+    /// The FPGA is loaded again: registers as at power-up. What drives the pins from outside stays.
+    pub(crate) fn reload(&mut self) {
+        self.ports.fill(Port::default());
+    }
+
+    /// Reads a register; `levels` says what a module puts out on a pin.
+    pub(crate) fn read(&self, register: u8, port: u8, levels: &dyn Fn(usize) -> bool) -> u32 {
+        let Some(registers) = self.ports.get(usize::from(port)) else {
+            return 0;
+        };
+        match register {
+            DATA => {
+                let first = usize::from(port) * self.width as usize;
+                (0..self.width).fold(0, |word, bit| {
+                    let level = self.level(first + bit as usize, levels);
+                    word | u32::from(level) << bit
+                })
+            }
+            DIRECTION => registers.direction,
+            _ => UNDRIVEN,
+        }
+    }
+
+    /// Writes a register.
+    pub(crate) fn write(&mut self, register: u8, port: u8, value: u32) {
+        let value = value & (u32::MAX >> (32 - self.width));
+        let Some(registers) = self.ports.get_mut(usize::from(port)) else {
+            return;
+        };
+        match register {
+            DATA => registers.data = value,
+            DIRECTION => registers.direction = value,
+            ALTERNATE => registers.alternate = value,
+            OPEN_DRAIN => registers.open_drain = value,
+            INVERT => registers.invert = value,
+            _ => {}
+        }
+    }
+
+    /// What the watchdog does when it bites: all pins become inputs.
+    pub(crate) fn make_inputs(&mut self) {
+        for port in &mut self.ports {
+            port.direction = 0;
+            port.open_drain = 0;
+        }
+    }
+
+    /// The voltage on a pin as a logic level; `levels` says what a module puts out on a pin.
+    pub(crate) fn level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> bool {
+        self.driven_level(pin, levels).unwrap_or(true)
+    }
+
+    /// The level that FPGA or outside drive a pin to; `None` if it is only pulled up.
+    ///
+    /// Open drain pulls low whatever the direction says. FACTS 12.2. Where both drive, and not alike, it
+    /// is low, as of a short circuit.
+    pub(crate) fn driven_level(&self, pin: usize, levels: &dyn Fn(usize) -> bool) -> Option<bool> {
+        let (port, mask) = self.locate(pin)?;
+        let source = if port.alternate & mask != 0 {
+            levels(pin)
+        } else {
+            port.data & mask != 0
+        };
+        let out = source ^ (port.invert & mask != 0);
+        let driven = if port.open_drain & mask != 0 {
+            !out
+        } else {
+            port.direction & mask != 0
+        };
+        let outside = self.outside.get(pin).copied().flatten();
+        if driven {
+            return Some(out && outside != Some(false));
+        }
+        outside
+    }
+
+    /// Whether a module's signal gets out on a pin: alternate source, driven, not inverted.
+    /// `false` if the firmware has no such pin.
+    pub(crate) fn module_drives(&self, pin: Option<usize>) -> bool {
+        self.module_pin(pin) == Some(false)
+    }
+
+    /// Whether a module drives a pin, and if it does, whether inverted.
+    pub(crate) fn module_pin(&self, pin: Option<usize>) -> Option<bool> {
+        match self.source(pin) {
+            Source::Module { inverted } => Some(inverted),
+            Source::Nobody | Source::Level(_) => None,
+        }
+    }
+
+    /// What the FPGA drives an I/O pin from; nobody drives a pin that the firmware does not have. An
+    /// open-drain pin that is 1 stands at its pull-up.
+    pub fn source(&self, pin: Option<usize>) -> Source {
+        let Some((port, mask)) = pin.and_then(|pin| self.locate(pin)) else {
+            return Source::Nobody;
+        };
+        let inverted = port.invert & mask != 0;
+        if (port.direction | port.open_drain) & mask == 0 {
+            Source::Nobody
+        } else if port.alternate & mask != 0 {
+            Source::Module { inverted }
+        } else {
+            Source::Level((port.data & mask != 0) != inverted)
+        }
+    }
+
+    /// Whether the FPGA drives a pin at all, be it only to one of the levels.
+    pub(crate) fn is_output(&self, pin: usize) -> bool {
+        self.locate(pin)
+            .is_some_and(|(port, mask)| (port.direction | port.open_drain) & mask != 0)
+    }
+
+    /// Drives a pin from outside, or lets it go (the pull-up then makes it 1).
+    pub(crate) fn drive(&mut self, pin: usize, level: Option<bool>) {
+        if let Some(slot) = self.outside.get_mut(pin) {
+            *slot = level;
+        }
+    }
+
+    fn locate(&self, pin: usize) -> Option<(&Port, u32)> {
+        let width = self.width as usize;
+        let port = self.ports.get(pin / width)?;
+        Some((port, 1 << (pin % width)))
+    }
+}

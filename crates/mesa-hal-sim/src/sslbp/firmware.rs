@@ -1,0 +1,398 @@
+//! The firmware's main loop: initialisation, one pass over the channels after the other, and the
+//! look for commands between them.
+//!
+//! Every part of a pass is one step that takes its time (see `timing`). What a step does is
+//! visible to the host from the beginning of the step on, less than a microsecond early.
+
+use super::clock::{Clock, TickTimer};
+use super::memory::{Memory, channel, global};
+use super::registers::HostRegisters;
+use super::state::{RESET, status};
+use super::uart::{BitRate, Receiver, Transmitter};
+use super::{InterfaceRegisters, MAX_CHANNELS, PortConfig, timing};
+use crate::wire::Nanos;
+
+/// Where the firmware is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// Bit 14 of COMMAND is set.
+    Reset,
+    /// Released; COMMAND is about to be cleared.
+    Released,
+    /// Memory is being set up.
+    MemorySetup,
+    /// Initialisation: DATA becomes AA.
+    Initialize,
+    /// Initialisation: commands count again, bit rates are computed.
+    InitializeChannels,
+    /// End of the initialisation.
+    Initialized,
+    /// Begin of a pass.
+    Head,
+    /// The pass has come to this channel.
+    Channel(usize),
+    /// The checks for completed commands.
+    Tail,
+    /// The look for a new command.
+    Check,
+    /// A START of this kind has made its division; now it takes its mask.
+    TakeMask(u8),
+    /// Nothing can happen until COMMAND is written; passes of `length` cycles go on from `since`.
+    Asleep {
+        since: u64,
+        length: u64,
+        in_passes: bool,
+    },
+    /// The firmware waits for a transmitter that stands still; only a reset helps.
+    Hung,
+}
+
+/// One channel's UART.
+#[derive(Clone, Debug)]
+pub(super) struct Uart {
+    pub rate: BitRate,
+    pub transmitter: Transmitter,
+    pub receiver: Receiver,
+    /// Characters were written while the bit rate was zero.
+    pub stuck: bool,
+}
+
+/// The processor with everything it touches.
+#[derive(Clone, Debug)]
+pub(super) struct Firmware {
+    pub config: PortConfig,
+    pub clock: Clock,
+    /// The cycle at which the next step begins, or, in a step, the present one.
+    pub cycle: u64,
+    pub memory: Memory,
+    pub host: HostRegisters,
+    pub timer: TickTimer,
+    pub uarts: [Uart; MAX_CHANNELS],
+    /// Characters 16 and up of the last replies.
+    pub long_replies: [[u8; 16]; MAX_CHANNELS],
+    phase: Phase,
+    /// Something happened in this pass that may matter in the next one.
+    pub busy: bool,
+    head_cycle: u64,
+}
+
+impl Firmware {
+    /// The firmware at power-up.
+    pub fn new(config: PortConfig) -> Self {
+        let capacity = Self::fifo_capacity(config);
+        let clock = Clock::new(config.clock_hz());
+        let delay = clock.nanos(timing::RECEIVER_DELAY);
+        Self {
+            config,
+            clock,
+            cycle: timing::RESET_FIRST_CLEAR,
+            memory: Memory::new(),
+            host: HostRegisters::new(),
+            timer: TickTimer::new(),
+            uarts: core::array::from_fn(|_| Uart {
+                rate: BitRate::default(),
+                transmitter: Transmitter::default(),
+                receiver: Receiver::new(capacity, delay),
+                stuck: false,
+            }),
+            long_replies: [[0; 16]; MAX_CHANNELS],
+            phase: Phase::Released,
+            busy: true,
+            head_cycle: 0,
+        }
+    }
+
+    /// The same, where power-up is at `now`.
+    pub fn begun_at(mut self, now: Nanos) -> Self {
+        let power_up = self.clock.cycle_at(now);
+        self.cycle += power_up;
+        self.timer.read(power_up);
+        self
+    }
+
+    /// Characters a FIFO holds: 16, and 32 where seven interface registers need more (assumed,
+    /// no transcript shows that variant).
+    pub fn fifo_capacity(config: PortConfig) -> usize {
+        match config.interface_registers() {
+            InterfaceRegisters::Three => 16,
+            InterfaceRegisters::Seven => 32,
+        }
+    }
+
+    /// The present time.
+    pub fn now(&self) -> Nanos {
+        self.clock.nanos(self.cycle)
+    }
+
+    /// Lets cycles pass.
+    pub fn spend(&mut self, cycles: u64) {
+        self.cycle += cycles;
+    }
+
+    /// When the next step begins; `None` while only the host can start something.
+    pub fn next_step(&self) -> Option<Nanos> {
+        match self.phase {
+            Phase::Reset | Phase::Asleep { .. } | Phase::Hung => None,
+            _ => Some(self.now()),
+        }
+    }
+
+    /// Whether the processor is held in reset.
+    pub fn in_reset(&self) -> bool {
+        self.phase == Phase::Reset
+    }
+
+    /// COMMAND was written at `now`.
+    pub fn command_written(&mut self, now: Nanos) {
+        let reset = self.host.command(now) & 0x4000 != 0;
+        if reset {
+            self.phase = Phase::Reset;
+        } else if self.phase == Phase::Reset {
+            self.cycle = self.clock.cycle_at(now) + timing::RESET_FIRST_CLEAR;
+            self.phase = Phase::Released;
+        } else {
+            self.wake(now);
+        }
+    }
+
+    /// A START goes on when its division is done; until then the host may write another mask.
+    pub fn start_after_division(&mut self, kind: u8) {
+        self.spend(timing::START_DIVISION);
+        self.phase = Phase::TakeMask(kind);
+    }
+
+    /// The firmware waits for ever.
+    pub fn hang(&mut self) {
+        self.phase = Phase::Hung;
+    }
+
+    /// Goes on at the place in the loop where it is at `now`.
+    fn wake(&mut self, now: Nanos) {
+        let Phase::Asleep {
+            since,
+            length,
+            in_passes,
+        } = self.phase
+        else {
+            return;
+        };
+        let (tail, phase) = if in_passes {
+            (timing::PASS_TAIL + timing::CHECK, Phase::Tail)
+        } else {
+            (0, Phase::Check)
+        };
+        let first = since + length.saturating_sub(tail);
+        let missing = self.clock.cycle_at(now).saturating_sub(first);
+        self.cycle = first + missing.div_ceil(length.max(1)) * length;
+        self.phase = phase;
+        self.busy = true;
+    }
+
+    /// Executes one step.
+    pub fn step(&mut self) {
+        match self.phase {
+            Phase::Reset | Phase::Asleep { .. } | Phase::Hung => {}
+            Phase::Released => {
+                // Memory is still as the program before the reset left it.
+                if self.memory.get(global::INITIALIZED) != 0 && self.is_idle() {
+                    let now = self.now();
+                    self.host.clear_command(now);
+                }
+                let channels = self.config.channels();
+                self.memory
+                    .set_up(channels as u8, timing::DEFAULT_BAUD_RATE);
+                let memory = timing::RESET_MEMORY + timing::RESET_MEMORY_CHANNEL * channels as u64;
+                self.spend(memory - timing::RESET_FIRST_CLEAR);
+                self.phase = Phase::MemorySetup;
+            }
+            Phase::MemorySetup => {
+                let now = self.now();
+                self.host.clear_command(now);
+                self.spend(timing::RESET_DATA);
+                self.phase = Phase::Initialize;
+            }
+            Phase::Initialize => {
+                let now = self.now();
+                self.host.set_data(now, 0xAA);
+                self.spend(timing::RESET_DOORBELL);
+                self.phase = Phase::InitializeChannels;
+            }
+            Phase::InitializeChannels => self.initialize_channels(),
+            Phase::Initialized => {
+                self.memory.set(global::INITIALIZED, 0xFF);
+                let minor = self.config.minor_revision();
+                self.memory.set(global::MINOR_REVISION, minor);
+                self.busy = true;
+                let [mask, _] = self.host.command(self.now()).to_le_bytes();
+                if self.memory.get(global::COMMAND_IN_WORK) == 0x08 && mask == 0 {
+                    self.complete();
+                }
+                self.phase = Phase::Check;
+            }
+            Phase::Head => self.head(),
+            Phase::Channel(index) => self.channel_turn(index),
+            Phase::Tail => {
+                self.check_completion();
+                self.spend(timing::CHECK);
+                self.phase = Phase::Check;
+            }
+            Phase::Check => {
+                self.phase = Phase::Head;
+                self.check_for_command();
+            }
+            Phase::TakeMask(kind) => {
+                self.phase = Phase::Head;
+                let written = self.host.command(self.now());
+                self.start_channels(kind, written);
+            }
+        }
+    }
+
+    /// The command in work is done: COMMAND becomes 0.
+    pub fn complete(&mut self) {
+        self.memory.set(global::COMMAND_IN_WORK, 0);
+        let now = self.now();
+        self.host.clear_command(now);
+        self.busy = true;
+    }
+
+    fn channels(&self) -> usize {
+        usize::from(self.memory.get(global::CHANNELS)).clamp(1, self.config.channels())
+    }
+
+    fn initialize_channels(&mut self) {
+        self.host.doorbell = false;
+        self.memory.set(global::START_TYPE, 0);
+        self.memory.set(global::STOP_BITS, 0xFF);
+        let channels = self.channels();
+        let mask = ((1_u16 << channels) - 1) as u8;
+        self.memory.set(global::CHANNEL_MASK, mask);
+        let now = self.now();
+        let hz = self.clock.hz();
+        for (index, uart) in self.uarts.iter_mut().enumerate().take(channels) {
+            let baud = self.memory.channel_long(index, channel::BAUD_RATE);
+            uart.rate = BitRate::new(baud, hz);
+            uart.receiver.clear(now);
+            uart.receiver.clear_flags(now);
+            uart.receiver.set_rate(uart.rate);
+        }
+        self.spend(timing::INITIALIZE + timing::INITIALIZE_CHANNEL * channels as u64);
+        self.phase = Phase::Initialized;
+    }
+
+    fn head(&mut self) {
+        if self.memory.get(global::INITIALIZED) == 0 {
+            self.phase = Phase::Initialize;
+            return;
+        }
+        if self.is_idle() {
+            if self.host.doorbell {
+                self.spend(timing::IDLE_LOOP);
+                self.phase = Phase::Check;
+            } else {
+                self.sleep(timing::IDLE_LOOP, false);
+            }
+            return;
+        }
+        // A command that was written since the last check is work as well.
+        if !self.busy && !self.host.doorbell {
+            self.sleep(self.cycle - self.head_cycle, true);
+            return;
+        }
+        self.busy = false;
+        self.head_cycle = self.cycle;
+        self.spend(timing::PASS_HEAD);
+        self.phase = Phase::Channel(0);
+    }
+
+    /// Whether there is no work for a pass over the channels. A build of fewer than eight channels
+    /// is never idle: the stop bits of those it does not have stay set.
+    fn is_idle(&self) -> bool {
+        let work = self.memory.get(global::COMMAND_IN_WORK)
+            | self.memory.get(global::STOP_BITS)
+            | self.memory.get(global::CHATTER_BITS);
+        work == 0
+    }
+
+    fn sleep(&mut self, length: u64, in_passes: bool) {
+        self.phase = Phase::Asleep {
+            since: self.cycle,
+            length,
+            in_passes,
+        };
+    }
+
+    fn channel_turn(&mut self, index: usize) {
+        let which = 1_u8 << index;
+        self.phase = if index + 1 < self.channels() {
+            Phase::Channel(index + 1)
+        } else {
+            Phase::Tail
+        };
+        self.spend(timing::TURN_BEFORE);
+        if self.memory.get(global::STOP_BITS) & which != 0 {
+            self.stop_channel(index, which);
+        }
+        if self.memory.get(global::START_BITS) & which != 0 {
+            self.spend(timing::DISPATCH);
+            self.run_channel(index, which);
+            self.spend(timing::DISPATCH_BACK);
+        }
+        let cs = u32::from_le_bytes([
+            self.memory.channel(index, channel::ERROR_LOG),
+            self.memory.channel(index, channel::STATUS),
+            self.memory.channel(index, channel::STATE),
+            self.memory.channel(index, channel::REMOTE_FAULT),
+        ]);
+        self.host.set_outward(index, 0, cs);
+        self.spend(timing::TURN_AFTER);
+    }
+
+    fn stop_channel(&mut self, index: usize, which: u8) {
+        use status::{NO_IDENTITY, NOT_READY, REMOTE_FAULT};
+        let memory = &mut self.memory;
+        memory.set_channel(
+            index,
+            channel::STATUS,
+            NOT_READY | NO_IDENTITY | REMOTE_FAULT,
+        );
+        memory.set_channel(index, channel::STATE, RESET);
+        for offset in [
+            channel::ERROR,
+            channel::ERROR_LOG,
+            channel::IDENTITY,
+            channel::GENERIC,
+        ] {
+            memory.set_channel(index, offset, 0);
+        }
+        memory.clear_bits(global::STOP_BITS, which);
+        memory.clear_bits(global::START_BITS, which);
+        memory.set_bits(global::NOT_STARTED_BITS, which);
+        memory.set_bits(global::NOT_READY_BITS, which);
+        memory.clear_bits(global::REQUEST_BITS, which);
+        self.clear_counters(index);
+        let registers = self.config.interface_registers().count();
+        self.host.set_interface(index, registers, &[]);
+        self.clear_receiver(index);
+        self.spend(timing::STOP_CHANNEL);
+        self.busy = true;
+    }
+
+    /// Clears the error counters and sets the error limit.
+    pub fn clear_counters(&mut self, index: usize) {
+        for offset in channel::CRC_ERRORS..=channel::REMOTE_FAULTS {
+            self.memory.set_channel(index, offset, 0);
+        }
+        self.memory
+            .set_channel(index, channel::ERROR_LIMIT, timing::ERROR_LIMIT);
+    }
+
+    /// Empties a channel's receive FIFO and clears its flags.
+    pub fn clear_receiver(&mut self, index: usize) {
+        let now = self.now();
+        if let Some(uart) = self.uarts.get_mut(index) {
+            uart.receiver.clear(now);
+            uart.receiver.clear_flags(now);
+        }
+    }
+}

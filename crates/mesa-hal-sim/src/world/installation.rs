@@ -1,0 +1,161 @@
+//! What is wired to the inputs of the machine: switches, handwheels, the emergency stop.
+
+use std::collections::VecDeque;
+
+use super::switch::{Change, Switch, SwitchConfig, Terminal};
+use super::wheel::{Wheel, WheelConfig};
+use crate::wire::Nanos;
+
+/// The most changes that wait for their time. A later one of the same input takes the place of
+/// the last then.
+const MOST_CHANGES: usize = 4096;
+
+/// An emergency-stop chain. While it is closed, its inputs are on; pressing it opens it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EstopConfig {
+    /// Inputs that go off together.
+    pub inputs: Vec<Terminal>,
+    /// Whether it cuts the power of all drives: their motors coast.
+    pub cuts_drives: bool,
+    /// Remotes, by port and channel, whose field power it cuts, and with that the supply of the
+    /// switches and handwheels that are wired to them.
+    pub cuts_field: Vec<(usize, usize)>,
+}
+
+/// Everything that makes signals for inputs.
+#[derive(Debug, Default)]
+pub(crate) struct Installation {
+    pub(crate) switches: Vec<Switch>,
+    pub(crate) wheels: Vec<Wheel>,
+    pub(crate) estop: Option<EstopConfig>,
+    pub(crate) pressed: bool,
+    /// In the order of their times.
+    changes: VecDeque<Change>,
+}
+
+impl Installation {
+    /// Whether there is nothing.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.switches.is_empty() && self.wheels.is_empty() && self.estop.is_none()
+    }
+
+    /// Adds a switch on an axis that stands at a position.
+    pub(crate) fn add_switch(&mut self, now: Nanos, config: SwitchConfig, position: f64) -> usize {
+        let switch = Switch::new(config, position);
+        self.put(Change {
+            at: now,
+            terminal: config.terminal,
+            on: switch.is_closed(),
+        });
+        self.switches.push(switch);
+        self.switches.len() - 1
+    }
+
+    /// Adds a handwheel.
+    pub(crate) fn add_wheel(&mut self, config: WheelConfig) -> usize {
+        self.wheels.push(Wheel::new(config));
+        self.wheels.len() - 1
+    }
+
+    /// An axis has moved.
+    pub(crate) fn moved(&mut self, axis: usize, times: [Nanos; 2], positions: [f64; 2]) {
+        let changes = &mut self.changes;
+        for switch in &mut self.switches {
+            if switch.config().axis == axis {
+                switch.follow(times, positions, |change| put(changes, change));
+            }
+        }
+    }
+
+    /// Turns the wheels.
+    pub(crate) fn advance(&mut self, to: Nanos) {
+        let changes = &mut self.changes;
+        for wheel in &mut self.wheels {
+            wheel.advance(to, |change| put(changes, change));
+        }
+    }
+
+    /// Opens or closes the chain, and says what changes with that.
+    pub(crate) fn press(&mut self, now: Nanos, pressed: bool) {
+        self.pressed = pressed;
+        let Some(estop) = &self.estop else {
+            return;
+        };
+        let inputs = estop.inputs.iter().map(|&terminal| (terminal, !pressed));
+        let switches = self.switches.iter();
+        let switches = switches.map(|switch| (switch.config().terminal, switch.is_closed()));
+        let wheels = self.wheels.iter().flat_map(Wheel::signals);
+        let contacts = switches.chain(wheels);
+        let supplied = contacts.filter(|(terminal, _)| is_supplied_by(estop, *terminal));
+        let all: Vec<_> = inputs.chain(supplied).collect();
+        for (terminal, on) in all {
+            self.put(Change {
+                at: now,
+                terminal,
+                on,
+            });
+        }
+    }
+
+    /// The next change whose time has come, for any input or for the remote on a channel.
+    pub(crate) fn take(&mut self, now: Nanos, remote: Option<(usize, usize)>) -> Option<Change> {
+        let due = self.changes.iter().take_while(|change| change.at <= now);
+        let mut wanted = due.enumerate().filter(|(_, change)| {
+            remote.is_none_or(|(port, channel)| {
+                matches!(change.terminal, Terminal::Remote { port: p, channel: c, .. }
+                    if (p, c) == (port, channel))
+            })
+        });
+        let (index, _) = wanted.next()?;
+        let mut change = self.changes.remove(index)?;
+        if self.pressed {
+            let estop = self.estop.as_ref();
+            change.on &= !estop.is_some_and(|estop| is_supplied_by(estop, change.terminal));
+        }
+        Some(change)
+    }
+
+    /// Whether something is wired to the remote on a channel.
+    pub(crate) fn is_wired_to(&self, port: usize, channel: usize) -> bool {
+        let there = |terminal: Terminal| {
+            matches!(terminal, Terminal::Remote { port: p, channel: c, .. }
+                if (p, c) == (port, channel))
+        };
+        self.switches
+            .iter()
+            .any(|switch| there(switch.config().terminal))
+            || self.wheels.iter().any(|wheel| {
+                let config = wheel.config();
+                there(config.a) || there(config.b)
+            })
+            || self
+                .estop
+                .iter()
+                .flat_map(|estop| &estop.inputs)
+                .any(|&terminal| there(terminal))
+    }
+
+    pub(crate) fn put(&mut self, change: Change) {
+        put(&mut self.changes, change);
+    }
+}
+
+fn is_supplied_by(estop: &EstopConfig, terminal: Terminal) -> bool {
+    match terminal {
+        Terminal::Remote { port, channel, .. } => estop.cuts_field.contains(&(port, channel)),
+        Terminal::Board { .. } | Terminal::Pin { .. } => false,
+    }
+}
+
+/// Puts a change where its time is.
+fn put(changes: &mut VecDeque<Change>, change: Change) {
+    if changes.len() >= MOST_CHANGES {
+        let mut same = changes.iter_mut().rev();
+        if let Some(last) = same.find(|other| other.terminal == change.terminal) {
+            last.on = change.on;
+            return;
+        }
+    }
+    let index = changes.partition_point(|other| other.at <= change.at);
+    changes.insert(index, change);
+}

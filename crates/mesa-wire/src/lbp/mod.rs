@@ -1,0 +1,21 @@
+//! The serial Little Binary Protocol as bytes: accesses, requests, CRC-8, flag bytes. Pure, no I/O.
+//!
+//! This is the host's side: a [`RemoteAccess`] goes through an FPGA
+//! (`sslbp::Port` of `mesa-hal`), or as a [`Request`] over a serial port.
+
+// A wrong sum would be a wrong packet.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
+mod access;
+mod crc;
+mod link;
+mod request;
+mod status;
+
+pub use access::{AccessSize, LocalLocation, NonvolatileMemory, RemoteAccess};
+pub use crc::crc8;
+pub use link::{NonvolatileProblem, RemoteLink};
+pub use request::{DISCOVERY, DiscoveryReply, LbpError, PROCESS_DATA, Request, UNIT_NUMBER};
+#[doc(hidden)]
+pub use status::write_flags;
+pub use status::{COOKIE, Capabilities, LbpStatus, RemoteFaults, flash};

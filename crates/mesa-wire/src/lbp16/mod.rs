@@ -1,0 +1,38 @@
+//! LBP16 packets as bytes: command words, eight spaces, info areas. Pure, no I/O.
+//!
+//! A packet is a row of commands, executed in order; everything that it reads comes back in one
+//! reply, in the same order and without any framing. Both roles are here: a host builds requests
+//! with a [`RequestBuilder`], which says where in the reply each read is, a board walks through a
+//! request with [`Operations`], and who looks at both sees each command [`Answered`]. Everything on the wire is little endian, every address is a byte
+//! address.
+//!
+//! Source: manual 7I97, "LBP16" to "SPACE 7: LBP READ ONLY AREA", and FACTS 10.
+
+// The cycle runs it.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
+mod answered;
+mod builder;
+mod command;
+mod error;
+mod info;
+mod parser;
+pub mod registers;
+
+pub use answered::Answered;
+pub use builder::RequestBuilder;
+pub use command::{Command, ElementSize, MAX_COUNT, Space};
+pub use error::Lbp16Error;
+#[doc(hidden)]
+pub use info::text;
+pub use info::{InfoArea, MemoryRanges, MemorySizes, MemoryType};
+pub(crate) use parser::elements;
+pub use parser::{Operation, Operations};
+pub use registers::ErrorRegister;
+
+/// The UDP port of every board. Manual: 7I97, "UDP".
+pub const PORT: u16 = 27181;
+
+/// The most bytes of a request or a reply: what fits into an Ethernet frame of 1500 bytes behind
+/// the IP and UDP headers. Manual: 7I97, "HOST COMMUNICATION": no fragmentation.
+pub const MAX_PACKET: usize = 1472;

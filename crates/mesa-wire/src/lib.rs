@@ -1,0 +1,21 @@
+//! The wire formats of Mesa Electronics' motion I/O, and the register bus.
+//!
+//! What the driver (`mesa-hal`) and the simulated board (`mesa-hal-sim`) have in common, and nothing
+//! else: bytes and addresses, no behaviour. [`lbp`] is spoken to remotes, [`lbp16`] to Ethernet boards;
+//! a [`bus::RegisterBus`] carries 32-bit registers, whatever is under it.
+#![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
+extern crate alloc;
+
+pub mod bus;
+pub mod lbp;
+pub mod lbp16;
